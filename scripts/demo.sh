@@ -23,8 +23,8 @@ fi
 
 scripts/web.sh
 say "building the server (the first time takes some minutes)"
-cargo build --release --locked --package isocortex --bin isocortex
-server=$(target_dir)/release/isocortex
+cargo build --profile demo --locked --package isocortex --bin isocortex
+server=$(target_dir)/demo/isocortex
 
 # Opens the page as soon as the server prints its address; the demo continues even if that fails.
 open_page() {

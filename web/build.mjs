@@ -35,6 +35,13 @@ const DOCUMENTS = [
     class: "comparing",
     description: "Two heads side by side, at one depth.",
   },
+  {
+    address: "/launch",
+    file: "launch.html",
+    entry: "src/launch/main.ts",
+    class: "launching",
+    description: "Opens the case of a study.",
+  },
 ];
 const STYLE = "src/style.css";
 

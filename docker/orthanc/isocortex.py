@@ -1,4 +1,4 @@
-"""Adds a button to the studies and series of Orthanc's explorer that opens their case in Isocortex, in a tab of its own.
+"""Adds a button to the studies and series of the old explorer of Orthanc that opens their case in Isocortex, in a tab of its own.
 
 Orthanc runs this with its Python plugin. ISOCORTEX_PAGE is the address of Isocortex for the browser; by default, port 8640 of the
 host of Orthanc's own page.
@@ -22,6 +22,7 @@ orthanc.ExtendOrthancExplorer("""
       var page = %s || location.protocol + "//" + location.hostname + ":8640";
       // Opened at once, because a browser allows it only during the click.
       var tab = window.open("", "_blank");
+      tab.opener = null;
       $.getJSON("../" + (level === "study" ? "studies" : "series") + "/" + $.mobile.pageData.uuid, function (found) {
         var query = function (study, series) {
           return "study=" + encodeURIComponent(study) + (series ? "&series=" + encodeURIComponent(series) : "");

@@ -1,9 +1,8 @@
 //! Lists the files of the bundled page, which the program carries: those that `web/dist/manifest.json` names, each as it is, as
 //! brotli and as gzip.
 
-use std::fmt::Write as _;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use serde_json::Value;
 
@@ -21,59 +20,54 @@ fn main() {
     };
     let manifest = serde_json::from_slice(&text).expect("the manifest is JSON");
     let out = std::env::var_os("OUT_DIR").expect("cargo names the folder for what is made");
-    fs::write(
-        PathBuf::from(out).join("page_files.rs"),
-        list(&manifest, &folder),
-    )
-    .expect("the list is written");
+    let folders = Folders {
+        dist: folder,
+        out: PathBuf::from(out),
+    };
+    fs::write(folders.out.join("page_files.rs"), folders.list(&manifest))
+        .expect("the list is written");
 }
 
-/// The files with their addresses, as an expression: a slice of `PageFile`.
-fn list(manifest: &Value, folder: &Path) -> String {
-    let items = |key: &str| manifest[key].as_array().cloned().unwrap_or_default();
-    let text = |value: &Value| {
-        let text = value.as_str().expect("the manifest names files");
-        text.to_owned()
-    };
-    let mut expression = String::from("&[\n");
-    for document in items("documents") {
-        let name = text(&document["file"]);
-        write_file(
-            &mut expression,
-            folder,
-            &name,
-            &text(&document["address"]),
-            false,
-        );
-    }
-    for name in items("hashed").iter().map(text) {
-        write_file(&mut expression, folder, &name, &format!("/{name}"), true);
-    }
-    expression.push_str("]\n");
-    expression
+struct Folders {
+    /// Where the page is.
+    dist: PathBuf,
+    /// Where its files are copied to, so that the page can be bundled again while the program is compiled.
+    out: PathBuf,
 }
 
-fn write_file(
-    expression: &mut String,
-    folder: &Path,
-    name: &str,
-    address: &str,
-    is_immutable: bool,
-) {
-    let bytes = |ending: &str| {
-        let path = folder.join(format!("{name}{ending}"));
-        println!("cargo::rerun-if-changed={}", path.display());
-        let path = path.canonicalize();
-        let path =
-            path.unwrap_or_else(|_| panic!("web/dist/{name}{ending} is missing: run `make web`"));
-        format!("include_bytes!({path:?})")
-    };
-    writeln!(
-        expression,
-        "PageFile {{ name: {name:?}, address: {address:?}, is_immutable: {is_immutable}, bytes: {}, brotli: {}, gzip: {} }},",
-        bytes(""),
-        bytes(".br"),
-        bytes(".gz"),
-    )
-    .expect("a string takes all");
+impl Folders {
+    /// The files with their addresses, as an expression: a slice of `PageFile`.
+    fn list(&self, manifest: &Value) -> String {
+        let items = |key: &str| manifest[key].as_array().into_iter().flatten();
+        let documents = items("documents").map(|document| {
+            let name = text(&document["file"]);
+            self.file(name, text(&document["address"]), false)
+        });
+        let hashed = items("hashed").map(text);
+        let hashed = hashed.map(|name| self.file(name, &format!("/{name}"), true));
+        let files: String = documents.chain(hashed).collect();
+        format!("&[\n{files}]\n")
+    }
+
+    fn file(&self, name: &str, address: &str, is_immutable: bool) -> String {
+        let [bytes, brotli, gzip] = ["", ".br", ".gz"].map(|ending| {
+            let file = format!("{name}{ending}");
+            println!(
+                "cargo::rerun-if-changed={}",
+                self.dist.join(&file).display()
+            );
+            let copied = self.out.join(&file);
+            if let Err(error) = fs::copy(self.dist.join(&file), &copied) {
+                panic!("web/dist/{file}: {error}; run `make web`");
+            }
+            format!("include_bytes!({copied:?})")
+        });
+        format!(
+            "    PageFile {{ name: {name:?}, address: {address:?}, is_immutable: {is_immutable}, bytes: {bytes}, brotli: {brotli}, gzip: {gzip} }},\n"
+        )
+    }
+}
+
+fn text(value: &Value) -> &str {
+    value.as_str().expect("the manifest names files")
 }

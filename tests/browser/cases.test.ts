@@ -210,7 +210,7 @@ async function open(fragment: string, way: "mesh" | "exact" | "server"): Promise
       const is_whole =
         drawn_by === "server" || (canvas?.dataset.complete === "true" && canvas.dataset.quality === "full");
       const is_of_view =
-        pane?.dataset.depth === "9" && pane.querySelector(".pane-title")?.textContent?.toLowerCase().includes(name);
+        pane?.dataset.depth === "9" && pane.querySelector(".pane-line")?.textContent?.toLowerCase().includes(name);
       return is_whole && is_of_view && document.querySelector<HTMLElement>(".viewer")?.dataset.way === drawn_by;
     },
     [view, way] as const,
@@ -411,8 +411,10 @@ test(
     const go = (name: string): Promise<void> => page.locator("#case-list li", { hasText: name }).locator("a").click();
     const before = await fragment(page);
     assert.deepEqual([before.d, before.v, before.l, before.z], ["11.5", "superior", "slices", "2"]);
+    await page.evaluate(() => document.querySelector("#live")?.replaceChildren("of the case before"));
     await go("Second");
     await shown(page);
+    assert.doesNotMatch((await page.textContent("#live")) ?? "", /of the case before/);
     const second = await fragment(page);
     assert.notEqual(second.id, before.id);
     assert.deepEqual([second.d, second.v, second.l, second.z], ["11.5", "superior", "slices", undefined]);
@@ -510,8 +512,19 @@ test("the list is sorted, walked through with arrows, and its rows are low", { s
   for (const item of await page.locator("#case-list li").all()) {
     assert.ok(((await item.boundingBox())?.height ?? 99) <= 56, "a row of at most 56 pixels");
     const id = (await item.getAttribute("data-id")) ?? "";
-    assert.equal(await item.locator(".head .status").innerText(), id.slice(0, 8), "rows of one label differ");
+    assert.equal(await item.locator(".id").innerText(), id.slice(0, 8), "rows of one label differ");
+    const [title, words] = [await item.locator(".title").boundingBox(), await item.locator(".words").boundingBox()];
+    assert.ok(title && words && title.y + title.height <= ((await item.locator(".id").boundingBox())?.y ?? 0) + 1);
   }
+  // A row is one stop of the tabulator; its case is deleted by a key.
+  await page.locator("#case-list a").first().focus();
+  await page.keyboard.press("Tab");
+  const focused = (): Promise<string> =>
+    page.evaluate(() => document.activeElement?.closest("#case-list li")?.textContent ?? "");
+  assert.match(await focused(), /Second/);
+  await page.keyboard.press("Delete");
+  await page.locator("dialog[open]", { hasText: "Second" }).waitFor();
+  await page.keyboard.press("Escape");
   await page.locator("#case-order").selectOption("newest");
 });
 

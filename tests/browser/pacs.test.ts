@@ -147,3 +147,35 @@ test("a case of no patient has neither, and shows all the rest", { skip }, async
   assert.deepEqual(watched.troubles, []);
   await watched.context.close();
 });
+
+test("a launch that fits several studies asks which one; its query leaves the address at once", { skip }, async () => {
+  const watched = await openPage(browser, { locale: "pt-BR" });
+  const { page } = watched;
+  const asked: unknown[] = [];
+  const candidate = { state: "ready", is_derived: false, has_contrast: false, voxel_mm: [1, 1, 1.25] };
+  await page.route("**/v1/launch", (route) => {
+    asked.push(route.request().postDataJSON());
+    const candidates = [
+      { ...candidate, case: id, study_date: "20261101", series: "4 MR" },
+      { ...candidate, case: "0".repeat(32), state: "preparing", study_date: "20250630", series: "2 MR" },
+    ];
+    return route.fulfill({ json: { state: "choice", candidates, ignored: [], nodes: [] } });
+  });
+  const { origin } = new URL(server.address);
+  await page.goto(`${origin}/launch?accessionNumber=A77`);
+  const choices = page.locator("#actions button");
+  await choices.first().waitFor();
+  assert.equal(page.url(), `${origin}/launch`);
+  assert.deepEqual(asked, [{ query: "?accessionNumber=A77" }]);
+  assert.deepEqual(await choices.allInnerTexts(), [
+    `2026-11-01 · série 4 MR · 1 × 1 × 1,25 mm · ${id.slice(0, 8)}`,
+    "2025-06-30 · série 2 MR · 1 × 1 × 1,25 mm · em preparação · 00000000",
+  ]);
+  assert.deepEqual(await violations(page), []);
+  await keep(page, "launch");
+  await choices.first().click();
+  await shown(page);
+  assert.ok(page.url().includes(`#${id}`));
+  assert.deepEqual(watched.troubles, []);
+  await watched.context.close();
+});

@@ -45,7 +45,7 @@ test("a double click marks a point: slices, numbers and the depth profile follow
   assert.match(await text(".point .position"), /^L\s\d+\.\d · [AP]\s\d+\.\d · [SI]\s\d+\.\d$/);
   assert.match(await text(".point .voxel"), /^\d+, \d+, \d+$/);
   assert.equal(await text(".point .depth"), "10.0 mm");
-  assert.match(await text(".point .intensity"), /^\d/);
+  assert.match(await text(".point .intensity"), /^T1\s\d/);
   await page.waitForFunction(
     (position) =>
       Math.abs(Number(document.querySelector<HTMLElement>(".slice.sagittal")?.dataset.position) - position) < 0.2,
@@ -92,7 +92,7 @@ test(
     );
     await page.mouse.move(cx + 20, cy + 10);
     await page.waitForFunction(() =>
-      /^[LR]\s.* mm\s+depth .* mm\s+grey \d/.test(document.querySelector(".slice.axial .hovered")?.textContent ?? ""),
+      /^[LR]\s.* mm\s+depth .* mm\s+T1\s\d/.test(document.querySelector(".slice.axial .hovered")?.textContent ?? ""),
     );
     const words = await text(".slice.axial .hovered");
     const [read, scale] = [

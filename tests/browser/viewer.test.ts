@@ -229,37 +229,55 @@ test("two fingers zoom and move; a touch that is taken away ends the gesture", {
   assert.equal((await fragment(page)).q, turned.q, "nothing is held any more");
 });
 
-test("the mirror shows the other hemisphere flipped, with one cursor in both halves", { skip }, async () => {
-  await reset();
-  await page.locator(".layouts button[value=mirror]").click();
-  await page.waitForSelector("#surface.halved");
-  const halves = page.locator("#surface > .overlay");
-  assert.deepEqual(await halves.nth(0).locator(".edge").allInnerTexts(), ["A", "P", "S", "I"]);
-  assert.deepEqual(
-    await halves.nth(1).locator(".edge").allInnerTexts(),
-    ["A", "P", "S", "I"],
-    "the right side, flipped",
-  );
-  assert.match(await halves.nth(1).innerText(), /Right\s+mirrored/);
-  const { x, y, width, height } = await surface();
-  const cursor = (half: number): Promise<(string | null)[]> =>
-    halves
-      .nth(half)
-      .locator(".cursor circle")
-      .evaluateAll((all) => all.map((one) => `${one.getAttribute("cx")} ${one.getAttribute("cy")}`));
-  await page.mouse.move(x + width * 0.2, y + height * 0.5);
-  assert.equal((await cursor(0)).length, 1, "the pointer's ghost");
-  assert.deepEqual(await cursor(0), await cursor(1));
-  // A point of the right half is a point of the right hemisphere.
-  await page.mouse.dblclick(x + width * 0.72, y + height * 0.45);
-  const { x: marked = "" } = await fragment(page);
-  assert.ok(Number(marked.split(",")[0]) < -15, marked);
-  assert.equal((await cursor(0)).length, 1);
-  assert.deepEqual(await cursor(0), await cursor(1));
-  const [cx] = ((await cursor(1))[0] ?? "").split(" ").map(Number);
-  assert.ok(Math.abs((cx ?? 0) - 0.22 * width) < 3, `${cx} of ${width}`);
-  await keep(page, "desktop-mirror");
-});
+test(
+  "the mirror shows the other hemisphere flipped; the marked one becomes the one that is not",
+  { skip },
+  async () => {
+    await reset();
+    await page.locator(".layouts button[value=mirror]").click();
+    await page.waitForSelector("#surface.halved");
+    const halves = page.locator("#surface > .overlay");
+    assert.deepEqual(await halves.nth(0).locator(".edge").allInnerTexts(), ["A", "P", "S", "I"]);
+    assert.deepEqual(
+      await halves.nth(1).locator(".edge").allInnerTexts(),
+      ["A", "P", "S", "I"],
+      "the right side, flipped",
+    );
+    const badges = (): Promise<string[]> => page.locator("#surface .badge").allInnerTexts();
+    assert.deepEqual(await badges(), ["Left", "Right (flipped)"]);
+    const { x, y, width, height } = await surface();
+    const cursor = (half: number): Promise<(string | null)[]> =>
+      halves
+        .nth(half)
+        .locator(".cursor circle")
+        .evaluateAll((all) => all.map((one) => `${one.getAttribute("cx")} ${one.getAttribute("cy")}`));
+    await page.mouse.move(x + width * 0.2, y + height * 0.5);
+    assert.equal((await cursor(0)).length, 1, "the pointer's ghost");
+    assert.deepEqual(await cursor(0), await cursor(1));
+    // A point of the right half is a point of the right hemisphere.
+    await page.mouse.dblclick(x + width * 0.72, y + height * 0.45);
+    const { x: marked = "" } = await fragment(page);
+    assert.ok(Number(marked.split(",")[0]) < -15, marked);
+    await page.waitForFunction(() => document.querySelector("#surface .badge")?.textContent === "Right");
+    assert.deepEqual(await badges(), ["Right", "Left (flipped)"]);
+    assert.equal((await cursor(0)).length, 1);
+    assert.deepEqual(await cursor(0), await cursor(1));
+    // Seen from its own side, it is as far from the other edge.
+    const [cx] = ((await cursor(0))[0] ?? "").split(" ").map(Number);
+    assert.ok(Math.abs((cx ?? 0) - 0.28 * width) < 3, `${cx} of ${width}`);
+    const words = (): Promise<string[]> => page.locator("#surface .cursor-words:visible").allInnerTexts();
+    assert.deepEqual(await words(), ["marked", "opposite"]);
+    // Oblique, and from above, each half still says what it shows.
+    await page.keyboard.press("Shift+ArrowUp");
+    await page.getByRole("button", { name: "Superior", exact: true }).click();
+    await page.waitForFunction(() => document.querySelector("#surface .badge")?.textContent === "Left and right");
+    assert.deepEqual(await badges(), ["Left and right", "Left and right (flipped)"]);
+    await page.getByRole("button", { name: "Left", exact: true }).click();
+    await page.waitForFunction(() => document.querySelector("#surface .badge")?.textContent === "Left");
+    assert.deepEqual(await words(), ["opposite", "marked"]);
+    await keep(page, "desktop-mirror");
+  },
+);
 
 test("a marked point is broken where the head is before it", { skip }, async () => {
   await reset();
@@ -441,7 +459,7 @@ test("the screenshot is a PNG of the panes, and the server's picture has an addr
 test("what is shown is read out: depth, side, place and grey", { skip }, async () => {
   await reset();
   await page.waitForFunction(() =>
-    /^Depth 10\.0 millimetres, Left\. Centre of the picture: L\s\d.* millimetres, 10\.0 millimetres deep, grey \d/.test(
+    /^Depth 10\.0 millimetres, Left\. Centre of the picture: L\s\d.* millimetres, 10\.0 millimetres deep, T1\s\d/.test(
       document.querySelector("#surface-keys")?.textContent ?? "",
     ),
   );

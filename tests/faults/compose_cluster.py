@@ -141,7 +141,9 @@ def main():
                 ports.append(port)
                 environment["ISOCORTEX_LISTEN"] = environment["ISOCORTEX_LISTEN"].replace("8640", str(port)).replace("0.0.0.0", "127.0.0.1")
             logs.append(os.path.join(folder, f"{name}.log"))
-            processes.start([program(), *service["command"]], environment, logs[-1])
+            # Each container has the port for itself.
+            command = [word.replace("0.0.0.0:8640", "127.0.0.1:0") for word in service["command"]]
+            processes.start([program(), *command], environment, logs[-1])
         report.figure("processes", f"{len(logs)} of the program, {len(ports)} of them servers")
         caddy = stack.enter_context(Caddy(ports))
         client = Server.__new__(Server)

@@ -81,6 +81,13 @@ async fn a_viewer_s_list_of_queries_finds_what_is_here() {
         ("&StudyDescription=*brain*", 0),
         ("&StudyInstanceUID=1.2.3", 1),
         ("&StudyInstanceUID=1.2.9,1.2.3", 1),
+        ("&IssuerOfPatientID=HOSPITAL", 0),
+        ("&00400275.00400009=1", 1),
+        ("&multiplevaluematching=true", 1),
+        ("&emptyvaluematching=true&StudyDescription=%22%22", 1),
+        ("&emptyvaluematching=true&PatientID=%22%22", 0),
+        ("&limit=0", 1),
+        ("&accept=application/dicom%2Bjson", 1),
     ] {
         let studies = list(server, &format!("/studies?{page}{filter}")).await;
         assert_eq!(studies.len(), count, "{filter}");
@@ -102,7 +109,7 @@ async fn a_viewer_s_list_of_queries_finds_what_is_here() {
     let modalities: Vec<_> = series.iter().map(|each| first(each, "00080060")).collect();
     assert_eq!(modalities, ["MR", "OT"]);
     assert_eq!(first(&series[0], "00201209"), head_slices().len());
-    assert_eq!(first(&series[1], "00200011"), 9001);
+    assert_eq!(first(&series[1], "00200011"), 9105);
     assert!(
         series[0]["00100010"].is_null(),
         "the address names the study"
@@ -140,9 +147,16 @@ async fn a_viewer_s_list_of_queries_finds_what_is_here() {
     assert_eq!(first(all, "00100040"), "F");
     let fuzzy = server.get("/dicomweb/studies?fuzzymatching=true").await;
     assert!(fuzzy.header("warning").contains("fuzzy"));
-    let ignored = server.get("/dicomweb/studies?InstitutionName=x").await;
-    assert_eq!(ignored.status, 200);
-    assert!(ignored.header("warning").contains("ignored"));
+    for key in ["InstitutionName", "00400275.00400009", "00091001"] {
+        let ignored = server.get(&format!("/dicomweb/studies?{key}=x")).await;
+        assert_eq!(ignored.status, 200);
+        assert!(ignored.header("warning").contains("ignored"));
+    }
+    let wrong = server
+        .get("/dicomweb/studies?StudyDate=20261301")
+        .await
+        .json();
+    assert_eq!(wrong["parameter"], "StudyDate");
 }
 
 #[tokio::test]
@@ -217,7 +231,7 @@ async fn what_is_kept_is_retrieved_as_it_was_and_deleted_with_its_case() {
     let instance = first(&known[0], "00080018").as_str().unwrap();
     let address = format!("{of_result}/instances/{instance}/frames/1");
     let frame = server.get_with(&address, &[("accept", ANY_FRAME)]).await;
-    assert_eq!(parts(&frame)[0].len(), 160 * 120 * 3);
+    assert_eq!(parts(&frame)[0].len(), 160 * 128 * 3);
     let whole = server.get("/dicomweb/studies/1.2.3").await;
     assert_eq!(parts(&whole).len(), slices.len() + 1);
 
@@ -236,7 +250,13 @@ async fn what_is_kept_is_retrieved_as_it_was_and_deleted_with_its_case() {
         ),
         ("/dicomweb/studies".to_owned(), "application/dicom+xml", 406),
         ("/dicomweb/studies?Somebody=Secret".to_owned(), "*/*", 400),
-        ("/dicomweb/studies?limit=0".to_owned(), "*/*", 400),
+        ("/dicomweb/studies?limit=-1".to_owned(), "*/*", 400),
+        ("/dicomweb/studies?StudyDate=Secret".to_owned(), "*/*", 400),
+        (
+            "/dicomweb/studies?accept=application/dicom%2Bxml".to_owned(),
+            "*/*",
+            406,
+        ),
         ("/dicomweb/studies/1.2.9".to_owned(), "*/*", 404),
         ("/dicomweb/studies/Somebody/metadata".to_owned(), "*/*", 404),
         (format!("{of_series}/instances/1.2.99"), "*/*", 404),
@@ -254,6 +274,47 @@ async fn what_is_kept_is_retrieved_as_it_was_and_deleted_with_its_case() {
     assert_eq!(server.get(&of_series).await.status, 404);
     assert_eq!(list(server, "/studies").await, Vec::<Value>::new());
     server.is_empty_and_well().await;
+}
+
+#[tokio::test]
+async fn results_and_kept_images_have_pictures_of_their_own() {
+    let (neighbour, _case) = held(true).await;
+    let server = &neighbour.server;
+    for series in list(server, "/studies/1.2.3/series").await {
+        let modality = first(&series, "00080060").as_str().unwrap().to_owned();
+        let uid = first(&series, "0020000E").as_str().unwrap();
+        let of_series = format!("/dicomweb/studies/1.2.3/series/{uid}");
+        let instances = list(server, &format!("/studies/1.2.3/series/{uid}/instances")).await;
+        let instance = first(&instances[0], "00080018").as_str().unwrap();
+        let of_instance = format!("{of_series}/instances/{instance}");
+        for (address, most) in [
+            (format!("{of_instance}/rendered"), u32::MAX),
+            (format!("{of_instance}/frames/1/rendered"), u32::MAX),
+            (format!("{of_instance}/thumbnail"), 128),
+            (format!("{of_series}/thumbnail"), 128),
+        ] {
+            let answer = server.get_with(&address, &[("accept", "image/png")]).await;
+            assert_eq!(answer.status, 200, "{modality} {address}");
+            assert_eq!(answer.header("content-type"), "image/png");
+            let picture = image::load_from_memory(&answer.body).unwrap().into_luma8();
+            assert!(picture.width().max(picture.height()) <= most, "{address}");
+            let lit = picture.pixels().filter(|pixel| pixel.0[0] > 40).count();
+            assert!(lit > 100, "{modality} {address}: {lit}");
+        }
+        let jpeg = server
+            .get(&format!("{of_instance}/rendered?quality=50"))
+            .await;
+        assert_eq!(jpeg.header("content-type"), "image/jpeg");
+        for (rest, status) in [
+            ("/rendered?quality=0", 400),
+            ("/rendered?depth_mm=8", 400),
+            ("/frames/2/rendered", 404),
+            ("/frames/x/rendered", 400),
+        ] {
+            let refused = server.get(&format!("{of_instance}{rest}")).await;
+            assert_eq!(refused.status, status, "{rest}");
+        }
+    }
 }
 
 #[tokio::test]
@@ -367,7 +428,7 @@ assert numpy.array_equal(numpy.frombuffer(frame, one.pixel_array.dtype), one.pix
 again = client.retrieve_instance('1.2.3', uid, one.SOPInstanceUID)
 assert again.SOPInstanceUID == one.SOPInstanceUID
 result, = client.retrieve_series('1.2.3', series[1]['0020000E']['Value'][0])
-assert result.pixel_array.shape == (120, 160, 3), result.pixel_array.shape
+assert result.pixel_array.shape == (128, 160, 3), result.pixel_array.shape
 print('loaded', len(datasets))
 ";
     let address = format!("http://{}/dicomweb", socket.address);

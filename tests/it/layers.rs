@@ -38,7 +38,7 @@ struct Layer {
 /// What serves HTTP or reads a command line: the business of `http-support`, `service`, `pacs` and the program alone.
 const PROTOCOLS: &[&str] = &["axum", "tower-http", "clap", "utoipa"];
 
-/// What speaks HTTP: `objects` asks buckets by it, and nothing below does.
+/// What speaks HTTP: `storage` asks buckets by it, and nothing below does.
 const HTTP: &[&str] = &["hyper"];
 
 const FILES_AND_TASKS: &[&str] = &["tokio", "sqlx", "object_store"];
@@ -80,13 +80,8 @@ const LAYERS: &[Layer] = &[
         never: &["wgpu"],
     },
     Layer {
-        name: "objects",
-        needs: &["case"],
-        never: &["wgpu", "sqlx"],
-    },
-    Layer {
         name: "storage",
-        needs: &["case", "objects"],
+        needs: &["case"],
         never: &["wgpu"],
     },
     Layer {
@@ -122,7 +117,6 @@ const CASES_NEED: &[&str] = &[
     "extraction",
     "geometry",
     "imaging",
-    "objects",
     "pipeline",
     "render",
     "storage",
@@ -135,7 +129,6 @@ const HTTP_SUPPORT_NEEDS: &[&str] = &[
     "extraction",
     "geometry",
     "imaging",
-    "objects",
     "pipeline",
     "render",
     "storage",
@@ -149,7 +142,6 @@ const PACS_NEEDS: &[&str] = &[
     "extraction",
     "geometry",
     "imaging",
-    "objects",
     "pipeline",
     "render",
     "storage",
@@ -163,7 +155,6 @@ const SERVICE_NEEDS: &[&str] = &[
     "geometry",
     "http-support",
     "imaging",
-    "objects",
     "pipeline",
     "render",
     "storage",
@@ -193,7 +184,6 @@ fn no_layer_needs_what_is_above_or_beside_it() {
             assert_needs_none_of(&package, &needed, PROTOCOLS);
         }
         if ![
-            "objects",
             "storage",
             "cases",
             "dimse",

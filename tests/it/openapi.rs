@@ -1,9 +1,12 @@
 //! The description of the interface: complete, and sound.
 
 use std::collections::BTreeSet;
+use std::io::Write as _;
+use std::process::{Command, Stdio};
 
 use serde_json::Value;
 
+use crate::results::python_with;
 use crate::server::Server;
 
 #[tokio::test]
@@ -74,19 +77,111 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /dicomweb/studies/{study}/series/{series}/rendered3D",
         "get /dicomweb/studies/{study}/series/{series}/rendered",
         "get /dicomweb/studies/{study}/series/{series}/thumbnail",
+        "get /dicomweb/studies/{study}/series/{series}/instances/{instance}/rendered",
+        "get /dicomweb/studies/{study}/series/{series}/instances/{instance}/thumbnail",
+        "get /dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}/rendered",
         "get /v1/pacs",
         "get /v1/arrivals",
         "get /v1/arrivals/{id}",
         "post /v1/retrievals",
+        "get /v1/retrievals",
         "get /v1/retrievals/{id}",
         "post /v1/cases/{id}/dicom-results",
+        "get /v1/dicom-results",
         "get /v1/dicom-results/{id}",
+        "post /v1/pacs/nodes/{name}/test",
         "post /v1/launch",
         "post /hooks/orthanc",
     ]
     .map(str::to_owned)
     .into();
     assert_eq!(described, expected);
+}
+
+/// Validates the description, and answers against the schemas that it has for them: a JSON object on standard input.
+const VALIDATE: &str = r##"
+import json, sys
+from openapi_spec_validator import OpenAPIV31SpecValidator
+from jsonschema import Draft202012Validator
+
+given = json.load(sys.stdin)
+description = given["description"]
+found = [f"{'/'.join(map(str, error.absolute_path))}: {error.message}" for error in OpenAPIV31SpecValidator(description).iter_errors()]
+for name, answer in given["answers"]:
+    schema = {"$ref": f"#/components/schemas/{name}", "components": description["components"]}
+    found += [f"{name}: {error.message}" for error in Draft202012Validator(schema).iter_errors(answer)]
+print("\n".join(found))
+"##;
+
+#[tokio::test]
+async fn the_description_is_valid_and_answers_are_as_it_says() {
+    let Some(python) = python_with("openapi_spec_validator") else {
+        return;
+    };
+    let server = Server::start().await;
+    let case = server.plain_case().await;
+    let mut answers = Vec::new();
+    for (name, address) in [
+        ("CasePage", "/v1/cases".to_owned()),
+        ("Case", case.clone()),
+        ("LayerList", format!("{case}/layers")),
+        ("Layer", format!("{case}/layers/junction")),
+        ("ArrivalList", "/v1/arrivals".to_owned()),
+        ("Problem", "/v1/cases/nonsense".to_owned()),
+    ] {
+        answers.push((name, server.get(&address).await.json()));
+    }
+    let given = serde_json::json!({
+        "description": server.get("/openapi.json").await.json(),
+        "answers": answers,
+    });
+    let mut validator = Command::new(python)
+        .args(["-c", VALIDATE])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut stdin = validator.stdin.take().unwrap();
+    stdin.write_all(given.to_string().as_bytes()).unwrap();
+    drop(stdin);
+    let output = validator.wait_with_output().unwrap();
+    assert!(output.status.success());
+    assert_eq!(String::from_utf8(output.stdout).unwrap().trim(), "");
+}
+
+#[tokio::test]
+async fn every_error_has_a_schema_and_every_key_of_a_search_is_described() {
+    let server = Server::start().await;
+    let description = server.get("/openapi.json").await.json();
+    let mut ids = BTreeSet::new();
+    for (path, item) in description["paths"].as_object().unwrap() {
+        for operation in item.as_object().unwrap().values() {
+            let id = operation["operationId"].as_str().unwrap();
+            assert!(ids.insert(id.to_owned()), "{id} twice");
+            for (status, answer) in operation["responses"].as_object().unwrap() {
+                let is_error = status.starts_with(['4', '5']);
+                let has_schema = answer["content"].is_object();
+                assert!(!is_error || has_schema, "{path}: {status}");
+            }
+        }
+    }
+    let schemes = description["components"]["securitySchemes"]
+        .as_object()
+        .unwrap();
+    assert!(schemes.contains_key("basic") && schemes.contains_key("bearer"));
+    for (path, key) in [
+        ("/dicomweb/studies", "PatientID"),
+        (
+            "/dicomweb/studies/{study}/series/{series}/instances",
+            "limit",
+        ),
+        ("/dicomweb/studies/{study}/rendered3D", "viewpointup"),
+        ("/v1/dicom-results", "state"),
+    ] {
+        let parameters = description["paths"][path]["get"]["parameters"].as_array();
+        let has_key = |parameter: &Value| parameter["name"] == key && parameter["in"] == "query";
+        assert!(parameters.unwrap().iter().any(has_key), "{path} {key}");
+    }
 }
 
 #[tokio::test]

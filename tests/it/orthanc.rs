@@ -92,12 +92,13 @@ impl Orthanc {
         } else {
             eprintln!("SKIPPED: the Python plug-in of Orthanc is not installed");
         }
-        let file = folder.path().join("orthanc.json");
+        let [file, token] = ["orthanc.json", "token"].map(|name| folder.path().join(name));
         std::fs::write(&file, configuration.to_string()).unwrap();
+        std::fs::write(&token, format!("{TOKEN}\n")).unwrap();
         let process = Command::new(program()?)
             .arg(&file)
             .env("ISOCORTEX_URL", ours)
-            .env("ISOCORTEX_TOKEN", TOKEN)
+            .env("ISOCORTEX_TOKEN_FILE", &token)
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .spawn()

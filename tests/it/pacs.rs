@@ -93,11 +93,11 @@ impl Neighbour {
     }
 }
 
-fn items<'a>(answer: &'a Value, tag: &str) -> &'a [Value] {
+pub(crate) fn items<'a>(answer: &'a Value, tag: &str) -> &'a [Value] {
     answer[tag]["Value"].as_array().map_or(&[], Vec::as_slice)
 }
 
-fn reasons(answer: &Value, tag: &str) -> Vec<u64> {
+pub(crate) fn reasons(answer: &Value, tag: &str) -> Vec<u64> {
     let reason = |item: &Value| item["00081197"]["Value"][0].as_u64().unwrap();
     items(answer, tag).iter().map(reason).collect()
 }
@@ -166,7 +166,7 @@ async fn a_series_that_is_stored_becomes_a_case_and_late_images_make_a_version_o
 
 #[tokio::test]
 async fn every_image_that_is_not_stored_is_listed_with_its_reason() {
-    let neighbour = Neighbour::start(|_| {}).await;
+    let neighbour = Neighbour::start(|config| config.pacs.ignore_other_objects = false).await;
     let sound = Slice::number(0).file(Syntax::Explicit);
     let report = Slice {
         sop_class: "1.2.840.10008.5.1.4.1.1.88.11",
@@ -324,7 +324,24 @@ fn with_canaries(slice: &Slice) -> Vec<u8> {
 
 /// Log lines of this thread.
 #[derive(Clone, Default)]
-struct Lines(Arc<Mutex<Vec<u8>>>);
+pub(crate) struct Lines(Arc<Mutex<Vec<u8>>>);
+
+impl Lines {
+    /// Collects what is logged as long as the guard lives.
+    pub(crate) fn collect(&self) -> tracing::subscriber::DefaultGuard {
+        let written = self.clone();
+        let subscriber = tracing_subscriber::fmt()
+            .with_max_level(tracing_subscriber::filter::LevelFilter::TRACE)
+            .with_writer(move || written.clone())
+            .finish();
+        tracing::subscriber::set_default(subscriber)
+    }
+
+    /// What was logged.
+    pub(crate) fn text(&self) -> String {
+        String::from_utf8_lossy(&self.0.lock().unwrap()).into_owned()
+    }
+}
 
 impl std::io::Write for Lines {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
@@ -461,12 +478,7 @@ async fn with_deidentify_nothing_is_kept_that_tells_whose_head_it_is() {
 #[tokio::test]
 async fn no_attribute_of_an_image_shows_anywhere_else() {
     let lines = Lines::default();
-    let written = lines.clone();
-    let subscriber = tracing_subscriber::fmt()
-        .with_max_level(tracing_subscriber::filter::LevelFilter::TRACE)
-        .with_writer(move || written.clone())
-        .finish();
-    let _logging = tracing::subscriber::set_default(subscriber);
+    let _logging = lines.collect();
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
     let images: Vec<_> = head_slices().iter().map(with_canaries).collect();
@@ -498,7 +510,7 @@ async fn no_attribute_of_an_image_shows_anywhere_else() {
     }
     for (body, status) in [
         (
-            json!({"what": "sheet", "render": {"width": 64, "height": 64}, "node": "CANARY"}),
+            json!({"what": "sheet", "render": {"width": 128, "height": 128}, "node": "CANARY"}),
             404,
         ),
         (json!({"what": "view", "CANARY": 1}), 400),
@@ -512,7 +524,7 @@ async fn no_attribute_of_an_image_shows_anywhere_else() {
         assert_eq!(refused.status, status, "{body}");
         texts.push(refused.body);
     }
-    let sent = json!({"what": "view", "render": {"width": 64, "height": 64}});
+    let sent = json!({"what": "view", "render": {"width": 128, "height": 128}});
     assert_eq!(
         crate::results::result(server, &case, &sent).await.status,
         200
@@ -574,7 +586,7 @@ pub(crate) fn dcmtk(name: &str) -> Option<std::path::PathBuf> {
     is_there.then_some(path)
 }
 
-async fn run(program: &std::path::Path, arguments: &[&str]) -> std::process::Output {
+pub(crate) async fn run(program: &std::path::Path, arguments: &[&str]) -> std::process::Output {
     let program = program.to_owned();
     let arguments: Vec<String> = arguments.iter().map(|&text| text.to_owned()).collect();
     let run = move || std::process::Command::new(program).args(arguments).output();

@@ -61,7 +61,7 @@ pub(crate) async fn result(server: &Server, case: &str, body: &Value) -> Answer 
 
 /// A small picture, to be quick.
 pub(crate) fn small() -> Value {
-    json!({"depth_mm": 5, "width": 160, "height": 120})
+    json!({"depth_mm": 5, "width": 160, "height": 128})
 }
 
 /// The objects of each kind, in a folder.
@@ -78,12 +78,16 @@ async fn objects() -> Objects {
     let server = &neighbour.server;
     let folder = tempfile::tempdir().unwrap();
     let mut files = Vec::new();
-    let size = json!({"width": 160, "height": 120});
+    let size = json!({"width": 160, "height": 128});
     for (name, body) in [
         ("view", json!({"what": "view", "render": small()})),
         (
-            "annotated",
-            json!({"what": "view", "render": {"view": "right", "annotate": true}}),
+            "plain",
+            json!({"what": "view", "render": {"view": "right", "annotate": false}}),
+        ),
+        (
+            "superior",
+            json!({"what": "view", "render": {"view": "superior", "depth_mm": 12.4}}),
         ),
         ("sheet", json!({"what": "sheet", "render": size})),
         (
@@ -113,7 +117,9 @@ async fn objects() -> Objects {
     }
     // The pixels of the view are those of the picture.
     let picture = server
-        .get(&format!("{case}/render?depth_mm=5&width=160&height=120"))
+        .get(&format!(
+            "{case}/render?depth_mm=5&width=160&height=128&annotate=true"
+        ))
         .await;
     let picture = image::load_from_memory(&picture.body).unwrap().into_rgb8();
     let object = std::fs::read(&files[0]).unwrap();
@@ -179,6 +185,9 @@ async fn every_object_is_valid_of_the_right_patient_and_the_same_every_time() {
             "(0020,0010) SH [S-1]",
             "[ISO_IR 192]",
             "research use only",
+            "(0002,0013) SH [ISOCORTEX_",
+            "(0008,0021) DA [20",
+            "(0008,0031) TM [",
             // A slice through the middle of the brain.
             "(0008,1155) UI [1.2.3.4.20]",
         ] {
@@ -192,12 +201,41 @@ async fn every_object_is_valid_of_the_right_patient_and_the_same_every_time() {
             continue;
         }
         assert!(dump.contains("(0028,2110) CS [00]"), "{name}");
-        let burned = format!(
-            "(0028,0301) CS [{}]",
-            if name == "annotated" { "YES" } else { "NO " }
-        );
+        let is_annotated = !["plain", "envelope", "mask"].contains(&name);
+        let burned = if is_annotated { "YES" } else { "NO" };
         assert!(
-            dump.contains(burned.trim_end_matches(" ]")),
+            dump.contains(&format!("(0028,0301) CS [{burned}")),
+            "{name}: {dump}"
+        );
+        // A curved cut has directions and a side, and no spacing.
+        let (directions, side) = match name {
+            "view" | "depths" => (r"(0020,0020) CS [P\F]", "(0020,0062) CS [L]"),
+            "plain" => (r"(0020,0020) CS [A\F]", "(0020,0062) CS [R]"),
+            "superior" => (r"(0020,0020) CS [R\P]", "(0020,0062) CS [B]"),
+            "sheet" | "turn" => ("(0020,0020) CS (no value available)", "(0020,0062) CS [B]"),
+            _ => ("(0028,0030)", "(0028,0030)"),
+        };
+        assert!(
+            dump.contains(directions) && dump.contains(side),
+            "{name}: {dump}"
+        );
+        assert_eq!(
+            dump.contains("(0028,0030)"),
+            directions == "(0028,0030)",
+            "{name}"
+        );
+        let number = match name {
+            "view" => 9105,
+            "plain" => 9100,
+            "superior" => 9112,
+            "sheet" => 9204,
+            "turn" => 9305,
+            "depths" => 9300,
+            "envelope" => 9400,
+            _ => 9500,
+        };
+        assert!(
+            dump.contains(&format!("(0020,0011) IS [{number}]")),
             "{name}: {dump}"
         );
         let is_sound = objects.case["quality"]["state"] == "ok";
@@ -212,6 +250,112 @@ async fn every_object_is_valid_of_the_right_patient_and_the_same_every_time() {
     uids.dedup();
     assert_eq!(uids.len(), objects.files.len());
     assert!(uids.iter().all(|uid| uid.starts_with(b"2.25.")));
+}
+
+#[tokio::test]
+async fn what_was_lost_or_removed_in_the_source_and_its_time_zone_are_stated() {
+    let texts = [
+        ([0x08, 0x0201], "SH", "-0330"),
+        ([0x12, 0x0062], "CS", "YES"),
+        ([0x12, 0x0063], "LO", "Cleaned by hand"),
+        ([0x28, 0x2110], "CS", "01"),
+        ([0x28, 0x2112], "DS", "7.5"),
+        ([0x28, 0x2114], "CS", "ISO_10918_1"),
+    ];
+    let texts = [&IDENTITY[..], &texts].concat();
+    let slices = head_slices();
+    let files: Vec<_> = slices
+        .iter()
+        .map(|slice| with_texts(slice, &texts))
+        .collect();
+    // The source's own zone counts, not the one of the configuration.
+    let neighbour = Neighbour::start(|config| {
+        config.pacs.time_zone = Some("+05:00".to_owned());
+    })
+    .await;
+    assert_eq!(neighbour.store(&files).await.status, 200);
+    let arrival = neighbour.settled().await;
+    let case = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
+    neighbour.server.until_ready(&case).await;
+    let created = neighbour.server.get(&case).await.json()["created_at"].clone();
+    let created: jiff::Timestamp = created.as_str().unwrap().parse().unwrap();
+    let zone = jiff::tz::TimeZone::fixed(jiff::tz::Offset::from_seconds(-12_600).unwrap());
+    let here = created.to_zoned(zone).strftime("%Y%m%d %H%M").to_string();
+    let (day, minute) = here.split_once(' ').unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    for what in ["view", "cine", "mask", "key-object"] {
+        let mut body = json!({"what": what});
+        match what {
+            "mask" => {}
+            "key-object" => body["key_object"] = json!({"instances": ["1.2.3.4.20"]}),
+            _ => body["render"] = small(),
+        }
+        let made = result(&neighbour.server, &case, &body).await;
+        assert_eq!(made.status, 200, "{made:?}");
+        let file = folder.path().join(format!("{what}.dcm"));
+        std::fs::write(&file, &made.body).unwrap();
+        assert_eq!(errors_in(&file), Vec::<String>::new(), "{what}");
+        let Some(dump) = printed("/usr/bin/dcmdump", &[Path::new("+L"), &file]) else {
+            continue;
+        };
+        let mut expected = vec![
+            "(0008,0201) SH [-0330]".to_owned(),
+            "(0012,0062) CS [YES]".to_owned(),
+            "(0012,0063) LO [Cleaned by hand]".to_owned(),
+            format!("(0008,0023) DA [{day}]"),
+            format!("(0008,0033) TM [{minute}"),
+            // As it was copied.
+            "(0008,0030) TM [101112]".to_owned(),
+        ];
+        if what != "key-object" {
+            expected.extend([
+                "(0028,2110) CS [01]".to_owned(),
+                "(0028,2112) DS [7.5]".to_owned(),
+                "(0028,2114) CS [ISO_10918_1]".to_owned(),
+            ]);
+        }
+        for text in expected {
+            assert!(dump.contains(&text), "{what} lacks {text}: {dump}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn an_image_without_its_identity_is_still_valid() {
+    let texts = [
+        ([0x18, 0x0020], "CS", "GR"),
+        ([0x18, 0x0021], "CS", "SP"),
+        ([0x18, 0x0050], "DS", "1"),
+    ];
+    let texts = [&IDENTITY[..], &texts].concat();
+    let slices = head_slices();
+    let files: Vec<_> = slices
+        .iter()
+        .map(|slice| with_texts(slice, &texts))
+        .collect();
+    let neighbour = Neighbour::start(|config| {
+        config.pacs.deidentify = true;
+        config.pacs.keep_source = true;
+    })
+    .await;
+    assert_eq!(neighbour.store(&files).await.status, 200);
+    let arrival = neighbour.settled().await;
+    assert_eq!(arrival["state"], "case", "{arrival}");
+    let [study, series] = ["study", "series"].map(|name| arrival[name].as_str().unwrap());
+    let of_series = format!("/dicomweb/studies/{study}/series/{series}");
+    let listed = neighbour
+        .server
+        .get(&format!("{of_series}/instances"))
+        .await
+        .json();
+    let instance = listed[0]["00080018"]["Value"][0].as_str().unwrap();
+    let accept = [("accept", "application/dicom")];
+    let address = format!("{of_series}/instances/{instance}");
+    let image = neighbour.server.get_with(&address, &accept).await;
+    assert_eq!(image.status, 200, "{image:?}");
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(file.path(), &image.body).unwrap();
+    assert_eq!(errors_in(file.path()), Vec::<String>::new());
 }
 
 #[tokio::test]
@@ -298,7 +442,7 @@ async fn a_case_without_a_patient_is_refused_unless_the_request_names_the_study(
     // Without images of a source, each is valid, too.
     let folder = tempfile::tempdir().unwrap();
     let curved =
-        json!({"width": 64, "height": 48, "window": [500, 700], "window_function": "sigmoid"});
+        json!({"width": 128, "height": 130, "window": [500, 700], "window_function": "sigmoid"});
     for (name, mut body) in [
         ("view", json!({"what": "view", "render": curved})),
         ("sheet", json!({"what": "sheet", "render": curved})),
@@ -364,7 +508,7 @@ async fn a_preview_has_the_pixels_of_the_object_and_nothing_is_sent() {
     let server = &neighbour.server;
     for body in [
         json!({"what": "view", "render": small(), "node": "archive"}),
-        json!({"what": "sheet", "render": {"width": 160, "height": 120}}),
+        json!({"what": "sheet", "render": {"width": 160, "height": 128}}),
         json!({"what": "cine", "render": small(), "cine": {"frames": 4}}),
     ] {
         let shown = preview(server, &case, &body).await;
@@ -410,13 +554,6 @@ async fn the_page_learns_the_nodes_and_whether_it_may_show_the_patient() {
         config.pacs.deidentify = true;
     });
     assert_eq!(without.await, nothing);
-    let neighbour = Neighbour::start(|_| {}).await;
-    let script = neighbour.server.get("/pacs.js").await;
-    assert_eq!(script.status, 200);
-    assert_eq!(
-        script.header("content-type"),
-        "text/javascript; charset=utf-8"
-    );
 }
 
 /// What a node that has stored the object of a request answers, in DICOM JSON. The boundary has the instance UID.
@@ -542,8 +679,8 @@ async fn what_a_killed_process_was_sending_is_sent_by_the_next_one() {
     let body = json!({"what": "view", "render": small(), "node": "pacs"});
     let accepted = result(&neighbour.server, &case, &body).await;
     // A process takes it, and ends before it has sent anything.
-    let rows = neighbour.server.state.cases.store().rows();
-    let leased = rows.lease_result(Duration::from_secs(3600)).await.unwrap();
+    let store = neighbour.server.state.cases.store();
+    let leased = store.lease_result(Duration::from_secs(3600)).await.unwrap();
     assert!(leased.is_some());
     let server = neighbour.restarted().await;
     let _background = pacs::Background::start(server.pacs.clone());
@@ -563,7 +700,11 @@ async fn what_a_killed_process_was_sending_is_sent_by_the_next_one() {
 #[tokio::test]
 async fn a_node_that_refuses_an_object_is_believed() {
     // Another Isocortex stores MR and CT images only.
-    let other = Server::start_with(|config| config.dicom_program = crate::dicom::reader()).await;
+    let other = Server::start_with(|config| {
+        config.dicom_program = crate::dicom::reader();
+        config.pacs.ignore_other_objects = false;
+    })
+    .await;
     let socket = other.on_a_socket().await;
     let neighbour = Neighbour::start(|config| {
         add_node(

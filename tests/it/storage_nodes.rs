@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::Request;
-use dimse::{TlsAuthority, TlsIdentity, listening_tls};
+use dimse::{ReloadedTls, TlsAuthority, TlsIdentity, listening_tls};
 use isocortex::config::{Config, Node};
 use serde_json::{Value, json};
 
@@ -24,7 +24,7 @@ fn data_set(file: &[u8]) -> &[u8] {
 
 /// A result of each kind, with its name.
 pub(crate) fn every_kind() -> [(&'static str, Value); 6] {
-    let size = json!({"width": 96, "height": 80});
+    let size = json!({"width": 128, "height": 128});
     [
         ("view", json!({"what": "view", "render": small()})),
         ("sheet", json!({"what": "sheet", "render": size})),
@@ -255,7 +255,11 @@ async fn a_node_that_refuses_is_believed_and_one_that_aborts_is_asked_again() {
     };
     // Another Isocortex, which knows one of our two titles, and stores MR and CT images only.
     let other = Neighbour::start(|_| {}).await;
-    let port = dimse(&other, dimse_options()).await.port();
+    let strict = dimse::DimseOptions {
+        ignores_other_objects: false,
+        ..dimse_options()
+    };
+    let port = dimse(&other, strict).await.port();
     let neighbour = Neighbour::start(|config| {
         config.pacs.dimse.aet = "SENDER".to_owned();
         add_storage_node(config, "refusing", "ARCHIVE", refusing);
@@ -404,7 +408,9 @@ async fn peers_are_served_by_tls_alone_if_it_is_configured() {
     let authority = TlsAuthority::read(&ours.read("ca.pem")).unwrap();
     let neighbour = Neighbour::start(|_| {}).await;
     let with_tls = |authority: Option<&TlsAuthority>| dimse::DimseOptions {
-        tls: Some(listening_tls(&identity, authority).unwrap()),
+        tls: Some(ReloadedTls::new(
+            listening_tls(&identity, authority).unwrap(),
+        )),
         ..dimse_options()
     };
     let open = dimse(&neighbour, with_tls(None)).await.port();

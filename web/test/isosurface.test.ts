@@ -131,3 +131,33 @@ test("beside a cut through the brain no depth is known, nothing is picked, and a
   for (const x of [-60, 60]) assert.ok(picked(whole, x));
   assert.equal([-60, 60].filter((x) => picked(points, x) !== null).length, 1);
 });
+
+test("a point beside the head is not in it, and one outside the envelope has no profile", () => {
+  const size = 61;
+  const [voxel_mm, radius_mm] = [2, 40];
+  const at = (index: number): number => (index - 30) * voxel_mm;
+  const voxels = Float32Array.from({ length: size ** 3 }, (_, index) => {
+    const place = [index % size, Math.floor(index / size) % size, Math.floor(index / size ** 2)].map(at);
+    return radius_mm - Math.hypot(...place);
+  });
+  const field = {
+    size: [size, size, size],
+    voxels,
+    scale: 1,
+    offset: 0,
+    patient_from_voxel: [
+      [voxel_mm, 0, 0, -60],
+      [0, voxel_mm, 0, -60],
+      [0, 0, voxel_mm, -60],
+      [0, 0, 0, 1],
+    ],
+  } as unknown as Block;
+  const shown = { ...SHOWN, envelope_sphere: { center_in_patient: [0, 0, 0], radius_mm } } as const;
+  const points = new Points(shown, depthsOf(field, field), samplerOf(field));
+  assert.deepEqual(
+    [0, 39, 50, 64, 70, 200].map((x) => points.isInHead([x, 0, 0])),
+    [true, true, true, true, false, false],
+  );
+  assert.ok(points.profile([30, 0, 0]));
+  assert.equal(points.profile([45, 0, 0]), null);
+});

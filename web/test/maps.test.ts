@@ -4,8 +4,8 @@ import { test } from "node:test";
 import tables from "../shaders/colors.json";
 import { Problem } from "../src/base/api.ts";
 import { colorRow } from "../src/gl/colors.ts";
-import { towardsViewer } from "../src/model/camera.ts";
-import { broughtTo, changeOf } from "../src/model/commands.ts";
+import { NAMED_VIEWS, facing, towardsViewer } from "../src/model/camera.ts";
+import { broughtTo, changeOf, laidOut } from "../src/model/commands.ts";
 import { commandOf } from "../src/model/controls.ts";
 import { readState, writeAddress } from "../src/model/fragment.ts";
 import {
@@ -18,6 +18,7 @@ import {
   styleOfMap,
   toggled,
 } from "../src/model/maps.ts";
+import { mirrorPlane, sideOf, sideSeen } from "../src/model/midsagittal.ts";
 import { PLANE_NAMES, renderQuery, sliceQuery } from "../src/model/query.ts";
 import { turnBody } from "../src/model/series.ts";
 import { type Vec3, dot, normalized, subtract } from "../src/model/space.ts";
@@ -117,16 +118,50 @@ function projectedTowards({ orientation }: Partial<ViewState>, position: Vec3): 
   return dot(normalized(subtract(position, SHOWN.envelope_sphere.center_in_patient)), towardsViewer(orientation));
 }
 
-test("a place is brought to the middle and marked; beside the mirrored half from the left, whichever side it is of", () => {
+test("a place is brought to the middle and marked; its own hemisphere is the one that is not flipped", () => {
   const right = [-40, 20, 35] as const;
   const plain = broughtTo(right, 99, "single", SHOWN);
   assert.deepEqual([plain.depth_mm, plain.crosshair_mm, plain.layout], [41.23, right, "single"]);
   assert.ok(projectedTowards(plain, right) > 0.99);
   const beside = broughtTo(right, 12, "mirror", SHOWN);
   assert.deepEqual(beside.crosshair_mm, right);
-  assert.ok(projectedTowards(beside, [40, 20, 35]) > 0.99);
+  assert.ok(projectedTowards(beside, right) > 0.99);
   const left = broughtTo([40, 20, 35], 12, "both", SHOWN);
   assert.ok(projectedTowards(left, [40, 20, 35]) > 0.99);
+});
+
+test("the mirror layout shows the marked hemisphere as it was acquired; without a mark, the left one", () => {
+  const first = firstState(SHOWN);
+  const plane = mirrorPlane(SHOWN);
+  const seen = (state: ViewState): string => {
+    const { orientation } = { ...state, ...laidOut("mirror", state, SHOWN) };
+    return sideSeen(towardsViewer(orientation), plane);
+  };
+  assert.equal(seen({ ...first, orientation: NAMED_VIEWS.right }), "left");
+  assert.equal(seen({ ...first, crosshair_mm: [-40, 20, 35] }), "right");
+  assert.equal(seen({ ...first, orientation: NAMED_VIEWS.right, crosshair_mm: [40, 20, 35] }), "left");
+  // A view that has it in sight stays.
+  const oblique = { ...first, orientation: facing([-0.5, -0.8, 0.2]), crosshair_mm: [-40, 20, 35] } as const;
+  assert.equal(laidOut("both", oblique, SHOWN).orientation, undefined);
+});
+
+test("within 5 mm of the plane a position is in the middle, and a view along it shows both sides", () => {
+  const plane = { normal: [1, 0, 0], offset_mm: 2 } as const;
+  assert.deepEqual(
+    [
+      [7, 0, 0],
+      [7.1, 0, 0],
+      [-3, 9, 9],
+      [-3.1, 9, 9],
+    ].map((place) => sideOf(place as unknown as Vec3, plane)),
+    ["middle", "left", "middle", "right"],
+  );
+  assert.deepEqual(
+    (["left", "right", "superior", "anterior"] as const).map((name) =>
+      sideSeen(towardsViewer(NAMED_VIEWS[name]), plane),
+    ),
+    ["left", "right", "middle", "middle"],
+  );
 });
 
 const answer = (status: number, body: unknown, headers: Record<string, string> = {}): Response =>

@@ -13,6 +13,7 @@ import type { ReadyCase } from "../src/model/case.ts";
 import {
   CENTRED,
   type SliceView,
+  followedSlice,
   laid,
   movedSlice,
   reachOf,
@@ -22,6 +23,7 @@ import {
   withinReach,
   zoomedSlice,
 } from "../src/model/slice-geometry.ts";
+import type { Vec3 } from "../src/model/space.ts";
 import { firstState } from "../src/model/state.ts";
 import { SHOWN } from "./shown.ts";
 
@@ -82,6 +84,19 @@ test("a slice is enlarged about the pointer and moved with the hand, in either c
       });
       assert.ok(Math.hypot((found[0] ?? 0) - now[0], (found[1] ?? 0) - now[1]) < 1e-6, `${plane} ${convention}`);
     }
+  }
+});
+
+test("a slice that was enlarged follows a mark out of sight, and stays for one in sight", () => {
+  for (const convention of ["radiological", "neurological"] as const) {
+    const near = view({ convention, placing: { zoom: 4, pan_mm: [0, 0] } });
+    const { center_in_patient: middle } = SHOWN.envelope_sphere;
+    assert.equal(followedSlice(near, SHOWN, middle), near.placing);
+    const far: Vec3 = [middle[0] - 60, middle[1] + 30, middle[2]];
+    const placing = followedSlice(near, SHOWN, far);
+    assert.equal(placing.zoom, 4);
+    const [x, y] = slicePixel({ ...near, placing }, SHOWN.envelope_sphere, far);
+    assert.ok(Math.hypot(x - near.size[0] / 2, y - near.size[1] / 2) < 0.01, `${x}, ${y}`);
   }
 });
 

@@ -11,8 +11,10 @@ const BELOW: Readonly<Record<string, readonly string[]>> = {
   base: ["model"],
   gl: ["model"],
   panes: ["model", "base", "gl"],
-  page: ["model", "base", "gl", "panes"],
+  pacs: ["model", "base"],
+  page: ["model", "base", "gl", "panes", "pacs"],
   compare: ["model", "base", "page"],
+  launch: ["base", "pacs", "page"],
 };
 
 const folderOf = (name: string): string => name.split("/")[0] ?? "";

@@ -15,6 +15,24 @@ pub enum Side {
     Left,
     /// The patient's right.
     Right,
+    /// Within [`MIDDLE_MM`] of the midsagittal plane: too near to it to be told by a flat plane.
+    Middle,
+}
+
+/// How near to the midsagittal plane a position is on neither side, in mm.
+pub(crate) const MIDDLE_MM: f64 = 5.0;
+
+impl Side {
+    /// The side of a position that is so far from the midsagittal plane, to the patient's left.
+    pub fn at(left_mm: f64) -> Self {
+        if left_mm.abs() <= MIDDLE_MM {
+            Self::Middle
+        } else if left_mm > 0.0 {
+            Self::Left
+        } else {
+            Self::Right
+        }
+    }
 }
 
 /// A place at which the junction is less sharp than around it and on the other side. Most such places are normal.
@@ -208,11 +226,10 @@ pub(crate) fn candidates(
     let candidate = |place: usize| {
         let position = scores.position(block, place);
         let volume_mm3 = scores.extent(block, &rows, place) as f64 * voxel_mm3;
-        let is_left = plane.normal().dot(position) > plane.offset_mm();
         Candidate {
             position_in_patient: position,
             depth_mm: depth_mm(position),
-            side: if is_left { Side::Left } else { Side::Right },
+            side: Side::at(plane.normal().dot(position) - plane.offset_mm()),
             score: scores.scores[place],
             size_mm: (6.0 * volume_mm3 / std::f64::consts::PI).cbrt() as f32,
         }
@@ -223,4 +240,24 @@ pub(crate) fn candidates(
         .filter(|&place| scores.scores[place] > 0.0)
         .map(candidate)
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_within_5_mm_of_the_plane_is_on_neither_side() {
+        let sides = [5.01, 5.0, 0.0, -5.0, -5.01].map(Side::at);
+        assert_eq!(
+            sides,
+            [
+                Side::Left,
+                Side::Middle,
+                Side::Middle,
+                Side::Middle,
+                Side::Right
+            ]
+        );
+    }
 }

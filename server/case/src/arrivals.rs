@@ -16,7 +16,8 @@ const MAX_UID_LENGTH: usize = 64;
 /// The longest accession number that is kept, in bytes: 16 characters (PS3.5 §6.2).
 const MAX_ACCESSION_NUMBER_LENGTH: usize = 64;
 
-/// A UID: digits and points.
+/// A UID: numbers with points between them (PS3.5 §9.1). Leading zeros, which the standard forbids, are accepted, because
+/// scanners write them.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Uid(String);
 
@@ -25,8 +26,15 @@ impl Uid {
     pub fn parse(text: &str) -> Option<Self> {
         let text = text.trim_end_matches(['\0', ' ']);
         let fits = (1..=MAX_UID_LENGTH).contains(&text.len());
-        let allowed = |byte: u8| byte.is_ascii_digit() || byte == b'.';
-        (fits && text.bytes().all(allowed)).then(|| Self(text.to_owned()))
+        let is_number =
+            |part: &str| !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
+        (fits && text.split('.').all(is_number)).then(|| Self(text.to_owned()))
+    }
+
+    /// Whether it may be written: no number has leading zeros.
+    pub fn is_strict(&self) -> bool {
+        let has_zeros = |part: &str| part.len() > 1 && part.starts_with('0');
+        !self.0.split('.').any(has_zeros)
     }
 
     /// Its text.
@@ -145,6 +153,26 @@ pub struct NewInstance {
     pub sop_instance_uid: Uid,
     /// The digest of its file, which is an object of the kind `instance`.
     pub digest: blake3::Hash,
+    /// Whether it takes the place of an image with the same UID; otherwise the first one stays.
+    pub replaces: Option<Change>,
+}
+
+/// What is different about an image that takes the place of another one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// The pixels, or their place.
+    Pixels,
+    /// The patient or the study: cases of the series are superseded from now on.
+    Owner,
+}
+
+/// What became of images.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Received {
+    /// How many are new.
+    pub new: usize,
+    /// The arrivals of which an image was replaced for the first time since they were read.
+    pub corrected: Vec<String>,
 }
 
 /// A series that came.
@@ -168,6 +196,10 @@ pub struct Arrival {
     pub instances: usize,
     /// How many the sender says there are.
     pub expected: Option<usize>,
+    /// Images that took the place of others with the same UID since it was read before.
+    pub superseded: usize,
+    /// Objects that are no images and were not kept.
+    pub ignored: usize,
     /// When its first image came.
     pub first_at: Timestamp,
     /// When its last image came.
@@ -190,6 +222,9 @@ pub const BECAME_LAYER: &str = "series-is-layer";
 
 /// The reason of a series that is not T1-weighted. It waits for a case of its study, to become a layer of it.
 pub const NOT_T1: &str = "series-not-t1";
+
+/// The reason of a series without any image.
+pub const OTHER_OBJECTS: &str = "other-objects";
 
 /// What became of a leased series.
 #[derive(Debug, Clone)]
@@ -290,6 +325,8 @@ pub struct CaseSeries {
     pub uids: SeriesUids,
     /// The accession number of the study.
     pub accession_number: Option<AccessionNumber>,
+    /// Whether the patient or the study was corrected since it was made.
+    pub is_superseded: bool,
 }
 
 /// What a request for a case names.
@@ -308,9 +345,22 @@ mod tests {
     #[test]
     fn a_uid_is_digits_and_points_without_its_padding() {
         assert_eq!(Uid::parse("1.2.840\0").unwrap().as_str(), "1.2.840");
-        for text in ["", "1.2a", "1/2", "..\\x", &"1".repeat(65)] {
+        for text in [
+            "",
+            "1.2a",
+            "1/2",
+            "..\\x",
+            &"1".repeat(65),
+            ".",
+            "..",
+            "1..2",
+            ".1",
+            "1.",
+        ] {
             assert_eq!(Uid::parse(text), None, "{text}");
         }
+        assert!(Uid::parse("1.0.2").unwrap().is_strict());
+        assert!(!Uid::parse("1.002").unwrap().is_strict());
     }
 
     #[test]

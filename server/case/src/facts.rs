@@ -32,10 +32,8 @@ pub struct PlaneFacts {
     pub normal: [f64; 3],
     /// Its distance from the origin along the normal, in mm.
     pub offset_mm: f64,
-    /// The correlation of the intensities with those at their mirror images, 0 to 1; `None` for a case prepared by a version
-    /// that did not measure it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub correlation: Option<f64>,
+    /// The correlation of the intensities with those at their mirror images, 0 to 1.
+    pub correlation: f64,
 }
 
 impl PlaneFacts {
@@ -45,8 +43,7 @@ impl PlaneFacts {
 
     /// Whether the two sides are so unlike that the plane may be wrong.
     pub fn is_doubtful(&self) -> bool {
-        self.correlation
-            .is_some_and(|correlation| correlation < Self::LEAST_CORRELATION)
+        self.correlation < Self::LEAST_CORRELATION
     }
 }
 
@@ -93,16 +90,13 @@ pub struct CaseFacts {
     pub voxels: Option<VoxelFacts>,
     /// The sphere around the envelope that zoom 1 fits into a picture.
     pub envelope_sphere: SphereFacts,
-    /// The plane between the hemispheres, with its normal to the patient's left; `None` for a case prepared by a version that
-    /// did not fit it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub midsagittal: Option<PlaneFacts>,
-    /// The faces of the volume that cut the brain, and planes within it beyond which it is constant. They are not dura: a voxel nearer to one than its depth has an unknown depth.
+    /// The plane between the hemispheres, with its normal to the patient's left.
+    pub midsagittal: PlaneFacts,
+    /// The faces of the volume that cut the brain, and planes within it beyond which it is constant. They are not dura: a voxel
+    /// nearer to one than its depth has an unknown depth.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cuts: Vec<CutFacts>,
-    /// The version of the preparation: 1 ignores cuts, 2 handles those at faces of the volume, 3 those within it too, and compares
-    /// each supplied mask with the network's.
-    #[serde(default = "first_pipeline")]
+    /// The version of the preparation: 3 handles cuts at faces of the volume and planes within it beyond which it is constant.
     pub pipeline: u32,
     /// Depth of the deepest voxel, in mm.
     pub max_depth_mm: f32,
@@ -114,8 +108,7 @@ pub struct CaseFacts {
     pub intensity_max: f32,
     /// The default window: 2nd to 98th percentile inside the envelope.
     pub window: WindowFacts,
-    /// The quality of the mask; `None` for a case prepared by a version that did not measure it.
-    #[serde(default)]
+    /// The quality of the mask; every stored case has it.
     pub quality: Option<Quality>,
     /// Facts about the DICOM files, if the volume comes from DICOM.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -124,23 +117,18 @@ pub struct CaseFacts {
     pub timings: Vec<(Stage, f64)>,
 }
 
-/// The version of the preparation of rows without one.
-fn first_pipeline() -> u32 {
-    1
-}
-
 /// Facts about the DICOM files of a volume that may be shown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DicomFacts {
     /// Numbers of the missing slices that were interpolated, from 1.
     pub interpolated_slices: Vec<usize>,
-    /// The scanner's name of the sequence and its times in ms; `None` if the files name none, or the case is older than this.
+    /// The scanner's name of the sequence and its times in ms; `None` if the files name none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sequence: Option<String>,
-    /// The number of the series; `None` if the files state none, or the case is older than this.
+    /// The number of the series; `None` if the files state none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub series_number: Option<i64>,
-    /// The numbers of the images that are the slices; empty if the files do not number them, or the case is older than this.
+    /// The numbers of the images that are the slices; empty if the files do not number them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub images: Vec<ImageRun>,
 }
@@ -239,22 +227,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_plane_of_an_earlier_version_is_read_and_written_as_it_was() {
-        let earlier = r#"{"normal":[1.0,0.0,0.0],"offset_mm":2.5}"#;
-        let plane: PlaneFacts = serde_json::from_str(earlier).unwrap();
-        assert_eq!(plane.correlation, None);
-        assert!(!plane.is_doubtful());
-        assert_eq!(serde_json::to_string(&plane).unwrap(), earlier);
+    fn a_plane_is_doubtful_if_the_sides_are_unlike() {
         for (correlation, is_doubtful) in [(0.0, true), (0.49, true), (0.5, false), (1.0, false)] {
-            let correlation = Some(correlation);
-            assert_eq!(
-                PlaneFacts {
-                    correlation,
-                    ..plane
-                }
-                .is_doubtful(),
-                is_doubtful
-            );
+            let plane = PlaneFacts {
+                normal: [1.0, 0.0, 0.0],
+                offset_mm: 2.5,
+                correlation,
+            };
+            assert_eq!(plane.is_doubtful(), is_doubtful);
         }
     }
 

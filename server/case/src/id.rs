@@ -13,6 +13,11 @@ const ID_FORMAT: u8 = 1;
 pub struct CaseId([u8; 16]);
 
 impl CaseId {
+    /// The first 8 of its digits: enough to follow a case through the log, and no address.
+    pub fn short(&self) -> String {
+        self.to_string()[..8].to_owned()
+    }
+
     /// The id of the case with these inputs. The digests are BLAKE3 over the uploaded bytes.
     ///
     /// [`Parameters::name`] is a label and has no influence: the same upload under another name renames the case. The case that

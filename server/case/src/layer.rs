@@ -361,16 +361,21 @@ pub enum PlacementVerdict {
 }
 
 /// The place of a layer in its case.
+// The description requires none of its fields: a layer that is not ready has none of them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = LayerPlacement))]
 pub struct PlacementFacts {
     /// Rows of the rigid transform from the patient space of the layer to that of the case, LPS mm.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
     pub case_from_layer: [[f64; 4]; 4],
     /// Where the matrix comes from.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
     pub origin: MatrixOrigin,
     /// The result of the registration.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
     pub verdict: PlacementVerdict,
     /// `ok`, or `review` if the place must be checked by eye.
+    #[cfg_attr(feature = "openapi", schema(required = false))]
     pub quality: QualityState,
     /// The reason for `review`.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -55,6 +55,8 @@ pub enum PatientSide {
     Left,
     /// The patient's right.
     Right,
+    /// Within 5 mm of the plane between the hemispheres.
+    Middle,
 }
 
 impl PatientSide {
@@ -63,6 +65,7 @@ impl PatientSide {
         match self {
             Self::Left => "left",
             Self::Right => "right",
+            Self::Middle => "middle",
         }
     }
 }

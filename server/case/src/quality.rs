@@ -70,8 +70,7 @@ pub struct Quality {
     pub numbers: QualityNumbers,
     /// Why the rating is not `ok`, in sentences; empty if it is `ok`.
     pub reasons: Vec<String>,
-    /// The stable codes of the reasons, in the same order, such as `mask-cut-inferior`. Absent for a case prepared by a version
-    /// without codes.
+    /// The stable codes of the reasons, in the same order, such as `mask-cut-inferior`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub reason_codes: Vec<String>,
     /// Other affines for the header, if the network finds the brain only with other axes than those in the header. Nothing was

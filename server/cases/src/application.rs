@@ -315,7 +315,7 @@ impl Cases {
             return self.whole_volume(id).await;
         }
         let read = async {
-            let names = self.store().rows().objects(id).await?;
+            let names = self.store().case_objects(id).await?;
             let Some(source) = self.library.source(id, &names).await? else {
                 return Err(Error::from(Failure::source_damaged()));
             };

@@ -166,7 +166,7 @@ impl Cases {
     }
 
     async fn check_version(&self, version: &Version) -> Result<(Parameters, Offer), Error> {
-        let names = self.store().rows().objects(&version.of).await?;
+        let names = self.store().case_objects(&version.of).await?;
         let id = version.id(&names).ok_or(Error::NoSuchCase)?;
         let parameters = version.parameters.clone();
         if self.is_accepted(&id).await? {

@@ -172,7 +172,7 @@ impl Worker {
             lease: self.store.options().lease,
             max_attempts: self.store.options().max_attempts,
         };
-        self.store.rows().claim(&terms).await
+        self.store.claim(&terms).await
     }
 
     async fn prepare(&self, claim: &Claim) {
@@ -271,7 +271,6 @@ impl Worker {
     async fn renew(&self, claim: &Claim, progress: Option<Progress>) -> bool {
         let renewed = self
             .store
-            .rows()
             .renew(claim, self.store.options().lease, progress)
             .await;
         renewed.unwrap_or_else(|error| {
@@ -293,7 +292,7 @@ impl Worker {
                     kind = failure.name,
                     "a case cannot be prepared"
                 );
-                if self.store.rows().fail(claim, &failure).await? {
+                if self.store.fail(claim, &failure).await? {
                     self.store.signals().count(Count::Failed);
                 }
                 Ok(())
@@ -307,7 +306,7 @@ impl Worker {
                     after: Duration::ZERO,
                     counts: false,
                 };
-                self.store.rows().release(claim, release).await?;
+                self.store.release(claim, release).await?;
                 tracing::info!(job = claim.fence, "a preparation was returned to the queue");
                 Ok(())
             }
@@ -322,7 +321,6 @@ impl Worker {
         let framed = frame_all(derived.objects).await?;
         // The lease is renewed once more, because writing takes a bounded time.
         self.store
-            .rows()
             .renew(
                 claim,
                 self.store.options().lease,
@@ -361,7 +359,7 @@ impl Worker {
             counts: true,
         };
         // If even this fails, the lease ends by itself.
-        if let Err(error) = self.store.rows().release(claim, release).await {
+        if let Err(error) = self.store.release(claim, release).await {
             tracing::warn!(
                 job = claim.fence,
                 error = &error as &dyn std::error::Error,

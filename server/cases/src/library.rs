@@ -314,10 +314,10 @@ impl Library {
 
     /// Rebuilds the derived objects of a ready case, or makes the case failed if that is impossible.
     async fn rebuild(&self, id: &CaseId) -> Result<(), StoreError> {
-        let Some(case) = self.store().rows().case(id).await? else {
+        let Some(case) = self.store().case(id).await? else {
             return Ok(());
         };
-        let names = self.store().rows().objects(id).await?;
+        let names = self.store().case_objects(id).await?;
         let rebuilt = match self.source(id, &names).await? {
             Some(mut source) => {
                 source.brain = self.extracted(&case, &names).await?;
@@ -343,7 +343,7 @@ impl Library {
                 tracing::warn!("rebuilt the derived objects of a case from its source");
             }
             Err(failure) => {
-                self.store().rows().condemn(id, &failure).await?;
+                self.store().condemn(id, &failure).await?;
                 tracing::error!(kind = failure.name, "cannot rebuild a case from its source");
             }
         }
@@ -358,11 +358,9 @@ impl Library {
         case: &Case,
         names: &[ObjectName],
     ) -> Result<Option<StoredBrain>, StoreError> {
-        let is_judged = |facts: &&CaseFacts| facts.pipeline > 1;
-        let judged = case.facts.as_ref().filter(is_judged).is_some();
         let quality = case.facts.as_ref().and_then(|facts| facts.quality.clone());
         let stays = |quality: &Quality| {
-            quality.method.is_extraction() || (judged && quality.method == MaskMethod::Supplied)
+            quality.method.is_extraction() || quality.method == MaskMethod::Supplied
         };
         let Some(quality) = quality.filter(stays) else {
             return Ok(None);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use case::{CaseFacts, MapName, PatientSide};
 use geometry::{DeformableModel, DepthField};
 use glam::DVec3;
-use pipeline::maps::{JunctionWidth, NoMaps, stored_plane, width_table};
+use pipeline::maps::{JunctionWidth, NoMaps, mirror_plane, side_at, width_table};
 use serde::Serialize;
 
 use crate::error::Error;
@@ -30,8 +30,7 @@ const LEAST_GRADIENT: f32 = 0.2;
 pub struct Profile {
     /// Through the requested point.
     pub own: PointProfile,
-    /// Through the point mirrored at the plane between the hemispheres; absent if that point is outside the envelope,
-    /// or if the case has no plane because it comes from an earlier version.
+    /// Through the point mirrored at the plane between the hemispheres; absent if that point is outside the envelope.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mirrored: Option<PointProfile>,
     /// The reason why the values of maps are absent, if they are.
@@ -71,9 +70,8 @@ pub struct SampledLayer {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct PointProfile {
-    /// The side of the plane between the hemispheres; absent without that plane.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub side: Option<PatientSide>,
+    /// The side of the plane between the hemispheres.
+    pub side: PatientSide,
     /// The width of the junction of grey and white matter.
     pub junction_width: JunctionWidthView,
     /// The position of the point.
@@ -162,10 +160,10 @@ pub fn profile(
         Error::out_of_range("position", detail)
     };
     let own = probe.point(position_in_patient).ok_or_else(outside)?;
-    let plane = stored_plane(&warm.facts);
+    let plane = mirror_plane(&warm.facts);
     Ok(Profile {
         own,
-        mirrored: plane.and_then(|plane| probe.point(plane.reflected(position_in_patient))),
+        mirrored: probe.point(plane.reflected(position_in_patient)),
         maps_undefined: maps.err().map(|reason| reason.sentence.into_owned()),
         layers: layers.iter().map(|layer| layer.about.clone()).collect(),
     })
@@ -183,19 +181,14 @@ impl Probe<'_> {
     /// `None` outside the envelope.
     fn point(&self, position: DVec3) -> Option<PointProfile> {
         (self.field_depth_mm(position) >= 0.0).then(|| {
+            let plane = mirror_plane(self.facts);
             let point = self.sample(position, 0.0);
             let mut samples = self.way(position, -1.0);
             samples.reverse();
             samples.push(point.clone());
             samples.extend(self.way(position, 1.0));
             PointProfile {
-                side: stored_plane(self.facts).map(|plane| {
-                    if plane.normal().dot(position) > plane.offset_mm() {
-                        PatientSide::Left
-                    } else {
-                        PatientSide::Right
-                    }
-                }),
+                side: side_at(plane.normal().dot(position) - plane.offset_mm()),
                 junction_width: self.width(&point),
                 point,
                 samples,
@@ -353,11 +346,11 @@ mod tests {
     fn the_mirrored_point_is_as_deep_and_on_the_other_side() {
         let case = built();
         let place = place(&case.0);
-        let plane = stored_plane(&case.1).expect("a head has a plane");
+        let plane = mirror_plane(&case.1);
         let own = probe(&case).point(place).unwrap();
         let mirrored = probe(&case).point(plane.reflected(place)).unwrap();
-        assert_eq!(own.side, Some(PatientSide::Left));
-        assert_eq!(mirrored.side, Some(PatientSide::Right));
+        assert_eq!(own.side, PatientSide::Left);
+        assert_eq!(mirrored.side, PatientSide::Right);
         let depths = [&own, &mirrored].map(|profile| profile.point.depth_mm.unwrap());
         assert!((depths[0] - depths[1]).abs() < 1.5, "{depths:?}");
     }

@@ -2,16 +2,19 @@
 
 use std::net::IpAddr;
 
+use cases::arrivals::Reception;
 use cases::{Cases, Error, MAX_INSTANCE_BYTES};
 use dicom_ul::pdu::{AbortRQServiceProviderReason, AbortRQSource, PDataValue, PDataValueType, Pdu};
+use imaging::dicom::IMAGE_CLASSES;
 use storage::arrivals::ArrivalSource;
 use storage::{Spool, Spooled};
 use tokio::io::{AsyncRead, AsyncWrite};
 
 use crate::command::{self, Request, Status};
+use crate::counts::{AssociationCounts, Rejection};
 use crate::head::file_head;
-use crate::negotiate::{Accepted, Context, congestion, negotiate};
-use crate::options::DimseOptions;
+use crate::negotiate::{Accepted, Context, negotiate, rejection};
+use crate::options::{DimseOptions, is_aet};
 use crate::wire::{Wire, WireError, fragments, peer_max_length};
 
 /// Why an association ends early. It contains nothing that a peer has sent.
@@ -49,15 +52,32 @@ impl Abort {
     }
 }
 
+/// Who has connected.
+#[derive(Debug, Clone)]
+pub(crate) struct Caller {
+    pub(crate) address: IpAddr,
+    /// The titles that are listed with the address.
+    pub(crate) titles: Vec<String>,
+}
+
+/// A title that a peer has sent, for the log: it may be anything.
+fn shown(title: &str) -> &str {
+    let title = title.trim();
+    match is_aet(title) {
+        true => title,
+        false => "(no title)",
+    }
+}
+
 /// Serves an association; returns the number of images that were stored.
 pub(crate) async fn associate<S: AsyncRead + AsyncWrite + Unpin>(
     stream: S,
-    address: IpAddr,
+    caller: &Caller,
     cases: &Cases,
     options: &DimseOptions,
 ) -> Result<usize, Abort> {
     let mut wire = Wire::new(stream, options.idle);
-    let served = serve(&mut wire, address, cases, options).await;
+    let served = serve(&mut wire, caller, cases, options).await;
     if let Err(abort) = &served
         && let Some(reason) = abort.reason()
     {
@@ -75,34 +95,48 @@ pub(crate) async fn reject_for_now<S: AsyncRead + AsyncWrite + Unpin>(
 ) -> Result<(), Abort> {
     let mut wire = Wire::new(stream, options.idle);
     match wire.receive().await? {
-        Pdu::AssociationRQ(_) => Ok(wire.send(&Pdu::AssociationRJ(congestion())).await?),
+        Pdu::AssociationRQ(_) => Ok(wire
+            .send(&Pdu::AssociationRJ(rejection(Rejection::Limit)))
+            .await?),
         _ => Err(Abort::Unexpected),
     }
 }
 
 async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     wire: &mut Wire<S>,
-    address: IpAddr,
+    caller: &Caller,
     cases: &Cases,
     options: &DimseOptions,
 ) -> Result<usize, Abort> {
     let Pdu::AssociationRQ(request) = wire.receive().await? else {
         return Err(Abort::Unexpected);
     };
-    let Accepted { answer, contexts } = match negotiate(&request, address, options) {
+    let negotiated = negotiate(&request, &caller.titles, options);
+    let Accepted { answer, contexts } = match negotiated {
         Ok(accepted) => accepted,
-        Err(rejection) => {
-            wire.send(&Pdu::AssociationRJ(rejection)).await?;
+        Err(why) => {
+            options.counts.reject(why);
+            tracing::warn!(
+                address = %caller.address,
+                calling = shown(&request.calling_ae_title),
+                called = shown(&request.called_ae_title),
+                reason = why.name(),
+                "an association was rejected"
+            );
+            wire.send(&Pdu::AssociationRJ(rejection(why))).await?;
             return Err(Abort::Rejected);
         }
     };
+    let _running = options.counts.begin();
     wire.send(&Pdu::AssociationAC(answer)).await?;
     let peer_max_length = peer_max_length(&request.user_variables);
     let mut messages = Messages {
         cases,
+        counts: &options.counts,
         contexts: &contexts,
         state: State::Command(Vec::new()),
         stored: 0,
+        ignores_other_objects: options.ignores_other_objects,
     };
     loop {
         match wire.receive().await? {
@@ -138,9 +172,11 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
 /// Messages, put together of fragments.
 struct Messages<'a> {
     cases: &'a Cases,
+    counts: &'a AssociationCounts,
     contexts: &'a [Context],
     state: State,
     stored: usize,
+    ignores_other_objects: bool,
 }
 
 /// What comes next.
@@ -186,6 +222,9 @@ impl Messages<'_> {
                 mut file,
             } if !is_command && id == context => {
                 if file.len() + value.data.len() as u64 > MAX_INSTANCE_BYTES {
+                    if self.is_ignored(&request) {
+                        return Ok(self.ignore(request, context, Status::Success, value.is_last));
+                    }
                     return Err(Abort::TooLarge);
                 }
                 if let Err(error) = file.write(value.data.into()).await {
@@ -204,6 +243,7 @@ impl Messages<'_> {
                     Ok(file) => self.store(&request, file).await,
                     Err(error) => status_of(&error.into()),
                 };
+                self.counts.answered(status == Status::Success);
                 Ok(Some((context, request.response(status))))
             }
             State::Ignored {
@@ -226,6 +266,9 @@ impl Messages<'_> {
         is_last: bool,
     ) -> Option<(u8, Vec<u8>)> {
         if is_last {
+            if matches!(request, Request::Store { .. }) {
+                self.counts.answered(false);
+            }
             return Some((context, request.response(status)));
         }
         self.state = State::Ignored {
@@ -285,6 +328,8 @@ impl Messages<'_> {
         };
         let identity = match self.cases.headers.read(&file).await {
             Ok(identity) => identity,
+            // Nothing of it is kept, so nothing of it need be understood.
+            Err(Error::Failure(_)) if self.is_ignored(request) => return Status::Success,
             Err(error) => return status_of(&error),
         };
         let is_same = identity.sop_class_uid.as_str() == object.sop_class_uid
@@ -292,18 +337,33 @@ impl Messages<'_> {
         if !is_same {
             return Status::DataSetDoesNotMatch;
         }
+        let source = ArrivalSource::CStore;
         if !identity.is_image {
-            return Status::ClassNotSupported;
+            if !self.ignores_other_objects {
+                return Status::ClassNotSupported;
+            }
+            let ignored = self.cases.ignore(identity, source).await;
+            return ignored.map_or_else(|error| status_of(&error), |()| Status::Success);
         }
         let images = vec![(identity, file)];
-        let received = self.cases.receive(images, ArrivalSource::CStore);
-        match received.await {
-            Ok(_) => {
-                self.stored += 1;
-                Status::Success
-            }
-            Err(error) => status_of(&error),
+        let received = match self.cases.receive(images, source).await {
+            Ok(received) => received,
+            Err(error) => return status_of(&error),
+        };
+        self.stored += 1;
+        match received.first() {
+            Some(Reception::Corrected) => Status::Corrected,
+            Some(Reception::Refused) => Status::CannotUnderstand,
+            Some(Reception::Stored) | None => Status::Success,
         }
+    }
+
+    /// Whether an object is of a class of which nothing is kept.
+    fn is_ignored(&self, request: &Request) -> bool {
+        let Request::Store { object, .. } = request else {
+            return false;
+        };
+        self.ignores_other_objects && !IMAGE_CLASSES.contains(&object.sop_class_uid.as_str())
     }
 }
 

@@ -50,6 +50,8 @@ pub(crate) enum Request {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Status {
     Success = 0x0000,
+    /// A warning: coercion of data elements.
+    Corrected = 0xB000,
     OutOfResources = 0xA700,
     DataSetDoesNotMatch = 0xA900,
     CannotUnderstand = 0xC000,
@@ -136,8 +138,18 @@ pub(crate) fn store_request(object: &ObjectName) -> Vec<u8> {
     command_set(elements)
 }
 
-/// The status in the response to [`store_request`]; `None` if it is another message or damaged.
-pub(crate) fn status_of_store(bytes: &[u8]) -> Option<u16> {
+/// Our request for an echo.
+pub(crate) fn echo_request() -> Vec<u8> {
+    let mut elements = Vec::new();
+    element(&mut elements, 0x0002, &padded(VERIFICATION));
+    element(&mut elements, 0x0100, &C_ECHO.to_le_bytes());
+    element(&mut elements, 0x0110, &OUR_MESSAGE_ID.to_le_bytes());
+    element(&mut elements, 0x0800, &NO_DATA_SET.to_le_bytes());
+    command_set(elements)
+}
+
+/// The status in the response to [`store_request`] or [`echo_request`]; `None` if it is another message or damaged.
+pub(crate) fn status_of_response(bytes: &[u8]) -> Option<u16> {
     let (mut field, mut message_id, mut status) = (None, None, None);
     for (tag, value) in elements(bytes)? {
         match tag {
@@ -147,7 +159,8 @@ pub(crate) fn status_of_store(bytes: &[u8]) -> Option<u16> {
             _ => {}
         }
     }
-    let is_ours = field? == C_STORE | RESPONSE && message_id? == OUR_MESSAGE_ID;
+    let fields = [C_STORE, C_ECHO].map(|field| field | RESPONSE);
+    let is_ours = fields.contains(&field?) && message_id? == OUR_MESSAGE_ID;
     status.filter(|_| is_ours)
 }
 
@@ -251,12 +264,12 @@ mod tests {
         let message_id = OUR_MESSAGE_ID;
         assert_eq!(request, Request::Store { message_id, object });
         let response = request.response(Status::OutOfResources);
-        assert_eq!(status_of_store(&response), Some(0xA700));
-        assert_eq!(status_of_store(&response[..40]), None);
+        assert_eq!(status_of_response(&response), Some(0xA700));
+        assert_eq!(status_of_response(&response[..40]), None);
         let echo = Request::Echo { message_id };
-        assert_eq!(status_of_store(&echo.response(Status::Success)), None);
+        assert_eq!(status_of_response(&echo.response(Status::Success)), None);
         let other = Request::parse(&store()).unwrap();
-        assert_eq!(status_of_store(&other.response(Status::Success)), None);
+        assert_eq!(status_of_response(&other.response(Status::Success)), None);
     }
 
     #[test]
@@ -281,7 +294,7 @@ mod tests {
                 let at = at.index(set.len());
                 set[at] = byte;
             }
-            status_of_store(&set);
+            status_of_response(&set);
             if let Some(request) = Request::parse(&set) {
                 request.response(Status::Success);
             }

@@ -5,19 +5,24 @@
 
 mod association;
 mod command;
+mod counts;
 mod head;
 mod listen;
 mod negotiate;
 mod node;
 mod options;
 mod outcome;
+mod peers;
 mod tls;
 mod wire;
 
+pub use self::counts::{AssociationCounts, Rejection};
 pub use self::listen::serve;
 pub use self::node::{BadStorageNode, StorageNode};
-pub use self::options::{DimseOptions, Peer, is_aet};
+pub use self::options::{DimseOptions, is_aet};
 pub use self::outcome::NotStored;
+pub use self::peers::{Peer, PeerAddress};
 pub use self::tls::{
-    BadTls, ConnectingTls, ListeningTls, TlsAuthority, TlsIdentity, connecting_tls, listening_tls,
+    BadTls, ConnectingTls, ListeningTls, ReloadedTls, TlsAuthority, TlsIdentity, connecting_tls,
+    listening_tls,
 };

@@ -1,6 +1,5 @@
 //! The listener: who may connect, and how many at a time.
 
-use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -10,8 +9,10 @@ use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
 
-use crate::association::{Abort, associate, reject_for_now};
+use crate::association::{Abort, Caller, associate, reject_for_now};
+use crate::counts::Rejection;
 use crate::options::DimseOptions;
+use crate::peers::Peers;
 use crate::wire::{Connection, WireError};
 
 /// As many connections beyond the limit of associations are told so at a time; more are closed.
@@ -30,6 +31,10 @@ pub async fn serve(
     stop: impl Future<Output = ()>,
     grace: Duration,
 ) {
+    if options.peers.is_empty() {
+        tracing::warn!("nobody may send images by C-STORE: list the peers in `pacs.dimse.peers`");
+    }
+    let peers = Peers::new(options.peers.clone());
     let options = Arc::new(options);
     let room = Arc::new(Semaphore::new(options.max_associations));
     let door = Arc::new(Semaphore::new(MAX_REFUSALS));
@@ -50,13 +55,16 @@ pub async fn serve(
                 continue;
             }
         };
-        if !options.knows(address, None) {
-            tracing::warn!("a connection for DIMSE from an address that is not listed was closed");
+        let titles = peers.titles_at(address).await;
+        if titles.is_empty() {
+            let reason = reject(&options, Rejection::Address);
+            tracing::warn!(%address, reason, "a connection for DIMSE was closed");
             continue;
         }
         let (cases, options) = (cases.clone(), Arc::clone(&options));
         let Ok(place) = Arc::clone(&room).try_acquire_owned() else {
-            tracing::warn!("too many associations: a request was rejected");
+            let reason = reject(&options, Rejection::Limit);
+            tracing::warn!(%address, reason, "an association was rejected");
             if let Ok(turn) = Arc::clone(&door).try_acquire_owned() {
                 associations.spawn(async move {
                     let rejection = refuse_one(stream, &options);
@@ -67,7 +75,8 @@ pub async fn serve(
             continue;
         };
         associations.spawn(async move {
-            serve_one(stream, address, &cases, &options).await;
+            let caller = Caller { address, titles };
+            serve_one(stream, &caller, &cases, &options).await;
             drop(place);
         });
     }
@@ -78,6 +87,12 @@ pub async fn serve(
     }
 }
 
+/// Counts a rejection; returns its name.
+fn reject(options: &DimseOptions, why: Rejection) -> &'static str {
+    options.counts.reject(why);
+    why.name()
+}
+
 /// The connection, by TLS if that is configured.
 async fn secured(
     stream: TcpStream,
@@ -86,7 +101,7 @@ async fn secured(
     let Some(tls) = &options.tls else {
         return Ok(Box::new(stream));
     };
-    let accepting = TlsAcceptor::from(Arc::clone(tls)).accept(stream);
+    let accepting = TlsAcceptor::from(tls.current()).accept(stream);
     let accepted = tokio::time::timeout(options.idle, accepting).await;
     Ok(Box::new(accepted.map_err(|_elapsed| WireError::Silent)??))
 }
@@ -96,17 +111,21 @@ async fn refuse_one(stream: TcpStream, options: &DimseOptions) -> Result<(), Abo
     reject_for_now(stream, options).await
 }
 
-async fn serve_one(stream: TcpStream, address: IpAddr, cases: &Cases, options: &DimseOptions) {
+async fn serve_one(stream: TcpStream, caller: &Caller, cases: &Cases, options: &DimseOptions) {
     if let Err(error) = stream.set_nodelay(true) {
         tracing::debug!(%error, "TCP_NODELAY refused");
     }
     let association = async {
         let stream = secured(stream, options).await?;
-        associate(stream, address, cases, options).await
+        associate(stream, caller, cases, options).await
     };
+    let address = caller.address;
     match tokio::time::timeout(options.whole, association).await {
-        Ok(Ok(images)) => tracing::debug!(images, "an association ended"),
-        Ok(Err(error)) => tracing::info!(%error, "an association was aborted"),
-        Err(_elapsed) => tracing::info!("an association took too long"),
+        Ok(Ok(0)) => tracing::debug!(%address, "an association ended"),
+        Ok(Ok(images)) => tracing::info!(%address, images, "images were stored by C-STORE"),
+        // It has a line of its own.
+        Ok(Err(Abort::Rejected)) => {}
+        Ok(Err(error)) => tracing::info!(%address, %error, "an association was aborted"),
+        Err(_elapsed) => tracing::info!(%address, "an association took too long"),
     }
 }

@@ -1,30 +1,21 @@
 //! The negotiation of an association (PS3.8 §7.1, §9.3).
 
-use std::net::IpAddr;
-
+use crate::options::DimseOptions;
 use dicom_ul::pdu::{
     AssociationAC, AssociationRJ, AssociationRJResult,
     AssociationRJServiceProviderPresentationReason, AssociationRJServiceUserReason,
     AssociationRJSource, AssociationRQ, PresentationContextProposed, PresentationContextResult,
     PresentationContextResultReason as Reason, UserVariableItem,
 };
+use imaging::dicom::write::{IMPLEMENTATION_CLASS_UID, IMPLEMENTATION_VERSION_NAME};
 use imaging::dicom::{IMAGE_CLASSES, TRANSFER_SYNTAXES};
 
 use crate::command::VERIFICATION;
-use crate::options::DimseOptions;
+use crate::counts::Rejection;
 use crate::wire::MAX_PDU_LENGTH;
 
 /// The context of all DICOM applications (PS3.7 A.2.1).
 const APPLICATION_CONTEXT: &str = "1.2.840.10008.3.1.1.1";
-
-/// Our implementation, made from a UUID (PS3.5 B.2).
-const IMPLEMENTATION_CLASS: &str = "2.25.128694716284019362450871639201743650912";
-const IMPLEMENTATION_VERSION: &str = concat!(
-    "ISOCORTEX_",
-    env!("CARGO_PKG_VERSION_MAJOR"),
-    "_",
-    env!("CARGO_PKG_VERSION_MINOR")
-);
 
 /// Explicit VR Little Endian, in which we write.
 pub(crate) const EXPLICIT: &str = TRANSFER_SYNTAXES[0];
@@ -47,32 +38,27 @@ pub(crate) struct Accepted {
     pub(crate) contexts: Vec<Context>,
 }
 
-/// Accepts a request from a listed peer.
+/// Accepts a request of a peer with one of these titles, if it asks for ours.
 ///
 /// # Errors
-/// The rejection.
+/// Why it is rejected.
 pub(crate) fn negotiate(
     request: &AssociationRQ,
-    address: IpAddr,
+    titles: &[String],
     options: &DimseOptions,
-) -> Result<Accepted, AssociationRJ> {
+) -> Result<Accepted, Rejection> {
     if request.protocol_version & 1 == 0 || request.application_context_name != APPLICATION_CONTEXT
     {
-        return Err(rejection(
-            AssociationRJServiceUserReason::ApplicationContextNameNotSupported,
-        ));
+        return Err(Rejection::Context);
     }
     if request.called_ae_title != options.aet {
-        return Err(rejection(
-            AssociationRJServiceUserReason::CalledAETitleNotRecognized,
-        ));
+        return Err(Rejection::CalledTitle);
     }
-    if !options.knows(address, Some(&request.calling_ae_title)) {
-        return Err(rejection(
-            AssociationRJServiceUserReason::CallingAETitleNotRecognized,
-        ));
+    if !titles.contains(&request.calling_ae_title) {
+        return Err(Rejection::CallingTitle);
     }
-    let results: Vec<_> = request.presentation_contexts.iter().map(result).collect();
+    let proposed = request.presentation_contexts.iter();
+    let results: Vec<_> = proposed.map(|proposed| result(proposed, options)).collect();
     let accepted = request.presentation_contexts.iter().zip(&results);
     let contexts = accepted
         .filter(|(_, result)| result.reason == Reason::Acceptance)
@@ -97,8 +83,8 @@ pub(crate) fn negotiate(
 fn user_variables() -> Vec<UserVariableItem> {
     vec![
         UserVariableItem::MaxLength(MAX_PDU_LENGTH),
-        UserVariableItem::ImplementationClassUID(IMPLEMENTATION_CLASS.to_owned()),
-        UserVariableItem::ImplementationVersionName(IMPLEMENTATION_VERSION.to_owned()),
+        UserVariableItem::ImplementationClassUID(IMPLEMENTATION_CLASS_UID.to_owned()),
+        UserVariableItem::ImplementationVersionName(IMPLEMENTATION_VERSION_NAME.to_owned()),
     ]
 }
 
@@ -123,30 +109,55 @@ pub(crate) fn request_to_store(
     }
 }
 
-/// The rejection of a request beyond the limit of associations, which may be sent again.
-pub(crate) fn congestion() -> AssociationRJ {
-    let reason = AssociationRJServiceProviderPresentationReason::LocalLimitExceeded;
-    AssociationRJ {
-        result: AssociationRJResult::Transient,
-        source: AssociationRJSource::ServiceProviderPresentation(reason),
-    }
-}
-
-fn rejection(reason: AssociationRJServiceUserReason) -> AssociationRJ {
+/// The answer to a request that is rejected. One beyond the limit of associations may be sent again.
+pub(crate) fn rejection(why: Rejection) -> AssociationRJ {
+    use AssociationRJServiceUserReason as Reason;
+    let reason = match why {
+        Rejection::Limit => {
+            let reason = AssociationRJServiceProviderPresentationReason::LocalLimitExceeded;
+            return AssociationRJ {
+                result: AssociationRJResult::Transient,
+                source: AssociationRJSource::ServiceProviderPresentation(reason),
+            };
+        }
+        Rejection::Context => Reason::ApplicationContextNameNotSupported,
+        Rejection::CalledTitle => Reason::CalledAETitleNotRecognized,
+        Rejection::CallingTitle | Rejection::Address => Reason::CallingAETitleNotRecognized,
+    };
     AssociationRJ {
         result: AssociationRJResult::Permanent,
         source: AssociationRJSource::ServiceUser(reason),
     }
 }
 
-/// The first of our transfer syntaxes that is proposed for a class that we know.
-fn result(proposed: &PresentationContextProposed) -> PresentationContextResult {
+/// Whether a class may be one of objects that are stored: of the standard (PS3.4 B.5), or of a manufacturer.
+fn is_storage(class: &str) -> bool {
+    let standard = class.strip_prefix("1.2.840.10008.");
+    standard.is_none_or(|rest| rest.starts_with("5.1.4.1.1."))
+}
+
+/// The first of our transfer syntaxes that is proposed for a class that we know; any syntax of an object that is not kept.
+fn result(
+    proposed: &PresentationContextProposed,
+    options: &DimseOptions,
+) -> PresentationContextResult {
     let class = proposed.abstract_syntax.trim_end_matches('\0');
     let ours: &[&str] = match class {
         VERIFICATION => &TRANSFER_SYNTAXES[..2],
         class if IMAGE_CLASSES.contains(&class) => &TRANSFER_SYNTAXES,
         _ => &[],
     };
+    if ours.is_empty()
+        && options.ignores_other_objects
+        && is_storage(class)
+        && let Some(syntax) = proposed.transfer_syntaxes.first()
+    {
+        return PresentationContextResult {
+            id: proposed.id,
+            reason: Reason::Acceptance,
+            transfer_syntax: syntax.clone(),
+        };
+    }
     let is_proposed = |ours: &&&str| {
         let mut proposed = proposed.transfer_syntaxes.iter();
         proposed.any(|syntax| syntax.trim_end_matches('\0') == **ours)
@@ -166,17 +177,20 @@ fn result(proposed: &PresentationContextProposed) -> PresentationContextResult {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::options::Peer;
 
     const MR: &str = "1.2.840.10008.5.1.4.1.1.4";
+
+    fn negotiated(request: &AssociationRQ) -> Result<Accepted, Rejection> {
+        negotiate(request, &titles(), &options())
+    }
+
+    fn titles() -> [String; 1] {
+        ["SENDER".to_owned()]
+    }
 
     fn options() -> DimseOptions {
         DimseOptions {
             aet: "ISOCORTEX".to_owned(),
-            peers: vec![Peer {
-                aet: "SENDER".to_owned(),
-                address: [127, 0, 0, 1].into(),
-            }],
             ..DimseOptions::default()
         }
     }
@@ -200,20 +214,23 @@ mod tests {
 
     #[test]
     fn images_are_accepted_in_every_syntax_that_is_read() {
-        let local: IpAddr = [127, 0, 0, 1].into();
         let mut contexts: Vec<(&str, &[&str])> = TRANSFER_SYNTAXES
             .iter()
             .map(|syntax| (MR, std::slice::from_ref(syntax)))
             .collect();
         contexts.push((VERIFICATION, &["1.2.840.10008.1.2"]));
-        let accepted = negotiate(&request(&contexts), local, &options()).unwrap();
+        let accepted = negotiated(&request(&contexts)).unwrap();
         assert_eq!(accepted.contexts.len(), TRANSFER_SYNTAXES.len() + 1);
         let others: [(&str, &[&str]); 3] = [
             (MR, &["1.2.840.10008.1.2.4.100", "1.2.840.10008.1.2.4.110"]),
             ("1.2.840.10008.5.1.4.1.1.88.11", &["1.2.840.10008.1.2"]),
             (MR, &["1.2.840.10008.1.2", "1.2.840.10008.1.2.1"]),
         ];
-        let accepted = negotiate(&request(&others), local, &options()).unwrap();
+        let strict = DimseOptions {
+            ignores_other_objects: false,
+            ..options()
+        };
+        let accepted = negotiate(&request(&others), &titles(), &strict).unwrap();
         let reasons = accepted.answer.presentation_contexts.iter();
         let reasons: Vec<_> = reasons.map(|result| result.reason.clone()).collect();
         assert_eq!(
@@ -226,22 +243,31 @@ mod tests {
         );
         assert_eq!(accepted.contexts[0].transfer_syntax, "1.2.840.10008.1.2.1");
         assert_eq!(accepted.contexts[0].id, 5);
+        // Objects that are not kept may come in any syntax; what is no storage may not.
+        let others: [(&str, &[&str]); 3] = [
+            (
+                "1.2.840.10008.5.1.4.1.1.104.1",
+                &["1.2.840.10008.1.2.4.100"],
+            ),
+            ("1.3.12.2.1107.5.9.1", &["1.2.840.10008.1.2"]),
+            ("1.2.840.10008.5.1.4.1.2.2.1", &["1.2.840.10008.1.2"]),
+        ];
+        let accepted = negotiated(&request(&others)).unwrap();
+        let ids: Vec<_> = accepted.contexts.iter().map(|context| context.id).collect();
+        assert_eq!(ids, [1, 3]);
     }
 
     #[test]
     fn strangers_are_rejected() {
-        let local: IpAddr = [127, 0, 0, 1].into();
         let known = request(&[]);
-        assert!(negotiate(&known, local, &options()).is_ok());
-        assert!(negotiate(&known, [127, 0, 0, 2].into(), &options()).is_err());
-        let mut other = known.clone();
-        other.calling_ae_title = "OTHER".to_owned();
-        assert!(negotiate(&other, local, &options()).is_err());
+        assert!(negotiated(&known).is_ok());
+        let refused = negotiate(&known, &["OTHER".to_owned()], &options());
+        assert_eq!(refused.err(), Some(Rejection::CallingTitle));
         let mut other = known.clone();
         other.called_ae_title = "OTHER".to_owned();
-        assert!(negotiate(&other, local, &options()).is_err());
+        assert_eq!(negotiated(&other).err(), Some(Rejection::CalledTitle));
         let mut other = known;
         other.application_context_name = "1.2".to_owned();
-        assert!(negotiate(&other, local, &options()).is_err());
+        assert_eq!(negotiated(&other).err(), Some(Rejection::Context));
     }
 }

@@ -12,7 +12,7 @@ use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::rustls::pki_types::ServerName;
 
-use crate::command::{self, status_of_store, store_request};
+use crate::command::{self, VERIFICATION, echo_request, status_of_response, store_request};
 use crate::head::FileHead;
 use crate::negotiate::{EXPLICIT, IMPLICIT, request_to_store};
 use crate::options::is_aet;
@@ -31,6 +31,9 @@ const ANSWER: Duration = Duration::from_secs(300);
 
 /// How long an object may take in all.
 const WHOLE: Duration = Duration::from_secs(600);
+
+/// How long an echo may take in all.
+const ECHO: Duration = Duration::from_secs(20);
 
 /// How long to wait until a node agrees that all is done.
 const RELEASE: Duration = Duration::from_secs(5);
@@ -109,11 +112,21 @@ impl StorageNode {
     /// [`NotStored`]. The node may have it nevertheless, if its answer was lost.
     pub async fn store(&self, file: &Bytes) -> Result<(), NotStored> {
         let object = Object::read(file.clone()).ok_or(NotStored::Object)?;
-        let stored = tokio::time::timeout(WHOLE, self.connect_and_store(object)).await;
+        let errand = Errand::Store(Box::new(object));
+        let stored = tokio::time::timeout(WHOLE, self.connect_and_do(errand)).await;
         stored.map_err(|_elapsed| NotStored::Silent)?
     }
 
-    async fn connect_and_store(&self, object: Object) -> Result<(), NotStored> {
+    /// Asks the node whether it is there and knows us (C-ECHO).
+    ///
+    /// # Errors
+    /// [`NotStored`], in the words of storing, since that is what would fail.
+    pub async fn echo(&self) -> Result<(), NotStored> {
+        let answered = tokio::time::timeout(ECHO, self.connect_and_do(Errand::Echo)).await;
+        answered.map_err(|_elapsed| NotStored::Silent)?
+    }
+
+    async fn connect_and_do(&self, errand: Errand) -> Result<(), NotStored> {
         let stream = tokio::time::timeout(CONNECT, TcpStream::connect(&self.address)).await;
         let stream = stream.map_err(|_elapsed| NotStored::Unreachable)?;
         let stream = stream.map_err(|_| NotStored::Unreachable)?;
@@ -121,24 +134,24 @@ impl StorageNode {
             tracing::debug!(%error, "TCP_NODELAY refused");
         }
         let Some((tls, name)) = &self.tls else {
-            return self.store_over(stream, object).await;
+            return self.do_over(stream, errand).await;
         };
         let connecting = TlsConnector::from(Arc::clone(tls)).connect(name.clone(), stream);
         let stream = tokio::time::timeout(CONNECT, connecting).await;
         let stream = stream.map_err(|_elapsed| NotStored::Silent)?;
         let stream = stream.map_err(WireError::Lost)?;
-        self.store_over(stream, object).await
+        self.do_over(stream, errand).await
     }
 
-    async fn store_over<S: AsyncRead + AsyncWrite + Unpin>(
+    async fn do_over<S: AsyncRead + AsyncWrite + Unpin>(
         &self,
         stream: S,
-        object: Object,
+        errand: Errand,
     ) -> Result<(), NotStored> {
         let mut wire = Wire::new(stream, IDLE);
-        let stored = self.associate_and_store(&mut wire, object).await;
+        let done = self.associate_and_do(&mut wire, errand).await;
         // The node may be gone, and what it has stored stays stored.
-        let _ = match stored {
+        let _ = match done {
             Ok(()) | Err(NotStored::Status(_) | NotStored::Class) => release(&mut wire).await,
             Err(NotStored::Unreadable | NotStored::Silent | NotStored::Object) => {
                 let source = AbortRQSource::ServiceUser;
@@ -146,15 +159,18 @@ impl StorageNode {
             }
             Err(_) => Ok(()),
         };
-        stored
+        done
     }
 
-    async fn associate_and_store<S: AsyncRead + AsyncWrite + Unpin>(
+    async fn associate_and_do<S: AsyncRead + AsyncWrite + Unpin>(
         &self,
         wire: &mut Wire<S>,
-        object: Object,
+        errand: Errand,
     ) -> Result<(), NotStored> {
-        let class = &object.head.object.sop_class_uid;
+        let class = match &errand {
+            Errand::Echo => VERIFICATION,
+            Errand::Store(object) => object.head.object.sop_class_uid.as_str(),
+        };
         let request = request_to_store(CONTEXT, class, &self.our_aet, &self.aet);
         wire.send(&Pdu::AssociationRQ(request)).await?;
         let answer = match wire.receive().await? {
@@ -163,8 +179,18 @@ impl StorageNode {
             Pdu::AbortRQ { .. } => return Err(NotStored::Aborted),
             _ => return Err(NotStored::Unreadable),
         };
-        let object = object.in_syntax(accepted_syntax(&answer)?).await?;
+        let syntax = accepted_syntax(&answer)?;
         let max_length = peer_max_length(&answer.user_variables);
+        let object = match errand {
+            Errand::Echo => {
+                let command = echo_request();
+                for part in fragments(&command, PDataValueType::Command, CONTEXT, max_length) {
+                    wire.send(&Pdu::PData { data: vec![part] }).await?;
+                }
+                return is_stored(status(wire).await?);
+            }
+            Errand::Store(object) => object.in_syntax(syntax).await?,
+        };
         let command = store_request(&object.head.object);
         let command = fragments(&command, PDataValueType::Command, CONTEXT, max_length);
         let data = fragments(object.data_set(), PDataValueType::Data, CONTEXT, max_length);
@@ -173,6 +199,12 @@ impl StorageNode {
         }
         is_stored(status(wire).await?)
     }
+}
+
+/// What an association is for.
+enum Errand {
+    Echo,
+    Store(Box<Object>),
 }
 
 /// An object in a file.
@@ -236,7 +268,7 @@ async fn status<S: AsyncRead + AsyncWrite + Unpin>(wire: &mut Wire<S>) -> Result
             }
             bytes.extend(value.data);
             if value.is_last {
-                return status_of_store(&bytes).ok_or(NotStored::Unreadable);
+                return status_of_response(&bytes).ok_or(NotStored::Unreadable);
             }
         }
     }
@@ -258,7 +290,7 @@ mod tests {
         PresentationContextResult, UserVariableItem,
     };
     use imaging::dicom::Attributes;
-    use imaging::dicom::write::{Head, Pictures, pictures};
+    use imaging::dicom::write::{Head, Laterality, Pictures, pictures};
     use tokio::io::DuplexStream;
 
     const MAX_LENGTH: u32 = 256;
@@ -289,6 +321,7 @@ mod tests {
             version: "1",
             date: "20261122",
             time: "153000",
+            offset: None,
             is_annotated: false,
             is_recognizable: None,
         };
@@ -297,6 +330,8 @@ mod tests {
             height: 10,
             rgb: (0..600_u32).map(|value| value as u8).collect(),
             cine: None,
+            orientation: None,
+            laterality: Laterality::Both,
         };
         pictures(&head, picture).unwrap().into()
     }
@@ -395,7 +430,7 @@ mod tests {
         let (here, there) = tokio::io::duplex(1000);
         let playing = tokio::spawn(play(there, node));
         let object = Object::read(file()).unwrap();
-        let sent = ours().store_over(here, object).await;
+        let sent = ours().do_over(here, Errand::Store(Box::new(object))).await;
         (sent, playing.await.unwrap())
     }
 

@@ -1,18 +1,11 @@
 //! The options of the listener.
 
-use std::net::IpAddr;
+use std::sync::Arc;
 use std::time::Duration;
 
-use crate::tls::ListeningTls;
-
-/// A peer that may store images.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Peer {
-    /// Its application entity title.
-    pub aet: String,
-    /// The address that it connects from.
-    pub address: IpAddr,
-}
+use crate::counts::AssociationCounts;
+use crate::peers::Peer;
+use crate::tls::ReloadedTls;
 
 /// Whether a text is an application entity title (PS3.5 §6.2).
 pub fn is_aet(text: &str) -> bool {
@@ -34,7 +27,11 @@ pub struct DimseOptions {
     /// How long an association may last.
     pub whole: Duration,
     /// TLS; without it, nothing is encrypted.
-    pub tls: Option<ListeningTls>,
+    pub tls: Option<ReloadedTls>,
+    /// Whether objects that are no images are accepted and not kept; otherwise they are refused.
+    pub ignores_other_objects: bool,
+    /// What is counted.
+    pub counts: Arc<AssociationCounts>,
 }
 
 impl Default for DimseOptions {
@@ -46,17 +43,8 @@ impl Default for DimseOptions {
             idle: Duration::from_secs(30),
             whole: Duration::from_secs(3600),
             tls: None,
+            ignores_other_objects: true,
+            counts: Arc::default(),
         }
-    }
-}
-
-impl DimseOptions {
-    /// Whether a peer is listed; without a title, whether its address is.
-    pub(crate) fn knows(&self, address: IpAddr, aet: Option<&str>) -> bool {
-        // An IPv4 address may come in the form of IPv6.
-        let address = address.to_canonical();
-        self.peers.iter().any(|peer| {
-            peer.address.to_canonical() == address && aet.is_none_or(|aet| aet == peer.aet)
-        })
     }
 }

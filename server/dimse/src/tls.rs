@@ -1,6 +1,6 @@
 //! TLS for associations (PS3.15 annex B): the listener proves who it is, and so may both sides.
 
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError, RwLock};
 
 use tokio_rustls::rustls::crypto::ring;
 use tokio_rustls::rustls::pki_types::pem::PemObject as _;
@@ -10,6 +10,26 @@ use tokio_rustls::rustls::{ClientConfig, RootCertStore, ServerConfig};
 
 /// TLS of the listener.
 pub type ListeningTls = Arc<ServerConfig>;
+
+/// TLS of the listener, which can be replaced while it listens. Cheap to clone: all clones are replaced together.
+#[derive(Debug, Clone)]
+pub struct ReloadedTls(Arc<RwLock<ListeningTls>>);
+
+impl ReloadedTls {
+    /// Begins with one.
+    pub fn new(tls: ListeningTls) -> Self {
+        Self(Arc::new(RwLock::new(tls)))
+    }
+
+    /// Uses another one for every connection from now on.
+    pub fn replace(&self, tls: ListeningTls) {
+        *self.0.write().unwrap_or_else(PoisonError::into_inner) = tls;
+    }
+
+    pub(crate) fn current(&self) -> ListeningTls {
+        Arc::clone(&self.0.read().unwrap_or_else(PoisonError::into_inner))
+    }
+}
 
 /// TLS towards a node.
 pub type ConnectingTls = Arc<ClientConfig>;

@@ -1,7 +1,7 @@
 //! Access control: the bearer token, the Host header, and pages of other sites.
 
 use std::net::IpAddr;
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError, RwLock};
 
 use axum::extract::{Request, State};
 use axum::http::uri::Authority;
@@ -14,10 +14,17 @@ use base64::prelude::BASE64_STANDARD;
 use crate::door::Connection;
 use crate::guesses::Guesses;
 use crate::listen::Peer;
+use crate::origins::Origins;
 use crate::problem::AppError;
 
 /// The fewest characters of a bearer token: 16 random ones cannot be guessed.
 pub const MIN_TOKEN_LENGTH: usize = 16;
+
+/// Where DICOMweb clients ask.
+const DICOMWEB: &str = "/dicomweb/";
+
+/// Asks for the token as a password.
+const BASIC: HeaderValue = HeaderValue::from_static("Basic realm=\"isocortex\", charset=\"UTF-8\"");
 
 /// The access rules.
 ///
@@ -26,9 +33,10 @@ pub const MIN_TOKEN_LENGTH: usize = 16;
 /// resolves to 127.0.0.1.
 #[derive(Debug, Clone, Default)]
 pub struct Access {
-    /// A digest, so that tokens of any length are compared in constant time.
-    token: Option<blake3::Hash>,
+    /// A digest, so that tokens of any length are compared in constant time. All clones share it, because it can be replaced.
+    token: Arc<RwLock<Option<blake3::Hash>>>,
     guesses: Arc<Guesses>,
+    origins: Origins,
 }
 
 /// The token is too weak.
@@ -52,22 +60,46 @@ impl Access {
             return Err(BadToken);
         }
         Ok(Self {
-            token: Some(blake3::hash(token.as_bytes())),
-            guesses: Arc::default(),
+            token: Arc::new(RwLock::new(Some(blake3::hash(token.as_bytes())))),
+            ..Self::default()
         })
+    }
+
+    /// The same, for pages of other origins too.
+    #[must_use]
+    pub fn with_origins(self, origins: Origins) -> Self {
+        Self { origins, ..self }
+    }
+
+    /// The origins whose pages have access.
+    pub fn origins(&self) -> &Origins {
+        &self.origins
+    }
+
+    /// Accepts the token of other rules from now on, and the one of before no longer. Whether a token is required stays as
+    /// it was.
+    pub fn replace_token(&self, other: &Self) {
+        let token = other.token();
+        if self.wants_token() && token.is_some() {
+            *self.token.write().unwrap_or_else(PoisonError::into_inner) = token;
+        }
+    }
+
+    fn token(&self) -> Option<blake3::Hash> {
+        *self.token.read().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Whether a token is required.
     pub fn wants_token(&self) -> bool {
-        self.token.is_some()
+        self.token().is_some()
     }
 
     fn check_token(&self, headers: &HeaderMap) -> Result<(), AppError> {
-        let Some(expected) = &self.token else {
+        let Some(expected) = self.token() else {
             return Ok(());
         };
         let given = given_token(headers).ok_or(AppError::Unauthorized)?;
-        if blake3::hash(&given) == *expected {
+        if blake3::hash(&given) == expected {
             Ok(())
         } else {
             Err(AppError::Unauthorized)
@@ -174,7 +206,8 @@ pub async fn guard_origin(
     next: Next,
 ) -> Result<Response, AppError> {
     access.check_host(request.uri(), request.headers())?;
-    if is_cross_site_change(request.method(), request.uri(), request.headers()) {
+    let is_cross_site = is_cross_site_change(request.method(), request.uri(), request.headers());
+    if is_cross_site && access.origins.allowed(request.headers()).is_none() {
         return Err(AppError::CrossSite);
     }
     Ok(next.run(request).await)
@@ -201,11 +234,19 @@ pub async fn require_token(
         };
     };
     // A request without a token is not a guess.
-    if given_token(request.headers()).is_none() {
-        return Err(refusal);
-    }
-    let Some(wait) = access.guesses.record(Peer::of(&request)) else {
-        return Err(refusal);
+    let wait = match given_token(request.headers()) {
+        Some(_) => access.guesses.record(Peer::of(&request)),
+        None => None,
+    };
+    let Some(wait) = wait else {
+        let mut response = refusal.into_response();
+        // Some DICOMweb clients send a password only if they are asked for one. A browser would ask its user, so the page,
+        // which never asks here, must not see this.
+        if request.uri().path().starts_with(DICOMWEB) {
+            let headers = response.headers_mut();
+            headers.append(header::WWW_AUTHENTICATE, BASIC);
+        }
+        return Ok(response);
     };
     let response = AppError::TooManyGuesses { wait }.into_response();
     let shared = connection.is_some_and(|connection| connection.is_shared());
@@ -225,6 +266,20 @@ mod tests {
 
     fn with_header(name: header::HeaderName, value: &str) -> HeaderMap {
         HeaderMap::from_iter([(name, value.parse().unwrap())])
+    }
+
+    #[test]
+    fn a_token_is_replaced_for_all_clones_and_never_removed() {
+        let access = Access::with_token("0123456789abcdef").unwrap();
+        let clone = access.clone();
+        let opens = |token: &str| {
+            let header = with_header(header::AUTHORIZATION, &format!("Bearer {token}"));
+            clone.check_token(&header).is_ok()
+        };
+        access.replace_token(&Access::with_token("fedcba9876543210").unwrap());
+        assert!(opens("fedcba9876543210") && !opens("0123456789abcdef"));
+        access.replace_token(&Access::of_this_machine());
+        assert!(opens("fedcba9876543210") && !opens(""));
     }
 
     #[test]

@@ -10,6 +10,7 @@ pub mod listen;
 pub mod logs;
 pub mod metrics;
 pub mod negotiate;
+pub mod origins;
 pub mod pace;
 pub mod places;
 pub mod problem;

@@ -1,16 +1,18 @@
 //! Counts and times for Prometheus.
 
 use std::fmt;
-use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use futures_util::future::BoxFuture;
 use prometheus_client::encoding::EncodeLabelSet;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::Histogram;
 use prometheus_client::registry::{Registry, Unit};
+use tokio::time::Timeout;
 
 /// Upper bounds of the buckets of answer times, in seconds.
 const TIME_CLASSES: [f64; 12] = [
@@ -30,8 +32,86 @@ struct RouteLabels {
     route: String,
 }
 
+/// A figure with a value for each combination of labels, which is read when it is asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    /// Its name, with the unit at its end and without `_total`.
+    pub name: &'static str,
+    /// What it counts or measures.
+    pub help: &'static str,
+    /// Whether it only grows until the process ends.
+    pub is_counter: bool,
+    /// Labels, and the value.
+    pub values: Vec<(Vec<(&'static str, String)>, f64)>,
+}
+
+impl Figure {
+    /// A value that rises and falls.
+    pub fn gauge(name: &'static str, help: &'static str) -> Self {
+        Self {
+            name,
+            help,
+            is_counter: false,
+            values: Vec::new(),
+        }
+    }
+
+    /// A value that only grows.
+    pub fn counter(name: &'static str, help: &'static str) -> Self {
+        Self {
+            is_counter: true,
+            ..Self::gauge(name, help)
+        }
+    }
+
+    /// The same with the value of a combination of labels.
+    #[must_use]
+    pub fn with(mut self, labels: &[(&'static str, &str)], value: f64) -> Self {
+        let labels = labels.iter().map(|&(name, value)| (name, value.to_owned()));
+        self.values.push((labels.collect(), value));
+        self
+    }
+
+    fn write(&self, text: &mut String) {
+        let kind = if self.is_counter { "counter" } else { "gauge" };
+        let suffix = if self.is_counter { "_total" } else { "" };
+        let Self { name, help, .. } = self;
+        text.push_str(&format!("# HELP {name} {help}.\n# TYPE {name} {kind}\n"));
+        for (labels, value) in &self.values {
+            let labels: Vec<_> = labels
+                .iter()
+                .map(|(name, value)| format!("{name}=\"{}\"", escaped(value)))
+                .collect();
+            let labels = match labels.is_empty() {
+                true => String::new(),
+                false => format!("{{{}}}", labels.join(",")),
+            };
+            text.push_str(&format!("{name}{suffix}{labels} {value}\n"));
+        }
+    }
+}
+
+fn escaped(value: &str) -> String {
+    value
+        .replace('\\', "\\\\")
+        .replace('"', "\\\"")
+        .replace('\n', "\\n")
+}
+
+/// What reads figures.
+pub type Source = Arc<dyn Fn() -> BoxFuture<'static, Vec<Figure>> + Send + Sync>;
+
+/// How long all figures may take.
+const LONGEST_READING: Duration = Duration::from_secs(2);
+
+/// The media type of OpenMetrics.
+pub const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
+/// The last line of OpenMetrics.
+const END: &str = "# EOF\n";
+
 /// The service's metrics. Cheap to clone: all clones count into the same.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Metrics {
     registry: Arc<Registry>,
     requests: Family<RequestLabels, Counter>,
@@ -39,6 +119,13 @@ pub struct Metrics {
     in_flight: Gauge,
     waiting_renders: Gauge,
     uploaded_bytes: Counter<u64, AtomicU64>,
+    sources: Arc<Mutex<Vec<Source>>>,
+}
+
+impl fmt::Debug for Metrics {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("Metrics(…)")
+    }
 }
 
 impl Default for Metrics {
@@ -83,7 +170,14 @@ impl Metrics {
             in_flight,
             waiting_renders,
             uploaded_bytes,
+            sources: Arc::default(),
         }
+    }
+
+    /// Adds figures, which are read whenever the metrics are asked for. Those of a source that hangs are left out.
+    pub fn add_source(&self, source: Source) {
+        let mut sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
+        sources.push(source);
     }
 
     /// A request begins; it ends when the guard is dropped.
@@ -117,6 +211,29 @@ impl Metrics {
     ///
     /// # Errors
     /// None in practice: it is written to memory.
+    pub async fn all(&self, waiting_renders: usize) -> Result<String, fmt::Error> {
+        let mut text = self.text(waiting_renders)?;
+        text.truncate(text.trim_end_matches(END).len());
+        let readings = self.readings();
+        let figures = futures_util::future::join_all(readings).await;
+        for figure in figures.into_iter().flatten().flatten() {
+            figure.write(&mut text);
+        }
+        text.push_str(END);
+        Ok(text)
+    }
+
+    /// Begins to read every source.
+    fn readings(&self) -> Vec<Timeout<BoxFuture<'static, Vec<Figure>>>> {
+        let sources = self.sources.lock().unwrap_or_else(PoisonError::into_inner);
+        let limited = |source: &Source| tokio::time::timeout(LONGEST_READING, source());
+        sources.iter().map(limited).collect()
+    }
+
+    /// What is counted here, in the text format of OpenMetrics 1.0.
+    ///
+    /// # Errors
+    /// None in practice: it is written to memory.
     pub fn text(&self, waiting_renders: usize) -> Result<String, fmt::Error> {
         self.waiting_renders.set(waiting_renders as i64);
         let mut text = String::new();
@@ -138,6 +255,24 @@ impl Drop for InFlight {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[tokio::test]
+    async fn figures_are_read_when_they_are_asked_for() {
+        let metrics = Metrics::new();
+        metrics.add_source(Arc::new(|| {
+            Box::pin(async {
+                let figure = Figure::counter("isocortex_images", "Images that came");
+                vec![figure.with(&[("way", "st\"ow")], 3.0).with(&[], 0.5)]
+            })
+        }));
+        let hanging: Source = Arc::new(|| Box::pin(std::future::pending()));
+        metrics.add_source(hanging);
+        let text = metrics.all(0).await.unwrap();
+        let expected = "# HELP isocortex_images Images that came.\n# TYPE isocortex_images counter\n\
+             isocortex_images_total{way=\"st\\\"ow\"} 3\nisocortex_images_total 0.5\n# EOF\n";
+        assert!(text.ends_with(expected), "{text}");
+        assert_eq!(text.matches("# EOF").count(), 1);
+    }
 
     #[test]
     fn answers_are_counted_by_route() {

@@ -131,6 +131,8 @@ pub enum AppError {
         kind: &'static str,
         /// What is wrong, in one sentence.
         detail: String,
+        /// The key of the query with the error.
+        parameter: Option<String>,
     },
     /// The answer took too long.
     #[error("the answer was not ready in time; try again in a moment")]
@@ -258,6 +260,7 @@ impl AppError {
     fn parameter(&self) -> Option<String> {
         match self {
             Self::Query { parameter, .. } => Some(parameter.to_string()),
+            Self::Beside { parameter, .. } => parameter.clone(),
             _ => None,
         }
     }

@@ -3,5 +3,7 @@
 pub mod allocator;
 pub mod cli;
 pub mod config;
+mod figures;
+mod health;
 pub mod logs;
 pub mod start;

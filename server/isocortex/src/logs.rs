@@ -1,8 +1,12 @@
 //! Writes log lines.
 
 use std::io::IsTerminal as _;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::fmt;
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
 
 /// The format of log lines.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize)]
@@ -15,18 +19,65 @@ pub enum LogFormat {
     Json,
 }
 
-/// Writes log lines to standard error from now on. `filter` is in the syntax of `RUST_LOG`, such as `info`.
+/// What is written of the statements of the database, unless the filter names them: each would be a line at `debug`.
+const STATEMENTS: &str = "sqlx=warn";
+
+/// Whether lines are JSON from now on.
+static IS_JSON: AtomicBool = AtomicBool::new(false);
+
+/// Whether every line on standard error must be JSON.
+pub fn are_json() -> bool {
+    IS_JSON.load(Ordering::Relaxed)
+}
+
+/// Writes log lines to standard error from now on. `filter` is a level, such as `info`, and levels of targets, such as
+/// `info,isocortex_cases=debug`.
 ///
 /// A second call changes nothing.
 pub fn start(format: LogFormat, filter: &str) {
-    let filter = EnvFilter::try_new(filter).unwrap_or_else(|_| EnvFilter::new("info"));
-    let lines = tracing_subscriber::fmt()
-        .with_env_filter(filter)
+    let filtered = tracing_subscriber::registry().with(targets(filter));
+    let lines = fmt::layer()
         .with_ansi(std::io::stderr().is_terminal())
         .with_writer(std::io::stderr);
     // Fails only if a subscriber was set before, as in tests.
     let _ = match format {
-        LogFormat::Text => lines.try_init(),
-        LogFormat::Json => lines.json().flatten_event(true).try_init(),
+        LogFormat::Text => filtered.with(lines).try_init(),
+        LogFormat::Json => {
+            IS_JSON.store(true, Ordering::Relaxed);
+            std::panic::set_hook(Box::new(|panic| tracing::error!(%panic, "a panic")));
+            filtered.with(lines.json().flatten_event(true)).try_init()
+        }
     };
+}
+
+/// The levels of a filter; `info` if it cannot be read.
+fn targets(filter: &str) -> Targets {
+    let read = |filter: &str| format!("{STATEMENTS},{filter}").parse();
+    read(filter).or_else(|_| read("info")).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use tracing::Level;
+
+    use super::*;
+
+    #[test]
+    fn a_filter_names_a_level_and_levels_of_targets() {
+        let filter = targets("info,isocortex_cases=debug");
+        assert!(filter.would_enable("isocortex_cases::jobs", &Level::DEBUG));
+        assert!(filter.would_enable("isocortex_pacs", &Level::INFO));
+        assert!(!filter.would_enable("isocortex_pacs", &Level::DEBUG));
+        let unreadable = targets("isocortex_cases=loud");
+        assert!(unreadable.would_enable("isocortex_cases", &Level::INFO));
+        assert!(!unreadable.would_enable("isocortex_cases", &Level::DEBUG));
+    }
+
+    #[test]
+    fn statements_of_the_database_are_lines_only_if_the_filter_names_them() {
+        let statements = |filter| targets(filter).would_enable("sqlx::query", &Level::DEBUG);
+        assert!(!statements("debug"));
+        assert!(statements("debug,sqlx=debug"));
+        assert!(statements("sqlx::query=debug"));
+    }
 }

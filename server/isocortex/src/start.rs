@@ -23,12 +23,67 @@ pub enum StartError {
     Cases(#[from] cases::StartError),
 }
 
+/// What a configuration comes to, in words.
+#[derive(Debug, Default)]
+pub struct Checked {
+    /// What may not be meant so.
+    pub warnings: Vec<String>,
+    /// Where it listens, what it opens and whom it knows.
+    pub lines: Vec<String>,
+}
+
+/// Checks everything in a configuration that can be checked without opening a store or a port.
+///
+/// # Errors
+/// If a server could not start with it.
+pub fn check(config: &Config) -> Result<Checked, ConfigError> {
+    config.check()?;
+    let access = config.access()?;
+    config.origins()?;
+    let location = config.cases()?.location;
+    let nodes = config.pacs.nodes()?;
+    let dimse = config.pacs.dimse()?;
+    let mut checked = Checked::default();
+    let guard = match access.wants_token() {
+        true => "with a token",
+        false => "without a token, for this machine alone",
+    };
+    let mut say = |line: String| checked.lines.push(line);
+    say(format!("listens on http://{} {guard}", config.http.listen));
+    let database = location.database.map(|database| database.to_string());
+    let objects = location.objects.map(|objects| objects.to_string());
+    let place = location.folder.display();
+    say(format!("the store is in {place}"));
+    for (what, place) in [("database", database), ("objects", objects)] {
+        if let Some(place) = place {
+            say(format!("its {what}: {place}"));
+        }
+    }
+    for node in &nodes {
+        say(format!("sends to the node `{}`", node.name()));
+    }
+    if let Some((listen, options)) = dimse {
+        let tls = if options.tls.is_some() { " by TLS" } else { "" };
+        let peers = options.peers.len();
+        say(format!(
+            "listens for C-STORE on {listen}{tls} as {}, from {peers} peers",
+            options.aet
+        ));
+        if peers == 0 {
+            let warning = "nobody may send images by C-STORE: list the peers in `pacs.dimse.peers`";
+            checked.warnings.push(warning.to_owned());
+        }
+    }
+    Ok(checked)
+}
+
 /// Opens the store for serving. Cases are prepared only after workers are started on the library.
 ///
 /// # Errors
 /// If the configuration is invalid or the store cannot be opened.
 pub async fn open(config: &Config) -> Result<AppState, StartError> {
     config.check()?;
+    let [_, frame_ancestors] = config.origins()?;
     let options = HttpOptions {
         access: config.access()?,
         uploads: UploadLimits {
@@ -39,6 +94,7 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
         },
         body_cache_bytes: config.http.body_cache_bytes,
         answer_timeout: Duration::from_secs(config.http.answer_timeout_secs),
+        frame_ancestors,
     };
     let cases = Cases::open(config.cases()?).await?;
     Ok(AppState::new(cases, options))
@@ -60,15 +116,18 @@ pub fn pacs(config: &Config, cases: &Cases) -> Result<Pacs, ConfigError> {
             whole: Duration::from_secs(config.http.upload_timeout_secs),
         },
         nodes: config.pacs.nodes()?,
+        ignores_other_objects: config.pacs.ignore_other_objects,
         serves_source: config.pacs.keep_source,
         shows_patient: config.shows_patient()?,
+        time_zone: config.pacs.time_zone()?,
         problems: Problems {
             of_cases: |error| AppError::from(error).into_response(),
-            other: |status, kind, detail| {
+            other: |refusal| {
                 let error = AppError::Beside {
-                    status,
-                    kind,
-                    detail,
+                    status: refusal.status,
+                    kind: refusal.kind,
+                    detail: refusal.detail,
+                    parameter: refusal.parameter,
                 };
                 error.into_response()
             },
@@ -83,7 +142,6 @@ pub fn router(state: &AppState, pacs: &Pacs) -> Router {
     let beside = Beside {
         guarded,
         description,
-        open: pacs::open_routes(),
     };
     app_beside(state.clone(), beside)
 }

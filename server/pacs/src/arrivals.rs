@@ -41,6 +41,10 @@ pub(crate) struct ArrivalView {
     case: Option<CaseId>,
     /// Images so far.
     instances: usize,
+    /// Images that took the place of others with the same UID since the series was read before.
+    superseded: usize,
+    /// Objects that are no images and were not kept.
+    ignored: usize,
     /// How many there are, if the sender has stated it.
     #[serde(skip_serializing_if = "Option::is_none")]
     expected: Option<usize>,
@@ -64,6 +68,8 @@ impl From<Arrival> for ArrivalView {
             reason: arrival.reason.map(Into::into),
             case: arrival.case,
             instances: arrival.instances,
+            superseded: arrival.superseded,
+            ignored: arrival.ignored,
             expected: arrival.expected,
             first_at: arrival.first_at.to_string(),
             last_at: arrival.last_at.to_string(),
@@ -141,8 +147,8 @@ async fn list(
         )
     })?;
     let (limit, after) = query.checked()?;
-    let rows = pacs.cases().store().rows();
-    let (arrivals, next) = rows.arrivals(after.as_ref(), limit).await?;
+    let store = pacs.cases().store();
+    let (arrivals, next) = store.arrivals(after.as_ref(), limit).await?;
     let page = ArrivalList {
         arrivals: arrivals.into_iter().map(Into::into).collect(),
         next: next.map(|cursor| cursor.to_string()),
@@ -174,7 +180,7 @@ async fn get(pacs: &Pacs, id: &str) -> Result<Response, PacsError> {
     if !is_id(id) {
         return Err(missing());
     }
-    let arrival = pacs.cases().store().rows().arrival(id).await?;
+    let arrival = pacs.cases().store().arrival(id).await?;
     let view = ArrivalView::from(arrival.ok_or_else(missing)?);
     Ok(fresh_json(StatusCode::OK, &view))
 }

@@ -6,14 +6,29 @@ use case::Failure;
 use storage::StoreError;
 
 use crate::multipart::MultipartError;
+use crate::node::NodeError;
 
 /// How errors become answers.
 #[derive(Debug, Clone, Copy)]
 pub struct Problems {
     /// An error of the application.
     pub of_cases: fn(cases::Error) -> Response,
-    /// Another one: its status, the last part of its type, and a sentence.
-    pub other: fn(StatusCode, &'static str, String) -> Response,
+    /// Another one.
+    pub other: fn(Refusal) -> Response,
+}
+
+/// Why a request is refused.
+#[derive(Debug, thiserror::Error)]
+#[error("{detail}")]
+pub struct Refusal {
+    /// The status.
+    pub status: StatusCode,
+    /// The last part of its type.
+    pub kind: &'static str,
+    /// What is wrong, in one sentence.
+    pub detail: String,
+    /// The key of the query with the error.
+    pub parameter: Option<String>,
 }
 
 /// An error of a request.
@@ -21,21 +36,28 @@ pub struct Problems {
 pub(crate) enum PacsError {
     #[error(transparent)]
     Cases(#[from] cases::Error),
-    #[error("{detail}")]
-    Request {
-        status: StatusCode,
-        kind: &'static str,
-        detail: String,
-    },
+    #[error(transparent)]
+    Request(Refusal),
 }
 
 impl PacsError {
     pub(crate) fn new(status: StatusCode, kind: &'static str, detail: impl Into<String>) -> Self {
-        Self::Request {
+        Self::Request(Refusal {
             status,
             kind,
             detail: detail.into(),
-        }
+            parameter: None,
+        })
+    }
+
+    /// An invalid value of a key of the query; the rule says what it must be.
+    pub(crate) fn wrong_value(key: &str, rule: &str) -> Self {
+        Self::Request(Refusal {
+            status: StatusCode::BAD_REQUEST,
+            kind: "query-value-out-of-range",
+            detail: format!("`{key}` must be {rule}"),
+            parameter: Some(key.to_owned()),
+        })
     }
 
     pub(crate) fn bad_request(kind: &'static str, detail: impl Into<String>) -> Self {
@@ -49,11 +71,7 @@ impl PacsError {
     pub(crate) fn answer(self, problems: Problems) -> Response {
         match self {
             Self::Cases(error) => (problems.of_cases)(error),
-            Self::Request {
-                status,
-                kind,
-                detail,
-            } => (problems.other)(status, kind, detail),
+            Self::Request(refusal) => (problems.other)(refusal),
         }
     }
 }
@@ -78,6 +96,15 @@ pub(crate) struct ReasonView {
     name: String,
     /// One plain sentence.
     detail: String,
+}
+
+impl From<NodeError> for ReasonView {
+    fn from(error: NodeError) -> Self {
+        Self {
+            name: error.kind().to_owned(),
+            detail: error.to_string(),
+        }
+    }
 }
 
 impl From<Failure> for ReasonView {

@@ -27,23 +27,36 @@ const RETRY_AFTER: Duration = Duration::from_secs(20);
 
 /// Fetches the series that was requested first; `false` if there is none.
 pub(crate) async fn next(pacs: &Pacs) -> Result<bool, StoreError> {
-    let rows = pacs.cases().store().rows();
-    let Some(retrieval) = rows.lease_retrieval(LEASE).await? else {
+    let store = pacs.cases().store();
+    let Some(retrieval) = store.lease_retrieval(LEASE).await? else {
         return Ok(false);
     };
-    let fetched = match fetch(pacs, &retrieval).await {
-        Ok(()) => TransferEnd::Done,
+    let fetched = fetch(pacs, &retrieval).await;
+    match &fetched {
+        Ok(()) => pacs.note(&retrieval.node, true),
+        Err(FetchError::Node(error)) => pacs.note(&retrieval.node, error.is_answer()),
+        Err(_) => {}
+    }
+    let fetched = match fetched {
+        Ok(()) => {
+            tracing::info!(
+                retrieval = retrieval.id,
+                node = retrieval.node,
+                "a series was fetched"
+            );
+            TransferEnd::Done
+        }
         Err(FetchError::Lost) => return Ok(true),
         Err(error) if error.may_pass() && retrieval.attempts < MAX_ATTEMPTS => {
-            tracing::warn!(retrieval = retrieval.id, %error, "a series will be fetched later");
+            tracing::warn!(retrieval = retrieval.id, node = retrieval.node, %error, "a series will be fetched later");
             TransferEnd::Later(RETRY_AFTER)
         }
         Err(error) => {
-            tracing::warn!(retrieval = retrieval.id, %error, "a series cannot be fetched");
+            tracing::warn!(retrieval = retrieval.id, node = retrieval.node, %error, "a series cannot be fetched");
             TransferEnd::Failed(error.into_failure())
         }
     };
-    rows.end_retrieval(&retrieval, &fetched).await?;
+    store.end_retrieval(&retrieval, &fetched).await?;
     Ok(true)
 }
 
@@ -123,8 +136,8 @@ async fn fetch(pacs: &Pacs, retrieval: &Retrieval) -> Result<(), FetchError> {
         _ => {}
     }
     // All that the node has is here: the series need not wait.
-    let rows = pacs.cases().store().rows();
-    rows.expect(uids, received).await?;
+    let store = pacs.cases().store();
+    store.expect(uids, received).await?;
     Ok(())
 }
 
@@ -168,8 +181,8 @@ impl Images<'_> {
             self.pacs.cases().receive(batch, source).await?;
         }
         self.received += count;
-        let rows = self.pacs.cases().store().rows();
-        let progress = rows.progress(self.retrieval, self.received, self.expected, LEASE);
+        let store = self.pacs.cases().store();
+        let progress = store.note_progress(self.retrieval, self.received, self.expected, LEASE);
         match progress.await? {
             true => Ok(()),
             false => Err(FetchError::Lost),

@@ -8,6 +8,7 @@ use storage::ObjectName;
 use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids, Uid};
 use storage::results::HeldResult;
 
+use crate::address::Named;
 use crate::error::PacsError;
 use crate::state::Pacs;
 
@@ -86,13 +87,56 @@ pub(crate) struct HeldStudy {
     pub(crate) series: Vec<HeldSeries>,
 }
 
+fn missing() -> PacsError {
+    let detail = "no case was made of this study, series or instance, or it was deleted";
+    PacsError::not_found("no-such-study", detail)
+}
+
+/// The answer to a request for images that are not kept.
+pub(crate) fn not_kept() -> PacsError {
+    PacsError::not_found(
+        "images-not-kept",
+        "the images are not kept here; set `keep_source = true` in `[pacs]` before they come, or retrieve them from the PACS",
+    )
+}
+
 impl HeldStudy {
+    /// The study with what the address names of it.
+    pub(crate) async fn named(pacs: &Pacs, named: &Named) -> Result<Self, PacsError> {
+        let uid = Uid::parse(&named.study).ok_or_else(missing)?;
+        let mut study = Self::load(pacs, &uid).await?.ok_or_else(missing)?;
+        let is_named = |uid: &Uid, named: &Option<String>| {
+            named.as_deref().is_none_or(|named| named == uid.as_str())
+        };
+        study.series.retain_mut(|series| {
+            let instances = &mut series.instances;
+            instances.retain(|instance| is_named(&instance.uid, &named.instance));
+            is_named(&series.uid, &named.series) && !instances.is_empty()
+        });
+        match study.series.is_empty() {
+            true => Err(missing()),
+            false => Ok(study),
+        }
+    }
+
+    /// The files of those instances that may be retrieved; at least one.
+    pub(crate) fn objects(&self) -> Result<Vec<ObjectName>, PacsError> {
+        let instances = self.series.iter().flat_map(|series| &series.instances);
+        let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
+        match objects.is_empty() {
+            true => Err(not_kept()),
+            false => Ok(objects),
+        }
+    }
+
     /// A study; `None` if no case was made of it.
     pub(crate) async fn load(pacs: &Pacs, uid: &Uid) -> Result<Option<Self>, PacsError> {
-        let rows = pacs.cases().store().rows();
-        let cases = rows
+        let store = pacs.cases().store();
+        let mut cases = store
             .cases_of(&SeriesQuery::Study(uid.clone(), None))
             .await?;
+        // Those of a wrong patient are not shown at all.
+        cases.retain(|case| !case.is_superseded);
         if cases.is_empty() {
             return Ok(None);
         }
@@ -108,7 +152,7 @@ impl HeldStudy {
                 study.add_source(pacs, case).await?;
             }
         }
-        for result in rows.results_of(uid).await? {
+        for result in store.results_of(uid).await? {
             study.series.push(of_result(result));
         }
         study.summarise();
@@ -197,7 +241,7 @@ async fn objects(pacs: &Pacs, uids: &SeriesUids) -> Result<HashMap<Uid, ObjectNa
     if !pacs.serves_source() {
         return Ok(HashMap::new());
     }
-    let images = pacs.cases().store().rows().images_of(uids).await?;
+    let images = pacs.cases().store().images_of(uids).await?;
     Ok(images.into_iter().collect())
 }
 

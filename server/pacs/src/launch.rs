@@ -4,9 +4,8 @@
 //! The page removes the identifiers from the address and the history of the browser before it does anything else, and
 //! sends them in the body of a request, with the token in a header.
 
-use axum::body::Body;
 use axum::extract::{Request, State};
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, CaseState};
 use cases::arrivals::Head;
@@ -18,32 +17,6 @@ use utoipa::ToSchema;
 use crate::error::{PacsError, ReasonView};
 use crate::retrievals::read_json;
 use crate::state::{Pacs, fresh_json};
-
-/// The page, which holds no data.
-pub(crate) async fn page() -> Response {
-    document(
-        include_str!("launch/launch.html"),
-        "text/html; charset=utf-8",
-    )
-}
-
-pub(crate) async fn script() -> Response {
-    let kind = "text/javascript; charset=utf-8";
-    document(include_str!("launch/launch.js"), kind)
-}
-
-pub(crate) async fn style() -> Response {
-    document(include_str!("launch/launch.css"), "text/css; charset=utf-8")
-}
-
-/// A document of this program.
-pub(crate) fn document(text: &'static str, kind: &'static str) -> Response {
-    let mut response = Response::new(Body::from(text));
-    let headers = response.headers_mut();
-    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
-    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
-    response
-}
 
 /// The query of a launch address.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -381,7 +354,7 @@ async fn coming(pacs: &Pacs, queries: &[SeriesQuery]) -> Result<LaunchView, Pacs
         ..LaunchView::default()
     };
     for query in queries {
-        let arrivals = pacs.cases().store().rows().arrivals_of(query).await?;
+        let arrivals = pacs.cases().store().arrivals_of(query).await?;
         if arrivals
             .iter()
             .any(|arrival| arrival.state == ArrivalState::Receiving)
@@ -389,7 +362,11 @@ async fn coming(pacs: &Pacs, queries: &[SeriesQuery]) -> Result<LaunchView, Pacs
             found.state = "receiving";
             return Ok(found);
         }
-        if let Some(arrival) = arrivals.into_iter().next_back() {
+        // What was not kept says nothing about the images.
+        let newest = arrivals
+            .into_iter()
+            .max_by_key(|arrival| arrival.instances > 0);
+        if let Some(arrival) = newest {
             found.state = "nothing";
             found.reason = arrival.reason.map(Into::into);
             return Ok(found);

@@ -8,6 +8,7 @@
 mod address;
 mod arrivals;
 mod background;
+mod described;
 mod error;
 mod fetch;
 mod held;
@@ -15,6 +16,7 @@ mod hooks;
 mod launch;
 pub mod multipart;
 pub mod node;
+mod node_tests;
 mod page;
 mod parts;
 mod query;
@@ -25,6 +27,7 @@ mod retrieve;
 mod send;
 mod state;
 mod stow;
+mod transfers;
 
 use axum::Router;
 use axum::routing::get;
@@ -32,7 +35,8 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 pub use self::background::Background;
-pub use self::error::Problems;
+pub use self::error::{Problems, Refusal};
+pub use self::node_tests::test_in_words;
 pub use self::state::{Options, Pacs, UploadLimits};
 
 /// The routes that need the token, and their description.
@@ -55,17 +59,25 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
         .routes(routes!(retrieve::frames))
         .routes(routes!(arrivals::list_arrivals))
         .routes(routes!(arrivals::get_arrival))
-        .routes(routes!(retrievals::create_retrieval))
+        .routes(routes!(
+            retrievals::create_retrieval,
+            transfers::list_retrievals
+        ))
         .routes(routes!(retrievals::get_retrieval))
         .routes(routes!(results::create_result))
+        .routes(routes!(transfers::list_results))
         .routes(routes!(results::get_result))
         .routes(routes!(hooks::stable_series))
         .routes(routes!(rendered::of_study))
         .routes(routes!(rendered::of_series))
         .routes(routes!(rendered::picture_of_series))
         .routes(routes!(rendered::thumbnail_of_series))
+        .routes(routes!(rendered::picture_of_instance))
+        .routes(routes!(rendered::thumbnail_of_instance))
+        .routes(routes!(rendered::picture_of_frame))
         .routes(routes!(launch::find_launched))
         .routes(routes!(page::get_pacs))
+        .routes(routes!(node_tests::test_node))
         .split_for_parts();
     // The standard spells the word in two ways.
     let routes = routes
@@ -78,14 +90,4 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
             get(rendered::of_series),
         );
     (routes.with_state(pacs.clone()), description)
-}
-
-/// The page that opens a case by the UIDs of its study, and what the viewer adds to a case from DICOM. They hold no data,
-/// so they need no token.
-pub fn open_routes() -> Router {
-    Router::new()
-        .route("/launch", get(launch::page))
-        .route("/launch.js", get(launch::script))
-        .route("/launch.css", get(launch::style))
-        .route("/pacs.js", get(page::script))
 }

@@ -6,14 +6,7 @@ use axum::response::Response;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::launch::document;
 use crate::state::{Pacs, fresh_json};
-
-/// The script of the page. It holds no data.
-pub(crate) async fn script() -> Response {
-    let kind = "text/javascript; charset=utf-8";
-    document(include_str!("page/pacs.js"), kind)
-}
 
 /// What this server has of a PACS.
 #[derive(Debug, Clone, Serialize, ToSchema)]

@@ -153,7 +153,7 @@ pub(crate) async fn queue(
         study: uid(study, "study")?,
         series: uid(series, "series")?,
     };
-    let retrieval = pacs.cases().store().rows().request(node.name(), &uids);
+    let retrieval = pacs.cases().store().request_retrieval(node.name(), &uids);
     let retrieval = retrieval.await?;
     let address = format!("/v1/retrievals/{}", retrieval.id);
     let view = view(pacs, retrieval).await?;
@@ -190,15 +190,15 @@ async fn get(pacs: &Pacs, id: &str) -> Result<Response, PacsError> {
     if !is_id(id) {
         return Err(missing());
     }
-    let retrieval = pacs.cases().store().rows().retrieval(id).await?;
+    let retrieval = pacs.cases().store().retrieval(id).await?;
     let view = view(pacs, retrieval.ok_or_else(missing)?).await?;
     Ok(fresh_json(StatusCode::OK, &view))
 }
 
-async fn view(pacs: &Pacs, retrieval: Retrieval) -> Result<RetrievalView, PacsError> {
+pub(crate) async fn view(pacs: &Pacs, retrieval: Retrieval) -> Result<RetrievalView, PacsError> {
     let Retrieval { uids, .. } = &retrieval;
     let query = SeriesQuery::Study(uids.study.clone(), Some(uids.series.clone()));
-    let arrivals = pacs.cases().store().rows().arrivals_of(&query).await?;
+    let arrivals = pacs.cases().store().arrivals_of(&query).await?;
     let arrival = arrivals.into_iter().next();
     Ok(RetrievalView {
         study: uids.study.as_str().to_owned(),

@@ -21,23 +21,37 @@ const RETRY_AFTER: Duration = Duration::from_secs(5);
 
 /// Sends the result that has waited longest; `false` if there is none.
 pub(crate) async fn next(pacs: &Pacs) -> Result<bool, StoreError> {
-    let rows = pacs.cases().store().rows();
-    let Some(result) = rows.lease_result(LEASE).await? else {
+    let store = pacs.cases().store();
+    let Some(result) = store.lease_result(LEASE).await? else {
         return Ok(false);
     };
-    let end = match send(pacs, &result).await {
-        Ok(()) => TransferEnd::Done,
+    let sent = send(pacs, &result).await;
+    match &sent {
+        Ok(()) => pacs.note(&result.node, true),
+        Err(SendError::Node(error)) => pacs.note(&result.node, error.is_answer()),
+        Err(_) => {}
+    }
+    let end = match sent {
+        Ok(()) => {
+            tracing::info!(
+                result = result.id,
+                case = result.case.short(),
+                node = result.node,
+                "a result was sent"
+            );
+            TransferEnd::Done
+        }
         Err(error) if error.may_pass() && result.attempts < MAX_ATTEMPTS => {
-            tracing::warn!(result = result.id, %error, "a result will be sent later");
+            tracing::warn!(result = result.id, case = result.case.short(), node = result.node, %error, "a result will be sent later");
             let doubled = result.attempts.saturating_sub(1);
             TransferEnd::Later(RETRY_AFTER * 2_u32.pow(doubled))
         }
         Err(error) => {
-            tracing::warn!(result = result.id, %error, "a result cannot be sent");
+            tracing::warn!(result = result.id, case = result.case.short(), node = result.node, %error, "a result cannot be sent");
             TransferEnd::Failed(Failure::unusable(error.kind(), error.to_string()))
         }
     };
-    rows.end_result(&result, &end).await?;
+    store.end_result(&result, &end).await?;
     Ok(true)
 }
 
@@ -66,7 +80,6 @@ impl SendError {
     fn kind(&self) -> &'static str {
         match self {
             Self::NoSuchNode => "no-such-node",
-            Self::Node(NodeError::NotFound) => "node-has-no-stow",
             Self::Node(error) => error.kind(),
             Self::Lost => "result-lost",
             Self::Store => "store-failed",
@@ -76,7 +89,7 @@ impl SendError {
 
 async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
     let node = pacs.node(&result.node).ok_or(SendError::NoSuchNode)?;
-    let file = pacs.cases().store().objects().get(&result.object).await;
+    let file = pacs.cases().store().object(&result.object).await;
     let file = file.map_err(|error| match error {
         Unreadable::Store(_) => SendError::Store,
         Unreadable::Missing | Unreadable::Damaged(_) => SendError::Lost,

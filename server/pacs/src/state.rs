@@ -1,12 +1,14 @@
 //! What the requests share.
 
-use std::sync::Arc;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Json;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use cases::Cases;
+use jiff::tz::TimeZone;
 use serde::Serialize;
 use tokio::sync::{Semaphore, SemaphorePermit};
 
@@ -33,10 +35,14 @@ pub struct Options {
     pub uploads: UploadLimits,
     /// The nodes from which series are fetched and to which results are sent.
     pub nodes: Vec<Node>,
+    /// Whether objects that are no images are accepted and not kept.
+    pub ignores_other_objects: bool,
     /// Whether the images that cases were made of are served.
     pub serves_source: bool,
     /// Whether the page shows the patient.
     pub shows_patient: bool,
+    /// The zone of the scanners' dates and times, if it is known.
+    pub time_zone: Option<TimeZone>,
     /// How errors become answers.
     pub problems: Problems,
 }
@@ -52,6 +58,8 @@ struct Inner {
     cases: Cases,
     options: Options,
     room: Semaphore,
+    /// Whether each node answered when it was last asked. Held for moments.
+    reached: Mutex<BTreeMap<String, bool>>,
 }
 
 impl Pacs {
@@ -63,6 +71,7 @@ impl Pacs {
                 cases,
                 options,
                 room,
+                reached: Mutex::default(),
             }),
         }
     }
@@ -84,6 +93,14 @@ impl Pacs {
         self.inner.options.shows_patient
     }
 
+    pub(crate) fn time_zone(&self) -> Option<&TimeZone> {
+        self.inner.options.time_zone.as_ref()
+    }
+
+    pub(crate) fn ignores_other_objects(&self) -> bool {
+        self.inner.options.ignores_other_objects
+    }
+
     pub(crate) fn serves_source(&self) -> bool {
         self.inner.options.serves_source
     }
@@ -98,6 +115,23 @@ impl Pacs {
                 "this server keeps no identity of patients (`deidentify` in `[pacs]`), so it fetches nothing by UIDs and makes no results for a PACS",
             )),
         }
+    }
+
+    /// Notes whether a node answered, with whatever words.
+    pub(crate) fn note(&self, node: &str, is_reached: bool) {
+        let reached = self.inner.reached.lock();
+        let mut reached = reached.unwrap_or_else(PoisonError::into_inner);
+        reached.insert(node.to_owned(), is_reached);
+    }
+
+    /// Whether each node answered when it was last asked; none that was never asked.
+    pub fn reached(&self) -> Vec<(String, bool)> {
+        let reached = self.inner.reached.lock();
+        let reached = reached.unwrap_or_else(PoisonError::into_inner);
+        reached
+            .iter()
+            .map(|(node, is)| (node.clone(), *is))
+            .collect()
     }
 
     pub(crate) fn node(&self, name: &str) -> Option<&Node> {

@@ -5,6 +5,7 @@ use axum::extract::{Path, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use cases::Error;
+use cases::arrivals::Reception;
 use cases::dicom::InstanceIdentity;
 use serde_json::{Value, json};
 use storage::Spooled;
@@ -25,6 +26,9 @@ const MAX_INSTANCES: usize = 20_000;
 /// Images that are made durable together.
 const BATCH: usize = 64;
 
+/// The warning reason of an image that took the place of another one: coercion of data elements (PS3.18 table I.2-1).
+const CORRECTED: u16 = 0xB000;
+
 /// Why an image was not stored (PS3.18 table I.2-2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum FailureReason {
@@ -41,13 +45,14 @@ pub(crate) enum FailureReason {
 /// Store images
 ///
 /// Images are durable when they are acknowledged. Once nothing has come for a series for a while, it becomes a case, or
-/// nothing, for a reason that `GET /v1/arrivals` states. An image that is there already is no error.
+/// nothing, for a reason that `GET /v1/arrivals` states. An image that is there already is no error. Objects other than MR and
+/// CT images are accepted and not kept, unless the configuration says otherwise.
 #[utoipa::path(
     post, path = "/dicomweb/studies", tag = "pacs",
     request_body(content = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
     responses(
         (status = 200, description = "All images are stored: `ReferencedSOPSequence` (0008,1199) lists them", content_type = "application/dicom+json"),
-        (status = 202, description = "Some are stored; `FailedSOPSequence` (0008,1198) and `OtherFailuresSequence` (0008,119A) list the others with their reasons", content_type = "application/dicom+json"),
+        (status = 202, description = "Some are stored; `FailedSOPSequence` (0008,1198) and `OtherFailuresSequence` (0008,119A) list the others with their reasons. Or all are, and one with a `WarningReason` (0008,1196) of B000 took the place of an image with the same UID and other contents", content_type = "application/dicom+json"),
         (status = 400, description = "The body cannot be read"),
         (status = 406, description = "Only `application/dicom+json` is available"),
         (status = 409, description = "None is stored", content_type = "application/dicom+json"),
@@ -72,8 +77,14 @@ pub(crate) async fn store_study(State(pacs): State<Pacs>, request: Request) -> R
     responses(
         (status = 200, description = "All images are stored", content_type = "application/dicom+json"),
         (status = 202, description = "Some are stored", content_type = "application/dicom+json"),
+        (status = 400, description = "The body cannot be read"),
         (status = 404, description = "The address has no UID"),
+        (status = 406, description = "Only `application/dicom+json` is available"),
         (status = 409, description = "None is stored", content_type = "application/dicom+json"),
+        (status = 413, description = "The body is too large"),
+        (status = 415, description = "The body is not `multipart/related` of DICOM files"),
+        (status = 503, description = "Too many requests with images at a time"),
+        (status = 507, description = "The disk of the store is full or failed"),
     )
 )]
 pub(crate) async fn store_in_study(
@@ -181,9 +192,18 @@ impl Images<'_> {
             }
             Err(error) => return Err(error.into()),
         };
-        if let Some(reason) = refusal(&identity, self.study.as_ref()) {
-            self.report.failed(&identity, reason);
-            return Ok(());
+        let is_ignored = !identity.is_image && self.pacs.ignores_other_objects();
+        match refusal(&identity, self.study.as_ref()) {
+            Some(FailureReason::ClassNotSupported) if is_ignored => {
+                self.report.stored(&identity, None);
+                let source = ArrivalSource::Stow;
+                return Ok(self.pacs.cases().ignore(identity, source).await?);
+            }
+            Some(reason) => {
+                self.report.failed(&identity, reason);
+                return Ok(());
+            }
+            None => {}
         }
         self.batch.push((identity, file));
         if self.batch.len() == BATCH {
@@ -199,9 +219,16 @@ impl Images<'_> {
         }
         let identities: Vec<_> = batch.iter().map(|(identity, _)| identity.clone()).collect();
         let source = ArrivalSource::Stow;
-        self.pacs.cases().receive(batch, source).await?;
-        for identity in &identities {
-            self.report.stored(identity);
+        let receptions = self.pacs.cases().receive(batch, source).await?;
+        for (identity, reception) in identities.iter().zip(receptions) {
+            match reception {
+                Reception::Stored => self.report.stored(identity, None),
+                Reception::Corrected => self.report.stored(identity, Some(CORRECTED)),
+                Reception::Refused => {
+                    let reason = FailureReason::CannotUnderstand;
+                    self.report.failed(identity, reason);
+                }
+            }
         }
         Ok(())
     }
@@ -232,6 +259,7 @@ struct Report {
     stored: Vec<Value>,
     failed: Vec<Value>,
     others: Vec<Value>,
+    has_warnings: bool,
 }
 
 fn element(vr: &str, value: impl Into<Value>) -> Value {
@@ -252,8 +280,12 @@ impl Report {
         self.stored.len() + self.failed.len() + self.others.len()
     }
 
-    fn stored(&mut self, identity: &InstanceIdentity) {
+    fn stored(&mut self, identity: &InstanceIdentity, warning: Option<u16>) {
         let mut item = reference(identity);
+        if let Some(reason) = warning {
+            item["00081196"] = element("US", reason);
+            self.has_warnings = true;
+        }
         // Stored images cannot be retrieved from here.
         item["00081190"] = json!({ "vr": "UR" });
         self.stored.push(item);
@@ -274,7 +306,7 @@ impl Report {
     fn answer(self) -> Response {
         let status = match (self.stored.len(), self.failed.len() + self.others.len()) {
             (0, _) => StatusCode::CONFLICT,
-            (_, 0) => StatusCode::OK,
+            (_, 0) if !self.has_warnings => StatusCode::OK,
             _ => StatusCode::ACCEPTED,
         };
         let mut body = json!({ "00081190": { "vr": "UR" } });

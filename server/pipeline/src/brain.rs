@@ -36,7 +36,7 @@ enum Verdict {
         method: MaskMethod,
         largest_component: f64,
         cut_area_cm2: [f64; 6],
-        judgement: Option<Judgement>,
+        judgement: Option<Box<Judgement>>,
     },
     Extracted(extraction::Method, Box<extraction::Quality>),
     /// From an earlier preparation.
@@ -71,7 +71,7 @@ impl Found {
             } => {
                 let of_given = (*largest_component, *cut_area_cm2);
                 let measured = quality::measure(&self.brain, envelope, of_given);
-                quality::of_supplied(measured, *method, judgement.as_ref())
+                quality::of_supplied(measured, *method, judgement.as_deref())
             }
         }
     }
@@ -136,7 +136,7 @@ pub(super) fn find_brain(
             method,
             largest_component: mask.largest_component_share(),
             cut_area_cm2: area_cm2,
-            judgement,
+            judgement: judgement.map(Box::new),
         },
     })
 }

@@ -240,11 +240,11 @@ pub fn facts(built: &BuiltModel, native: &Volume) -> CaseFacts {
             center_in_patient: sphere.centre_in_patient.to_array(),
             radius_mm: sphere.radius_mm,
         },
-        midsagittal: Some(PlaneFacts {
+        midsagittal: PlaneFacts {
             normal: plane.normal().to_array(),
             offset_mm: plane.offset_mm(),
-            correlation: Some(correlation),
-        }),
+            correlation,
+        },
         cuts: cuts::cut_facts(distance.envelope().cuts()),
         pipeline: cuts::PIPELINE,
         max_depth_mm: distance.max_depth_mm(),

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use analysis::{
     Candidate, DepthBand, Head, MAP_FORMAT, MapKind, MapParameters, MapsUndefined,
-    MidsagittalPlane, Side, StoredMap, WidthTable, midsagittal_plane,
+    MidsagittalPlane, Side, StoredMap, WidthTable,
 };
 use case::{CandidateFacts, CaseFacts, JunctionBandFacts, MapName, PatientSide, QualityState};
 use geometry::{DepthField, Envelope, Volume};
@@ -72,44 +72,26 @@ pub fn width_table(spacing_mm: [f64; 3]) -> WidthTable {
     MapParameters::STANDARD.width_table(spacing_mm)
 }
 
-/// The plane at which a case is mirrored: the stored one, or, for a case from an earlier version without one, the plane
-/// of its envelope.
-pub fn mirror_plane(facts: &CaseFacts, envelope: &Envelope, volume: &Volume) -> MidsagittalPlane {
-    stored_plane(facts).unwrap_or_else(|| midsagittal_plane(envelope, volume))
-}
-
-/// The stored plane at which a case is mirrored.
-pub fn stored_plane(facts: &CaseFacts) -> Option<MidsagittalPlane> {
-    let plane = facts.midsagittal.as_ref()?;
+/// The plane at which a case is mirrored.
+///
+/// # Panics
+/// If its normal has no direction, which no preparation writes.
+pub fn mirror_plane(facts: &CaseFacts) -> MidsagittalPlane {
+    let plane = &facts.midsagittal;
     MidsagittalPlane::new(DVec3::from_array(plane.normal), plane.offset_mm)
+        .expect("the normal of the stored plane has a direction")
 }
 
 /// Computes the maps of a case; the reason if they are undefined.
 pub fn compute_maps(facts: &CaseFacts, envelope: &Envelope, volume: &Volume) -> MapsOrReason {
-    let depth = DepthField::new(&geometry::distance_map(envelope));
-    maps_of(
-        facts,
-        volume,
-        &depth,
-        &mirror_plane(facts, envelope, volume),
-    )
-}
-
-/// Computes the maps with the depth of the case.
-pub fn maps_of(
-    facts: &CaseFacts,
-    volume: &Volume,
-    depth: &DepthField,
-    plane: &MidsagittalPlane,
-) -> MapsOrReason {
     let quality = facts.quality.as_ref().map(|quality| quality.state);
     if quality == Some(QualityState::Failed) {
         return Err(MapsUndefined::FailedEnvelope.into());
     }
     let head = Head {
         volume,
-        depth,
-        plane,
+        depth: &DepthField::new(&geometry::distance_map(envelope)),
+        plane: &mirror_plane(facts),
     };
     let mut maps = analysis::maps(head, &MapParameters::STANDARD)?;
     let candidates = std::mem::take(&mut maps.candidates);
@@ -120,14 +102,24 @@ pub fn maps_of(
     })
 }
 
+/// The side of a position that is so far from the midsagittal plane, to the patient's left.
+pub fn side_at(left_mm: f64) -> PatientSide {
+    patient_side(Side::at(left_mm))
+}
+
+fn patient_side(side: Side) -> PatientSide {
+    match side {
+        Side::Left => PatientSide::Left,
+        Side::Right => PatientSide::Right,
+        Side::Middle => PatientSide::Middle,
+    }
+}
+
 fn candidate_facts(candidate: &Candidate) -> CandidateFacts {
     CandidateFacts {
         position_in_patient: candidate.position_in_patient.to_array(),
         depth_mm: candidate.depth_mm,
-        side: match candidate.side {
-            Side::Left => PatientSide::Left,
-            Side::Right => PatientSide::Right,
-        },
+        side: patient_side(candidate.side),
         score: candidate.score,
         size_mm: candidate.size_mm,
     }
@@ -228,23 +220,6 @@ mod tests {
         );
         assert_eq!(reason.code, "failed-envelope");
         assert_eq!(decode_maps(&encode_maps(&none)), Some(none));
-    }
-
-    #[test]
-    fn a_reason_that_was_stored_without_a_code_is_computed_again() {
-        let head = format!("{{\"format\":{MAPS_FORMAT},\"undefined\":\"it is a fruit\"}}");
-        let mut payload = (head.len() as u32).to_le_bytes().to_vec();
-        payload.extend_from_slice(head.as_bytes());
-        assert_eq!(decode_maps(&payload), None);
-    }
-
-    #[test]
-    fn a_case_without_a_stored_plane_gets_the_same_maps() {
-        let facts = CaseFacts {
-            midsagittal: None,
-            ..prepared().facts.clone()
-        };
-        assert_eq!(maps(&facts), maps(&prepared().facts));
     }
 
     #[test]

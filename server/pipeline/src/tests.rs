@@ -53,15 +53,12 @@ fn a_head_is_prepared_and_its_facts_are_those_of_its_parts() {
         facts.envelope_ml
     );
     assert!(facts.max_depth_mm > 30.0);
-    let plane = facts.midsagittal.unwrap();
+    let plane = facts.midsagittal;
     assert!(
         plane.normal[0] > 0.999 && plane.offset_mm.abs() < 1.0,
         "{plane:?}"
     );
-    assert!(
-        (0.0..=1.0).contains(&plane.correlation.unwrap()),
-        "{plane:?}"
-    );
+    assert!((0.0..=1.0).contains(&plane.correlation), "{plane:?}");
     let window = facts.window;
     assert!(facts.intensity_min < window.center && window.center < facts.intensity_max);
     assert!(window.width > 0.0 && window.width < facts.intensity_max);

@@ -282,23 +282,15 @@ fn write_over(
     for (number, text) in lines.iter().enumerate() {
         canvas.write(text, margin, margin + number as i32 * line);
     }
-    let [left, right, up, down] = edge_letters(orientation);
-    let middle = (height - line) / 2;
-    let centred = |canvas: &Canvas, text: &str| (width - canvas.text_width(text)) / 2;
-    canvas.write(&left, margin, middle);
-    let end = width - margin - canvas.text_width(&right);
-    canvas.write(&right, end, middle);
     // In a narrow picture, the lines in the corner need the whole top.
-    let at = centred(canvas, &up);
     let top = if side < 320 || *is_named {
         margin + lines.len() as i32 * line
     } else {
         margin
     };
-    canvas.write(&up, at, top);
     let foot = height - margin - line;
-    let at = centred(canvas, &down);
-    canvas.write(&down, at, foot - 3 * line);
+    write_directions(canvas, &edge_letters(orientation), [top, foot - 3 * line]);
+    let centred = |canvas: &Canvas, text: &str| (width - canvas.text_width(text)) / 2;
     let at = centred(canvas, SHORT_NOTICE);
     canvas.write(SHORT_NOTICE, at, foot);
     scale_bar(
@@ -306,6 +298,39 @@ fn write_over(
         projection.mm_per_pixel(),
         [width, foot - line, margin],
     );
+}
+
+/// Writes the directions to the left and to the right at half height, and those up and down at `top` and `foot`.
+fn write_directions(
+    canvas: &mut Canvas,
+    [left, right, up, down]: &[String; 4],
+    [top, foot]: [i32; 2],
+) {
+    let [width, height] = [canvas.size().width() as i32, canvas.size().height() as i32];
+    let line = canvas.line_height();
+    let margin = line / 2;
+    let middle = (height - line) / 2;
+    canvas.write(left, margin, middle);
+    let end = width - margin - canvas.text_width(right);
+    canvas.write(right, end, middle);
+    let centred = |canvas: &Canvas, text: &str| (width - canvas.text_width(text)) / 2;
+    let at = centred(canvas, up);
+    canvas.write(up, at, top);
+    let at = centred(canvas, down);
+    canvas.write(down, at, foot);
+}
+
+/// Writes the patient's left and right at the edges of a picture where they lie, and nothing else.
+pub fn mark_sides(frame: Frame, request: &RenderRequest) -> Frame {
+    let mut canvas = canvas_of(frame);
+    let mut letters = edge_letters(request.parameters().camera.orientation());
+    for text in &mut letters {
+        text.retain(|letter| letter == 'L' || letter == 'R');
+    }
+    let margin = canvas.line_height() / 2;
+    let foot = canvas.size().height() as i32 - margin - canvas.line_height();
+    write_directions(&mut canvas, &letters, [margin, foot]);
+    canvas.into_frame()
 }
 
 /// The depths of contours with their colours, from the upper right corner down to the middle.
@@ -440,6 +465,31 @@ mod tests {
         assert_ne!(left, right);
         let [other_left, _] = edges(&annotated(NamedView::Posterior, 512));
         assert_ne!(left, other_left);
+    }
+
+    #[test]
+    fn sides_are_marked_where_left_and_right_lie_in_the_picture() {
+        let marked = |view: NamedView| {
+            let size = FrameSize::new(128, 128).unwrap();
+            let request = RenderRequest::new(RenderParameters {
+                camera: Camera::named(view),
+                size,
+                ..RenderParameters::new(Window::between(0.0, 100.0))
+            });
+            let black = Frame::new(size, PixelFormat::Grey8, vec![0; size.pixel_count()]);
+            mark_sides(black, &request.unwrap())
+        };
+        let [left, right] = edges(&marked(NamedView::Superior));
+        assert!(left.contains(&255) && right.contains(&255) && left != right);
+        // From below, the sides are exchanged; from the side there are none.
+        assert_ne!(edges(&marked(NamedView::Inferior))[0], left);
+        assert_eq!(edges(&marked(NamedView::Posterior))[0], left);
+        assert!(
+            marked(NamedView::Left)
+                .bytes()
+                .iter()
+                .all(|&level| level == 0)
+        );
     }
 
     #[test]

@@ -4,30 +4,30 @@ use std::any::Any;
 
 use axum::Router;
 use axum::extract::FromRef as _;
-use axum::http::{HeaderName, HeaderValue, Response, header};
+use axum::http::{HeaderName, HeaderValue, header};
 use axum::middleware;
-use axum::response::IntoResponse;
+use axum::response::{IntoResponse, Response};
 use cases::Error;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::request_id::{PropagateRequestIdLayer, SetRequestIdLayer};
 use utoipa::openapi::OpenApi;
 
 use crate::routes;
-use crate::state::AppState;
+use crate::state::{AppState, FrameAncestors};
 use http_support::auth::{self, Access};
 use http_support::logs::{self, MakeId, REQUEST_ID};
 use http_support::metrics::Metrics;
+use http_support::origins;
 use http_support::problem::AppError;
 
-/// Headers of every answer: nothing from another host, no frames but its own, no guessed types.
-const SECURITY_HEADERS: [(HeaderName, &str); 6] = [
+/// What the page may load, and in whose frames it may stand: its own, and those of the configuration.
+const CONTENT_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
+     connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'";
+
+/// Headers of every answer beside [`CONTENT_POLICY`]: nothing for another host, no guessed types.
+const SECURITY_HEADERS: [(HeaderName, &str); 5] = [
     (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (header::REFERRER_POLICY, "no-referrer"),
-    (
-        header::CONTENT_SECURITY_POLICY,
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
-         connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'",
-    ),
     (
         HeaderName::from_static("cross-origin-resource-policy"),
         "same-origin",
@@ -48,8 +48,6 @@ pub struct Beside {
     pub guarded: Router,
     /// Their description.
     pub description: OpenApi,
-    /// Those that need none, because they show no data.
-    pub open: Router,
 }
 
 /// Builds the whole service. Serve it, or call `oneshot` without a socket.
@@ -65,21 +63,29 @@ pub fn app_beside(state: AppState, beside: Beside) -> Router {
     routes::guarded::describe(&mut description);
     let guard = middleware::from_fn_with_state(Access::from_ref(&state), auth::require_token);
     let guarded = beside.guarded.route_layer(guard);
-    let routes = routes
-        .merge(guarded.with_state(()))
-        .merge(beside.open.with_state(()));
+    let routes = routes.merge(guarded.with_state(()));
     finish(state, routes, &openapi.merge_from(description))
 }
 
 fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Router {
     let (access, metrics) = (Access::from_ref(&state), Metrics::from_ref(&state));
+    let policy = content_policy(&FrameAncestors::from_ref(&state));
     routes
         .merge(routes::documents::routes(openapi))
         .fallback(|| async { AppError::NoSuchRoute })
         .method_not_allowed_fallback(|| async { AppError::MethodNotAllowed })
-        .layer(middleware::from_fn_with_state(access, auth::guard_origin))
+        .layer(middleware::from_fn_with_state(
+            access.clone(),
+            auth::guard_origin,
+        ))
+        .layer(middleware::from_fn_with_state(
+            access.origins().clone(),
+            origins::share,
+        ))
         .layer(CatchPanicLayer::custom(panicked))
-        .layer(middleware::map_response(add_security_headers))
+        .layer(middleware::map_response(move |response: Response| {
+            add_security_headers(response, policy.clone())
+        }))
         .layer(middleware::from_fn_with_state(metrics, logs::observe))
         .layer(PropagateRequestIdLayer::new(REQUEST_ID))
         .layer(SetRequestIdLayer::new(REQUEST_ID, MakeId))
@@ -87,7 +93,20 @@ fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Route
         .with_state(state)
 }
 
-async fn add_security_headers<B>(mut response: Response<B>) -> Response<B> {
+fn content_policy(ancestors: &FrameAncestors) -> HeaderValue {
+    let mut policy = CONTENT_POLICY.as_bytes().to_vec();
+    for origin in ancestors.0.iter() {
+        policy.push(b' ');
+        policy.extend(origin.as_bytes());
+    }
+    HeaderValue::from_bytes(&policy).unwrap_or(HeaderValue::from_static(CONTENT_POLICY))
+}
+
+async fn add_security_headers(mut response: Response, policy: HeaderValue) -> Response {
+    let headers = response.headers_mut();
+    headers
+        .entry(header::CONTENT_SECURITY_POLICY)
+        .or_insert(policy);
     for (name, value) in SECURITY_HEADERS {
         let headers = response.headers_mut();
         headers
@@ -98,7 +117,7 @@ async fn add_security_headers<B>(mut response: Response<B>) -> Response<B> {
 }
 
 /// The panic hook writes the text of the panic to standard error; it never reaches the client.
-fn panicked(_panic: Box<dyn Any + Send + 'static>) -> axum::response::Response {
+fn panicked(_panic: Box<dyn Any + Send + 'static>) -> Response {
     tracing::error!("a handler panicked");
     AppError::from(Error::Internal).into_response()
 }

@@ -10,6 +10,7 @@ use tokio::sync::watch;
 use crate::routes::bodies::Bodies;
 use http_support::auth::Access;
 use http_support::metrics::Metrics;
+use http_support::origins::Origins;
 use http_support::places::{Place, Places};
 use http_support::problem::AppError;
 
@@ -24,6 +25,8 @@ pub struct HttpOptions {
     pub body_cache_bytes: u64,
     /// Time for an answer.
     pub answer_timeout: Duration,
+    /// Origins in whose frames the page may stand, beside its own.
+    pub frame_ancestors: Origins,
 }
 
 /// What uploads may take.
@@ -52,7 +55,12 @@ pub struct AppState {
     uploads: Uploads,
     streams: EventStreams,
     answer_timeout: AnswerTimeout,
+    frame_ancestors: FrameAncestors,
 }
+
+/// Origins in whose frames the page may stand, beside its own.
+#[derive(Debug, Clone)]
+pub(crate) struct FrameAncestors(pub(crate) Origins);
 
 impl AppState {
     /// What handlers share to answer for an application.
@@ -66,7 +74,18 @@ impl AppState {
             access: options.access,
             streams: EventStreams::new(),
             answer_timeout: AnswerTimeout(options.answer_timeout),
+            frame_ancestors: FrameAncestors(options.frame_ancestors),
         }
+    }
+
+    /// The metrics.
+    pub fn metrics(&self) -> &Metrics {
+        &self.metrics
+    }
+
+    /// The access rules.
+    pub fn access(&self) -> &Access {
+        &self.access
     }
 
     /// What tells endless answers to end.

@@ -2,8 +2,8 @@
 
 use std::collections::HashSet;
 
+use crate::Unreadable;
 use case::{CaseId, CaseState, Layer};
-use objects::Unreadable;
 
 use super::arrivals::{Arrival, NewInstance, TransferQuery};
 use super::results::SentResult;
@@ -101,7 +101,7 @@ impl Store {
     ) -> Result<Copied, StoreError> {
         let mut after = None;
         loop {
-            let (page, next) = self.rows().arrivals(after.as_ref(), ROWS_AT_ONCE).await?;
+            let (page, next) = self.arrivals(after.as_ref(), ROWS_AT_ONCE).await?;
             for arrival in page {
                 for lost in self.copy_series(other, &arrival, &mut copied).await? {
                     report(CopyStep::LostForPacs(lost), &copied);
@@ -115,8 +115,7 @@ impl Store {
         }
         let (every, mut after) = (TransferQuery::default(), None);
         loop {
-            let rows = self.rows();
-            let (page, next) = rows.results(&every, after.as_ref(), ROWS_AT_ONCE).await?;
+            let (page, next) = self.results(&every, after.as_ref(), ROWS_AT_ONCE).await?;
             for result in page {
                 let step = match self.copy_result(other, &result, &mut copied).await? {
                     true => CopyStep::ForPacs,
@@ -131,14 +130,6 @@ impl Store {
         }
     }
 
-    /// Counts what came from a PACS, or goes to one.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn count_for_pacs(&self) -> Result<ForPacs, StoreError> {
-        self.rows().count_for_pacs().await
-    }
-
     /// Copies the images that are whole; returns the others.
     async fn copy_series(
         &self,
@@ -146,7 +137,7 @@ impl Store {
         arrival: &Arrival,
         copied: &mut Copied,
     ) -> Result<Vec<ObjectName>, StoreError> {
-        let images = self.rows().images_of(&arrival.uids).await?;
+        let images = self.images_of(&arrival.uids).await?;
         let mut lost = Vec::new();
         for some in images.chunks(IMAGES_AT_ONCE) {
             let names: HashSet<_> = some.iter().map(|(_, name)| *name).collect();
@@ -159,13 +150,14 @@ impl Store {
                         accession_number: arrival.accession_number.clone(),
                         sop_instance_uid: uid.clone(),
                         digest: name.digest,
+                        replaces: None,
                     });
                 } else {
                     lost.push(*name);
                     pinned.names.retain(|pinned| pinned != name);
                 }
             }
-            let adopted = other.rows().adopt_arrival(arrival, &whole, &pinned).await?;
+            let adopted = other.adopt_arrival(arrival, &whole, &pinned).await?;
             other.abandon(&pinned).await;
             if !adopted {
                 return Err(StoreError::Rows("a pin was lost".into()));
@@ -175,7 +167,7 @@ impl Store {
         copied.for_pacs.series += u64::from(!images.is_empty());
         if !lost.is_empty() {
             // The series may have been deleted a moment ago.
-            let images = self.rows().images_of(&arrival.uids).await?;
+            let images = self.images_of(&arrival.uids).await?;
             lost.retain(|lost| images.iter().any(|(_, name)| name == lost));
         }
         copied.lost += lost.len() as u64;
@@ -191,11 +183,11 @@ impl Store {
     ) -> Result<bool, StoreError> {
         let pinned = other.pin([result.object]).await?;
         let adopted = self.copy_object(other, &result.object, copied).await?
-            && other.rows().adopt_result(result, &pinned).await?;
+            && other.adopt_result(result, &pinned).await?;
         other.abandon(&pinned).await;
         if adopted {
             copied.for_pacs.results += 1;
-        } else if self.rows().result(&result.id).await?.is_some() {
+        } else if self.result(&result.id).await?.is_some() {
             copied.lost += 1;
             return Ok(false);
         }
@@ -210,11 +202,11 @@ impl Store {
         id: &CaseId,
         copied: &mut Copied,
     ) -> Result<bool, StoreError> {
-        let Some(case) = self.rows().case(id).await? else {
+        let Some(case) = self.case_row(id).await? else {
             // The case was deleted meanwhile.
             return Ok(true);
         };
-        let mut names = self.rows().objects(id).await?;
+        let mut names = self.case_objects(id).await?;
         if case.state != CaseState::Ready {
             names.retain(|name| name.kind.is_source());
         }
@@ -228,11 +220,11 @@ impl Store {
                 return Ok(false);
             }
         }
-        if other.rows().adopt(&case, &pinned).await? {
+        if other.adopt(&case, &pinned).await? {
             copied.cases += 1;
         }
-        if let Some(series) = self.rows().series_of(id).await? {
-            other.rows().index_series(&series).await?;
+        if let Some(series) = self.series_of(id).await? {
+            other.index_series(&series).await?;
         }
         other.abandon(&pinned).await;
         let mut is_whole = true;
@@ -249,7 +241,7 @@ impl Store {
         mut layer: Layer,
         copied: &mut Copied,
     ) -> Result<bool, StoreError> {
-        let mut names = self.rows().layer_objects(&layer.case, &layer.id).await?;
+        let mut names = self.layer_objects(&layer.case, &layer.id).await?;
         if layer.state != CaseState::Ready {
             names.retain(|name| name.kind.is_source());
         }
@@ -267,7 +259,7 @@ impl Store {
             layer.state = CaseState::Queued;
             pinned.names.retain(|pinned| pinned != name);
         }
-        other.rows().adopt_layer(&layer, &pinned).await?;
+        other.adopt_layer(&layer, &pinned).await?;
         other.abandon(&pinned).await;
         Ok(true)
     }

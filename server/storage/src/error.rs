@@ -2,8 +2,9 @@
 
 use std::error::Error;
 use std::io::ErrorKind;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use objects::{BUCKET, ObjectError};
+use crate::objects::{BUCKET, ObjectError};
 use sqlx::error::DatabaseError;
 
 /// The codes for a full disk: SQLite's (sqlite.org/rescode.html) and PostgreSQL's.
@@ -35,6 +36,12 @@ pub enum StoreError {
         /// The newest schema that this version knows.
         known: i64,
     },
+    /// The rows were written before version 0.1.0.
+    #[error(
+        "the store was written by a version of Isocortex before 0.1.0, which this version cannot read: \
+         use another directory, and upload the volumes again"
+    )]
+    OlderSchema,
     /// There is no store at a location.
     #[error("there is no store here: {0}; check the address of the store")]
     NoStore(&'static str),
@@ -113,8 +120,29 @@ fn has_code(error: &(dyn Error + 'static), codes: &[&str]) -> bool {
         .is_some_and(|code| codes.contains(&&*code))
 }
 
+/// Operations that failed since the process started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FailureCounts {
+    /// Of the database.
+    pub database: u64,
+    /// Of the object store, or of the disk.
+    pub objects: u64,
+}
+
+static DATABASE_FAILURES: AtomicU64 = AtomicU64::new(0);
+static OBJECT_FAILURES: AtomicU64 = AtomicU64::new(0);
+
+/// Operations of any store that failed since the process started, for metrics.
+pub fn failures() -> FailureCounts {
+    FailureCounts {
+        database: DATABASE_FAILURES.load(Ordering::Relaxed),
+        objects: OBJECT_FAILURES.load(Ordering::Relaxed),
+    }
+}
+
 impl From<sqlx::Error> for StoreError {
     fn from(error: sqlx::Error) -> Self {
+        DATABASE_FAILURES.fetch_add(1, Ordering::Relaxed);
         Self::Rows(Box::new(error))
     }
 }
@@ -133,12 +161,11 @@ impl From<serde_json::Error> for StoreError {
 
 impl From<ObjectError> for StoreError {
     fn from(error: ObjectError) -> Self {
+        OBJECT_FAILURES.fetch_add(1, Ordering::Relaxed);
         match error {
             ObjectError::Store(source) => Self::Objects(source),
             ObjectError::Disk(source) => Self::Disk(source),
             ObjectError::Stopped(source) => Self::Stopped(source),
-            // Unreachable until a reason is added.
-            other => Self::Objects(Box::new(other)),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Checks that everything stored is present and intact.
 
+use crate::Unreadable;
 use case::{Case, CaseId, ObjectKind};
-use objects::Unreadable;
 
 use super::{Cursor, ObjectName, REMOVALS_AT_ONCE, Store, StoreError};
 
@@ -51,7 +51,7 @@ impl Store {
         &self,
         report: &mut (dyn FnMut(Finding) + Send),
     ) -> Result<Inspected, StoreError> {
-        self.rows().inspect().await?;
+        self.check_file().await?;
         let mut inspected = Inspected::default();
         let mut after = None;
         while let Some(cases) = self.next_cases(&mut after).await? {
@@ -63,7 +63,7 @@ impl Store {
             self.inspect_for_pacs(kind, &mut inspected, report).await?;
         }
         for some in self.objects().list().await?.chunks(REMOVALS_AT_ONCE) {
-            let unneeded = self.rows().unneeded(some).await?;
+            let unneeded = self.unneeded(some).await?;
             unneeded
                 .into_iter()
                 .map(Finding::Unreferenced)
@@ -82,7 +82,7 @@ impl Store {
             Some(Some(cursor)) => Some(cursor.clone()),
             Some(None) => return Ok(None),
         };
-        let page = self.rows().cases(after.as_ref(), CASES_AT_ONCE).await?;
+        let page = self.case_rows(after.as_ref(), CASES_AT_ONCE).await?;
         *walk = Some(page.next);
         Ok(Some(page.cases))
     }
@@ -118,7 +118,6 @@ impl Store {
         let mut after: Option<ObjectName> = None;
         loop {
             let names = self
-                .rows()
                 .pacs_objects(kind, after.as_ref(), REMOVALS_AT_ONCE)
                 .await?;
             let Some(last) = names.last() else {
@@ -132,7 +131,7 @@ impl Store {
                     Found::Damaged => Finding::DamagedForPacs(name),
                 };
                 // It may have become a case, or been sent, a moment ago.
-                if self.rows().unneeded(&[name]).await?.is_empty() {
+                if self.unneeded(&[name]).await?.is_empty() {
                     report(finding);
                 }
             }
@@ -158,9 +157,9 @@ impl Store {
 
     /// The objects that a case and its layers need.
     pub(super) async fn objects_of(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError> {
-        let mut names = self.rows().objects(id).await?;
+        let mut names = self.case_objects(id).await?;
         for layer in self.layers(id).await? {
-            names.extend(self.rows().layer_objects(id, &layer.id).await?);
+            names.extend(self.layer_objects(id, &layer.id).await?);
         }
         Ok(names)
     }

@@ -2,12 +2,11 @@
 
 use bytes::Bytes;
 use case::{CaseId, Failure, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
-use objects::{Framed, Unreadable};
 
 use super::rows::{
     ChangedLayer, InsertedLayer, LayerChange, LayerClaim, LayerName, NewLayer, Pinned, Published,
 };
-use super::{ObjectName, PIN_ATTEMPTS, Spooled, Store, StoreError};
+use super::{Framed, ObjectName, PIN_ATTEMPTS, Spooled, Store, StoreError, Unreadable};
 
 /// An upload of a layer, checked.
 #[derive(Debug)]
@@ -81,7 +80,7 @@ impl Store {
         for _ in 0..PIN_ATTEMPTS {
             let sources = upload.sources();
             let pinned = self.pin(sources.iter().map(|(name, _)| *name)).await?;
-            let inserted = self.insert_layer(upload, &sources, &pinned).await;
+            let inserted = self.write_layer(upload, &sources, &pinned).await;
             let created = matches!(
                 inserted,
                 Ok(InsertedLayer::Created | InsertedLayer::Requeued)
@@ -112,7 +111,7 @@ impl Store {
         ))
     }
 
-    async fn insert_layer(
+    async fn write_layer(
         &self,
         upload: &LayerUpload,
         sources: &[(ObjectName, &Spooled)],
@@ -130,15 +129,7 @@ impl Store {
             most: upload.most,
             queue_limit: self.options().queue_limit,
         };
-        self.rows().insert_layer(&new).await
-    }
-
-    /// The layers of a case, in their order; none if there is no such case.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn layers(&self, case: &CaseId) -> Result<Vec<Layer>, StoreError> {
-        self.rows().layers(case).await
+        self.insert_layer(&new).await
     }
 
     /// A layer of a case.
@@ -160,7 +151,7 @@ impl Store {
         id: &LayerId,
         change: &LayerChange,
     ) -> Result<ChangedLayer, StoreError> {
-        let changed = self.rows().change_layer(case, id, change).await?;
+        let changed = self.change_layer_row(case, id, change).await?;
         self.signals().changed(case);
         Ok(changed)
     }
@@ -174,7 +165,7 @@ impl Store {
     pub async fn delete_layer(&self, case: &CaseId, id: &LayerId) -> Result<bool, StoreError> {
         let (store, case, id) = (self.clone(), *case, *id);
         let delete = async move {
-            let deleted = store.rows().delete_layer(&case, &id).await?;
+            let deleted = store.delete_layer_row(&case, &id).await?;
             if deleted {
                 store.signals().changed(&case);
                 store.collect().await?;
@@ -195,7 +186,7 @@ impl Store {
         claim: &LayerClaim,
         failure: &Failure,
     ) -> Result<bool, StoreError> {
-        let is_ours = self.rows().fail_layer(claim, failure).await?;
+        let is_ours = self.make_layer_failed(claim, failure).await?;
         if is_ours {
             self.collect().await?;
         }
@@ -212,7 +203,7 @@ impl Store {
         id: &LayerId,
         kind: ObjectKind,
     ) -> Result<Option<Bytes>, StoreError> {
-        let names = self.rows().layer_objects(case, id).await?;
+        let names = self.layer_objects(case, id).await?;
         let Some(name) = names.iter().find(|name| name.kind == kind) else {
             return Ok(None);
         };
@@ -221,7 +212,7 @@ impl Store {
             Err(Unreadable::Store(error)) => Err(error.into()),
             Err(fault) => {
                 // One that is missing because the layer was deleted a moment ago is no fault.
-                let names = self.rows().layer_objects(case, id).await?;
+                let names = self.layer_objects(case, id).await?;
                 if names.contains(name) {
                     self.report_bad(kind, &fault.to_string());
                 }
@@ -247,7 +238,7 @@ impl Store {
                 for framed in derived {
                     self.objects().put(framed).await?;
                 }
-                self.rows().publish_layer(claim, &pinned, facts).await
+                self.make_layer_ready(claim, &pinned, facts).await
             };
             let published = publish.await;
             if !matches!(published, Ok(Published::Done)) {

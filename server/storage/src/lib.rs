@@ -23,27 +23,28 @@
 //! of milliseconds, no longer than reading and checking their tens of megabytes.
 //!
 //! Every object is pinned before it is written and gets an expired pin when a case no longer needs it. A sweep leaves a
-//! tombstone on each unneeded object, deletes the object and buries the tombstone ([`rows`]). So a removal never
+//! tombstone on each unneeded object, deletes the object and buries the tombstone. So a removal never
 //! deletes an object that another process is about to reference, a killed process leaves nothing behind, and no
 //! transaction waits for the object store.
 
-#[cfg(any(test, feature = "conformance"))]
-pub mod conformance;
+#[cfg(test)]
+mod conformance;
 mod copy;
 mod directory;
 mod error;
 mod inspect;
 mod layers;
 mod location;
+mod objects;
 mod page;
 mod publish;
 mod receive;
 pub mod results;
-pub mod rows;
+mod rows;
 mod signals;
 mod sql;
 mod submit;
-#[cfg(any(test, feature = "conformance"))]
+#[cfg(any(test, feature = "testing"))]
 pub mod testing;
 #[cfg(test)]
 mod tests;
@@ -60,28 +61,28 @@ use tempfile::TempDir;
 use tokio::task::JoinSet;
 
 use self::directory::Directory;
+use self::objects::Objects;
+use self::rows::{Change, Sweep};
+use self::sql::Rows;
 use case::{Case, CaseId};
 
 pub use case::arrivals;
 
-pub use objects::{
-    Framed, ObjectError, ObjectName, Objects, Spool, Spooled, Unreadable, frame, keep_private,
-};
-
 pub use self::copy::{Copied, CopyStep, ForPacs};
-pub use self::error::StoreError;
+pub use self::error::{FailureCounts, StoreError, failures};
 pub use self::inspect::{Finding, Inspected};
 pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
+pub use self::objects::{
+    Framed, ObjectError, ObjectName, Spool, Spooled, Unreadable, frame, keep_private,
+};
 pub use self::page::{Cursor, Page};
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{
-    ArrivalRows, CaseRows, Change, ChangedLayer, Claim, DueSeries, Inserted, LayerChange,
-    LayerClaim, LayerName, LayerRows, LeaseTerms, NewCase, Pinned, Published, Release, ResultRows,
-    Sweep,
+    ChangedLayer, Claim, DueSeries, LayerChange, LayerClaim, LayerName, LeaseTerms, Pinned,
+    Published, Release, RowCounts,
 };
-pub use self::signals::{Count, Counters, Signals};
-pub use self::sql::SqlRows;
+pub use self::signals::{Count, Counters, ImageStatus, Signals};
 pub use self::submit::{NewMask, Submitted, Upload, Version};
 pub use self::watch::Watch;
 
@@ -150,7 +151,7 @@ pub struct Store {
 type DeletionHook = Box<dyn Fn(&CaseId) + Send + Sync>;
 
 struct Inner {
-    rows: Arc<dyn CaseRows>,
+    rows: Rows,
     objects: Objects,
     place: Place,
     options: Options,
@@ -208,7 +209,7 @@ impl Store {
         let forget_dead_holders = async |root: &Path| {
             alone = true;
             if has_own_rows {
-                let rows = SqlRows::sqlite(&rows_file(root)).await?;
+                let rows = Rows::sqlite(&rows_file(root)).await?;
                 rows.forget_holders().await?;
                 rows.close().await;
             }
@@ -218,7 +219,7 @@ impl Store {
         let place = Directory::open::<StoreError>(folder, forget_dead_holders).await?;
         let rows = open_rows(location).await?;
         let objects = open_objects(location)?;
-        let store = Self::new(Arc::new(rows), objects, Place::Directory(place), options);
+        let store = Self::new(rows, objects, Place::Directory(place), options);
         store.collect().await?;
         // Objects elsewhere may belong to other rows.
         if alone && has_own_rows && location.objects.is_none() {
@@ -228,14 +229,7 @@ impl Store {
     }
 
     /// A store on any rows and objects; uploads are spooled in the system's temporary directory.
-    ///
-    /// # Errors
-    /// If there is no temporary directory.
-    pub fn on(
-        rows: Arc<dyn CaseRows>,
-        objects: Objects,
-        options: Options,
-    ) -> Result<Self, StoreError> {
+    fn on(rows: Rows, objects: Objects, options: Options) -> Result<Self, StoreError> {
         let uploads = tempfile::Builder::new().prefix("isocortex-").tempdir()?;
         Ok(Self::new(rows, objects, Place::Temporary(uploads), options))
     }
@@ -246,13 +240,13 @@ impl Store {
     /// If there is no memory or no temporary directory for it.
     pub async fn in_memory(options: Options) -> Result<Self, StoreError> {
         let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
-        Self::on(Arc::new(SqlRows::in_memory().await?), objects, options)
+        Self::on(Rows::in_memory().await?, objects, options)
     }
 
-    fn new(rows: Arc<dyn CaseRows>, objects: Objects, place: Place, options: Options) -> Self {
+    fn new(rows: Rows, objects: Objects, place: Place, options: Options) -> Self {
         let inner = Arc::new_cyclic(|store| {
             let mut listener = JoinSet::new();
-            listener.spawn(listen(Arc::clone(&rows), Weak::clone(store)));
+            listener.spawn(listen(rows.clone(), Weak::clone(store)));
             Inner {
                 rows,
                 objects,
@@ -322,7 +316,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read.
     pub async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
-        let mut case = self.rows().case(id).await?;
+        let mut case = self.case_row(id).await?;
         if let Some(case) = &mut case {
             self.complete(case);
         }
@@ -334,7 +328,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read.
     pub async fn cases(&self, after: Option<Cursor>, limit: usize) -> Result<Page, StoreError> {
-        let mut page = self.rows().cases(after.as_ref(), limit).await?;
+        let mut page = self.case_rows(after.as_ref(), limit).await?;
         for case in &mut page.cases {
             self.complete(case);
         }
@@ -360,28 +354,12 @@ impl Store {
     }
 
     async fn delete_now(&self, id: &CaseId) -> Result<bool, StoreError> {
-        let deleted = self.rows().delete(id).await?;
+        let deleted = self.delete_case(id).await?;
         if deleted {
             self.inner.is_deleted(id);
             self.collect().await?;
         }
         Ok(deleted)
-    }
-
-    /// Keeps a case for good, or no longer; `false` if there is no such case.
-    ///
-    /// # Errors
-    /// If the rows cannot be written.
-    pub async fn keep(&self, id: &CaseId, kept: bool) -> Result<bool, StoreError> {
-        self.rows().keep(id, kept).await
-    }
-
-    /// Changes the label of a case; nothing if there is no such case.
-    ///
-    /// # Errors
-    /// If the rows cannot be written.
-    pub async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError> {
-        self.rows().rename(id, name).await
     }
 
     /// Removes the cases whose age is [`Options::keep`] or more, as [`Store::delete`] does; returns how many. A case that
@@ -395,10 +373,10 @@ impl Store {
         };
         let mut removed = 0;
         loop {
-            let expired = self.rows().expired(keep, REMOVALS_AT_ONCE).await?;
+            let expired = self.expired(keep, REMOVALS_AT_ONCE).await?;
             let removed_before = removed;
             for id in &expired {
-                if self.rows().delete_expired(id, keep).await? {
+                if self.delete_expired(id, keep).await? {
                     self.inner.is_deleted(id);
                     removed += 1;
                 }
@@ -417,12 +395,15 @@ impl Store {
         Watch::new(self.clone(), *id)
     }
 
-    /// The number of cases that wait to be prepared.
+    /// Free bytes for an unprivileged process on the disk of [`Store::scratch`], for metrics.
     ///
     /// # Errors
-    /// If the rows cannot be read.
-    pub async fn waiting(&self) -> Result<usize, StoreError> {
-        self.rows().waiting().await
+    /// If the disk fails.
+    pub async fn free_bytes(&self) -> Result<u64, StoreError> {
+        let scratch = self.scratch();
+        let disk = tokio::task::spawn_blocking(move || rustix::fs::statvfs(&scratch));
+        let disk = disk.await?.map_err(std::io::Error::from)?;
+        Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
     }
 
     /// Counts since the process started, for metrics.
@@ -453,7 +434,7 @@ impl Store {
     /// If the rows or the objects cannot be written; what was not removed is found the next time.
     pub async fn collect(&self) -> Result<(), StoreError> {
         loop {
-            let candidates = self.rows().abandoned(REMOVALS_AT_ONCE).await?;
+            let candidates = self.abandoned(REMOVALS_AT_ONCE).await?;
             if candidates.is_empty() {
                 return Ok(());
             }
@@ -480,7 +461,7 @@ impl Store {
             lease: SWEEP_LEASE,
         };
         let begun = Instant::now();
-        let marked = self.rows().mark(candidates, &sweep).await?;
+        let marked = self.mark(candidates, &sweep).await?;
         for name in &marked {
             let left = SWEEP_FOR.saturating_sub(begun.elapsed());
             let deleted = tokio::time::timeout(left, self.inner.objects.delete(name)).await;
@@ -490,7 +471,7 @@ impl Store {
         if marked.is_empty() {
             return Ok(());
         }
-        self.rows().bury(&sweep.holder).await
+        self.bury(&sweep.holder).await
     }
 
     /// Calls `hook` after each deletion by this process and, if the database reports them, by others.
@@ -498,14 +479,26 @@ impl Store {
         lock(&self.inner.deletion_hooks).push(Box::new(hook));
     }
 
-    /// The rows.
-    pub fn rows(&self) -> &dyn CaseRows {
-        &*self.inner.rows
+    fn rows(&self) -> &Rows {
+        &self.inner.rows
     }
 
-    /// The objects.
-    pub fn objects(&self) -> &Objects {
+    fn objects(&self) -> &Objects {
         &self.inner.objects
+    }
+
+    /// The payload of an object.
+    ///
+    /// # Errors
+    /// If it is missing or damaged, or the store cannot be reached.
+    pub async fn object(&self, name: &ObjectName) -> Result<bytes::Bytes, Unreadable> {
+        self.objects().get(name).await
+    }
+
+    /// Lets time pass on the clock of the database, as this store sees it.
+    #[cfg(any(test, feature = "testing"))]
+    pub fn pass_time(&self, by: Duration) {
+        self.rows().pass_time(by);
     }
 
     /// The options.
@@ -539,7 +532,7 @@ impl Inner {
 }
 
 /// Passes on changes of the rows by other processes, if the database reports them.
-async fn listen(rows: Arc<dyn CaseRows>, store: Weak<Inner>) {
+async fn listen(rows: Rows, store: Weak<Inner>) {
     let mut changes = loop {
         match rows.changes().await {
             Ok(Some(changes)) => break changes,
@@ -572,11 +565,11 @@ fn check_disk(directory: &Path, wanted: u64) -> std::io::Result<()> {
     probe.as_file().sync_data()
 }
 
-async fn open_rows(location: &Location) -> Result<SqlRows, StoreError> {
+async fn open_rows(location: &Location) -> Result<Rows, StoreError> {
     match &location.database {
-        None => SqlRows::sqlite(&rows_file(&location.folder)).await,
-        Some(DatabaseAddress::Sqlite(file)) => SqlRows::sqlite(file).await,
-        Some(DatabaseAddress::Postgres(options)) => SqlRows::postgres((**options).clone()).await,
+        None => Rows::sqlite(&rows_file(&location.folder)).await,
+        Some(DatabaseAddress::Sqlite(file)) => Rows::sqlite(file).await,
+        Some(DatabaseAddress::Postgres(options)) => Rows::postgres((**options).clone()).await,
     }
 }
 

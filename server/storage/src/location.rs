@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use sqlx::postgres::{PgConnectOptions, PgSslMode};
 
-use super::{SqlRows, StoreError, rows_file};
+use super::sql::Rows;
+use super::{StoreError, rows_file};
 
 /// The accepted parameters of the address of a PostgreSQL database. Others are rejected, because sqlx would log them.
 const POSTGRES_PARAMETERS: [&str; 12] = [
@@ -56,7 +57,7 @@ impl Location {
             None => is_written(&rows_file(&self.folder)),
             Some(DatabaseAddress::Sqlite(file)) => is_written(file),
             Some(DatabaseAddress::Postgres(options)) => {
-                SqlRows::is_in_postgres((**options).clone()).await?
+                Rows::is_in_postgres((**options).clone()).await?
             }
         };
         if !rows {

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::{Framed, Unreadable, frame};
 use bytes::Bytes;
 use case::{CaseFacts, CaseId, CaseState, ObjectKind};
-use objects::{Framed, Unreadable, frame};
 
 use super::rows::{Claim, Pinned, Published};
 use super::signals::Count;
@@ -52,14 +52,14 @@ impl Store {
         kinds: &'static [ObjectKind],
         decode: &Arc<impl Fn(&CaseFacts, &[Bytes]) -> Option<T> + Send + Sync + 'static>,
     ) -> Result<Attempt<T>, StoreError> {
-        let case = self.rows().case(id).await?;
+        let case = self.case_row(id).await?;
         let Some(facts) = case
             .filter(|case| case.state == CaseState::Ready)
             .and_then(|case| case.facts)
         else {
             return Ok(Attempt::NoCase);
         };
-        let names = self.rows().objects(id).await?;
+        let names = self.case_objects(id).await?;
         let mut payloads = Vec::with_capacity(kinds.len());
         for &kind in kinds {
             match self.read(id, &names, kind).await? {
@@ -89,10 +89,6 @@ impl Store {
         kind: ObjectKind,
     ) -> Result<Option<Bytes>, StoreError> {
         let Some(name) = names.iter().find(|name| name.kind == kind) else {
-            tracing::info!(
-                object = kind.name(),
-                "a case from an earlier version lacks an object"
-            );
             return Ok(None);
         };
         let read = self.inner.objects.get(name).await;
@@ -101,7 +97,7 @@ impl Store {
             Err(Unreadable::Store(error)) => Err(error.into()),
             Err(fault) => {
                 // One that is missing because the case was deleted a moment ago is no fault.
-                if self.rows().objects(id).await?.contains(name) {
+                if self.case_objects(id).await?.contains(name) {
                     self.report_bad(kind, &fault.to_string());
                 }
                 Ok(None)
@@ -123,7 +119,7 @@ impl Store {
     /// # Errors
     /// If the store cannot be reached, or what was stored is lost.
     pub async fn source_dicom(&self, id: &CaseId) -> Result<Option<Bytes>, StoreError> {
-        let names = self.rows().objects(id).await?;
+        let names = self.case_objects(id).await?;
         if !names
             .iter()
             .any(|name| name.kind == ObjectKind::SourceDicom)
@@ -146,12 +142,8 @@ impl Store {
         rebuild: impl Future<Output = Result<T, StoreError>>,
     ) -> Result<Option<T>, StoreError> {
         let holder = unique_holder();
-        while !self
-            .rows()
-            .begin_rebuild(id, &holder, REBUILD_LEASE)
-            .await?
-        {
-            if self.rows().case(id).await?.is_none() {
+        while !self.begin_rebuild(id, &holder, REBUILD_LEASE).await? {
+            if self.case_row(id).await?.is_none() {
                 return Ok(None);
             }
             tokio::time::sleep(LOOK_EVERY).await;
@@ -163,11 +155,11 @@ impl Store {
                 rebuilt = &mut rebuild => break rebuilt,
                 _ = heartbeat.tick() => {
                     // Where it is lost somebody else does the same, which does no harm.
-                    let _kept = self.rows().begin_rebuild(id, &holder, REBUILD_LEASE).await;
+                    let _kept = self.begin_rebuild(id, &holder, REBUILD_LEASE).await;
                 }
             }
         };
-        self.rows().end_rebuild(id, &holder).await?;
+        self.end_rebuild(id, &holder).await?;
         rebuilt.map(Some)
     }
 
@@ -210,8 +202,8 @@ impl Store {
             self.inner.objects.put(framed).await?;
         }
         match publisher {
-            Publisher::Worker(claim) => self.rows().publish(claim, pinned, facts).await,
-            Publisher::Rebuild(id) => self.rows().replace(id, pinned).await,
+            Publisher::Worker(claim) => self.make_case_ready(claim, pinned, facts).await,
+            Publisher::Rebuild(id) => self.replace_objects(id, pinned).await,
         }
     }
 }

@@ -5,8 +5,8 @@ use std::collections::HashMap;
 use futures_util::StreamExt as _;
 use futures_util::stream;
 
-use super::arrivals::{ArrivalSource, NewInstance};
-use super::{ObjectName, Spooled, Store, StoreError};
+use super::arrivals::{ArrivalSource, NewInstance, Received};
+use super::{ImageStatus, ObjectName, Spooled, Store, StoreError};
 
 /// Objects that are written at a time.
 const WRITES_AT_ONCE: usize = 8;
@@ -15,8 +15,8 @@ const WRITES_AT_ONCE: usize = 8;
 const PIN_ATTEMPTS: usize = 3;
 
 impl Store {
-    /// Adds images with their files to their series; returns how many are new. Afterwards they are durable. The
-    /// operation completes even if the caller drops the future.
+    /// Adds images with their files to their series. Afterwards they are durable. The operation completes even if the
+    /// caller drops the future.
     ///
     /// # Errors
     /// If the rows or the objects cannot be written. Nothing is acknowledged then, and nothing is left behind.
@@ -24,16 +24,26 @@ impl Store {
         &self,
         images: Vec<(NewInstance, Spooled)>,
         source: ArrivalSource,
-    ) -> Result<usize, StoreError> {
-        let store = self.clone();
-        tokio::spawn(async move { store.receive_now(&images, source).await }).await?
+    ) -> Result<Received, StoreError> {
+        let (store, count) = (self.clone(), images.len());
+        let received = tokio::spawn(async move { store.receive_now(&images, source).await });
+        let received = received.await?;
+        let signals = self.signals();
+        match &received {
+            Ok(Received { new, .. }) => {
+                signals.images_came(source, ImageStatus::Stored, *new);
+                signals.images_came(source, ImageStatus::Known, count.saturating_sub(*new));
+            }
+            Err(_) => signals.images_came(source, ImageStatus::Failed, count),
+        }
+        received
     }
 
     async fn receive_now(
         &self,
         images: &[(NewInstance, Spooled)],
         source: ArrivalSource,
-    ) -> Result<usize, StoreError> {
+    ) -> Result<Received, StoreError> {
         let files: HashMap<ObjectName, &Spooled> = images
             .iter()
             .map(|(instance, file)| (ObjectName::from(instance), file))
@@ -45,16 +55,16 @@ impl Store {
                 self.abandon(&pinned).await;
                 return Err(error);
             }
-            let received = self.rows().receive(&instances, &pinned, source).await;
+            let received = self.insert_images(&instances, &pinned, source).await;
             match received {
-                Ok(Some(new)) if new < instances.len() => {
-                    // Files of images that were there already are not needed.
+                Ok(Some(received)) if received.new < instances.len() => {
+                    // Files of images that were there already, or that were replaced, are not needed.
                     if let Err(error) = self.collect().await {
                         tracing::warn!(%error, "abandoned objects will be removed later");
                     }
-                    return Ok(new);
+                    return Ok(received);
                 }
-                Ok(Some(new)) => return Ok(new),
+                Ok(Some(received)) => return Ok(received),
                 Ok(None) => self.abandon(&pinned).await,
                 Err(error) => {
                     self.abandon(&pinned).await;
@@ -100,6 +110,7 @@ mod tests {
             accession_number: None,
             sop_instance_uid: uid(&format!("1.2.3.{number}")),
             digest: *file.digest(),
+            replaces: None,
         };
         (new, file)
     }
@@ -110,13 +121,13 @@ mod tests {
         let store = Store::open(directory.path()).await.unwrap();
         let images = vec![image(&store, 1, "one").await, image(&store, 2, "two").await];
         let source = ArrivalSource::CStore;
-        assert_eq!(store.receive(images, source).await.unwrap(), 2);
+        assert_eq!(store.receive(images, source).await.unwrap().new, 2);
         let again = vec![
             image(&store, 1, "one").await,
             image(&store, 1, "another").await,
             image(&store, 3, "two").await,
         ];
-        assert_eq!(store.receive(again, source).await.unwrap(), 1);
+        assert_eq!(store.receive(again, source).await.unwrap().new, 1);
         let objects = directory.path().join("objects");
         assert_eq!(
             files_below(&objects).len(),
@@ -127,7 +138,7 @@ mod tests {
         store.close().await;
         let store = Store::open(directory.path()).await.unwrap();
         let query = SeriesQuery::Study(uid("1.2"), None);
-        let arrivals = store.rows().arrivals_of(&query).await.unwrap();
+        let arrivals = store.arrivals_of(&query).await.unwrap();
         assert_eq!(arrivals[0].instances, 3);
         assert_eq!(files_below(&objects).len(), 2);
     }

@@ -117,7 +117,7 @@ impl Store {
             let pinned = self.pin([new.object()]).await?;
             let written = self.objects().put_file(&new.object(), &spooled).await;
             let queued = match written {
-                Ok(()) => self.rows().queue_result(new, &pinned).await,
+                Ok(()) => self.insert_result(new, &pinned).await,
                 Err(error) => Err(error.into()),
             };
             match queued {

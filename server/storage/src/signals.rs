@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex};
 use tokio::sync::{Notify, watch};
 
 use super::lock;
+use crate::arrivals::ArrivalSource;
 use case::{Case, CaseId, CaseState, Progress};
 
 /// Counts since the process started.
@@ -23,6 +24,28 @@ pub struct Counters {
     pub failed: u64,
     /// Preparations that must be tried again because the store failed.
     pub retried: u64,
+}
+
+/// What became of images of a PACS, by the way on which they came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum ImageStatus {
+    /// They are new, and durable.
+    Stored,
+    /// They were there already.
+    Known,
+    /// They could not be stored.
+    Failed,
+}
+
+impl ImageStatus {
+    /// Its name in metrics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Stored => "stored",
+            Self::Known => "known",
+            Self::Failed => "failed",
+        }
+    }
 }
 
 /// Something to count.
@@ -55,9 +78,28 @@ pub struct Signals {
     watched: Mutex<HashMap<CaseId, watch::Sender<Signal>>>,
     running: Mutex<HashMap<CaseId, Arc<AtomicBool>>>,
     counts: [AtomicU64; 5],
+    images: Mutex<HashMap<(&'static str, ImageStatus), u64>>,
 }
 
 impl Signals {
+    /// Counts images that came.
+    pub(super) fn images_came(&self, source: ArrivalSource, status: ImageStatus, count: usize) {
+        *lock(&self.images)
+            .entry((source.name(), status))
+            .or_default() += count as u64;
+    }
+
+    /// How many images came on which way and what became of them, since the process started.
+    pub fn images(&self) -> Vec<(&'static str, ImageStatus, u64)> {
+        let images = lock(&self.images);
+        let each = images
+            .iter()
+            .map(|(&(way, status), &count)| (way, status, count));
+        let mut images: Vec<_> = each.collect();
+        images.sort_unstable();
+        images
+    }
+
     /// Waits until a case is queued by this process.
     pub async fn until_queued(&self) {
         self.queued.notified().await;

@@ -155,7 +155,7 @@ impl Store {
                 parameters,
             };
             if let Some(name) = &inputs.parameters.name {
-                store.rows().rename(&inputs.id, name).await?;
+                store.rename(&inputs.id, name).await?;
             }
             let submitted = store.submit_now(inputs).await?;
             submitted.ok_or_else(|| StoreError::Rows("an upload lacks its own files".into()))
@@ -173,10 +173,10 @@ impl Store {
     pub async fn submit_version(&self, version: Version) -> Result<Option<Submitted>, StoreError> {
         let store = self.clone();
         let submit = async move {
-            let Some(case) = store.rows().case(&version.of).await? else {
+            let Some(case) = store.case_row(&version.of).await? else {
                 return Ok(None);
             };
-            let sources = version.sources(&store.rows().objects(&version.of).await?);
+            let sources = version.sources(&store.case_objects(&version.of).await?);
             let parameters = Parameters {
                 name: case.parameters.name,
                 ..version.parameters.clone()
@@ -201,7 +201,7 @@ impl Store {
         for _ in 0..PIN_ATTEMPTS {
             if let Some(case) = self.case(id).await?
                 && case.state != CaseState::Failed
-                && self.rows().uploaded_again(id).await?
+                && self.uploaded_again(id).await?
             {
                 let case = self.case(id).await?.unwrap_or(case);
                 return Ok(Some(Submitted {
@@ -252,7 +252,7 @@ impl Store {
     ) -> Result<Option<Inserted>, StoreError> {
         // After they are pinned, the objects of the other case will stay.
         let stored = match &inputs.previous {
-            Some(previous) => self.rows().objects(previous).await?,
+            Some(previous) => self.case_objects(previous).await?,
             None => Vec::new(),
         };
         for (name, file) in &inputs.sources {
@@ -271,14 +271,14 @@ impl Store {
             sources: sources.clone(),
             queue_limit: self.options().queue_limit,
         };
-        self.rows().insert(&new).await.map(Some)
+        self.insert_case(&new).await.map(Some)
     }
 
     /// Pins objects before they are written. Waits for objects that are being removed.
     ///
     /// # Errors
     /// If the rows cannot be written.
-    pub async fn pin(
+    pub(crate) async fn pin(
         &self,
         names: impl IntoIterator<Item = ObjectName>,
     ) -> Result<Pinned, StoreError> {
@@ -287,7 +287,7 @@ impl Store {
             names: names.into_iter().collect(),
         };
         let begun = Instant::now();
-        while !self.rows().pin(&pinned, PIN_FOR).await? {
+        while !self.try_pin(&pinned, PIN_FOR).await? {
             if begun.elapsed() > REMOVAL_PATIENCE {
                 return Err(StoreError::Objects(
                     "the removal of an object takes too long".into(),
@@ -302,7 +302,7 @@ impl Store {
 
     /// Abandons pinned objects. If this fails, they are removed after their pins expire.
     pub(super) async fn abandon(&self, pinned: &Pinned) {
-        let unpinned = self.rows().unpin(pinned).await;
+        let unpinned = self.unpin(pinned).await;
         let collected = match unpinned {
             Ok(()) => self.collect().await,
             Err(error) => Err(error),

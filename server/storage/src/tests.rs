@@ -1,5 +1,6 @@
 //! The store as a whole, without anything that prepares: uploads, versions, derived objects, deletions.
 
+mod attempts;
 mod inspect;
 mod publish;
 mod sweep;
@@ -53,7 +54,7 @@ async fn publish(store: &Store, publisher: Publisher<'_>, volume: &str) {
 /// A case that is ready.
 async fn ready(store: &Store, volume: &'static str) -> CaseId {
     let id = submit(store, volume).await.unwrap().case.id;
-    let claim = claim(store.rows()).await.unwrap();
+    let claim = claim(store).await.unwrap();
     assert_eq!(claim.id, id);
     publish(store, Publisher::Worker(&claim), volume).await;
     id
@@ -79,8 +80,8 @@ async fn an_upload_is_queued_once_and_again_after_it_has_failed() {
         assert_eq!(submitted.created, created, "{what}");
         assert_eq!(submitted.case.state, CaseState::Queued);
     }
-    let claim = claim(store.rows()).await.unwrap();
-    assert!(store.rows().fail(&claim, &failure()).await.unwrap());
+    let claim = claim(&store).await.unwrap();
+    assert!(store.fail(&claim, &failure()).await.unwrap());
     let again = submit(&store, "volume").await.unwrap();
     assert!(again.created, "a failed one is queued again");
     assert_nothing_left_over(&store, directory.path()).await;
@@ -144,7 +145,7 @@ async fn a_version_has_the_volume_and_the_mask_that_it_says() {
     let upload = upload(&store, "volume", Some("mask")).await;
     let submitted = store.submit_upload(upload, Parameters::default()).await;
     let of = submitted.unwrap().case.id;
-    let first = claim(store.rows()).await.unwrap();
+    let first = claim(&store).await.unwrap();
     assert_eq!(first.sources.len(), 2);
     let closer = || Parameters {
         closing_radius_mm: 8.0,
@@ -157,12 +158,12 @@ async fn a_version_has_the_volume_and_the_mask_that_it_says() {
             mask,
             parameters: closer(),
         };
-        let names = store.rows().objects(&of).await.unwrap();
+        let names = store.case_objects(&of).await.unwrap();
         let id = version.id(&names).unwrap();
         assert_ne!(version.id_with(&names, &Parameters::default()), Some(id));
         let made = store.submit_version(version).await.unwrap().unwrap();
         assert_eq!((made.case.id, made.case.previous), (id, Some(of)));
-        let claimed = claim(store.rows()).await.unwrap();
+        let claimed = claim(&store).await.unwrap();
         assert_eq!((claimed.id, claimed.sources.len()), (id, sources));
         let volume = store.read(&id, &claimed.sources, ObjectKind::SourceVolume);
         assert_eq!(volume.await.unwrap().as_deref(), Some(&b"volume"[..]));

@@ -61,7 +61,7 @@ export function setValue(input: HTMLInputElement | HTMLSelectElement, value: str
   if (!typing && input.value !== String(value)) input.value = String(value);
 }
 
-/** The page's icons: their shapes are in `index.html`, in boxes of 24 by 24, drawn as lines. */
+/** The page's icons: their shapes are in `page.html`, in boxes of 24 by 24, drawn as lines. */
 export const ICONS = [
   "play",
   "pause",

@@ -17,6 +17,6 @@ export function problemWords(problem: unknown): string {
   if (!(problem instanceof Problem)) return t("problem.unexpected");
   const key = known(`problem.${problem.kind}`);
   if (key && (spoken() !== "en" || !problem.detail)) return t(key);
-  if (problem.detail) return sentence(problem.detail);
+  if (problem.detail) return t("problem.english", { detail: sentence(problem.detail) });
   return t("problem.status", { status: problem.status });
 }

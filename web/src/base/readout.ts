@@ -22,7 +22,9 @@ export const coordinate = (value: number, axis: number): string =>
 
 /** The depth of a state, and over how much of it intensities are averaged, where they are. */
 export function depthWords(state: Pick<ViewState, "depth_mm" | "slab_mm" | "averages_shallow">): string {
-  const depth = `${number(state.depth_mm, 1)} mm`;
+  // As exact as the box in which it is typed.
+  const isTenths = Math.abs(10 * state.depth_mm - Math.round(10 * state.depth_mm)) < 0.05;
+  const depth = `${number(state.depth_mm, isTenths ? 1 : 2)} mm`;
   if (state.slab_mm > 0) return t("depth.slab", { depth, slab: number(state.slab_mm, 1) });
   const mean_mm = slabOf(state) > 0 ? shallowMean(state.depth_mm) : 0;
   return mean_mm > 0 ? t("depth.mean", { depth, mean: number(mean_mm, 1) }) : depth;
@@ -49,6 +51,19 @@ export function scaleBar(mm_per_pixel: number, longest: number): { readonly mm: 
 
 /** An intensity; a dash where it is unknown. */
 export const greyWords = (value?: number | null): string => (Number.isFinite(value) ? intensity(Number(value)) : "–");
+
+/** A value and the volume that it is of. */
+export interface NamedValue {
+  readonly name: string;
+  readonly value: number;
+}
+
+/** The intensity of the case, then the values of what else is shown: `T1 195 · FLAIR 31`. */
+export const valueWords = (grey: number | null | undefined, others: readonly NamedValue[]): string =>
+  [
+    `${t("value.own")}\u00a0${greyWords(grey)}`,
+    ...others.map(({ name, value }) => `${name}\u00a0${greyWords(value)}`),
+  ].join(" · ");
 
 /** The depth of a position; outside of the envelope it has none. A dash where it is unknown, as beside a cut. */
 export function depthAtWords(depth_mm = NaN): string {

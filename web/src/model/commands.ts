@@ -4,7 +4,7 @@ import { facing, outwardAt, towardsViewer } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
 import { type Change, type ChangingCommand, deepen, invert, lookFrom, pan, turn, zoomAt } from "./controls.ts";
 import { firstOverlay, toggled } from "./maps.ts";
-import { mirrorPlane, reflected } from "./midsagittal.ts";
+import { mirrorPlane, sideOf, sideSeen } from "./midsagittal.ts";
 import type { Vec2, Vec3 } from "./space.ts";
 import { type Layout, type ViewState, clampDepth, firstState, isMirrored, presetWindow, textureOf } from "./state.ts";
 
@@ -45,11 +45,17 @@ function inThousandths([x, y]: Vec2, size: Vec2): Vec2 {
   return [x * unit, y * unit];
 }
 
-/** The change to a layout. The left side is what the mirrored right one is compared with. */
-export function laidOut(layout: Layout, { orientation }: ViewState): Change {
+/**
+ * The change to a layout. Beside the mirrored half the hemisphere of the marked point is shown as it was acquired;
+ * without one, the left hemisphere.
+ */
+export function laidOut(layout: Layout, { orientation, crosshair_mm }: ViewState, shown: ReadyCase): Change {
   if (!isMirrored({ layout })) return { layout };
-  const needsLeft = towardsViewer(orientation)[0] < 0.2;
-  return { layout, beside: null, ...(needsLeft ? lookFrom("left") : {}) };
+  const plane = mirrorPlane(shown);
+  const marked = crosshair_mm ? sideOf(crosshair_mm, plane) : "middle";
+  const isInSight = sideSeen(towardsViewer(orientation), plane) === (marked === "middle" ? "left" : marked);
+  const turn = crosshair_mm && marked !== "middle" ? turnedTo(crosshair_mm, shown) : lookFrom("left");
+  return { layout, beside: null, ...(isInSight ? {} : turn) };
 }
 
 /** The change that brings a position to the viewer; none in the middle itself, which has no side. */
@@ -60,16 +66,12 @@ export function turnedTo(position: Vec3, shown: ReadyCase): Change {
 
 /**
  * The change that brings a position of the cut at `depth_mm` to the viewer and marks it, in a layout. Beside the
- * mirrored half the head is turned to the left one of the position and its mirror image: both halves then have it in
- * the middle.
+ * mirrored half its hemisphere is shown as it was acquired, and both halves have it in the middle.
  */
 export function broughtTo(position: Vec3, depth_mm: number, layout: Layout, shown: ReadyCase): Change {
-  const twin = reflected(position, mirrorPlane(shown));
-  const isMirror = isMirrored({ layout });
-  const front = isMirror && twin[0] > position[0] ? twin : position;
   return {
-    ...turnedTo(front, shown),
-    ...(isMirror && { beside: null }),
+    ...turnedTo(position, shown),
+    ...(isMirrored({ layout }) && { beside: null }),
     depth_mm: clampDepth(depth_mm, shown),
     crosshair_mm: position,
     layout,

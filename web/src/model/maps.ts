@@ -1,6 +1,7 @@
 // The maps of the junction of grey and white matter, and how layers lie in colours over a picture: pure.
 
 import type { Intensity } from "./case.ts";
+import type { Side } from "./midsagittal.ts";
 import type { Affine } from "./space.ts";
 
 /** The maps, as the server names them, in the order of the page. */
@@ -178,7 +179,7 @@ export function overlayPairs(overlay: LayerOverlay): readonly (readonly [string,
 export interface Candidate {
   readonly position_in_patient: readonly [number, number, number];
   readonly depth_mm: number;
-  readonly side: "left" | "right";
+  readonly side: Side;
   readonly score: number;
   readonly size_mm: number;
 }

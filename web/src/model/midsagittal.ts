@@ -17,6 +17,29 @@ export const mirrorPlane = (shown: Pick<ReadyCase, "midsagittal" | "envelope_sph
 const distance_mm = (position_in_patient: Vec3, { normal, offset_mm }: MirrorPlane): number =>
   dot(position_in_patient, normal) - offset_mm;
 
+/** A side of the patient, or neither: too near to the plane to be told by it. */
+export type Side = "left" | "right" | "middle";
+
+/** What lies so near to the plane is in the middle: the hemispheres are not divided by a plane alone. */
+const MIDDLE_MM = 5;
+
+/** On which side of the plane a position is. */
+export function sideOf(position_in_patient: Vec3, plane: MirrorPlane): Side {
+  const left_mm = distance_mm(position_in_patient, plane);
+  if (Math.abs(left_mm) <= MIDDLE_MM) return "middle";
+  return left_mm > 0 ? "left" : "right";
+}
+
+/** How far a direction must lead from the plane so that one hemisphere is seen from there alone: a sine. */
+export const SIDEWAYS = 0.2;
+
+/** The hemisphere that is seen from a direction; `middle`: both are. */
+export function sideSeen(towards_viewer: Vec3, { normal }: MirrorPlane): Side {
+  const leftwards = dot(towards_viewer, normal);
+  if (Math.abs(leftwards) < SIDEWAYS) return "middle";
+  return leftwards > 0 ? "left" : "right";
+}
+
 /** The position mirrored at the plane. */
 export const reflected = (position_in_patient: Vec3, plane: MirrorPlane): Vec3 =>
   subtract(position_in_patient, scale(plane.normal, 2 * distance_mm(position_in_patient, plane)));

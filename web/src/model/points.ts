@@ -6,7 +6,7 @@ import { type Depths, firstHit } from "./isosurface.ts";
 import { mirrorPlane, reflected } from "./midsagittal.ts";
 import { type Profile, profileAt } from "./profile.ts";
 import type { Sampler } from "./sampler.ts";
-import { type Vec2, type Vec3, dot, scale } from "./space.ts";
+import { type Vec2, type Vec3, dot, length, normalized, scale, subtract } from "./space.ts";
 import { type ViewState, isHalved, isMirrored } from "./state.ts";
 
 /** The point of the surface that is seen at a place of the pane. */
@@ -17,6 +17,8 @@ export interface Picked {
   readonly intensity: number | null;
   /** Outwards, of length 1. */
   readonly normal_in_patient: Vec3;
+  /** Whether it was seen in the half that shows the head mirrored. */
+  readonly isFlipped: boolean;
 }
 
 /** The depth and intensity at a position. */
@@ -32,6 +34,11 @@ export const CUT_REACH = 1.5;
 /** Whether a depth at a position is known: it is not if a face that cuts the brain is nearer than any dura. */
 const isKnown = ({ cuts = [], grid }: ReadyCase, position: Vec3, depth_mm: number): boolean =>
   cuts.every(({ normal, offset_mm }) => dot(normal, position) - offset_mm >= depth_mm + CUT_REACH * grid.spacing_mm);
+
+/** What lies so far outside the envelope is beside the head: bone and skin are about half as thick. */
+const HEAD_MM = 25;
+/** So far outside the envelope no way into the brain belongs to a point. */
+const OUTSIDE_MM = 2;
 
 /** How far before the envelope's sphere a line of sight begins. */
 const MARGIN_MM = 10;
@@ -71,10 +78,21 @@ export class Points {
       depth_mm: state.depth_mm,
       intensity: Number.isNaN(intensity) ? null : intensity,
       normal_in_patient: scale(this.#depths.inwardAt(position), -1),
+      isFlipped: isMirror,
     };
   }
 
+  /** Whether a position is within the head, as far as the envelope tells. */
+  isInHead(position: Vec3): boolean {
+    const inwards = subtract(this.#case.envelope_sphere.center_in_patient, position);
+    const direction = normalized(inwards);
+    const border = firstHit(this.#depths, { from: position, direction, reach_mm: length(inwards) }, 0);
+    return border !== null && length(subtract(border, position)) <= HEAD_MM;
+  }
+
+  /** Null outside the envelope. */
   profile(position: Vec3): Profile | null {
+    if (this.#depths.depthAt(position) < -OUTSIDE_MM) return null;
     const volume = {
       atPatient: (place: Vec3) => (Number.isNaN(this.#depthAt(place)) ? NaN : this.#volume.atPatient(place)),
     };

@@ -45,3 +45,17 @@ export function samplerOf({ size, voxels, scale, offset, patient_from_voxel }: B
     },
   };
 }
+
+/** The value of a layer, whose stored 0 is undefined, at a position of the patient; NaN where it is undefined. */
+export function layerSampler(block: Block): (position_in_patient: Vec3) => number {
+  const sampler = samplerOf(block);
+  const [nx, ny] = block.size;
+  return (position_in_patient) => {
+    const value = sampler.atPatient(position_in_patient);
+    const nearest = transform(sampler.voxel_from_patient, position_in_patient).map((part, axis) =>
+      Math.min(Math.max(Math.round(part), 0), (block.size[axis] ?? 1) - 1),
+    );
+    const [x = 0, y = 0, z = 0] = nearest;
+    return block.voxels[x + nx * (y + ny * z)] === 0 ? NaN : value;
+  };
+}

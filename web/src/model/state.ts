@@ -78,6 +78,8 @@ export interface ViewState {
   readonly outlines_mm: readonly number[];
   /** The position that was picked, in the patient; the slices go through it. */
   readonly crosshair_mm: Vec3 | null;
+  /** The diameter of the listed place at that position, if the map that is shown does not colour it. */
+  readonly place_mm?: number;
 }
 
 export const ZOOM_RANGE = [0.25, 20] as const;

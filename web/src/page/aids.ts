@@ -17,7 +17,9 @@ import {
 import type { Command, LayerCommand } from "../model/controls.ts";
 import { type LayerOverlay, isLayerId, isMap, toggled } from "../model/maps.ts";
 import { type HalfLook, type ViewState, bareOf, halfOf, layersOf } from "../model/state.ts";
+import type { Vec3 } from "../model/space.ts";
 import type { Block } from "../model/wire.ts";
+import type { NamedValue } from "../base/readout.ts";
 import type { Actions } from "./actions.ts";
 import type { CaseLayers } from "./case-layers.ts";
 import type { Comparison } from "./comparison.ts";
@@ -62,7 +64,7 @@ export class Aids {
     this.#listener = listener;
     for (const [at, element] of this.elements.entries()) {
       element.classList.add(at === 0 ? "maps" : "added");
-      element.querySelector(".group-body")?.append(quiet("…"));
+      element.querySelector(".group-body")?.append(quiet(t("panel.loading")));
     }
   }
 
@@ -88,8 +90,14 @@ export class Aids {
     ask().catch((problem: unknown) => this.#listener.complain(problem));
   }
 
-  /** The state as it is drawn: without what is hidden for now, and with the window of what has no layer. */
+  /** The state as it is drawn: as `#shownOf`, and with the outline of a place that the map leaves out. */
   drawable(state: ViewState): ViewState {
+    const drawn = this.#shownOf(state);
+    return this.#filled?.maps.outlined(drawn) ?? drawn;
+  }
+
+  /** Without what is hidden for now, and with the window of what has no layer. */
+  #shownOf(state: ViewState): ViewState {
     const { beside } = state;
     const right = this.#known(state);
     const known = beside ? { ...right, beside: this.#known(beside), swipe: null } : right;
@@ -115,6 +123,20 @@ export class Aids {
 
   async voxels(name: string): Promise<Block> {
     return (await this.load()).layers.voxels(name);
+  }
+
+  /** The values at a position of the layers that are shown, as far as their voxels are here. */
+  valuesAt(position: Vec3): readonly NamedValue[] {
+    const state = this.#state && this.drawable(this.#state);
+    const { layer, overlay } = state ?? {};
+    const shown = [
+      layer && { id: layer.id, name: layer.about?.title ?? "", moved: layer.moved },
+      overlay && { id: overlay.name, name: overlayName(overlay), moved: overlay.moved },
+    ];
+    return shown.flatMap((one) => {
+      const value = one && !one.moved ? this.#filled?.layers.valueAt(one.id, position) : undefined;
+      return one && value !== undefined ? [{ name: one.name, value }] : [];
+    });
   }
 
   /** Follows a command if it is one about layers. */
@@ -277,6 +299,9 @@ export class Aids {
     this.#listener.redraw();
   }
 }
+
+/** What a layer over the picture is called beside its values. */
+const overlayName = ({ name, about }: LayerOverlay): string => (isMap(name) ? t(`map.${name}`) : (about?.title ?? ""));
 
 /** What stands on a picture about a layer that is ready. */
 const aboutOf = ({ name, origin, quality }: Layer) => {

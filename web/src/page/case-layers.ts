@@ -4,6 +4,8 @@ import { wait } from "../base/patience.ts";
 import { Problem, getCandidates, listLayers, send } from "../base/api.ts";
 import { type Layer, type LayerList, isBusy, isReady } from "../model/layers.ts";
 import type { Candidate } from "../model/maps.ts";
+import { layerSampler } from "../model/sampler.ts";
+import type { Vec3 } from "../model/space.ts";
 import { type Block, decodeVolume, readLayout } from "../model/wire.ts";
 
 /** How long to wait before asking again while layers are being made, in ms. */
@@ -18,6 +20,8 @@ export class CaseLayers {
   readonly #gone = new AbortController();
   readonly #hear: (list: LayerList) => void;
   readonly #voxels = new Map<string, Promise<Block>>();
+  /** Those of them that are here. */
+  readonly #samplers = new Map<string, (position_in_patient: Vec3) => number>();
   #list: LayerList | null = null;
   #asking: Promise<void> | null = null;
   #isStale = false;
@@ -57,10 +61,22 @@ export class CaseLayers {
     const voxels = this.#voxels.get(name) ?? this.#fetch(name);
     this.#voxels.delete(name);
     this.#voxels.set(name, voxels);
-    for (const old of [...this.#voxels.keys()].slice(0, -MOST_KEPT)) this.#voxels.delete(old);
-    // A failed request is repeated.
-    voxels.catch(() => this.#voxels.delete(name));
+    for (const old of [...this.#voxels.keys()].slice(0, -MOST_KEPT)) {
+      this.#voxels.delete(old);
+      this.#samplers.delete(old);
+    }
+    voxels.then(
+      (block) => this.#voxels.has(name) && this.#samplers.set(name, layerSampler(block)),
+      // A failed request is repeated.
+      () => this.#voxels.delete(name),
+    );
     return voxels;
+  }
+
+  /** The value of a layer at a position: NaN where it is undefined, nothing until its voxels are here. */
+  valueAt(name: string, position_in_patient: Vec3): number | undefined {
+    const value = this.#samplers.get(name)?.(position_in_patient);
+    return this.ready(name)?.kind === "labels" ? undefined : value;
   }
 
   candidates(): Promise<readonly Candidate[]> {

@@ -30,19 +30,27 @@ export class Row {
 
   constructor(one: Case, remove: (one: Case) => void) {
     this.#case = one;
+    const id = h("span", { class: "id" }, one.id.slice(0, 8));
     this.#link = h(
       "a",
-      { href: `#${one.id}`, click: (event: MouseEvent) => this.#stay(event) },
+      {
+        href: `#${one.id}`,
+        "aria-keyshortcuts": "Delete",
+        click: (event: MouseEvent) => this.#stay(event),
+        keydown: ({ key }: KeyboardEvent) => key === "Delete" && remove(this.#case),
+      },
       this.#thumb,
       h(
         "span",
         { class: "words" },
-        h("span", { class: "head" }, this.#title, h("span", { class: "status" }, one.id.slice(0, 8)), this.#badge),
-        h("span", { class: "facts" }, this.#fresh, this.#status, this.#version),
+        h("span", { class: "head" }, this.#title, this.#badge),
+        h("span", { class: "facts" }, this.#fresh, id, this.#status, this.#version),
         this.#bar,
       ),
     );
     this.#delete = iconButton("trash", t("delete.button", { title: caseIdentity(one) }), () => remove(this.#case));
+    // A row is one stop of the tabulator: its key is Delete.
+    this.#delete.tabIndex = -1;
     this.element = h("li", { "data-id": one.id }, this.#link, this.#delete);
   }
 

@@ -1,10 +1,11 @@
-// The list of cases: searched, sorted, of any length, kept fresh by asking, often while a case is prepared.
+// The list of cases: searched, sorted, of any length, kept fresh by asking; the server tells how far a case is.
 
 import { listCases } from "../base/api.ts";
 import { caseFacts, caseTitle } from "../base/case-words.ts";
 import { h, status, tell } from "../base/dom.ts";
 import { spoken, t } from "../base/i18n.ts";
 import { troubleWords } from "../base/problem-words.ts";
+import { Progress } from "../base/progress.ts";
 import type { Case } from "../model/case.ts";
 import { qualityOf } from "../model/quality.ts";
 import { ROW_PIXELS, rowsInSight, scrolledTo } from "../model/rows.ts";
@@ -12,7 +13,8 @@ import { Row } from "./case-row.ts";
 import { choice } from "./fields.ts";
 
 const IDLE_MS = 8000;
-const BUSY_MS = 400;
+/** While more cases are being prepared than are followed. */
+const BUSY_MS = 1000;
 /** So many cases are asked for together, behind the newest; and so many are listed at the most. */
 const PAGE_CASES = 200;
 const MOST_CASES = 10_000;
@@ -76,6 +78,7 @@ export class CaseList {
   readonly #order: HTMLSelectElement;
   readonly #rows = new Map<string, Row>();
   readonly #resized = new ResizeObserver(() => this.#stir());
+  readonly #progress = new Progress((one) => this.#hear(one));
   readonly #onVisible = (): void => {
     if (!document.hidden) void this.refresh();
   };
@@ -130,8 +133,19 @@ export class CaseList {
       this.#say(troubleWords(problem));
     }
     clearTimeout(this.#timer);
-    if (!document.hidden && !this.#disposed)
-      this.#timer = window.setTimeout(() => void this.refresh(), this.cases.some(isBusy) ? BUSY_MS : IDLE_MS);
+    if (document.hidden || this.#disposed) return;
+    const isMore = this.cases.filter(isBusy).length > (this.#progress.isShared ? 1 : 0);
+    this.#timer = window.setTimeout(() => void this.refresh(), isMore ? BUSY_MS : IDLE_MS);
+  }
+
+  /** A case has changed. */
+  #hear(one: Case): void {
+    // What the list does not hold yet comes with all that is new.
+    if (!isBusy(one) || !this.cases.some(({ id }) => id === one.id)) return void this.refresh();
+    const put = (cases: readonly Case[]): readonly Case[] => cases.map((old) => (old.id === one.id ? one : old));
+    this.#newest = put(this.#newest);
+    this.#older = put(this.#older);
+    this.#merge();
   }
 
   /** The id of the only case there is; null where there is none, or more. */
@@ -164,6 +178,7 @@ export class CaseList {
 
   dispose(): void {
     this.#disposed = true;
+    this.#progress.dispose();
     this.#resized.disconnect();
     cancelAnimationFrame(this.#frame);
     clearTimeout(this.#timer);
@@ -180,6 +195,8 @@ export class CaseList {
     this.cases = [...this.#newest, ...this.#older.filter((one) => !fresh.has(one.id))];
     this.#say(this.cases.length === 0 ? t("cases.none") : "");
     this.#draw();
+    const busy = this.cases.filter(isBusy);
+    this.#progress.follow((busy.find(({ state }) => state === "preparing") ?? busy.at(-1))?.id ?? null);
     this.#listener.changed();
   }
 

@@ -11,7 +11,7 @@ export { Comparison } from "./comparison.ts";
 export { CaseLayers } from "./case-layers.ts";
 export { LayersSection } from "./layers-section.ts";
 export { MapsSection } from "./maps-section.ts";
-export { meetNeighbour } from "./neighbour.ts";
+export { meetNeighbour } from "../pacs/neighbour.ts";
 export { Nudge } from "./nudge.ts";
 export { OverlayControls } from "./overlay-controls.ts";
 export { SweepSection } from "./sweep-section.ts";

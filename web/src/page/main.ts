@@ -180,6 +180,8 @@ class App {
     void this.#acquired.show(ready ? "" : (chosen?.id ?? ""));
     if (ready?.id === this.#viewer?.shown.id) return;
     this.#leave();
+    // What was said of the case before is not of this one.
+    setText(this.#live, "");
     this.#showQuality(ready);
     if (!ready) return;
     const viewer = new Viewer(ready, rest, {
@@ -333,7 +335,8 @@ class App {
     // A button or a link is worked by these; a page is scrolled.
     const ofControl =
       event.target.closest("button, a, summary, input") !== null && (event.key === " " || event.key === "Enter");
-    const ofPage = !onPicture && (/^(Arrow|Page)/.test(event.key) || event.key === "Enter");
+    const scrolls = event.target.closest("#sidebar, .candidates") ? /^(Arrow|Page)/ : /^Arrow/;
+    const ofPage = !onPicture && (scrolls.test(event.key) || event.key === "Enter");
     if (ofControl || ofPage) return;
     if (command.kind !== "help" && !this.#viewer) return;
     event.preventDefault();

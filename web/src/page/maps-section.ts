@@ -24,7 +24,7 @@ export class MapsSection {
   readonly #actions: Actions;
   readonly #names: HTMLElement;
   readonly #about = h("p", { class: "quiet", hidden: true });
-  readonly #status = h("p", { class: "quiet maps-status", role: "status", hidden: true });
+  readonly #status = h("p", { class: "quiet maps-status", id: "maps-status", role: "status", hidden: true });
   /** Where the controls of an overlay stand. */
   readonly slot = h("div", {});
   readonly #ask: HTMLButtonElement;
@@ -33,6 +33,8 @@ export class MapsSection {
   /** How much of the junction the cuts meet slantwise, by depth. */
   readonly #slant = h("div", { class: "group-part slant", hidden: true });
   #bands: readonly JunctionBand[] = [];
+  /** Whether there are maps, or will be. */
+  #isKnown = true;
   #candidates: readonly Candidate[] = [];
   #state: ViewState | null = null;
 
@@ -46,7 +48,7 @@ export class MapsSection {
       (name) => t(`map.${name}`),
       (name) => this.#choose(name),
     );
-    this.#ask = button(t("candidates.ask"), () => void this.#askForCandidates());
+    this.#ask = button(t("candidates.ask"), () => void this.#askForCandidates(), { "aria-describedby": "maps-status" });
     this.element = h(
       "div",
       { class: "group-body" },
@@ -77,6 +79,8 @@ export class MapsSection {
       state === "undefined"
         ? t("maps.undefined", { reason: reasonIn(reason, reason_code) })
         : t(state === "off" ? "maps.off" : "maps.making");
+    this.#isKnown = state !== "undefined" && state !== "off";
+    this.#ask.disabled = !this.#isKnown;
     this.#say(state === "ready" ? "" : words);
   }
 
@@ -120,7 +124,7 @@ export class MapsSection {
     } catch (problem) {
       this.#say(problemWords(problem));
     }
-    this.#ask.disabled = false;
+    this.#ask.disabled = !this.#isKnown;
   }
 
   #put(candidates: readonly Candidate[]): void {
@@ -133,16 +137,8 @@ export class MapsSection {
 
   #item({ position_in_patient, depth_mm, side, score, size_mm }: Candidate, at: number): HTMLElement {
     const go = (layout: Layout | null): void => {
-      const overlay = this.#state?.overlay;
-      this.#actions.change(
-        {
-          ...broughtTo(position_in_patient, depth_mm, layout ?? this.#state?.layout ?? "single", this.#shown),
-          // A place below the threshold would have no colour.
-          ...(overlay?.name === "blur" &&
-            Number(overlay.threshold) > score && { overlay: { ...overlay, threshold: Math.floor(score) } }),
-        },
-        true,
-      );
+      const wanted = layout ?? this.#state?.layout ?? "single";
+      this.#actions.change(broughtTo(position_in_patient, depth_mm, wanted, this.#shown), true);
     };
     const place = t("candidates.place", { rank: number(at + 1), side: t(`side.${side}`), depth: number(depth_mm, 1) });
     const facts = t("candidates.facts", { score: number(score, 1), size: number(size_mm, 1) });
@@ -159,10 +155,23 @@ export class MapsSection {
 
   /** Marks the place that is gone to. */
   #mark(): void {
-    const marked = this.#state?.crosshair_mm?.map((part) => part.toFixed(1)).join();
-    for (const [at, item] of [...this.#list.children].entries()) {
-      const isMarked = this.#candidates[at]?.position_in_patient.map((part) => part.toFixed(1)).join() === marked;
-      item.setAttribute("aria-current", String(isMarked));
-    }
+    const marked = this.#markedPlace(this.#state);
+    for (const [at, item] of [...this.#list.children].entries())
+      item.setAttribute("aria-current", String(this.#candidates[at] === marked));
+  }
+
+  /** The listed place at the marked point. */
+  #markedPlace(state: ViewState | null): Candidate | undefined {
+    const text = (position: readonly number[]): string => position.map((part) => part.toFixed(1)).join();
+    const marked = state?.crosshair_mm;
+    return marked ? this.#candidates.find((one) => text(one.position_in_patient) === text(marked)) : undefined;
+  }
+
+  /** A state with the outline of the marked place, if that is too weak for the map's colours. */
+  outlined(state: ViewState): ViewState {
+    if (state.overlay?.name !== "blur") return state;
+    const place = this.#markedPlace(state);
+    const isColoured = place && place.score > Number(state.overlay.threshold);
+    return place && !isColoured ? { ...state, place_mm: place.size_mm } : state;
   }
 }

@@ -3,6 +3,7 @@
 
 import type { Case, ReadyCase } from "../model/case.ts";
 import type { Measured, Profile } from "../model/profile.ts";
+import { pictureBody } from "../model/series.ts";
 import type { Vec3 } from "../model/space.ts";
 import { type Key, t } from "../base/i18n.ts";
 import type { OnScreen } from "./export.ts";
@@ -97,10 +98,11 @@ export class OnDemand {
     this.#asked.abort();
   }
 
-  /** Adds what there is for a case from DICOM; a server without a neighbour of a PACS has no script for it. */
+  /** Adds what there is for a case from DICOM; a server without a PACS has nothing. */
   meetNeighbour(viewer: HTMLElement): void {
     if (!this.#host.shown.links?.dicom) return;
-    const meet = ({ meetNeighbour }: Parts): unknown => meetNeighbour(viewer, () => this.#onScreen);
+    const render = (side: number) => pictureBody(this.#onScreen.state, [side, side]);
+    const meet = ({ meetNeighbour }: Parts): unknown => meetNeighbour(this.#host.shown.id, viewer, render);
     later()
       .then(meet)
       .catch(() => {});

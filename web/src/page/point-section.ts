@@ -5,7 +5,7 @@ import type { ReadyCase } from "../model/case.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec3 } from "../model/space.ts";
 import { number, t } from "../base/i18n.ts";
-import { depthAtWords, greyWords, positionWords, voxelAt } from "../base/readout.ts";
+import { depthAtWords, positionWords, voxelAt } from "../base/readout.ts";
 import type { Actions } from "./actions.ts";
 import { button, row } from "./fields.ts";
 
@@ -71,13 +71,17 @@ export class PointSection {
 }
 
 /** A position in words, with what is known of it. */
-export function pointWords(shown: ReadyCase, position: Vec3, known: Partial<Picked | Probed> | null): PointWords {
+export function pointWords(
+  shown: ReadyCase,
+  position: Vec3,
+  { depth_mm }: Partial<Picked | Probed>,
+  values: string,
+): PointWords {
   const voxel = voxelAt(shown, position);
-  const { depth_mm, intensity: grey } = known ?? {};
   return {
     position: positionWords(position),
     voxel: voxel ? voxel.map((part) => number(part)).join(", ") : t("point.outside"),
     depth: depthAtWords(depth_mm),
-    intensity: greyWords(grey),
+    intensity: values,
   };
 }

@@ -5,8 +5,8 @@ import type { ChangingCommand } from "../model/controls.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
-import { intensity, number, t } from "../base/i18n.ts";
-import { positionWords } from "../base/readout.ts";
+import { number, t } from "../base/i18n.ts";
+import { positionWords, valueWords } from "../base/readout.ts";
 import { lookWords, overlayWords, titleWords } from "../panes/overlay.ts";
 
 /** What is asked about places. */
@@ -45,7 +45,7 @@ function placeWords(position: Vec3, places: Places): string {
   return t("said.place", {
     position: positionWords(position),
     depth: number(probed.depth_mm, 1),
-    grey: intensity(probed.intensity),
+    values: valueWords(probed.intensity, []),
   });
 }
 

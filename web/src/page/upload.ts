@@ -59,7 +59,12 @@ export class UploadForm {
         file(t("upload.folder"), this.#folder, t("upload.choose-folder"), t("upload.folder-hint")),
         file(t("upload.mask"), this.#mask, t("upload.choose-files"), t("upload.mask-hint")),
         field(t("upload.name"), this.#name, t("upload.name-hint")),
-        field(t("upload.radius"), this.#radius, t("upload.radius-hint")),
+        h(
+          "details",
+          {},
+          h("summary", {}, t("upload.more")),
+          field(t("upload.radius"), this.#radius, t("upload.radius-hint")),
+        ),
       ),
       // In sight, however far the form is scrolled.
       h("section", {}, this.#chosen, this.#names, this.#note, ...this.#transfer.parts),

@@ -1,17 +1,19 @@
 // The chosen case: one state, the panes that show it, and what changes it.
 
+import { mirrored } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { changeOf, laidOut, turnedTo } from "../model/commands.ts";
 import { type Change, type Command, dragWindow } from "../model/controls.ts";
 import { readState, writeAddress } from "../model/fragment.ts";
 import type { StateHistory } from "../model/history.ts";
 import type { Left } from "../model/memory.ts";
+import { mirrorPlane } from "../model/midsagittal.ts";
 import type { Picked } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { clampDepth, type Layout, type ViewState, hasSlices } from "../model/state.ts";
 import { h } from "../base/dom.ts";
-import { t } from "../base/i18n.ts";
-import { positionWords } from "../base/readout.ts";
+import { type Key, t } from "../base/i18n.ts";
+import { positionWords, valueWords } from "../base/readout.ts";
 import { SliceGroup } from "../panes/slice-group.ts";
 import type { SurfaceStatus } from "../panes/surface.ts";
 import { SurfacePane } from "../panes/surface-pane.ts";
@@ -89,6 +91,8 @@ export class Viewer {
         redraw();
       },
       move: (position, done) => this.#moveCross(position, done),
+      missed: () => this.#tellMissed("point.beside"),
+      values: (position) => this.#valuesAt(position),
       window: (move) => this.#change(dragWindow(this.#state, shown, move, host.preferences().drag)),
       surface: () => this.#surface.surface,
       complain,
@@ -146,7 +150,7 @@ export class Viewer {
 
   setLayout(layout: Layout): void {
     this.#shrink();
-    this.#change(laidOut(layout, this.#state), true);
+    this.#change(laidOut(layout, this.#state, this.shown), true);
     this.#host.announce(t(`layout.${layout}`));
   }
 
@@ -333,13 +337,19 @@ export class Viewer {
       const isLoading = this.element.dataset.loaded === undefined;
       if (isLoading && !this.#surface.knowsSurface) this.#wanted = { place, state };
       const untold = isLoading ? "point.loading" : "point.unknown";
-      const words = t(this.#surface.knowsSurface ? "point.none" : untold);
-      this.panel.point.hint(words);
-      return this.#host.announce(words);
+      return this.#tellMissed(this.#surface.knowsSurface ? "point.none" : untold);
     }
     this.#picked = picked;
-    this.#change({ crosshair_mm: picked.position_in_patient }, true);
+    // The marked hemisphere is the one that is shown as it was acquired.
+    const view = picked.isFlipped ? mirrored(state, mirrorPlane(this.shown), this.shown.envelope_sphere) : {};
+    this.#change({ ...view, crosshair_mm: picked.position_in_patient }, true);
     this.#host.announce(t("point.said", { position: positionWords(picked.position_in_patient) }));
+  }
+
+  /** Says why nothing was marked. */
+  #tellMissed(why: Key): void {
+    this.panel.point.hint(t(why));
+    this.#host.announce(t(why));
   }
 
   /** Puts the cross where a slice was touched; the surface turns to it when the hand has left. */
@@ -365,7 +375,13 @@ export class Viewer {
   }
 
   #tellPoint(position: Vec3): void {
-    this.panel.point.show(pointWords(this.shown, position, this.#picked ?? this.#surface.probe(position)));
+    const known: Partial<Picked> = this.#picked ?? this.#surface.probe(position) ?? {};
+    this.panel.point.show(pointWords(this.shown, position, known, this.#valuesAt(position, known.intensity)));
+  }
+
+  /** The intensities at a position, of all volumes that are shown, in words. */
+  #valuesAt(position: Vec3, grey = this.#surface.probe(position)?.intensity ?? null): string {
+    return valueWords(grey, this.#aids.valuesAt(position));
   }
 
   /** Plots intensity against depth below a position, where it is known by then and still the marked one. */

@@ -123,6 +123,10 @@ class Cortex implements Surface {
     return this.#points?.probe(position_in_patient) ?? null;
   }
 
+  isInHead(position_in_patient: Vec3): boolean {
+    return this.#points?.isInHead(position_in_patient) ?? true;
+  }
+
   async picture(state: ViewState, ratio: number): Promise<CanvasImageSource> {
     const still = state.way === "auto" ? { ...state, way: this.#pace.stillWay(state.depth_mm) } : state;
     const way = this.#drawable(still);

@@ -1,32 +1,46 @@
 // Crossed lines on a picture: the marked point, its mirror image, the pointer.
 
-import { svg } from "../base/dom.ts";
+import { h, svg, tell } from "../base/dom.ts";
 import type { Vec2 } from "../model/space.ts";
 
 /** How far a mark reaches from its middle, in CSS pixels. */
 const MARK_REACH = 14;
+/** Words stand so far from the middle of a mark, and take at most so much room, in CSS pixels. */
+const WORDS_GAP = 12;
+const WORDS_ROOM = 56;
 
 /** `lines` go from edge to edge, the others are small marks. */
 export type CursorKind = "lines" | "mark" | "hidden" | "ghost";
 
+export interface CursorLook {
+  readonly kind: CursorKind;
+  /** What stands beside it; empty: nothing. */
+  readonly words?: string;
+  /** The radius of the place around it, in CSS pixels; 0: it has no outline. */
+  readonly ring?: number;
+}
+
 export class Cursor {
   readonly element = svg("svg", { class: "cursor", "aria-hidden": "true", hidden: true });
+  readonly words = h("span", { class: "cursor-words", hidden: true });
   #shown = "";
 
   /**
    * Crossed lines with a gap at `place`, over a pane of `size`. They are broken where they lie behind the surface,
    * `hidden`, and of another colour where they are a mirror image or the pointer's, a `ghost`.
    */
-  show(place: Vec2 | null, size: Vec2, kind: CursorKind): void {
-    const wanted = [kind, ...(place ? [...place, ...size] : [])].join(" ");
+  show(place: Vec2 | null, size: Vec2, { kind, words = "", ring = 0 }: CursorLook): void {
+    const wanted = [kind, words, ring, ...(place ? [...place, ...size] : [])].join(" ");
     if (wanted === this.#shown) return;
     this.#shown = wanted;
     this.element.replaceChildren();
     this.element.setAttribute("class", `cursor ${kind}`);
     const isShown = place !== null && place.every(Number.isFinite);
     this.element.toggleAttribute("hidden", !isShown);
+    tell(this.words, isShown ? words : "");
     if (!isShown) return;
     const [x, y] = place;
+    this.#placeWords(place, size, kind);
     const [gap, reach] = kind === "lines" ? [10, Math.max(...size)] : [5, MARK_REACH];
     const line = (x1: number, y1: number, x2: number, y2: number): SVGElement => svg("line", { x1, y1, x2, y2 });
     this.element.append(
@@ -35,11 +49,25 @@ export class Cursor {
       line(x, y - reach, x, y - gap),
       line(x, y + gap, x, y + reach),
     );
+    // Also a small place has its outline outside of the mark.
+    const outline = ring > 0 ? Math.max(ring, gap + 4) : 0;
+    if (outline > 0) this.element.append(svg("circle", { class: "place", cx: x, cy: y, r: outline }));
     if (kind === "lines") return;
     this.element.append(svg("circle", { cx: x, cy: y, r: gap }));
     // No larger than the mark, for all of it is laid over the picture with every frame.
-    const [left, top, side] = [x - MARK_REACH, y - MARK_REACH, 2 * MARK_REACH];
+    const half = Math.ceil(Math.max(MARK_REACH, outline + 2));
+    const [left, top, side] = [x - half, y - half, 2 * half];
     this.element.setAttribute("viewBox", `${left} ${top} ${side} ${side}`);
-    Object.assign(this.element.style, { left: `${left}px`, top: `${top}px` });
+    Object.assign(this.element.style, { left: `${left}px`, top: `${top}px`, width: `${side}px`, height: `${side}px` });
+  }
+
+  /** To the right of the mark, or to its left at the right edge. */
+  #placeWords([x, y]: Vec2, [width]: Vec2, kind: CursorKind): void {
+    this.words.classList.toggle("ghost", kind === "ghost");
+    const isRight = x + WORDS_GAP + WORDS_ROOM > width;
+    this.words.style.left = `${isRight ? x - WORDS_GAP : x + WORDS_GAP}px`;
+    // Words of both marks at one height would meet in a narrow slice.
+    this.words.style.top = `${kind === "ghost" ? y - 24 : y + 4}px`;
+    this.words.style.translate = isRight ? "-100%" : "";
   }
 }

@@ -27,7 +27,9 @@ export class MapBar {
   readonly #high = h("span", {});
   readonly #canvas = h("canvas", { width: 1, height: ROWS, class: "ramp" });
   readonly #low = h("span", {});
-  readonly #hidden = h("span", {});
+  /** The threshold on the ramp; of magnitudes, at both ends. */
+  readonly #ticks = h("div", { class: "ticks" });
+  readonly #ramp = h("div", { class: "ramp-box" }, this.#canvas, this.#ticks);
   #shown: LayerOverlay | null = null;
 
   constructor() {
@@ -36,9 +38,8 @@ export class MapBar {
       { class: "colour-bar map-bar", hidden: true },
       this.#name,
       this.#high,
-      this.#canvas,
+      this.#ramp,
       this.#low,
-      this.#hidden,
     );
   }
 
@@ -48,21 +49,25 @@ export class MapBar {
     this.element.hidden = overlay === null;
     if (!overlay) return;
     const style = styleOf(overlay);
-    const { unit, window, colormap } = style;
+    const { unit, colormap } = style;
     const { threshold } = overlay;
+    const window = shownRange(overlay);
     const meaning = known(`map.${overlay.name}.low`);
     setText(this.#name, `${overlayWords(overlay)}${unit && `, ${unit}`}${meaning ? `\n${t(meaning)}` : ""}`);
     const written = writer(window);
     setText(this.#high, written(window[1]));
     setText(this.#low, written(window[0]));
-    this.#hidden.hidden = threshold === null;
-    const size = isDiverging(style) ? `|${unit}|` : unit;
-    setText(this.#hidden, threshold === null ? "" : `${size} > ${written(threshold)}`.trim());
     // Labels have the colours of their numbers.
-    for (const part of [this.#high, this.#low, this.#canvas]) part.hidden = colormap === "labels";
+    for (const part of [this.#high, this.#low, this.#ramp]) part.hidden = colormap === "labels";
+    // What lies below the threshold is transparent: its own number says where that begins.
+    this.#low.hidden ||= threshold !== null && !isDiverging(style);
+    const ends = threshold === null ? [] : isDiverging(style) ? [threshold, -threshold] : [threshold];
+    this.#ticks.replaceChildren(...ends.map((end) => tick(end, window, written(end))));
     const context = this.#canvas.getContext("2d");
     if (!context) return;
-    const ramp = context.createLinearGradient(0, ROWS, 0, 0);
+    // The colours belong to their window, which need not be all of the ramp; beyond its ends they stay.
+    const first = ROWS * ((window[1] - style.window[0]) / (window[1] - window[0]));
+    const ramp = context.createLinearGradient(0, first, 0, 0);
     const colours = MAP_COLOURS[colormap];
     colours.forEach((colour, index) => ramp.addColorStop(index / (colours.length - 1), colour));
     context.clearRect(0, 0, 1, ROWS);
@@ -73,4 +78,18 @@ export class MapBar {
       context.fillRect(0, row, 1, 1);
     }
   }
+}
+
+/** The values at the ends of the ramp: those of the colours, and further down the threshold. */
+function shownRange(overlay: LayerOverlay): readonly [number, number] {
+  const style = styleOf(overlay);
+  const [low, high] = style.window;
+  return isDiverging(style) ? [low, high] : [Math.min(low, overlay.threshold ?? low), high];
+}
+
+/** A line across the ramp, with its number. */
+function tick(value: number, [low, high]: readonly [number, number], words: string): HTMLElement {
+  const element = h("div", { class: "tick" }, h("span", { class: "tick-line" }), h("span", {}, words));
+  element.style.top = `${100 * Math.min(Math.max((high - value) / (high - low), 0), 1)}%`;
+  return element;
 }

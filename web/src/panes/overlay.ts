@@ -8,7 +8,7 @@ import { scaleBar } from "../base/readout.ts";
 import { type LayerOverlay, type LayerWords, isMap } from "../model/maps.ts";
 import type { Vec2 } from "../model/space.ts";
 import { type Colormap, type HalfLook, type Swipe, type ViewState, clamp, windowEnds } from "../model/state.ts";
-import { Cursor, type CursorKind } from "./cursor.ts";
+import { Cursor, type CursorLook } from "./cursor.ts";
 
 export const SIDES = ["left", "right", "top", "bottom"] as const;
 
@@ -44,7 +44,9 @@ export class Overlay {
       { class: "overlay" },
       // Letters stand before its lines.
       this.#cursor.element,
+      this.#cursor.words,
       this.#twin.element,
+      this.#twin.words,
       ...this.#edges,
       h("div", { class: "pane-head" }, this.line, this.#case),
       h("div", { class: "scale" }, this.#scaleText, this.#scaleLine),
@@ -88,13 +90,13 @@ export class Overlay {
   }
 
   /** The marked point, or the pointer: see `Cursor`. */
-  cursor(place: Vec2 | null, size: Vec2, kind: CursorKind): void {
-    this.#cursor.show(place, size, kind);
+  cursor(place: Vec2 | null, size: Vec2, look: CursorLook): void {
+    this.#cursor.show(place, size, look);
   }
 
   /** Where the mirror image of the marked point is. */
   twin(place: Vec2 | null, size: Vec2): void {
-    this.#twin.show(place, size, "ghost");
+    this.#twin.show(place, size, { kind: "ghost", words: t("mark.opposite") });
   }
 }
 

@@ -9,7 +9,7 @@ import type { Placed } from "./screenshot.ts";
 import type { SliceLayer, SliceListener } from "./slice-parts.ts";
 import type { SlicePane } from "./slices.ts";
 
-export interface SliceGroupListener extends Omit<SliceListener, "enlarge"> {
+export interface SliceGroupListener extends Omit<SliceListener, "enlarge" | "zoomed"> {
   /** Fetches what panes are made of. */
   load(): Promise<{ readonly SlicePane: typeof SlicePane }>;
   /** The slices have other sizes, after a double click in one or otherwise. */
@@ -79,6 +79,9 @@ export class SliceGroup {
       if (!state) return;
       const listener = {
         ...this.#listener,
+        zoomed: (plane: Plane, zoom: number) => {
+          for (const pane of this.#panes) if (pane.plane !== plane) pane.zoomTo(zoom);
+        },
         enlarge: (plane: Plane, isDoubleClick?: boolean) => this.#enlarge(plane, isDoubleClick),
       };
       this.#panes = PLANE_NAMES.map((plane) => new SlicePane(plane, this.#shown, listener));

@@ -19,8 +19,14 @@ export interface SliceListener {
   /** A double click, or the button: as large as all panes, or not. */
   enlarge(plane: Plane, isDoubleClick?: boolean): void;
   /** Who knows the points, and draws slices in the page. */
-  surface(): Pick<Surface, "probe" | "canSlice" | "slice">;
+  surface(): Pick<Surface, "probe" | "isInHead" | "canSlice" | "slice">;
+  /** A hand has enlarged the slice: the others follow. */
+  zoomed(plane: Plane, zoom: number): void;
   /** The cross is put here; `done` when the hand has left. */
   move(position_in_patient: Vec3, done: boolean): void;
+  /** What would have been marked is beside the head. */
+  missed(): void;
+  /** The intensities at a position, of all volumes that are shown, in words. */
+  values(position_in_patient: Vec3): string;
   complain(problem: unknown): void;
 }

@@ -4,7 +4,7 @@ import type { ReadyCase } from "../model/case.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
-import { coordinate, depthAtWords, greyWords, positionWords } from "../base/readout.ts";
+import { coordinate, depthAtWords, positionWords } from "../base/readout.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { Overlay, titleWords } from "./overlay.ts";
@@ -14,6 +14,7 @@ import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../mode
 import { wheelZoom } from "../model/controls.ts";
 import {
   CENTRED,
+  followedSlice,
   type Placing,
   type SliceView,
   isFlipped,
@@ -66,6 +67,8 @@ export class SlicePane {
   readonly #words: HTMLElement;
   #state: ViewState | null = null;
   #placing: Placing = CENTRED;
+  /** The mark that is in sight, or was until the hand moved the slice. */
+  #followed: Vec3 | null = null;
   #drawn: SliceView | null = null;
   #outlined = true;
   #pointer: Vec2 | null = null;
@@ -112,6 +115,7 @@ export class SlicePane {
   /** Shows the slice through the state's cross, else through the middle of the head. */
   show(state: ViewState): void {
     this.#state = state;
+    this.#follow(state.crosshair_mm);
     const view = this.#view(state);
     const path = this.#path(state, pictureSize(view.size, devicePixelRatio, MOST_PIXELS));
     // The server is not asked for what follows a "#"; what it drew is drawn again once the page can, also divided.
@@ -184,7 +188,7 @@ export class SlicePane {
 
   /** The whole slice in the middle again. */
   center(): void {
-    this.#place(CENTRED);
+    this.#setPlacing(CENTRED);
   }
 
   /** Lays something over the slice, below what is written on it; null: nothing. */
@@ -259,8 +263,12 @@ export class SlicePane {
     // Two lines, so that the picture keeps its size.
     this.#overlay.title(`${t(`plane.${this.plane}`)}${more ? " " : "\n"}${place}\n${more}`, badge);
     this.#overlay.scale(sliceMmPerPixel(view, sphere), view.size[0]);
-    this.#overlay.cursor(state.crosshair_mm && slicePixel(view, sphere, state.crosshair_mm), view.size, "lines");
-    this.#overlay.twin(this.#twin(state, view), view.size);
+    const twin = this.#twin(state, view);
+    const words = twin ? t("mark.marked") : "";
+    const ring = (state.place_mm ?? 0) / 2 / sliceMmPerPixel(view, sphere);
+    const cross = state.crosshair_mm && slicePixel(view, sphere, state.crosshair_mm);
+    this.#overlay.cursor(cross, view.size, { kind: "lines", words, ring });
+    this.#overlay.twin(twin, view.size);
     this.#layer?.show(view, sphere, this.#outlined);
     this.#explain(state);
     this.#range.setAttribute("aria-valuetext", `${place} ${more}`);
@@ -310,7 +318,32 @@ export class SlicePane {
     });
   }
 
+  /** A mark that was put elsewhere is brought into sight. */
+  #follow(mark: Vec3 | null): void {
+    if (mark === this.#followed || !this.#state || this.#frame.clientWidth === 0) return;
+    this.#followed = mark;
+    if (mark) this.#placing = followedSlice(this.#view(this.#state), this.#shown, mark);
+  }
+
+  /** Enlarges the slice as another one was: about the mark if there is one, else about its middle. */
+  zoomTo(zoom: number): void {
+    if (!this.#state || zoom === this.#placing.zoom) return;
+    const view = this.#view(this.#state);
+    const middle: Vec2 = [view.size[0] / 2, view.size[1] / 2];
+    const { crosshair_mm } = this.#state;
+    const about = crosshair_mm ? slicePixel(view, this.#shown.envelope_sphere, crosshair_mm) : middle;
+    const placing = zoomedSlice(view, this.#shown, zoom / this.#placing.zoom, about);
+    this.#setPlacing(crosshair_mm ? followedSlice({ ...view, placing }, this.#shown, crosshair_mm) : placing);
+  }
+
+  /** The hand has placed the slice: the others have the same scale. */
   #place(placing: Placing): void {
+    const isZoomed = placing.zoom !== this.#placing.zoom;
+    this.#setPlacing(placing);
+    if (isZoomed) this.#listener.zoomed(this.plane, placing.zoom);
+  }
+
+  #setPlacing(placing: Placing): void {
     this.#placing = placing;
     if (this.#state) this.show(this.#state);
   }
@@ -332,20 +365,26 @@ export class SlicePane {
     this.#hovered.hidden = !position;
     if (!position) return;
     const probed = this.#listener.surface().probe(position);
-    const values = { depth: depthAtWords(probed?.depth_mm), grey: greyWords(probed?.intensity) };
-    setText(this.#hovered, t("slice.hovered", { place: positionWords(position), ...values }));
+    const depth = depthAtWords(probed?.depth_mm);
+    const values = this.#listener.values(position);
+    setText(this.#hovered, t("slice.hovered", { place: positionWords(position), depth, values }));
   }
 
   #listen(): void {
     let at: Vec2 | null = null;
     let mayScroll = false;
+    let marked: Vec3 | null = null;
+    // A hand that leaves the head leaves the cross where it was last.
     const cross = (place: Vec2, done: boolean): void => {
       const position = this.#positionAt(place);
-      if (position) this.#listener.move(position, done);
+      if (position && this.#listener.surface().isInHead(position)) marked = position;
+      if (marked) this.#listener.move(marked, done);
+      else if (done) this.#listener.missed();
     };
     listen(this.#frame, {
       press: (kind, place, isFinger) => {
         at = kind === "turn" ? place : null;
+        marked = null;
         mayScroll = isFinger;
         if (at && !isFinger) cross(at, false);
       },
@@ -385,7 +424,7 @@ export class SlicePane {
     this.element.addEventListener("keydown", (event) => {
       if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
       if (event.key === "Home") {
-        this.center();
+        this.#place(CENTRED);
         event.preventDefault();
         return;
       }

@@ -1,6 +1,6 @@
 // The pane of the surface: the picture, what stands on it, and the hands on it.
 
-import { edgesOf, mirrored, project, viewName } from "../model/camera.ts";
+import { edgesOf, mirrored, project, towardsViewer, viewName } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
 import {
   type Change,
@@ -14,7 +14,7 @@ import {
   wheelZoom,
   zoomAt,
 } from "../model/controls.ts";
-import { mirrorPlane, plainPlane, reflected } from "../model/midsagittal.ts";
+import { mirrorPlane, plainPlane, reflected, sideSeen } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, leftOf } from "../model/state.ts";
@@ -32,6 +32,8 @@ import type { Surface, SurfaceStatus } from "./surface.ts";
 
 /** A marked point that lies farther than this behind what is seen of the surface, or before it, is not on it. */
 const HIDDEN_MM = 3;
+
+const OPPOSITE = { left: "right", right: "left", middle: "middle" } as const;
 
 /** What hands do by themselves. */
 export interface HandUses {
@@ -92,6 +94,7 @@ export class SurfacePane {
     this.#overlay = new Overlay(this.element);
     this.#overlay.identity(caseIdentity(shown));
     this.#otherOverlay = new Overlay(this.element);
+    this.#otherOverlay.identity(caseIdentity(shown));
     this.#otherOverlay.element.classList.add("other");
     this.element.append(...SIDES.map((side) => h("span", { class: `ring ${side}` })));
     const [[colours, map], left] = this.#bars;
@@ -99,7 +102,8 @@ export class SurfacePane {
     this.#leftBars.append(...left.map(({ element }) => element));
     // As large as all panes, where there are others.
     const enlarge = iconButton("enlarge", t("surface.enlarge"), () => this.element.classList.toggle("large"));
-    this.element.append(this.#cube.element, this.#keys, enlarge);
+    const note = h("p", { class: "bare-note" }, t("outline.off"));
+    this.element.append(this.#cube.element, this.#keys, enlarge, note);
     this.surface = createSurface(this.host, shown, {
       onDrawn: (state) => this.#onDrawn(state),
       onStatus: (status) => this.#onStatus(status),
@@ -169,14 +173,7 @@ export class SurfacePane {
     this.element.classList.toggle("halved", isHalved(state));
     if (!beside) this.#leftBars.remove();
     else if (!this.#leftBars.isConnected) this.element.append(this.#leftBars);
-    if (isMirrored(state)) {
-      const edges = edgesOf(mirrored(state, mirrorPlane(this.#shown), sphere).orientation);
-      this.#otherOverlay.letter({ ...edges, left: edges.right, right: edges.left });
-      // Of the side that is seen, from however near to its name's direction.
-      const { orientation } = mirrored(state, plainPlane(sphere), sphere);
-      const badge = this.#shown.midsagittal?.doubtful ? "mirror.badge.doubtful" : "mirror.badge";
-      this.#otherOverlay.title(titleOf(state, orientation), t(badge));
-    }
+    if (isMirrored(state)) this.#tellSides(state);
     for (const [at, [colours, map]] of this.#bars.entries()) {
       const look = at > 0 ? leftOf(state) : state;
       colours.show(look);
@@ -193,6 +190,21 @@ export class SurfacePane {
     this.#cross();
   }
 
+  /** Which hemisphere each half shows, and which of them is flipped. */
+  #tellSides(state: ViewState): void {
+    const sphere = this.#shown.envelope_sphere;
+    const plane = mirrorPlane(this.#shown);
+    const side = sideSeen(towardsViewer(state.orientation), plane);
+    this.#overlay.title(titleOf(state, state.orientation), t(`mirror.${side}`));
+    const edges = edgesOf(mirrored(state, plane, sphere).orientation);
+    this.#otherOverlay.letter({ ...edges, left: edges.right, right: edges.left });
+    // Of the side that is seen, from however near to its name's direction.
+    const { orientation } = mirrored(state, plainPlane(sphere), sphere);
+    const words = t(`flipped.${OPPOSITE[side]}`);
+    const doubt = this.#shown.midsagittal?.doubtful ? `; ${t("mirror.doubtful")}` : "";
+    this.#otherOverlay.title(titleOf(state, orientation), `${words}${doubt}`);
+  }
+
   #onStatus(status: SurfaceStatus): void {
     this.element.classList.toggle("troubled", status.trouble !== "");
     this.#listener.status(status);
@@ -206,17 +218,23 @@ export class SurfacePane {
     const mirror = isMirrored(state);
     const position = this.#listener.state().crosshair_mm;
     if (!position) {
-      this.#overlay.cursor(isHalved(state) ? this.#ghost : null, size, "ghost");
-      return this.#otherOverlay.cursor(this.#ghost, size, "ghost");
+      this.#overlay.cursor(isHalved(state) ? this.#ghost : null, size, { kind: "ghost" });
+      return this.#otherOverlay.cursor(this.#ghost, size, { kind: "ghost" });
     }
     const { pixelOf } = project(state, this.#shown.envelope_sphere, size);
     const [own, reflection] = [pixelOf(position), pixelOf(reflected(position, mirrorPlane(this.#shown)))];
     // Of the two halves the one that has the point in front: the other one has its mirror image.
-    const isOther = mirror && reflection[2] > own[2];
+    const seen = sideSeen(towardsViewer(state.orientation), mirrorPlane(this.#shown));
+    const isOther = mirror && seen !== "middle" && reflection[2] > own[2];
     const [x, y] = isOther ? reflection : own;
     const kind = this.#isHidden(position, state, [isOther ? size[0] + x : x, y]) ? "hidden" : "mark";
-    this.#overlay.cursor([x, y], size, isOther ? "ghost" : kind);
-    this.#otherOverlay.cursor([x, y], size, isOther || !mirror ? kind : "ghost");
+    const words = (isMarked: boolean): string => (mirror ? t(isMarked ? "mark.marked" : "mark.opposite") : "");
+    const place_mm = state.place_mm ?? 0;
+    const ring = place_mm / 2 / project(state, this.#shown.envelope_sphere, size).mm_per_pixel;
+    const mark = { kind, words: words(true), ring } as const;
+    const ghost = { kind: "ghost", words: words(false), ring: 0 } as const;
+    this.#overlay.cursor([x, y], size, isOther ? ghost : mark);
+    this.#otherOverlay.cursor([x, y], size, isOther || !mirror ? mark : ghost);
   }
 
   /** Whether the surface lies before a position that is at a place of the pane. */
@@ -275,5 +293,7 @@ export class SurfacePane {
 /** Depth and direction, as they stand on a picture. */
 function titleOf(state: ViewState, orientation: ViewState["orientation"]): string {
   const name = viewName(orientation);
-  return `${depthWords(state)}${name ? `  ${t(`view.${name}`)}` : ""}`;
+  // Beside the mirrored half the side has a place of its own.
+  const isSaid = isMirrored(state) && (name === "left" || name === "right");
+  return `${depthWords(state)}${name && !isSaid ? `  ${t(`view.${name}`)}` : ""}`;
 }

@@ -64,6 +64,8 @@ export interface Surface {
   profile(position_in_patient: Vec3): Profile | null;
   /** The surface's depth and intensity at a position; null where nothing here knows (yet). */
   probe(position_in_patient: Vec3): Probed | null;
+  /** Whether a position is within the head; true where nothing here knows (yet). */
+  isInHead(position_in_patient: Vec3): boolean;
   /** Whether the page draws slices of a state now. */
   canSlice(state: ViewState): boolean;
   /** A slice with contours, drawn by the page; null if the server has to draw it, perhaps only for now. */

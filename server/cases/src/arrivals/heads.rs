@@ -94,13 +94,15 @@ impl Head {
 
 impl Cases {
     /// The heads that a query finds, the preferred one first, those that failed last. Of each series this is the newest
-    /// version that is ready, or else the newest that has not failed.
+    /// version that is ready, or else the newest that has not failed. Versions whose patient or study was corrected since
+    /// do not count.
     ///
     /// # Errors
     /// If the rows cannot be read.
     pub async fn heads(&self, query: &SeriesQuery) -> Result<Vec<Head>, StoreError> {
         let mut versions = Vec::new();
-        for series in self.store().rows().cases_of(query).await? {
+        let all = self.store().cases_of(query).await?;
+        for series in all.into_iter().filter(|series| !series.is_superseded) {
             if let Some(case) = self.store().case(&series.case).await? {
                 versions.push((series, case));
             }
@@ -139,7 +141,7 @@ mod tests {
     use super::*;
 
     fn head(series: &str, voxel_mm: f64, attributes: &[(&str, &str)]) -> Head {
-        let id = CaseId::parse(&"0".repeat(64)).unwrap();
+        let id = CaseId::parse(&"0".repeat(32)).unwrap();
         let uid = |text: &str| Uid::parse(text).unwrap();
         let mut facts = facts();
         facts.native_spacing_mm = [voxel_mm; 3];
@@ -166,6 +168,7 @@ mod tests {
                     series: uid(series),
                 },
                 accession_number: None,
+                is_superseded: false,
             },
             attributes: attributes
                 .iter()

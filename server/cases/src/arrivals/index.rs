@@ -40,7 +40,34 @@ impl SeriesOfUpload {
     }
 }
 
+/// Attributes that tell two patients apart. A name that is written in another way is still the same patient's.
+const OF_PATIENT: [&str; 3] = ["PatientID", "IssuerOfPatientID", "PatientBirthDate"];
+
+/// The patient in the stored attributes of a source.
+fn patient_in(stored: &[u8]) -> Option<[Option<String>; 3]> {
+    let attributes = pipeline::attributes(stored).ok()?.attributes;
+    Some(OF_PATIENT.map(|keyword| {
+        let found = attributes.iter().find(|(name, _)| name == keyword);
+        found.map(|(_, value)| value.clone())
+    }))
+}
+
 impl Cases {
+    /// Whether an upload is of the patient of a case; `false` if that is not known.
+    pub(crate) async fn is_of_patient(
+        &self,
+        upload: &Upload,
+        case: &CaseId,
+    ) -> Result<bool, Error> {
+        let Some(new) = &upload.dicom else {
+            return Ok(false);
+        };
+        let new = patient_in(&new.read().await?);
+        let held = self.store().source_dicom(case).await?;
+        let held = held.and_then(|stored| patient_in(&stored));
+        Ok(new.is_some() && new == held)
+    }
+
     /// Enters the series of a case.
     pub(crate) async fn index(
         &self,
@@ -54,15 +81,16 @@ impl Cases {
             case,
             uids: series.uids,
             accession_number: series.accession_number,
+            is_superseded: false,
         };
-        self.store().rows().index_series(&series).await
+        self.store().index_series(&series).await
     }
 
     /// Enters a version under the series of its case.
     pub(crate) async fn index_version(&self, of: &CaseId, case: CaseId) -> Result<(), StoreError> {
-        let rows = self.store().rows();
-        match rows.series_of(of).await? {
-            Some(series) => rows.index_series(&CaseSeries { case, ..series }).await,
+        let store = self.store();
+        match store.series_of(of).await? {
+            Some(series) => store.index_series(&CaseSeries { case, ..series }).await,
             None => Ok(()),
         }
     }

@@ -6,11 +6,15 @@
 mod heads;
 mod index;
 mod reader;
+#[cfg(test)]
+mod tests;
 
 use std::time::Duration;
 
+use case::Failure;
+use imaging::dicom::Difference;
 use storage::Spooled;
-use storage::arrivals::{ArrivalSource, NewInstance};
+use storage::arrivals::{ArrivalSource, Change, NewInstance, OTHER_OBJECTS};
 
 use crate::application::Cases;
 use crate::dicom::InstanceIdentity;
@@ -54,8 +58,22 @@ impl Default for ArrivalOptions {
     }
 }
 
+/// What became of an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reception {
+    /// It is stored, or was there already.
+    Stored,
+    /// It took the place of one with the same UID and other contents.
+    Corrected,
+    /// It has the UID of a stored image and cannot be decoded, so that one stays.
+    Refused,
+}
+
 impl Cases {
-    /// Adds images to their series; returns how many are new. Afterwards they are durable.
+    /// Adds images to their series, and returns what became of each. Afterwards they are durable.
+    ///
+    /// An image that is known and has other contents takes the place of the one that is stored, and its series is read
+    /// again. If its patient or its study has changed, the cases of the series are superseded.
     ///
     /// # Errors
     /// An error of the store, such as [`Error::StorageFull`]; nothing is acknowledged then.
@@ -63,7 +81,7 @@ impl Cases {
         &self,
         images: Vec<(InstanceIdentity, Spooled)>,
         source: ArrivalSource,
-    ) -> Result<usize, Error> {
+    ) -> Result<Vec<Reception>, Error> {
         let images = match self.deidentifies() {
             true => self.without_identity(images).await?,
             false => images,
@@ -74,11 +92,74 @@ impl Cases {
                 accession_number: identity.accession_number,
                 sop_instance_uid: identity.sop_instance_uid,
                 digest: *file.digest(),
+                replaces: None,
             };
             (instance, file)
         };
         let images = images.into_iter().map(new).collect();
-        Ok(self.store().receive(images, source).await?)
+        let (images, receptions) = self.compare(images).await?;
+        let received = self.store().receive(images, source).await?;
+        for arrival in received.corrected {
+            tracing::warn!(
+                arrival,
+                "images of a series that are known have come with other contents, which count from now on"
+            );
+        }
+        Ok(receptions)
+    }
+
+    /// Notes which images replace others with the same UID, and leaves out those that would and cannot be decoded.
+    async fn compare(
+        &self,
+        images: Vec<(NewInstance, Spooled)>,
+    ) -> Result<(Vec<(NewInstance, Spooled)>, Vec<Reception>), Error> {
+        let instances: Vec<_> = images
+            .iter()
+            .map(|(instance, _)| instance.clone())
+            .collect();
+        let known = self.store().known(&instances).await?;
+        let (mut kept, mut receptions) = (Vec::with_capacity(images.len()), Vec::new());
+        for ((mut instance, file), known) in images.into_iter().zip(known) {
+            let stored = known.filter(|stored| stored.digest != instance.digest);
+            instance.replaces = match stored {
+                None => None,
+                Some(stored) => match self.difference(stored, &file).await {
+                    Ok(Difference::None) => None,
+                    Ok(Difference::Pixels) => Some(Change::Pixels),
+                    Ok(Difference::Owner) => Some(Change::Owner),
+                    Err(Error::Failure(_)) => {
+                        receptions.push(Reception::Refused);
+                        continue;
+                    }
+                    Err(error) => return Err(error),
+                },
+            };
+            receptions.push(match instance.replaces {
+                Some(_) => Reception::Corrected,
+                None => Reception::Stored,
+            });
+            kept.push((instance, file));
+        }
+        Ok((kept, receptions))
+    }
+
+    /// Counts an object that is no image, and of which nothing is kept.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn ignore(
+        &self,
+        identity: InstanceIdentity,
+        source: ArrivalSource,
+    ) -> Result<(), Error> {
+        let identity = match self.deidentifies() {
+            true => identity.deidentified(),
+            false => identity,
+        };
+        let detail = "the series has no MR or CT image, and nothing of it is kept";
+        let reason = Failure::unusable(OTHER_OBJECTS, detail);
+        let store = self.store();
+        Ok(store.ignore(&identity.uids, source, &reason).await?)
     }
 
     /// The images, with the patient's identity removed from their files and UIDs.

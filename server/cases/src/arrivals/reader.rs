@@ -97,29 +97,41 @@ impl Cases {
             patience: options.stable * PATIENCE,
             lease: LEASE,
         };
-        let rows = self.store().rows();
-        let Some(due) = rows.lease_due(&terms).await? else {
+        let store = self.store();
+        let Some(due) = store.lease_due(&terms).await? else {
             return Ok(false);
         };
         let outcome = self.outcome(&due, options).await;
         match &outcome {
-            Outcome::Case(_) => tracing::info!(arrival = due.id, "a series became a case"),
-            Outcome::Layer(_) => tracing::info!(arrival = due.id, "a series became a layer"),
+            Outcome::Case(case) => {
+                tracing::info!(
+                    arrival = due.id,
+                    case = case.short(),
+                    "a series became a case"
+                );
+            }
+            Outcome::Layer(case) => {
+                tracing::info!(
+                    arrival = due.id,
+                    case = case.short(),
+                    "a series became a layer"
+                );
+            }
             Outcome::Nothing(failure) => {
                 let reason = failure.name.as_str();
                 tracing::info!(arrival = due.id, reason, "a series became nothing");
             }
             Outcome::Later(_) => tracing::warn!(arrival = due.id, "a series will be read later"),
         }
-        if !rows.settle(&due, &outcome).await? {
+        if !store.settle(&due, &outcome).await? {
             tracing::info!(arrival = due.id, "more images of a series came meanwhile");
         }
         Ok(true)
     }
 
     async fn forget_arrivals(&self, options: &ArrivalOptions) -> Result<(), StoreError> {
-        let rows = self.store().rows();
-        let forgotten = rows.forget_arrivals(options.keep, options.keep_source);
+        let store = self.store();
+        let forgotten = store.forget_arrivals(options.keep, options.keep_source);
         let forgotten = forgotten.await?;
         if forgotten > 0 {
             self.store().collect().await?;
@@ -161,6 +173,17 @@ impl Cases {
             None => None,
         };
         let (of, parameters) = match previous {
+            // Layers, findings and the label stay with the patient whom they are about.
+            Some(case) if !self.is_of_patient(&upload, &case.id).await? => {
+                let name = None;
+                (
+                    None,
+                    Parameters {
+                        name,
+                        ..case.parameters
+                    },
+                )
+            }
             Some(case) => (Some(case.id), case.parameters),
             None => (None, Parameters::default()),
         };

@@ -155,6 +155,10 @@ fn stored(order: &StoredOrder) -> Result<StoredOutcome, DicomError> {
                 each.collect::<Result<_, DicomError>>()?,
             ))
         }
+        StoredTask::Compare => {
+            let difference = dicom::difference(&read(0)?, &read(1)?)?;
+            Ok(StoredOutcome::Compared(difference))
+        }
         StoredTask::Frames(numbers) => {
             let frames = dicom::frames(&read(0)?, numbers)?;
             for (number, frame) in frames.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use imaging::dicom::{Attributes, Identity, SeriesSummary};
+use imaging::dicom::{Attributes, Difference, Identity, SeriesSummary};
 use serde::{Deserialize, Serialize};
 
 use case::Failure;
@@ -51,6 +51,8 @@ pub(super) enum StoredTask {
     /// The transfer syntax of each file. One that is not in the list is written to the output in Explicit VR Little
     /// Endian; `*` in the list stands for all.
     Files(Vec<String>),
+    /// What is different about the second of two files of one instance.
+    Compare,
     /// Frames of the only file, by their numbers from 0, each written to the output under its place in the list.
     Frames(Vec<usize>),
 }
@@ -62,6 +64,7 @@ pub(super) enum StoredOutcome {
     Metadata(Vec<serde_json::Value>),
     /// The transfer syntax of each file, if it remains as it is stored.
     Files(Vec<Option<String>>),
+    Compared(Difference),
     /// Whether each frame exists.
     Frames(Vec<bool>),
     Refused(Failure),

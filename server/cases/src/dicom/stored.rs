@@ -4,8 +4,9 @@ use std::process::ExitStatus;
 
 use bytes::Bytes;
 use case::Failure;
+use imaging::dicom::Difference;
 use serde_json::Value;
-use storage::{ObjectName, Store, StoreError, Unreadable};
+use storage::{ObjectName, Spooled, Store, StoreError, Unreadable};
 use tempfile::TempDir;
 
 use super::message::{OUTCOME, Order, StoredOrder, StoredOutcome, StoredTask};
@@ -128,22 +129,57 @@ impl Cases {
         Ok(Some(frames.map_err(|_| Error::Internal)??))
     }
 
+    /// What is different about a new file of an image that is stored already. One that is lost differs.
+    ///
+    /// # Errors
+    /// A [`Failure`] that states why the new file cannot be decoded, or as [`Cases::stored_metadata`].
+    pub(crate) async fn difference(
+        &self,
+        stored: ObjectName,
+        new: &Spooled,
+    ) -> Result<Difference, Error> {
+        let new = new.read().await.map_err(StoreError::from)?;
+        let input = self.store().spool_directory().await?;
+        let written = tokio::fs::write(input.path().join("1"), new).await;
+        written.map_err(StoreError::Disk)?;
+        if !copy_objects(self.store(), &[stored], &input).await? {
+            return Ok(Difference::Pixels);
+        }
+        match self
+            .read_files(input, 2, StoredTask::Compare)
+            .await?
+            .outcome
+        {
+            StoredOutcome::Compared(difference) => Ok(difference),
+            _ => Err(died().into()),
+        }
+    }
+
     async fn read_stored(
         &self,
         names: &[ObjectName],
         task: StoredTask,
     ) -> Result<Option<Read>, Error> {
-        let _turn = self.dicom.limit.turn(None).await?;
-        let store = self.store();
-        let input = store.spool_directory().await?;
-        let output = store.spool_directory().await?;
-        if !copy_objects(store, names, &input).await? {
+        let input = self.store().spool_directory().await?;
+        if !copy_objects(self.store(), names, &input).await? {
             return Ok(None);
         }
+        self.read_files(input, names.len(), task).await.map(Some)
+    }
+
+    /// Reads so many files of a directory, named by their numbers from 0.
+    async fn read_files(
+        &self,
+        input: TempDir,
+        count: usize,
+        task: StoredTask,
+    ) -> Result<Read, Error> {
+        let _turn = self.dicom.limit.turn(None).await?;
+        let output = self.store().spool_directory().await?;
         let absolute = |folder: &TempDir| std::path::absolute(folder.path()).map_err(cannot_run);
         let order = StoredOrder {
             input: absolute(&input)?,
-            count: names.len(),
+            count,
             output: absolute(&output)?,
             task,
             max_file_bytes: self.dicom.max_input_bytes,
@@ -152,7 +188,7 @@ impl Cases {
         let status = self.dicom.run(&Order::Stored(order)).await?;
         let take = move || Read::take(status, input, output);
         let read = tokio::task::spawn_blocking(take).await;
-        Ok(Some(read.map_err(|_| Error::Internal)??))
+        Ok(read.map_err(|_| Error::Internal)??)
     }
 }
 
@@ -163,7 +199,7 @@ pub(crate) async fn copy_objects(
     directory: &TempDir,
 ) -> Result<bool, Error> {
     for (number, name) in names.iter().enumerate() {
-        let object = match store.objects().get(name).await {
+        let object = match store.object(name).await {
             Ok(object) => object,
             Err(Unreadable::Store(error)) => return Err(error.into()),
             Err(_) => return Ok(false),

@@ -24,7 +24,6 @@ pub(super) async fn doubt_header(
         return Ok(());
     };
     let same = store
-        .rows()
         .cases_with_voxels(&voxels.values, MOST_COMPARED)
         .await?;
     let is_doubted = |other: &CaseFacts| {

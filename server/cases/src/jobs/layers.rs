@@ -14,7 +14,7 @@ impl Worker {
             lease: self.store.options().lease,
             max_attempts: self.store.options().max_attempts,
         };
-        self.store.rows().claim_layer(&terms).await
+        self.store.claim_layer(&terms).await
     }
 
     pub(super) async fn prepare_layer(&self, claim: &LayerClaim) {
@@ -68,7 +68,7 @@ impl Worker {
                 }
                 _ = heartbeat.tick() => {
                     let lease = self.store.options().lease;
-                    let renewed = self.store.rows().renew_layer(claim, lease).await;
+                    let renewed = self.store.renew_layer(claim, lease).await;
                     if matches!(renewed, Ok(false)) {
                         tracing::info!(job = claim.fence, "the preparation of a layer was cancelled");
                         prepare.abort();
@@ -122,7 +122,7 @@ impl Worker {
     async fn return_layer(&self, claim: &LayerClaim, after: Duration, counts: bool) {
         let release = Release { after, counts };
         // If even this fails, the lease ends by itself.
-        if let Err(error) = self.store.rows().release_layer(claim, release).await {
+        if let Err(error) = self.store.release_layer(claim, release).await {
             tracing::warn!(
                 job = claim.fence,
                 error = &error as &dyn std::error::Error,

@@ -141,8 +141,8 @@ impl Library {
             .await
             .map_err(StoreError::from)?;
         let Some(volume) = volume else {
-            let rows = self.store().rows();
-            if rows.prepare_layer_again(&row.case, &row.id).await? {
+            let store = self.store();
+            if store.prepare_layer_again(&row.case, &row.id).await? {
                 tracing::warn!(
                     "the voxels of a layer are lost; it is prepared again from its source"
                 );
@@ -183,7 +183,7 @@ impl Library {
         let Some(prepared) = self.load(&row.case, KINDS, decode).await? else {
             return Ok(None);
         };
-        let names = self.store().rows().objects(&row.case).await?;
+        let names = self.store().case_objects(&row.case).await?;
         let Some(own) = self.source(&row.case, &names).await? else {
             return Ok(Some(Err(Failure::source_damaged())));
         };
@@ -210,7 +210,7 @@ impl Library {
         let Some(volume) = store.read_layer(case, id, ObjectKind::SourceLayer).await? else {
             return Ok(None);
         };
-        let names = store.rows().layer_objects(case, id).await?;
+        let names = store.layer_objects(case, id).await?;
         let is_dicom = names
             .iter()
             .any(|name| name.kind == ObjectKind::SourceDicom);

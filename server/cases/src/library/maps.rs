@@ -158,7 +158,7 @@ impl Library {
 
     /// The object of the maps of a case; `None` if it has none yet.
     async fn maps_object(&self, id: &CaseId) -> Result<Option<ObjectName>, StoreError> {
-        let names = self.store().rows().objects(id).await?;
+        let names = self.store().case_objects(id).await?;
         Ok(names.into_iter().find(|name| name.kind == ObjectKind::Maps))
     }
 

@@ -16,8 +16,7 @@ const KINDS: &[ObjectKind] = &[ObjectKind::WholeVolume];
 impl Library {
     /// The whole acquired volume of a ready case; `None` if there is no such case or it is not ready.
     ///
-    /// A case from an earlier version has no such object: it is read from the source and stored, without preparing the
-    /// case again. If the source is lost, the case becomes failed, as with any derived object.
+    /// A lost object is read from the source and stored again, without preparing the case again. If the source is lost, the case becomes failed, as with any derived object.
     ///
     /// # Errors
     /// If the store cannot be reached.
@@ -37,11 +36,11 @@ impl Library {
     /// Stores the whole volume again, from the source; `None` if the case or its source is lost.
     async fn restore_whole_volume(&self, id: &CaseId) -> Result<Option<Volume>, StoreError> {
         let ready = |case: &case::Case| case.state == CaseState::Ready;
-        let case = self.store().rows().case(id).await?.filter(ready);
+        let case = self.store().case(id).await?.filter(ready);
         let Some(facts) = case.and_then(|case| case.facts) else {
             return Ok(None);
         };
-        let names = self.store().rows().objects(id).await?;
+        let names = self.store().case_objects(id).await?;
         let Some(source) = self.source(id, &names).await? else {
             return Ok(None);
         };

@@ -127,7 +127,7 @@ impl Inner {
         let now = self.now_ms();
         let unseen_ms = now.saturating_sub(entry.seen_ms.load(Ordering::Relaxed));
         if u128::from(unseen_ms) >= TRUST_FOR.as_millis() {
-            let case = match self.library.store().rows().case(id).await {
+            let case = match self.library.store().case(id).await {
                 Err(error) if error.is_away() && unseen_ms < REMEMBERED_WHILE_AWAY_MS => {
                     return Ok(Some(entry.model));
                 }
@@ -146,7 +146,7 @@ impl Inner {
         let seen_ms = self.now_ms();
         match WarmModel::load(&self.library, id).await {
             Ok(Some(model)) => {
-                // A case from an earlier version gets its maps when it is opened.
+                // Its maps may be lost, or of another format.
                 self.library.ensure_maps(id);
                 Ok(Entry {
                     model: Arc::new(model),

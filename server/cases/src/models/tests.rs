@@ -163,7 +163,6 @@ async fn a_lost_whole_volume_comes_from_the_source_and_the_case_is_not_prepared_
     let whole = async || ready.library.whole_volume(&ready.id).await.unwrap();
     assert!(whole().await.as_ref() == Some(&acquired));
     assert!(ready.model().await.model().volume().voxels().len() < acquired.voxels().len());
-    // A case from an earlier version has none.
     std::fs::remove_file(whole_file(&ready).unwrap()).unwrap();
     assert!(whole().await.as_ref() == Some(&acquired));
     ready.damage("whole-volume");

@@ -89,3 +89,8 @@ pub fn annotated(frame: Frame, metadata: &ImageMetadata, annotate: bool) -> Fram
         frame
     }
 }
+
+/// The picture with nothing but the patient's left and right, if they lie in it.
+pub fn marked(frame: Frame, metadata: &ImageMetadata) -> Frame {
+    render::mark_sides(frame, &metadata.request)
+}

@@ -10,7 +10,7 @@ mod request;
 
 pub use self::depth::{DepthMm, ShownDepth};
 pub use self::drawing::{DrawnPicture, PictureJob, backend_for, warm_job};
-pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode};
+pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode, marked};
 pub use self::graphics::{GpuUse, Graphics, GraphicsOptions, GraphicsState};
 pub use self::layers::{
     ChosenLayer, ChosenLayers, LayerChoice, LayerRef, LayerStyle, MAPS_OFF, PictureLayers, maps_of,

@@ -48,6 +48,16 @@ fn default_paths() -> PathKind {
     PathKind::Flow
 }
 
+/// A word with a default, which a reference to the schema of [`PathKind`] could not have.
+#[cfg(feature = "openapi")]
+fn paths_schema() -> utoipa::openapi::schema::Object {
+    utoipa::openapi::ObjectBuilder::new()
+        .schema_type(utoipa::openapi::schema::Type::String)
+        .enum_values(Some(["forest", "flow"]))
+        .default(Some("flow".into()))
+        .build()
+}
+
 fn default_ambient() -> f64 {
     f64::from(Light::default().ambient())
 }
@@ -128,7 +138,7 @@ pub struct PictureRequest {
     /// The paths of the vertices, for the renderer `mesh`. At great depths, meshes along the gradient are closer to the
     /// exact picture than meshes along the forest, which tear.
     #[serde(default = "default_paths")]
-    #[cfg_attr(feature = "openapi", param(inline, default = "flow"))]
+    #[cfg_attr(feature = "openapi", param(schema_with = paths_schema))]
     pub paths: PathKind,
     /// Whether to draw the label, day and short id of the case, depth, window, scale, directions and the notice into
     /// the picture, and the colours of an overlay.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::sequences::SEQUENCES;
 
 /// Attributes that describe the pixels and their position.
-const TECHNICAL: [Tag; 52] = [
+const TECHNICAL: [Tag; 55] = [
     tags::SPECIFIC_CHARACTER_SET,
     tags::IMAGE_TYPE,
     tags::SOP_CLASS_UID,
@@ -61,6 +61,9 @@ const TECHNICAL: [Tag; 52] = [
     tags::RADIONUCLIDE_HALF_LIFE,
     tags::UNITS,
     tags::DECAY_CORRECTION,
+    tags::CODE_VALUE,
+    tags::CODING_SCHEME_DESIGNATOR,
+    tags::CODE_MEANING,
 ];
 
 /// Attributes that are stored with a case, by keyword (PS3.6).
@@ -165,8 +168,7 @@ pub struct Instance {
     /// The frame in a multi-frame image, from 1.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub frame: Option<usize>,
-    /// The number of the image in its series, or of the frame in a multi-frame image; `None` in layers and in sources
-    /// that were read by an earlier version.
+    /// The number of the image in its series, or of the frame in a multi-frame image; `None` in layers.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub number: Option<i64>,
 }
@@ -180,11 +182,23 @@ pub(super) fn kept_tags() -> impl Iterator<Item = (Tag, &'static str)> {
 pub(super) fn kept(object: &InMemDicomObject) -> Vec<(String, String)> {
     KEPT.iter()
         .filter_map(|&(tag, keyword)| {
-            let value = super::numbers::text(object, tag)?;
+            let value = super::numbers::text(object, tag).filter(|value| !value.is_empty());
+            let value = match tag {
+                tags::DEIDENTIFICATION_METHOD => value.or_else(|| coded_method(object)),
+                _ => value,
+            }?;
             let fits = !value.is_empty() && value.len() <= MAX_TEXT_BYTES;
             fits.then(|| (keyword.to_owned(), value))
         })
         .collect()
+}
+
+/// How the identity was removed, in the words of its codes.
+fn coded_method(object: &InMemDicomObject) -> Option<String> {
+    let codes = object.get(tags::DEIDENTIFICATION_METHOD_CODE_SEQUENCE)?;
+    let meaning = |item| super::numbers::text(item, tags::CODE_MEANING);
+    let meanings: Vec<String> = codes.items()?.iter().filter_map(meaning).collect();
+    Some(meanings.join("\\"))
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use super::attributes::{kept, wanted};
 use super::choose::{Purpose, Series, choose, group};
 use super::header::{Image, parse, read_image};
 use super::pixels::for_each_frame;
-use super::scan::scan;
+use super::scan::{scan, stated_syntax};
 use super::stack::{FrameIndex, Stack, stack};
 use super::{Attributes, DicomError, Instance, SeriesName, SeriesSummary};
 use crate::nifti::write_samples;
@@ -279,6 +279,20 @@ fn fill_gaps(samples: &mut [f32], stack: &Stack, whole: bool) -> Vec<usize> {
     missing.into_iter().map(|place| place + 1).collect()
 }
 
+/// How the pixels of a file have lost something according to its transfer syntax (PS3.3 C.7.6.1.1.5.1).
+pub(super) fn lossy_method(file: &[u8]) -> Result<Option<&'static str>, DicomError> {
+    let syntax = stated_syntax(file)?;
+    let rest = syntax
+        .as_deref()
+        .and_then(|uid| uid.strip_prefix("1.2.840.10008.1.2.4."));
+    Ok(match rest {
+        Some("50" | "51") => Some("ISO_10918_1"),
+        Some("81") => Some("ISO_14495_1"),
+        Some("91") => Some("ISO_15444_1"),
+        _ => None,
+    })
+}
+
 /// The attributes of the first slice.
 fn kept_attributes(
     files: &mut dyn Files,
@@ -289,7 +303,18 @@ fn kept_attributes(
         return Ok(Vec::new());
     };
     let bytes = files.read(series.images[first.image].file)?;
-    Ok(kept(&parse(&scan(&bytes, &wanted())?)?))
+    let mut kept = kept(&parse(&scan(&bytes, &wanted())?)?);
+    if !kept.iter().any(|(name, _)| name == "LossyImageCompression")
+        && let Some(method) = lossy_method(&bytes)?
+    {
+        for (name, value) in [
+            ("LossyImageCompression", "01"),
+            ("LossyImageCompressionMethod", method),
+        ] {
+            kept.push((name.to_owned(), value.to_owned()));
+        }
+    }
+    Ok(kept)
 }
 
 fn instances(series: &Series, stack: &Stack) -> Vec<Instance> {

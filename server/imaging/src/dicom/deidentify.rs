@@ -5,12 +5,13 @@
 
 use dicom_core::value::{DataSetSequence, PrimitiveValue};
 use dicom_core::{DataElement, Tag, VR};
-use dicom_dictionary_std::tags;
+use dicom_dictionary_std::{tags, uids};
 use dicom_object::InMemDicomObject;
 
 use super::DicomError;
 use super::attributes::{Attributes, kept_tags, wanted};
 use super::choose::{OTHER_WORDS, T1_WORDS, sequence_name};
+use super::convert::lossy_method;
 use super::frames::{pixel_bytes, write_explicit};
 use super::header::parse;
 use super::numbers::text;
@@ -57,6 +58,32 @@ const REPLACED_TAGS: [Tag; 4] = [
 const REMOVED: [Tag; 2] = [
     tags::RADIOPHARMACEUTICAL_START_TIME,
     tags::RADIOPHARMACEUTICAL_START_DATE_TIME,
+];
+
+/// Attributes of patient, study and series that an image must have, if only without a value (type 2).
+const REQUIRED: [(Tag, VR); 13] = [
+    (tags::PATIENT_BIRTH_DATE, VR::DA),
+    (tags::PATIENT_SEX, VR::CS),
+    (tags::STUDY_DATE, VR::DA),
+    (tags::STUDY_TIME, VR::TM),
+    (tags::REFERRING_PHYSICIAN_NAME, VR::PN),
+    (tags::STUDY_ID, VR::SH),
+    (tags::ACCESSION_NUMBER, VR::SH),
+    (tags::SERIES_NUMBER, VR::IS),
+    (tags::LATERALITY, VR::CS),
+    (tags::PATIENT_POSITION, VR::CS),
+    (tags::MANUFACTURER, VR::LO),
+    (tags::POSITION_REFERENCE_INDICATOR, VR::LO),
+    (tags::INSTANCE_NUMBER, VR::IS),
+];
+
+/// Those of an MR image.
+const REQUIRED_OF_MR: [(Tag, VR); 5] = [
+    (tags::SCAN_OPTIONS, VR::CS),
+    (tags::MR_ACQUISITION_TYPE, VR::CS),
+    (tags::REPETITION_TIME, VR::DS),
+    (tags::ECHO_TIME, VR::DS),
+    (tags::ECHO_TRAIN_LENGTH, VR::IS),
 ];
 
 /// Words of the names of a series that tell its kind, besides those by which a series is chosen. Nothing else of these names is kept.
@@ -128,6 +155,25 @@ pub fn deidentified_file(file: &[u8]) -> Result<Vec<u8>, DicomError> {
     if let Some(name) = sequence_name(&sequence) {
         let name = PrimitiveValue::from(name);
         kept.put(DataElement::new(tags::SEQUENCE_NAME, VR::SH, name));
+    }
+    let class = text(&object, tags::SOP_CLASS_UID);
+    let is_mr = class.as_deref() == Some(uids::MR_IMAGE_STORAGE);
+    let of_mr = REQUIRED_OF_MR.into_iter().filter(|_| is_mr);
+    for (tag, vr) in REQUIRED.into_iter().chain(of_mr) {
+        if kept.get(tag).is_none() {
+            kept.put(DataElement::new(tag, vr, PrimitiveValue::Empty));
+        }
+    }
+    // The pixels are written without compression, but what was lost stays lost.
+    if kept.get(tags::LOSSY_IMAGE_COMPRESSION).is_none()
+        && let Some(method) = lossy_method(file)?
+    {
+        for (tag, value) in [
+            (tags::LOSSY_IMAGE_COMPRESSION, "01"),
+            (tags::LOSSY_IMAGE_COMPRESSION_METHOD, method),
+        ] {
+            kept.put(DataElement::new(tag, VR::CS, PrimitiveValue::from(value)));
+        }
     }
     for (tag, vr, value) in [
         (

@@ -3,7 +3,7 @@
 use dicom_core::value::PrimitiveValue;
 use dicom_core::{DataElement, VR};
 use dicom_dictionary_std::{tags, uids};
-use dicom_object::{FileMetaTableBuilder, InMemDicomObject};
+use dicom_object::InMemDicomObject;
 
 use super::DicomError;
 use super::attributes::wanted;
@@ -12,6 +12,7 @@ use super::numbers::{integer, text};
 use super::pixels::stored_samples;
 use super::scan::{PixelBytes, Scanned, Wanted, scan, scan_for, stated_syntax};
 use super::syntax::{Encoding, Packing};
+use super::write::file_meta;
 
 /// The most frames of an image.
 const MAX_FRAMES: usize = 1 << 16;
@@ -176,7 +177,7 @@ pub(super) fn write_explicit(
         what: "it lacks the UID of its class or its instance, or cannot be written again",
     };
     let uid = |tag| text(&object, tag).unwrap_or_default();
-    let meta = FileMetaTableBuilder::new()
+    let meta = file_meta()
         .transfer_syntax(uids::EXPLICIT_VR_LITTLE_ENDIAN)
         .media_storage_sop_class_uid(uid(tags::SOP_CLASS_UID))
         .media_storage_sop_instance_uid(uid(tags::SOP_INSTANCE_UID))

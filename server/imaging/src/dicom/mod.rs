@@ -18,6 +18,7 @@
 
 mod attributes;
 mod choose;
+mod compare;
 mod convert;
 mod deidentify;
 mod error;
@@ -41,6 +42,7 @@ pub mod write;
 
 pub use attributes::{Attributes, Instance};
 pub use choose::{Purpose, SeriesName, sequence_name};
+pub use compare::{Difference, difference};
 pub use convert::{Converted, Files, Options, convert};
 pub use deidentify::{deidentified_file, kind_of_series, replaced_uid};
 pub use error::DicomError;

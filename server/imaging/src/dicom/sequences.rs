@@ -4,7 +4,8 @@ use dicom_core::Tag;
 use dicom_dictionary_std::tags;
 
 /// Sequences that are read. Sorted, for binary search.
-pub(super) const SEQUENCES: [Tag; 10] = [
+pub(super) const SEQUENCES: [Tag; 11] = [
+    tags::DEIDENTIFICATION_METHOD_CODE_SEQUENCE,
     tags::MR_ECHO_SEQUENCE,
     tags::FRAME_CONTENT_SEQUENCE,
     tags::PLANE_POSITION_SEQUENCE,

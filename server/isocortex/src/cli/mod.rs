@@ -1,6 +1,7 @@
 //! The command line.
 
 mod case_file;
+mod check_config;
 mod check_store;
 mod choices;
 mod common;
@@ -13,6 +14,7 @@ mod remove_expired;
 mod render;
 mod serve;
 mod status;
+mod test_node;
 mod work;
 
 use std::fs::File;
@@ -73,6 +75,10 @@ enum Command {
     Work(work::WorkArgs),
     /// Prepare and serve a sample head, and print the address to open.
     Demo(demo::DemoArgs),
+    /// Check a configuration without starting anything.
+    CheckConfig(check_config::CheckConfigArgs),
+    /// Ask a node of the PACS whether it answers.
+    TestNode(test_node::TestNodeArgs),
     /// Read everything in a store, and report or repair what is wrong.
     CheckStore(check_store::CheckStoreArgs),
     /// Remove the cases that are older than a number of days, or list them.
@@ -173,7 +179,10 @@ pub fn main() -> ExitCode {
     match run(cli.command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("isocortex: {}", error.message);
+            match crate::logs::are_json() {
+                true => tracing::error!("{}", error.message),
+                false => eprintln!("isocortex: {}", error.message),
+            }
             error.status.into()
         }
     }
@@ -183,6 +192,8 @@ fn run(command: Command) -> Result<(), CliError> {
     match command {
         Command::Serve(args) => serve::run(&args),
         Command::Work(args) => work::run(&args),
+        Command::CheckConfig(args) => check_config::run(&args),
+        Command::TestNode(args) => test_node::run(&args),
         Command::CheckStore(args) => check_store::run(&args),
         Command::RemoveExpired(args) => remove_expired::run(&args),
         Command::MigrateStore(args) => migrate_store::run(&args),

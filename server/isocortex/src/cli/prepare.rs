@@ -13,7 +13,7 @@ use super::status::{CliError, ExitStatus};
 use super::{
     MAX_DICOM_BYTES, VolumeOptions, case_file, check_output, head_of, read_input, write_output,
 };
-use case::{CaseFacts, CaseId, CaseState, Parameters, PlaneFacts};
+use case::{CaseFacts, CaseId, CaseState, Parameters};
 use cases::Library;
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::Workers;
@@ -136,8 +136,8 @@ pub(super) fn prepare_here(
 
 /// Reports doubts about the mask and about the plane between the hemispheres on standard error.
 fn warn_of_doubts(facts: &CaseFacts) {
-    if let Some(plane) = facts.midsagittal.filter(PlaneFacts::is_doubtful) {
-        let correlation = plane.correlation.unwrap_or_default();
+    if facts.midsagittal.is_doubtful() {
+        let correlation = facts.midsagittal.correlation;
         eprintln!(
             "isocortex: the two sides of the head correlate by only {correlation:.2}; the plane of the mirror view may be wrong"
         );

@@ -37,7 +37,7 @@ pub(super) fn run(args: &RemoveExpiredArgs) -> Result<(), CliError> {
     super::block_on(async {
         options.location.must_exist().await?;
         let store = Store::open_at(&options.location, options.store).await?;
-        let expired = store.rows().expired(keep, usize::MAX).await?;
+        let expired = store.expired(keep, usize::MAX).await?;
         for id in &expired {
             if let Some(case) = store.case(id).await? {
                 println!("expired: case {id}, last uploaded {}", case.uploaded_at);

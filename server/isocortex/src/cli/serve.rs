@@ -11,11 +11,12 @@ use super::choices;
 use super::common::{CommonArgs, set};
 use super::status::{CliError, ExitStatus};
 use crate::config::{Config, Network, Secret};
-use crate::logs;
-use crate::start;
+use crate::{figures, logs, start};
 use cases::arrivals::ArrivalReader;
 use cases::jobs::Workers;
 use cases::pictures::GpuUse;
+use dimse::ReloadedTls;
+use http_support::auth::Access;
 use http_support::listen;
 use pacs::Background;
 use service::state::AppState;
@@ -79,15 +80,58 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let config = args.config()?;
     logs::start(config.log_format, &config.log);
-    for renamed in &config.renamed {
-        tracing::warn!("{renamed}");
-    }
     super::block_on(async {
         let server = Server::start(&config).await?;
-        println!("Isocortex listens on http://{}", server.address);
+        // Of JSON, the log has the same line.
+        if !logs::are_json() {
+            println!("Isocortex listens on http://{}", server.address);
+        }
+        let reloading = tokio::spawn(server.reload.clone().at_each_signal(args.clone()));
         server.until_stopped().await;
+        reloading.abort();
         Ok(())
     })
+}
+
+/// What is read again at SIGHUP: the token, and the certificates of the listener for C-STORE.
+#[derive(Debug, Clone)]
+struct Reload {
+    access: Access,
+    tls: Option<ReloadedTls>,
+}
+
+impl Reload {
+    /// Reads it again whenever the signal comes. If the configuration is invalid by then, nothing changes.
+    #[cfg(unix)]
+    async fn at_each_signal(self, args: ServeArgs) {
+        use tokio::signal::unix::{SignalKind, signal};
+        let Ok(mut signals) = signal(SignalKind::hangup()) else {
+            return;
+        };
+        while signals.recv().await.is_some() {
+            match self.now(&args) {
+                Ok(()) => tracing::info!("the token and the certificates were read again"),
+                Err(error) => tracing::error!(
+                    error = error.message,
+                    "the token and the certificates stay as they were"
+                ),
+            }
+        }
+    }
+
+    #[cfg(not(unix))]
+    async fn at_each_signal(self, _args: ServeArgs) {}
+
+    fn now(&self, args: &ServeArgs) -> Result<(), CliError> {
+        let config = args.config()?;
+        let access = config.access()?;
+        let tls = config.pacs.dimse.tls()?;
+        self.access.replace_token(&access);
+        if let (Some(current), Some(tls)) = (&self.tls, tls) {
+            current.replace(tls);
+        }
+        Ok(())
+    }
 }
 
 /// A running server.
@@ -100,6 +144,7 @@ pub(super) struct Server {
     serving: tokio::task::JoinHandle<()>,
     /// The listener for C-STORE, if there is one.
     dimse: Option<tokio::task::JoinHandle<()>>,
+    reload: Reload,
     grace: Duration,
 }
 
@@ -112,10 +157,18 @@ impl Server {
         let workers = Workers::start(state.cases.library.clone(), config.prepare.workers);
         let limits = config.connection_limits();
         let grace = limits.shutdown_grace;
+        figures::add_store(state.metrics(), state.cases.store());
+        figures::add_pacs(state.metrics(), &pacs);
+        let mut reload = Reload {
+            access: state.access().clone(),
+            tls: None,
+        };
         let dimse = match config.pacs.dimse()? {
             Some((listen, options)) => {
                 let (listener, address) = bind(listen).await?;
                 tracing::info!(%address, "listening for C-STORE");
+                figures::add_associations(state.metrics(), &options.counts);
+                reload.tls.clone_from(&options.tls);
                 let stop = state.stopping().begun();
                 let serving = dimse::serve(listener, state.cases.clone(), options, stop, grace);
                 Some(tokio::spawn(serving))
@@ -134,6 +187,7 @@ impl Server {
             workers,
             serving,
             dimse,
+            reload,
             grace,
         })
     }
@@ -157,7 +211,7 @@ impl Server {
 }
 
 /// A listener, and its address.
-async fn bind(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), CliError> {
+pub(super) async fn bind(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), CliError> {
     let taken = |error| {
         let message = format!("cannot listen on {listen}: {error}");
         CliError::new(ExitStatus::Unavailable, message)
@@ -183,7 +237,10 @@ fn stop_of(state: AppState) -> impl Future<Output = ()> {
 pub(super) fn told_to_stop() -> impl Future<Output = ()> {
     use tokio::signal::unix::{SignalKind, signal};
     let signals = [SignalKind::terminate(), SignalKind::interrupt()].map(|kind| signal(kind).ok());
+    // SIGHUP asks a program to read its configuration again; it must not end one that reads nothing.
+    let hangups = signal(SignalKind::hangup());
     async move {
+        let _hangups = hangups;
         let [terminated, interrupted] = signals.map(|listener| async move {
             match listener {
                 Some(mut signal) => _ = signal.recv().await,
@@ -214,7 +271,7 @@ mod tests {
     fn the_command_line_goes_before_the_file() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("isocortex.toml");
-        std::fs::write(&path, "data = \"from-file\"\nlog = \"debug\"\n").unwrap();
+        std::fs::write(&path, "log = \"debug\"\n[storage]\ndata = \"from-file\"\n").unwrap();
         let store = StoreArgs {
             data: Some("from-flag".into()),
             config: Some(path),

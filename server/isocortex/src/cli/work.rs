@@ -1,15 +1,17 @@
 //! `isocortex work`.
 
+use std::net::SocketAddr;
 use std::time::Duration;
 
 use cases::jobs::Workers;
 use clap::Args;
+use http_support::listen;
 
-use super::common::CommonArgs;
-use super::serve::told_to_stop;
+use super::common::{CommonArgs, set_some};
+use super::serve::{bind, told_to_stop};
 use super::status::CliError;
 use crate::config::ConfigError;
-use crate::{logs, start};
+use crate::{health, logs, start};
 
 /// Prepare the cases of a store that other processes serve
 ///
@@ -19,13 +21,17 @@ use crate::{logs, start};
 pub(super) struct WorkArgs {
     #[command(flatten)]
     common: CommonArgs,
+    /// The address on which to answer /healthz, /readyz and /metrics. [default: none]
+    #[arg(long, value_name = "ADDR:PORT", env = "ISOCORTEX_WORK_LISTEN")]
+    listen: Option<SocketAddr>,
 }
 
 /// Prepares cases until the process receives a signal to stop; then finishes running work or puts it back into the
 /// queue.
 pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
     super::keep_files_private();
-    let config = args.common.config()?;
+    let mut config = args.common.config()?;
+    set_some(&mut config.prepare.listen, args.listen.as_ref());
     if config.prepare.workers == 0 {
         let key = "prepare.workers";
         return Err(ConfigError::Zero { key }.into());
@@ -35,7 +41,16 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
         let library = start::open_library(&config).await?;
         let workers = Workers::start(library.clone(), config.prepare.workers);
         tracing::info!("preparing cases");
-        told_to_stop().await;
+        let stop = told_to_stop();
+        match config.prepare.listen {
+            None => stop.await,
+            Some(listen) => {
+                let (listener, address) = bind(listen).await?;
+                tracing::info!(%address, "answering health checks");
+                let routes = health::routes(library.store().clone());
+                listen::serve(listener, routes, config.connection_limits(), stop).await;
+            }
+        }
         tracing::info!("stopping");
         let grace = Duration::from_secs(config.http.shutdown_grace_secs);
         workers.shut_down(grace).await;

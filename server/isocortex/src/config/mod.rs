@@ -2,7 +2,6 @@
 //! command line.
 
 mod pacs;
-mod renamed;
 mod sections;
 
 use std::net::SocketAddr;
@@ -13,6 +12,7 @@ use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
 use http_support::auth::{Access, BadToken};
 use http_support::listen::ConnectionLimits;
+use http_support::origins::{NotAnOrigin, Origins};
 use http_support::pace::LeastRate;
 use pipeline::HeadLimits;
 use serde::Deserialize;
@@ -21,7 +21,6 @@ use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
-pub use self::renamed::RenamedKey;
 pub use self::sections::{
     DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Render, Secret, Storage,
 };
@@ -35,7 +34,7 @@ pub(crate) const DICOM_UNPACKING: u64 = 4;
 pub struct Config {
     /// The format of log lines.
     pub log_format: LogFormat,
-    /// The log lines to write, in the syntax of `RUST_LOG`.
+    /// The log lines to write: a level, and levels of targets.
     pub log: String,
     /// The server: address, access, timeouts.
     pub http: Http,
@@ -54,9 +53,6 @@ pub struct Config {
     /// The program that reads DICOM files: this one.
     #[serde(skip)]
     pub dicom_program: Program,
-    /// Keys in the file with an old name.
-    #[serde(skip)]
-    pub renamed: Vec<RenamedKey>,
 }
 
 impl Default for Config {
@@ -72,7 +68,6 @@ impl Default for Config {
             render: Render::default(),
             storage: Storage::default(),
             dicom_program: Program::default(),
-            renamed: Vec::new(),
         }
     }
 }
@@ -96,11 +91,13 @@ pub enum ConfigError {
         /// The reason.
         source: Box<toml::de::Error>,
     },
-    /// A key with both its old and its new name.
-    #[error("{renamed}; it is set there as well")]
-    Twice {
-        /// Which.
-        renamed: RenamedKey,
+    /// An unknown time zone.
+    #[error(
+        "`pacs.time_zone` is `{zone}`; it must be an offset such as `-03:00`, or the name of a zone that this machine knows, such as `Europe/Berlin` (is `tzdata` installed?)"
+    )]
+    TimeZone {
+        /// The value.
+        zone: String,
     },
     /// The token is too weak.
     #[error(transparent)]
@@ -123,6 +120,14 @@ pub enum ConfigError {
         key: &'static str,
         /// The reason.
         source: BadAddress,
+    },
+    /// An origin is none.
+    #[error("`{key}`: {source}")]
+    Origin {
+        /// The key.
+        key: &'static str,
+        /// The reason.
+        source: NotAnOrigin,
     },
     /// A node of the PACS is invalid.
     #[error("the node `{name}` in `pacs.nodes` is invalid: {source}")]
@@ -148,6 +153,14 @@ pub enum ConfigError {
         "`pacs.dimse`: an `aet` must be 1 to 16 printable characters without spaces and backslashes"
     )]
     Aet,
+    /// The address of a peer is none.
+    #[error(
+        "the `address` of the peer `{aet}` in `pacs.dimse.peers` must be an address, a network such as 10.0.0.0/8, or the name of a host"
+    )]
+    PeerAddress {
+        /// Its title.
+        aet: String,
+    },
     /// TLS of DIMSE is configured incompletely.
     #[error(
         "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
@@ -165,7 +178,7 @@ pub enum ConfigError {
 }
 
 impl Config {
-    /// Reads a TOML file; missing keys have their defaults. Old keys are accepted and listed in [`Config::renamed`].
+    /// Reads a TOML file; missing keys have their defaults.
     ///
     /// # Errors
     /// If the file cannot be read, is not TOML, or has an unknown key.
@@ -178,15 +191,7 @@ impl Config {
             path: path.to_owned(),
             source: Box::new(source),
         };
-        let mut table: toml::Table = toml::from_str(&text).map_err(malformed)?;
-        let moved = renamed::move_into_sections(&mut table);
-        let renamed = moved.map_err(|twice| ConfigError::Twice { renamed: twice.0 })?;
-        if renamed.is_empty() {
-            // Parsing the text gives errors with positions.
-            return toml::from_str(&text).map_err(malformed);
-        }
-        let config: Self = table.try_into().map_err(malformed)?;
-        Ok(Self { renamed, ..config })
+        toml::from_str(&text).map_err(malformed)
     }
 
     /// The access rules.
@@ -194,13 +199,32 @@ impl Config {
     /// # Errors
     /// If the token cannot be read or is too weak, or if there is none and the server would listen on the network.
     pub fn access(&self) -> Result<Access, ConfigError> {
-        match self.token_text()? {
-            Some(token) => Ok(Access::with_token(token.trim())?),
-            None if self.http.listen.ip().is_loopback() => Ok(Access::of_this_machine()),
-            None => Err(ConfigError::OpenToStrangers {
-                listen: self.http.listen,
-            }),
-        }
+        let access = match self.token_text()? {
+            Some(token) => Access::with_token(token.trim())?,
+            None if self.http.listen.ip().is_loopback() => Access::of_this_machine(),
+            None => {
+                return Err(ConfigError::OpenToStrangers {
+                    listen: self.http.listen,
+                });
+            }
+        };
+        let [allowed, _] = self.origins()?;
+        Ok(access.with_origins(allowed))
+    }
+
+    /// The origins whose pages may read answers, and those in whose frames the page may stand.
+    ///
+    /// # Errors
+    /// If one is no origin.
+    pub fn origins(&self) -> Result<[Origins; 2], ConfigError> {
+        let parse = |key, texts: &[String]| {
+            let wrong = |source| ConfigError::Origin { key, source };
+            Origins::parse(texts).map_err(wrong)
+        };
+        Ok([
+            parse("http.allowed_origins", &self.http.allowed_origins)?,
+            parse("http.frame_ancestors", &self.http.frame_ancestors)?,
+        ])
     }
 
     /// Whether the page shows the patient of a case from DICOM: unless it is set, if strangers cannot open the page's cases.
@@ -407,54 +431,11 @@ mod tests {
         for text in [
             "max_conections = 7",
             "[http]\nmax_conections = 7",
-            "gpu = \"off\"\n[limits]\nmax_conections = 7",
+            "[render]\ngpu = \"off\"\n[limits]\nmax_conections = 7",
         ] {
             let error = parsed(text).unwrap_err().to_string();
             assert!(error.contains("max_conections"), "{error}");
         }
-    }
-
-    #[test]
-    fn every_key_of_before_is_accepted_with_a_warning_that_names_the_new_one() {
-        let before = "data = \"there\"\nlisten = \"127.0.0.1:1\"\ntoken = \"0123456789abcdef\"\n\
-            token_file = \"t\"\nmax_upload_bytes = 1\nmax_voxels = 2\nmax_queued_cases = 3\n\
-            min_free_bytes = 4\nprepare_workers = 5\nnetwork = \"w\"\ngpu = \"off\"\n\
-            gpu_case_bytes = 6\nrender_threads = 7\nmax_queued_renders = 8\nmodel_cache_bytes = 9\n\
-            body_cache_bytes = 10\nmax_connections = 11\nheader_timeout_secs = 12\n\
-            answer_timeout_secs = 13\nupload_idle_secs = 14\nupload_timeout_secs = 15\n\
-            shutdown_grace_secs = 16\nlog = \"debug\"";
-        let today = "log = \"debug\"\n[storage]\ndata = \"there\"\nmin_free_bytes = 4\n\
-            [http]\nlisten = \"127.0.0.1:1\"\ntoken = \"0123456789abcdef\"\ntoken_file = \"t\"\n\
-            body_cache_bytes = 10\nmax_connections = 11\nheader_timeout_secs = 12\n\
-            answer_timeout_secs = 13\nupload_idle_secs = 14\nupload_timeout_secs = 15\n\
-            shutdown_grace_secs = 16\n\
-            [limits]\nmax_upload_bytes = 1\nmax_voxels = 2\nmax_queued_cases = 3\nmax_queued_renders = 8\n\
-            [prepare]\nworkers = 5\nnetwork = \"w\"\n\
-            [render]\nthreads = 7\ngpu = \"off\"\ngpu_case_bytes = 6\nmodel_cache_bytes = 9";
-        let config = parsed(before).unwrap();
-        assert_eq!(config.renamed.len(), 22);
-        let warnings: Vec<_> = config.renamed.iter().map(ToString::to_string).collect();
-        let threads = "`render_threads` at its top: write `threads` in the section [render]";
-        assert!(
-            warnings.iter().any(|warning| warning.contains(threads)),
-            "{warnings:?}"
-        );
-        let today = parsed(today).unwrap();
-        assert_eq!(today.renamed, []);
-        assert_eq!(
-            Config {
-                renamed: Vec::new(),
-                ..config
-            },
-            today
-        );
-    }
-
-    #[test]
-    fn a_key_under_both_of_its_names_is_refused() {
-        let error = parsed("gpu = \"off\"\n[render]\ngpu = \"auto\"").unwrap_err();
-        assert!(matches!(error, ConfigError::Twice { .. }));
-        assert!(error.to_string().contains("[render]"), "{error}");
     }
 
     #[test]
@@ -466,6 +447,17 @@ mod tests {
         let none = parsed("[storage]\nkeep_days = 0").unwrap();
         let error = none.check().unwrap_err().to_string();
         assert!(error.contains("`storage.keep_days`"), "{error}");
+    }
+
+    #[test]
+    fn an_origin_is_no_pattern() {
+        let config = parsed("[http]\nallowed_origins = [\"https://viewer.example\"]").unwrap();
+        assert_eq!(config.origins().unwrap()[0].iter().count(), 1);
+        for key in ["allowed_origins", "frame_ancestors"] {
+            let config = parsed(&format!("[http]\n{key} = [\"*\"]")).unwrap();
+            let error = config.origins().unwrap_err().to_string();
+            assert!(error.contains(&format!("`http.{key}`")), "{error}");
+        }
     }
 
     #[test]

@@ -1,15 +1,16 @@
 //! `[pacs]`: images from a PACS.
 
-use std::net::{IpAddr, SocketAddr};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use ::pacs::node::{self, Credentials, WebNode};
 use cases::arrivals::{ArrivalOptions, SeriesRule};
 use dimse::{
-    DimseOptions, ListeningTls, StorageNode, TlsAuthority, TlsIdentity, connecting_tls, is_aet,
-    listening_tls,
+    DimseOptions, ListeningTls, PeerAddress, ReloadedTls, StorageNode, TlsAuthority, TlsIdentity,
+    connecting_tls, is_aet, listening_tls,
 };
+use jiff::tz::{Offset, TimeZone};
 use serde::Deserialize;
 
 use super::{ConfigError, read_secret};
@@ -30,6 +31,11 @@ pub struct Pacs {
     pub keep_source: bool,
     /// Which series become cases.
     pub series: SeriesUse,
+    /// Whether objects that are no MR or CT images, such as reports, are accepted and not kept; otherwise they are refused.
+    pub ignore_other_objects: bool,
+    /// The zone of the dates and times of sources that do not state it: an offset such as `-03:00`, or a name such as
+    /// `America/Sao_Paulo`.
+    pub time_zone: Option<String>,
     /// Images by C-STORE.
     pub dimse: Dimse,
     /// Nodes from which series are fetched and to which results are sent.
@@ -55,6 +61,8 @@ impl Default for Pacs {
             deidentify: false,
             keep_source: false,
             series: SeriesUse::default(),
+            ignore_other_objects: true,
+            time_zone: None,
             dimse: Dimse::default(),
             nodes: Vec::new(),
         }
@@ -105,8 +113,8 @@ impl Default for Dimse {
 pub struct Peer {
     /// Its application entity title.
     pub aet: String,
-    /// The address that it connects from.
-    pub address: IpAddr,
+    /// Where it connects from: an address, a network such as `10.0.0.0/8`, or the name of a host.
+    pub address: String,
 }
 
 /// A node. It has a DICOMweb root, an address for C-STORE, or both.
@@ -147,7 +155,10 @@ impl Dimse {
     }
 
     /// TLS of the listener.
-    fn tls(&self) -> Result<Option<ListeningTls>, ConfigError> {
+    ///
+    /// # Errors
+    /// If a file cannot be read or is invalid.
+    pub fn tls(&self) -> Result<Option<ListeningTls>, ConfigError> {
         let Some(identity) = self.identity()? else {
             return match self.tls_authority {
                 Some(_) => Err(ConfigError::DimseTls),
@@ -157,6 +168,22 @@ impl Dimse {
         let authority = self.tls_authority.as_deref().map(authority).transpose()?;
         Ok(Some(listening_tls(&identity, authority.as_ref())?))
     }
+}
+
+/// An offset from UTC, such as `-03:00`.
+fn offset_of(text: &str) -> Option<Offset> {
+    let sign = match text.get(..1)? {
+        "+" => 1,
+        "-" => -1,
+        _ => return None,
+    };
+    let (hours, minutes) = text[1..].split_once(':')?;
+    let number = |part: &str| -> Option<i32> {
+        let is_plain = part.len() == 2 && part.bytes().all(|byte| byte.is_ascii_digit());
+        is_plain.then(|| part.parse().ok())?
+    };
+    let minutes = 60 * number(hours)? + number(minutes)?;
+    Offset::from_seconds(sign * 60 * minutes).ok()
 }
 
 fn read_file(path: &Path) -> Result<String, ConfigError> {
@@ -182,6 +209,19 @@ impl Pacs {
                 SeriesUse::Any => SeriesRule::Any,
             },
         }
+    }
+
+    /// The zone of the scanners' dates and times, if it is configured.
+    ///
+    /// # Errors
+    /// If it is neither an offset nor the name of a zone that this machine knows.
+    pub fn time_zone(&self) -> Result<Option<TimeZone>, ConfigError> {
+        let zone = |text: &String| {
+            let offset = offset_of(text).map(TimeZone::fixed);
+            let zone = offset.or_else(|| TimeZone::get(text).ok());
+            zone.ok_or_else(|| ConfigError::TimeZone { zone: text.clone() })
+        };
+        self.time_zone.as_ref().map(zone).transpose()
     }
 
     /// The nodes.
@@ -217,16 +257,22 @@ impl Pacs {
         if !titles.chain([&self.dimse.aet]).all(|aet| is_aet(aet)) {
             return Err(ConfigError::Aet);
         }
-        let peer = |peer: &Peer| dimse::Peer {
-            aet: peer.aet.clone(),
-            address: peer.address,
+        let peer = |peer: &Peer| {
+            let address = PeerAddress::parse(&peer.address);
+            let aet = peer.aet.clone();
+            match address {
+                Some(address) => Ok(dimse::Peer { aet, address }),
+                None => Err(ConfigError::PeerAddress { aet }),
+            }
         };
+        let peers: Result<_, _> = self.dimse.peers.iter().map(peer).collect();
         let options = DimseOptions {
             aet: self.dimse.aet.clone(),
-            peers: self.dimse.peers.iter().map(peer).collect(),
+            peers: peers?,
             max_associations: self.dimse.max_associations,
             idle: Duration::from_secs(self.dimse.idle_secs),
-            tls: self.dimse.tls()?,
+            tls: self.dimse.tls()?.map(ReloadedTls::new),
+            ignores_other_objects: self.ignore_other_objects,
             ..DimseOptions::default()
         };
         Ok(Some((listen, options)))
@@ -324,12 +370,35 @@ mod tests {
             (options.aet.as_str(), options.peers.len()),
             ("ISOCORTEX", 1)
         );
+        for (address, is_right) in [("10.0.0.0/8", true), ("orthanc", true), ("10.0.0", false)] {
+            let pacs = parsed(&format!(
+                "[dimse]\nlisten = \"127.0.0.1:1\"\n[[dimse.peers]]\naet = \"A\"\naddress = \"{address}\""
+            ));
+            let refused = matches!(pacs.dimse(), Err(ConfigError::PeerAddress { .. }));
+            assert_ne!(refused, is_right, "{address}");
+        }
         for aet in ["", "A B", "SEVENTEEN-LETTERS", "A\\\\B"] {
             let pacs = parsed(&format!(
                 "[dimse]\nlisten = \"127.0.0.1:1\"\naet = \"{aet}\""
             ));
             assert!(matches!(pacs.dimse(), Err(ConfigError::Aet)), "{aet}");
         }
+    }
+
+    #[test]
+    fn a_time_zone_is_an_offset_or_a_known_name() {
+        let zone = |text| parsed(&format!("time_zone = \"{text}\"")).time_zone();
+        assert_eq!(parsed("").time_zone().unwrap(), None);
+        for offset in ["-03:00", "+05:30"] {
+            assert!(
+                zone(offset).unwrap().unwrap().to_fixed_offset().is_ok(),
+                "{offset}"
+            );
+        }
+        assert!(matches!(
+            zone("Nowhere/City"),
+            Err(ConfigError::TimeZone { .. })
+        ));
     }
 
     #[test]

@@ -22,6 +22,10 @@ pub struct Http {
     pub token: Option<Secret>,
     /// A file with the token, instead of `token`.
     pub token_file: Option<PathBuf>,
+    /// The origins of pages on other hosts that may read answers, such as a viewer.
+    pub allowed_origins: Vec<String>,
+    /// The origins in whose frames the page may stand, such as a PACS.
+    pub frame_ancestors: Vec<String>,
     /// Connections of clients with the right token at a time. Others have 256 connections of their own.
     pub max_connections: usize,
     /// Of these, connections from one address that is not a trusted proxy.
@@ -54,6 +58,8 @@ impl Default for Http {
             listen: DEFAULT_LISTEN,
             token: None,
             token_file: None,
+            allowed_origins: Vec::new(),
+            frame_ancestors: Vec::new(),
             max_connections: 512,
             max_connections_per_address: 256,
             trusted_proxies: Vec::new(),
@@ -179,6 +185,8 @@ pub struct Page {
 pub struct Prepare {
     /// Cases prepared at a time; with 0 `isocortex serve` leaves them to `isocortex work`.
     pub workers: usize,
+    /// The address on which `isocortex work` answers `/healthz`, `/readyz` and `/metrics`; by default none.
+    pub listen: Option<SocketAddr>,
     /// Time for a preparation, in seconds; then the case fails.
     pub max_secs: u64,
     /// The file with the weights for brain extraction; by default the one beside the program, if there is one.
@@ -189,6 +197,7 @@ impl Default for Prepare {
     fn default() -> Self {
         Self {
             workers: 1,
+            listen: None,
             max_secs: 900,
             network: None,
         }

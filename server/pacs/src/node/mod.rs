@@ -45,8 +45,18 @@ pub(crate) enum NodeError {
     Silent,
     #[error("the node refused our credentials")]
     Refused,
-    #[error("the node does not have this series")]
+    #[error(
+        "the node does not have this series, or its `url` is not the root of a DICOMweb server"
+    )]
     NotFound,
+    #[error(
+        "the node has no DICOMweb at its `url`; name the root, which ends with /dicom-web for Orthanc"
+    )]
+    NoDicomWeb,
+    #[error(
+        "the node has no STOW-RS at its `url`; name the root of a DICOMweb server, which ends with /dicom-web for Orthanc"
+    )]
+    NoStow,
     #[error("the node answered with status {0}")]
     Status(u16),
     #[error("the answer of the node cannot be read")]
@@ -68,8 +78,18 @@ impl NodeError {
             // The reasons are the statuses of C-STORE (PS3.18 table I.2-2).
             Self::NotStored(reason) => NotStored::Status(reason).may_pass(),
             Self::Dimse(error) => error.may_pass(),
-            Self::Refused | Self::NotFound | Self::Unreadable | Self::NotStoredAtAll => false,
+            Self::Refused
+            | Self::NotFound
+            | Self::NoDicomWeb
+            | Self::NoStow
+            | Self::Unreadable
+            | Self::NotStoredAtAll => false,
         }
+    }
+
+    /// Whether the node answered, though not as it must.
+    pub(crate) fn is_answer(self) -> bool {
+        self.kind() != "node-unreachable"
     }
 
     pub(crate) fn kind(self) -> &'static str {
@@ -77,6 +97,8 @@ impl NodeError {
             Self::Unreachable | Self::Silent => "node-unreachable",
             Self::Refused => "node-refused",
             Self::NotFound => "node-has-no-such-series",
+            Self::NoDicomWeb => "node-has-no-dicomweb",
+            Self::NoStow => "node-has-no-stow",
             Self::Status(_) | Self::Unreadable => "node-failed",
             Self::NotStored(_) | Self::NotStoredAtAll => "node-did-not-store",
             Self::Dimse(error) => match error {
@@ -142,6 +164,19 @@ impl Node {
     /// Its DICOMweb server, if it has one.
     pub(crate) fn web(&self) -> Option<&WebNode> {
         self.web.as_ref()
+    }
+
+    /// Asks each of its services whether it is there, in the words of the configuration.
+    pub(crate) async fn test(&self) -> Vec<(&'static str, Result<(), NodeError>)> {
+        let mut answers = Vec::new();
+        if let Some(web) = &self.web {
+            answers.push(("dicomweb", web.test().await));
+        }
+        if let Recipient::Storage(node) = &self.recipient {
+            let answer = node.echo().await;
+            answers.push(("c-store", answer.map_err(NodeError::from)));
+        }
+        answers
     }
 
     /// Stores an object. Afterwards the node has it.

@@ -25,6 +25,9 @@ const CONNECT: Duration = Duration::from_secs(10);
 /// How long to wait for the head of an answer: an archive may fetch a series from a tape first.
 const ANSWER: Duration = Duration::from_secs(120);
 
+/// How long to wait for the answer to a test.
+const TEST: Duration = Duration::from_secs(20);
+
 /// How long to keep unused connections.
 const IDLE: Duration = Duration::from_secs(30);
 
@@ -96,6 +99,25 @@ impl WebNode {
         })
     }
 
+    /// Searches for one study.
+    pub(crate) async fn test(&self) -> Result<(), NodeError> {
+        let searched = tokio::time::timeout(TEST, self.get("/studies?limit=1", DICOM_JSON)).await;
+        match searched.map_err(|_elapsed| NodeError::Silent)? {
+            Ok(answer) if answer.status() == StatusCode::NO_CONTENT => Ok(()),
+            Ok(answer) => {
+                let kind = answer.headers().get(header::CONTENT_TYPE);
+                let kind = kind.and_then(|kind| MediaType::parse(kind.to_str().ok()?));
+                let is_json = |kind: MediaType| kind.essence.ends_with("json");
+                match kind.is_some_and(is_json) {
+                    true => Ok(()),
+                    false => Err(NodeError::NoDicomWeb),
+                }
+            }
+            Err(NodeError::NotFound | NodeError::Status(405)) => Err(NodeError::NoDicomWeb),
+            Err(error) => Err(error),
+        }
+    }
+
     /// How many images a series has, if the node states it.
     pub(crate) async fn count(&self, uids: &SeriesUids) -> Result<Option<usize>, NodeError> {
         let (study, series) = (uids.study.as_str(), uids.series.as_str());
@@ -146,7 +168,10 @@ impl WebNode {
             .body(Full::new(body));
         let answer = self.ask(request, SEND).await?;
         let status = answer.status();
-        if matches!(status.as_u16(), 401 | 403 | 404 | 410) {
+        if matches!(status.as_u16(), 404 | 405 | 410) {
+            return Err(NodeError::NoStow);
+        }
+        if matches!(status.as_u16(), 401 | 403) {
             return Err(refusal(status));
         }
         let body = Limited::new(answer.into_body(), MAX_QUERY_BYTES).collect();

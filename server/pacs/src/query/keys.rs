@@ -3,19 +3,58 @@
 use std::collections::BTreeSet;
 
 use imaging::dicom::{Attribute, attribute};
+use utoipa::openapi::schema::Type;
 
-use super::matching::matches;
+use super::matching::{EMPTY, is_moment, matches};
 use crate::error::PacsError;
 use crate::held::Values;
 
-/// The number of results on a page, if none is requested.
-const USUAL_LIMIT: usize = 100;
-
-/// The largest number of results on a page.
-const MAX_LIMIT: usize = 1000;
+/// The number of results on a page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct PageSize {
+    /// If none is requested.
+    pub(crate) usual: usize,
+    /// At most; also if 0 is requested.
+    pub(crate) most: usize,
+}
 
 /// The most keys of a search.
 const MAX_KEYS: usize = 100;
+
+/// The keys that are no attributes.
+pub(crate) const CONTROLS: [(&str, Type, &str); 7] = [
+    (
+        "limit",
+        Type::Integer,
+        "The most results; 0 for as many as possible",
+    ),
+    ("offset", Type::Integer, "Results to leave out at the start"),
+    (
+        "includefield",
+        Type::String,
+        "Attributes to return as well, by keyword or tag with commas, or `all`",
+    ),
+    (
+        "fuzzymatching",
+        Type::Boolean,
+        "Accepted, and answered with a warning: names are matched literally",
+    ),
+    (
+        "emptyvaluematching",
+        Type::Boolean,
+        "Whether the value `\"\"` of a key matches what has no value",
+    ),
+    (
+        "multiplevaluematching",
+        Type::Boolean,
+        "Accepted: a list of values, separated by backslashes, always matches each of them",
+    ),
+    (
+        "accept",
+        Type::String,
+        "The accepted media types, instead of the header",
+    ),
+];
 
 /// What a search asks.
 #[derive(Debug, Default)]
@@ -30,37 +69,43 @@ pub(crate) struct SearchKeys {
     pub(crate) is_all_included: bool,
     /// Whether fuzzy matching is requested, which is not supported.
     pub(crate) is_fuzzy: bool,
-}
-
-fn refuse(detail: String) -> PacsError {
-    PacsError::bad_request("query-value-out-of-range", detail)
+    /// Whether [`EMPTY`] matches what has no value.
+    matches_empty: bool,
+    /// Whether there is a key that nothing here has: a private attribute, or one inside of a sequence.
+    pub(crate) has_foreign: bool,
+    /// The media types that the query accepts instead of the header.
+    pub(crate) accept: Option<String>,
 }
 
 impl SearchKeys {
     /// Reads the keys of a query.
-    pub(crate) fn read(pairs: &[(String, String)]) -> Result<Self, PacsError> {
+    pub(crate) fn read(pairs: &[(String, String)], size: PageSize) -> Result<Self, PacsError> {
         let mut keys = Self {
-            limit: USUAL_LIMIT,
+            limit: size.usual,
             ..Self::default()
         };
         if pairs.len() > MAX_KEYS {
-            return Err(refuse(format!("the query has more than {MAX_KEYS} keys")));
+            let detail = format!("the query has more than {MAX_KEYS} keys");
+            return Err(PacsError::bad_request("query-value-out-of-range", detail));
         }
         for (name, value) in pairs {
             match name.to_ascii_lowercase().as_str() {
-                "limit" => keys.limit = count(name, value)?.min(MAX_LIMIT),
+                "limit" => {
+                    keys.limit = match count(name, value)? {
+                        0 => size.most,
+                        number => number.min(size.most),
+                    };
+                }
                 "offset" => keys.offset = count(name, value)?,
                 "includefield" => keys.include(value)?,
-                "fuzzymatching" => {
-                    keys.is_fuzzy = value
-                        .parse()
-                        .map_err(|_| refuse("`fuzzymatching` must be true or false".to_owned()))?;
-                }
+                "fuzzymatching" => keys.is_fuzzy = truth("fuzzymatching", value)?,
+                "emptyvaluematching" => keys.matches_empty = truth("emptyvaluematching", value)?,
+                // Lists of values are always matched.
+                "multiplevaluematching" => _ = truth("multiplevaluematching", value)?,
+                // A `+` of an address is a space.
+                "accept" => keys.accept = Some(value.replace(" json", "+json")),
                 _ => keys.want(name, value)?,
             }
-        }
-        if keys.limit == 0 {
-            return Err(refuse("`limit` must be at least 1".to_owned()));
         }
         Ok(keys)
     }
@@ -77,10 +122,8 @@ impl SearchKeys {
                 Some(known) => _ = self.included.insert(known.name()),
                 None if is_private(first) => {}
                 None => {
-                    return Err(refuse(
-                        "`includefield` must name attributes by keyword or tag, or be `all`"
-                            .to_owned(),
-                    ));
+                    let rule = "a list of attributes by keyword or tag, or `all`";
+                    return Err(PacsError::wrong_value("includefield", rule));
                 }
             }
         }
@@ -92,10 +135,32 @@ impl SearchKeys {
         let unknown = || {
             PacsError::bad_request(
                 "query-unreadable",
-                "a key of the query is neither an attribute of DICOM, by keyword or tag, nor `limit`, `offset`, `includefield` or `fuzzymatching`",
+                format!(
+                    "a key of the query is neither an attribute of DICOM, by keyword or tag, nor one of {}",
+                    CONTROLS.map(|(name, ..)| format!("`{name}`")).join(", ")
+                ),
             )
         };
-        let known = attribute(name).ok_or_else(unknown)?;
+        let mut path = name.split('.');
+        let first = path.next().unwrap_or_default();
+        let within: Vec<_> = path.collect();
+        if !within.is_empty() || is_private(first) {
+            let mut parts = std::iter::once(&first).chain(&within);
+            if !parts.all(|part| attribute(part).is_some() || is_private(part)) {
+                return Err(unknown());
+            }
+            self.has_foreign = true;
+            return Ok(());
+        }
+        let known = attribute(first).ok_or_else(unknown)?;
+        let is_empty = self.matches_empty && value == EMPTY;
+        if !is_empty && !is_moment(known.vr, value) {
+            let rule = match known.vr {
+                "DA" => "a date as YYYYMMDD, or a range of dates as YYYYMMDD-YYYYMMDD",
+                _ => "a time as HHMMSS, or a range of times as HHMMSS-HHMMSS",
+            };
+            return Err(PacsError::wrong_value(known.keyword, rule));
+        }
         self.included.insert(known.name());
         self.wanted.push((known, value.to_owned()));
         Ok(())
@@ -116,7 +181,14 @@ impl SearchKeys {
     pub(crate) fn accept(&self, values: &Values, is_supported: impl Fn(&str) -> bool) -> bool {
         self.wanted.iter().all(|(known, wanted)| {
             let tag = known.name();
-            !is_supported(&tag) || matches(known.vr, wanted, values.text(&tag))
+            let held = values.text(&tag);
+            if !is_supported(&tag) {
+                return true;
+            }
+            if self.matches_empty && wanted == EMPTY {
+                return held.is_none_or(|held| held.trim().is_empty());
+            }
+            matches(known.vr, wanted, held)
         })
     }
 }
@@ -126,7 +198,13 @@ fn count(name: &str, value: &str) -> Result<usize, PacsError> {
         .parse()
         .ok()
         .filter(|&number: &usize| number <= i32::MAX as usize);
-    number.ok_or_else(|| refuse(format!("`{name}` must be a whole number of at least 0")))
+    let name = name.to_ascii_lowercase();
+    number.ok_or_else(|| PacsError::wrong_value(&name, "a whole number of at least 0"))
+}
+
+fn truth(name: &str, value: &str) -> Result<bool, PacsError> {
+    let truth = value.parse();
+    truth.map_err(|_| PacsError::wrong_value(name, "true or false"))
 }
 
 /// Whether a text is the tag of a private attribute, which is never known.
@@ -147,8 +225,13 @@ mod tests {
             .iter()
             .map(|&(name, value)| (name.to_owned(), value.to_owned()))
             .collect();
-        SearchKeys::read(&pairs)
+        SearchKeys::read(&pairs, SIZE)
     }
+
+    const SIZE: PageSize = PageSize {
+        usual: 100,
+        most: 1000,
+    };
 
     #[test]
     fn keys_are_named_by_keyword_or_tag() {
@@ -160,18 +243,54 @@ mod tests {
             ("includefield", "00081030,SeriesDescription,00091001"),
         ])
         .unwrap();
-        assert_eq!((keys.limit, keys.offset), (MAX_LIMIT, 3));
+        assert_eq!((keys.limit, keys.offset), (1000, 3));
         assert_eq!(keys.value("PatientID"), Some("P-7"));
         let included: Vec<_> = keys.included.iter().map(String::as_str).collect();
         assert_eq!(included, ["00081030", "0008103E", "00100010", "00100020"]);
         assert!(read(&[("includefield", "all")]).unwrap().is_all_included);
+        assert_eq!(read(&[("limit", "0")]).unwrap().limit, 1000);
+        assert_eq!(read(&[]).unwrap().limit, 100);
+    }
+
+    #[test]
+    fn keys_of_sequences_and_private_ones_are_accepted_and_match_everything() {
+        for name in [
+            "00400275.00400009",
+            "RequestAttributesSequence.ScheduledProcedureStepID",
+            "00091001",
+        ] {
+            let keys = read(&[(name, "x")]).unwrap();
+            assert!(keys.has_foreign && keys.accept(&Values::default(), |_| true));
+        }
+    }
+
+    #[test]
+    fn an_empty_value_is_matched_on_request() {
+        let (mut with, without) = (Values::default(), Values::default());
+        with.put("StudyID", "7");
+        with.put("StudyDate", "20261101");
+        let empty = ("emptyvaluematching", "true");
+        for key in ["StudyID", "StudyDate"] {
+            let keys = read(&[empty, (key, EMPTY)]).unwrap();
+            assert!(!keys.accept(&with, |_| true) && keys.accept(&without, |_| true));
+        }
+        let keys = read(&[("StudyID", EMPTY)]).unwrap();
+        assert!(!keys.accept(&without, |_| true));
+    }
+
+    #[test]
+    fn what_a_query_accepts_may_have_lost_its_plus() {
+        let keys = read(&[("accept", "application/dicom json")]).unwrap();
+        assert_eq!(keys.accept.as_deref(), Some("application/dicom+json"));
     }
 
     #[test]
     fn what_is_no_key_is_refused_and_not_repeated() {
         for (name, value) in [
-            ("limit", "0"),
             ("limit", "-1"),
+            ("Somebody.PatientID", "Secret"),
+            ("StudyDate", "Secret"),
+            ("emptyvaluematching", "Secret"),
             ("offset", "x"),
             ("fuzzymatching", "perhaps"),
             ("includefield", "Somebody"),

@@ -1,5 +1,63 @@
 //! Whether a value matches a key (PS3.4 C.2.2.2).
 
+/// The key that matches what has no value, if the search asks for it (PS3.4 C.2.2.2.7).
+pub(crate) const EMPTY: &str = "\"\"";
+
+/// Whether a text is a date, a time, or a range of them: as the standard writes them, with the separators of its first
+/// versions, and with an end left open. Parts at the end may be missing.
+pub(crate) fn is_moment(vr: &str, wanted: &str) -> bool {
+    let wanted = wanted.trim();
+    let is_one: fn(&str) -> bool = match vr {
+        "DA" => is_date,
+        "TM" => is_time,
+        _ => return true,
+    };
+    wanted.is_empty()
+        || wanted == "*"
+        || wanted
+            .split('\\')
+            .all(|one| match one.trim().split_once('-') {
+                None => is_one(one.trim()),
+                Some((from, to)) => {
+                    let is_end = |end: &str| end.is_empty() || is_one(end);
+                    is_end(from.trim()) && is_end(to.trim()) && !(from.is_empty() && to.is_empty())
+                }
+            })
+}
+
+fn is_date(text: &str) -> bool {
+    let digits = text.replace('.', "");
+    let part = |range: std::ops::Range<usize>| digits.get(range)?.parse::<u32>().ok();
+    let is_month = || part(4..6).is_some_and(|month| (1..=12).contains(&month));
+    let is_day = || part(6..8).is_some_and(|day| (1..=31).contains(&day));
+    digits.bytes().all(|byte| byte.is_ascii_digit())
+        && match digits.len() {
+            4 => true,
+            6 => is_month(),
+            8 => is_month() && is_day(),
+            _ => false,
+        }
+}
+
+fn is_time(text: &str) -> bool {
+    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
+    let digits = whole.replace(':', "");
+    let are_digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+    let below = |at: usize, end: u32| {
+        let part = digits
+            .get(at..at + 2)
+            .and_then(|part| part.parse::<u32>().ok());
+        part.is_none_or(|part| part < end)
+    };
+    are_digits(&digits)
+        && are_digits(fraction)
+        && fraction.len() <= 6
+        && matches!(digits.len(), 2 | 4 | 6)
+        && below(0, 24)
+        && below(2, 60)
+        && below(4, 61)
+}
+
 /// Whether a held value matches what a key requests: an empty key matches everything, and a value that is not known
 /// matches nothing else.
 pub(crate) fn matches(vr: &str, wanted: &str, held: Option<&str>) -> bool {
@@ -120,6 +178,30 @@ mod tests {
                 expected,
                 "{vr} {wanted} {held:?}"
             );
+        }
+    }
+
+    #[test]
+    fn a_date_is_one_or_a_range() {
+        for (vr, wanted, expected) in [
+            ("DA", "20261101", true),
+            ("DA", "202611", true),
+            ("DA", "2026.11.01", true),
+            ("DA", "20261001-20261031", true),
+            ("DA", "-20261031", true),
+            ("DA", "", true),
+            ("DA", "*", true),
+            ("DA", "-", false),
+            ("DA", "20261301", false),
+            ("DA", "2026-11-01", false),
+            ("DA", "yesterday", false),
+            ("TM", "1000-1011", true),
+            ("TM", "101112.5", true),
+            ("TM", "10:11", true),
+            ("TM", "2500", false),
+            ("LO", "yesterday", true),
+        ] {
+            assert_eq!(is_moment(vr, wanted), expected, "{vr} {wanted}");
         }
     }
 

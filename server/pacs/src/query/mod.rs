@@ -10,9 +10,13 @@ use axum::response::{IntoResponse as _, Response};
 use imaging::dicom::{attribute, element};
 use serde_json::{Map, Value};
 use storage::arrivals::{AccessionNumber, SeriesQuery, Uid};
+use utoipa::IntoParams;
+use utoipa::openapi::path::{Parameter, ParameterIn};
+use utoipa::openapi::schema::Type;
 
-use self::keys::SearchKeys;
+use self::keys::{CONTROLS, PageSize, SearchKeys};
 use crate::address::{Named, SeriesPath, StudyPath};
+use crate::described::query_key;
 use crate::error::PacsError;
 use crate::held::{HeldStudy, Values};
 use crate::state::{Pacs, fresh_json};
@@ -20,6 +24,9 @@ use crate::stow::{DICOM_JSON, refuse_other_answers};
 
 /// The most studies that a search looks at.
 const MAX_STUDIES: usize = 2000;
+
+/// The most results on a page of a search in all studies.
+const MOST_EVERYWHERE: usize = 1000;
 
 /// Studies that are listed at a time.
 const BATCH: usize = 50;
@@ -70,7 +77,7 @@ const USUAL: [&[&str]; 3] = [
 ];
 
 /// Attributes by which a search may select although a source lacks them. Other keys that nothing here has are ignored.
-const SUPPORTED: [&str; 16] = [
+const SUPPORTED: [&str; 17] = [
     "StudyDate",
     "StudyTime",
     "AccessionNumber",
@@ -78,6 +85,7 @@ const SUPPORTED: [&str; 16] = [
     "ReferringPhysicianName",
     "PatientName",
     "PatientID",
+    "IssuerOfPatientID",
     "PatientBirthDate",
     "PatientSex",
     "StudyDescription",
@@ -100,14 +108,32 @@ enum Level {
     Instance,
 }
 
+/// The keys of a search, for its description. Any other attribute is accepted as well, by keyword or tag.
+pub(crate) struct SearchParams;
+
+impl IntoParams for SearchParams {
+    fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
+        let controls = CONTROLS.map(|(name, kind, words)| query_key(name, kind, words));
+        let matched = SUPPORTED.iter().chain(&SUPPORTED_OF_INSTANCES);
+        let matched = matched.map(|&keyword| query_key(keyword, Type::String, MATCHED));
+        controls.into_iter().chain(matched).collect()
+    }
+}
+
+/// How an attribute is matched.
+const MATCHED: &str =
+    "Results that match: text with `*` and `?`, UIDs with commas, dates and times with ranges";
+
 type Pairs = Result<Query<Vec<(String, String)>>, QueryRejection>;
 
 /// Search for studies
 ///
 /// The studies that cases were made of, newest case first (QIDO-RS, PS3.18 §10.6). Keys: attributes by keyword or tag, with
-/// wildcards, lists of UIDs and ranges of dates; `limit` (100, at most 1000), `offset`, `includefield`.
+/// wildcards, lists of UIDs and ranges of dates; keys inside of sequences and private ones match everything. Without `limit`, a search for
+/// studies or series has at most 100 results, one for instances 1000, and one within a study all of them.
 #[utoipa::path(
-    get, path = "/dicomweb/studies", tag = "pacs",
+    get, path = "/dicomweb/studies", tag = "pacs", operation_id = "search_studies",
+    params(SearchParams),
     responses(
         (status = 200, description = "The studies", body = serde_json::Value, content_type = "application/dicom+json"),
         (status = 204, description = "None matches"),
@@ -125,10 +151,14 @@ pub(crate) async fn studies(State(pacs): State<Pacs>, keys: Pairs, headers: Head
 ///
 /// As `GET /dicomweb/studies`, in all studies.
 #[utoipa::path(
-    get, path = "/dicomweb/series", tag = "pacs",
+    get, path = "/dicomweb/series", tag = "pacs", operation_id = "search_series",
+    params(SearchParams),
     responses(
         (status = 200, description = "The series", body = serde_json::Value, content_type = "application/dicom+json"),
         (status = 204, description = "None matches"),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
+        (status = 406, description = "Only `application/dicom+json` is available"),
+        (status = 413, description = "The search is too broad"),
     )
 )]
 pub(crate) async fn all_series(
@@ -144,10 +174,14 @@ pub(crate) async fn all_series(
 ///
 /// As `GET /dicomweb/studies`, in all studies.
 #[utoipa::path(
-    get, path = "/dicomweb/instances", tag = "pacs",
+    get, path = "/dicomweb/instances", tag = "pacs", operation_id = "search_instances",
+    params(SearchParams),
     responses(
         (status = 200, description = "The instances", body = serde_json::Value, content_type = "application/dicom+json"),
         (status = 204, description = "None matches"),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
+        (status = 406, description = "Only `application/dicom+json` is available"),
+        (status = 413, description = "The search is too broad"),
     )
 )]
 pub(crate) async fn all_instances(
@@ -163,11 +197,14 @@ pub(crate) async fn all_instances(
 ///
 /// As `GET /dicomweb/studies`: the series that cases were made of, then the results that were sent.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series", tag = "pacs",
-    params(StudyPath),
+    get, path = "/dicomweb/studies/{study}/series", tag = "pacs", operation_id = "search_series_of_study",
+    params(StudyPath, SearchParams),
     responses(
         (status = 200, description = "The series", body = serde_json::Value, content_type = "application/dicom+json"),
         (status = 204, description = "None matches"),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
+        (status = 406, description = "Only `application/dicom+json` is available"),
+        (status = 413, description = "The search is too broad"),
     )
 )]
 pub(crate) async fn series_of_study(
@@ -184,11 +221,14 @@ pub(crate) async fn series_of_study(
 ///
 /// As `GET /dicomweb/studies`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/instances", tag = "pacs",
-    params(StudyPath),
+    get, path = "/dicomweb/studies/{study}/instances", tag = "pacs", operation_id = "search_instances_of_study",
+    params(StudyPath, SearchParams),
     responses(
         (status = 200, description = "The instances", body = serde_json::Value, content_type = "application/dicom+json"),
         (status = 204, description = "None matches"),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
+        (status = 406, description = "Only `application/dicom+json` is available"),
+        (status = 413, description = "The search is too broad"),
     )
 )]
 pub(crate) async fn instances_of_study(
@@ -205,11 +245,14 @@ pub(crate) async fn instances_of_study(
 ///
 /// As `GET /dicomweb/studies`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/instances", tag = "pacs",
-    params(SeriesPath),
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances", tag = "pacs", operation_id = "search_instances_of_series",
+    params(SeriesPath, SearchParams),
     responses(
         (status = 200, description = "The instances", body = serde_json::Value, content_type = "application/dicom+json"),
         (status = 204, description = "None matches"),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
+        (status = 406, description = "Only `application/dicom+json` is available"),
+        (status = 413, description = "The search is too broad"),
     )
 )]
 pub(crate) async fn instances_of_series(
@@ -243,6 +286,19 @@ impl Scope {
             level,
             study: Some(named.study),
             series: named.series,
+        }
+    }
+
+    /// How many results are on a page. What a study has is bounded, and half a series would be taken for all of it.
+    fn page_size(&self) -> PageSize {
+        let usual = match self.level {
+            _ if self.study.is_some() => usize::MAX,
+            Level::Study | Level::Series => 100,
+            Level::Instance => MOST_EVERYWHERE,
+        };
+        PageSize {
+            usual,
+            most: usual.max(MOST_EVERYWHERE),
         }
     }
 
@@ -316,14 +372,21 @@ async fn search(
     pairs: Pairs,
     headers: &HeaderMap,
 ) -> Result<Response, PacsError> {
-    refuse_other_answers(headers)?;
     let Query(pairs) = pairs.map_err(|_| {
         PacsError::bad_request(
             "query-unreadable",
             "the query of the address cannot be read",
         )
     })?;
-    let keys = SearchKeys::read(&pairs)?;
+    let keys = SearchKeys::read(&pairs, scope.page_size())?;
+    match &keys.accept {
+        None => refuse_other_answers(headers)?,
+        Some(accept) => {
+            let accept = HeaderValue::from_str(accept).ok();
+            let accept = accept.map(|accept| (header::ACCEPT, accept));
+            refuse_other_answers(&accept.into_iter().collect())?;
+        }
+    }
     let found = find(pacs, &scope, &keys).await?;
     if found.records.is_empty() {
         let mut response = StatusCode::NO_CONTENT.into_response();
@@ -361,9 +424,11 @@ fn warn(response: &mut Response, scope: &Scope, keys: &SearchKeys, are_more: boo
             "299 isocortex \"fuzzy matching is not supported; only literal matching was performed\"",
         ),
         (
-            keys.wanted
-                .iter()
-                .any(|(known, _)| is_ignored(&known.name())),
+            keys.has_foreign
+                || keys
+                    .wanted
+                    .iter()
+                    .any(|(known, _)| is_ignored(&known.name())),
             "299 isocortex \"a key is not supported for matching and was ignored\"",
         ),
         (
@@ -438,7 +503,7 @@ impl Studies {
             }
             (None, Some(number)) => {
                 let query = SeriesQuery::AccessionNumber(number);
-                let cases = pacs.cases().store().rows().cases_of(&query).await?;
+                let cases = pacs.cases().store().cases_of(&query).await?;
                 let mut uids: Vec<_> = cases.into_iter().map(|case| case.uids.study).collect();
                 let mut seen = std::collections::HashSet::new();
                 uids.retain(|uid| seen.insert(uid.clone()));
@@ -463,8 +528,8 @@ impl Studies {
         if self.waiting.is_empty()
             && let Some(offset) = self.offset
         {
-            let rows = pacs.cases().store().rows();
-            self.waiting = rows.studies(offset, BATCH).await?.into();
+            let store = pacs.cases().store();
+            self.waiting = store.studies(offset, BATCH).await?.into();
             self.offset = (self.waiting.len() == BATCH).then_some(offset + BATCH);
         }
         let next = self.waiting.pop_front();
@@ -479,5 +544,27 @@ impl Studies {
             ));
         }
         Ok(next)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_study_has_is_listed_whole_unless_a_page_is_requested() {
+        let named = |series: Option<&str>| Named {
+            study: "1.2".to_owned(),
+            series: series.map(str::to_owned),
+            instance: None,
+        };
+        for named in [named(None), named(Some("1.2.3"))] {
+            let size = Scope::within(named, Level::Instance).page_size();
+            assert_eq!((size.usual, size.most), (usize::MAX, usize::MAX));
+        }
+        for (level, usual) in [(Level::Study, 100), (Level::Instance, 1000)] {
+            let size = Scope::everywhere(level).page_size();
+            assert_eq!((size.usual, size.most), (usual, 1000));
+        }
     }
 }

@@ -2,6 +2,7 @@
 
 pub(crate) mod media;
 mod query;
+mod stored;
 
 use std::collections::BTreeMap;
 
@@ -15,11 +16,18 @@ use cases::pictures::{annotated, encode};
 use cases::{Cases, Error};
 use serde_json::{Value, json};
 use storage::arrivals::{SeriesQuery, Uid};
+use storage::results::HeldResult;
+use utoipa::IntoParams;
+use utoipa::openapi::path::{Parameter, ParameterIn};
+use utoipa::openapi::schema::Type;
 
 use self::media::{Answer, Kind, accepted};
-use self::query::{RenderedQuery, Shown};
-use crate::address::{Named, SeriesPath, StudyPath};
+use self::query::{RenderedParams, RenderedQuery, Shown, USUAL_QUALITY};
+use self::stored::Pixels;
+use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
+use crate::described::query_key;
 use crate::error::PacsError;
+use crate::held::HeldStudy;
 use crate::results::draw::{Drawing, Drawn};
 use crate::results::request::{Layout, PicturePlan};
 use crate::state::Pacs;
@@ -39,8 +47,8 @@ type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
 /// `quality`, `annotation`, `swivelrange`, `animationstepsize`, `animationrate`, `renderingmethod`, `renderedvolumetricmetadata`. Our own:
 /// `depth_mm`, `renderer`, `colormap`, `slab_mm`, `ambient`, `layer`, `overlay`, `overlay_window`, `overlay_threshold`, `overlay_opacity`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/rendered3D", tag = "pacs",
-    params(StudyPath),
+    get, path = "/dicomweb/studies/{study}/rendered3D", tag = "pacs", operation_id = "render_study",
+    params(StudyPath, RenderedParams),
     responses(
         (status = 200, description = "The picture, several pictures, or the values of the view (`renderedvolumetricmetadata=yes`)", content(
             (Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"), (Vec<u8> = "multipart/related"), (serde_json::Value = "application/dicom+json"),
@@ -66,11 +74,15 @@ pub(crate) async fn of_study(
 ///
 /// As `GET /dicomweb/studies/{study}/rendered3D`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/rendered3D", tag = "pacs",
-    params(SeriesPath),
+    get, path = "/dicomweb/studies/{study}/series/{series}/rendered3D", tag = "pacs", operation_id = "render_series",
+    params(SeriesPath, RenderedParams),
     responses(
         (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
         (status = 404, description = "There is no case of this series"),
+        (status = 406, description = "No accepted media type is available"),
+        (status = 409, description = "The case is not ready"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub(crate) async fn of_series(
@@ -85,33 +97,42 @@ pub(crate) async fn of_series(
 
 /// Picture of a series
 ///
-/// The same as its `rendered3D`.
+/// The same as its `rendered3D`; of a result that was sent, the result.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/rendered", tag = "pacs",
-    params(SeriesPath),
+    get, path = "/dicomweb/studies/{study}/series/{series}/rendered", tag = "pacs", operation_id = "picture_of_series",
+    params(SeriesPath, RenderedParams),
     responses(
         (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
         (status = 404, description = "There is no case of this series"),
+        (status = 406, description = "No accepted media type is available"),
+        (status = 409, description = "The case is not ready"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub(crate) async fn picture_of_series(
-    state: State<Pacs>,
-    path: Path<SeriesPath>,
+    State(pacs): State<Pacs>,
+    Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
 ) -> Response {
-    of_series(state, path, keys, headers).await
+    let picture = of_series_or_result(&pacs, path.into(), keys, &headers, None).await;
+    pacs.answer(picture)
 }
 
 /// Thumbnail of a series
 ///
-/// A picture of 128 × 128 pixels, with the keys of its `rendered3D`.
+/// A picture of 128 × 128 pixels, with the keys of its `rendered3D`; of a result that was sent, at most as large.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/thumbnail", tag = "pacs",
-    params(SeriesPath),
+    get, path = "/dicomweb/studies/{study}/series/{series}/thumbnail", tag = "pacs", operation_id = "thumbnail_of_series",
+    params(SeriesPath, RenderedParams),
     responses(
         (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
         (status = 404, description = "There is no case of this series"),
+        (status = 406, description = "No accepted media type is available"),
+        (status = 409, description = "The case is not ready"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub(crate) async fn thumbnail_of_series(
@@ -120,17 +141,183 @@ pub(crate) async fn thumbnail_of_series(
     keys: Keys,
     headers: HeaderMap,
 ) -> Response {
-    let picture = render(&pacs, path.into(), keys, &headers, THUMBNAIL_SIDE).await;
+    let side = Some(THUMBNAIL_SIDE);
+    let picture = of_series_or_result(&pacs, path.into(), keys, &headers, side).await;
     pacs.answer(picture)
 }
 
-async fn render(
+/// Picture of an instance
+///
+/// A result that was sent, or an image that is kept, as it is: colours, or grey by its own window. JPEG by default, PNG on request; of several
+/// frames the first one.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/rendered", tag = "pacs", operation_id = "picture_of_instance",
+    params(InstancePath, StoredParams),
+    responses(
+        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
+        (status = 404, description = "It is not here, is not kept, or has no pixels"),
+        (status = 406, description = "No accepted media type is available"),
+        (status = 503, description = "Too much work is waiting"),
+    )
+)]
+pub(crate) async fn picture_of_instance(
+    State(pacs): State<Pacs>,
+    Path(path): Path<InstancePath>,
+    keys: Keys,
+    headers: HeaderMap,
+) -> Response {
+    let picture = of_stored(&pacs, &path.into(), 0, keys, &headers, None).await;
+    pacs.answer(picture)
+}
+
+/// Thumbnail of an instance
+///
+/// As its picture, at most 128 pixels wide and high.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/thumbnail", tag = "pacs", operation_id = "thumbnail_of_instance",
+    params(InstancePath, StoredParams),
+    responses(
+        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 400, description = "A key of the query is unknown or its value invalid"),
+        (status = 404, description = "It is not here, is not kept, or has no pixels"),
+        (status = 406, description = "No accepted media type is available"),
+        (status = 503, description = "Too much work is waiting"),
+    )
+)]
+pub(crate) async fn thumbnail_of_instance(
+    State(pacs): State<Pacs>,
+    Path(path): Path<InstancePath>,
+    keys: Keys,
+    headers: HeaderMap,
+) -> Response {
+    let side = Some(THUMBNAIL_SIDE);
+    let picture = of_stored(&pacs, &path.into(), 0, keys, &headers, side).await;
+    pacs.answer(picture)
+}
+
+/// Picture of a frame
+///
+/// As the picture of its instance.
+#[utoipa::path(
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}/rendered", tag = "pacs", operation_id = "picture_of_frame",
+    params(FramesPath, StoredParams),
+    responses(
+        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
+        (status = 400, description = "`frames` is no number, or a key of the query is unknown or its value invalid"),
+        (status = 404, description = "It is not here, is not kept, or has no such frame"),
+        (status = 406, description = "No accepted media type is available"),
+        (status = 503, description = "Too much work is waiting"),
+    )
+)]
+pub(crate) async fn picture_of_frame(
+    State(pacs): State<Pacs>,
+    Path(path): Path<FramesPath>,
+    keys: Keys,
+    headers: HeaderMap,
+) -> Response {
+    let (named, frames) = path.parts();
+    let number = frames
+        .parse::<usize>()
+        .ok()
+        .and_then(|number| number.checked_sub(1));
+    let picture = match number {
+        Some(number) => of_stored(&pacs, &named, number, keys, &headers, None).await,
+        None => {
+            let detail = "name one frame by its number, from 1";
+            Err(PacsError::bad_request("query-value-out-of-range", detail))
+        }
+    };
+    pacs.answer(picture)
+}
+
+/// The keys of a picture of a stored instance, for the description.
+pub(crate) struct StoredParams;
+
+impl IntoParams for StoredParams {
+    fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
+        vec![
+            query_key(
+                "accept",
+                Type::String,
+                "The accepted media types, instead of the header",
+            ),
+            query_key("quality", Type::Integer, "Of JPEG, 1 to 100"),
+        ]
+    }
+}
+
+/// The result of a series, if it is one of ours; otherwise the picture of the case of the series.
+async fn of_series_or_result(
     pacs: &Pacs,
-    named: Named,
+    mut named: Named,
     keys: Keys,
     headers: &HeaderMap,
-    side: u32,
+    side: Option<u32>,
 ) -> Result<Response, PacsError> {
+    if let Some(study) = Uid::parse(&named.study) {
+        let results = pacs.cases().store().results_of(&study).await?;
+        let is_named = |result: &&HeldResult| {
+            Some(result.series.series_uid.as_str()) == named.series.as_deref()
+        };
+        if let Some(result) = results.iter().find(is_named) {
+            named.instance = Some(result.instance.as_str().to_owned());
+            return of_stored(pacs, &named, 0, keys, headers, side).await;
+        }
+    }
+    render(pacs, named, keys, headers, side.unwrap_or(USUAL_SIDE)).await
+}
+
+async fn of_stored(
+    pacs: &Pacs,
+    named: &Named,
+    frame: usize,
+    keys: Keys,
+    headers: &HeaderMap,
+    side: Option<u32>,
+) -> Result<Response, PacsError> {
+    let keys = read_keys(keys)?;
+    if keys.keys().any(|key| key != "accept" && key != "quality") {
+        let detail = "a key of the query is unknown; known keys: accept, quality";
+        return Err(PacsError::bad_request("query-unknown-key", detail));
+    }
+    let quality = keys.get("quality").map(|text| {
+        let quality = text
+            .parse()
+            .ok()
+            .filter(|quality| (1..=100).contains(quality));
+        quality.ok_or_else(|| PacsError::wrong_value("quality", "1 to 100"))
+    });
+    let quality = quality.transpose()?.unwrap_or(USUAL_QUALITY);
+    let answer = accepted(keys.get("accept").map(String::as_str), headers, false)?;
+    let object = HeldStudy::named(pacs, named).await?.objects()?[0];
+    let cases = pacs.cases();
+    let metadata = cases.stored_metadata(&[object]).await?;
+    let pixels = metadata.as_ref().and_then(|all| Pixels::read(all.first()?));
+    let pixels = pixels.ok_or_else(|| {
+        let detail = "the instance has no pixels that can be drawn, or they are lost";
+        PacsError::not_found("no-such-frame", detail)
+    })?;
+    let frames = cases.stored_frames(object, vec![frame]).await?;
+    let bytes = frames.and_then(|frames| frames.into_iter().next().flatten());
+    let bytes = bytes.ok_or_else(|| {
+        PacsError::not_found("no-such-frame", "the instance has no frame of this number")
+    })?;
+    let draw = move || {
+        let picture = pixels.picture(&bytes, side)?;
+        let drawn = match answer.kind {
+            Kind::Png => render::encode_png(&picture, &[]),
+            Kind::Jpeg => render::encode_jpeg(&picture, quality),
+        };
+        drawn.map_err(|error| PacsError::from(Error::from(error)))
+    };
+    let picture = tokio::task::spawn_blocking(draw).await;
+    let picture = picture.map_err(|_| PacsError::from(Error::Internal))??;
+    Ok(answered(&answer, vec![picture]))
+}
+
+/// The keys of a query, each once.
+fn read_keys(keys: Keys) -> Result<BTreeMap<String, String>, PacsError> {
     let unreadable = || {
         PacsError::bad_request(
             "query-unreadable",
@@ -140,9 +327,20 @@ async fn render(
     let Query(pairs) = keys.map_err(|_| unreadable())?;
     let count = pairs.len();
     let keys = BTreeMap::from_iter(pairs);
-    if keys.len() < count {
-        return Err(unreadable());
+    match keys.len() < count {
+        true => Err(unreadable()),
+        false => Ok(keys),
     }
+}
+
+async fn render(
+    pacs: &Pacs,
+    named: Named,
+    keys: Keys,
+    headers: &HeaderMap,
+    side: u32,
+) -> Result<Response, PacsError> {
+    let keys = read_keys(keys)?;
     let asked = RenderedQuery::read(&keys)?;
     let cases = pacs.cases();
     let id = held_case(pacs, &named).await?;

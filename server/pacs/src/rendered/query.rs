@@ -9,14 +9,18 @@ use glam::{DMat3, DQuat, DVec3};
 use render::WindowFunction;
 use serde::de::IntoDeserializer as _;
 use serde::de::value::StrDeserializer;
+use utoipa::IntoParams;
+use utoipa::openapi::path::{Parameter, ParameterIn};
+use utoipa::openapi::schema::Type;
 
+use crate::described::query_key;
 use crate::error::PacsError;
 
 /// The depth if none is requested, in mm: cuts are orthogonal to most sulci there.
 const USUAL_DEPTH_MM: f32 = 8.0;
 
 /// The quality of JPEG if none is requested.
-const USUAL_QUALITY: u8 = 90;
+pub(crate) const USUAL_QUALITY: u8 = 90;
 
 /// The step of an animation if none is requested, in degrees.
 const USUAL_STEP: f64 = 10.0;
@@ -34,34 +38,65 @@ const MAX_TOTAL_PIXELS: usize = 1 << 25;
 /// direction from which it was computed.
 const DIRECTION_STEP: f64 = 1e-9;
 
-/// The keys of the standard, and our own.
-const KEYS: [&str; 25] = [
-    "accept",
-    "orientation",
-    "viewpointposition",
-    "viewpointlookat",
-    "viewpointup",
-    "window",
-    "viewport",
-    "quality",
-    "annotation",
-    "swivelrange",
-    "animationstepsize",
-    "animationrate",
-    "renderingmethod",
-    "renderedvolumetricmetadata",
-    "depth_mm",
-    "renderer",
-    "colormap",
-    "slab_mm",
-    "ambient",
-    "layer",
-    "overlay",
-    "overlay_window",
-    "overlay_colormap",
-    "overlay_threshold",
-    "overlay_opacity",
+/// The keys of the standard, and our own, with what they mean.
+pub(crate) const KEYS: [(&str, &str); 25] = [
+    ("accept", "The accepted media types, instead of the header"),
+    (
+        "orientation",
+        "Where the viewer is: `a`, `p`, `r`, `l`, `h` or `f`",
+    ),
+    (
+        "viewpointposition",
+        "The place of the viewer, `x,y,z` in mm (LPS)",
+    ),
+    (
+        "viewpointlookat",
+        "The point in the middle of the picture, `x,y,z` in mm (LPS)",
+    ),
+    ("viewpointup", "The direction upwards, `x,y,z`"),
+    ("window", "`centre,width` or `centre,width,function`"),
+    ("viewport", "`width,height` in pixels, 1 to 4096 each"),
+    ("quality", "Of JPEG, 1 to 100"),
+    (
+        "annotation",
+        "`patient`, `technique` or both: draws the label of the case, depth, scale and directions",
+    ),
+    (
+        "swivelrange",
+        "Several pictures: the angle of the whole turn, in degrees",
+    ),
+    (
+        "animationstepsize",
+        "The angle between two pictures, in degrees",
+    ),
+    ("animationrate", "Recommended pictures per second"),
+    ("renderingmethod", "`volume_rendered`"),
+    (
+        "renderedvolumetricmetadata",
+        "`yes` for the values of the view instead of a picture",
+    ),
+    ("depth_mm", "Depth below the envelope, in mm; 8 by default"),
+    ("renderer", "As of `GET /v1/cases/{id}/render`"),
+    ("colormap", "As of `GET /v1/cases/{id}/render`"),
+    ("slab_mm", "As of `GET /v1/cases/{id}/render`"),
+    ("ambient", "As of `GET /v1/cases/{id}/render`"),
+    ("layer", "As of `GET /v1/cases/{id}/render`"),
+    ("overlay", "As of `GET /v1/cases/{id}/render`"),
+    ("overlay_window", "As of `GET /v1/cases/{id}/render`"),
+    ("overlay_colormap", "As of `GET /v1/cases/{id}/render`"),
+    ("overlay_threshold", "As of `GET /v1/cases/{id}/render`"),
+    ("overlay_opacity", "As of `GET /v1/cases/{id}/render`"),
 ];
+
+/// The keys, for the description.
+pub(crate) struct RenderedParams;
+
+impl IntoParams for RenderedParams {
+    fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
+        let keys = KEYS.map(|(name, words)| query_key(name, Type::String, words));
+        keys.into()
+    }
+}
 
 /// A read query, whose keys are known.
 #[derive(Debug)]
@@ -125,10 +160,7 @@ pub(crate) struct Shown {
 }
 
 fn wrong(key: &str, rule: &str) -> PacsError {
-    PacsError::bad_request(
-        "query-value-out-of-range",
-        format!("`{key}` must be {rule}"),
-    )
+    PacsError::wrong_value(key, rule)
 }
 
 fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
@@ -147,10 +179,11 @@ impl<'a> RenderedQuery<'a> {
     /// Checks the keys.
     pub(crate) fn read(keys: &'a BTreeMap<String, String>) -> Result<Self, PacsError> {
         // An unknown key may be a misspelt one, without which the picture would be another.
-        if keys.keys().any(|key| !KEYS.contains(&&**key)) {
+        let known = KEYS.map(|(name, _)| name);
+        if keys.keys().any(|key| !known.contains(&&**key)) {
             let detail = format!(
                 "a key of the query is unknown; known keys: {}",
-                KEYS.join(", ")
+                known.join(", ")
             );
             return Err(PacsError::bad_request("query-unknown-key", detail));
         }

@@ -18,11 +18,16 @@ use storage::arrivals::Uid;
 use storage::results::ResultSeries;
 
 use super::draw::Drawing;
+use super::moment::Moment;
 use super::request::{KeyObjectPlan, Layout, MaskPlan, Plan, ResultRequest, Title, What};
 use crate::error::PacsError;
+use crate::state::Pacs;
 
 /// A part of every UID. Raise it if the same request gives another object.
-const FORMAT: &str = "isocortex result 1";
+const FORMAT: &str = "isocortex result 2";
+
+/// The number of the first series of results.
+const FIRST_SERIES: u32 = 9100;
 
 /// What every result is, for people.
 const COMMENT: &str = "Made by Isocortex. For research use only. Not for diagnosis.";
@@ -40,8 +45,7 @@ pub(crate) struct Composer {
     series_number: u32,
     title: String,
     derivation: String,
-    date: String,
-    time: String,
+    moment: Moment,
 }
 
 #[derive(Debug)]
@@ -57,13 +61,18 @@ impl Composer {
     /// # Errors
     /// `no-patient`, `study-known`, `no-frame-of-reference`, and those of [`Cases::ready`].
     pub(crate) async fn begin(
-        cases: &Cases,
+        pacs: &Pacs,
         id: CaseId,
         asked: &ResultRequest,
         plan: Plan,
     ) -> Result<Self, PacsError> {
+        let cases = pacs.cases();
         let facts = cases.ready(&id).await?;
         let case = cases.case(&id).await?;
+        let series = cases.store().series_of(&id).await?;
+        if series.is_some_and(|series| series.is_superseded) {
+            return Err(superseded());
+        }
         let source = source(cases, &id, asked).await?;
         let study = value(&source, "StudyInstanceUID").and_then(Uid::parse);
         let study = study.ok_or_else(no_patient)?;
@@ -82,14 +91,18 @@ impl Composer {
             Content::Pictures(drawing) => drawing.made_by(),
             Content::Mask(_) | Content::KeyObject(..) => String::new(),
         };
-        let moment = case.created_at;
+        let moment = Moment::of(case.created_at, &source, pacs.time_zone());
         Ok(Self {
-            digest: digest(&case, asked, &source, &made_by),
-            series_number: 9001 + asked.what as u32,
+            digest: digest(
+                &case,
+                asked,
+                &source,
+                &[made_by, format!("{moment:?}")].concat(),
+            ),
+            series_number: series_number(&content, asked.what),
             title: title(&content, asked.what),
             derivation: derivation(&content, &case, &facts),
-            date: moment.strftime("%Y%m%d").to_string(),
-            time: moment.strftime("%H%M%S").to_string(),
+            moment,
             id,
             facts,
             source,
@@ -167,8 +180,7 @@ impl Composer {
             series_number,
             title,
             derivation,
-            date,
-            time,
+            moment,
             ..
         } = self;
         let pixels = match content {
@@ -193,8 +205,9 @@ impl Composer {
                 derivation: &derivation,
                 comment: COMMENT,
                 version: env!("CARGO_PKG_VERSION"),
-                date: &date,
-                time: &time,
+                date: &moment.date,
+                time: &moment.time,
+                offset: moment.offset.as_deref(),
                 is_annotated: matches!(pixels, Pixels::Pictures(_, true)),
                 is_recognizable: is_sound.then_some(false),
             };
@@ -233,7 +246,7 @@ async fn listed(
     study: &Uid,
     plan: &KeyObjectPlan,
 ) -> Result<Vec<Listed>, PacsError> {
-    let results = cases.store().rows().results_of(study).await?;
+    let results = cases.store().results_of(study).await?;
     let of_source = |uid: &Uid| {
         let mut images = source.instances.iter();
         let image = images.find(|image| image.sop_instance_uid == uid.as_str())?;
@@ -264,6 +277,14 @@ async fn listed(
 
 fn refuse(kind: &'static str, detail: &str) -> PacsError {
     PacsError::new(StatusCode::UNPROCESSABLE_ENTITY, kind, detail)
+}
+
+fn superseded() -> PacsError {
+    PacsError::new(
+        StatusCode::CONFLICT,
+        "superseded",
+        "the patient or the study of this case was corrected since; use the case of the corrected images",
+    )
 }
 
 fn no_patient() -> PacsError {
@@ -333,7 +354,7 @@ fn is_writable(name: &str, value: &str) -> bool {
     }
 }
 
-fn value<'a>(source: &'a Attributes, keyword: &str) -> Option<&'a str> {
+pub(super) fn value<'a>(source: &'a Attributes, keyword: &str) -> Option<&'a str> {
     let mut attributes = source.attributes.iter();
     let found = attributes.find(|(name, value)| name == keyword && !value.is_empty());
     found.map(|(_, value)| value.as_str())
@@ -382,6 +403,15 @@ fn title(content: &Content, what: What) -> String {
         }
     };
     format!("Isocortex {shown}, research use only")
+}
+
+/// The number of the series: after those of a scanner, by kind, and within a kind by depth in whole mm.
+fn series_number(content: &Content, what: What) -> u32 {
+    let depth_mm = match content {
+        Content::Pictures(drawing) => ends(drawing)[0].depth_mm.round().clamp(0.0, 99.0),
+        Content::Mask(_) | Content::KeyObject(..) => 0.0,
+    };
+    FIRST_SERIES + 100 * what as u32 + depth_mm as u32
 }
 
 /// The first and the last picture.

@@ -2,12 +2,14 @@
 
 use case::CaseId;
 use cases::pictures::{
-    CheckedPicture, ChosenLayers, DrawnPicture, ImageMetadata, annotated, backend_for, warm_job,
+    CheckedPicture, ChosenLayers, DrawnPicture, ImageMetadata, annotated, backend_for, marked,
+    warm_job,
 };
 use cases::{Cases, Error};
 use imaging::dicom::write::{Cine, Pictures};
 use render::{Frame, PixelFormat, RenderBackend, Sheet};
 
+use super::directions;
 use super::request::{Layout, PicturePlan};
 
 /// The pictures of a plan, with what draws them.
@@ -81,13 +83,17 @@ impl Drawing {
         let page = Page::new(&plan);
         let add = |page: &mut Page, drawn: Drawn| {
             let frame = drawn.picture.rendered.frame;
-            let frame = annotated(frame, &drawn.metadata, drawn.annotate);
+            // Whatever is asked, no picture leaves without its sides.
+            let frame = match drawn.annotate {
+                true => annotated(frame, &drawn.metadata, true),
+                false => marked(frame, &drawn.metadata),
+            };
             page.add(drawn.number, &frame);
             Ok(())
         };
         let page = self.draw_each(cases, id, page, add).await?;
         let first = plan.pictures.first().ok_or(Error::Internal)?;
-        page.finish(first, &plan.layout, plan.pictures.len())
+        page.finish(first, &plan)
     }
 
     /// Draws each picture and passes it to `add`, which runs in the same turn. The pictures share one place in the queue;
@@ -157,12 +163,7 @@ impl Page {
         }
     }
 
-    fn finish(
-        mut self,
-        first: &CheckedPicture,
-        layout: &Layout,
-        frames: usize,
-    ) -> Result<Pictures, Error> {
+    fn finish(mut self, first: &CheckedPicture, plan: &PicturePlan) -> Result<Pictures, Error> {
         let mut size = [first.asked.width, first.asked.height];
         if let Some(sheet) = self.sheet {
             let frame = sheet.finish();
@@ -174,9 +175,11 @@ impl Page {
             width: side(size[0])?,
             height: side(size[1])?,
             rgb: self.rgb,
-            cine: match layout {
+            orientation: directions::of_rows_and_columns(&plan.pictures),
+            laterality: directions::laterality(&plan.pictures),
+            cine: match &plan.layout {
                 Layout::Cine { frame_time_ms } => Some(Cine {
-                    frames,
+                    frames: plan.pictures.len(),
                     frame_time_ms: *frame_time_ms,
                 }),
                 _ => None,

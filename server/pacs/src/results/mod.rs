@@ -1,7 +1,9 @@
 //! Results of a case as DICOM objects: returned, or sent to a node.
 
 mod compose;
+mod directions;
 pub(crate) mod draw;
+mod moment;
 pub(crate) mod request;
 
 use axum::body::{Body, Bytes};
@@ -87,7 +89,7 @@ impl From<SentResult> for ResultView {
         (status = 400, description = "The body cannot be read, or a value is invalid"),
         (status = 404, description = "No such case, or no node has this name"),
         (status = 406, description = "A segmentation or a list has no picture"),
-        (status = 409, description = "The case is not ready"),
+        (status = 409, description = "The case is not ready, or its patient or study was corrected since (`superseded`)"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), or no frame of reference for a segmentation"),
         (status = 503, description = "Too much work is waiting"),
     )
@@ -111,7 +113,7 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
     let node = asked.node.as_deref().map(|name| pacs.named_node(name));
     let node = node.transpose()?;
     let plan = asked.plan()?;
-    let composer = Composer::begin(pacs.cases(), id, &asked, plan).await?;
+    let composer = Composer::begin(pacs, id, &asked, plan).await?;
     if is_preview {
         return Ok(picture(composer.preview(pacs.cases()).await?));
     }
@@ -122,9 +124,9 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
     let store = pacs.cases().store();
     let instance = composer.instance();
     // A result that was made before is sent as it is.
-    let known = store.rows().object_of_result(&instance).await?;
+    let known = store.object_of_result(&instance).await?;
     let known = match known {
-        Some(name) => store.objects().get(&name).await.ok(),
+        Some(name) => store.object(&name).await.ok(),
         None => None,
     };
     let study = composer.study();
@@ -238,7 +240,7 @@ async fn get(pacs: &Pacs, id: &str) -> Result<Response, PacsError> {
     if !is_id(id) {
         return Err(missing());
     }
-    let result = pacs.cases().store().rows().result(id).await?;
+    let result = pacs.cases().store().result(id).await?;
     let view = ResultView::from(result.ok_or_else(missing)?);
     Ok(fresh_json(StatusCode::OK, &view))
 }

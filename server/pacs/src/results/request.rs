@@ -4,7 +4,8 @@ use cases::Error;
 use cases::pictures::{CheckedPicture, PictureRequest, picture_size};
 use imaging::dicom::Attributes;
 use render::{NamedView, SheetPlan};
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use storage::arrivals::Uid;
 use utoipa::ToSchema;
 
@@ -61,8 +62,9 @@ pub(crate) struct ResultRequest {
     /// What it shows.
     #[schema(inline)]
     pub(crate) what: What,
-    /// The picture, with the keys of `GET /v1/cases/{id}/render`; for `view`, `sheet` and `cine`.
-    #[serde(default)]
+    /// The picture, with the keys of `GET /v1/cases/{id}/render`, but annotated unless `annotate` is false; for `view`,
+    /// `sheet` and `cine`.
+    #[serde(default, deserialize_with = "annotated_picture")]
     pub(crate) render: Option<PictureRequest>,
     /// The rows and columns of a sheet.
     #[serde(default)]
@@ -79,6 +81,19 @@ pub(crate) struct ResultRequest {
     /// The patient and the study, if the case was not created from DICOM.
     #[serde(default, skip_serializing)]
     pub(crate) study: Option<StudyRequest>,
+}
+
+/// A picture that is annotated unless it is asked not to be: in a PACS, nothing else tells its sides and its use.
+fn annotated_picture<'de, D: Deserializer<'de>>(
+    value: D,
+) -> Result<Option<PictureRequest>, D::Error> {
+    let keys = Option::<serde_json::Map<String, serde_json::Value>>::deserialize(value)?;
+    let Some(mut keys) = keys else {
+        return Ok(None);
+    };
+    keys.entry("annotate").or_insert_with(|| true.into());
+    let picture = PictureRequest::deserialize(serde_json::Value::Object(keys));
+    picture.map(Some).map_err(D::Error::custom)
 }
 
 /// A list of objects of the study.
@@ -231,8 +246,9 @@ impl StudyRequest {
             let detail = format!("`study.{name}` must be {rule}");
             PacsError::bad_request("body-value-out-of-range", detail)
         };
-        if Uid::parse(&self.study_instance_uid).is_none() {
-            let rule = "a UID: digits and points, at most 64";
+        let study = Uid::parse(&self.study_instance_uid);
+        if !study.is_some_and(|uid| uid.is_strict()) {
+            let rule = "a UID: numbers without leading zeros and points between them, at most 64 characters";
             return Err(wrong("StudyInstanceUID", rule));
         }
         if self.patient_id.trim().is_empty() {
@@ -337,7 +353,11 @@ fn out_of_range(detail: impl Into<String>) -> PacsError {
 fn checked(picture: &PictureRequest) -> Result<CheckedPicture, PacsError> {
     picture.checked().map_err(|error| match error {
         Error::Parameter { kind, name, detail } => {
-            PacsError::bad_request(kind, format!("`render.{name}` {detail}"))
+            let hint = match name.as_ref() {
+                "annotate" => ", or `false`: results are annotated by default",
+                _ => "",
+            };
+            PacsError::bad_request(kind, format!("`render.{name}` {detail}{hint}"))
         }
         other => other.into(),
     })
@@ -355,7 +375,10 @@ impl ResultRequest {
         is_for(What::Sheet, "sheet", self.sheet.is_some())?;
         is_for(What::Cine, "cine", self.cine.is_some())?;
         is_for(What::KeyObject, "key_object", self.key_object.is_some())?;
-        let render = self.render.clone().unwrap_or_default();
+        let render = self.render.clone().unwrap_or_else(|| PictureRequest {
+            annotate: true,
+            ..PictureRequest::default()
+        });
         let (pictures, layout) = match self.what {
             What::Envelope | What::Mask | What::KeyObject if self.render.is_some() => {
                 return Err(out_of_range(
@@ -484,7 +507,7 @@ mod tests {
 
     #[test]
     fn a_sheet_has_a_row_for_each_depth_and_a_cine_all_its_frames() {
-        let sheet = pictures(r#"{"what": "sheet", "render": {"width": 100, "height": 80}}"#);
+        let sheet = pictures(r#"{"what": "sheet", "render": {"width": 160, "height": 128}}"#);
         let cells: Vec<_> = sheet
             .pictures
             .iter()
@@ -502,6 +525,32 @@ mod tests {
         let turn = pictures(r#"{"what": "cine", "render": {"depth_mm": 7}}"#);
         assert_eq!(turn.pictures.len(), 36);
         assert!(turn.pictures.iter().all(|cell| cell.asked.depth_mm == 7.0));
+    }
+
+    #[test]
+    fn results_are_annotated_unless_they_are_asked_not_to_be() {
+        for (body, expected) in [
+            (r#"{"what": "view"}"#, true),
+            (r#"{"what": "view", "render": {"depth_mm": 8.2}}"#, true),
+            (r#"{"what": "cine", "render": {"annotate": true}}"#, true),
+            (
+                r#"{"what": "sheet", "render": {"annotate": false, "width": 64}}"#,
+                false,
+            ),
+        ] {
+            let pictures = pictures(body).pictures;
+            assert!(
+                pictures.iter().all(|each| each.asked.annotate == expected),
+                "{body}"
+            );
+        }
+        let small = plan(r#"{"what": "view", "render": {"width": 64}}"#)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            small.contains("`render.annotate`") && small.contains("128"),
+            "{small}"
+        );
     }
 
     #[test]
@@ -566,7 +615,7 @@ mod tests {
         assert_eq!(value("StudyDate"), None);
         for (body, named) in [
             (
-                r#"{"StudyInstanceUID": "x", "PatientID": "P"}"#,
+                r#"{"StudyInstanceUID": "1.02", "PatientID": "P"}"#,
                 "StudyInstanceUID",
             ),
             (

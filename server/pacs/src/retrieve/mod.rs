@@ -10,13 +10,11 @@ use cases::dicom::StoredFiles;
 use futures_util::stream;
 use imaging::dicom::element;
 use serde_json::{Map, Value};
-use storage::ObjectName;
-use storage::arrivals::Uid;
 
 use self::media::{Accepted, DICOM, FRAME};
 use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
 use crate::error::PacsError;
-use crate::held::{HeldInstance, HeldSeries, HeldStudy, Values};
+use crate::held::{HeldInstance, HeldSeries, HeldStudy, Values, not_kept};
 use crate::state::{Pacs, fresh_json};
 use crate::stow::{DICOM_JSON, refuse_other_answers};
 
@@ -28,7 +26,7 @@ const MAX_FRAMES: usize = 64;
 /// The instances of a study that are kept, as parts: results that were sent, and with `[pacs] keep_source` the images that its cases
 /// were made of (WADO-RS, PS3.18 §10.4).
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}", tag = "pacs", operation_id = "retrieve_study",
     params(StudyPath),
     responses(
         (status = 200, description = "The files", body = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
@@ -49,7 +47,7 @@ pub(crate) async fn study(
 ///
 /// As `GET /dicomweb/studies/{study}`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}/series/{series}", tag = "pacs", operation_id = "retrieve_series",
     params(SeriesPath),
     responses(
         (status = 200, description = "The files", body = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
@@ -68,7 +66,7 @@ pub(crate) async fn series(
 ///
 /// As `GET /dicomweb/studies/{study}`; with `Accept: application/dicom` the file itself.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}", tag = "pacs", operation_id = "retrieve_instance",
     params(InstancePath),
     responses(
         (status = 200, description = "The file", content(
@@ -90,7 +88,7 @@ pub(crate) async fn instance(
 /// The attributes of every instance as DICOM JSON, without private ones and binary values. Of images that are not kept: what is known of
 /// them.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/metadata", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}/metadata", tag = "pacs", operation_id = "retrieve_study_metadata",
     params(StudyPath),
     responses(
         (status = 200, description = "The attributes", body = serde_json::Value, content_type = "application/dicom+json"),
@@ -110,7 +108,7 @@ pub(crate) async fn study_metadata(
 ///
 /// As `GET /dicomweb/studies/{study}/metadata`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/metadata", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}/series/{series}/metadata", tag = "pacs", operation_id = "retrieve_series_metadata",
     params(SeriesPath),
     responses(
         (status = 200, description = "The attributes", body = serde_json::Value, content_type = "application/dicom+json"),
@@ -129,7 +127,7 @@ pub(crate) async fn series_metadata(
 ///
 /// As `GET /dicomweb/studies/{study}/metadata`.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/metadata", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/metadata", tag = "pacs", operation_id = "retrieve_instance_metadata",
     params(InstancePath),
     responses(
         (status = 200, description = "The attributes", body = serde_json::Value, content_type = "application/dicom+json"),
@@ -148,7 +146,7 @@ pub(crate) async fn instance_metadata(
 ///
 /// Uncompressed samples in little endian, as parts; one frame also as itself.
 #[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}", tag = "pacs",
+    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}", tag = "pacs", operation_id = "retrieve_frames",
     params(FramesPath),
     responses(
         (status = 200, description = "The frames", content(
@@ -168,50 +166,9 @@ pub(crate) async fn frames(
     pacs.answer(pixels(&pacs, named, &numbers, &headers).await)
 }
 
-fn missing() -> PacsError {
-    let detail = "no case was made of this study, series or instance, or it was deleted";
-    PacsError::not_found("no-such-study", detail)
-}
-
-fn not_kept() -> PacsError {
-    PacsError::not_found(
-        "images-not-kept",
-        "the images are not kept here; set `keep_source = true` in `[pacs]` before they come, or retrieve them from the PACS",
-    )
-}
-
-/// The study with what the address names of it.
-async fn load(pacs: &Pacs, named: &Named) -> Result<HeldStudy, PacsError> {
-    let uid = Uid::parse(&named.study).ok_or_else(missing)?;
-    let study = HeldStudy::load(pacs, &uid).await?;
-    let mut study = study.ok_or_else(missing)?;
-    let is_named = |uid: &Uid, named: &Option<String>| {
-        named.as_deref().is_none_or(|named| named == uid.as_str())
-    };
-    study.series.retain_mut(|series: &mut HeldSeries| {
-        let instances = &mut series.instances;
-        instances.retain(|instance: &HeldInstance| is_named(&instance.uid, &named.instance));
-        is_named(&series.uid, &named.series) && !instances.is_empty()
-    });
-    if study.series.is_empty() {
-        return Err(missing());
-    }
-    Ok(study)
-}
-
-/// The files of those instances that may be retrieved.
-fn objects(study: &HeldStudy) -> Result<Vec<ObjectName>, PacsError> {
-    let instances = study.series.iter().flat_map(|series| &series.instances);
-    let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
-    if objects.is_empty() {
-        return Err(not_kept());
-    }
-    Ok(objects)
-}
-
 async fn files(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Response, PacsError> {
     let accepted = Accepted::read(headers, DICOM, named.instance.is_some())?;
-    let objects = objects(&load(pacs, &named).await?)?;
+    let objects = HeldStudy::named(pacs, &named).await?.objects()?;
     let syntaxes = accepted.syntaxes;
     let files = pacs.cases().stored_files(&objects, syntaxes).await?;
     let files = files.ok_or_else(not_kept)?;
@@ -257,7 +214,7 @@ fn streamed(files: StoredFiles, boundary: String) -> Body {
 
 async fn metadata(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Response, PacsError> {
     refuse_other_answers(headers)?;
-    let study = load(pacs, &named).await?;
+    let study = HeldStudy::named(pacs, &named).await?;
     let instances = study.series.iter().flat_map(|series| &series.instances);
     let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
     let read = match objects.is_empty() {
@@ -303,7 +260,7 @@ async fn pixels(
 ) -> Result<Response, PacsError> {
     let numbers = numbers_of(numbers)?;
     let accepted = Accepted::read(headers, FRAME, numbers.len() == 1)?;
-    let object = objects(&load(pacs, &named).await?)?[0];
+    let object = HeldStudy::named(pacs, &named).await?.objects()?[0];
     let frames = pacs.cases().stored_frames(object, numbers).await?;
     let frames: Option<Vec<Bytes>> = frames.ok_or_else(not_kept)?.into_iter().collect();
     let frames = frames.ok_or_else(|| {

@@ -105,19 +105,17 @@ pub struct ReadyView {
     /// is nearer than the depth, the depth is unknown, and pictures are bare there.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     cuts: Vec<CutFacts>,
-    /// The version of the preparation. Cases from version 1 have no information about cuts.
+    /// The version of the preparation.
     pipeline: u32,
     /// Volume of the envelope.
     envelope_ml: f64,
     /// The sphere around the envelope that zoom 1 fits into a picture.
     envelope_sphere: SphereView,
-    /// The plane at which the head is most like its mirror image, for views that compare the hemispheres; absent for
-    /// cases from an earlier version.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    midsagittal: Option<PlaneView>,
+    /// The plane at which the head is most like its mirror image, for views that compare the hemispheres.
+    midsagittal: PlaneView,
     /// Intensities and how to show them.
     intensity: IntensityView,
-    /// The quality of the mask; absent for cases from an earlier version. If it is `review` or `failed`, the header
+    /// The quality of the mask. If it is `review` or `failed`, the header
     /// `X-Isocortex-Quality` of all answers that show the case has the same value.
     #[serde(skip_serializing_if = "Option::is_none")]
     quality: Option<Quality>,
@@ -181,14 +179,11 @@ pub struct PlaneView {
     normal: [f64; 3],
     /// Its distance from the origin of patient space, along the normal.
     offset_mm: f64,
-    /// The correlation of the intensities in the head with those at their mirror images, 0 to 1; absent for cases from an
-    /// earlier version.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// The correlation of the intensities in the head with those at their mirror images, 0 to 1.
     #[schema(minimum = 0, maximum = 1)]
-    correlation: Option<f64>,
-    /// Whether the correlation is below 0.5: the plane may be wrong. Absent without a correlation.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    doubtful: Option<bool>,
+    correlation: f64,
+    /// Whether the correlation is below 0.5: the plane may be wrong.
+    doubtful: bool,
 }
 
 /// Intensities and how to show them.
@@ -356,12 +351,12 @@ impl From<CaseFacts> for ReadyView {
                 center_in_patient: facts.envelope_sphere.center_in_patient,
                 radius_mm: facts.envelope_sphere.radius_mm,
             },
-            midsagittal: facts.midsagittal.map(|plane| PlaneView {
-                normal: plane.normal,
-                offset_mm: plane.offset_mm,
-                correlation: plane.correlation,
-                doubtful: plane.correlation.map(|_| plane.is_doubtful()),
-            }),
+            midsagittal: PlaneView {
+                normal: facts.midsagittal.normal,
+                offset_mm: facts.midsagittal.offset_mm,
+                correlation: facts.midsagittal.correlation,
+                doubtful: facts.midsagittal.is_doubtful(),
+            },
             intensity: IntensityView {
                 min: facts.intensity_min,
                 max: facts.intensity_max,

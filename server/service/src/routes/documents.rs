@@ -170,11 +170,13 @@ pub fn routes(openapi: &OpenApi) -> Router<AppState> {
         .chain(page)
         .fold(Router::new(), |router, (address, document)| {
             let document = Arc::new(document);
-            if address == "/" {
-                router.route(address, get(answering::<PageQuery>(document)))
-            } else {
-                router.route(address, get(answering::<NoQuery>(document)))
-            }
+            let answer = match address {
+                "/" => get(answering::<PageQuery>(document)),
+                // Its query names a study, which the page itself sends on.
+                "/launch" => get(move |request: HeaderMap| ready(document.answer(&request))),
+                _ => get(answering::<NoQuery>(document)),
+            };
+            router.route(address, answer)
         })
 }
 
@@ -196,7 +198,7 @@ mod tests {
 
     #[test]
     fn every_file_that_a_document_names_is_served_for_ever() {
-        for document in ["index.html", "compare.html"] {
+        for document in ["index.html", "compare.html", "launch.html"] {
             let named: Vec<_> = named_in(document).collect();
             for kind in [".css", ".js"] {
                 assert!(named.iter().any(|name| name.ends_with(kind)), "{named:?}");
@@ -210,7 +212,7 @@ mod tests {
 
     #[test]
     fn the_page_holds_no_inline_script_or_style() {
-        for document in ["index.html", "compare.html"] {
+        for document in ["index.html", "compare.html", "launch.html"] {
             for forbidden in ["<style", " style=", "<script>", " onclick="] {
                 assert!(!text(document).contains(forbidden), "{forbidden}");
             }

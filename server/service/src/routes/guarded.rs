@@ -4,18 +4,29 @@ use utoipa::openapi::path::Operation;
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{Components, Content, OpenApi, Ref, RefOr, ResponseBuilder};
 
-/// The name of the scheme in the description.
+/// The names of the schemes in the description.
 const BEARER: &str = "bearer";
+const BASIC: &str = "basic";
 
-/// Describes the bearer token, and the answers that any guarded route may give.
+/// Describes the token, the answers that any guarded route may give, and the body of every error.
 pub(crate) fn describe(api: &mut OpenApi) {
-    let scheme = HttpBuilder::new()
-        .scheme(HttpAuthScheme::Bearer)
-        .description(Some("Required if the server has a token."))
-        .build();
-    api.components
-        .get_or_insert_with(Components::default)
-        .add_security_scheme(BEARER, SecurityScheme::Http(scheme));
+    let components = api.components.get_or_insert_with(Components::default);
+    for (name, scheme, description) in [
+        (
+            BEARER,
+            HttpAuthScheme::Bearer,
+            "Required if the server has a token.",
+        ),
+        (
+            BASIC,
+            HttpAuthScheme::Basic,
+            "The token as the password of any user, for clients that know nothing else.",
+        ),
+    ] {
+        let scheme = HttpBuilder::new().scheme(scheme);
+        let scheme = scheme.description(Some(description)).build();
+        components.add_security_scheme(name, SecurityScheme::Http(scheme));
+    }
     for (path, item) in &mut api.paths.paths {
         let reads = [&mut item.get, &mut item.head];
         for operation in reads.into_iter().flatten() {
@@ -47,6 +58,7 @@ fn guard(operation: &mut Operation) {
     let nothing: [&str; 0] = [];
     operation.security = Some(vec![
         SecurityRequirement::new(BEARER, nothing),
+        SecurityRequirement::new(BASIC, nothing),
         // Without a configured token, the server requires none.
         SecurityRequirement::default(),
     ]);
@@ -56,14 +68,29 @@ fn guard(operation: &mut Operation) {
         "429",
         "Too many wrong tokens came from the address of the client",
     );
+    for (status, answer) in &mut operation.responses.responses {
+        let is_error = status.starts_with(['4', '5']);
+        if let RefOr::T(answer) = answer
+            && is_error
+            && answer.content.is_empty()
+        {
+            answer.content.insert(PROBLEM.to_owned(), problem().into());
+        }
+    }
+}
+
+/// The media type of every error.
+const PROBLEM: &str = "application/problem+json";
+
+fn problem() -> Content {
+    Content::new(Some(Ref::from_schema_name("Problem")))
 }
 
 /// Adds a problem as an answer, unless the route describes it itself.
 fn add(operation: &mut Operation, status: &str, description: &str) {
-    let problem = Content::new(Some(Ref::from_schema_name("Problem")));
     let response = ResponseBuilder::new()
         .description(description)
-        .content("application/problem+json", problem)
+        .content(PROBLEM, problem())
         .build();
     let responses = &mut operation.responses.responses;
     responses

@@ -1,5 +1,7 @@
 //! The server's own state.
 
+use std::time::Duration;
+
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -11,11 +13,11 @@ use utoipa::ToSchema;
 use super::fresh::fresh_json;
 use super::query::{ApiQuery, NoQuery};
 use cases::pictures::GraphicsState;
-use http_support::metrics::Metrics;
+use http_support::metrics::{Metrics, OPEN_METRICS};
 use http_support::problem::{AppError, Problem};
 
-/// The media type of OpenMetrics.
-const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+/// How long the store may take to answer: probes usually wait for a second or two.
+pub const READY_WITHIN: Duration = Duration::from_secs(3);
 
 /// The state of the process.
 #[derive(Debug, Serialize, ToSchema)]
@@ -55,7 +57,12 @@ pub async fn readyz(
     State(cases): State<Cases>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    cases.store().check().await.map_err(|error| {
+    let checked = tokio::time::timeout(READY_WITHIN, cases.store().check()).await;
+    let checked = checked.map_err(|_elapsed| {
+        tracing::warn!("the store does not answer in time");
+        Error::Unavailable
+    })?;
+    checked.map_err(|error| {
         tracing::warn!(%error, "the store is not ready");
         match Error::from(error) {
             unwritable @ (Error::StorageFull | Error::StorageFailed(_)) => unwritable,
@@ -74,7 +81,7 @@ pub async fn metrics(
     State(cases): State<Cases>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    let text = metrics.text(cases.queue.waiting());
+    let text = metrics.all(cases.queue.waiting()).await;
     let text = text.map_err(|_| Error::Internal)?;
     let kind = HeaderValue::from_static(OPEN_METRICS);
     let fresh = HeaderValue::from_static("no-store");

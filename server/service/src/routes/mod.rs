@@ -55,6 +55,7 @@ const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
         title = "Isocortex",
         description = introduction()
     ),
+    servers((url = "/", description = "This server")),
     tags(
         (name = "cases", description = "Heads: upload, progress, list, delete"),
         (name = "meshes", description = "The mesh at a depth, or at all depths"),

@@ -148,6 +148,7 @@ impl Server {
             },
             body_cache_bytes: 64 << 20,
             answer_timeout: Duration::from_secs(60),
+            frame_ancestors: Default::default(),
         };
         let cases = Cases::open(options).await.unwrap();
         Self {

@@ -2,11 +2,11 @@
 
 use case::ObjectKind;
 
-use crate::frame;
-use crate::{ObjectName, Objects, Spool, Unreadable};
+use crate::objects::Objects;
+use crate::{ObjectName, Spool, Unreadable, frame};
 
 /// Objects do what they must. There are none at first.
-pub async fn objects_do_what_they_must(objects: &Objects) {
+pub(crate) async fn objects_do_what_they_must(objects: &Objects) {
     an_object_comes_back_and_goes(objects).await;
     a_damaged_object_is_told_and_written_over(objects).await;
     a_large_file_comes_back(objects).await;

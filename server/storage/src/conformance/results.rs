@@ -4,10 +4,11 @@ use std::time::Duration;
 
 use case::{CaseId, ObjectKind};
 
-use super::RowsSubject;
+use super::Subject;
+use crate::Store;
 use crate::arrivals::{ArrivalCursor, TransferEnd, TransferQuery, TransferState, Uid};
 use crate::results::{NewResult, ResultSeries, SentResult};
-use crate::rows::{CaseRows, Sweep};
+use crate::rows::Sweep;
 use crate::testing::{failure, new_case, pinned};
 
 const LEASE: Duration = Duration::from_secs(30);
@@ -16,9 +17,9 @@ fn uid(text: &str) -> Uid {
     Uid::parse(text).unwrap()
 }
 
-async fn a_case(rows: &dyn CaseRows) -> CaseId {
-    let new = new_case(rows, "a").await;
-    rows.insert(&new).await.unwrap();
+async fn a_case(store: &Store) -> CaseId {
+    let new = new_case(store, "a").await;
+    store.insert_case(&new).await.unwrap();
     new.id
 }
 
@@ -38,121 +39,125 @@ fn result(case: CaseId, node: &str, contents: &str) -> NewResult {
     }
 }
 
-async fn queue(rows: &dyn CaseRows, new: &NewResult) -> SentResult {
-    let pinned = pinned(rows, &[new.object()]).await;
-    let queued = rows.queue_result(new, &pinned).await.unwrap();
+async fn queue(store: &Store, new: &NewResult) -> SentResult {
+    let pinned = pinned(store, &[new.object()]).await;
+    let queued = store.insert_result(new, &pinned).await.unwrap();
     queued.expect("the pin is there")
 }
 
-pub async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_there(subject: &RowsSubject) {
-    let rows = &*subject.rows;
-    let case = a_case(rows).await;
-    assert_eq!(rows.lease_result(LEASE).await.unwrap(), None);
-    let first = queue(rows, &result(case, "pacs", "one")).await;
+pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_there(
+    subject: &Subject,
+) {
+    let store = &subject.store;
+    let case = a_case(store).await;
+    assert_eq!(store.lease_result(LEASE).await.unwrap(), None);
+    let first = queue(store, &result(case, "pacs", "one")).await;
     assert_eq!((first.state, first.attempts), (TransferState::Queued, 0));
-    assert_eq!(rows.result(&first.id).await.unwrap(), Some(first.clone()));
+    assert_eq!(store.result(&first.id).await.unwrap(), Some(first.clone()));
     // The same result, although its file was made again: the first file counts.
-    let again = queue(rows, &result(case, "pacs", "two")).await;
+    let again = queue(store, &result(case, "pacs", "two")).await;
     assert_eq!(again, first);
-    let known = rows.object_of_result(&uid("2.25.7")).await.unwrap();
+    let known = store.object_of_result(&uid("2.25.7")).await.unwrap();
     assert_eq!(known, Some(first.object));
-    assert_eq!(rows.object_of_result(&uid("2.25.8")).await.unwrap(), None);
-    let listed = async |kind| rows.pacs_objects(kind, None, 9).await.unwrap();
+    assert_eq!(store.object_of_result(&uid("2.25.8")).await.unwrap(), None);
+    let listed = async |kind| store.pacs_objects(kind, None, 9).await.unwrap();
     assert_eq!(listed(ObjectKind::Result).await, [first.object]);
     assert_eq!(listed(ObjectKind::Volume).await, []);
-    let gone = pinned(rows, &[first.object]).await;
-    rows.unpin(&gone).await.unwrap();
+    let gone = pinned(store, &[first.object]).await;
+    store.unpin(&gone).await.unwrap();
     let sweep = Sweep {
         holder: "sweep".to_owned(),
         lease: LEASE,
     };
     let two = result(case, "pacs", "two").object();
     assert_eq!(
-        rows.mark(&[first.object, two], &sweep).await.unwrap(),
+        store.mark(&[first.object, two], &sweep).await.unwrap(),
         [two]
     );
 
-    let leased = rows.lease_result(LEASE).await.unwrap().unwrap();
+    let leased = store.lease_result(LEASE).await.unwrap().unwrap();
     assert_eq!((leased.state, leased.attempts), (TransferState::Running, 1));
-    assert_eq!(rows.lease_result(LEASE).await.unwrap(), None);
+    assert_eq!(store.lease_result(LEASE).await.unwrap(), None);
     subject.pass(31);
-    let stolen = rows.lease_result(LEASE).await.unwrap().unwrap();
-    assert!(!rows.end_result(&leased, &TransferEnd::Done).await.unwrap());
+    let stolen = store.lease_result(LEASE).await.unwrap().unwrap();
+    assert!(!store.end_result(&leased, &TransferEnd::Done).await.unwrap());
     let later = TransferEnd::Later(Duration::from_secs(10));
-    assert!(rows.end_result(&stolen, &later).await.unwrap());
-    assert_eq!(rows.lease_result(LEASE).await.unwrap(), None);
+    assert!(store.end_result(&stolen, &later).await.unwrap());
+    assert_eq!(store.lease_result(LEASE).await.unwrap(), None);
     subject.pass(11);
-    let third = rows.lease_result(LEASE).await.unwrap().unwrap();
+    let third = store.lease_result(LEASE).await.unwrap().unwrap();
     assert_eq!(third.attempts, 3);
     let failed = TransferEnd::Failed(failure());
-    assert!(rows.end_result(&third, &failed).await.unwrap());
-    let seen = rows.result(&first.id).await.unwrap().unwrap();
+    assert!(store.end_result(&third, &failed).await.unwrap());
+    let seen = store.result(&first.id).await.unwrap().unwrap();
     assert_eq!(
         (seen.state, seen.reason),
         (TransferState::Failed, Some(failure()))
     );
     // Whoever requests it again wants it sent again.
-    let again = queue(rows, &result(case, "pacs", "one")).await;
+    let again = queue(store, &result(case, "pacs", "one")).await;
     assert_eq!(
         (again.id, again.state, again.attempts),
         (first.id, TransferState::Queued, 0)
     );
     assert_eq!(again.reason, None);
-    rows.forget_holders().await.unwrap();
+    store.rows().forget_holders().await.unwrap();
 }
 
-pub async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(subject: &RowsSubject) {
-    let rows = &*subject.rows;
-    let case = a_case(rows).await;
+pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(subject: &Subject) {
+    let store = &subject.store;
+    let case = a_case(store).await;
     let [one, other] = ["pacs", "other"].map(|node| result(case, node, "one"));
-    let sent = queue(rows, &one).await;
-    let leased = rows.lease_result(LEASE).await.unwrap().unwrap();
-    assert!(rows.end_result(&leased, &TransferEnd::Done).await.unwrap());
-    queue(rows, &other).await;
+    let sent = queue(store, &one).await;
+    let leased = store.lease_result(LEASE).await.unwrap().unwrap();
+    assert!(store.end_result(&leased, &TransferEnd::Done).await.unwrap());
+    queue(store, &other).await;
     // A search finds it once, though it goes to two nodes.
-    let held = rows.results_of(&uid("1.2.3")).await.unwrap();
+    let held = store.results_of(&uid("1.2.3")).await.unwrap();
     assert_eq!(held.len(), 1);
     assert_eq!(held[0].series, one.series);
     assert_eq!(held[0].object, one.object());
-    assert_eq!(rows.results_of(&uid("1.2.4")).await.unwrap(), []);
+    assert_eq!(store.results_of(&uid("1.2.4")).await.unwrap(), []);
     let objects = [one.object()];
     assert_eq!(objects[0].kind, ObjectKind::Result);
     subject.pass(3600);
-    rows.forget_arrivals(Duration::from_secs(7200), true)
+    store
+        .forget_arrivals(Duration::from_secs(7200), true)
         .await
         .unwrap();
-    assert!(rows.result(&sent.id).await.unwrap().is_some());
-    rows.forget_arrivals(Duration::from_secs(60), true)
+    assert!(store.result(&sent.id).await.unwrap().is_some());
+    store
+        .forget_arrivals(Duration::from_secs(60), true)
         .await
         .unwrap();
-    assert_eq!(rows.result(&sent.id).await.unwrap(), None);
+    assert_eq!(store.result(&sent.id).await.unwrap(), None);
     // The other node still waits for the same object.
-    assert_eq!(rows.unneeded(&objects).await.unwrap(), []);
-    rows.delete(&case).await.unwrap();
-    assert_eq!(rows.lease_result(LEASE).await.unwrap(), None);
+    assert_eq!(store.unneeded(&objects).await.unwrap(), []);
+    store.delete_case(&case).await.unwrap();
+    assert_eq!(store.lease_result(LEASE).await.unwrap(), None);
     let sweep = Sweep {
         holder: "sweep".to_owned(),
         lease: LEASE,
     };
     subject.pass(1);
-    assert_eq!(rows.mark(&objects, &sweep).await.unwrap(), objects);
+    assert_eq!(store.mark(&objects, &sweep).await.unwrap(), objects);
     // A case that is gone gets no results.
-    let pinned = pinned(rows, &[result(case, "pacs", "three").object()]).await;
+    let pinned = pinned(store, &[result(case, "pacs", "three").object()]).await;
     let late = result(case, "pacs", "three");
-    assert!(rows.queue_result(&late, &pinned).await.is_err());
+    assert!(store.insert_result(&late, &pinned).await.is_err());
 }
 
-pub async fn results_are_listed_by_case_and_state_in_pages(subject: &RowsSubject) {
-    let rows = &*subject.rows;
-    let case = a_case(rows).await;
+pub(crate) async fn results_are_listed_by_case_and_state_in_pages(subject: &Subject) {
+    let store = &subject.store;
+    let case = a_case(store).await;
     let mut ids = Vec::new();
     for node in ["first", "second", "third"] {
         subject.pass(1);
-        ids.push(queue(rows, &result(case, node, "one")).await.id);
+        ids.push(queue(store, &result(case, node, "one")).await.id);
     }
     ids.reverse();
     let list = async |query: &TransferQuery, after: Option<&ArrivalCursor>, limit| {
-        let (page, next) = rows.results(query, after, limit).await.unwrap();
+        let (page, next) = store.results(query, after, limit).await.unwrap();
         let ids: Vec<_> = page.into_iter().map(|result| result.id).collect();
         (ids, next)
     };
@@ -164,7 +169,7 @@ pub async fn results_are_listed_by_case_and_state_in_pages(subject: &RowsSubject
         list(&every, next.as_ref(), 2).await,
         (ids[2..].to_vec(), None)
     );
-    let leased = rows.lease_result(LEASE).await.unwrap().unwrap();
+    let leased = store.lease_result(LEASE).await.unwrap().unwrap();
     let of = |case, state| TransferQuery { case, state };
     let running = Some(TransferState::Running);
     assert_eq!(list(&of(Some(case), running), None, 9).await.0, [leased.id]);

@@ -1,16 +1,12 @@
 //! The rows of layers, which are also the rows of their jobs.
 
-use std::time::Duration;
+use case::{CaseId, Layer, LayerId, LayerParameters};
 
-use async_trait::async_trait;
-use case::{CaseId, Failure, Layer, LayerFacts, LayerId, LayerParameters};
-
-use super::terms::{LeaseTerms, Pinned, Published, Release};
-use crate::{ObjectName, StoreError};
+use super::terms::Pinned;
 
 /// A layer to be inserted.
 #[derive(Debug, Clone)]
-pub struct NewLayer {
+pub(crate) struct NewLayer {
     /// Its case.
     pub case: CaseId,
     /// Its id.
@@ -38,7 +34,7 @@ pub enum LayerName {
 
 /// The result of the insertion of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum InsertedLayer {
+pub(crate) enum InsertedLayer {
     /// The layer is new, and queued.
     Created,
     /// It existed and had failed; it is queued again.
@@ -84,63 +80,4 @@ pub enum ChangedLayer {
     NoLayer,
     /// Another layer of the case has the name.
     NameTaken,
-}
-
-/// The layers of cases, in a database that several processes may share.
-#[async_trait]
-pub trait LayerRows {
-    /// Makes a layer, which is its own job, and turns its pins into references; or queues a failed one again.
-    /// Only [`InsertedLayer::Created`] and [`InsertedLayer::Requeued`] change anything.
-    async fn insert_layer(&self, new: &NewLayer) -> Result<InsertedLayer, StoreError>;
-
-    /// The layers of a case, in their order.
-    async fn layers(&self, case: &CaseId) -> Result<Vec<Layer>, StoreError>;
-
-    /// The objects that a layer needs; none if there is no such layer.
-    async fn layer_objects(
-        &self,
-        case: &CaseId,
-        layer: &LayerId,
-    ) -> Result<Vec<ObjectName>, StoreError>;
-
-    /// Renames a layer, or moves it in the list.
-    async fn change_layer(
-        &self,
-        case: &CaseId,
-        layer: &LayerId,
-        change: &LayerChange,
-    ) -> Result<ChangedLayer, StoreError>;
-
-    /// Removes a layer; returns whether it existed. Its objects are left with expired pins.
-    async fn delete_layer(&self, case: &CaseId, layer: &LayerId) -> Result<bool, StoreError>;
-
-    /// Leases the oldest layer of a ready case that waits or whose lease has ended. Those with too many attempts behind
-    /// them fail on the way.
-    async fn claim_layer(&self, terms: &LeaseTerms) -> Result<Option<LayerClaim>, StoreError>;
-
-    /// Renews a lease from now on; `false` if it is not ours any more.
-    async fn renew_layer(&self, claim: &LayerClaim, lease: Duration) -> Result<bool, StoreError>;
-
-    /// Returns a lease; `false` if it is not ours any more.
-    async fn release_layer(&self, claim: &LayerClaim, release: Release)
-    -> Result<bool, StoreError>;
-
-    /// Makes a layer ready, if the lease is still ours.
-    async fn publish_layer(
-        &self,
-        claim: &LayerClaim,
-        derived: &Pinned,
-        facts: &LayerFacts,
-    ) -> Result<Published, StoreError>;
-
-    /// Makes a layer failed, which then needs no objects, if the lease is still ours; returns whether it was.
-    async fn fail_layer(&self, claim: &LayerClaim, failure: &Failure) -> Result<bool, StoreError>;
-
-    /// Queues a ready layer again, because its object is lost; its placement stays. Returns whether it was ready.
-    async fn prepare_layer_again(&self, case: &CaseId, layer: &LayerId)
-    -> Result<bool, StoreError>;
-
-    /// Inserts the layers of a case of another store, in their order, unless they are here, and turns their pins into
-    /// references. What is neither ready nor failed is queued.
-    async fn adopt_layer(&self, layer: &Layer, objects: &Pinned) -> Result<(), StoreError>;
 }

@@ -6,7 +6,7 @@ use super::connection::{Connection, Row, microseconds};
 use super::{fence, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalSource, ArrivalState, BECAME_LAYER, CaseSeries,
-    DueTerms, NOT_T1, NewInstance, Outcome, SeriesQuery, SeriesUids, Uid,
+    Change, DueTerms, NOT_T1, NewInstance, Outcome, SeriesQuery, SeriesUids, Uid,
 };
 use crate::rows::DueSeries;
 use crate::{ObjectName, StoreError};
@@ -16,7 +16,8 @@ use case::{CaseId, Failure, ObjectKind};
 macro_rules! select_arrival {
     ($rest:literal) => {
         concat!(
-            "SELECT id, study_uid, series_uid, accession_number, source, state, reason, case_id, instances, expected, first_at, last_at
+            "SELECT id, study_uid, series_uid, accession_number, source, state, reason, case_id, instances, expected,
+                    superseded, ignored, first_at, last_at
              FROM arrivals ",
             $rest
         )
@@ -29,13 +30,25 @@ pub(super) fn unreadable(what: &str) -> StoreError {
     )
 }
 
-/// Adds an image; whether it is new. The pin of a file that is new becomes a reference; that of another one expires.
+/// What became of an image.
+pub(super) enum Added {
+    /// It is new.
+    New,
+    /// It was there, and stays as it is.
+    Known,
+    /// It took the place of another one in this arrival, the first since that was read.
+    FirstReplaced(String),
+    /// As before, a further one.
+    Replaced,
+}
+
+/// Adds an image. The pin of a file that is kept becomes a reference; that of another one expires.
 pub(super) async fn add(
     connection: &mut Connection,
     new: &NewInstance,
     source: ArrivalSource,
     now: i64,
-) -> Result<bool, StoreError> {
+) -> Result<Added, StoreError> {
     let id = series(connection, new, source, now).await?;
     let added = connection
         .query(
@@ -48,8 +61,11 @@ pub(super) async fn add(
         .execute()
         .await?;
     if added == 0 {
+        if let Some(change) = new.replaces {
+            return replace(connection, (&id, new, change), now).await;
+        }
         pins::abandon(connection, vec![ObjectName::from(new)], now).await?;
-        return Ok(false);
+        return Ok(Added::Known);
     }
     // Whoever reads the series at this moment does not know this image.
     connection
@@ -62,7 +78,99 @@ pub(super) async fn add(
         .bind(&id)
         .execute()
         .await?;
-    Ok(true)
+    Ok(Added::New)
+}
+
+/// Puts an image in the place of another one, so that the series is read again. If its patient or its study has changed,
+/// the cases of the series are superseded at once, before there is a new one.
+async fn replace(
+    connection: &mut Connection,
+    (id, new, change): (&str, &NewInstance, Change),
+    now: i64,
+) -> Result<Added, StoreError> {
+    let row = connection
+        .query(
+            "SELECT digest FROM arrival_instances WHERE arrival_id = $1 AND sop_instance_uid = $2",
+        )
+        .bind(id)
+        .bind(new.sop_instance_uid.as_str())
+        .fetch_one()
+        .await?;
+    let old = read_object(&row)?;
+    connection
+        .query("UPDATE arrival_instances SET digest = $1 WHERE arrival_id = $2 AND sop_instance_uid = $3")
+        .bind(new.digest.to_string())
+        .bind(id)
+        .bind(new.sop_instance_uid.as_str())
+        .execute()
+        .await?;
+    pins::abandon(connection, vec![old], now).await?;
+    let row = connection
+        .query(
+            "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END,
+                    accession_number = $1, state = 'receiving', reason = NULL, last_at = $2, available_at = $2,
+                    lease_until = NULL, fence = 0
+             WHERE id = $3 RETURNING superseded",
+        )
+        .bind(new.accession_number.as_ref().map(AccessionNumber::as_str))
+        .bind(now)
+        .bind(id)
+        .fetch_one()
+        .await?;
+    if change == Change::Owner {
+        connection
+            .query("UPDATE case_series SET superseded = 1 WHERE study_uid = $1 AND series_uid = $2")
+            .bind(new.uids.study.as_str())
+            .bind(new.uids.series.as_str())
+            .execute()
+            .await?;
+    }
+    Ok(match row.get::<i64>("superseded")? {
+        1 => Added::FirstReplaced(id.to_owned()),
+        _ => Added::Replaced,
+    })
+}
+
+/// Counts an object that is not kept in the arrival of its series, which is made if there is none.
+pub(super) async fn ignore(
+    connection: &mut Connection,
+    (uids, source): (&SeriesUids, ArrivalSource),
+    reason: &Failure,
+    now: i64,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, available_at, ignored)
+             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, $6, 1)
+             ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
+        )
+        .bind(uuid::Uuid::now_v7().simple().to_string())
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
+        .bind(source.name())
+        .bind(serde_json::to_string(reason)?)
+        .bind(now)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// The objects of images that are there already.
+pub(super) async fn known(
+    connection: &mut Connection,
+    new: &NewInstance,
+) -> Result<Option<ObjectName>, StoreError> {
+    let row = connection
+        .query(
+            "SELECT digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
+             WHERE study_uid = $1 AND series_uid = $2 AND sop_instance_uid = $3",
+        )
+        .bind(new.uids.study.as_str())
+        .bind(new.uids.series.as_str())
+        .bind(new.sop_instance_uid.as_str())
+        .fetch_optional()
+        .await?;
+    row.as_ref().map(read_object).transpose()
 }
 
 /// The arrival of an image's series, which is made if there is none.
@@ -282,9 +390,10 @@ pub(super) async fn settle(
         wake_others(connection, &due.id, now).await?;
         connection
             .query(
+                // A correction that is taken back leads to the first case again.
                 "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number)
                  SELECT $1, study_uid, series_uid, accession_number FROM arrivals WHERE id = $2
-                 ON CONFLICT (case_id) DO NOTHING",
+                 ON CONFLICT (case_id) DO UPDATE SET superseded = 0",
             )
             .bind(case)
             .bind(&due.id)
@@ -477,8 +586,8 @@ pub(super) async fn index(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number)
-             SELECT id, $2, $3, $4 FROM cases WHERE id = $1
+            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, superseded)
+             SELECT id, $2, $3, $4, $5 FROM cases WHERE id = $1
              ON CONFLICT (case_id) DO NOTHING",
         )
         .bind(series.case.to_string())
@@ -490,6 +599,7 @@ pub(super) async fn index(
                 .as_ref()
                 .map(AccessionNumber::as_str),
         )
+        .bind(i64::from(series.is_superseded))
         .execute()
         .await?;
     Ok(())
@@ -500,7 +610,7 @@ pub(super) async fn series_of(
     case: &CaseId,
 ) -> Result<Option<CaseSeries>, StoreError> {
     let row = connection
-        .query("SELECT case_id, study_uid, series_uid, accession_number FROM case_series WHERE case_id = $1")
+        .query("SELECT case_id, study_uid, series_uid, accession_number, superseded FROM case_series WHERE case_id = $1")
         .bind(case.to_string())
         .fetch_optional()
         .await?;
@@ -514,7 +624,7 @@ pub(super) async fn cases_of(
     let rows = match query {
         SeriesQuery::Study(study, series) => connection
             .query(
-                "SELECT case_id, study_uid, series_uid, accession_number
+                "SELECT case_id, study_uid, series_uid, accession_number, superseded
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
                  WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid ORDER BY created_at DESC, id",
             )
@@ -522,7 +632,7 @@ pub(super) async fn cases_of(
             .bind(series.as_ref().map(Uid::as_str)),
         SeriesQuery::AccessionNumber(number) => connection
             .query(
-                "SELECT case_id, study_uid, series_uid, accession_number
+                "SELECT case_id, study_uid, series_uid, accession_number, superseded
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
                  WHERE accession_number = $1 ORDER BY created_at DESC, id",
             )
@@ -540,6 +650,7 @@ fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
         case: read_case(row)?.ok_or_else(|| unreadable("case"))?,
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
+        is_superseded: row.get::<i64>("superseded")? != 0,
     })
 }
 
@@ -597,6 +708,8 @@ fn read(row: &Row) -> Result<Arrival, StoreError> {
         case: read_case(row)?,
         instances: read_count(row.get("instances")?),
         expected: expected.map(read_count),
+        superseded: read_count(row.get("superseded")?),
+        ignored: read_count(row.get("ignored")?),
         first_at: read_time(row, "first_at")?,
         last_at: read_time(row, "last_at")?,
     })

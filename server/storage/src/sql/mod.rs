@@ -28,34 +28,49 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
-use async_trait::async_trait;
 use futures_util::stream::BoxStream;
-use sqlx::Pool;
-use sqlx::migrate::{Migrate, MigrateError, Migrator};
+use sqlx::migrate::{Migrate, MigrateError, Migration, MigrationType, Migrator};
 use sqlx::postgres::PgConnectOptions;
 use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{Pool, SqlSafeStr as _};
 
 use self::connection::{Connection, Database, microseconds};
 use super::rows::{
-    CaseRows, Change, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Sweep,
+    Change, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Sweep,
 };
-use super::{Cursor, ObjectName, Page, StoreError};
+use super::{Cursor, ObjectName, Page, Store, StoreError};
 use case::{Case, CaseFacts, CaseId, Failure, ObjectKind, Progress};
+
+/// The migrations of a database, oldest first: a number, a name and the statements of each. A database remembers the digests of those that
+/// it has had, so what stands here never changes.
+type Migrations = [(i64, &'static str, &'static str)];
+
+const SQLITE: &Migrations = &[(
+    100,
+    "store",
+    include_str!("../../migrations/sqlite/0100_store.sql"),
+)];
+
+const POSTGRES: &Migrations = &[(
+    100,
+    "store",
+    include_str!("../../migrations/postgres/0100_store.sql"),
+)];
 
 /// Rows in a file of SQLite, in memory, or in PostgreSQL.
 #[derive(Debug, Clone)]
-pub struct SqlRows {
+pub(crate) struct Rows {
     database: Database,
     /// An offset of the clock in microseconds, for tests of leases; otherwise 0.
     ahead_us: Arc<AtomicI64>,
 }
 
-impl SqlRows {
+impl Rows {
     /// Opens a database file; creates and migrates it where necessary.
     ///
     /// # Errors
     /// If the file cannot be used, or was written by a newer version.
-    pub async fn sqlite(file: &Path) -> Result<Self, StoreError> {
+    pub(crate) async fn sqlite(file: &Path) -> Result<Self, StoreError> {
         Self::on_sqlite(sqlite::in_file(file), sqlite::CONNECTIONS).await
     }
 
@@ -63,7 +78,7 @@ impl SqlRows {
     ///
     /// # Errors
     /// If there is no memory for it.
-    pub async fn in_memory() -> Result<Self, StoreError> {
+    pub(crate) async fn in_memory() -> Result<Self, StoreError> {
         Self::on_connections(sqlite::Connections::in_memory().await?).await
     }
 
@@ -75,17 +90,15 @@ impl SqlRows {
     }
 
     async fn on_connections(connections: sqlite::Connections) -> Result<Self, StoreError> {
-        migrate(&sqlx::migrate!("migrations/sqlite"), connections.pool()).await?;
-        let rows = Self::of(Database::Sqlite(connections));
-        upkeep::add_missing_digests(&rows.database).await?;
-        Ok(rows)
+        migrate(SQLITE, connections.pool()).await?;
+        Ok(Self::of(Database::Sqlite(connections)))
     }
 
     /// Whether a database has the tables of a store.
     ///
     /// # Errors
     /// If it cannot be reached.
-    pub async fn is_in_postgres(options: PgConnectOptions) -> Result<bool, StoreError> {
+    pub(crate) async fn is_in_postgres(options: PgConnectOptions) -> Result<bool, StoreError> {
         postgres::has_cases(options).await
     }
 
@@ -93,10 +106,10 @@ impl SqlRows {
     ///
     /// # Errors
     /// If it cannot be reached or used, or was written by a newer version.
-    pub async fn postgres(options: PgConnectOptions) -> Result<Self, StoreError> {
+    pub(crate) async fn postgres(options: PgConnectOptions) -> Result<Self, StoreError> {
         let connections = postgres::open(options).await?;
         // One process migrates at a time: the migrator takes a lock.
-        migrate(&sqlx::migrate!("migrations/postgres"), connections.pool()).await?;
+        migrate(POSTGRES, connections.pool()).await?;
         Ok(Self::of(Database::Postgres(connections)))
     }
 
@@ -108,9 +121,47 @@ impl SqlRows {
     }
 
     /// Lets time pass on the clock of these rows and their clones.
-    #[cfg(any(test, feature = "conformance"))]
-    pub fn pass_time(&self, by: Duration) {
+    #[cfg(any(test, feature = "testing"))]
+    pub(crate) fn pass_time(&self, by: Duration) {
         self.ahead_us.fetch_add(microseconds(by), Ordering::Relaxed);
+    }
+
+    /// A connection on which each statement is a transaction.
+    async fn connect(&self) -> Result<Connection, StoreError> {
+        self.database.connect().await
+    }
+
+    /// Ends every lease and expires every pin, because no other process runs that could hold one.
+    pub(crate) async fn forget_holders(&self) -> Result<(), StoreError> {
+        self.database.check_file().await?;
+        let (mut transaction, now) = self.write().await?;
+        jobs::end_leases(&mut transaction, now).await?;
+        pins::expire_all(&mut transaction, now).await?;
+        tombstones::end_leases(&mut transaction, now).await?;
+        rebuilds::end_all(&mut transaction).await?;
+        arrivals::end_leases(&mut transaction).await?;
+        retrievals::end_leases(&mut transaction).await?;
+        results::end_leases(&mut transaction).await?;
+        layers::end_leases(&mut transaction, now).await?;
+        transaction.commit().await?;
+        self.database.empty_log().await;
+        Ok(())
+    }
+
+    /// Finishes all work before the process ends. No other method may be called afterwards.
+    pub(crate) async fn close(&self) {
+        self.database.close().await;
+    }
+
+    /// The changes of all processes from now on, as they are committed; `None` if the database cannot report them. Some
+    /// may be missed, so a process that waits for one must also poll.
+    pub(crate) async fn changes(&self) -> Result<Option<BoxStream<'static, Change>>, StoreError> {
+        self.database.changes().await
+    }
+
+    /// Whether the rows can be read and written. Changes nothing.
+    pub(crate) async fn check(&self) -> Result<(), StoreError> {
+        self.database.check().await
     }
 
     /// The time by the database's clock.
@@ -142,28 +193,41 @@ impl SqlRows {
     }
 }
 
-/// Migrates the tables. Tables of a newer version are not changed.
-async fn migrate<D: sqlx::Database>(migrations: &Migrator, pool: &Pool<D>) -> Result<(), StoreError>
+/// Migrates the tables. Tables of a newer version, and of one before 0.1.0, are not changed.
+async fn migrate<D: sqlx::Database>(
+    migrations: &Migrations,
+    pool: &Pool<D>,
+) -> Result<(), StoreError>
 where
     D::Connection: Migrate,
 {
-    migrations.run(pool).await.map_err(|error| match error {
-        MigrateError::VersionMissing(found) => StoreError::NewerSchema {
-            found,
-            known: migrations
-                .iter()
-                .map(|step| step.version)
-                .max()
-                .unwrap_or(0),
-        },
+    let known = migrations.iter().map(|&(version, ..)| version).max();
+    let known = known.unwrap_or_default();
+    let steps = migrations.iter().map(|&(version, name, statements)| {
+        let (kind, statements) = (MigrationType::Simple, statements.into_sql_str());
+        Migration::new(version, name.into(), kind, statements, false)
+    });
+    let migrator = Migrator::with_migrations(steps.collect());
+    migrator.run(pool).await.map_err(|error| match error {
+        MigrateError::VersionMissing(found) if found > known => {
+            StoreError::NewerSchema { found, known }
+        }
+        MigrateError::VersionMissing(_) | MigrateError::VersionMismatch(_) => {
+            StoreError::OlderSchema
+        }
         other => other.into(),
     })
 }
 
-#[async_trait]
-impl CaseRows for SqlRows {
-    async fn pin(&self, pinned: &Pinned, lease: Duration) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+impl Store {
+    /// Protects objects from removal for a time, before they are written. `false`, and nothing has changed, if one of
+    /// them has a tombstone: try again once it is buried.
+    pub(crate) async fn try_pin(
+        &self,
+        pinned: &Pinned,
+        lease: Duration,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         if tombstones::any_of(&mut transaction, &pinned.names).await? {
             return Ok(false);
         }
@@ -172,14 +236,17 @@ impl CaseRows for SqlRows {
         Ok(true)
     }
 
-    async fn unpin(&self, pinned: &Pinned) -> Result<(), StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// Makes pins expire at once, because the objects are not needed.
+    pub(crate) async fn unpin(&self, pinned: &Pinned) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         pins::expire(&mut transaction, pinned, now).await?;
         transaction.commit().await
     }
 
-    async fn insert(&self, new: &NewCase) -> Result<Inserted, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// Makes a case and its job, and turns its pins into references; or queues a failed one again. A version gets the
+    /// layers of the case that it is a version of.
+    pub(crate) async fn insert_case(&self, new: &NewCase) -> Result<Inserted, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         let inserted = jobs::submit(&mut transaction, new, now).await?;
         if !matches!(inserted, Inserted::QueueFull | Inserted::PinLost) {
             transaction.commit().await?;
@@ -187,122 +254,180 @@ impl CaseRows for SqlRows {
         Ok(inserted)
     }
 
-    async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
-        match cases::one(&mut self.database.connect().await?, id).await {
+    /// One case.
+    pub(crate) async fn case_row(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
+        match cases::one(&mut self.rows().connect().await?, id).await {
             Err(StoreError::DamagedFacts(id)) => {
-                upkeep::prepare_again(&self.database, &id).await?;
-                cases::one(&mut self.database.connect().await?, &id).await
+                upkeep::prepare_again(&self.rows().database, &id).await?;
+                cases::one(&mut self.rows().connect().await?, &id).await
             }
             read => read,
         }
     }
 
-    async fn cases(&self, after: Option<&Cursor>, limit: usize) -> Result<Page, StoreError> {
+    /// At most `limit` cases after a cursor, newest first.
+    pub(crate) async fn case_rows(
+        &self,
+        after: Option<&Cursor>,
+        limit: usize,
+    ) -> Result<Page, StoreError> {
         loop {
-            match cases::page(&mut self.database.connect().await?, after, limit).await {
+            match cases::page(&mut self.rows().connect().await?, after, limit).await {
                 Err(StoreError::DamagedFacts(id)) => {
-                    upkeep::prepare_again(&self.database, &id).await?;
+                    upkeep::prepare_again(&self.rows().database, &id).await?;
                 }
                 read => return read,
             }
         }
     }
 
-    async fn cases_with_voxels(&self, values: &str, limit: usize) -> Result<Vec<Case>, StoreError> {
-        cases::with_voxels(&mut self.database.connect().await?, values, limit).await
+    /// At most `limit` ready cases whose volumes have the same stored values in any order
+    /// ([`VoxelFacts::values`](case::VoxelFacts::values)), newest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn cases_with_voxels(
+        &self,
+        values: &str,
+        limit: usize,
+    ) -> Result<Vec<Case>, StoreError> {
+        cases::with_voxels(&mut self.rows().connect().await?, values, limit).await
     }
 
-    async fn objects(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError> {
-        cases::objects(&mut self.database.connect().await?, id).await
+    /// The objects that a case needs; none if there is no such case.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn case_objects(&self, id: &CaseId) -> Result<Vec<ObjectName>, StoreError> {
+        cases::objects(&mut self.rows().connect().await?, id).await
     }
 
-    async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
+    /// Changes the label of a case; nothing if there is no such case.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn rename(&self, id: &CaseId, name: &str) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
         cases::rename(&mut transaction, id, name).await?;
         transaction.commit().await
     }
 
-    async fn delete(&self, id: &CaseId) -> Result<bool, StoreError> {
-        let (transaction, now) = self.write().await?;
-        self.delete_in(transaction, id, now).await
+    /// Removes a case with its job and its layers; returns whether it existed. Its objects are left with expired pins;
+    /// its versions become those of the case that it is a version of.
+    pub(crate) async fn delete_case(&self, id: &CaseId) -> Result<bool, StoreError> {
+        let (transaction, now) = self.rows().write().await?;
+        self.rows().delete_in(transaction, id, now).await
     }
 
-    async fn uploaded_again(&self, id: &CaseId) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// Lets the age of a case count from now, because its input was uploaded again; returns whether it exists.
+    pub(crate) async fn uploaded_again(&self, id: &CaseId) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         let exists = cases::uploaded_again(&mut transaction, id, now).await?;
         transaction.commit().await?;
         Ok(exists)
     }
 
-    async fn keep(&self, id: &CaseId, kept: bool) -> Result<bool, StoreError> {
-        let (mut transaction, _) = self.write().await?;
+    /// Keeps a case for good, or no longer; returns whether it exists.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn keep(&self, id: &CaseId, kept: bool) -> Result<bool, StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
         let exists = cases::keep(&mut transaction, id, kept).await?;
         transaction.commit().await?;
         Ok(exists)
     }
 
-    async fn expired(&self, age: Duration, limit: usize) -> Result<Vec<CaseId>, StoreError> {
-        let mut connection = self.database.connect().await?;
+    /// At most `limit` cases that are ready or failed, not kept, and were last uploaded at least `age` ago; oldest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn expired(&self, age: Duration, limit: usize) -> Result<Vec<CaseId>, StoreError> {
+        let mut connection = self.rows().connect().await?;
         let before = self
+            .rows()
             .now(&mut connection)
             .await?
             .saturating_sub(microseconds(age));
         cases::uploaded_before(&mut connection, before, limit).await
     }
 
-    async fn delete_expired(&self, id: &CaseId, age: Duration) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// As [`Store::delete_case`], if the case is still [`Store::expired`]; returns whether it was.
+    pub(crate) async fn delete_expired(
+        &self,
+        id: &CaseId,
+        age: Duration,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         let before = now.saturating_sub(microseconds(age));
         if !cases::is_uploaded_before(&mut transaction, id, before).await? {
             return Ok(false);
         }
-        self.delete_in(transaction, id, now).await
+        self.rows().delete_in(transaction, id, now).await
     }
 
-    async fn waiting(&self) -> Result<usize, StoreError> {
-        let mut connection = self.database.connect().await?;
+    /// How many jobs wait for a lease.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn waiting(&self) -> Result<usize, StoreError> {
+        let mut connection = self.rows().connect().await?;
         jobs::waiting(&mut connection).await
     }
 
-    async fn claim(&self, terms: &LeaseTerms) -> Result<Option<Claim>, StoreError> {
+    /// Leases the oldest job that waits or whose lease has ended. Jobs with too many attempts behind them fail on the
+    /// way.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn claim(&self, terms: &LeaseTerms) -> Result<Option<Claim>, StoreError> {
         // Most queries find nothing and must not wait for writers.
-        let mut reader = self.database.connect().await?;
-        let now = self.now(&mut reader).await?;
+        let mut reader = self.rows().connect().await?;
+        let now = self.rows().now(&mut reader).await?;
         if jobs::oldest_available(&mut reader, now).await?.is_none() {
             return Ok(None);
         }
         drop(reader);
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let claim = jobs::claim(&mut transaction, terms, now).await?;
         transaction.commit_soon().await?;
         Ok(claim)
     }
 
-    async fn renew(
+    /// Renews a lease from now on and notes the progress; `false` if the lease is not ours any more.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn renew(
         &self,
         claim: &Claim,
         lease: Duration,
         progress: Option<Progress>,
     ) -> Result<bool, StoreError> {
-        let mut connection = self.database.connect().await?;
-        let until = self.now(&mut connection).await? + microseconds(lease);
+        let mut connection = self.rows().connect().await?;
+        let until = self.rows().now(&mut connection).await? + microseconds(lease);
         jobs::renew(&mut connection, claim, until, progress).await
     }
 
-    async fn release(&self, claim: &Claim, release: Release) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// Returns a lease; `false` if it is not ours any more.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn release(&self, claim: &Claim, release: Release) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         let released = jobs::release(&mut transaction, claim, release, now).await?;
         transaction.commit().await?;
         Ok(released)
     }
 
-    async fn publish(
+    /// Makes a case ready, if the lease is still ours.
+    pub(crate) async fn make_case_ready(
         &self,
         claim: &Claim,
         derived: &Pinned,
         facts: &CaseFacts,
     ) -> Result<Published, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         if !jobs::finish(&mut transaction, claim).await? {
             return Ok(Published::Fenced);
         }
@@ -314,8 +439,12 @@ impl CaseRows for SqlRows {
         Ok(Published::Done)
     }
 
-    async fn fail(&self, claim: &Claim, failure: &Failure) -> Result<bool, StoreError> {
-        let (mut transaction, _) = self.write().await?;
+    /// Makes a case failed, if the lease is still ours; returns whether it was.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn fail(&self, claim: &Claim, failure: &Failure) -> Result<bool, StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
         let ours = jobs::finish(&mut transaction, claim).await?;
         if ours {
             cases::make_failed(&mut transaction, &claim.id, failure).await?;
@@ -324,8 +453,13 @@ impl CaseRows for SqlRows {
         Ok(ours)
     }
 
-    async fn replace(&self, id: &CaseId, derived: &Pinned) -> Result<Published, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// Gives a ready case other derived objects, after a rebuild. [`Published::Fenced`] where it is not ready.
+    pub(crate) async fn replace_objects(
+        &self,
+        id: &CaseId,
+        derived: &Pinned,
+    ) -> Result<Published, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         if !cases::is_ready(&mut transaction, id).await? {
             return Ok(Published::Fenced);
         }
@@ -336,8 +470,12 @@ impl CaseRows for SqlRows {
         Ok(Published::Done)
     }
 
-    async fn condemn(&self, id: &CaseId, failure: &Failure) -> Result<bool, StoreError> {
-        let (mut transaction, _) = self.write().await?;
+    /// Makes a ready case failed, because its source is lost; returns whether it was ready.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn condemn(&self, id: &CaseId, failure: &Failure) -> Result<bool, StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
         let ready = cases::is_ready(&mut transaction, id).await?;
         if ready {
             cases::make_failed(&mut transaction, id, failure).await?;
@@ -346,65 +484,81 @@ impl CaseRows for SqlRows {
         Ok(ready)
     }
 
-    async fn begin_rebuild(
+    /// Leases the rebuild of a case, or renews the lease; `false` if another one has it, or there is no such case.
+    pub(crate) async fn begin_rebuild(
         &self,
         id: &CaseId,
         holder: &str,
         lease: Duration,
     ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let times = [now, now + microseconds(lease)];
         let taken = rebuilds::take(&mut transaction, id, holder, times).await?;
         transaction.commit().await?;
         Ok(taken)
     }
 
-    async fn end_rebuild(&self, id: &CaseId, holder: &str) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
+    /// Releases the rebuild of a case, if the holder still has it.
+    pub(crate) async fn end_rebuild(&self, id: &CaseId, holder: &str) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
         rebuilds::end(&mut transaction, id, holder).await?;
         transaction.commit().await
     }
 
-    async fn abandoned(&self, limit: usize) -> Result<Vec<ObjectName>, StoreError> {
-        let mut connection = self.database.connect().await?;
-        let now = self.now(&mut connection).await?;
+    /// At most `limit` objects that may have to be removed: with an expired pin, or with a tombstone whose lease has
+    /// ended.
+    pub(crate) async fn abandoned(&self, limit: usize) -> Result<Vec<ObjectName>, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let now = self.rows().now(&mut connection).await?;
         tombstones::abandoned(&mut connection, now, limit).await
     }
 
-    async fn mark(
+    /// Leaves the sweep's tombstone on those of the given objects that no case needs, no live pin protects and no other
+    /// live sweep removes, and forgets the expired pins of all of them. The objects with the sweep's tombstone are its
+    /// own to delete.
+    pub(crate) async fn mark(
         &self,
         names: &[ObjectName],
         sweep: &Sweep,
     ) -> Result<Vec<ObjectName>, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let marked = tombstones::mark(&mut transaction, names, sweep, now).await?;
         transaction.commit().await?;
         Ok(marked)
     }
 
-    async fn bury(&self, holder: &str) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
+    /// Removes the tombstones of a sweep after their objects are deleted, if the sweep still holds them.
+    pub(crate) async fn bury(&self, holder: &str) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
         tombstones::bury(&mut transaction, holder).await?;
         transaction.commit().await
     }
 
-    async fn unneeded(&self, names: &[ObjectName]) -> Result<Vec<ObjectName>, StoreError> {
-        let mut connection = self.database.connect().await?;
+    /// Those of the given objects that no case needs, no pin protects and no sweep removes.
+    pub(crate) async fn unneeded(
+        &self,
+        names: &[ObjectName],
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        let mut connection = self.rows().connect().await?;
         tombstones::unneeded(&mut connection, names).await
     }
 
-    async fn pacs_objects(
+    /// The next objects of one kind that came from a PACS and are no case yet (`instance`), or that are sent to one (`result`), by digest.
+    pub(crate) async fn pacs_objects(
         &self,
         kind: ObjectKind,
         after: Option<&ObjectName>,
         limit: usize,
     ) -> Result<Vec<ObjectName>, StoreError> {
-        let mut connection = self.database.connect().await?;
+        let mut connection = self.rows().connect().await?;
         pacs::objects(&mut connection, kind, after, limit).await
     }
 
-    async fn adopt(&self, case: &Case, objects: &Pinned) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// Inserts a case of another store as it is there, or makes the one that is here so, and turns its pins into
+    /// references; one that is not ready or failed is queued. `false`, and nothing has changed, where it is ready here
+    /// and not there.
+    pub(crate) async fn adopt(&self, case: &Case, objects: &Pinned) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         if !cases::adopt(&mut transaction, case).await? {
             return Ok(false);
         }
@@ -419,35 +573,8 @@ impl CaseRows for SqlRows {
         Ok(true)
     }
 
-    async fn forget_holders(&self) -> Result<(), StoreError> {
-        self.database.check_file().await?;
-        let (mut transaction, now) = self.write().await?;
-        jobs::end_leases(&mut transaction, now).await?;
-        pins::expire_all(&mut transaction, now).await?;
-        tombstones::end_leases(&mut transaction, now).await?;
-        rebuilds::end_all(&mut transaction).await?;
-        arrivals::end_leases(&mut transaction).await?;
-        retrievals::end_leases(&mut transaction).await?;
-        results::end_leases(&mut transaction).await?;
-        layers::end_leases(&mut transaction, now).await?;
-        transaction.commit().await?;
-        self.database.empty_log().await;
-        Ok(())
-    }
-
-    async fn check(&self) -> Result<(), StoreError> {
-        self.database.check().await
-    }
-
-    async fn inspect(&self) -> Result<(), StoreError> {
-        self.database.check_file().await
-    }
-
-    async fn changes(&self) -> Result<Option<BoxStream<'static, Change>>, StoreError> {
-        self.database.changes().await
-    }
-
-    async fn close(&self) {
-        self.database.close().await;
+    /// Checks the integrity of the database itself. Takes as long as reading it.
+    pub(crate) async fn check_file(&self) -> Result<(), StoreError> {
+        self.rows().database.check_file().await
     }
 }

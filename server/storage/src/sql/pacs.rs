@@ -2,17 +2,15 @@
 
 use std::time::Duration;
 
-use async_trait::async_trait;
-
 use super::connection::{Connection, Row, microseconds};
-use super::{SqlRows, arrivals, pins, results, retrievals};
+use super::{arrivals, pins, results, retrievals};
 use crate::arrivals::{
-    Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Retrieval,
-    SeriesQuery, SeriesUids, TransferEnd, Uid,
+    Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Received,
+    Retrieval, SeriesQuery, SeriesUids, TransferEnd, TransferQuery, Uid,
 };
-use crate::rows::{ArrivalRows, DueSeries, Pinned};
-use crate::{ForPacs, ObjectName, StoreError};
-use case::{CaseId, ObjectKind};
+use crate::rows::{DueSeries, Pinned, RowCounts};
+use crate::{ForPacs, ObjectName, Store, StoreError};
+use case::{CaseId, Failure, ObjectKind};
 
 /// The next objects of a kind that has rows of its own, by digest; none of another kind.
 pub(super) async fn objects(
@@ -46,33 +44,73 @@ pub(super) async fn objects(
     rows.iter().map(read).collect()
 }
 
-#[async_trait]
-impl ArrivalRows for SqlRows {
-    async fn receive(
+impl Store {
+    /// Adds images, whose objects are durable and pinned, to their series, and turns the pins into references. An image
+    /// that is there already stays as it is, unless the new one replaces it. `None`, and nothing has changed, if a pin is
+    /// gone: write the objects again.
+    pub(crate) async fn insert_images(
         &self,
         instances: &[NewInstance],
         pinned: &Pinned,
         source: ArrivalSource,
-    ) -> Result<Option<usize>, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    ) -> Result<Option<Received>, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(None);
         }
-        let mut new = 0;
+        let mut received = Received::default();
         for instance in instances {
-            new += usize::from(arrivals::add(&mut transaction, instance, source, now).await?);
+            match arrivals::add(&mut transaction, instance, source, now).await? {
+                arrivals::Added::New => received.new += 1,
+                arrivals::Added::FirstReplaced(id) => received.corrected.push(id),
+                arrivals::Added::Known | arrivals::Added::Replaced => {}
+            }
         }
         transaction.commit().await?;
-        Ok(Some(new))
+        Ok(Some(received))
     }
 
-    async fn adopt_arrival(
+    /// The objects of those images that are there already, in the same order.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn known(
+        &self,
+        instances: &[NewInstance],
+    ) -> Result<Vec<Option<ObjectName>>, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let mut known = Vec::with_capacity(instances.len());
+        for instance in instances {
+            known.push(arrivals::known(&mut connection, instance).await?);
+        }
+        Ok(known)
+    }
+
+    /// Counts an object that is not kept in the arrival of its series. An arrival that has nothing else became nothing, for
+    /// this reason.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn ignore(
+        &self,
+        uids: &SeriesUids,
+        source: ArrivalSource,
+        reason: &Failure,
+    ) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        arrivals::ignore(&mut transaction, (uids, source), reason, now).await?;
+        transaction.commit().await
+    }
+
+    /// Makes a series of another store as it is there, and adds images; `false`, and nothing has changed, if a pin is
+    /// gone. A series whose case is not here is read again.
+    pub(crate) async fn adopt_arrival(
         &self,
         arrival: &Arrival,
         images: &[NewInstance],
         pinned: &Pinned,
     ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(false);
         }
@@ -81,21 +119,29 @@ impl ArrivalRows for SqlRows {
         Ok(true)
     }
 
-    async fn expect(&self, uids: &SeriesUids, instances: usize) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
+    /// Notes how many images a series has, according to its sender; nothing if none of them has come.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn expect(&self, uids: &SeriesUids, instances: usize) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
         arrivals::expect(&mut transaction, uids, instances).await?;
         transaction.commit().await
     }
 
-    async fn lease_due(&self, terms: &DueTerms) -> Result<Option<DueSeries>, StoreError> {
+    /// Leases the series that is due and has waited longest.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn lease_due(&self, terms: &DueTerms) -> Result<Option<DueSeries>, StoreError> {
         // Most queries find nothing and must not wait for writers.
-        let mut reader = self.database.connect().await?;
-        let now = self.now(&mut reader).await?;
+        let mut reader = self.rows().connect().await?;
+        let now = self.rows().now(&mut reader).await?;
         if arrivals::due(&mut reader, terms, now).await?.is_none() {
             return Ok(None);
         }
         drop(reader);
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let Some(id) = arrivals::due(&mut transaction, terms, now).await? else {
             return Ok(None);
         };
@@ -105,8 +151,13 @@ impl ArrivalRows for SqlRows {
         Ok(Some(due))
     }
 
-    async fn settle(&self, due: &DueSeries, outcome: &Outcome) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// Notes what became of a leased series; `false`, and nothing has changed, if the lease is not ours any more, or
+    /// the case is gone.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn settle(&self, due: &DueSeries, outcome: &Outcome) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         let settled = arrivals::settle(&mut transaction, due, outcome, now).await?;
         if settled {
             transaction.commit().await?;
@@ -114,28 +165,83 @@ impl ArrivalRows for SqlRows {
         Ok(settled)
     }
 
-    async fn arrivals(
+    /// At most `limit` series after a cursor, newest first, and the cursor of the next page.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn arrivals(
         &self,
         after: Option<&ArrivalCursor>,
         limit: usize,
     ) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError> {
-        arrivals::page(&mut self.database.connect().await?, after, limit).await
+        arrivals::page(&mut self.rows().connect().await?, after, limit).await
     }
 
-    async fn arrival(&self, id: &str) -> Result<Option<Arrival>, StoreError> {
-        arrivals::one(&mut self.database.connect().await?, id).await
+    /// A series that came.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn arrival(&self, id: &str) -> Result<Option<Arrival>, StoreError> {
+        arrivals::one(&mut self.rows().connect().await?, id).await
     }
 
-    async fn arrivals_of(&self, query: &SeriesQuery) -> Result<Vec<Arrival>, StoreError> {
-        arrivals::of(&mut self.database.connect().await?, query).await
+    /// The series that came and that a request names.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn arrivals_of(&self, query: &SeriesQuery) -> Result<Vec<Arrival>, StoreError> {
+        arrivals::of(&mut self.rows().connect().await?, query).await
     }
 
-    async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
-        arrivals::images_of(&mut self.database.connect().await?, uids).await
+    /// The images of a series that are here, by their UIDs.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
+        arrivals::images_of(&mut self.rows().connect().await?, uids).await
     }
 
-    async fn count_for_pacs(&self) -> Result<ForPacs, StoreError> {
-        let mut connection = self.database.connect().await?;
+    /// How many cases, series, retrievals and results are in which state, for metrics.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn row_counts(&self) -> Result<RowCounts, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let now = self.rows().now(&mut connection).await?;
+        let rows = connection
+            .query(
+                "SELECT 'cases' AS what, '' AS node, state, count(*) AS number FROM cases GROUP BY state
+                 UNION ALL SELECT 'arrivals', '', state, count(*) FROM arrivals GROUP BY state
+                 UNION ALL SELECT 'retrievals', node, state, count(*) FROM retrievals GROUP BY node, state
+                 UNION ALL SELECT 'results', node, state, count(*) FROM results GROUP BY node, state",
+            )
+            .fetch_all()
+            .await?;
+        let read = |row: &Row| {
+            let [what, node, state] = ["what", "node", "state"].map(|column| row.get(column));
+            let number: i64 = row.get("number")?;
+            Ok((what?, node?, state?, number.unsigned_abs()))
+        };
+        let by_state = rows.iter().map(read).collect::<Result<_, StoreError>>()?;
+        let oldest = connection
+            .query("SELECT min(created_at) AS oldest FROM results WHERE state IN ('queued', 'running')")
+            .fetch_one()
+            .await?;
+        let oldest: Option<i64> = oldest.get("oldest")?;
+        Ok(RowCounts {
+            by_state,
+            oldest_unsent: oldest.map(|oldest| {
+                Duration::from_micros(now.saturating_sub(oldest).max(0).unsigned_abs())
+            }),
+        })
+    }
+
+    /// How many series with how many images have come, and how many results there are.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn count_for_pacs(&self) -> Result<ForPacs, StoreError> {
+        let mut connection = self.rows().connect().await?;
         let row = connection
             .query(
                 "SELECT (SELECT count(*) FROM arrivals) AS series, (SELECT count(*) FROM arrival_instances) AS images,
@@ -151,16 +257,25 @@ impl ArrivalRows for SqlRows {
         })
     }
 
-    async fn studies(&self, offset: usize, limit: usize) -> Result<Vec<Uid>, StoreError> {
-        arrivals::studies(&mut self.database.connect().await?, offset, limit).await
+    /// At most `limit` studies of cases after the first `offset` ones, the one with the newest case first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn studies(&self, offset: usize, limit: usize) -> Result<Vec<Uid>, StoreError> {
+        arrivals::studies(&mut self.rows().connect().await?, offset, limit).await
     }
 
-    async fn forget_arrivals(
+    /// Forgets settled series for which nothing has come for this long, and abandons their images; returns how many. Also
+    /// forgets retrievals and results that ended and are that old. With `keep_cases`, the series of cases stay.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn forget_arrivals(
         &self,
         unchanged: Duration,
         keep_cases: bool,
     ) -> Result<usize, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let before = now - microseconds(unchanged);
         let forgotten = arrivals::forget(&mut transaction, before, keep_cases, now).await?;
         retrievals::forget(&mut transaction, before).await?;
@@ -169,39 +284,80 @@ impl ArrivalRows for SqlRows {
         Ok(forgotten)
     }
 
-    async fn index_series(&self, series: &CaseSeries) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.write().await?;
+    /// Enters the series of a case into the index; nothing if there is no such case.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn index_series(&self, series: &CaseSeries) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
         arrivals::index(&mut transaction, series).await?;
         transaction.commit().await
     }
 
-    async fn series_of(&self, case: &CaseId) -> Result<Option<CaseSeries>, StoreError> {
-        arrivals::series_of(&mut self.database.connect().await?, case).await
+    /// The indexed series of a case.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn series_of(&self, case: &CaseId) -> Result<Option<CaseSeries>, StoreError> {
+        arrivals::series_of(&mut self.rows().connect().await?, case).await
     }
 
-    async fn cases_of(&self, query: &SeriesQuery) -> Result<Vec<CaseSeries>, StoreError> {
-        arrivals::cases_of(&mut self.database.connect().await?, query).await
+    /// The cases that a request names, newest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn cases_of(&self, query: &SeriesQuery) -> Result<Vec<CaseSeries>, StoreError> {
+        arrivals::cases_of(&mut self.rows().connect().await?, query).await
     }
 
-    async fn request(&self, node: &str, uids: &SeriesUids) -> Result<Retrieval, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// Queues a retrieval; returns the one that waits already for the same series from the same node.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn request_retrieval(
+        &self,
+        node: &str,
+        uids: &SeriesUids,
+    ) -> Result<Retrieval, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         let retrieval = retrievals::request(&mut transaction, node, uids, now).await?;
         transaction.commit().await?;
         Ok(retrieval)
     }
 
-    async fn retrieval(&self, id: &str) -> Result<Option<Retrieval>, StoreError> {
-        retrievals::one(&mut self.database.connect().await?, id).await
+    /// At most `limit` retrievals after a cursor, newest first, and the cursor of the next page.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn retrievals(
+        &self,
+        query: &TransferQuery,
+        after: Option<&ArrivalCursor>,
+        limit: usize,
+    ) -> Result<(Vec<Retrieval>, Option<ArrivalCursor>), StoreError> {
+        retrievals::page(&mut self.rows().connect().await?, query, after, limit).await
     }
 
-    async fn lease_retrieval(&self, lease: Duration) -> Result<Option<Retrieval>, StoreError> {
-        let mut reader = self.database.connect().await?;
-        let now = self.now(&mut reader).await?;
+    /// A retrieval.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn retrieval(&self, id: &str) -> Result<Option<Retrieval>, StoreError> {
+        retrievals::one(&mut self.rows().connect().await?, id).await
+    }
+
+    /// Leases the retrieval that has waited longest.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn lease_retrieval(&self, lease: Duration) -> Result<Option<Retrieval>, StoreError> {
+        let mut reader = self.rows().connect().await?;
+        let now = self.rows().now(&mut reader).await?;
         if retrievals::available(&mut reader, now).await?.is_none() {
             return Ok(None);
         }
         drop(reader);
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let Some(id) = retrievals::available(&mut transaction, now).await? else {
             return Ok(None);
         };
@@ -211,14 +367,18 @@ impl ArrivalRows for SqlRows {
         Ok(leased)
     }
 
-    async fn progress(
+    /// Renews the lease of a retrieval and notes how far it is; `false` if the lease is not ours any more.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn note_progress(
         &self,
         retrieval: &Retrieval,
         received: usize,
         expected: Option<usize>,
         lease: Duration,
     ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let until = now + microseconds(lease);
         let ours =
             retrievals::progress(&mut transaction, retrieval, received, expected, until).await?;
@@ -226,12 +386,16 @@ impl ArrivalRows for SqlRows {
         Ok(ours)
     }
 
-    async fn end_retrieval(
+    /// Ends the lease of a retrieval; `false` if it is not ours any more.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn end_retrieval(
         &self,
         retrieval: &Retrieval,
         fetched: &TransferEnd,
     ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let ended = retrievals::end(&mut transaction, retrieval, fetched, now).await?;
         transaction.commit().await?;
         Ok(ended)

@@ -180,40 +180,37 @@ mod tests {
     use futures_util::future::join_all;
 
     use super::*;
-    use crate::CaseRows as _;
-    use crate::conformance::RowsSubject;
+    use crate::Store;
+    use crate::conformance::Subject;
     use crate::rows::{Inserted, Published};
-    use crate::sql::SqlRows;
+    use crate::sql::Rows;
     use crate::sql::connection::Database;
     use crate::testing::postgres::PostgresServer;
     use crate::testing::{claim, facts, new_case, pinned};
 
-    async fn rows_at(address: &str) -> SqlRows {
-        SqlRows::postgres(address.parse().unwrap()).await.unwrap()
+    async fn store_at(address: &str) -> Store {
+        let rows = Rows::postgres(address.parse().unwrap()).await;
+        Subject::new(rows.unwrap(), ()).store
     }
 
-    fn pool(rows: &SqlRows) -> &PgPool {
-        match &rows.database {
+    fn pool(store: &Store) -> &PgPool {
+        match &store.rows().database {
             Database::Postgres(connections) => &connections.pool,
             Database::Sqlite(_) => unreachable!("these rows are in PostgreSQL"),
         }
     }
 
     #[tokio::test]
-    async fn rows_in_postgresql_do_what_they_must() {
+    async fn a_store_in_postgresql_does_what_it_must() {
         let Some(server) = PostgresServer::start().await else {
             return;
         };
         let subject = async || {
-            let rows = rows_at(&server.database().await).await;
-            let clock = rows.clone();
-            RowsSubject {
-                rows: Arc::new(rows),
-                pass_time: Box::new(move |by| clock.pass_time(by)),
-                keep: Box::new(()),
-            }
+            let address = server.database().await;
+            let rows = Rows::postgres(address.parse().unwrap()).await;
+            Subject::new(rows.unwrap(), ())
         };
-        crate::rows_conformance! { in_turn subject }
+        crate::conformance::conformance! { in_turn subject }
     }
 
     #[tokio::test]
@@ -223,12 +220,12 @@ mod tests {
             return;
         };
         let address = server.database().await;
-        let copies = join_all((0..4).map(|_| rows_at(&address))).await;
+        let copies = join_all((0..4).map(|_| store_at(&address))).await;
         let inserting = (0..CASES).map(|number| {
-            let rows = &copies[number % copies.len()];
+            let store = &copies[number % copies.len()];
             async move {
-                let new = new_case(rows, &number.to_string()).await;
-                assert_eq!(rows.insert(&new).await.unwrap(), Inserted::Created);
+                let new = new_case(store, &number.to_string()).await;
+                assert_eq!(store.insert_case(&new).await.unwrap(), Inserted::Created);
             }
         });
         join_all(inserting).await;
@@ -248,17 +245,15 @@ mod tests {
             return;
         };
         let address = server.database().await;
-        let rows = rows_at(&address).await;
+        let store = store_at(&address).await;
         sqlx::query(
             "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
              VALUES (9999, 'later', TRUE, '', 0)",
         )
-        .execute(pool(&rows))
+        .execute(pool(&store))
         .await
         .unwrap();
-        let error = SqlRows::postgres(address.parse().unwrap())
-            .await
-            .unwrap_err();
+        let error = Rows::postgres(address.parse().unwrap()).await.unwrap_err();
         assert!(matches!(error, StoreError::NewerSchema { found: 9999, .. }));
         assert!(error.to_string().contains("newer version"), "{error}");
     }
@@ -269,36 +264,39 @@ mod tests {
             return;
         };
         let address = server.database().await;
-        let (here, there) = (rows_at(&address).await, rows_at(&address).await);
-        let mut changes = here.changes().await.unwrap().unwrap();
+        let (here, there) = (store_at(&address).await, store_at(&address).await);
+        let mut changes = here.rows().changes().await.unwrap().unwrap();
         let mut heard = async |awaited: Change| {
             let hear = async { while changes.next().await.unwrap() != awaited {} };
             let patience = Duration::from_secs(10);
             tokio::time::timeout(patience, hear).await.unwrap();
         };
         let new = new_case(&there, "a").await;
-        there.insert(&new).await.unwrap();
+        there.insert_case(&new).await.unwrap();
         heard(Change::Queued).await;
         claim(&there).await.unwrap();
         heard(Change::Changed(new.id)).await;
 
         server.stop();
-        assert!(there.check().await.is_err());
+        assert!(there.rows().check().await.is_err());
         server.start_again().await;
         let begun = Instant::now();
-        while there.check().await.is_err() {
+        while there.rows().check().await.is_err() {
             assert!(begun.elapsed() < Duration::from_secs(10));
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
         let mut hears = std::pin::pin!(heard(Change::Deleted(new.id)));
         // It listens again at some moment within the next seconds.
         loop {
-            there.delete(&new.id).await.unwrap();
+            there.delete_case(&new.id).await.unwrap();
             tokio::select! {
                 () = &mut hears => break,
                 () = tokio::time::sleep(Duration::from_millis(200)) => {}
             }
-            there.insert(&new_case(&there, "a").await).await.unwrap();
+            there
+                .insert_case(&new_case(&there, "a").await)
+                .await
+                .unwrap();
         }
     }
 
@@ -311,7 +309,7 @@ mod tests {
             return;
         };
         let address = server.database().await;
-        let copies = [rows_at(&address).await, rows_at(&address).await];
+        let copies = [store_at(&address).await, store_at(&address).await];
         sqlx::raw_sql(
             "INSERT INTO cases (id, closing_radius_mm, state, facts, facts_digest, created_at)
              SELECT md5(n::TEXT), 10, 'ready', repeat('facts ', 150), repeat('0', 64), n FROM generate_series(1, 1000000) AS n;
@@ -321,22 +319,24 @@ mod tests {
         .await
         .unwrap();
         let of_client = |client: usize| (0..JOBS / 8).map(move |job| format!("{client} {job}"));
-        let (begun, rows) = (Instant::now(), |client: usize| {
+        let (begun, store) = (Instant::now(), |client: usize| {
             &copies[client % copies.len()]
         });
         join_all((0..8).map(|client| async move {
             for name in of_client(client) {
-                let mut new = new_case(rows(client), &name).await;
+                let mut new = new_case(store(client), &name).await;
                 new.queue_limit = JOBS;
-                rows(client).insert(&new).await.unwrap();
+                store(client).insert_case(&new).await.unwrap();
             }
         }))
         .await;
         let queued = begun.elapsed();
         join_all((0..8).map(|client| async move {
-            while let Some(claim) = claim(rows(client)).await {
-                let derived = pinned(rows(client), &[]).await;
-                let published = rows(client).publish(&claim, &derived, &facts()).await;
+            while let Some(claim) = claim(store(client)).await {
+                let derived = pinned(store(client), &[]).await;
+                let published = store(client)
+                    .make_case_ready(&claim, &derived, &facts())
+                    .await;
                 assert_eq!(published.unwrap(), Published::Done);
             }
         }))

@@ -2,23 +2,26 @@
 
 use std::time::Duration;
 
-use async_trait::async_trait;
-
 use super::connection::microseconds;
-use super::{SqlRows, pins, results};
+use super::{pins, results};
 use crate::arrivals::{ArrivalCursor, TransferEnd, TransferQuery, Uid};
 use crate::results::{HeldResult, NewResult, SentResult};
-use crate::rows::{Pinned, ResultRows};
-use crate::{ObjectName, StoreError};
+use crate::rows::Pinned;
+use crate::{ObjectName, Store, StoreError};
 
-#[async_trait]
-impl ResultRows for SqlRows {
-    async fn queue_result(
+impl Store {
+    /// Queues a result for its node, and turns the pin of its object into a reference; `None`, and nothing has changed, if
+    /// the pin is gone. A result that was sent to the node before, or could not be, is sent there again with its first
+    /// object; one that still waits is left as it is.
+    ///
+    /// # Errors
+    /// Also if there is no such case.
+    pub(crate) async fn insert_result(
         &self,
         new: &NewResult,
         pinned: &Pinned,
     ) -> Result<Option<SentResult>, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(None);
         }
@@ -27,8 +30,14 @@ impl ResultRows for SqlRows {
         Ok(Some(queued))
     }
 
-    async fn adopt_result(&self, result: &SentResult, pinned: &Pinned) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// Makes a result of another store as it is there, and turns the pin of its object into a reference; one that was on
+    /// its way waits again. `false`, and nothing has changed, if the pin is gone or its case is not here.
+    pub(crate) async fn adopt_result(
+        &self,
+        result: &SentResult,
+        pinned: &Pinned,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         if !transaction.has_case(&result.case.to_string()).await?
             || !pins::consume(&mut transaction, pinned).await?
         {
@@ -39,36 +48,56 @@ impl ResultRows for SqlRows {
         Ok(true)
     }
 
-    async fn results(
+    /// At most `limit` results after a cursor, newest first, and the cursor of the next page.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn results(
         &self,
         query: &TransferQuery,
         after: Option<&ArrivalCursor>,
         limit: usize,
     ) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError> {
-        results::page(&mut self.database.connect().await?, query, after, limit).await
+        results::page(&mut self.rows().connect().await?, query, after, limit).await
     }
 
-    async fn result(&self, id: &str) -> Result<Option<SentResult>, StoreError> {
-        results::one(&mut self.database.connect().await?, id).await
+    /// A result.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn result(&self, id: &str) -> Result<Option<SentResult>, StoreError> {
+        results::one(&mut self.rows().connect().await?, id).await
     }
 
-    async fn object_of_result(&self, instance: &Uid) -> Result<Option<ObjectName>, StoreError> {
-        results::of_instance(&mut self.database.connect().await?, instance).await
+    /// The object of a result that was queued before, for any node.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn object_of_result(&self, instance: &Uid) -> Result<Option<ObjectName>, StoreError> {
+        results::of_instance(&mut self.rows().connect().await?, instance).await
     }
 
-    async fn results_of(&self, study: &Uid) -> Result<Vec<HeldResult>, StoreError> {
-        results::of_study(&mut self.database.connect().await?, study).await
+    /// The results of a study, each once, in the order of their series.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn results_of(&self, study: &Uid) -> Result<Vec<HeldResult>, StoreError> {
+        results::of_study(&mut self.rows().connect().await?, study).await
     }
 
-    async fn lease_result(&self, lease: Duration) -> Result<Option<SentResult>, StoreError> {
+    /// Leases the result that has waited longest.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn lease_result(&self, lease: Duration) -> Result<Option<SentResult>, StoreError> {
         // Most queries find nothing and must not wait for writers.
-        let mut reader = self.database.connect().await?;
-        let now = self.now(&mut reader).await?;
+        let mut reader = self.rows().connect().await?;
+        let now = self.rows().now(&mut reader).await?;
         if results::available(&mut reader, now).await?.is_none() {
             return Ok(None);
         }
         drop(reader);
-        let (mut transaction, now) = self.write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let Some(id) = results::available(&mut transaction, now).await? else {
             return Ok(None);
         };
@@ -78,8 +107,16 @@ impl ResultRows for SqlRows {
         Ok(leased)
     }
 
-    async fn end_result(&self, result: &SentResult, end: &TransferEnd) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.write().await?;
+    /// Ends the lease of a result; `false` if it is not ours any more.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn end_result(
+        &self,
+        result: &SentResult,
+        end: &TransferEnd,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
         let ended = results::end(&mut transaction, result, end, now).await?;
         transaction.commit().await?;
         Ok(ended)

@@ -173,7 +173,7 @@ pub(super) async fn of_study(
     let rows = connection
         .query(
             "SELECT sop_instance_uid, sop_class_uid, series_uid, series_number, series_description, digest FROM results
-             WHERE study_uid = $1 AND series_uid IS NOT NULL ORDER BY series_number, sop_instance_uid, created_at, id",
+             WHERE study_uid = $1 ORDER BY series_number, sop_instance_uid, created_at, id",
         )
         .bind(study.as_str())
         .fetch_all()

@@ -5,7 +5,9 @@ use super::connection::{Connection, Row};
 use super::fence;
 use super::transfers::AfterAttempt;
 use crate::StoreError;
-use crate::arrivals::{Retrieval, SeriesUids, TransferEnd, TransferState};
+use crate::arrivals::{
+    ArrivalCursor, Retrieval, SeriesUids, TransferEnd, TransferQuery, TransferState,
+};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_retrieval {
@@ -52,6 +54,42 @@ pub(super) async fn request(
         .await?;
     let new = one(connection, &id).await?;
     new.ok_or_else(|| StoreError::Rows("a retrieval is missing".into()))
+}
+
+pub(super) async fn page(
+    connection: &mut Connection,
+    query: &TransferQuery,
+    after: Option<&ArrivalCursor>,
+    limit: usize,
+) -> Result<(Vec<Retrieval>, Option<ArrivalCursor>), StoreError> {
+    let (at, id) = match after {
+        Some(cursor) => (cursor.at, cursor.id.clone()),
+        None => (i64::MAX, String::new()),
+    };
+    let rows = connection
+        .query(select_retrieval!(
+            "WHERE (created_at, id) < ($1, $2) AND coalesce($3, state) = state
+               AND ($4 = '' OR EXISTS (SELECT 1 FROM case_series
+                                       WHERE case_id = $4 AND case_series.study_uid = retrievals.study_uid
+                                         AND case_series.series_uid = retrievals.series_uid))
+             ORDER BY created_at DESC, id DESC LIMIT $5"
+        ))
+        .bind(at)
+        .bind(id)
+        .bind(query.state.map(TransferState::name))
+        .bind(query.case.map_or_else(String::new, |case| case.to_string()))
+        .bind(count(limit.saturating_add(1)))
+        .fetch_all()
+        .await?;
+    let mut retrievals = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let has_more = retrievals.len() > limit;
+    retrievals.truncate(limit);
+    let last = retrievals.last().filter(|_| has_more);
+    let next = last.map(|last| ArrivalCursor {
+        at: last.created_at.as_microsecond(),
+        id: last.id.clone(),
+    });
+    Ok((retrievals, next))
 }
 
 pub(super) async fn one(

@@ -221,32 +221,41 @@ mod tests {
     use case::{CaseId, CaseState, ObjectKind};
 
     use super::*;
-    use crate::sql::SqlRows;
+    use crate::conformance::Subject;
+    use crate::sql::Rows;
     use crate::sql::connection::Database;
-    use crate::{CaseRows as _, ObjectName, Pinned, Published, testing};
+    use crate::{ObjectName, Pinned, Published, Store, testing};
+
+    fn on(rows: Rows) -> Store {
+        Subject::new(rows, ()).store
+    }
+
+    async fn at(file: &Path) -> Result<Store, StoreError> {
+        Rows::sqlite(file).await.map(on)
+    }
 
     const HOUR: Duration = Duration::from_secs(3600);
 
-    fn pool(rows: &SqlRows) -> &SqlitePool {
-        match &rows.database {
+    fn pool(store: &Store) -> &SqlitePool {
+        match &store.rows().database {
             Database::Sqlite(connections) => connections.pool(),
             Database::Postgres(_) => unreachable!("these rows are in SQLite"),
         }
     }
 
     /// Rows in a file that may not grow any further, on one connection.
-    async fn full_rows(directory: &Path) -> SqlRows {
+    async fn full_store(directory: &Path) -> Store {
         let options = SqliteConnectOptions::new()
             .filename(directory.join("rows.sqlite"))
             .create_if_missing(true)
             .journal_mode(SqliteJournalMode::Wal);
-        let rows = SqlRows::on_sqlite(options, 1).await.unwrap();
+        let store = on(Rows::on_sqlite(options, 1).await.unwrap());
         // Less than there is: SQLite takes the size of the file for it.
         sqlx::query("PRAGMA max_page_count = 1")
-            .execute(pool(&rows))
+            .execute(pool(&store))
             .await
             .unwrap();
-        rows
+        store
     }
 
     fn many_pins() -> Pinned {
@@ -263,12 +272,12 @@ mod tests {
     #[tokio::test]
     async fn rows_go_on_after_the_disk_was_full() {
         let directory = tempfile::tempdir().unwrap();
-        let rows = full_rows(directory.path()).await;
-        let full = rows.pin(&many_pins(), HOUR).await.unwrap_err();
+        let store = full_store(directory.path()).await;
+        let full = store.try_pin(&many_pins(), HOUR).await.unwrap_err();
         assert!(full.is_full(), "{full:?}");
         // The connection was closed; another one does not have its limit.
-        rows.check().await.unwrap();
-        rows.pin(&many_pins(), HOUR).await.unwrap();
+        store.rows().check().await.unwrap();
+        store.try_pin(&many_pins(), HOUR).await.unwrap();
     }
 
     /// The label of the only case in a copy of a file and its log, as after a kill.
@@ -277,8 +286,8 @@ mod tests {
         let copy = copies.path().join("rows.sqlite");
         std::fs::copy(file, &copy).unwrap();
         std::fs::copy(log_of(file), log_of(&copy)).unwrap();
-        let rows = SqlRows::sqlite(&copy).await.unwrap();
-        let page = rows.cases(None, 1).await.unwrap();
+        let store = at(&copy).await.unwrap();
+        let page = store.cases(None, 1).await.unwrap();
         page.cases[0].parameters.name.clone()
     }
 
@@ -293,8 +302,8 @@ mod tests {
         let before = std::fs::read(log_of(file)).unwrap();
         std::fs::copy(file, &copy).unwrap();
         std::fs::write(log_of(&copy), &before).unwrap();
-        let rows = SqlRows::sqlite(&copy).await.unwrap();
-        rows.rename(id, label).await.unwrap();
+        let store = at(&copy).await.unwrap();
+        store.rename(id, label).await.unwrap();
         let after = std::fs::read(log_of(&copy)).unwrap();
         assert!(after.starts_with(&before) && after.len() > before.len());
         let mut log = std::fs::OpenOptions::new()
@@ -308,65 +317,68 @@ mod tests {
     async fn a_commit_that_failed_is_taken_back_before_anything_else() {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("rows.sqlite");
-        let (rows, id) = with_a_ready_case(&file).await;
-        rows.rename(&id, "before").await.unwrap();
+        let (store, id) = with_a_ready_case(&file).await;
+        store.rename(&id, "before").await.unwrap();
         leave_a_failed_commit(&file, &id, "refused").await;
-        let seen = rows.case(&id).await.unwrap().unwrap();
+        let seen = store.case(&id).await.unwrap().unwrap();
         assert_eq!(seen.parameters.name.as_deref(), Some("before"));
         assert_eq!(label_after_a_kill(&file).await.as_deref(), Some("refused"));
 
-        let Database::Sqlite(connections) = &rows.database else {
+        let Database::Sqlite(connections) = &store.rows().database else {
             unreachable!("these rows are in SQLite")
         };
         let has_failed = &connections.log.has_failed_commit;
         has_failed.store(true, Ordering::Release);
-        rows.check().await.unwrap();
+        store.rows().check().await.unwrap();
         assert!(!has_failed.load(Ordering::Acquire));
         assert_eq!(label_after_a_kill(&file).await.as_deref(), Some("before"));
-        rows.rename(&id, "after").await.unwrap();
+        store.rename(&id, "after").await.unwrap();
         assert_eq!(label_after_a_kill(&file).await.as_deref(), Some("after"));
     }
 
     #[tokio::test]
     async fn a_claim_that_a_power_cut_lost_gives_its_number_to_nobody_else() {
         let directory = tempfile::tempdir().unwrap();
-        let rows = SqlRows::sqlite(&directory.path().join("rows.sqlite"))
-            .await
-            .unwrap();
-        let new = testing::new_case(&rows, "volume").await;
-        rows.insert(&new).await.unwrap();
-        let lost = testing::claim(&rows).await.unwrap();
+        let store = at(&directory.path().join("rows.sqlite")).await.unwrap();
+        let new = testing::new_case(&store, "volume").await;
+        store.insert_case(&new).await.unwrap();
+        let lost = testing::claim(&store).await.unwrap();
         // As if its commit had not reached the disk, while its holder goes on.
         sqlx::raw_sql(
             "UPDATE fence SET value = 0;
              UPDATE jobs SET attempts = 0, fence = 0, lease_until = NULL;
              UPDATE cases SET state = 'queued'",
         )
-        .execute(pool(&rows))
+        .execute(pool(&store))
         .await
         .unwrap();
-        let again = testing::claim(&rows).await.unwrap();
+        let again = testing::claim(&store).await.unwrap();
         assert_eq!(again.id, lost.id);
         assert!(again.fence > lost.fence, "{} {}", again.fence, lost.fence);
-        let derived = testing::pinned(&rows, &[]).await;
-        let late = rows.publish(&lost, &derived, &testing::facts()).await;
+        let derived = testing::pinned(&store, &[]).await;
+        let late = store
+            .make_case_ready(&lost, &derived, &testing::facts())
+            .await;
         assert_eq!(late.unwrap(), Published::Fenced);
-        let derived = testing::pinned(&rows, &[]).await;
-        let done = rows.publish(&again, &derived, &testing::facts()).await;
+        let derived = testing::pinned(&store, &[]).await;
+        let done = store
+            .make_case_ready(&again, &derived, &testing::facts())
+            .await;
         assert_eq!(done.unwrap(), Published::Done);
     }
 
     /// A file with a ready case, whose facts hold a word that is nowhere else.
-    async fn with_a_ready_case(file: &Path) -> (SqlRows, CaseId) {
-        let rows = SqlRows::sqlite(file).await.unwrap();
-        let new = testing::new_case(&rows, "volume").await;
-        rows.insert(&new).await.unwrap();
-        let claim = testing::claim(&rows).await.unwrap();
-        let derived = testing::pinned(&rows, &[]).await;
-        rows.publish(&claim, &derived, &testing::facts())
+    async fn with_a_ready_case(file: &Path) -> (Store, CaseId) {
+        let store = at(file).await.unwrap();
+        let new = testing::new_case(&store, "volume").await;
+        store.insert_case(&new).await.unwrap();
+        let claim = testing::claim(&store).await.unwrap();
+        let derived = testing::pinned(&store, &[]).await;
+        store
+            .make_case_ready(&claim, &derived, &testing::facts())
             .await
             .unwrap();
-        (rows, new.id)
+        (store, new.id)
     }
 
     fn holds(file: &Path, word: &str) -> bool {
@@ -381,24 +393,24 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("rows.sqlite");
         let log = directory.path().join("rows.sqlite-wal");
-        let (rows, id) = with_a_ready_case(&file).await;
-        rows.rename(&id, "CANARY-LABEL").await.unwrap();
+        let (store, id) = with_a_ready_case(&file).await;
+        store.rename(&id, "CANARY-LABEL").await.unwrap();
         let words = ["CANARY-LABEL".to_owned(), id.to_string()];
         for word in &words {
             assert!(holds(&file, word) || holds(&log, word), "{word}");
         }
-        rows.delete(&id).await.unwrap();
+        store.delete_case(&id).await.unwrap();
         for word in &words {
             assert!(!holds(&file, word) && !holds(&log, word), "{word}");
         }
-        rows.close().await;
+        store.rows().close().await;
         assert!(!log.exists());
     }
 
     #[tokio::test]
     async fn a_digit_that_flips_in_the_facts_is_found_and_they_are_made_again() {
         let directory = tempfile::tempdir().unwrap();
-        let (rows, id) = with_a_ready_case(&directory.path().join("rows.sqlite")).await;
+        let (store, id) = with_a_ready_case(&directory.path().join("rows.sqlite")).await;
         let other = serde_json::to_string(&testing::facts()).unwrap().replacen(
             "\"spacing_mm\":",
             "\"spacing_mm\":1",
@@ -407,45 +419,25 @@ mod tests {
         for found_by_list in [false, true] {
             sqlx::query("UPDATE cases SET facts = ?, state = 'ready', facts_digest = 'another'")
                 .bind(&other)
-                .execute(pool(&rows))
+                .execute(pool(&store))
                 .await
                 .unwrap();
             if found_by_list {
-                rows.cases(None, 10).await.unwrap();
+                store.cases(None, 10).await.unwrap();
             }
-            let case = rows.case(&id).await.unwrap().unwrap();
+            let case = store.case(&id).await.unwrap().unwrap();
             assert_eq!((case.state, case.facts), (CaseState::Queued, None));
-            assert_eq!(rows.waiting().await.unwrap(), 1);
+            assert_eq!(store.waiting().await.unwrap(), 1);
         }
-    }
-
-    #[tokio::test]
-    async fn rows_of_an_earlier_version_get_digests() {
-        let directory = tempfile::tempdir().unwrap();
-        let file = directory.path().join("rows.sqlite");
-        let (rows, id) = with_a_ready_case(&file).await;
-        sqlx::query("UPDATE cases SET facts_digest = NULL")
-            .execute(pool(&rows))
-            .await
-            .unwrap();
-        rows.close().await;
-        let rows = SqlRows::sqlite(&file).await.unwrap();
-        let digest: Option<String> = sqlx::query_scalar("SELECT facts_digest FROM cases")
-            .fetch_one(pool(&rows))
-            .await
-            .unwrap();
-        assert!(digest.is_some());
-        let case = rows.case(&id).await.unwrap().unwrap();
-        assert_eq!(case.state, CaseState::Ready);
     }
 
     #[tokio::test]
     async fn a_damaged_file_is_not_opened_for_work() {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("rows.sqlite");
-        let (rows, _) = with_a_ready_case(&file).await;
+        let (store, _) = with_a_ready_case(&file).await;
         // The pages of an index that nobody owns.
-        let mut connection = pool(&rows).acquire().await.unwrap();
+        let mut connection = pool(&store).acquire().await.unwrap();
         for statement in [
             "PRAGMA writable_schema = ON",
             "DELETE FROM sqlite_schema WHERE name = 'jobs_by_age'",
@@ -456,19 +448,19 @@ mod tests {
                 .unwrap();
         }
         drop(connection);
-        rows.close().await;
-        let rows = SqlRows::sqlite(&file).await.unwrap();
-        let error = rows.forget_holders().await.unwrap_err();
+        store.rows().close().await;
+        let store = at(&file).await.unwrap();
+        let error = store.rows().forget_holders().await.unwrap_err();
         assert!(matches!(error, StoreError::DamagedFile(_)), "{error:?}");
     }
 
     #[tokio::test]
     async fn a_transaction_that_is_not_committed_changes_nothing() {
         let directory = tempfile::tempdir().unwrap();
-        let rows = SqlRows::sqlite(&directory.path().join("rows.sqlite")).await;
-        let rows = rows.unwrap();
+        let store = at(&directory.path().join("rows.sqlite")).await;
+        let store = store.unwrap();
         let fence = async || {
-            let mut connection = rows.database.connect().await.unwrap();
+            let mut connection = store.rows().database.connect().await.unwrap();
             let query = connection.query("SELECT value FROM fence");
             query
                 .fetch_one()
@@ -478,7 +470,7 @@ mod tests {
                 .unwrap()
         };
         for (is_committed, expected) in [(false, 0), (true, 7)] {
-            let mut transaction = rows.database.begin().await.unwrap();
+            let mut transaction = store.rows().database.begin().await.unwrap();
             let changed = transaction.query("UPDATE fence SET value = $1").bind(7_i64);
             assert_eq!(changed.execute().await.unwrap(), 1);
             assert_eq!(fence().await, 0, "others do not see it yet");
@@ -507,8 +499,8 @@ mod tests {
             ("UPDATE case_objects SET kind = 'hologram'", "unknown kind"),
         ] {
             let directory = tempfile::tempdir().unwrap();
-            let (rows, id) = with_a_ready_case(&directory.path().join("rows.sqlite")).await;
-            let mut connection = pool(&rows).acquire().await.unwrap();
+            let (store, id) = with_a_ready_case(&directory.path().join("rows.sqlite")).await;
+            let mut connection = pool(&store).acquire().await.unwrap();
             for statement in [
                 "PRAGMA foreign_keys = OFF",
                 "PRAGMA ignore_check_constraints = ON",
@@ -520,8 +512,10 @@ mod tests {
                     .unwrap();
             }
             drop(connection);
-            let listed = rows.cases(None, 10).await.map(drop);
-            let error = listed.and(rows.objects(&id).await.map(drop)).unwrap_err();
+            let listed = store.cases(None, 10).await.map(drop);
+            let error = listed
+                .and(store.case_objects(&id).await.map(drop))
+                .unwrap_err();
             let source = std::error::Error::source(&error).unwrap().to_string();
             assert!(source.contains(words), "{change}: {source}");
         }
@@ -529,10 +523,10 @@ mod tests {
 
     #[tokio::test]
     async fn a_check_writes_nothing() {
-        let rows = SqlRows::in_memory().await.unwrap();
-        rows.check().await.unwrap();
+        let store = on(Rows::in_memory().await.unwrap());
+        store.rows().check().await.unwrap();
         let value: i64 = sqlx::query_scalar("SELECT value FROM fence")
-            .fetch_one(pool(&rows))
+            .fetch_one(pool(&store))
             .await
             .unwrap();
         assert_eq!(value, 0);
@@ -542,19 +536,38 @@ mod tests {
     async fn rows_of_a_newer_version_are_refused_in_words_and_left_as_they_are() {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("rows.sqlite");
-        let rows = SqlRows::sqlite(&file).await.unwrap();
+        let store = at(&file).await.unwrap();
         sqlx::query(
             "INSERT INTO _sqlx_migrations (version, description, success, checksum, execution_time)
              VALUES (9999, 'later', TRUE, x'00', 0)",
         )
-        .execute(pool(&rows))
+        .execute(pool(&store))
         .await
         .unwrap();
-        pool(&rows).close().await;
+        pool(&store).close().await;
         let before = std::fs::read(&file).unwrap();
-        let error = SqlRows::sqlite(&file).await.unwrap_err();
+        let error = at(&file).await.unwrap_err();
         assert!(matches!(error, StoreError::NewerSchema { found: 9999, .. }));
         assert!(error.to_string().contains("newer version"), "{error}");
         assert_eq!(std::fs::read(&file).unwrap(), before);
+    }
+
+    #[tokio::test]
+    async fn rows_from_before_the_first_release_are_refused_in_words_and_left_as_they_are() {
+        for change in [
+            "UPDATE _sqlx_migrations SET version = 1",
+            "UPDATE _sqlx_migrations SET checksum = x'00'",
+        ] {
+            let directory = tempfile::tempdir().unwrap();
+            let file = directory.path().join("rows.sqlite");
+            let store = at(&file).await.unwrap();
+            sqlx::query(change).execute(pool(&store)).await.unwrap();
+            pool(&store).close().await;
+            let before = std::fs::read(&file).unwrap();
+            let error = at(&file).await.unwrap_err();
+            assert!(matches!(error, StoreError::OlderSchema));
+            assert!(error.to_string().contains("before 0.1.0"), "{error}");
+            assert_eq!(std::fs::read(&file).unwrap(), before);
+        }
     }
 }

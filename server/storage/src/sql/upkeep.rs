@@ -9,25 +9,6 @@ pub(super) fn digest(facts: &str) -> String {
     blake3::hash(facts.as_bytes()).to_string()
 }
 
-/// Gives rows of an earlier version their digests.
-pub(super) async fn add_missing_digests(database: &Database) -> Result<(), StoreError> {
-    let mut transaction = database.begin().await?;
-    let rows = transaction
-        .query("SELECT id, facts FROM cases WHERE facts IS NOT NULL AND facts_digest IS NULL")
-        .fetch_all()
-        .await?;
-    for row in rows {
-        let [id, facts]: [String; 2] = [row.get("id")?, row.get("facts")?];
-        transaction
-            .query("UPDATE cases SET facts_digest = $1 WHERE id = $2")
-            .bind(digest(&facts))
-            .bind(id)
-            .execute()
-            .await?;
-    }
-    transaction.commit().await
-}
-
 /// Queues a case again whose facts are damaged: they are made again from the source.
 pub(super) async fn prepare_again(database: &Database, id: &CaseId) -> Result<(), StoreError> {
     tracing::error!(

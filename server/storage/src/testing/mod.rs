@@ -1,18 +1,20 @@
 //! What tests of the store share with those of the crates above.
 
+#[cfg(test)]
+mod items;
 pub mod postgres;
 pub mod s3;
+pub mod steps;
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
 
 use case::{
-    CaseFacts, CaseId, Failure, LayerFacts, MatrixOrigin, ObjectKind, Parameters, PlacementFacts,
-    PlacementVerdict, QualityState, SphereFacts, Stage, VoxelFacts, WindowFacts,
+    CaseFacts, Failure, LayerFacts, MatrixOrigin, ObjectKind, PlacementFacts, PlacementVerdict,
+    PlaneFacts, QualityState, SphereFacts, Stage, VoxelFacts, WindowFacts,
 };
 
-use super::rows::{CaseRows, Claim, LeaseTerms, NewCase, Pinned};
+#[cfg(test)]
+pub(crate) use self::items::{claim, new_case, pinned};
 use super::{ObjectName, Store};
 
 /// The facts of a case, made up.
@@ -40,7 +42,11 @@ pub fn facts() -> CaseFacts {
             center: 0.5,
             width: 1.0,
         },
-        midsagittal: None,
+        midsagittal: PlaneFacts {
+            normal: [1.0, 0.0, 0.0],
+            offset_mm: 0.0,
+            correlation: 0.9,
+        },
         cuts: Vec::new(),
         pipeline: 2,
         quality: None,
@@ -85,40 +91,6 @@ pub fn name(kind: ObjectKind, contents: &str) -> ObjectName {
         kind,
         digest: blake3::hash(contents.as_bytes()),
     }
-}
-
-/// Objects pinned for an hour.
-pub async fn pinned(rows: &dyn CaseRows, names: &[ObjectName]) -> Pinned {
-    static HOLDERS: AtomicUsize = AtomicUsize::new(0);
-    let holder = format!("test-{}", HOLDERS.fetch_add(1, Ordering::Relaxed));
-    let pinned = Pinned {
-        holder,
-        names: names.to_vec(),
-    };
-    let hour = Duration::from_secs(3600);
-    assert!(rows.pin(&pinned, hour).await.unwrap());
-    pinned
-}
-
-/// A case of the volume `contents`, whose source is pinned.
-pub async fn new_case(rows: &dyn CaseRows, contents: &str) -> NewCase {
-    let source = name(ObjectKind::SourceVolume, contents);
-    NewCase {
-        id: CaseId::of(&source.digest, None, &Parameters::default()),
-        parameters: Parameters::default(),
-        previous: None,
-        sources: pinned(rows, &[source]).await,
-        queue_limit: 100,
-    }
-}
-
-/// Leases a job for 30 s; it fails at its fourth attempt.
-pub async fn claim(rows: &dyn CaseRows) -> Option<Claim> {
-    let terms = LeaseTerms {
-        lease: Duration::from_secs(30),
-        max_attempts: 3,
-    };
-    rows.claim(&terms).await.unwrap()
 }
 
 /// Every file below a directory, ascending.

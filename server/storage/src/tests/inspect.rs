@@ -23,8 +23,8 @@ async fn three_cases(directory: &TempDir) -> (Store, [CaseId; 3]) {
     let of = ready(&store, "volume").await;
     later().await;
     let failed = submit(&store, "bad").await.unwrap().case.id;
-    let claimed = claim(store.rows()).await.unwrap();
-    assert!(store.rows().fail(&claimed, &failure()).await.unwrap());
+    let claimed = claim(&store).await.unwrap();
+    assert!(store.fail(&claimed, &failure()).await.unwrap());
     let version = Version {
         of,
         mask: NewMask::Kept,
@@ -36,7 +36,7 @@ async fn three_cases(directory: &TempDir) -> (Store, [CaseId; 3]) {
 }
 
 async fn object(store: &Store, id: &CaseId, kind: ObjectKind) -> ObjectName {
-    let names = store.rows().objects(id).await.unwrap();
+    let names = store.case_objects(id).await.unwrap();
     *names.iter().find(|name| name.kind == kind).unwrap()
 }
 
@@ -107,12 +107,13 @@ async fn three_images(store: &Store) -> [ObjectName; 3] {
             accession_number: AccessionNumber::parse("A7"),
             sop_instance_uid: uid(&format!("1.2.3.{number}")),
             digest: *file.digest(),
+            replaces: None,
         };
         images.push((new, file));
     }
     let names = [0, 1, 2].map(|number| ObjectName::from(&images[number].0));
     let source = ArrivalSource::Stow;
-    assert_eq!(store.receive(images, source).await.unwrap(), 3);
+    assert_eq!(store.receive(images, source).await.unwrap().new, 3);
     names
 }
 
@@ -239,14 +240,13 @@ async fn copied_for_pacs(from: &Store, to: &Store) -> (Copied, Vec<ObjectName>) 
 async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
     let id = ready(store, "volume").await;
     let images = three_images(store).await;
-    let rows = store.rows();
     let terms = DueTerms {
         stable: Duration::ZERO,
         patience: Duration::ZERO,
         lease: Duration::from_secs(30),
     };
-    let due = rows.lease_due(&terms).await.unwrap().unwrap();
-    assert!(rows.settle(&due, &Outcome::Case(id)).await.unwrap());
+    let due = store.lease_due(&terms).await.unwrap().unwrap();
+    assert!(store.settle(&due, &Outcome::Case(id)).await.unwrap());
     let file = b"a result";
     let new = NewResult {
         case: id,
@@ -262,8 +262,8 @@ async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
         digest: blake3::hash(file),
     };
     let queued = store.queue_result(new, file[..].into()).await.unwrap();
-    let leased = rows.lease_result(terms.lease).await.unwrap().unwrap();
-    assert!(rows.end_result(&leased, &TransferEnd::Done).await.unwrap());
+    let leased = store.lease_result(terms.lease).await.unwrap().unwrap();
+    assert!(store.end_result(&leased, &TransferEnd::Done).await.unwrap());
     (id, images, queued.id)
 }
 
@@ -284,15 +284,15 @@ async fn a_copy_has_the_images_and_the_results_of_a_pacs() {
     assert_eq!(to.count_for_pacs().await.unwrap(), whole);
 
     let series = SeriesQuery::Study(uid("1.2"), None);
-    let arrivals = to.rows().arrivals_of(&series).await.unwrap();
-    assert_eq!(arrivals, from.rows().arrivals_of(&series).await.unwrap());
+    let arrivals = to.arrivals_of(&series).await.unwrap();
+    assert_eq!(arrivals, from.arrivals_of(&series).await.unwrap());
     assert_eq!(
         (arrivals[0].state, arrivals[0].case),
         (ArrivalState::Case, Some(case))
     );
     let number = SeriesQuery::AccessionNumber(AccessionNumber::parse("A7").unwrap());
-    assert_eq!(to.rows().arrivals_of(&number).await.unwrap(), arrivals);
-    let sent = to.rows().result(&result).await.unwrap().unwrap();
+    assert_eq!(to.arrivals_of(&number).await.unwrap(), arrivals);
+    let sent = to.result(&result).await.unwrap().unwrap();
     assert_eq!(
         (sent.state, sent.case, sent.node.as_str()),
         (TransferState::Done, case, "pacs")
@@ -307,7 +307,7 @@ async fn a_copy_has_the_images_and_the_results_of_a_pacs() {
     let (again, _) = copied_for_pacs(&from, &to).await;
     assert_eq!((again.for_pacs, again.objects, again.kept), (whole, 0, 4));
     assert_eq!(inspected(&to).await.1, []);
-    assert_eq!(to.rows().result(&result).await.unwrap(), Some(sent));
+    assert_eq!(to.result(&result).await.unwrap(), Some(sent));
     for name in images {
         to.objects().get(&name).await.unwrap();
     }
@@ -324,14 +324,11 @@ async fn what_is_damaged_is_named_and_the_rest_is_copied() {
     assert_eq!((first.lost, first.for_pacs.images), (2, 2));
     assert_eq!(lost[0], images[1]);
     let series = SeriesQuery::Study(uid("1.2"), None);
-    let arrival = to.rows().arrivals_of(&series).await.unwrap().remove(0);
+    let arrival = to.arrivals_of(&series).await.unwrap().remove(0);
     assert_eq!(
         (arrival.state, arrival.case, arrival.instances),
         (ArrivalState::Receiving, None, 2)
     );
     let every = TransferQuery::default();
-    assert_eq!(
-        to.rows().results(&every, None, 9).await.unwrap(),
-        (vec![], None)
-    );
+    assert_eq!(to.results(&every, None, 9).await.unwrap(), (vec![], None));
 }

@@ -9,12 +9,12 @@ async fn a_worker_without_its_lease_publishes_nothing() {
     let directory = tempfile::tempdir().unwrap();
     let store = store(&directory).await;
     let id = submit(&store, "volume").await.unwrap().case.id;
-    let claim = claim(store.rows()).await.unwrap();
+    let claim = claim(&store).await.unwrap();
     let handed_back = Release {
         after: Duration::ZERO,
         counts: false,
     };
-    assert!(store.rows().release(&claim, handed_back).await.unwrap());
+    assert!(store.release(&claim, handed_back).await.unwrap());
     let objects = vec![(ObjectKind::Volume, Bytes::from_static(b"volume"))];
     let framed = frame_all(objects).await.unwrap();
     for publisher in [Publisher::Worker(&claim), Publisher::Rebuild(&id)] {

@@ -4,12 +4,11 @@ use super::*;
 use crate::frame;
 use crate::testing::{name, pinned};
 
-/// A store with rows whose clock can be moved, on objects in a directory.
-async fn movable(directory: &TempDir) -> (Store, SqlRows) {
-    let rows = SqlRows::in_memory().await.unwrap();
+/// A store with rows in memory, on objects in a directory.
+async fn movable(directory: &TempDir) -> Store {
+    let rows = Rows::in_memory().await.unwrap();
     let objects = Objects::in_directory(directory.path()).unwrap();
-    let store = Store::on(Arc::new(rows.clone()), objects, Options::default());
-    (store.unwrap(), rows)
+    Store::on(rows, objects, Options::default()).unwrap()
 }
 
 async fn put(store: &Store, contents: &'static str) -> ObjectName {
@@ -21,16 +20,16 @@ async fn put(store: &Store, contents: &'static str) -> ObjectName {
 #[tokio::test]
 async fn a_removal_that_fails_is_finished_after_its_lease() {
     let directory = tempfile::tempdir().unwrap();
-    let (store, rows) = movable(&directory).await;
+    let store = movable(&directory).await;
     let id = submit(&store, "volume").await.unwrap().case.id;
-    let object = rows.objects(&id).await.unwrap()[0];
+    let object = store.case_objects(&id).await.unwrap()[0];
     let file = directory.path().join(object.path().as_ref());
     // A folder in its place cannot be removed like a file.
     std::fs::remove_file(&file).unwrap();
     std::fs::create_dir(&file).unwrap();
     let failed = store.delete(&id).await.unwrap_err();
     assert!(matches!(failed, StoreError::Objects(_)), "{failed:?}");
-    assert_eq!(rows.case(&id).await.unwrap(), None, "the case is gone");
+    assert_eq!(store.case(&id).await.unwrap(), None, "the case is gone");
     std::fs::remove_dir(&file).unwrap();
     std::fs::write(&file, b"left over").unwrap();
 
@@ -40,11 +39,11 @@ async fn a_removal_that_fails_is_finished_after_its_lease() {
         holder: "another".to_owned(),
         names: vec![object],
     };
-    assert!(!rows.pin(&again, SWEEP_LEASE).await.unwrap());
-    rows.pass_time(SWEEP_LEASE);
+    assert!(!store.try_pin(&again, SWEEP_LEASE).await.unwrap());
+    store.pass_time(SWEEP_LEASE);
     store.collect().await.unwrap();
     assert!(!file.exists());
-    assert!(rows.pin(&again, SWEEP_LEASE).await.unwrap());
+    assert!(store.try_pin(&again, SWEEP_LEASE).await.unwrap());
 }
 
 #[tokio::test]
@@ -55,13 +54,13 @@ async fn an_upload_waits_while_its_object_is_being_removed() {
         holder: "somebody".to_owned(),
         lease: SWEEP_LEASE,
     };
-    let marked = store.rows().mark(&[object], &sweep).await.unwrap();
+    let marked = store.mark(&[object], &sweep).await.unwrap();
     assert_eq!(marked, [object]);
     let mut submitting = std::pin::pin!(submit(&store, "volume"));
     let patience = Duration::from_millis(100);
     let early = tokio::time::timeout(patience, &mut submitting).await;
     assert!(early.is_err(), "it must not write what is about to go");
-    store.rows().bury(&sweep.holder).await.unwrap();
+    store.bury(&sweep.holder).await.unwrap();
     let submitted = submitting.await.unwrap();
     assert!(submitted.created);
     assert_eq!(store.objects().get(&object).await.unwrap(), "volume");
@@ -88,9 +87,9 @@ async fn what_the_rows_do_not_know_goes_when_a_store_is_opened_alone() {
 async fn only_what_is_still_unneeded_is_removed() {
     let store = Store::in_memory(Options::default()).await.unwrap();
     let id = submit(&store, "volume").await.unwrap().case.id;
-    let needed = store.rows().objects(&id).await.unwrap()[0];
+    let needed = store.case_objects(&id).await.unwrap()[0];
     let [held, stray] = [put(&store, "held").await, put(&store, "stray").await];
-    let _held = pinned(store.rows(), &[held]).await;
+    let _held = pinned(&store, &[held]).await;
     let names = [needed, held, stray];
     store.remove_unreferenced(&names).await.unwrap();
     for (name, stays) in names.iter().zip([true, true, false]) {
@@ -103,19 +102,19 @@ async fn only_what_is_still_unneeded_is_removed() {
 async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
     let day = Duration::from_secs(86_400);
     let directory = tempfile::tempdir().unwrap();
-    let rows = SqlRows::in_memory().await.unwrap();
+    let rows = Rows::in_memory().await.unwrap();
     let objects = Objects::in_directory(directory.path()).unwrap();
     let options = Options {
         keep: Some(day),
         ..Options::default()
     };
-    let store = Store::on(Arc::new(rows.clone()), objects, options).unwrap();
+    let store = Store::on(rows, objects, options).unwrap();
     let failure = crate::testing::failure();
     let mut ids = Vec::new();
     for name in ["one", "kept"] {
         ids.push(submit(&store, name).await.unwrap().case.id);
-        let claim = crate::testing::claim(&rows).await.unwrap();
-        assert!(rows.fail(&claim, &failure).await.unwrap());
+        let claim = crate::testing::claim(&store).await.unwrap();
+        assert!(store.fail(&claim, &failure).await.unwrap());
     }
     let [one, kept] = [ids[0], ids[1]];
     let case = store.case(&one).await.unwrap().unwrap();
@@ -128,11 +127,11 @@ async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
     store.on_delete(move |id| noted.lock().unwrap().push(*id));
 
     assert_eq!(store.remove_expired().await.unwrap(), 0);
-    rows.pass_time(day);
+    store.pass_time(day);
     assert_eq!(store.remove_expired().await.unwrap(), 1);
     assert_eq!(*forgotten.lock().unwrap(), [one]);
     let left = store.cases(None, 10).await.unwrap().cases;
     assert_eq!(left.iter().map(|case| case.id).collect::<Vec<_>>(), [kept]);
-    let needed = store.rows().objects(&kept).await.unwrap().len();
+    let needed = store.case_objects(&kept).await.unwrap().len();
     assert_eq!(crate::testing::files_below(directory.path()).len(), needed);
 }

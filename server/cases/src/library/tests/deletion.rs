@@ -4,8 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use case::{CaseState, Parameters};
-use storage::Sweep;
-use storage::testing::{assert_nothing_left_over, files_below};
+use storage::testing::{assert_nothing_left_over, files_below, steps};
 
 use super::{GRACE, expected, load, open, ready};
 use crate::jobs::Workers;
@@ -91,14 +90,11 @@ async fn a_case_deleted_and_uploaded_again_while_it_is_prepared_becomes_ready() 
 async fn what_was_just_deleted_can_be_uploaded_again_while_it_is_removed() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
     let (library, id) = ready(&directory, &fake).await;
-    let rows = library.store().rows();
-    rows.delete(&id).await.unwrap();
-    let sweep = Sweep {
-        holder: "another process".to_owned(),
-        lease: Duration::from_secs(60),
-    };
-    let marked = rows.mark(&rows.abandoned(100).await.unwrap(), &sweep).await;
-    let marked = marked.unwrap();
+    let store = library.store();
+    store.delete(&id).await.unwrap();
+    let marked = steps::begin_sweep(store, "another process", Duration::from_secs(60))
+        .await
+        .unwrap();
     let upload = tokio::spawn({
         let library = library.clone();
         async move { submit(&library, "volume").await }
@@ -106,9 +102,9 @@ async fn what_was_just_deleted_can_be_uploaded_again_while_it_is_removed() {
     tokio::time::sleep(Duration::from_millis(100)).await;
     assert!(!upload.is_finished(), "it waits for the removal");
     for name in &marked {
-        library.store().objects().delete(name).await.unwrap();
+        steps::delete(store, name).await.unwrap();
     }
-    rows.bury(&sweep.holder).await.unwrap();
+    steps::end_sweep(store, "another process").await.unwrap();
     assert_eq!(upload.await.unwrap().id, id);
     let workers = Workers::start(library.clone(), 1);
     assert_eq!(settled_state(&library, &id).await, Some(CaseState::Ready));

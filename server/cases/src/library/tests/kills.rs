@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use case::{CaseState, ObjectKind};
-use storage::testing::{assert_nothing_left_over, facts};
-use storage::{LeaseTerms, ObjectName, Pinned, Publisher, Sweep, frame_all};
+use storage::testing::{assert_nothing_left_over, facts, steps};
+use storage::{LeaseTerms, ObjectName, Publisher, frame_all};
 use tempfile::TempDir;
 
 use super::{GRACE, expected, load, open, ready};
@@ -26,14 +26,11 @@ async fn killed_before(step: usize, directory: &TempDir, fake: &Arc<Fake>) {
         kind: ObjectKind::SourceVolume,
         digest: *spooled.digest(),
     };
-    let _pinned: Pinned = library.store().pin([name]).await.unwrap();
+    steps::pin(library.store(), [name]).await.unwrap();
     if step == 1 {
         return std::mem::forget(spooled);
     }
-    library
-        .store()
-        .objects()
-        .put_file(&name, &spooled)
+    steps::write_file(library.store(), &name, &spooled)
         .await
         .unwrap();
     let half_staged = directory
@@ -53,24 +50,22 @@ async fn killed_before(step: usize, directory: &TempDir, fake: &Arc<Fake>) {
         lease: Duration::from_secs(3600),
         max_attempts: 3,
     };
-    let claim = library.store().rows().claim(&terms).await.unwrap().unwrap();
+    let claim = library.store().claim(&terms).await.unwrap().unwrap();
     if step == 4 {
         return;
     }
     let framed = frame_all(fake_objects(b"volume")).await.unwrap();
-    library
-        .store()
-        .pin(framed.iter().map(|framed| framed.name))
+    steps::pin(library.store(), framed.iter().map(|framed| framed.name))
         .await
         .unwrap();
     for framed in &framed[..2] {
-        library.store().objects().put(framed).await.unwrap();
+        steps::write(library.store(), framed).await.unwrap();
     }
     if step == 5 {
         return;
     }
     for framed in &framed[2..] {
-        library.store().objects().put(framed).await.unwrap();
+        steps::write(library.store(), framed).await.unwrap();
     }
     if step == 6 {
         return;
@@ -83,31 +78,28 @@ async fn killed_before(step: usize, directory: &TempDir, fake: &Arc<Fake>) {
     if step == 7 {
         return;
     }
-    let rows = library.store().rows();
-    rows.delete(&claim.id).await.unwrap();
+    let store = library.store();
+    store.delete(&claim.id).await.unwrap();
     if step == 8 {
         return;
     }
-    let sweep = Sweep {
-        holder: "killed".to_owned(),
-        lease: Duration::from_secs(3600),
-    };
     // The pins from above have no holder any more.
-    rows.forget_holders().await.unwrap();
-    let unneeded = rows.abandoned(100).await.unwrap();
-    let marked = rows.mark(&unneeded, &sweep).await.unwrap();
+    steps::forget_holders(store).await.unwrap();
+    let marked = steps::begin_sweep(store, "killed", Duration::from_secs(3600))
+        .await
+        .unwrap();
     assert_eq!(marked.len(), 7);
     if step == 9 {
         return;
     }
     for name in &marked[..3] {
-        library.store().objects().delete(name).await.unwrap();
+        steps::delete(library.store(), name).await.unwrap();
     }
     if step == 10 {
         return;
     }
     for name in &marked[3..] {
-        library.store().objects().delete(name).await.unwrap();
+        steps::delete(library.store(), name).await.unwrap();
     }
     assert_eq!(step, 11, "there is no further step");
 }
@@ -147,7 +139,7 @@ async fn an_object_that_no_row_knows_is_removed_at_the_next_start() {
         .await
         .unwrap();
     for framed in &unknown {
-        library.store().objects().put(framed).await.unwrap();
+        steps::write(library.store(), framed).await.unwrap();
     }
     drop(library);
     let library = open(&directory, &fake).await;

@@ -3,7 +3,6 @@
 mod cases;
 mod damage;
 mod deletion;
-mod earlier;
 mod kills;
 mod processes;
 

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use case::CaseState;
-use storage::testing::assert_nothing_left_over;
-use storage::{Objects, Options, SqlRows, Store, frame_all};
+use storage::testing::{assert_nothing_left_over, steps};
+use storage::{Options, Store, frame_all};
 
 use super::{GRACE, open};
 use crate::jobs::Workers;
@@ -25,18 +25,16 @@ async fn a_second_process_takes_neither_live_jobs_nor_live_files() {
     let pinned = frame_all(fake_objects(b"about to be published"))
         .await
         .unwrap();
-    first
-        .store()
-        .pin(pinned.iter().map(|framed| framed.name))
+    steps::pin(first.store(), pinned.iter().map(|framed| framed.name))
         .await
         .unwrap();
-    first.store().objects().put(&pinned[0]).await.unwrap();
+    steps::write(first.store(), &pinned[0]).await.unwrap();
 
     let second = open(&directory, &fake).await;
     let others = Workers::start(second.clone(), 1);
     tokio::time::sleep(Duration::from_millis(200)).await;
     assert_eq!(fake.run_count(), 1);
-    assert!(second.store().objects().get(&pinned[0].name).await.is_ok());
+    assert!(second.store().object(&pinned[0].name).await.is_ok());
     spool.finish().await.unwrap();
 
     // Deleted by the other process: the first one's worker learns of it by its heartbeat.
@@ -80,23 +78,18 @@ async fn a_shutdown_finishes_or_hands_back() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_worker_that_lost_its_lease_publishes_nothing() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::<Fake>::default());
-    std::fs::create_dir(directory.path().join("uploads")).unwrap();
-    std::fs::create_dir(directory.path().join("objects")).unwrap();
-    let file = directory.path().join("rows.sqlite");
-    let rows = SqlRows::sqlite(&file).await.unwrap();
-    let objects = Objects::in_directory(&directory.path().join("objects")).unwrap();
     let options = Options {
         heartbeat: Duration::from_secs(3600),
         ..options()
     };
-    let opened = Store::on(Arc::new(rows.clone()), objects, options).unwrap();
-    let library = library_on(opened, &fake);
+    let opened = Store::open_with(directory.path(), options).await;
+    let library = library_on(opened.unwrap(), &fake);
     fake.hold(true);
     let asleep = Workers::start(library.clone(), 1);
     let id = submit(&library, "volume").await.id;
     fake.until_active().await;
     // Its heartbeat does not come for longer than the lease.
-    rows.pass_time(Duration::from_secs(31));
+    library.store().pass_time(Duration::from_secs(31));
     let awake = Workers::start(library.clone(), 1);
     while fake.run_count() < 2 {
         tokio::time::sleep(Duration::from_millis(5)).await;

@@ -46,6 +46,20 @@ const SOURCE_OF_PROCESSING: Code = Code {
 
 const MANUFACTURER: &str = "Isocortex";
 
+/// The method by which an identity was removed, if the source does not state it in words.
+const UNKNOWN_METHOD: &str = "Removed from the source";
+
+/// This program in file meta information and in associations: a UID made from a UUID (PS3.5 B.2).
+pub const IMPLEMENTATION_CLASS_UID: &str = "2.25.128694716284019362450871639201743650912";
+
+/// Its version there.
+pub const IMPLEMENTATION_VERSION_NAME: &str = concat!(
+    "ISOCORTEX_",
+    env!("CARGO_PKG_VERSION_MAJOR"),
+    "_",
+    env!("CARGO_PKG_VERSION_MINOR")
+);
+
 /// Why a result cannot be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum WriteError {
@@ -89,6 +103,8 @@ pub struct Head<'a> {
     pub date: &'a str,
     /// The time, as `153000`.
     pub time: &'a str,
+    /// The offset of all dates and times from UTC, those of the source too, as `+0100`; `None` if that is not known.
+    pub offset: Option<&'a str>,
     /// Whether identifying text is burned into the pixels.
     pub is_annotated: bool,
     /// Whether a face may be recognised; `None` if that is not known.
@@ -116,13 +132,38 @@ impl Head<'_> {
             tags::BURNED_IN_ANNOTATION,
             VR::CS,
             yes_or_no(self.is_annotated),
-        )
-        .text(tags::LOSSY_IMAGE_COMPRESSION, VR::CS, "00");
+        );
+        self.put_compression(&mut item);
         if let Some(is_recognizable) = self.is_recognizable {
             let value = yes_or_no(is_recognizable);
             item.text(tags::RECOGNIZABLE_VISUAL_FEATURES, VR::CS, value);
         }
         Ok(item)
+    }
+
+    /// What is derived from an image that was compressed with loss has lost something as well (PS3.3 C.7.6.1.1.5).
+    fn put_compression(&self, item: &mut Item) {
+        if self.of_source("LossyImageCompression") != Some("01") {
+            item.text(tags::LOSSY_IMAGE_COMPRESSION, VR::CS, "00");
+            return;
+        }
+        item.text(tags::LOSSY_IMAGE_COMPRESSION, VR::CS, "01");
+        for (keyword, tag, vr) in [
+            (
+                "LossyImageCompressionRatio",
+                tags::LOSSY_IMAGE_COMPRESSION_RATIO,
+                VR::DS,
+            ),
+            (
+                "LossyImageCompressionMethod",
+                tags::LOSSY_IMAGE_COMPRESSION_METHOD,
+                VR::CS,
+            ),
+        ] {
+            if let Some(value) = self.of_source(keyword) {
+                item.text(tag, vr, value);
+            }
+        }
     }
 
     /// As [`Head::begin`], without what only images have.
@@ -138,6 +179,18 @@ impl Head<'_> {
                 None => &mut item,
             };
         }
+        if self.of_source("PatientIdentityRemoved") == Some("YES") {
+            let method = self.of_source("DeidentificationMethod");
+            item.text(tags::PATIENT_IDENTITY_REMOVED, VR::CS, "YES")
+                .text(
+                    tags::DEIDENTIFICATION_METHOD,
+                    VR::LO,
+                    method.unwrap_or(UNKNOWN_METHOD),
+                );
+        }
+        if let Some(offset) = self.offset {
+            item.text(tags::TIMEZONE_OFFSET_FROM_UTC, VR::SH, offset);
+        }
         item.text(tags::SOP_CLASS_UID, VR::UI, class)
             .text(tags::SOP_INSTANCE_UID, VR::UI, self.instance_uid)
             .text(tags::INSTANCE_CREATION_DATE, VR::DA, self.date)
@@ -146,6 +199,8 @@ impl Head<'_> {
             .text(tags::CONTENT_TIME, VR::TM, self.time)
             .text(tags::MODALITY, VR::CS, modality)
             .text(tags::SERIES_INSTANCE_UID, VR::UI, self.series_uid)
+            .text(tags::SERIES_DATE, VR::DA, self.date)
+            .text(tags::SERIES_TIME, VR::TM, self.time)
             .text(tags::SERIES_NUMBER, VR::IS, &self.series_number.to_string())
             .text(
                 tags::SERIES_DESCRIPTION,
@@ -192,9 +247,16 @@ pub(super) fn reference(instance: &Instance) -> Item {
     item
 }
 
+/// File meta information that names this program.
+pub(in crate::dicom) fn file_meta() -> FileMetaTableBuilder {
+    FileMetaTableBuilder::new()
+        .implementation_class_uid(IMPLEMENTATION_CLASS_UID)
+        .implementation_version_name(IMPLEMENTATION_VERSION_NAME)
+}
+
 /// The file with a data set (PS3.10).
 pub(super) fn file(item: Item, class: &str, instance: &str) -> Result<Vec<u8>, WriteError> {
-    let meta = FileMetaTableBuilder::new()
+    let meta = file_meta()
         .transfer_syntax(uids::EXPLICIT_VR_LITTLE_ENDIAN)
         .media_storage_sop_class_uid(class)
         .media_storage_sop_instance_uid(instance)

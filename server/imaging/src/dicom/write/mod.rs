@@ -14,9 +14,10 @@ mod segmentation;
 mod syntax;
 mod uid;
 
-pub use common::{Head, WriteError};
+pub(in crate::dicom) use common::file_meta;
+pub use common::{Head, IMPLEMENTATION_CLASS_UID, IMPLEMENTATION_VERSION_NAME, WriteError};
 pub use key_object::{KeyObjectTitle, Listed, key_object};
-pub use pictures::{Cine, Pictures, pictures};
+pub use pictures::{Cine, Laterality, Pictures, pictures};
 pub use segmentation::{Algorithm, Segment, segmentation};
 pub use syntax::implicit_file;
 pub use uid::uid_of;

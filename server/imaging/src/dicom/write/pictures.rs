@@ -32,6 +32,31 @@ pub struct Pictures {
     pub rgb: Vec<u8>,
     /// If there are several: how they are played.
     pub cine: Option<Cine>,
+    /// The patient's directions along the rows and down the columns, such as `['L', 'F']`, if all pictures have the same.
+    pub orientation: Option<[char; 2]>,
+    /// The side of the brain that is seen.
+    pub laterality: Laterality,
+}
+
+/// The side of the brain that pictures show (PS3.3 C.7.6.1.1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Laterality {
+    /// The left one.
+    Left,
+    /// The right one.
+    Right,
+    /// Both.
+    Both,
+}
+
+impl Laterality {
+    fn code(self) -> &'static str {
+        match self {
+            Self::Left => "L",
+            Self::Right => "R",
+            Self::Both => "B",
+        }
+    }
 }
 
 /// Several pictures, which are played one after the other.
@@ -60,11 +85,19 @@ pub fn pictures(head: &Head<'_>, pictures: Pictures) -> Result<Vec<u8>, WriteErr
         None => uids::SECONDARY_CAPTURE_IMAGE_STORAGE,
         Some(_) => uids::MULTI_FRAME_TRUE_COLOR_SECONDARY_CAPTURE_IMAGE_STORAGE,
     };
+    let orientation = pictures
+        .orientation
+        .map(|[row, column]| format!("{row}\\{column}"));
     let mut item = head.begin(class, "OT")?;
     item.text(tags::IMAGE_TYPE, VR::CS, r"DERIVED\SECONDARY")
         .text(tags::CONVERSION_TYPE, VR::CS, "WSD")
         .text(tags::BODY_PART_EXAMINED, VR::CS, "BRAIN")
-        .text(tags::PATIENT_ORIENTATION, VR::CS, "")
+        .text(
+            tags::PATIENT_ORIENTATION,
+            VR::CS,
+            &orientation.unwrap_or_default(),
+        )
+        .text(tags::IMAGE_LATERALITY, VR::CS, pictures.laterality.code())
         .codes(tags::DERIVATION_CODE_SEQUENCE, &DERIVATION)
         .shorts(tags::SAMPLES_PER_PIXEL, &[3])
         .text(tags::PHOTOMETRIC_INTERPRETATION, VR::CS, "RGB")

@@ -1,9 +1,10 @@
 //! A result in the transfer syntax that every node accepts (PS3.5 §10.1).
 
 use dicom_dictionary_std::uids;
-use dicom_object::{FileMetaTableBuilder, from_reader};
+use dicom_object::from_reader;
 
 use super::WriteError;
+use super::common::file_meta;
 
 /// A result in Implicit VR Little Endian.
 ///
@@ -13,7 +14,7 @@ use super::WriteError;
 /// [`WriteError::Encoding`] if it is damaged.
 pub fn implicit_file(file: &[u8]) -> Result<Vec<u8>, WriteError> {
     let object = from_reader(file).map_err(|_| WriteError::Encoding)?;
-    let meta = FileMetaTableBuilder::new()
+    let meta = file_meta()
         .transfer_syntax(uids::IMPLICIT_VR_LITTLE_ENDIAN)
         .media_storage_sop_class_uid(&object.meta().media_storage_sop_class_uid)
         .media_storage_sop_instance_uid(&object.meta().media_storage_sop_instance_uid)

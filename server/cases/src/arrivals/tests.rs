@@ -1,0 +1,83 @@
+//! Series that cannot be read, for a reason that is not theirs.
+
+use std::time::Duration;
+
+use imaging::Limits;
+use pipeline::HeadLimits;
+use storage::Store;
+use storage::arrivals::{ArrivalSource, ArrivalState, NewInstance, SeriesQuery, SeriesUids, Uid};
+
+use super::{ArrivalOptions, SeriesRule};
+use crate::application::{Cases, Options};
+use crate::dicom::Program;
+use crate::library::Library;
+use crate::pictures::{GpuUse, GraphicsOptions};
+
+/// A child that reports that there is not enough memory.
+const OUT_OF_MEMORY: &str = r#"order=$(/bin/cat); output=${order#*\"output\":\"}; output=${output%%\"*}
+printf '%s' '{"refused":{"name":"dicom-out-of-memory","kind":"out_of_memory","detail":"too little memory"}}' > "$output/outcome.json""#;
+
+fn application(store: Store, script: &str) -> Cases {
+    let arguments = vec!["-c".into(), script.into()];
+    let options = Options {
+        location: std::path::Path::new("unused").into(),
+        preparation_threads: 1,
+        makes_maps: false,
+        max_layers: 20,
+        store: crate::testing::options(),
+        network: None,
+        limits: Limits::default(),
+        head: HeadLimits::default(),
+        render_threads: 1,
+        max_queued_renders: 4,
+        model_cache_bytes: 1 << 20,
+        graphics: GraphicsOptions::of_one(GpuUse::Off),
+        dicom_program: Program::other("/bin/sh".into(), arguments),
+        max_dicom_bytes: 1 << 20,
+        deidentify: false,
+    };
+    Cases::on(Library::of(store), &options)
+}
+
+fn uid(text: &str) -> Uid {
+    Uid::parse(text).unwrap()
+}
+
+#[tokio::test]
+#[ignore = "step 4"]
+async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
+    let store = Store::in_memory(crate::testing::options()).await.unwrap();
+    let cases = application(store, OUT_OF_MEMORY);
+    let file = cases.store().spool_all("an image".into()).await.unwrap();
+    let image = NewInstance {
+        uids: SeriesUids {
+            study: uid("1.2"),
+            series: uid("1.2.3"),
+        },
+        accession_number: None,
+        sop_instance_uid: uid("1.2.3.4"),
+        digest: *file.digest(),
+        replaces: None,
+    };
+    let received = cases
+        .store()
+        .receive(vec![(image, file)], ArrivalSource::CStore);
+    assert_eq!(received.await.unwrap().new, 1);
+    let options = ArrivalOptions {
+        stable: Duration::ZERO,
+        series: SeriesRule::Any,
+        ..ArrivalOptions::default()
+    };
+    let mut attempts = 0;
+    while attempts < 100 && cases.read_due_series(&options).await.unwrap() {
+        attempts += 1;
+        cases.store().pass_time(Duration::from_secs(24 * 3600));
+    }
+    let query = SeriesQuery::Study(uid("1.2"), None);
+    let arrival = cases.store().arrivals_of(&query).await.unwrap();
+    let arrival = arrival.into_iter().next().unwrap();
+    assert_eq!(arrival.state, ArrivalState::Nothing);
+    let words = arrival.reason.unwrap().detail;
+    assert!(words.contains(&format!("{attempts} attempts")), "{words}");
+    assert!(words.contains("too little memory"), "{words}");
+}

@@ -1,0 +1,99 @@
+//! What happened at the listener since it was started, for metrics.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Why an association or a connection was rejected.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rejection {
+    /// Its address is not listed.
+    Address,
+    /// Its title is not listed with its address.
+    CallingTitle,
+    /// It asked for another title than ours.
+    CalledTitle,
+    /// It speaks another application context.
+    Context,
+    /// There are as many associations as there may be.
+    Limit,
+}
+
+impl Rejection {
+    /// All of them.
+    pub const ALL: [Self; 5] = [
+        Self::Address,
+        Self::CallingTitle,
+        Self::CalledTitle,
+        Self::Context,
+        Self::Limit,
+    ];
+
+    /// Its name in metrics and in the log.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Address => "address-not-listed",
+            Self::CallingTitle => "calling-title-not-listed",
+            Self::CalledTitle => "called-title-not-ours",
+            Self::Context => "context-not-supported",
+            Self::Limit => "too-many-associations",
+        }
+    }
+}
+
+/// Counts since the listener was started.
+#[derive(Debug, Default)]
+pub struct AssociationCounts {
+    running: AtomicU64,
+    accepted: AtomicU64,
+    rejected: [AtomicU64; Rejection::ALL.len()],
+    stored: AtomicU64,
+    not_stored: AtomicU64,
+}
+
+/// An association that is running until this is dropped.
+pub(crate) struct Running<'c>(&'c AssociationCounts);
+
+impl Drop for Running<'_> {
+    fn drop(&mut self) {
+        self.0.running.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+impl AssociationCounts {
+    pub(crate) fn begin(&self) -> Running<'_> {
+        self.running.fetch_add(1, Ordering::Relaxed);
+        self.accepted.fetch_add(1, Ordering::Relaxed);
+        Running(self)
+    }
+
+    pub(crate) fn reject(&self, why: Rejection) {
+        self.rejected[why as usize].fetch_add(1, Ordering::Relaxed);
+    }
+
+    pub(crate) fn answered(&self, is_stored: bool) {
+        let count = match is_stored {
+            true => &self.stored,
+            false => &self.not_stored,
+        };
+        count.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Associations now.
+    pub fn running(&self) -> u64 {
+        self.running.load(Ordering::Relaxed)
+    }
+
+    /// Associations that were accepted.
+    pub fn accepted(&self) -> u64 {
+        self.accepted.load(Ordering::Relaxed)
+    }
+
+    /// Those that were rejected for a reason.
+    pub fn rejected(&self, why: Rejection) -> u64 {
+        self.rejected[why as usize].load(Ordering::Relaxed)
+    }
+
+    /// Images that were answered with success, and with anything else.
+    pub fn images(&self) -> [u64; 2] {
+        [&self.stored, &self.not_stored].map(|count| count.load(Ordering::Relaxed))
+    }
+}

@@ -1,0 +1,114 @@
+//! Whether two files of one SOP Instance UID are the same image.
+
+use dicom_core::Tag;
+use dicom_dictionary_std::tags;
+use dicom_object::InMemDicomObject;
+use serde::{Deserialize, Serialize};
+
+use super::DicomError;
+use super::attributes::wanted;
+use super::frames::pixel_bytes;
+use super::header::{Image, parse, read_image};
+use super::numbers::text;
+use super::scan::scan;
+
+/// Attributes that tell whose image it is and which study it belongs to.
+const OWNER: [Tag; 11] = [
+    tags::PATIENT_NAME,
+    tags::PATIENT_ID,
+    tags::ISSUER_OF_PATIENT_ID,
+    tags::PATIENT_BIRTH_DATE,
+    tags::PATIENT_SEX,
+    tags::STUDY_ID,
+    tags::STUDY_DATE,
+    tags::STUDY_TIME,
+    tags::STUDY_DESCRIPTION,
+    tags::ACCESSION_NUMBER,
+    tags::REFERRING_PHYSICIAN_NAME,
+];
+
+/// What is different about an image that was known before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Difference {
+    /// Nothing that counts: another transfer syntax and other file meta information are no change.
+    None,
+    /// The pixels, or their place in the patient.
+    Pixels,
+    /// The patient or the study, and perhaps the pixels as well.
+    Owner,
+}
+
+/// A file, decoded.
+struct Decoded {
+    owner: Vec<String>,
+    image: Option<Image>,
+    pixels: Vec<u8>,
+}
+
+impl Decoded {
+    fn read(file: &[u8]) -> Result<Self, DicomError> {
+        let scanned = scan(file, &wanted())?;
+        let object = parse(&scanned)?;
+        Ok(Self {
+            owner: OWNER.iter().map(|&tag| plain(&object, tag)).collect(),
+            image: read_image(0, file, &scanned)?,
+            pixels: pixel_bytes(file, &scanned, &object)?,
+        })
+    }
+
+    /// Whether the pixels are the same and lie in the same place.
+    fn shows_the_same(&self, other: &Self) -> bool {
+        // A byte that makes the length even is not a pixel.
+        let length = self.pixels.len().min(other.pixels.len());
+        let is_padded = self.pixels.len().abs_diff(other.pixels.len()) <= 1;
+        is_padded && self.pixels[..length] == other.pixels[..length] && self.lies_where(other)
+    }
+
+    fn lies_where(&self, other: &Self) -> bool {
+        let places = |decoded: &Self| {
+            let image = decoded.image.as_ref()?;
+            let format = image.format.as_ref().ok();
+            let format = format.map(|format| (format.rows, format.columns, format.signed));
+            let frames = image.frames.as_ref().ok().map(|frames| {
+                let frames = frames.iter();
+                let places = frames
+                    .map(|frame| (frame.position, frame.axes, frame.spacing_mm, frame.rescale));
+                places.collect::<Vec<_>>()
+            });
+            Some((image.modality, format, frames))
+        };
+        places(self) == places(other)
+    }
+}
+
+/// The text of an attribute, without what may differ between two ways to write one value.
+fn plain(object: &InMemDicomObject, tag: Tag) -> String {
+    let text = text(object, tag).unwrap_or_default();
+    let text = text.trim_end_matches('^');
+    match (tag, text.split_once('.')) {
+        (tags::STUDY_TIME, Some((seconds, fraction))) => {
+            let fraction = fraction.trim_end_matches('0');
+            format!("{seconds}.{fraction}")
+                .trim_end_matches('.')
+                .to_owned()
+        }
+        _ => text.to_owned(),
+    }
+}
+
+/// What is different about a new file of an image that is stored already.
+///
+/// # Errors
+/// If the new file cannot be decoded. A stored one that cannot be decoded differs from every other.
+pub fn difference(stored: &[u8], new: &[u8]) -> Result<Difference, DicomError> {
+    let new = Decoded::read(new)?;
+    let Ok(stored) = Decoded::read(stored) else {
+        return Ok(Difference::Pixels);
+    };
+    Ok(match stored.owner == new.owner {
+        false => Difference::Owner,
+        true if stored.shows_the_same(&new) => Difference::None,
+        true => Difference::Pixels,
+    })
+}

@@ -1,0 +1,35 @@
+//! `isocortex check-config`.
+
+use clap::Args;
+
+use super::serve::ServeArgs;
+use super::status::{CliError, ExitStatus};
+use crate::start;
+
+/// Check a configuration without starting anything
+///
+/// Takes the options and variables of `serve`. Reads the files that it names: the token, passwords, certificates and the
+/// weights of the network. Opens no store and no port, and asks no node (`isocortex test-node`). The exit status is 0 if a
+/// server could start with it, otherwise 78.
+#[derive(Debug, Clone, Args)]
+pub(super) struct CheckConfigArgs {
+    #[command(flatten)]
+    serve: ServeArgs,
+}
+
+/// Checks a configuration, and prints what it comes to.
+pub(super) fn run(args: &CheckConfigArgs) -> Result<(), CliError> {
+    let config = args.serve.config()?;
+    let checked = start::check(&config)?;
+    for warning in &checked.warnings {
+        println!("warning: {warning}");
+    }
+    let extractor = pipeline::Extractor::open(config.prepare.network.as_deref());
+    let extractor = extractor.map_err(|error| CliError::new(ExitStatus::Config, error))?;
+    println!("brains are extracted {}", extractor.words());
+    for line in checked.lines {
+        println!("{line}");
+    }
+    println!("the configuration is valid");
+    Ok(())
+}

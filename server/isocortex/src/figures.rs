@@ -1,0 +1,262 @@
+//! What the metrics say beside requests: the store, the PACS, the process.
+
+use std::sync::Arc;
+
+use dimse::{AssociationCounts, Rejection};
+use http_support::metrics::{Figure, Metrics};
+use pacs::Pacs;
+use storage::{Store, failures};
+
+/// The clock ticks of `/proc` in a second, the same on every Linux.
+const TICKS: f64 = 100.0;
+
+/// Bytes of a page of memory in `/proc`.
+const PAGE: f64 = 4096.0;
+
+/// Adds the figures of the process and of the store.
+pub(crate) fn add_store(metrics: &Metrics, store: &Store) {
+    metrics.add_source(Arc::new(|| Box::pin(async { of_process() })));
+    let counted = store.clone();
+    metrics.add_source(Arc::new(move || {
+        let store = counted.clone();
+        Box::pin(async move { counts(&store) })
+    }));
+    // The database may hang: what is counted in memory is a source of its own.
+    let store = store.clone();
+    metrics.add_source(Arc::new(move || {
+        let store = store.clone();
+        Box::pin(async move { rows(&store).await })
+    }));
+}
+
+/// Adds the figures of the nodes of a PACS.
+pub(crate) fn add_pacs(metrics: &Metrics, pacs: &Pacs) {
+    let pacs = pacs.clone();
+    metrics.add_source(Arc::new(move || {
+        let pacs = pacs.clone();
+        Box::pin(async move { vec![nodes(&pacs)] })
+    }));
+}
+
+/// Adds the figures of the listener for C-STORE.
+pub(crate) fn add_associations(metrics: &Metrics, counts: &Arc<AssociationCounts>) {
+    let counts = Arc::clone(counts);
+    metrics.add_source(Arc::new(move || {
+        let counts = Arc::clone(&counts);
+        Box::pin(async move { associations(&counts) })
+    }));
+}
+
+fn nodes(pacs: &Pacs) -> Figure {
+    let help = "Whether a node answered when it was last asked, with whatever words";
+    let figure = Figure::gauge("isocortex_node_reachable", help);
+    let reached = pacs.reached();
+    reached.iter().fold(figure, |figure, (node, is_reached)| {
+        figure.with(&[("node", node)], f64::from(u8::from(*is_reached)))
+    })
+}
+
+fn associations(counts: &AssociationCounts) -> Vec<Figure> {
+    let running = Figure::gauge("isocortex_associations", "Associations of DIMSE now");
+    let accepted = Figure::counter("isocortex_associations_accepted", "Associations accepted");
+    let rejected = Figure::counter(
+        "isocortex_associations_rejected",
+        "Connections and associations rejected",
+    );
+    let answered = Figure::counter(
+        "isocortex_c_store_answers",
+        "Images of C-STORE by the answer",
+    );
+    let [stored, not_stored] = counts.images();
+    vec![
+        running.with(&[], counts.running() as f64),
+        accepted.with(&[], counts.accepted() as f64),
+        Rejection::ALL.iter().fold(rejected, |figure, &why| {
+            figure.with(&[("reason", why.name())], counts.rejected(why) as f64)
+        }),
+        answered
+            .with(&[("answer", "success")], stored as f64)
+            .with(&[("answer", "failure")], not_stored as f64),
+    ]
+}
+
+/// What the store counts in memory.
+fn counts(store: &Store) -> Vec<Figure> {
+    let counters = store.counters();
+    let failed = failures();
+    let images = Figure::counter(
+        "isocortex_images_received",
+        "Images that came from a PACS by their way, and what became of them",
+    );
+    let images =
+        store
+            .signals()
+            .images()
+            .into_iter()
+            .fold(images, |figure, (way, status, count)| {
+                figure.with(&[("way", way), ("status", status.name())], count as f64)
+            });
+    let preparations = [
+        ("ready", counters.prepared),
+        ("failed", counters.failed),
+        ("retried", counters.retried),
+    ];
+    let help = "Preparations by this process, by their end";
+    let prepared = Figure::counter("isocortex_preparations", help);
+    let prepared = preparations.iter().fold(prepared, |figure, (end, count)| {
+        figure.with(&[("result", end)], *count as f64)
+    });
+    let bad = Figure::counter("isocortex_bad_objects", "Objects found missing or damaged");
+    let rebuilt = Figure::counter("isocortex_rebuilds", "Cases rebuilt from their source");
+    let failures = Figure::counter(
+        "isocortex_store_failures",
+        "Operations of the store that failed",
+    );
+    vec![
+        images,
+        prepared,
+        bad.with(&[], counters.bad_objects as f64),
+        rebuilt.with(&[], counters.rebuilds as f64),
+        failures
+            .with(&[("part", "database")], failed.database as f64)
+            .with(&[("part", "objects")], failed.objects as f64),
+    ]
+}
+
+/// What the rows count, for all processes on the store.
+async fn rows(store: &Store) -> Vec<Figure> {
+    let mut figures = Vec::new();
+    if let Ok(free) = store.free_bytes().await {
+        let help = "Free bytes on the disk of the folder of this process";
+        figures.push(Figure::gauge("isocortex_free_bytes", help).with(&[], free as f64));
+    }
+    let counted = store.row_counts().await;
+    let up = Figure::gauge("isocortex_database_up", "Whether the database answers");
+    figures.push(up.with(&[], f64::from(u8::from(counted.is_ok()))));
+    let Ok(counted) = counted else {
+        return figures;
+    };
+    for (what, name, help) in [
+        ("cases", "isocortex_cases", "Cases by state"),
+        (
+            "arrivals",
+            "isocortex_arrivals",
+            "Series from a PACS by what became of them",
+        ),
+        (
+            "retrievals",
+            "isocortex_retrievals",
+            "Series fetched from a node, by state",
+        ),
+        (
+            "results",
+            "isocortex_results",
+            "Results for a node, by state",
+        ),
+    ] {
+        let of_it = counted.by_state.iter().filter(|(found, ..)| found == what);
+        let figure = Figure::gauge(name, help);
+        figures.push(of_it.fold(
+            figure,
+            |figure, (_, node, state, count)| match node.as_str() {
+                "" => figure.with(&[("state", state)], *count as f64),
+                node => figure.with(&[("node", node), ("state", state)], *count as f64),
+            },
+        ));
+    }
+    let help = "For how long the oldest result waits that has not been sent";
+    let waits = counted.oldest_unsent.unwrap_or_default();
+    let oldest = Figure::gauge("isocortex_oldest_unsent_result_seconds", help);
+    figures.push(oldest.with(&[], waits.as_secs_f64()));
+    figures
+}
+
+/// The process, as far as the system tells.
+fn of_process() -> Vec<Figure> {
+    let build = Figure::gauge("isocortex_build_info", "The version of the program");
+    let mut figures = vec![build.with(&[("version", env!("CARGO_PKG_VERSION"))], 1.0)];
+    let Some(process) = read_process() else {
+        return figures;
+    };
+    let one = |figure: Figure, value: f64| figure.with(&[], value);
+    figures.extend([
+        one(
+            Figure::counter("process_cpu_seconds", "CPU time of the process"),
+            process.cpu_seconds,
+        ),
+        one(
+            Figure::gauge("process_resident_memory_bytes", "Memory of the process"),
+            process.resident_bytes,
+        ),
+        one(
+            Figure::gauge("process_open_fds", "Open descriptors of the process"),
+            process.open_fds,
+        ),
+        one(
+            Figure::gauge("process_threads", "Threads of the process"),
+            process.threads,
+        ),
+        one(
+            Figure::gauge(
+                "process_start_time_seconds",
+                "When the process started, since 1970",
+            ),
+            process.started_at,
+        ),
+    ]);
+    figures
+}
+
+/// What `/proc` tells about this process.
+struct Process {
+    cpu_seconds: f64,
+    resident_bytes: f64,
+    open_fds: f64,
+    threads: f64,
+    started_at: f64,
+}
+
+fn read_process() -> Option<Process> {
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // The name of the program, in brackets, may have spaces.
+    let fields: Vec<f64> = stat
+        .rsplit_once(')')?
+        .1
+        .split_whitespace()
+        .skip(1)
+        .map(|field| field.parse().unwrap_or(0.0))
+        .collect();
+    // From the fourth field of proc(5) on.
+    let field = |number: usize| fields.get(number - 4).copied();
+    let boot = std::fs::read_to_string("/proc/stat").ok()?;
+    let boot = boot.lines().find_map(|line| line.strip_prefix("btime "))?;
+    Some(Process {
+        cpu_seconds: (field(14)? + field(15)?) / TICKS,
+        threads: field(20)?,
+        started_at: boot.trim().parse::<f64>().ok()? + field(22)? / TICKS,
+        resident_bytes: field(24)? * PAGE,
+        open_fds: std::fs::read_dir("/proc/self/fd").ok()?.count() as f64,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn the_process_has_plausible_figures() {
+        let process = read_process().unwrap();
+        assert!(process.resident_bytes > 1e6 && process.resident_bytes < 1e12);
+        assert!(process.open_fds >= 3.0 && process.threads >= 1.0);
+        assert!(process.started_at > 1.7e9);
+    }
+
+    #[test]
+    fn a_rejection_has_a_reason() {
+        let figures = associations(&AssociationCounts::default());
+        let rejected = &figures[2];
+        assert_eq!(rejected.values.len(), Rejection::ALL.len());
+        assert!(rejected.is_counter);
+    }
+}

@@ -1,0 +1,49 @@
+//! What `isocortex work` answers: whether it lives, whether its store can be used, and its metrics. No case, so no token.
+
+use axum::Router;
+use axum::extract::State;
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use axum::routing::get;
+use cases::Error;
+use http_support::metrics::{Metrics, OPEN_METRICS};
+use http_support::problem::AppError;
+use service::routes::health::READY_WITHIN;
+use storage::Store;
+
+use crate::figures;
+
+/// The routes of a worker on a store.
+pub(crate) fn routes(store: Store) -> Router {
+    let metrics = Metrics::new();
+    figures::add_store(&metrics, &store);
+    Router::new()
+        .route("/healthz", get(|| async { "ok\n" }))
+        .route("/readyz", get(readyz).with_state(store))
+        .route("/metrics", get(all).with_state(metrics))
+        .fallback(|| async { AppError::NoSuchRoute })
+        .method_not_allowed_fallback(|| async { AppError::MethodNotAllowed })
+}
+
+async fn readyz(State(store): State<Store>) -> Result<Response, AppError> {
+    let checked = tokio::time::timeout(READY_WITHIN, store.check()).await;
+    checked
+        .map_err(|_elapsed| Error::Unavailable)?
+        .map_err(|error| {
+            tracing::warn!(%error, "the store is not ready");
+            match Error::from(error) {
+                unwritable @ (Error::StorageFull | Error::StorageFailed(_)) => unwritable,
+                _ => Error::Unavailable,
+            }
+        })?;
+    Ok((StatusCode::OK, "ok\n").into_response())
+}
+
+async fn all(State(metrics): State<Metrics>) -> Result<Response, AppError> {
+    let text = metrics.all(0).await.map_err(|_| Error::Internal)?;
+    let headers = [
+        (header::CONTENT_TYPE, OPEN_METRICS),
+        (header::CACHE_CONTROL, "no-store"),
+    ];
+    Ok((headers, text).into_response())
+}

@@ -1,0 +1,245 @@
+-- Version 0.1.0. Numbers below 100 belonged to stores that were written before it, which are refused. From here on each
+-- change of the tables is a further file.
+--
+-- Times are microseconds since 1970-01-01T00:00Z. Digests are 64 hexadecimal digits. The tables are those of SQLite
+-- (../sqlite), where their columns are explained.
+
+CREATE TABLE cases (
+    id                TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    closing_radius_mm DOUBLE PRECISION NOT NULL,
+    parameters        TEXT             NOT NULL DEFAULT '{}',
+    name              TEXT,
+    state             TEXT             NOT NULL CHECK (state IN ('queued', 'preparing', 'ready', 'failed')),
+    failure           TEXT,   -- JSON, when failed
+    facts             TEXT,   -- JSON, when ready
+    facts_digest      TEXT,   -- BLAKE3 of `facts`
+    voxels            TEXT COLLATE "C",
+    created_at        BIGINT           NOT NULL,
+    uploaded_at       BIGINT,
+    kept              BOOLEAN          NOT NULL DEFAULT FALSE,
+    previous          TEXT COLLATE "C" REFERENCES cases (id)
+);
+
+CREATE INDEX cases_by_age ON cases (created_at, id);
+CREATE INDEX cases_by_voxels ON cases (voxels);
+CREATE INDEX cases_by_previous ON cases (previous, created_at, id);
+
+CREATE TABLE case_objects (
+    case_id TEXT COLLATE "C" NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
+    kind    TEXT COLLATE "C" NOT NULL,
+    digest  TEXT COLLATE "C" NOT NULL,
+    PRIMARY KEY (case_id, kind)
+);
+
+CREATE INDEX case_objects_by_name ON case_objects (kind, digest);
+
+CREATE TABLE pins (
+    kind       TEXT COLLATE "C" NOT NULL,
+    digest     TEXT COLLATE "C" NOT NULL,
+    holder     TEXT COLLATE "C" NOT NULL,
+    expires_at BIGINT           NOT NULL,
+    PRIMARY KEY (kind, digest, holder)
+);
+
+CREATE INDEX pins_by_expiry ON pins (expires_at);
+
+CREATE TABLE tombstones (
+    kind        TEXT COLLATE "C" NOT NULL,
+    digest      TEXT COLLATE "C" NOT NULL,
+    holder      TEXT COLLATE "C" NOT NULL,
+    lease_until BIGINT           NOT NULL,
+    PRIMARY KEY (kind, digest)
+);
+
+CREATE TABLE jobs (
+    case_id      TEXT COLLATE "C" NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
+    queued_at    BIGINT           NOT NULL,
+    available_at BIGINT           NOT NULL,
+    attempts     BIGINT           NOT NULL DEFAULT 0,
+    fence        BIGINT           NOT NULL DEFAULT 0,
+    lease_until  BIGINT,
+    stage        TEXT,
+    fraction     REAL
+);
+
+CREATE INDEX jobs_by_age ON jobs (queued_at, case_id);
+
+CREATE TABLE rebuilds (
+    case_id     TEXT COLLATE "C" NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
+    holder      TEXT COLLATE "C" NOT NULL,
+    lease_until BIGINT           NOT NULL
+);
+
+CREATE TABLE fence (value BIGINT NOT NULL);
+INSERT INTO fence (value) VALUES (0);
+
+-- Every change of a case is announced to all processes when it is committed: `changed ID`, `deleted ID`, and `queued` when a
+-- worker may find a job. Who misses an announcement finds the change when it looks the next time.
+CREATE FUNCTION announce_case() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    IF TG_OP = 'DELETE' THEN
+        PERFORM pg_notify('isocortex', 'deleted ' || OLD.id);
+    ELSE
+        PERFORM pg_notify('isocortex', 'changed ' || NEW.id);
+    END IF;
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER announce AFTER INSERT OR UPDATE OR DELETE ON cases
+    FOR EACH ROW EXECUTE FUNCTION announce_case();
+
+CREATE FUNCTION announce_job() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    PERFORM pg_notify('isocortex', 'changed ' || NEW.case_id);
+    IF NEW.lease_until IS NULL THEN
+        PERFORM pg_notify('isocortex', 'queued');
+    END IF;
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER announce AFTER INSERT OR UPDATE ON jobs
+    FOR EACH ROW EXECUTE FUNCTION announce_job();
+
+CREATE TABLE layers (
+    case_id      TEXT COLLATE "C" NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
+    id           TEXT COLLATE "C" NOT NULL,
+    name         TEXT             NOT NULL,
+    place        BIGINT           NOT NULL,
+    parameters   TEXT             NOT NULL,
+    state        TEXT             NOT NULL CHECK (state IN ('queued', 'preparing', 'ready', 'failed')),
+    failure      TEXT,
+    facts        TEXT,
+    facts_digest TEXT,
+    created_at   BIGINT           NOT NULL,
+    available_at BIGINT           NOT NULL,
+    attempts     BIGINT           NOT NULL DEFAULT 0,
+    fence        BIGINT           NOT NULL DEFAULT 0,
+    lease_until  BIGINT,
+    PRIMARY KEY (case_id, id),
+    UNIQUE (case_id, name)
+);
+
+CREATE INDEX layers_to_prepare ON layers (available_at) WHERE state IN ('queued', 'preparing');
+
+CREATE TABLE layer_objects (
+    case_id  TEXT COLLATE "C" NOT NULL,
+    layer_id TEXT COLLATE "C" NOT NULL,
+    kind     TEXT COLLATE "C" NOT NULL,
+    digest   TEXT COLLATE "C" NOT NULL,
+    PRIMARY KEY (case_id, layer_id, kind),
+    FOREIGN KEY (case_id, layer_id) REFERENCES layers (case_id, id) ON DELETE CASCADE
+);
+
+CREATE INDEX layer_objects_by_name ON layer_objects (kind, digest);
+
+-- A change of a layer is one of its case.
+CREATE FUNCTION announce_layer() RETURNS trigger LANGUAGE plpgsql AS $$
+BEGIN
+    IF TG_OP = 'DELETE' THEN
+        PERFORM pg_notify('isocortex', 'changed ' || OLD.case_id);
+        RETURN NULL;
+    END IF;
+    PERFORM pg_notify('isocortex', 'changed ' || NEW.case_id);
+    IF NEW.state = 'queued' THEN
+        PERFORM pg_notify('isocortex', 'queued');
+    END IF;
+    RETURN NULL;
+END $$;
+
+CREATE TRIGGER announce AFTER INSERT OR UPDATE OR DELETE ON layers
+    FOR EACH ROW EXECUTE FUNCTION announce_layer();
+
+-- Series that come from a PACS, until they are cases and for some days after. UIDs and accession numbers are here because
+-- requests name series by them; names and birth dates are not.
+CREATE TABLE arrivals (
+    id               TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    study_uid        TEXT COLLATE "C" NOT NULL,
+    series_uid       TEXT COLLATE "C" NOT NULL,
+    accession_number TEXT,
+    source           TEXT COLLATE "C" NOT NULL CHECK (source IN ('stow', 'c-store', 'retrieval')),
+    state            TEXT COLLATE "C" NOT NULL CHECK (state IN ('receiving', 'case', 'nothing')),
+    reason           TEXT,    -- JSON, when it became nothing
+    case_id          TEXT COLLATE "C" REFERENCES cases (id) ON DELETE SET NULL,
+    instances        BIGINT NOT NULL DEFAULT 0,
+    superseded       BIGINT NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
+    ignored          BIGINT NOT NULL DEFAULT 0, -- objects that were not kept
+    expected         BIGINT, -- how many the sender says there are
+    first_at         BIGINT NOT NULL,
+    last_at          BIGINT NOT NULL,
+    available_at     BIGINT NOT NULL,
+    fence            BIGINT NOT NULL DEFAULT 0,
+    lease_until      BIGINT,
+    UNIQUE (study_uid, series_uid)
+);
+
+CREATE INDEX arrivals_by_age ON arrivals (first_at, id);
+CREATE INDEX arrivals_by_case ON arrivals (case_id);
+CREATE INDEX arrivals_by_accession_number ON arrivals (accession_number);
+
+-- Their images: objects of the kind `instance`.
+CREATE TABLE arrival_instances (
+    arrival_id       TEXT COLLATE "C" NOT NULL REFERENCES arrivals (id) ON DELETE CASCADE,
+    sop_instance_uid TEXT COLLATE "C" NOT NULL,
+    digest           TEXT COLLATE "C" NOT NULL,
+    PRIMARY KEY (arrival_id, sop_instance_uid)
+);
+
+CREATE INDEX arrival_instances_by_digest ON arrival_instances (digest);
+
+-- The series that cases were made of, for requests that name one.
+CREATE TABLE case_series (
+    case_id          TEXT COLLATE "C" NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
+    study_uid        TEXT COLLATE "C" NOT NULL,
+    series_uid       TEXT COLLATE "C" NOT NULL,
+    accession_number TEXT,
+    superseded       BIGINT NOT NULL DEFAULT 0 -- whether the patient or the study was corrected since
+);
+
+CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);
+CREATE INDEX case_series_by_accession_number ON case_series (accession_number);
+
+-- Series that are fetched from a DICOMweb node, or were.
+CREATE TABLE retrievals (
+    id           TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    node         TEXT COLLATE "C" NOT NULL,
+    study_uid    TEXT COLLATE "C" NOT NULL,
+    series_uid   TEXT COLLATE "C" NOT NULL,
+    state        TEXT COLLATE "C" NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
+    reason       TEXT,    -- JSON, when failed
+    received     BIGINT NOT NULL DEFAULT 0,
+    expected     BIGINT, -- how many the node says there are
+    attempts     BIGINT NOT NULL DEFAULT 0,
+    created_at   BIGINT NOT NULL,
+    available_at BIGINT NOT NULL,
+    fence        BIGINT NOT NULL DEFAULT 0,
+    lease_until  BIGINT
+);
+
+CREATE INDEX retrievals_by_age ON retrievals (created_at, id);
+
+-- Results that are sent to a node, or were. Each is an object of the kind `result`.
+CREATE TABLE results (
+    id                TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    case_id           TEXT COLLATE "C" NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
+    node              TEXT COLLATE "C" NOT NULL,
+    sop_instance_uid  TEXT COLLATE "C" NOT NULL,
+    study_uid         TEXT COLLATE "C" NOT NULL,
+    digest            TEXT COLLATE "C" NOT NULL,
+    state             TEXT COLLATE "C" NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
+    reason            TEXT,    -- JSON, when failed
+    attempts          BIGINT NOT NULL DEFAULT 0,
+    created_at        BIGINT NOT NULL,
+    available_at      BIGINT NOT NULL,
+    fence             BIGINT NOT NULL DEFAULT 0,
+    lease_until       BIGINT,
+    sop_class_uid      TEXT COLLATE "C" NOT NULL,
+    series_uid         TEXT COLLATE "C" NOT NULL,
+    series_number      BIGINT           NOT NULL,
+    series_description TEXT             NOT NULL,
+    UNIQUE (sop_instance_uid, node)
+);
+
+CREATE INDEX results_by_case ON results (case_id);
+CREATE INDEX results_by_age ON results (created_at, id);
+CREATE INDEX results_by_digest ON results (digest);
+CREATE INDEX results_by_study ON results (study_uid);

@@ -1,0 +1,213 @@
+-- Version 0.1.0. Numbers below 100 belonged to stores that were written before it, which are refused. From here on each
+-- change of the tables is a further file.
+--
+-- Times are microseconds since 1970-01-01T00:00Z. Digests are 64 hexadecimal digits.
+
+CREATE TABLE cases (
+    id                TEXT    NOT NULL PRIMARY KEY,
+    closing_radius_mm REAL    NOT NULL,
+    parameters        TEXT    NOT NULL DEFAULT '{}', -- those without a column of their own: JSON, in which what is missing has its default
+    name              TEXT,
+    state             TEXT    NOT NULL CHECK (state IN ('queued', 'preparing', 'ready', 'failed')),
+    failure           TEXT,   -- JSON, when failed
+    facts             TEXT,   -- JSON, when ready
+    facts_digest      TEXT,   -- BLAKE3 of `facts`: they hold the affine, and a digit that flips on the disk would move every coordinate
+    voxels            TEXT,   -- `voxels.values` of the facts, to find cases with the same voxels and another header
+    created_at        INTEGER NOT NULL,
+    uploaded_at       INTEGER, -- the latest upload of the same input, from which the age counts; NULL if there was only one
+    kept              INTEGER NOT NULL DEFAULT 0, -- whether it is never removed because of its age
+    previous          TEXT    REFERENCES cases (id) -- the case of which this is a version, with another mask or other parameters
+) STRICT;
+
+CREATE INDEX cases_by_age ON cases (created_at, id);
+CREATE INDEX cases_by_voxels ON cases (voxels);
+CREATE INDEX cases_by_previous ON cases (previous, created_at, id);
+
+-- Which objects a case needs. Two cases may need the same one.
+CREATE TABLE case_objects (
+    case_id TEXT NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
+    kind    TEXT NOT NULL,
+    digest  TEXT NOT NULL,
+    PRIMARY KEY (case_id, kind)
+) STRICT, WITHOUT ROWID;
+
+CREATE INDEX case_objects_by_name ON case_objects (kind, digest);
+
+-- Objects that must not be removed yet though no case needs them: they are being written. Every object is pinned
+-- before it is written, and every object that a case ceases to need is left with an expired pin; so the expired
+-- pins name all that may have to be removed.
+CREATE TABLE pins (
+    kind       TEXT    NOT NULL,
+    digest     TEXT    NOT NULL,
+    holder     TEXT    NOT NULL,
+    expires_at INTEGER NOT NULL,
+    PRIMARY KEY (kind, digest, holder)
+) STRICT, WITHOUT ROWID;
+
+CREATE INDEX pins_by_expiry ON pins (expires_at);
+
+-- Preparations to be done. The row goes when the case is ready or failed.
+CREATE TABLE jobs (
+    case_id      TEXT    NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
+    queued_at    INTEGER NOT NULL,
+    available_at INTEGER NOT NULL,
+    attempts     INTEGER NOT NULL DEFAULT 0,
+    fence        INTEGER NOT NULL DEFAULT 0,
+    lease_until  INTEGER,
+    stage        TEXT,
+    fraction     REAL
+) STRICT;
+
+CREATE INDEX jobs_by_age ON jobs (queued_at);
+
+-- One number, handed out with each lease and never twice.
+CREATE TABLE fence (value INTEGER NOT NULL) STRICT;
+INSERT INTO fence (value) VALUES (0);
+
+-- Objects that nobody needs and that are being removed. While a tombstone is there the object cannot be pinned, so that nobody
+-- refers to it; if whoever removes it is killed, another one takes over after `lease_until`.
+CREATE TABLE tombstones (
+    kind        TEXT    NOT NULL,
+    digest      TEXT    NOT NULL,
+    holder      TEXT    NOT NULL,
+    lease_until INTEGER NOT NULL,
+    PRIMARY KEY (kind, digest)
+) STRICT, WITHOUT ROWID;
+
+-- Cases whose derived objects some process is making again: the others wait for it instead of doing the same.
+CREATE TABLE rebuilds (
+    case_id     TEXT    NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
+    holder      TEXT    NOT NULL,
+    lease_until INTEGER NOT NULL
+) STRICT, WITHOUT ROWID;
+
+-- Further volumes of the head of a case. A version of a case has rows of its own for the same layers.
+CREATE TABLE layers (
+    case_id      TEXT    NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
+    id           TEXT    NOT NULL,
+    name         TEXT    NOT NULL,
+    place        INTEGER NOT NULL,   -- in the list of the layers of the case
+    parameters   TEXT    NOT NULL,   -- JSON
+    state        TEXT    NOT NULL CHECK (state IN ('queued', 'preparing', 'ready', 'failed')),
+    failure      TEXT,   -- JSON, when failed
+    facts        TEXT,   -- JSON, when ready; when queued again, those before, whose placement stays
+    facts_digest TEXT,   -- BLAKE3 of `facts`
+    created_at   INTEGER NOT NULL,
+    -- The job: as in `jobs`. It is leased once the case is ready.
+    available_at INTEGER NOT NULL,
+    attempts     INTEGER NOT NULL DEFAULT 0,
+    fence        INTEGER NOT NULL DEFAULT 0,
+    lease_until  INTEGER,
+    PRIMARY KEY (case_id, id),
+    UNIQUE (case_id, name)
+) STRICT;
+
+CREATE INDEX layers_to_prepare ON layers (available_at) WHERE state IN ('queued', 'preparing');
+
+-- Which objects a layer needs. Several layers may need the same one.
+CREATE TABLE layer_objects (
+    case_id  TEXT NOT NULL,
+    layer_id TEXT NOT NULL,
+    kind     TEXT NOT NULL,
+    digest   TEXT NOT NULL,
+    PRIMARY KEY (case_id, layer_id, kind),
+    FOREIGN KEY (case_id, layer_id) REFERENCES layers (case_id, id) ON DELETE CASCADE
+) STRICT, WITHOUT ROWID;
+
+CREATE INDEX layer_objects_by_name ON layer_objects (kind, digest);
+
+-- Series that come from a PACS, until they are cases and for some days after. UIDs and accession numbers are here because
+-- requests name series by them; names and birth dates are not.
+CREATE TABLE arrivals (
+    id               TEXT    NOT NULL PRIMARY KEY,
+    study_uid        TEXT    NOT NULL,
+    series_uid       TEXT    NOT NULL,
+    accession_number TEXT,
+    source           TEXT    NOT NULL CHECK (source IN ('stow', 'c-store', 'retrieval')),
+    state            TEXT    NOT NULL CHECK (state IN ('receiving', 'case', 'nothing')),
+    reason           TEXT,    -- JSON, when it became nothing
+    case_id          TEXT    REFERENCES cases (id) ON DELETE SET NULL,
+    instances        INTEGER NOT NULL DEFAULT 0,
+    superseded       INTEGER NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
+    ignored          INTEGER NOT NULL DEFAULT 0, -- objects that were not kept
+    expected         INTEGER, -- how many the sender says there are
+    first_at         INTEGER NOT NULL,
+    last_at          INTEGER NOT NULL,
+    available_at     INTEGER NOT NULL,
+    fence            INTEGER NOT NULL DEFAULT 0,
+    lease_until      INTEGER,
+    UNIQUE (study_uid, series_uid)
+) STRICT, WITHOUT ROWID;
+
+CREATE INDEX arrivals_by_age ON arrivals (first_at, id);
+CREATE INDEX arrivals_by_case ON arrivals (case_id);
+CREATE INDEX arrivals_by_accession_number ON arrivals (accession_number);
+
+-- Their images: objects of the kind `instance`.
+CREATE TABLE arrival_instances (
+    arrival_id       TEXT NOT NULL REFERENCES arrivals (id) ON DELETE CASCADE,
+    sop_instance_uid TEXT NOT NULL,
+    digest           TEXT NOT NULL,
+    PRIMARY KEY (arrival_id, sop_instance_uid)
+) STRICT, WITHOUT ROWID;
+
+CREATE INDEX arrival_instances_by_digest ON arrival_instances (digest);
+
+-- The series that cases were made of, for requests that name one.
+CREATE TABLE case_series (
+    case_id          TEXT NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
+    study_uid        TEXT NOT NULL,
+    series_uid       TEXT NOT NULL,
+    accession_number TEXT,
+    superseded       INTEGER NOT NULL DEFAULT 0 -- whether the patient or the study was corrected since
+) STRICT, WITHOUT ROWID;
+
+CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);
+CREATE INDEX case_series_by_accession_number ON case_series (accession_number);
+
+-- Series that are fetched from a DICOMweb node, or were.
+CREATE TABLE retrievals (
+    id           TEXT    NOT NULL PRIMARY KEY,
+    node         TEXT    NOT NULL,
+    study_uid    TEXT    NOT NULL,
+    series_uid   TEXT    NOT NULL,
+    state        TEXT    NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
+    reason       TEXT,    -- JSON, when failed
+    received     INTEGER NOT NULL DEFAULT 0,
+    expected     INTEGER, -- how many the node says there are
+    attempts     INTEGER NOT NULL DEFAULT 0,
+    created_at   INTEGER NOT NULL,
+    available_at INTEGER NOT NULL,
+    fence        INTEGER NOT NULL DEFAULT 0,
+    lease_until  INTEGER
+) STRICT, WITHOUT ROWID;
+
+CREATE INDEX retrievals_by_age ON retrievals (created_at, id);
+
+-- Results that are sent to a node, or were. Each is an object of the kind `result`.
+CREATE TABLE results (
+    id                TEXT NOT NULL PRIMARY KEY,
+    case_id           TEXT NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
+    node              TEXT NOT NULL,
+    sop_instance_uid  TEXT NOT NULL,
+    study_uid         TEXT NOT NULL,
+    digest            TEXT NOT NULL,
+    state             TEXT NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
+    reason            TEXT,    -- JSON, when failed
+    attempts          INTEGER NOT NULL DEFAULT 0,
+    created_at        INTEGER NOT NULL,
+    available_at      INTEGER NOT NULL,
+    fence             INTEGER NOT NULL DEFAULT 0,
+    lease_until       INTEGER,
+    -- What a search tells about it: its series.
+    sop_class_uid      TEXT    NOT NULL,
+    series_uid         TEXT    NOT NULL,
+    series_number      INTEGER NOT NULL,
+    series_description TEXT    NOT NULL,
+    UNIQUE (sop_instance_uid, node)
+) STRICT, WITHOUT ROWID;
+
+CREATE INDEX results_by_case ON results (case_id);
+CREATE INDEX results_by_age ON results (created_at, id);
+CREATE INDEX results_by_digest ON results (digest);
+CREATE INDEX results_by_study ON results (study_uid);

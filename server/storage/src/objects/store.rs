@@ -1,0 +1,219 @@
+//! The objects of a store, in a directory or in any object store.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use bytes::Bytes;
+use futures_util::TryStreamExt as _;
+use object_store::local::LocalFileSystem;
+use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutPayload};
+use tokio::io::AsyncReadExt;
+
+use super::frame::{FrameError, Framed, plain_header, unframe};
+use super::{ObjectError, ObjectName, Spooled, link};
+
+/// The size of a part when a file is copied into the store; S3 accepts 5 MiB or more.
+const PART_LENGTH: usize = 8 << 20;
+
+/// The reason why an object cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum Unreadable {
+    /// It is missing.
+    #[error("an object is missing")]
+    Missing,
+    /// It is damaged.
+    #[error("an object is damaged: {0}")]
+    Damaged(String),
+    /// It cannot be reached; it may be intact.
+    #[error(transparent)]
+    Store(#[from] ObjectError),
+}
+
+/// The objects of a store.
+#[derive(Debug, Clone)]
+pub(crate) struct Objects {
+    files: Arc<dyn ObjectStore>,
+    /// Their directory, if they are on this machine.
+    directory: Option<PathBuf>,
+}
+
+impl Objects {
+    /// Objects in any object store.
+    pub(crate) fn new(files: Arc<dyn ObjectStore>) -> Self {
+        Self {
+            files,
+            directory: None,
+        }
+    }
+
+    /// Objects in a directory, which is created if missing. An object is on the disk when `put` returns.
+    ///
+    /// # Errors
+    /// If the directory cannot be used.
+    pub(crate) fn in_directory(directory: &Path) -> Result<Self, ObjectError> {
+        std::fs::create_dir_all(directory)?;
+        let files = LocalFileSystem::new_with_prefix(directory)?.with_fsync(true);
+        Ok(Self {
+            directory: Some(directory.to_owned()),
+            ..Self::new(Arc::new(files))
+        })
+    }
+
+    /// Writes an object, replacing an existing one, which may be damaged. Readers see either the old or the new one,
+    /// complete.
+    ///
+    /// # Errors
+    /// If the object store fails.
+    pub(crate) async fn put(&self, framed: &Framed) -> Result<(), ObjectError> {
+        let header = Bytes::copy_from_slice(&framed.header);
+        let payload = PutPayload::from_iter([header, framed.payload.clone()]);
+        self.files.put(&framed.name.path(), payload).await?;
+        Ok(())
+    }
+
+    /// Makes an object from a spooled file, replacing an existing one. In a directory on the same disk, it becomes the
+    /// same file under another name; elsewhere it is copied, with at most one part in memory.
+    ///
+    /// # Errors
+    /// If the object store fails.
+    pub(crate) async fn put_file(
+        &self,
+        name: &ObjectName,
+        file: &Spooled,
+    ) -> Result<(), ObjectError> {
+        let header = plain_header(name, file.len());
+        if let Some(directory) = &self.directory {
+            let place = directory.join(name.path().as_ref());
+            let file = file.path().to_owned();
+            let linked = tokio::task::spawn_blocking(move || link::link(&file, &header, &place));
+            if linked.await?? {
+                return Ok(());
+            }
+        }
+        self.copy_file(name, header.to_vec(), file).await
+    }
+
+    async fn copy_file(
+        &self,
+        name: &ObjectName,
+        header: Vec<u8>,
+        file: &Spooled,
+    ) -> Result<(), ObjectError> {
+        let mut upload = self.files.put_multipart(&name.path()).await?;
+        let written = write_parts(&mut *upload, header, file).await;
+        if written.is_err() {
+            // Parts of an unfinished object stay in a bucket for ever; if they cannot be aborted either, the rules of
+            // the bucket remove them.
+            let _given_up = upload.abort().await;
+        }
+        written
+    }
+
+    /// The verified payload of an object.
+    ///
+    /// # Errors
+    /// If it is missing or damaged, or the object store fails.
+    pub(crate) async fn get(&self, name: &ObjectName) -> Result<Bytes, Unreadable> {
+        self.read(name).await.map(|(payload, _framed)| payload)
+    }
+
+    /// The verified bytes of an object as stored.
+    ///
+    /// # Errors
+    /// As [`Objects::get`].
+    pub(crate) async fn get_framed(&self, name: &ObjectName) -> Result<Bytes, Unreadable> {
+        self.read(name).await.map(|(_payload, framed)| framed)
+    }
+
+    /// Writes the bytes of an object from another store, replacing an existing one.
+    ///
+    /// # Errors
+    /// If the object store fails.
+    pub(crate) async fn put_framed(
+        &self,
+        name: &ObjectName,
+        framed: Bytes,
+    ) -> Result<(), ObjectError> {
+        self.files.put(&name.path(), framed.into()).await?;
+        Ok(())
+    }
+
+    async fn read(&self, name: &ObjectName) -> Result<(Bytes, Bytes), Unreadable> {
+        let answer = match self.files.get(&name.path()).await {
+            Ok(answer) => answer.bytes().await,
+            Err(error) => Err(error),
+        };
+        let framed = match answer {
+            Ok(framed) => framed,
+            Err(object_store::Error::NotFound { .. }) => return Err(Unreadable::Missing),
+            Err(error) => return Err(ObjectError::from(error).into()),
+        };
+        let name = *name;
+        // Hashing and unpacking take milliseconds.
+        tokio::task::spawn_blocking(move || Ok((unframe(&name, &framed)?, framed)))
+            .await
+            .map_err(ObjectError::from)?
+            .map_err(|fault: FrameError| Unreadable::Damaged(fault.to_string()))
+    }
+
+    /// The names of all objects. Files with other names are ignored.
+    ///
+    /// # Errors
+    /// If the object store fails.
+    pub(crate) async fn list(&self) -> Result<Vec<ObjectName>, ObjectError> {
+        let found = self.files.list(None).map_ok(|file| {
+            let mut parts = file.location.parts();
+            let (kind, _prefix, digest) = (parts.next()?, parts.next()?, parts.next()?);
+            ObjectName::parse(kind.as_ref(), digest.as_ref())
+                .filter(|name| name.path() == file.location)
+        });
+        let names: Vec<_> = found.try_collect().await?;
+        Ok(names.into_iter().flatten().collect())
+    }
+
+    /// Removes an object, if it exists.
+    ///
+    /// # Errors
+    /// If the object store fails.
+    pub(crate) async fn delete(&self, name: &ObjectName) -> Result<(), ObjectError> {
+        match self.files.delete(&name.path()).await {
+            Ok(()) | Err(object_store::Error::NotFound { .. }) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Whether the object store answers.
+    ///
+    /// # Errors
+    /// If the object store fails.
+    pub(crate) async fn check(&self) -> Result<(), ObjectError> {
+        let nowhere = object_store::path::Path::from("check");
+        match self.files.head(&nowhere).await {
+            Ok(_) | Err(object_store::Error::NotFound { .. }) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
+    }
+}
+
+/// Writes a header and a file, with at most one part in memory.
+async fn write_parts(
+    upload: &mut dyn MultipartUpload,
+    header: Vec<u8>,
+    file: &Spooled,
+) -> Result<(), ObjectError> {
+    let mut file = file.open().await?;
+    let mut part = header;
+    loop {
+        part.reserve_exact(PART_LENGTH - part.len());
+        while part.len() < PART_LENGTH && file.read_buf(&mut part).await? > 0 {}
+        let last = part.len() < PART_LENGTH;
+        if !part.is_empty() {
+            upload.put_part(std::mem::take(&mut part).into()).await?;
+        }
+        if last {
+            break;
+        }
+    }
+    upload.complete().await?;
+    Ok(())
+}

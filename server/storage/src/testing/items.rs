@@ -1,0 +1,44 @@
+//! Cases without files, for checks of the rows.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use case::{CaseId, ObjectKind, Parameters};
+
+use super::name;
+use crate::rows::{Claim, LeaseTerms, NewCase, Pinned};
+use crate::{ObjectName, Store};
+
+/// Objects pinned for an hour.
+pub(crate) async fn pinned(store: &Store, names: &[ObjectName]) -> Pinned {
+    static HOLDERS: AtomicUsize = AtomicUsize::new(0);
+    let holder = format!("test-{}", HOLDERS.fetch_add(1, Ordering::Relaxed));
+    let pinned = Pinned {
+        holder,
+        names: names.to_vec(),
+    };
+    let hour = Duration::from_secs(3600);
+    assert!(store.try_pin(&pinned, hour).await.unwrap());
+    pinned
+}
+
+/// A case of the volume `contents`, whose source is pinned.
+pub(crate) async fn new_case(store: &Store, contents: &str) -> NewCase {
+    let source = name(ObjectKind::SourceVolume, contents);
+    NewCase {
+        id: CaseId::of(&source.digest, None, &Parameters::default()),
+        parameters: Parameters::default(),
+        previous: None,
+        sources: pinned(store, &[source]).await,
+        queue_limit: 100,
+    }
+}
+
+/// Leases a job for 30 s; it fails at its fourth attempt.
+pub(crate) async fn claim(store: &Store) -> Option<Claim> {
+    let terms = LeaseTerms {
+        lease: Duration::from_secs(30),
+        max_attempts: 3,
+    };
+    store.claim(&terms).await.unwrap()
+}

@@ -1,0 +1,362 @@
+//! What an operator sees and does: logs, metrics, signals, checks of a configuration and of nodes, pages of other hosts.
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, ChildStderr, Command, Stdio};
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::http::{Method, Request};
+use serde_json::Value;
+
+use crate::command_line::run;
+use crate::results::python_with;
+use crate::server::Server;
+use crate::several_machines::program;
+
+/// A process whose log is JSON. Dropping it kills it.
+struct Logged {
+    process: Child,
+    log: BufReader<ChildStderr>,
+    /// Every line so far.
+    lines: Vec<String>,
+}
+
+impl Drop for Logged {
+    fn drop(&mut self) {
+        // It may have ended.
+        let _ = self.process.kill();
+    }
+}
+
+impl Logged {
+    fn start(arguments: &[&str]) -> Self {
+        let mut process = Command::new(program())
+            .args(arguments)
+            .args(["--log-format", "json", "--log", "debug"])
+            .env_remove("ISOCORTEX_CONFIG")
+            .env_remove("ISOCORTEX_TOKEN")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let log = BufReader::new(process.stderr.take().unwrap());
+        Self {
+            process,
+            log,
+            lines: Vec::new(),
+        }
+    }
+
+    /// Reads the log until a line has a message.
+    fn until(&mut self, message: &str) -> Value {
+        loop {
+            let mut line = String::new();
+            assert!(
+                self.log.read_line(&mut line).unwrap() > 0,
+                "{:?}",
+                self.lines
+            );
+            let parsed: Value = serde_json::from_str(&line).expect(&line);
+            self.lines.push(line);
+            if parsed["message"] == message {
+                return parsed;
+            }
+        }
+    }
+
+    fn signal(&self, name: &str) {
+        let pid = self.process.id().to_string();
+        let sent = Command::new("kill").args([name, &pid]).status();
+        assert!(sent.unwrap().success());
+    }
+
+    /// Ends it in order; every line of its log is JSON, and nothing is on standard output.
+    fn end(mut self) {
+        self.signal("-TERM");
+        self.until("stopped");
+        let mut rest = String::new();
+        self.log.read_to_string(&mut rest).unwrap();
+        for line in self.lines.iter().map(String::as_str).chain(rest.lines()) {
+            assert!(line.starts_with('{'), "{line}");
+            assert!(!line.contains("\"target\":\"sqlx"), "{line}");
+        }
+        let mut printed = String::new();
+        let mut stdout = self.process.stdout.take().unwrap();
+        stdout.read_to_string(&mut printed).unwrap();
+        assert_eq!(printed, "");
+        assert!(self.process.wait().unwrap().success());
+    }
+}
+
+/// The status and the body of a GET.
+fn get(address: &str, path: &str, token: &str) -> (u16, String) {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream
+        .set_read_timeout(Some(Duration::from_secs(60)))
+        .unwrap();
+    let request = format!(
+        "GET {path} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {token}\r\nConnection: close\r\n\r\n"
+    );
+    stream.write_all(request.as_bytes()).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    let status = answer.split(' ').nth(1).unwrap().parse().unwrap();
+    let body = answer.split_once("\r\n\r\n").unwrap().1;
+    (status, body.to_owned())
+}
+
+const OLD: &str = "0123456789abcdef";
+const NEW: &str = "fedcba9876543210";
+
+#[test]
+fn a_signal_reads_the_token_again_and_every_line_of_the_log_is_json() {
+    let folder = tempfile::tempdir().unwrap();
+    let [data, token] = ["data", "token"].map(|name| folder.path().join(name));
+    std::fs::write(&token, OLD).unwrap();
+    let mut server = Logged::start(&[
+        "serve",
+        "--listen",
+        "127.0.0.1:0",
+        "--gpu",
+        "off",
+        "--data",
+        data.to_str().unwrap(),
+        "--token-file",
+        token.to_str().unwrap(),
+    ]);
+    let line = server.until("listening");
+    let address = line["address"].as_str().unwrap().to_owned();
+    let status = |token: &str| get(&address, "/v1/cases", token).0;
+    assert_eq!(status(OLD), 200);
+
+    std::fs::write(&token, NEW).unwrap();
+    assert_eq!(status(OLD), 200, "nobody has said so");
+    server.signal("-HUP");
+    server.until("the token and the certificates were read again");
+    assert_eq!(status(NEW), 200);
+    assert_eq!(status(OLD), 401);
+
+    std::fs::write(&token, "short").unwrap();
+    server.signal("-HUP");
+    let refused = server.until("the token and the certificates stay as they were");
+    assert!(refused["error"].as_str().unwrap().contains("at least 16"));
+    assert_eq!(status(NEW), 200);
+
+    let (_, metrics) = get(&address, "/metrics", NEW);
+    for name in [
+        "isocortex_build_info{version=",
+        "isocortex_database_up 1",
+        "isocortex_free_bytes ",
+        "isocortex_store_failures_total{part=\"database\"} ",
+        "isocortex_preparations_total{result=\"ready\"} 0",
+        "isocortex_oldest_unsent_result_seconds 0",
+        "process_resident_memory_bytes ",
+        "process_cpu_seconds_total ",
+    ] {
+        assert!(metrics.contains(name), "{name}: {metrics}");
+    }
+    assert!(metrics.trim_end().ends_with("# EOF"), "{metrics}");
+    server.end();
+}
+
+#[test]
+fn a_worker_answers_health_checks_and_metrics_and_outlives_a_hangup() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().display().to_string();
+    let mut worker = Logged::start(&["work", "--data", &data, "--listen", "127.0.0.1:0"]);
+    let line = worker.until("answering health checks");
+    let address = line["address"].as_str().unwrap().to_owned();
+    worker.signal("-HUP");
+    for path in ["/healthz", "/readyz"] {
+        assert_eq!(get(&address, path, "").0, 200, "{path}");
+    }
+    let (status, metrics) = get(&address, "/metrics", "");
+    assert_eq!(status, 200);
+    assert!(metrics.contains("isocortex_database_up 1"), "{metrics}");
+    assert_eq!(get(&address, "/v1/cases", "").0, 404);
+    worker.end();
+}
+
+/// The text of metrics is what a parser of the format accepts.
+#[tokio::test]
+async fn the_metrics_are_valid() {
+    let Some(python) = python_with("prometheus_client") else {
+        return;
+    };
+    let server = Server::start().await;
+    let text = server.get("/metrics").await.body;
+    let parse = "import sys\nfrom prometheus_client.openmetrics.parser import text_string_to_metric_families as parse\n\
+                 assert list(parse(sys.stdin.read()))";
+    let mut parser = Command::new(python)
+        .args(["-c", parse])
+        .stdin(Stdio::piped())
+        .spawn()
+        .unwrap();
+    parser.stdin.take().unwrap().write_all(&text).unwrap();
+    assert!(parser.wait().unwrap().success());
+}
+
+fn written(folder: &Path, name: &str, text: &str) -> String {
+    let file = folder.join(name);
+    std::fs::write(&file, text).unwrap();
+    file.display().to_string()
+}
+
+#[test]
+fn a_configuration_is_checked_without_starting_anything() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("data").display().to_string();
+    let good = format!(
+        "[storage]\ndata = \"{data}\"\n[pacs.dimse]\nlisten = \"127.0.0.1:11112\"\n\
+         [[pacs.nodes]]\nname = \"archive\"\nurl = \"http://archive/dicom-web\"\n"
+    );
+    let config = written(folder.path(), "good.toml", &good);
+    let (status, said) = run(&["check-config", "--config", &config]);
+    assert_eq!(status, Some(0), "{said}");
+    for words in ["is valid", "`archive`", "11112", "nobody may send", &data] {
+        assert!(said.contains(words), "{words}: {said}");
+    }
+    assert!(!Path::new(&data).exists());
+    for (text, words) in [
+        (
+            "[http]\nlisten = \"0.0.0.0:8640\"",
+            "without a bearer token",
+        ),
+        ("[http]\ntoken_file = \"/nowhere\"", "/nowhere"),
+        ("[http]\nallowed_origins = [\"*\"]", "is no origin"),
+        (
+            "[pacs.dimse]\nlisten = \"127.0.0.1:1\"\n[[pacs.dimse.peers]]\naet = \"A\"\naddress = \"10.0.0/8\"",
+            "a network such as",
+        ),
+        ("[http]\nmax_uplods = 1", "max_uplods"),
+        ("[render]\nthreads = 0", "render.threads"),
+    ] {
+        let config = written(folder.path(), "bad.toml", text);
+        let (status, said) = run(&["check-config", "--config", &config]);
+        assert_eq!(status, Some(78), "{text}: {said}");
+        assert!(said.contains(words), "{text}: {said}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_is_tested_by_command_and_by_request() {
+    let node = Server::start().await;
+    let socket = node.on_a_socket().await;
+    let address = socket.address;
+    let nodes = format!(
+        "[[pacs.nodes]]\nname = \"good\"\nurl = \"http://{address}/dicomweb\"\n\
+         [[pacs.nodes]]\nname = \"rootless\"\nurl = \"http://{address}/\"\n\
+         [[pacs.nodes]]\nname = \"gone\"\naet = \"GONE\"\naddress = \"127.0.0.1:1\"\n"
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let config = written(folder.path(), "isocortex.toml", &nodes);
+    let test = |name: &'static str| {
+        let config = config.clone();
+        tokio::task::spawn_blocking(move || run(&["test-node", "--config", &config, name]))
+    };
+    let expected = [
+        ("good", 0, "dicomweb: it answers"),
+        ("rootless", 69, "name the root"),
+        ("gone", 69, "c-store: the node cannot be reached"),
+        ("nobody", 2, "no node of the configuration"),
+    ];
+    for (name, status, words) in expected {
+        let (found, said) = test(name).await.unwrap();
+        assert_eq!(found, Some(status), "{name}: {said}");
+        assert!(said.contains(words), "{name}: {said}");
+    }
+
+    let parsed: isocortex::config::Config = toml_of(folder.path(), &nodes);
+    let server = Server::start_with(|config| config.pacs = parsed.pacs).await;
+    for (name, is_reachable) in [("good", true), ("rootless", false), ("gone", false)] {
+        let test = format!("/v1/pacs/nodes/{name}/test");
+        let answer = server.method(Method::POST, &test).await.json();
+        assert_eq!(answer["is_reachable"], is_reachable, "{answer}");
+        assert_eq!(answer["services"].as_array().unwrap().len(), 1);
+    }
+    let reached = server.pacs.reached();
+    let expected = [("gone", false), ("good", true), ("rootless", true)];
+    assert_eq!(reached, expected.map(|(name, is)| (name.to_owned(), is)));
+    let missing = server
+        .method(Method::POST, "/v1/pacs/nodes/nobody/test")
+        .await;
+    assert_eq!(missing.status, 404);
+}
+
+fn toml_of(folder: &Path, text: &str) -> isocortex::config::Config {
+    let file = written(folder, "again.toml", text);
+    isocortex::config::Config::read(Path::new(&file)).unwrap()
+}
+
+#[tokio::test]
+async fn pages_of_listed_origins_may_read_and_embed_and_no_others() {
+    let server = Server::start_with(|config| {
+        config.http.allowed_origins = vec!["https://viewer.example".to_owned()];
+        config.http.frame_ancestors = vec!["https://pacs.example".to_owned()];
+    })
+    .await;
+    let ask = async |method: Method, origin: &str, headers: &[(&str, &str)]| {
+        let mut request = Request::builder()
+            .method(method)
+            .uri("/dicomweb/studies")
+            .header("host", "localhost")
+            .header("origin", origin);
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        server.send(request.body(Body::empty()).unwrap()).await
+    };
+    // As OHIF asks: a question, because of the header with the token, and the search itself.
+    let question = [
+        ("access-control-request-method", "GET"),
+        ("access-control-request-headers", "authorization"),
+    ];
+    let listed = "https://viewer.example";
+    let answer = ask(Method::OPTIONS, listed, &question).await;
+    assert_eq!(answer.status, 204);
+    assert_eq!(answer.header("access-control-allow-origin"), listed);
+    assert!(
+        answer
+            .header("access-control-allow-headers")
+            .contains("authorization")
+    );
+    let search = ask(Method::GET, listed, &[("accept", "application/dicom+json")]).await;
+    assert_eq!(search.status, 204);
+    assert_eq!(search.header("access-control-allow-origin"), listed);
+    assert!(
+        search
+            .header("access-control-expose-headers")
+            .contains("warning")
+    );
+    let cross = [("sec-fetch-site", "cross-site")];
+    let stored = ask(Method::POST, listed, &cross).await;
+    assert_eq!(stored.status, 415, "it is not refused for its origin");
+
+    for other in ["https://evil.example", "http://viewer.example", "null"] {
+        let answer = ask(Method::OPTIONS, other, &question).await;
+        assert_eq!(answer.status, 405, "{other}");
+        let read = ask(Method::GET, other, &[]).await;
+        assert!(read.headers.get("access-control-allow-origin").is_none());
+        assert_eq!(read.header("vary"), "origin");
+        assert_eq!(
+            ask(Method::POST, other, &cross).await.status,
+            403,
+            "{other}"
+        );
+    }
+    let page = server.get("/").await;
+    let policy = page.header("content-security-policy");
+    assert!(
+        policy.ends_with("frame-ancestors 'self' https://pacs.example"),
+        "{policy}"
+    );
+
+    let usual = Server::start().await;
+    let read = usual.get_with("/v1/cases", &[("origin", listed)]).await;
+    assert!(read.headers.get("access-control-allow-origin").is_none());
+    let policy = usual.get("/").await;
+    let policy = policy.header("content-security-policy");
+    assert!(policy.ends_with("frame-ancestors 'self'"), "{policy}");
+}

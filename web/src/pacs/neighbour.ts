@@ -1,0 +1,52 @@
+// What a case from DICOM has beside its pictures: the patient, if the server's configuration lets the page show it, and
+// results that are sent to a node of the PACS.
+
+import { Problem, send } from "../base/api.ts";
+import { h } from "../base/dom.ts";
+import { t } from "../base/i18n.ts";
+import { type Render, resultsSection } from "./results.ts";
+
+/** What the server has of a PACS. */
+interface PacsView {
+  readonly nodes: readonly string[];
+  readonly patient_banner: boolean;
+}
+
+/** Adds to the viewer of a case and to the panel beside it what there is to add; without a PACS, nothing. */
+export async function meetNeighbour(id: string, viewer: HTMLElement, render: Render): Promise<void> {
+  const { nodes, patient_banner } = await pacsOf();
+  if (patient_banner) await showPatient(id, viewer);
+  const panel = viewer.closest(".page")?.querySelector(".panel");
+  if (nodes.length > 0) panel?.append(resultsSection(id, nodes, render));
+}
+
+async function pacsOf(): Promise<PacsView> {
+  try {
+    return (await (await send("v1/pacs", { cache: "no-store" })).json()) as PacsView;
+  } catch (problem) {
+    if (problem instanceof Problem && problem.status === 404) return { nodes: [], patient_banner: false };
+    throw problem;
+  }
+}
+
+/** A date of DICOM with dashes. */
+export const dateWords = (text = ""): string => text.replace(/^(\d{4})(\d\d)(\d\d).*$/, "$1-$2-$3");
+
+async function showPatient(id: string, viewer: HTMLElement): Promise<void> {
+  const answer = await send(`v1/cases/${id}/dicom`, { cache: "no-store" });
+  const { attributes } = (await answer.json()) as { readonly attributes: Readonly<Record<string, string>> };
+  const { PatientName, PatientID, PatientBirthDate, PatientSex, StudyDate } = attributes;
+  // Of a name with several spellings the first; its components have carets between them.
+  const name = PatientName?.split("=")[0]?.replace("^", ", ").replaceAll("^", " ").trim();
+  const series = [attributes.SeriesNumber, attributes.SeriesDescription].filter(Boolean).join(" ");
+  const parts = [
+    name,
+    PatientID,
+    PatientBirthDate && `* ${dateWords(PatientBirthDate)}`,
+    PatientSex,
+    StudyDate && t("pacs.study", { date: dateWords(StudyDate) }),
+    series && t("pacs.series", { series }),
+  ];
+  const text = parts.filter(Boolean).join(" · ");
+  if (text) viewer.prepend(h("p", { class: "patient-banner", "aria-label": t("pacs.patient") }, text));
+}
