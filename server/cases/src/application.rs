@@ -314,7 +314,7 @@ impl Cases {
         if self.case(id).await?.state == CaseState::Ready {
             return self.whole_volume(id).await;
         }
-        let read = async {
+        let read = Box::pin(async {
             let names = self.store().case_objects(id).await?;
             let Some(source) = self.library.source(id, &names).await? else {
                 return Err(Error::from(Failure::source_damaged()));
@@ -326,7 +326,7 @@ impl Cases {
                 pipeline::read_volume(&source, &limits)
             });
             Ok(volume.await.map_err(StoreError::from)??)
-        };
+        });
         self.whole_volumes.get_or_read(id, read).await
     }
 

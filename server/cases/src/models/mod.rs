@@ -94,7 +94,8 @@ impl Models {
         if let Some(entry) = self.inner.cache.get(id) {
             return self.inner.confirm(id, entry).await;
         }
-        let load = async { self.inner.load(id).await };
+        // Loading is rare, and its future large: on the heap, it does not weigh on the stack of every caller.
+        let load = Box::pin(self.inner.load(id));
         match self.inner.cache.get_or_insert_async(id, load).await {
             Ok(entry) => Ok(Some(entry.model)),
             Err(NotLoaded::NotReady) => Ok(None),

@@ -117,7 +117,7 @@ impl WarmModel {
         if self.is_default(size, kind) {
             return Ok(self.model.default_paths().clone());
         }
-        let make = self.make_paths(size, kind);
+        let make = Box::pin(self.make_paths(size, kind));
         self.tables.get_or_insert_async(&(size, kind), make).await
     }
 
@@ -156,7 +156,7 @@ impl WarmModel {
         let model = Arc::clone(&self.model);
         let shrink =
             move |walk: Walk| model.shrink_once(size, &walk.distance, walk.paths(), depth_mm);
-        self.walk(kind, shrink).await
+        Box::pin(self.walk(kind, shrink)).await
     }
 
     /// Whether the table of paths of a mesh is small enough to be kept.

@@ -49,11 +49,12 @@ impl WholeVolumes {
     /// # Errors
     /// If the store fails.
     pub async fn get(&self, id: &CaseId) -> Result<Option<Arc<Volume>>, StoreError> {
-        let load = async {
+        // Loading is rare, and its future large: on the heap, it does not weigh on the stack of every caller.
+        let load = Box::pin(async {
             let loaded = self.library.whole_volume(id).await;
             let volume = loaded.map_err(NotLoaded::Failed)?;
             volume.map(Arc::new).ok_or(NotLoaded::NotReady)
-        };
+        });
         match self.cache.get_or_insert_async(id, load).await {
             Ok(volume) => Ok(Some(volume)),
             Err(NotLoaded::NotReady) => Ok(None),

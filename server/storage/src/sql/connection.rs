@@ -1,10 +1,14 @@
 //! One interface to both databases: the statements are written once, in the SQL that SQLite and PostgreSQL share.
 //!
+//! What waits for a database is a boxed future: sqlx's are large, and would weigh on the stack of every caller.
+//!
 //! Parameters are `$1`, `$2` … in both. Texts, `i64`, `f32`, `f64` and `bool` are the types of all columns and answers.
 
 use std::sync::Arc;
 use std::time::Duration;
 
+use futures_util::FutureExt as _;
+use futures_util::future::BoxFuture;
 use futures_util::stream::BoxStream;
 use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgArguments, PgConnection, PgRow};
@@ -37,11 +41,16 @@ pub(super) enum Connection {
 
 impl Database {
     /// A connection on which each statement is a transaction.
-    pub(super) async fn connect(&self) -> Result<Connection, StoreError> {
-        Ok(match self {
-            Self::Sqlite(connections) => Connection::Sqlite(connections.pool().acquire().await?),
-            Self::Postgres(connections) => Connection::Postgres(connections.acquire().await?),
-        })
+    pub(super) fn connect(&self) -> BoxFuture<'_, Result<Connection, StoreError>> {
+        async move {
+            Ok(match self {
+                Self::Sqlite(connections) => {
+                    Connection::Sqlite(connections.pool().acquire().await?)
+                }
+                Self::Postgres(connections) => Connection::Postgres(connections.acquire().await?),
+            })
+        }
+        .boxed()
     }
 
     /// Ends all connections.
@@ -53,16 +62,19 @@ impl Database {
     }
 
     /// A writing transaction. There is one at a time in all processes, so what it reads stays true until it ends.
-    pub(super) async fn begin(&self) -> Result<Connection, StoreError> {
-        Ok(match self {
-            Self::Sqlite(connections) => {
-                let (transaction, log) = connections.begin().await?;
-                Connection::SqliteTransaction(transaction, log)
-            }
-            Self::Postgres(connections) => {
-                Connection::PostgresTransaction(connections.begin().await?)
-            }
-        })
+    pub(super) fn begin(&self) -> BoxFuture<'_, Result<Connection, StoreError>> {
+        async move {
+            Ok(match self {
+                Self::Sqlite(connections) => {
+                    let (transaction, log) = connections.begin().await?;
+                    Connection::SqliteTransaction(transaction, log)
+                }
+                Self::Postgres(connections) => {
+                    Connection::PostgresTransaction(connections.begin().await?)
+                }
+            })
+        }
+        .boxed()
     }
 
     /// Whether it can be written. Changes nothing.
@@ -140,13 +152,16 @@ impl Connection {
     }
 
     /// Commits the transaction. If that fails, nothing of it happens later either, as far as the database knows.
-    pub(super) async fn commit(self) -> Result<(), StoreError> {
-        match self {
-            Self::SqliteTransaction(transaction, log) => log.commit(transaction).await?,
-            Self::PostgresTransaction(transaction) => transaction.commit().await?,
-            Self::Sqlite(_) | Self::Postgres(_) => {}
+    pub(super) fn commit(self) -> BoxFuture<'static, Result<(), StoreError>> {
+        async move {
+            match self {
+                Self::SqliteTransaction(transaction, log) => log.commit(transaction).await?,
+                Self::PostgresTransaction(transaction) => transaction.commit().await?,
+                Self::Sqlite(_) | Self::Postgres(_) => {}
+            }
+            Ok(())
         }
-        Ok(())
+        .boxed()
     }
 }
 
@@ -162,7 +177,7 @@ pub(super) enum Query<'c> {
     ),
 }
 
-impl Query<'_> {
+impl<'c> Query<'c> {
     /// Binds the next parameter.
     pub(super) fn bind<'t>(self, value: impl Parameter<'t>) -> Self {
         match self {
@@ -172,37 +187,48 @@ impl Query<'_> {
     }
 
     /// Runs it and returns the number of changed rows.
-    pub(super) async fn execute(self) -> Result<u64, StoreError> {
-        Ok(match self {
-            Self::Sqlite(connection, query) => query.execute(connection).await?.rows_affected(),
-            Self::Postgres(connection, query) => query.execute(connection).await?.rows_affected(),
-        })
+    pub(super) fn execute(self) -> BoxFuture<'c, Result<u64, StoreError>> {
+        async move {
+            Ok(match self {
+                Self::Sqlite(connection, query) => query.execute(connection).await?.rows_affected(),
+                Self::Postgres(connection, query) => {
+                    query.execute(connection).await?.rows_affected()
+                }
+            })
+        }
+        .boxed()
     }
 
     /// Its rows.
-    pub(super) async fn fetch_all(self) -> Result<Vec<Row>, StoreError> {
-        Ok(match self {
-            Self::Sqlite(connection, query) => {
-                let rows = query.fetch_all(connection).await?;
-                rows.into_iter().map(Row::Sqlite).collect()
-            }
-            Self::Postgres(connection, query) => {
-                let rows = query.fetch_all(connection).await?;
-                rows.into_iter().map(Row::Postgres).collect()
-            }
-        })
+    pub(super) fn fetch_all(self) -> BoxFuture<'c, Result<Vec<Row>, StoreError>> {
+        async move {
+            Ok(match self {
+                Self::Sqlite(connection, query) => {
+                    let rows = query.fetch_all(connection).await?;
+                    rows.into_iter().map(Row::Sqlite).collect()
+                }
+                Self::Postgres(connection, query) => {
+                    let rows = query.fetch_all(connection).await?;
+                    rows.into_iter().map(Row::Postgres).collect()
+                }
+            })
+        }
+        .boxed()
     }
 
     /// Its first row, if there is any.
-    pub(super) async fn fetch_optional(self) -> Result<Option<Row>, StoreError> {
-        Ok(match self {
-            Self::Sqlite(connection, query) => {
-                query.fetch_optional(connection).await?.map(Row::Sqlite)
-            }
-            Self::Postgres(connection, query) => {
-                query.fetch_optional(connection).await?.map(Row::Postgres)
-            }
-        })
+    pub(super) fn fetch_optional(self) -> BoxFuture<'c, Result<Option<Row>, StoreError>> {
+        async move {
+            Ok(match self {
+                Self::Sqlite(connection, query) => {
+                    query.fetch_optional(connection).await?.map(Row::Sqlite)
+                }
+                Self::Postgres(connection, query) => {
+                    query.fetch_optional(connection).await?.map(Row::Postgres)
+                }
+            })
+        }
+        .boxed()
     }
 
     /// Its first row.

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use case::CaseId;
+
 use crate::rows::{Pinned, Sweep};
 use crate::{Framed, ObjectName, Spooled, Store, StoreError};
 
@@ -42,6 +44,14 @@ pub async fn write_file(
 /// If the objects cannot be written.
 pub async fn delete(store: &Store, name: &ObjectName) -> Result<(), StoreError> {
     Ok(store.objects().delete(name).await?)
+}
+
+/// Removes the rows of a case, and leaves its objects to a sweep.
+///
+/// # Errors
+/// If the rows cannot be written.
+pub async fn delete_rows(store: &Store, id: &CaseId) -> Result<bool, StoreError> {
+    store.delete_case(id).await
 }
 
 /// Ends every lease and pin, as a process does that is alone.

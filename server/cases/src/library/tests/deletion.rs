@@ -91,7 +91,7 @@ async fn what_was_just_deleted_can_be_uploaded_again_while_it_is_removed() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
     let (library, id) = ready(&directory, &fake).await;
     let store = library.store();
-    store.delete(&id).await.unwrap();
+    steps::delete_rows(store, &id).await.unwrap();
     let marked = steps::begin_sweep(store, "another process", Duration::from_secs(60))
         .await
         .unwrap();
