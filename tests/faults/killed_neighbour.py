@@ -264,7 +264,7 @@ def main():
             while True:
                 asked = {
                     "what": "view",
-                    "render": {"depth_mm": 1 + len(results) % 40 / 4, "width": 64 + len(results) // 40, "height": 64},
+                    "render": {"depth_mm": 1 + len(results) % 40 / 4, "width": 128 + len(results) // 40, "height": 128},
                     "node": "receiver",
                     "study": {"StudyInstanceUID": "1.2.3", "PatientID": "P-1"},
                 }

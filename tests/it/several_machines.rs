@@ -204,13 +204,20 @@ async fn two_servers_and_a_worker_are_one_service_that_outlives_its_database() {
     assert_eq!(submitted.status(), "202", "{}", submitted.head);
     let case = format!("/v1/cases/{}", submitted.json()["id"].as_str().unwrap());
     assert!(until(second, &case, "200").await < Duration::from_secs(1));
-    let events = tokio::spawn({
-        let path = format!("{case}/events");
-        async move { get(second, &path).await }
-    });
+    let mut stream = TcpStream::connect(second).await.unwrap();
+    let request = format!(
+        "GET {case}/events HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+    );
+    stream.write_all(request.as_bytes()).await.unwrap();
+    // The worker starts once somebody listens.
+    let mut events = Vec::new();
+    while !String::from_utf8_lossy(&events).contains("event: case") {
+        assert!(stream.read_buf(&mut events).await.unwrap() > 0);
+    }
     let worker = Process::start(&["work"], &store);
-    let events = tokio::time::timeout(Duration::from_secs(60), events).await;
-    let events = String::from_utf8(events.unwrap().unwrap().body).unwrap();
+    let rest = tokio::time::timeout(Duration::from_secs(60), stream.read_to_end(&mut events));
+    rest.await.unwrap().unwrap();
+    let events = String::from_utf8(events).unwrap();
     assert!(
         events.contains("\"queued\"") && events.contains("\"ready\""),
         "{events}"
