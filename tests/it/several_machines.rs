@@ -205,9 +205,8 @@ async fn two_servers_and_a_worker_are_one_service_that_outlives_its_database() {
     let case = format!("/v1/cases/{}", submitted.json()["id"].as_str().unwrap());
     assert!(until(second, &case, "200").await < Duration::from_secs(1));
     let mut stream = TcpStream::connect(second).await.unwrap();
-    let request = format!(
-        "GET {case}/events HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
-    );
+    let request =
+        format!("GET {case}/events HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
     stream.write_all(request.as_bytes()).await.unwrap();
     // The worker starts once somebody listens.
     let mut events = Vec::new();
