@@ -1,7 +1,7 @@
 //! Series of a PACS that are complete.
 
 use case::CaseId;
-use case::arrivals::SeriesUids;
+use case::arrivals::{SeriesUids, Taken};
 
 use crate::ObjectName;
 
@@ -14,6 +14,8 @@ pub struct DueSeries {
     pub uids: SeriesUids,
     /// The case that it became before its last images came.
     pub previous: Option<CaseId>,
+    /// How somebody took it.
+    pub taken: Option<Taken>,
     /// Its images, in the order of their UIDs.
     pub instances: Vec<ObjectName>,
     /// The number of this lease; a greater one fences it off.

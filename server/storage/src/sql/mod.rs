@@ -45,17 +45,31 @@ use case::{Case, CaseFacts, CaseId, Failure, ObjectKind, Progress};
 /// it has had, so what stands here never changes.
 type Migrations = [(i64, &'static str, &'static str)];
 
-const SQLITE: &Migrations = &[(
-    100,
-    "store",
-    include_str!("../../migrations/sqlite/0100_store.sql"),
-)];
+const SQLITE: &Migrations = &[
+    (
+        100,
+        "store",
+        include_str!("../../migrations/sqlite/0100_store.sql"),
+    ),
+    (
+        110,
+        "arrivals",
+        include_str!("../../migrations/sqlite/0110_arrivals.sql"),
+    ),
+];
 
-const POSTGRES: &Migrations = &[(
-    100,
-    "store",
-    include_str!("../../migrations/postgres/0100_store.sql"),
-)];
+const POSTGRES: &Migrations = &[
+    (
+        100,
+        "store",
+        include_str!("../../migrations/postgres/0100_store.sql"),
+    ),
+    (
+        110,
+        "arrivals",
+        include_str!("../../migrations/postgres/0110_arrivals.sql"),
+    ),
+];
 
 /// Rows in a file of SQLite, in memory, or in PostgreSQL.
 #[derive(Debug, Clone)]
