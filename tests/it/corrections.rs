@@ -2,13 +2,15 @@
 
 use std::time::Duration;
 
+use imaging::dicom::Attributes;
+use imaging::dicom::write::{Head, KeyObjectTitle, Listed, key_object};
 use serde_json::{Value, json};
 
 use crate::dicom::head_slices;
 use crate::pacs::{Lines, Neighbour, dcmtk, dimse, dimse_options, items, run, with_texts};
-use crate::results::{identified_case, identified_head, result, small};
+use crate::results::{add_node, identified_case, identified_head, result, small};
 use crate::series_builder::{Slice, Syntax, files};
-use crate::server::Answer;
+use crate::server::{Answer, Server};
 
 /// The files of [`identified_head`] with another patient.
 fn corrected_head() -> Vec<Vec<u8>> {
@@ -51,15 +53,32 @@ async fn case_after(neighbour: &Neighbour, before: &str) -> String {
     panic!("no other case came");
 }
 
+/// A result once it was sent or has failed.
+async fn ended(server: &Server, address: &str) -> Value {
+    for _ in 0..600 {
+        let result = server.get(address).await.json();
+        if result["state"] == "done" || result["state"] == "failed" {
+            return result;
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    panic!("the result still waits");
+}
+
 #[tokio::test]
 async fn a_corrected_patient_makes_a_new_case_and_nothing_more_is_sent_of_the_old() {
     let lines = Lines::default();
     let _logging = lines.collect();
-    let neighbour = Neighbour::start(|_| {}).await;
+    let neighbour = Neighbour::start(|config| {
+        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
+    })
+    .await;
     let server = &neighbour.server;
     let old = identified_case(&neighbour).await;
     let view = json!({"what": "view", "render": small()});
-    assert_eq!(result(server, &old, &view).await.status, 200);
+    let sent = json!({"what": "view", "render": small(), "node": "away"});
+    let sent = result(server, &old, &sent).await.json();
+    assert_eq!(sent["node"], "away", "{sent}");
     let corrected = corrected_head();
     let stored = neighbour.store(&corrected).await;
     assert_eq!(stored.status, 202, "{stored:?}");
@@ -75,6 +94,24 @@ async fn a_corrected_patient_makes_a_new_case_and_nothing_more_is_sent_of_the_ol
     );
     let listed = server.get("/dicomweb/studies?PatientID=P-77").await;
     assert_eq!(listed.status, 204);
+    // Nor is what waits already: its node may answer again at any time.
+    let address = format!("/v1/dicom-results/{}", sent["id"].as_str().unwrap());
+    let waiting = ended(server, &address).await;
+    assert_eq!(
+        (&waiting["state"], &waiting["reason"]["name"]),
+        (&json!("failed"), &json!("superseded"))
+    );
+    // What was sent is withdrawn by a note of the old patient; images of the PACS are not ours to withdraw.
+    let withdraw = |uid: &Value| {
+        let list = json!({"instances": [uid], "title": "rejected-for-safety"});
+        json!({"what": "key-object", "key_object": list})
+    };
+    let note = result(server, &old, &withdraw(&sent["instance"])).await;
+    assert_eq!(note.status, 200, "{note:?}");
+    let has = |text: &str| memchr::memmem::find(&note.body, text.as_bytes()).is_some();
+    assert!(has("113037") && has("P-77") && has(sent["instance"].as_str().unwrap()));
+    let refused = result(server, &old, &withdraw(&json!("1.2.3.4.20"))).await;
+    assert_eq!(refused.problem(), "no-such-instance");
     // The same correction again changes nothing.
     assert_eq!(neighbour.store(&corrected).await.status, 200);
     let new = case_after(&neighbour, &old).await;
@@ -224,5 +261,125 @@ async fn c_store_answers_a_correction_with_a_warning_and_accepts_whole_studies()
     assert_eq!(
         (&of("1.2.3.1")["superseded"], &of("1.2.3.1")["ignored"]),
         (&json!(1), &json!(0))
+    );
+}
+
+/// A list of the images of the head, with a title.
+fn note(title: KeyObjectTitle) -> Vec<u8> {
+    let texts = [("StudyInstanceUID", "1.2.3"), ("PatientID", "P-77")];
+    let source = Attributes {
+        attributes: texts
+            .map(|(name, value)| (name.to_owned(), value.to_owned()))
+            .into(),
+        ..Attributes::default()
+    };
+    let head = Head {
+        source: &source,
+        series_uid: "1.2.3.99",
+        instance_uid: "1.2.3.99.1",
+        series_number: 99,
+        series_description: "note",
+        derivation: "",
+        comment: "",
+        version: "1",
+        date: "20261123",
+        time: "120000",
+        offset: None,
+        is_annotated: false,
+        is_recognizable: None,
+    };
+    let listed = |slice: &Slice| Listed {
+        series_uid: slice.series_uid.clone(),
+        sop_class_uid: slice.sop_class.to_owned(),
+        sop_instance_uid: slice.sop_uid.clone(),
+    };
+    let listed: Vec<_> = head_slices().iter().map(listed).collect();
+    key_object(&head, title, &listed).unwrap()
+}
+
+#[tokio::test]
+async fn a_rejection_note_withdraws_the_series_and_another_list_does_not() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let view = json!({"what": "view", "render": small()});
+    let stored = neighbour.store(&[note(KeyObjectTitle::OfInterest)]).await;
+    assert_eq!(stored.status, 200, "{stored:?}");
+    assert_eq!(launched(&neighbour).await["state"], "ready");
+    let of_series = async || {
+        let list = server.get("/v1/arrivals").await.json();
+        let arrivals = list["arrivals"].as_array().unwrap().clone();
+        let mut arrivals = arrivals.into_iter();
+        arrivals.find(|each| each["series"] == "1.2.3.1").unwrap()
+    };
+    let rejection = note(KeyObjectTitle::RejectedForQuality);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    let found = launched(&neighbour).await;
+    assert_eq!(found["case"], Value::Null, "{found}");
+    assert_eq!(result(server, &case, &view).await.problem(), "superseded");
+    let search = server.get("/dicomweb/studies?PatientID=P-77").await;
+    assert_eq!(search.status, 204);
+    let arrival = of_series().await;
+    assert_eq!(
+        (&arrival["state"], &arrival["reason"]["name"], &arrival["instances"]),
+        (&json!("nothing"), &json!("rejected"), &json!(0))
+    );
+    // What was rejected for its quality does not come back, and nobody takes it.
+    assert_eq!(neighbour.store(&identified_head()).await.status, 200);
+    let arrival = of_series().await;
+    assert_eq!(
+        (&arrival["state"], &arrival["instances"], &arrival["ignored"]),
+        (&json!("nothing"), &json!(0), &json!(identified_head().len()))
+    );
+    let address = format!("/v1/arrivals/{}", arrival["id"].as_str().unwrap());
+    let take = axum::http::Request::post(&address).body(r#"{"as": "case"}"#.into());
+    assert_eq!(server.send(take.unwrap()).await.problem(), "no-images");
+}
+
+#[tokio::test]
+async fn what_was_kept_long_enough_may_come_again() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let case = identified_case(&neighbour).await;
+    let rejection = note(KeyObjectTitle::RetentionExpired);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    assert_eq!(launched(&neighbour).await["case"], Value::Null);
+    assert_eq!(neighbour.store(&identified_head()).await.status, 200);
+    for _ in 0..600 {
+        let found = launched(&neighbour).await;
+        if let Some(found) = found["case"].as_str() {
+            assert!(case.ends_with(found));
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    panic!("it did not become a case again");
+}
+
+#[tokio::test]
+async fn an_image_that_comes_under_another_study_supersedes_the_case_of_its_own() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let study = [([0x20, 0x000D], "UI", "1.2.30"), ([0x20, 0x000E], "UI", "1.2.30.1")];
+    let moved: Vec<_> = head_slices()
+        .iter()
+        .map(|slice| with_texts(slice, &study))
+        .collect();
+    let stored = neighbour.store(&moved).await;
+    assert_eq!(
+        (stored.status.as_u16(), warnings(&stored)),
+        (202, vec![0xB000; moved.len()])
+    );
+    let found = launched(&neighbour).await;
+    assert_eq!(found["case"], Value::Null, "{found}");
+    let view = json!({"what": "view", "render": small()});
+    assert_eq!(result(server, &case, &view).await.problem(), "superseded");
+    let list = server.get("/v1/arrivals").await.json();
+    let arrivals = list["arrivals"].as_array().unwrap();
+    let old = arrivals.iter().find(|each| each["series"] == "1.2.3.1");
+    let old = old.unwrap();
+    assert_eq!(
+        (&old["state"], &old["reason"]["name"]),
+        (&json!("nothing"), &json!("moved"))
     );
 }

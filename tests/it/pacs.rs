@@ -366,6 +366,7 @@ async fn another_volume_of_the_study_becomes_a_layer_although_it_came_first() {
         .into_iter()
         .map(|slice| Slice {
             description: "flair",
+            sop_uid: format!("1.2.3.77.{}", slice.instance),
             series_uid: "1.2.3.77".to_owned(),
             series_number: 7,
             sop_uid: format!("1.2.3.77.{}", slice.instance),
@@ -481,6 +482,7 @@ async fn a_layer_is_taken_as_a_case_of_its_own() {
         .into_iter()
         .map(|slice| Slice {
             description: "FLAIR",
+            sop_uid: format!("1.2.3.77.{}", slice.instance),
             series_uid: "1.2.3.77".to_owned(),
             series_number: 7,
             ..slice

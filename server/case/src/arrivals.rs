@@ -205,6 +205,15 @@ pub enum Change {
     Owner,
 }
 
+/// What a rejection note withdraws.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rejection {
+    /// Whether the instances may come again.
+    pub may_return: bool,
+    /// The instances of each series.
+    pub series: Vec<(SeriesUids, Vec<Uid>)>,
+}
+
 /// What became of images.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Received {
@@ -299,6 +308,12 @@ pub const NOT_T1: &str = "series-not-t1";
 
 /// The reason of a series that was taken as a layer and whose study has no case.
 pub const NO_CASE: &str = "no-case-of-study";
+
+/// The reason of a series whose images the PACS has rejected.
+pub const REJECTED: &str = "rejected";
+
+/// The reason of a series whose images have come again under another study or series.
+pub const MOVED: &str = "moved";
 
 /// The reason of a series without any image.
 pub const OTHER_OBJECTS: &str = "other-objects";

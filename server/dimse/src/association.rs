@@ -243,7 +243,7 @@ impl Messages<'_> {
                     Ok(file) => self.store(&request, file).await,
                     Err(error) => status_of(&error.into()),
                 };
-                self.counts.answered(status == Status::Success);
+                self.count(status);
                 Ok(Some((context, request.response(status))))
             }
             State::Ignored {
@@ -267,7 +267,7 @@ impl Messages<'_> {
     ) -> Option<(u8, Vec<u8>)> {
         if is_last {
             if matches!(request, Request::Store { .. }) {
-                self.counts.answered(false);
+                self.count(status);
             }
             return Some((context, request.response(status)));
         }
@@ -277,6 +277,19 @@ impl Messages<'_> {
             status,
         };
         None
+    }
+
+    /// Counts the answer to an image.
+    fn count(&self, status: Status) {
+        let is_refused = matches!(
+            status,
+            Status::DataSetDoesNotMatch | Status::CannotUnderstand | Status::ClassNotSupported
+        );
+        if is_refused {
+            self.cases.refused(ArrivalSource::CStore);
+        }
+        let is_stored = matches!(status, Status::Success | Status::Corrected);
+        self.counts.answered(is_stored);
     }
 
     /// Answers a request, or waits for its data set.
@@ -328,8 +341,10 @@ impl Messages<'_> {
         };
         let identity = match self.cases.headers.read(&file).await {
             Ok(identity) => identity,
-            // Nothing of it is kept, so nothing of it need be understood.
-            Err(Error::Failure(_)) if self.is_ignored(request) => return Status::Success,
+            // Nothing of it is kept, so nothing of it need be understood, unless it may be a rejection note.
+            Err(Error::Failure(_)) if self.is_ignored(request) && !is_list(request) => {
+                return Status::Success;
+            }
             Err(error) => return status_of(&error),
         };
         let is_same = identity.sop_class_uid.as_str() == object.sop_class_uid
@@ -354,7 +369,7 @@ impl Messages<'_> {
         match received.first() {
             Some(Reception::Corrected) => Status::Corrected,
             Some(Reception::Refused) => Status::CannotUnderstand,
-            Some(Reception::Stored) | None => Status::Success,
+            Some(Reception::Stored | Reception::Rejected) | None => Status::Success,
         }
     }
 
@@ -365,6 +380,12 @@ impl Messages<'_> {
         };
         self.ignores_other_objects && !IMAGE_CLASSES.contains(&object.sop_class_uid.as_str())
     }
+}
+
+/// Whether an object is a list, such as a rejection note.
+fn is_list(request: &Request) -> bool {
+    let class = "1.2.840.10008.5.1.4.1.1.88.59";
+    matches!(request, Request::Store { object, .. } if object.sop_class_uid == class)
 }
 
 /// The status for an error of the application.

@@ -152,7 +152,7 @@ impl HeldStudy {
                 study.add_source(pacs, case).await?;
             }
         }
-        for result in store.results_of(uid).await? {
+        for result in store.results_of(uid, false).await? {
             study.series.push(of_result(result));
         }
         study.summarise();

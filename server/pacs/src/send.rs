@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use axum::body::Bytes;
 use case::Failure;
 use storage::arrivals::TransferEnd;
 use storage::results::SentResult;
@@ -66,13 +67,17 @@ enum SendError {
     Lost,
     #[error("the store cannot be read at the moment")]
     Store,
+    #[error("the patient or the study of its case was corrected since, or the PACS has rejected its images")]
+    Superseded,
+    #[error("it was withdrawn by a rejection note")]
+    Withdrawn,
 }
 
 impl SendError {
     fn may_pass(&self) -> bool {
         match self {
             Self::Node(error) => error.may_pass(),
-            Self::NoSuchNode | Self::Lost => false,
+            Self::NoSuchNode | Self::Lost | Self::Superseded | Self::Withdrawn => false,
             Self::Store => true,
         }
     }
@@ -82,6 +87,8 @@ impl SendError {
             Self::NoSuchNode => "no-such-node",
             Self::Node(error) => error.kind(),
             Self::Lost => "result-lost",
+            Self::Superseded => "superseded",
+            Self::Withdrawn => "withdrawn",
             Self::Store => "store-failed",
         }
     }
@@ -94,5 +101,27 @@ async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
         Unreadable::Store(_) => SendError::Store,
         Unreadable::Missing | Unreadable::Damaged(_) => SendError::Lost,
     })?;
+    may_leave(pacs, result, &file).await?;
     Ok(node.store(&result.instance, &file).await?)
+}
+
+/// Refuses a result of a case that was corrected since it was requested, and one that was withdrawn. A rejection note
+/// may leave all the same: it withdraws what was sent of the wrong patient.
+async fn may_leave(pacs: &Pacs, result: &SentResult, file: &Bytes) -> Result<(), SendError> {
+    let store = pacs.cases().store();
+    let of_store = |_| SendError::Store;
+    let instance = std::slice::from_ref(&result.instance);
+    if store.are_withdrawn(instance).await.map_err(of_store)? == [true] {
+        return Err(SendError::Withdrawn);
+    }
+    let series = store.series_of(&result.case).await.map_err(of_store)?;
+    if !series.is_some_and(|series| series.is_superseded) {
+        return Ok(());
+    }
+    let spooled = store.spool_all(file.clone()).await.map_err(of_store)?;
+    match pacs.cases().headers.read(&spooled).await {
+        Ok(identity) if identity.rejection.is_some() => Ok(()),
+        Ok(_) | Err(cases::Error::Failure(_)) => Err(SendError::Superseded),
+        Err(_) => Err(SendError::Store),
+    }
 }

@@ -130,12 +130,12 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
         }
         if !is_dicom(kind.as_deref()) {
             parts.skip().await?;
-            images.report.unknown(FailureReason::CannotUnderstand);
+            images.unknown(FailureReason::CannotUnderstand);
             continue;
         }
         match parts.spool(pacs.cases().store()).await? {
             Some(file) => images.add(file).await?,
-            None => images.report.unknown(FailureReason::OutOfResources),
+            None => images.unknown(FailureReason::OutOfResources),
         }
     }
     images.finish().await
@@ -187,7 +187,7 @@ impl Images<'_> {
         let identity = match self.pacs.cases().headers.read(&file).await {
             Ok(identity) => identity,
             Err(Error::Failure(_)) => {
-                self.report.unknown(FailureReason::CannotUnderstand);
+                self.unknown(FailureReason::CannotUnderstand);
                 return Ok(());
             }
             Err(error) => return Err(error.into()),
@@ -200,7 +200,7 @@ impl Images<'_> {
                 return Ok(self.pacs.cases().ignore(identity, source).await?);
             }
             Some(reason) => {
-                self.report.failed(&identity, reason);
+                self.failed(&identity, reason);
                 return Ok(());
             }
             None => {}
@@ -222,15 +222,26 @@ impl Images<'_> {
         let receptions = self.pacs.cases().receive(batch, source).await?;
         for (identity, reception) in identities.iter().zip(receptions) {
             match reception {
-                Reception::Stored => self.report.stored(identity, None),
+                Reception::Stored | Reception::Rejected => self.report.stored(identity, None),
                 Reception::Corrected => self.report.stored(identity, Some(CORRECTED)),
                 Reception::Refused => {
                     let reason = FailureReason::CannotUnderstand;
-                    self.report.failed(identity, reason);
+                    self.failed(identity, reason);
                 }
             }
         }
         Ok(())
+    }
+
+    fn failed(&mut self, identity: &InstanceIdentity, reason: FailureReason) {
+        self.pacs.cases().refused(ArrivalSource::Stow);
+        self.report.failed(identity, reason);
+    }
+
+    /// An image without a known instance UID.
+    fn unknown(&mut self, reason: FailureReason) {
+        self.pacs.cases().refused(ArrivalSource::Stow);
+        self.report.unknown(reason);
     }
 
     async fn finish(mut self) -> Result<Response, PacsError> {

@@ -98,6 +98,8 @@ macro_rules! conformance {
                 an_image_is_received_once
                 an_image_that_replaces_another_supersedes_the_cases_of_its_series
                 objects_that_are_not_kept_are_counted
+                an_image_that_comes_under_another_series_leaves_its_own
+                images_that_are_rejected_are_forgotten_and_their_cases_superseded
                 a_series_is_due_when_nothing_came_for_a_while
                 a_series_with_all_announced_images_waits_no_longer
                 a_late_image_fences_the_reader_off_and_makes_the_series_due_again

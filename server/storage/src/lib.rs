@@ -79,7 +79,7 @@ pub use self::objects::{
 pub use self::page::{Cursor, Page};
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{
-    ChangedLayer, Claim, DueSeries, LayerChange, LayerClaim, LayerName, LeaseTerms, Pinned,
+    ChangedLayer, Claim, DueSeries, Known, LayerChange, LayerClaim, LayerName, LeaseTerms, Pinned,
     Published, Release, RowCounts,
 };
 pub use self::signals::{Count, Counters, ImageStatus, Signals};

@@ -26,13 +26,17 @@ impl Store {
         source: ArrivalSource,
     ) -> Result<Received, StoreError> {
         let (store, count) = (self.clone(), images.len());
+        let corrections = images.iter().filter(|(new, _)| new.replaces.is_some());
+        let corrected = corrections.count();
         let received = tokio::spawn(async move { store.receive_now(&images, source).await });
         let received = received.await?;
         let signals = self.signals();
         match &received {
             Ok(Received { new, .. }) => {
                 signals.images_came(source, ImageStatus::Stored, *new);
-                signals.images_came(source, ImageStatus::Known, count.saturating_sub(*new));
+                signals.images_came(source, ImageStatus::Corrected, corrected);
+                let known = count.saturating_sub(*new + corrected);
+                signals.images_came(source, ImageStatus::Known, known);
             }
             Err(_) => signals.images_came(source, ImageStatus::Failed, count),
         }

@@ -15,7 +15,7 @@ mod terms;
 
 use std::time::Duration;
 
-pub use self::due::DueSeries;
+pub use self::due::{DueSeries, Known};
 pub use self::layers::{ChangedLayer, LayerChange, LayerClaim, LayerName};
 pub(crate) use self::layers::{InsertedLayer, NewLayer};
 pub use self::terms::{LeaseTerms, Pinned, Published, Release};

@@ -33,6 +33,14 @@ pub enum ImageStatus {
     Stored,
     /// They were there already.
     Known,
+    /// They took the place of others with the same UID.
+    Corrected,
+    /// They are no images, or cannot be read.
+    Refused,
+    /// They are of a class of which nothing is kept.
+    Ignored,
+    /// The PACS has rejected them before.
+    Rejected,
     /// They could not be stored.
     Failed,
 }
@@ -43,6 +51,10 @@ impl ImageStatus {
         match self {
             Self::Stored => "stored",
             Self::Known => "known",
+            Self::Corrected => "corrected",
+            Self::Refused => "refused",
+            Self::Ignored => "ignored",
+            Self::Rejected => "rejected",
             Self::Failed => "failed",
         }
     }
@@ -83,7 +95,7 @@ pub struct Signals {
 
 impl Signals {
     /// Counts images that came.
-    pub(super) fn images_came(&self, source: ArrivalSource, status: ImageStatus, count: usize) {
+    pub fn images_came(&self, source: ArrivalSource, status: ImageStatus, count: usize) {
         *lock(&self.images)
             .entry((source.name(), status))
             .or_default() += count as u64;

@@ -6,6 +6,7 @@
 mod heads;
 mod index;
 mod reader;
+mod rejection;
 #[cfg(test)]
 mod tests;
 
@@ -13,7 +14,7 @@ use std::time::Duration;
 
 use case::Failure;
 use imaging::dicom::Difference;
-use storage::Spooled;
+use storage::{ImageStatus, Spooled};
 use storage::arrivals::{ArrivalSource, Change, NewInstance, OTHER_OBJECTS};
 
 use crate::application::Cases;
@@ -67,6 +68,8 @@ pub enum Reception {
     Corrected,
     /// It has the UID of a stored image and cannot be decoded, so that one stays.
     Refused,
+    /// The PACS has rejected it, and nothing of it is kept.
+    Rejected,
 }
 
 impl Cases {
@@ -98,7 +101,7 @@ impl Cases {
             (instance, file)
         };
         let images = images.into_iter().map(new).collect();
-        let (images, receptions) = self.compare(images).await?;
+        let (images, receptions) = self.compare(images, source).await?;
         let received = self.store().receive(images, source).await?;
         for arrival in received.corrected {
             tracing::warn!(
@@ -109,22 +112,36 @@ impl Cases {
         Ok(receptions)
     }
 
-    /// Notes which images replace others with the same UID, and leaves out those that would and cannot be decoded.
+    /// Notes which images replace others with the same UID. Leaves out those that would and cannot be decoded, and those
+    /// that were rejected.
     async fn compare(
         &self,
         images: Vec<(NewInstance, Spooled)>,
+        source: ArrivalSource,
     ) -> Result<(Vec<(NewInstance, Spooled)>, Vec<Reception>), Error> {
         let instances: Vec<_> = images
             .iter()
             .map(|(instance, _)| instance.clone())
             .collect();
         let known = self.store().known(&instances).await?;
+        let uids: Vec<_> = instances.into_iter().map(|new| new.sop_instance_uid).collect();
+        let rejected = self.store().are_withdrawn(&uids).await?;
         let (mut kept, mut receptions) = (Vec::with_capacity(images.len()), Vec::new());
-        for ((mut instance, file), known) in images.into_iter().zip(known) {
-            let stored = known.filter(|stored| stored.digest != instance.digest);
+        for (((mut instance, file), known), is_rejected) in images.into_iter().zip(known).zip(rejected) {
+            if is_rejected {
+                self.store().ignore(&instance.uids, source, &rejection::reason()).await?;
+                let signals = self.store().signals();
+                signals.images_came(source, ImageStatus::Rejected, 1);
+                receptions.push(Reception::Rejected);
+                continue;
+            }
+            let stored = known
+                .filter(|known| known.is_elsewhere || known.object.digest != instance.digest);
             instance.replaces = match stored {
                 None => None,
-                Some(stored) => match self.difference(stored, &file).await {
+                Some(stored) => match self.difference(stored.object, &file).await {
+                    // The UID of an image has no other study or series.
+                    Ok(_) if stored.is_elsewhere => Some(Change::Owner),
                     Ok(Difference::None) => None,
                     Ok(Difference::Pixels) => Some(Change::Pixels),
                     Ok(Difference::Owner) => Some(Change::Owner),
@@ -144,7 +161,7 @@ impl Cases {
         Ok((kept, receptions))
     }
 
-    /// Counts an object that is no image, and of which nothing is kept.
+    /// Counts an object that is no image, and of which nothing is kept. What a rejection note names is withdrawn.
     ///
     /// # Errors
     /// If the rows cannot be written.
@@ -160,7 +177,18 @@ impl Cases {
         let detail = "the series has no MR or CT image, and nothing of it is kept";
         let reason = Failure::unusable(OTHER_OBJECTS, detail);
         let store = self.store();
-        Ok(store.ignore(&identity.uids, source, &reason).await?)
+        store.ignore(&identity.uids, source, &reason).await?;
+        store.signals().images_came(source, ImageStatus::Ignored, 1);
+        match &identity.rejection {
+            Some(rejection) => self.reject(rejection, source).await,
+            None => Ok(()),
+        }
+    }
+
+    /// Counts an image that is refused, for metrics.
+    pub fn refused(&self, source: ArrivalSource) {
+        let signals = self.store().signals();
+        signals.images_came(source, ImageStatus::Refused, 1);
     }
 
     /// The images, with the patient's identity removed from their files and UIDs.

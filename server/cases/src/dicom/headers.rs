@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use case::{Failure, Parameters};
 use imaging::dicom::Identity;
 use storage::Spooled;
-use storage::arrivals::{AccessionNumber, SeriesUids, Uid};
+use storage::arrivals::{AccessionNumber, Rejection, SeriesUids, Uid};
 use tokio::io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader};
 use tokio::process::{Child, ChildStdin, ChildStdout};
 
@@ -38,8 +38,8 @@ const UNPACKING: u64 = 16;
 /// Files that may wait.
 const WAITING: usize = 256;
 
-/// The longest answer, in bytes.
-const MAX_ANSWER_BYTES: u64 = 64 << 10;
+/// The longest answer, in bytes: that about a rejection note of 5,000 instances.
+const MAX_ANSWER_BYTES: u64 = 512 << 10;
 
 /// What an instance is and which series it belongs to.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,6 +56,8 @@ pub struct InstanceIdentity {
     pub label: Option<String>,
     /// Whether it is an MR or CT image.
     pub is_image: bool,
+    /// What it rejects, if it is a rejection note.
+    pub rejection: Option<Rejection>,
 }
 
 impl InstanceIdentity {
@@ -65,12 +67,25 @@ impl InstanceIdentity {
             let uid = imaging::dicom::replaced_uid(uid.as_str());
             Uid::parse(&uid).expect("digits and points are a UID")
         };
+        let replaced_series = |uids: &SeriesUids| SeriesUids {
+            study: replaced(&uids.study),
+            series: replaced(&uids.series),
+        };
+        let replaced_rejection = |rejection: Rejection| Rejection {
+            series: rejection
+                .series
+                .iter()
+                .map(|(uids, instances)| {
+                    let instances = instances.iter().map(replaced).collect();
+                    (replaced_series(uids), instances)
+                })
+                .collect(),
+            ..rejection
+        };
         Self {
             sop_instance_uid: replaced(&self.sop_instance_uid),
-            uids: SeriesUids {
-                study: replaced(&self.uids.study),
-                series: replaced(&self.uids.series),
-            },
+            uids: replaced_series(&self.uids),
+            rejection: self.rejection.map(replaced_rejection),
             accession_number: None,
             label: None,
             ..self
@@ -94,8 +109,28 @@ impl InstanceIdentity {
                 .label
                 .filter(|label| Parameters::check_name(label).is_ok()),
             is_image: identity.is_image,
+            rejection: match &identity.rejection {
+                Some(rejection) => Some(checked_rejection(rejection)?),
+                None => None,
+            },
         })
     }
+}
+
+fn checked_rejection(rejection: &imaging::dicom::Rejection) -> Option<Rejection> {
+    let series = rejection.series.iter().map(|rejected| {
+        let uids = SeriesUids {
+            study: Uid::parse(&rejected.study_uid)?,
+            series: Uid::parse(&rejected.series_uid)?,
+        };
+        let instances = rejected.instance_uids.iter();
+        let instances = instances.map(|uid| Uid::parse(uid)).collect::<Option<_>>()?;
+        Some((uids, instances))
+    });
+    Some(Rejection {
+        may_return: rejection.may_return,
+        series: series.collect::<Option<_>>()?,
+    })
 }
 
 /// Reads the headers of files.

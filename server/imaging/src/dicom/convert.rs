@@ -1,12 +1,16 @@
 //! From files to a volume and its attributes.
 
+use dicom_core::{Tag, VR};
+use dicom_dictionary_std::tags;
+use dicom_object::InMemDicomObject;
 use geometry::{Grid, Rescale};
 
 use super::attributes::{kept, wanted};
 use super::choose::{Purpose, Series, choose, group};
 use super::header::{Image, parse, read_image};
 use super::pixels::for_each_frame;
-use super::scan::{scan, stated_syntax};
+use super::numbers::integer;
+use super::scan::{PixelBytes, Scanned, scan, stated_syntax};
 use super::stack::{FrameIndex, Stack, stack};
 use super::{Attributes, DicomError, Instance, SeriesName, SeriesSummary};
 use crate::nifti::write_samples;
@@ -279,18 +283,47 @@ fn fill_gaps(samples: &mut [f32], stack: &Stack, whole: bool) -> Vec<usize> {
     missing.into_iter().map(|place| place + 1).collect()
 }
 
-/// How the pixels of a file have lost something according to its transfer syntax (PS3.3 C.7.6.1.1.5.1).
-pub(super) fn lossy_method(file: &[u8]) -> Result<Option<&'static str>, DicomError> {
+/// How the pixels of a file have lost something according to its transfer syntax (PS3.3 C.7.6.1.1.5): keywords, tags and
+/// values of the attributes that state it; none if nothing was lost.
+pub(super) fn lost(
+    file: &[u8],
+    scanned: &Scanned,
+    object: &InMemDicomObject,
+) -> Result<Vec<(&'static str, Tag, VR, String)>, DicomError> {
     let syntax = stated_syntax(file)?;
     let rest = syntax
         .as_deref()
         .and_then(|uid| uid.strip_prefix("1.2.840.10008.1.2.4."));
-    Ok(match rest {
-        Some("50" | "51") => Some("ISO_10918_1"),
-        Some("81") => Some("ISO_14495_1"),
-        Some("91") => Some("ISO_15444_1"),
-        _ => None,
-    })
+    let method = match rest {
+        Some("50" | "51") => "ISO_10918_1",
+        Some("81") => "ISO_14495_1",
+        Some("91") => "ISO_15444_1",
+        _ => return Ok(Vec::new()),
+    };
+    let mut stated = vec![
+        ("LossyImageCompression", tags::LOSSY_IMAGE_COMPRESSION, VR::CS, "01".to_owned()),
+        ("LossyImageCompressionMethod", tags::LOSSY_IMAGE_COMPRESSION_METHOD, VR::CS, method.to_owned()),
+    ];
+    if let Some(ratio) = ratio(scanned, object) {
+        let tag = tags::LOSSY_IMAGE_COMPRESSION_RATIO;
+        stated.push(("LossyImageCompressionRatio", tag, VR::DS, format!("{ratio:.2}")));
+    }
+    Ok(stated)
+}
+
+/// How many times as many bytes the pixels of a file have without compression.
+fn ratio(scanned: &Scanned, object: &InMemDicomObject) -> Option<f64> {
+    let Some(PixelBytes::Encapsulated { fragments, .. }) = scanned.pixels() else {
+        return None;
+    };
+    let compressed: usize = fragments.iter().map(|fragment| fragment.len()).sum();
+    let number = |tag| integer(object, tag);
+    let frames = number(tags::NUMBER_OF_FRAMES).unwrap_or(1);
+    let bits = number(tags::ROWS)? as f64
+        * number(tags::COLUMNS)? as f64
+        * number(tags::BITS_ALLOCATED)? as f64
+        * frames as f64;
+    (compressed > 0).then(|| (bits / 8.0 / compressed as f64).max(1.0))
 }
 
 /// The attributes of the first slice.
@@ -303,15 +336,12 @@ fn kept_attributes(
         return Ok(Vec::new());
     };
     let bytes = files.read(series.images[first.image].file)?;
-    let mut kept = kept(&parse(&scan(&bytes, &wanted())?)?);
-    if !kept.iter().any(|(name, _)| name == "LossyImageCompression")
-        && let Some(method) = lossy_method(&bytes)?
-    {
-        for (name, value) in [
-            ("LossyImageCompression", "01"),
-            ("LossyImageCompressionMethod", method),
-        ] {
-            kept.push((name.to_owned(), value.to_owned()));
+    let scanned = scan(&bytes, &wanted())?;
+    let object = parse(&scanned)?;
+    let mut kept = kept(&object);
+    for (keyword, _, _, value) in lost(&bytes, &scanned, &object)? {
+        if !kept.iter().any(|(name, _)| name == keyword) {
+            kept.push((keyword.to_owned(), value));
         }
     }
     Ok(kept)

@@ -11,7 +11,7 @@ use dicom_object::InMemDicomObject;
 use super::DicomError;
 use super::attributes::{Attributes, kept_tags, wanted};
 use super::choose::{OTHER_WORDS, T1_WORDS, sequence_name};
-use super::convert::lossy_method;
+use super::convert::lost;
 use super::frames::{pixel_bytes, write_explicit};
 use super::header::parse;
 use super::numbers::text;
@@ -165,14 +165,9 @@ pub fn deidentified_file(file: &[u8]) -> Result<Vec<u8>, DicomError> {
         }
     }
     // The pixels are written without compression, but what was lost stays lost.
-    if kept.get(tags::LOSSY_IMAGE_COMPRESSION).is_none()
-        && let Some(method) = lossy_method(file)?
-    {
-        for (tag, value) in [
-            (tags::LOSSY_IMAGE_COMPRESSION, "01"),
-            (tags::LOSSY_IMAGE_COMPRESSION_METHOD, method),
-        ] {
-            kept.put(DataElement::new(tag, VR::CS, PrimitiveValue::from(value)));
+    for (_, tag, vr, value) in lost(file, &scanned, &object)? {
+        if kept.get(tag).is_none() {
+            kept.put(DataElement::new(tag, vr, PrimitiveValue::from(value)));
         }
     }
     for (tag, vr, value) in [

@@ -1,13 +1,14 @@
 //! What an image is and which series it belongs to, without reading the image.
 
 use dicom_core::Tag;
-use dicom_dictionary_std::tags;
+use dicom_dictionary_std::{tags, uids};
 use serde::{Deserialize, Serialize};
 
 use super::DicomError;
 use super::header::{IMAGE_CLASSES, parse};
 use super::label::series_label;
 use super::numbers::text;
+use super::rejection::{Rejection, rejection};
 use super::scan::scan;
 use crate::{Format, sniff};
 
@@ -45,6 +46,9 @@ pub struct Identity {
     pub label: Option<String>,
     /// Whether it is an MR or CT image.
     pub is_image: bool,
+    /// What it rejects, if it is a rejection note.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rejection: Option<Rejection>,
 }
 
 /// The tag of an attribute that a label is made of.
@@ -75,7 +79,9 @@ pub fn identify(file: &[u8]) -> Result<Identity, DicomError> {
         })
     };
     let sop_class_uid = uid(tags::SOP_CLASS_UID)?;
+    let is_list = sop_class_uid == uids::KEY_OBJECT_SELECTION_DOCUMENT_STORAGE;
     Ok(Identity {
+        rejection: if is_list { rejection(file)? } else { None },
         is_image: IMAGE_CLASSES.contains(&&*sop_class_uid),
         sop_class_uid,
         sop_instance_uid: uid(tags::SOP_INSTANCE_UID)?,

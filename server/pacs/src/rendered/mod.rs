@@ -256,7 +256,7 @@ async fn of_series_or_result(
     side: Option<u32>,
 ) -> Result<Response, PacsError> {
     if let Some(study) = Uid::parse(&named.study) {
-        let results = pacs.cases().store().results_of(&study).await?;
+        let results = pacs.cases().store().results_of(&study, false).await?;
         let is_named = |result: &&HeldResult| {
             Some(result.series.series_uid.as_str()) == named.series.as_deref()
         };

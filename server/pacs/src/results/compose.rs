@@ -40,6 +40,7 @@ pub(crate) struct Composer {
     source: Attributes,
     study: Uid,
     content: Content,
+    withdrawn: Vec<Uid>,
     /// What distinguishes it from all other results.
     digest: blake3::Hash,
     series_number: u32,
@@ -70,12 +71,18 @@ impl Composer {
         let facts = cases.ready(&id).await?;
         let case = cases.case(&id).await?;
         let series = cases.store().series_of(&id).await?;
-        if series.is_some_and(|series| series.is_superseded) {
+        // What was sent of a wrong patient must still be withdrawn.
+        let is_rejection = matches!(&plan, Plan::KeyObject(plan) if plan.title.is_rejection());
+        if !is_rejection && series.is_some_and(|series| series.is_superseded) {
             return Err(superseded());
         }
         let source = source(cases, &id, asked).await?;
         let study = value(&source, "StudyInstanceUID").and_then(Uid::parse);
         let study = study.ok_or_else(no_patient)?;
+        let withdrawn = match &plan {
+            Plan::KeyObject(plan) if is_rejection => plan.instances.clone(),
+            _ => Vec::new(),
+        };
         let content = match plan {
             Plan::Pictures(plan) => Content::Pictures(Drawing::of(cases, &id, plan).await?),
             Plan::Mask(mask) => {
@@ -108,7 +115,13 @@ impl Composer {
             source,
             study,
             content,
+            withdrawn,
         })
+    }
+
+    /// The results that it withdraws, if it is a rejection note.
+    pub(crate) fn withdrawn(&self) -> Vec<Uid> {
+        self.withdrawn.clone()
     }
 
     /// The study of the result.
@@ -236,6 +249,10 @@ fn key_object_title(title: Title) -> KeyObjectTitle {
         Title::ForSurgery => KeyObjectTitle::ForSurgery,
         Title::ForConference => KeyObjectTitle::ForConference,
         Title::ForResearch => KeyObjectTitle::ForResearch,
+        Title::RejectedForQuality => KeyObjectTitle::RejectedForQuality,
+        Title::RejectedForSafety => KeyObjectTitle::RejectedForSafety,
+        Title::IncorrectWorklistEntry => KeyObjectTitle::IncorrectWorklistEntry,
+        Title::RetentionExpired => KeyObjectTitle::RetentionExpired,
     }
 }
 
@@ -246,7 +263,8 @@ async fn listed(
     study: &Uid,
     plan: &KeyObjectPlan,
 ) -> Result<Vec<Listed>, PacsError> {
-    let results = cases.store().results_of(study).await?;
+    let is_rejection = plan.title.is_rejection();
+    let results = cases.store().results_of(study, is_rejection).await?;
     let of_source = |uid: &Uid| {
         let mut images = source.instances.iter();
         let image = images.find(|image| image.sop_instance_uid == uid.as_str())?;
@@ -265,12 +283,16 @@ async fn listed(
         })
     };
     let known = plan.instances.iter();
-    let known = known.map(|uid| of_source(uid).or_else(|| of_result(uid)));
+    // Images of a PACS are not ours to withdraw.
+    let known = known.map(|uid| match is_rejection {
+        true => of_result(uid),
+        false => of_source(uid).or_else(|| of_result(uid)),
+    });
     let known: Option<Vec<_>> = known.collect();
     known.ok_or_else(|| {
         refuse(
             "no-such-instance",
-            "an instance of `key_object` is neither an image of the source nor a result that was sent and is still known",
+            "an instance of `key_object` is neither an image of the source nor a result that was sent and is still known; a rejection names results alone",
         )
     })
 }
@@ -283,7 +305,7 @@ fn superseded() -> PacsError {
     PacsError::new(
         StatusCode::CONFLICT,
         "superseded",
-        "the patient or the study of this case was corrected since; use the case of the corrected images",
+        "the patient or the study of this case was corrected since, or the PACS has rejected its images; use the case of the corrected images",
     )
 }
 

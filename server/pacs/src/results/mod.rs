@@ -89,7 +89,7 @@ impl From<SentResult> for ResultView {
         (status = 400, description = "The body cannot be read, or a value is invalid"),
         (status = 404, description = "No such case, or no node has this name"),
         (status = 406, description = "A segmentation or a list has no picture"),
-        (status = 409, description = "The case is not ready, or its patient or study was corrected since (`superseded`)"),
+        (status = 409, description = "The case is not ready, its patient or study was corrected since or its images were rejected (`superseded`), or the result was withdrawn (`withdrawn`)"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), or no frame of reference for a segmentation"),
         (status = 503, description = "Too much work is waiting"),
     )
@@ -123,6 +123,13 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
     };
     let store = pacs.cases().store();
     let instance = composer.instance();
+    if store.are_withdrawn(std::slice::from_ref(&instance)).await? == [true] {
+        return Err(PacsError::new(
+            StatusCode::CONFLICT,
+            "withdrawn",
+            "this result was withdrawn by a rejection note, and a PACS would not accept it again; request another picture",
+        ));
+    }
     // A result that was made before is sent as it is.
     let known = store.object_of_result(&instance).await?;
     let known = match known {
@@ -131,11 +138,13 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
     };
     let study = composer.study();
     let series = composer.series();
+    let withdrawn = composer.withdrawn();
     let file = match known {
         Some(file) => file,
         None => composer.file(pacs.cases()).await?,
     };
     let queued = queue(pacs, id, node, (study, series, instance), file).await?;
+    store.withdraw(&withdrawn).await?;
     let address = format!("/v1/dicom-results/{}", queued.id);
     let mut response = fresh_json(StatusCode::ACCEPTED, &ResultView::from(queued));
     let headers = response.headers_mut();

@@ -100,7 +100,7 @@ fn annotated_picture<'de, D: Deserializer<'de>>(
 #[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct KeyObjectRequest {
-    /// SOP Instance UIDs of images of the source, and of results that were sent; 1 to 200.
+    /// SOP Instance UIDs of images of the source, and of results that were sent; 1 to 200. A rejection names results alone.
     instances: Vec<String>,
     /// What they are listed for. Default: `of-interest`.
     #[serde(default)]
@@ -121,6 +121,27 @@ pub(crate) enum Title {
     ForConference,
     /// For research.
     ForResearch,
+    /// Rejected for quality reasons: withdraws results.
+    RejectedForQuality,
+    /// Rejected for patient safety reasons, such as a wrong patient or side: withdraws results.
+    RejectedForSafety,
+    /// An incorrect worklist entry: withdraws results.
+    IncorrectWorklistEntry,
+    /// The data retention policy has expired: withdraws results.
+    RetentionExpired,
+}
+
+impl Title {
+    /// Whether the list withdraws what it names (IHE IOCM).
+    pub(crate) fn is_rejection(self) -> bool {
+        match self {
+            Self::OfInterest | Self::ForSurgery | Self::ForConference | Self::ForResearch => false,
+            Self::RejectedForQuality
+            | Self::RejectedForSafety
+            | Self::IncorrectWorklistEntry
+            | Self::RetentionExpired => true,
+        }
+    }
 }
 
 impl KeyObjectRequest {

@@ -10,10 +10,10 @@ use crate::ObjectName;
 use crate::Store;
 use crate::arrivals::{
     AccessionNumber, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState, ArrivalStatus,
-    BECAME_LAYER, CaseSeries, Change, DueTerms, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome,
-    Received, SeriesQuery, SeriesUids, Taken, TakenAs, TransferEnd, TransferState, Uid,
+    BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome,
+    REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Taken, TakenAs, TransferEnd, TransferState, Uid,
 };
-use crate::rows::{DueSeries, Sweep};
+use crate::rows::{DueSeries, Known, Sweep};
 use crate::testing::{failure, new_case, pinned};
 
 const TERMS: DueTerms = DueTerms {
@@ -145,7 +145,11 @@ pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_s
         ..image(1, number)
     };
     let known = store.known(&[image(1, 1), image(1, 3)]).await.unwrap();
-    assert_eq!(known, [Some(ObjectName::from(&image(1, 1))), None]);
+    let here = Known {
+        object: ObjectName::from(&image(1, 1)),
+        is_elsewhere: false,
+    };
+    assert_eq!(known, [Some(here), None]);
     // Other pixels are no reason to distrust the patient of the case.
     let pixels = received(store, &[corrected(1, Change::Pixels)]).await;
     let arrival = store.arrivals_of(&study()).await.unwrap().remove(0);
@@ -225,6 +229,80 @@ pub(crate) async fn objects_that_are_not_kept_are_counted(subject: &Subject) {
         (arrival.state, arrival.ignored, arrival.instances),
         (ArrivalState::Receiving, 2, 1)
     );
+}
+
+pub(crate) async fn an_image_that_comes_under_another_series_leaves_its_own(subject: &Subject) {
+    let store = &subject.store;
+    receive(store, &[image(1, 1), image(1, 2)]).await;
+    subject.pass(21);
+    let case = a_case(store, "a").await;
+    let leased = due(store).await.unwrap();
+    assert!(store.settle(&leased, &Outcome::Case(case)).await.unwrap());
+    let moved = |number| NewInstance {
+        uids: series(2),
+        digest: blake3::hash(format!("moved {number}").as_bytes()),
+        replaces: Some(Change::Owner),
+        ..image(1, number)
+    };
+    let known = store.known(&[moved(1)]).await.unwrap().remove(0).unwrap();
+    assert!(known.is_elsewhere);
+    assert_eq!(known.object, ObjectName::from(&image(1, 1)));
+    let first = store.arrivals_of(&study()).await.unwrap().remove(0);
+    let corrected = received(store, &[moved(1)]).await.corrected;
+    assert_eq!(corrected, [first.id]);
+    assert!(store.series_of(&case).await.unwrap().unwrap().is_superseded);
+    let counts = async || {
+        let arrivals = store.arrivals_of(&study()).await.unwrap();
+        let counts = arrivals.iter().map(|each| (each.state, each.instances));
+        counts.collect::<Vec<_>>()
+    };
+    let receiving = ArrivalState::Receiving;
+    assert_eq!(counts().await, [(receiving, 1), (receiving, 1)]);
+    assert_eq!(received(store, &[moved(2)]).await.corrected.len(), 0);
+    assert_eq!(counts().await, [(ArrivalState::Nothing, 0), (receiving, 2)]);
+    let left = store.arrivals_of(&study()).await.unwrap().remove(0);
+    assert_eq!(left.reason.unwrap().name, MOVED);
+}
+
+pub(crate) async fn images_that_are_rejected_are_forgotten_and_their_cases_superseded(
+    subject: &Subject,
+) {
+    let store = &subject.store;
+    receive(store, &[image(1, 1), image(1, 2)]).await;
+    subject.pass(21);
+    let case = a_case(store, "a").await;
+    let leased = due(store).await.unwrap();
+    assert!(store.settle(&leased, &Outcome::Case(case)).await.unwrap());
+    let reason = Failure::unusable(REJECTED, "it was rejected");
+    let instance = |number, instance| image(number, instance).sop_instance_uid;
+    let reject = async |may_return, number, instances: &[Uid]| {
+        let rejection = Rejection {
+            may_return,
+            series: vec![(series(number), instances.to_vec())],
+        };
+        let rejected = store.reject(&rejection, ArrivalSource::Stow, &reason);
+        rejected.await.unwrap();
+        let one = SeriesQuery::Study(uid("1.2.3"), Some(series(number).series));
+        store.arrivals_of(&one).await.unwrap().remove(0)
+    };
+    // What is left is read again.
+    let left = reject(true, 1, &[instance(1, 1)]).await;
+    assert_eq!((left.state, left.instances), (ArrivalState::Receiving, 1));
+    assert!(store.series_of(&case).await.unwrap().unwrap().is_superseded);
+    let none = reject(false, 1, &[instance(1, 2), instance(1, 9)]).await;
+    assert_eq!((none.state, none.instances), (ArrivalState::Nothing, 0));
+    assert_eq!(none.reason.as_ref(), Some(&reason));
+    assert_eq!(store.images_of(&series(1)).await.unwrap(), []);
+    // A note may come before the images.
+    let early = reject(false, 2, &[instance(2, 1)]).await;
+    assert_eq!((early.state, early.reason), (ArrivalState::Nothing, Some(reason.clone())));
+    let asked = [instance(1, 1), instance(1, 2), instance(2, 1)];
+    let are = store.are_withdrawn(&asked).await.unwrap();
+    assert_eq!(are, [false, true, true], "what may return is not held back");
+    // A note of others changes nothing but that.
+    receive(store, &[image(3, 1)]).await;
+    let others = reject(false, 3, &[instance(3, 2)]).await;
+    assert_eq!((others.state, others.instances), (ArrivalState::Receiving, 1));
 }
 
 pub(crate) async fn a_series_is_due_when_nothing_came_for_a_while(subject: &Subject) {

@@ -113,11 +113,11 @@ pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(s
     assert!(store.end_result(&leased, &TransferEnd::Done).await.unwrap());
     queue(store, &other).await;
     // A search finds it once, though it goes to two nodes.
-    let held = store.results_of(&uid("1.2.3")).await.unwrap();
+    let held = store.results_of(&uid("1.2.3"), false).await.unwrap();
     assert_eq!(held.len(), 1);
     assert_eq!(held[0].series, one.series);
     assert_eq!(held[0].object, one.object());
-    assert_eq!(store.results_of(&uid("1.2.4")).await.unwrap(), []);
+    assert_eq!(store.results_of(&uid("1.2.4"), true).await.unwrap(), []);
     let objects = [one.object()];
     assert_eq!(objects[0].kind, ObjectKind::Result);
     subject.pass(3600);

@@ -21,3 +21,12 @@ pub struct DueSeries {
     /// The number of this lease; a greater one fences it off.
     pub fence: i64,
 }
+
+/// An image with a UID that is known already.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Known {
+    /// Its file.
+    pub object: ObjectName,
+    /// Whether it came under another study or series.
+    pub is_elsewhere: bool,
+}

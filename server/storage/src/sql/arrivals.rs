@@ -6,10 +6,10 @@ use super::connection::{Connection, Row, microseconds};
 use super::{fence, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
-    ArrivalStatus, BECAME_LAYER, CaseSeries, Change, DueTerms, NOT_T1, NewInstance, Outcome,
+    ArrivalStatus, BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NOT_T1, NewInstance, Outcome,
     SeriesQuery, SeriesUids, Taken, Uid,
 };
-use crate::rows::DueSeries;
+use crate::rows::{DueSeries, Known};
 use crate::{ObjectName, StoreError};
 use case::{CaseId, Failure, ObjectKind};
 
@@ -68,6 +68,10 @@ pub(super) async fn add(
         pins::abandon(connection, vec![ObjectName::from(new)], now).await?;
         return Ok(Added::Known);
     }
+    let left = match new.replaces {
+        Some(_) => leave_others(connection, (&id, new), now).await?,
+        None => None,
+    };
     // Whoever reads the series at this moment does not know this image.
     connection
         .query(
@@ -79,7 +83,58 @@ pub(super) async fn add(
         .bind(&id)
         .execute()
         .await?;
-    Ok(Added::New)
+    Ok(left.unwrap_or(Added::New))
+}
+
+/// Removes an image from other series, in which it was known before its study or series was corrected, and supersedes
+/// their cases. What is left of them is read again.
+async fn leave_others(
+    connection: &mut Connection,
+    (id, new): (&str, &NewInstance),
+    now: i64,
+) -> Result<Option<Added>, StoreError> {
+    let rows = connection
+        .query(
+            "DELETE FROM arrival_instances WHERE sop_instance_uid = $1 AND arrival_id <> $2
+             RETURNING arrival_id, digest",
+        )
+        .bind(new.sop_instance_uid.as_str())
+        .bind(id)
+        .fetch_all()
+        .await?;
+    let mut added = None;
+    for row in &rows {
+        let other: String = row.get("arrival_id")?;
+        pins::abandon(connection, vec![read_object(row)?], now).await?;
+        let detail = "the images of the series have come again under another study or series";
+        let moved = serde_json::to_string(&Failure::unusable(MOVED, detail))?;
+        let row = connection
+            .query(
+                "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END,
+                        instances = instances - 1, last_at = $1, available_at = $1, lease_until = NULL, fence = 0,
+                        state = CASE WHEN instances > 1 THEN 'receiving' ELSE 'nothing' END,
+                        reason = CASE WHEN instances > 1 THEN NULL ELSE $2 END
+                 WHERE id = $3 RETURNING superseded",
+            )
+            .bind(now)
+            .bind(moved)
+            .bind(&other)
+            .fetch_one()
+            .await?;
+        connection
+            .query(
+                "UPDATE case_series SET superseded = 1
+                 WHERE (study_uid, series_uid) = (SELECT study_uid, series_uid FROM arrivals WHERE id = $1)",
+            )
+            .bind(&other)
+            .execute()
+            .await?;
+        added = Some(match row.get::<i64>("superseded")? {
+            1 => Added::FirstReplaced(other),
+            _ => Added::Replaced,
+        });
+    }
+    Ok(added)
 }
 
 /// Puts an image in the place of another one, so that the series is read again. If its patient or its study has changed,
@@ -157,22 +212,115 @@ pub(super) async fn ignore(
     Ok(())
 }
 
-/// The objects of images that are there already.
+/// Withdraws instances of a series: its images are forgotten and its cases superseded. What is left is read again.
+pub(super) async fn reject(
+    connection: &mut Connection,
+    (uids, source): (&SeriesUids, ArrivalSource),
+    instances: &[Uid],
+    reason: &Failure,
+    now: i64,
+) -> Result<(), StoreError> {
+    let reason = serde_json::to_string(reason)?;
+    let row = connection
+        .query(
+            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, available_at)
+             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, $6)
+             ON CONFLICT (study_uid, series_uid) DO UPDATE SET last_at = $6
+             RETURNING id",
+        )
+        .bind(uuid::Uuid::now_v7().simple().to_string())
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
+        .bind(source.name())
+        .bind(&reason)
+        .bind(now)
+        .fetch_one()
+        .await?;
+    let id: String = row.get("id")?;
+    let mut removed = Vec::new();
+    for instance in instances {
+        let row = connection
+            .query("DELETE FROM arrival_instances WHERE arrival_id = $1 AND sop_instance_uid = $2 RETURNING digest")
+            .bind(&id)
+            .bind(instance.as_str())
+            .fetch_optional()
+            .await?;
+        removed.extend(row.as_ref().map(read_object).transpose()?);
+    }
+    let count_removed = count(removed.len());
+    pins::abandon(connection, removed, now).await?;
+    connection
+        .query(
+            "UPDATE arrivals SET instances = instances - $1, available_at = $2, lease_until = NULL, fence = 0,
+                    state = CASE WHEN instances > $1 THEN 'receiving' ELSE 'nothing' END,
+                    reason = CASE WHEN instances > $1 THEN NULL ELSE $3 END
+             WHERE id = $4 AND (instances = 0 OR $1 > 0)",
+        )
+        .bind(count_removed)
+        .bind(now)
+        .bind(reason)
+        .bind(id)
+        .execute()
+        .await?;
+    connection
+        .query("UPDATE case_series SET superseded = 1 WHERE study_uid = $1 AND series_uid = $2")
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Notes that instances are withdrawn for good.
+pub(super) async fn withdraw(
+    connection: &mut Connection,
+    instances: &[Uid],
+) -> Result<(), StoreError> {
+    for instance in instances {
+        connection
+            .query("INSERT INTO rejections (sop_instance_uid) VALUES ($1) ON CONFLICT DO NOTHING")
+            .bind(instance.as_str())
+            .execute()
+            .await?;
+    }
+    Ok(())
+}
+
+pub(super) async fn is_withdrawn(
+    connection: &mut Connection,
+    instance: &Uid,
+) -> Result<bool, StoreError> {
+    let row = connection
+        .query("SELECT sop_instance_uid FROM rejections WHERE sop_instance_uid = $1")
+        .bind(instance.as_str())
+        .fetch_optional()
+        .await?;
+    Ok(row.is_some())
+}
+
+/// The image that is there already.
 pub(super) async fn known(
     connection: &mut Connection,
     new: &NewInstance,
-) -> Result<Option<ObjectName>, StoreError> {
-    let row = connection
+) -> Result<Option<Known>, StoreError> {
+    let rows = connection
         .query(
-            "SELECT digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
-             WHERE study_uid = $1 AND series_uid = $2 AND sop_instance_uid = $3",
+            "SELECT study_uid, series_uid, digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
+             WHERE sop_instance_uid = $1",
         )
-        .bind(new.uids.study.as_str())
-        .bind(new.uids.series.as_str())
         .bind(new.sop_instance_uid.as_str())
-        .fetch_optional()
+        .fetch_all()
         .await?;
-    row.as_ref().map(read_object).transpose()
+    let mut known = None;
+    for row in &rows {
+        let object = read_object(row)?;
+        let is_elsewhere = read_uids(row)? != new.uids;
+        if !is_elsewhere {
+            return Ok(Some(Known { object, is_elsewhere }));
+        }
+        known = Some(Known { object, is_elsewhere });
+    }
+    Ok(known)
 }
 
 /// The arrival of an image's series, which is made if there is none.

@@ -6,9 +6,9 @@ use super::connection::{Connection, Row, microseconds};
 use super::{arrivals, pins, results, retrievals};
 use crate::arrivals::{
     Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, CaseSeries, DueTerms, NewInstance,
-    Outcome, Received, Retrieval, SeriesQuery, SeriesUids, Taken, TransferEnd, TransferQuery, Uid,
+    Outcome, Received, Rejection, Retrieval, SeriesQuery, SeriesUids, Taken, TransferEnd, TransferQuery, Uid,
 };
-use crate::rows::{DueSeries, Pinned, RowCounts};
+use crate::rows::{DueSeries, Known, Pinned, RowCounts};
 use crate::{ForPacs, ObjectName, Store, StoreError};
 use case::{CaseId, Failure, ObjectKind};
 
@@ -70,14 +70,14 @@ impl Store {
         Ok(Some(received))
     }
 
-    /// The objects of those images that are there already, in the same order.
+    /// Those images that are there already, in the same order.
     ///
     /// # Errors
     /// If the rows cannot be read.
     pub async fn known(
         &self,
         instances: &[NewInstance],
-    ) -> Result<Vec<Option<ObjectName>>, StoreError> {
+    ) -> Result<Vec<Option<Known>>, StoreError> {
         let mut connection = self.rows().connect().await?;
         let mut known = Vec::with_capacity(instances.len());
         for instance in instances {
@@ -100,6 +100,52 @@ impl Store {
         let (mut transaction, now) = self.rows().write().await?;
         arrivals::ignore(&mut transaction, (uids, source), reason, now).await?;
         transaction.commit().await
+    }
+
+    /// Withdraws what a rejection note names: images are forgotten, and the cases of their series are superseded. Their
+    /// arrivals became nothing, for this reason, if no image is left.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn reject(
+        &self,
+        rejection: &Rejection,
+        source: ArrivalSource,
+        reason: &Failure,
+    ) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        for (uids, instances) in &rejection.series {
+            let of = (uids, source);
+            arrivals::reject(&mut transaction, of, instances, reason, now).await?;
+            if !rejection.may_return {
+                arrivals::withdraw(&mut transaction, instances).await?;
+            }
+        }
+        transaction.commit().await?;
+        self.collect().await
+    }
+
+    /// Notes that results are withdrawn for good.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn withdraw(&self, instances: &[Uid]) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        arrivals::withdraw(&mut transaction, instances).await?;
+        transaction.commit().await
+    }
+
+    /// Whether each instance was withdrawn for good.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn are_withdrawn(&self, instances: &[Uid]) -> Result<Vec<bool>, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let mut are = Vec::with_capacity(instances.len());
+        for instance in instances {
+            are.push(arrivals::is_withdrawn(&mut connection, instance).await?);
+        }
+        Ok(are)
     }
 
     /// Makes a series of another store as it is there, and adds images; `false`, and nothing has changed, if a pin is

@@ -77,12 +77,18 @@ impl Store {
         results::of_instance(&mut self.rows().connect().await?, instance).await
     }
 
-    /// The results of a study, each once, in the order of their series.
+    /// The results of a study, each once, in the order of their series; those that were withdrawn only if they are
+    /// asked for.
     ///
     /// # Errors
     /// If the rows cannot be read or written.
-    pub async fn results_of(&self, study: &Uid) -> Result<Vec<HeldResult>, StoreError> {
-        results::of_study(&mut self.rows().connect().await?, study).await
+    pub async fn results_of(
+        &self,
+        study: &Uid,
+        with_withdrawn: bool,
+    ) -> Result<Vec<HeldResult>, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        results::of_study(&mut connection, study, with_withdrawn).await
     }
 
     /// Leases the result that has waited longest.

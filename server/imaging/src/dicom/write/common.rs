@@ -133,7 +133,7 @@ impl Head<'_> {
             VR::CS,
             yes_or_no(self.is_annotated),
         );
-        self.put_compression(&mut item);
+        self.put_compression(&mut item, class);
         if let Some(is_recognizable) = self.is_recognizable {
             let value = yes_or_no(is_recognizable);
             item.text(tags::RECOGNIZABLE_VISUAL_FEATURES, VR::CS, value);
@@ -142,7 +142,7 @@ impl Head<'_> {
     }
 
     /// What is derived from an image that was compressed with loss has lost something as well (PS3.3 C.7.6.1.1.5).
-    fn put_compression(&self, item: &mut Item) {
+    fn put_compression(&self, item: &mut Item, class: &str) {
         if self.of_source("LossyImageCompression") != Some("01") {
             item.text(tags::LOSSY_IMAGE_COMPRESSION, VR::CS, "00");
             return;
@@ -163,6 +163,13 @@ impl Head<'_> {
             if let Some(value) = self.of_source(keyword) {
                 item.text(tag, vr, value);
             }
+        }
+        // A segmentation must state a ratio (PS3.3 C.8.20.2); of an unknown one it is certain that it is at least 1.
+        let tag = tags::LOSSY_IMAGE_COMPRESSION_RATIO;
+        if class == uids::SEGMENTATION_STORAGE
+            && self.of_source("LossyImageCompressionRatio").is_none()
+        {
+            item.text(tag, VR::DS, "1");
         }
     }
 

@@ -6,7 +6,7 @@ use dicom_dictionary_std::{tags, uids};
 use super::common::{Head, WriteError, file};
 use super::item::{Code, Item};
 
-/// The title of a list (CID 7010).
+/// The title of a list (CID 7010), or the reason of a rejection note (CID 7011).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum KeyObjectTitle {
     /// Of interest.
@@ -17,6 +17,14 @@ pub enum KeyObjectTitle {
     ForConference,
     /// For research.
     ForResearch,
+    /// The objects are rejected for their quality.
+    RejectedForQuality,
+    /// The objects are rejected because they may harm a patient, such as those of a wrong patient or side.
+    RejectedForSafety,
+    /// The objects are rejected because the worklist named a wrong patient or procedure.
+    IncorrectWorklistEntry,
+    /// The objects are not kept any longer.
+    RetentionExpired,
 }
 
 impl KeyObjectTitle {
@@ -26,6 +34,10 @@ impl KeyObjectTitle {
             Self::ForSurgery => ("113003", "For Surgery"),
             Self::ForConference => ("113005", "For Conference"),
             Self::ForResearch => ("113009", "For Research"),
+            Self::RejectedForQuality => ("113001", "Rejected for Quality Reasons"),
+            Self::RejectedForSafety => ("113037", "Rejected for Patient Safety Reasons"),
+            Self::IncorrectWorklistEntry => ("113038", "Incorrect Modality Worklist Entry"),
+            Self::RetentionExpired => ("113039", "Data Retention Policy Expired"),
         };
         Code {
             value,
