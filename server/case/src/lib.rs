@@ -7,6 +7,7 @@ pub mod arrivals;
 mod facts;
 mod failure;
 mod id;
+mod job;
 mod layer;
 mod maps;
 mod object;
@@ -20,6 +21,7 @@ pub use facts::{
 };
 pub use failure::{Failure, FailureKind};
 pub use id::{CaseId, NotACaseId};
+pub use job::{JobKind, JobState, STORE_FAILED};
 pub use layer::{
     LabelFacts, Layer, LayerFacts, LayerId, LayerKind, LayerParameters, MatrixOrigin, NotALayerId,
     PlacementFacts, PlacementVerdict, Transform,

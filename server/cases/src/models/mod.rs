@@ -146,14 +146,10 @@ impl Inner {
     async fn load(&self, id: &CaseId) -> Result<Entry, NotLoaded> {
         let seen_ms = self.now_ms();
         match WarmModel::load(&self.library, id).await {
-            Ok(Some(model)) => {
-                // Its maps may be lost, or of another format.
-                self.library.ensure_maps(id);
-                Ok(Entry {
-                    model: Arc::new(model),
-                    seen_ms: Arc::new(AtomicU64::new(seen_ms)),
-                })
-            }
+            Ok(Some(model)) => Ok(Entry {
+                model: Arc::new(model),
+                seen_ms: Arc::new(AtomicU64::new(seen_ms)),
+            }),
             Ok(None) => Err(NotLoaded::NotReady),
             Err(error) => Err(NotLoaded::Failed(error)),
         }

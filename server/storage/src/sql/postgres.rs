@@ -182,7 +182,7 @@ mod tests {
     use super::*;
     use crate::Store;
     use crate::conformance::Subject;
-    use crate::rows::{Inserted, Published};
+    use crate::rows::{Inserted, Published, Referred};
     use crate::sql::Rows;
     use crate::sql::connection::Database;
     use crate::testing::postgres::PostgresServer;
@@ -225,13 +225,16 @@ mod tests {
             let store = &copies[number % copies.len()];
             async move {
                 let new = new_case(store, &number.to_string()).await;
-                assert_eq!(store.insert_case(&new).await.unwrap(), Inserted::Created);
+                assert_eq!(
+                    store.insert_case(&new).await.unwrap(),
+                    Referred::Done(Inserted::Created)
+                );
             }
         });
         join_all(inserting).await;
         let claiming = (0..2 * CASES).map(|number| claim(&copies[number % copies.len()]));
         let claims: Vec<_> = join_all(claiming).await.into_iter().flatten().collect();
-        let cases: HashSet<_> = claims.iter().map(|claim| claim.id).collect();
+        let cases: HashSet<_> = claims.iter().map(|claim| claim.case).collect();
         let fences: HashSet<_> = claims.iter().map(|claim| claim.fence).collect();
         assert_eq!(
             (claims.len(), cases.len(), fences.len()),
@@ -335,9 +338,9 @@ mod tests {
             while let Some(claim) = claim(store(client)).await {
                 let derived = pinned(store(client), &[]).await;
                 let published = store(client)
-                    .make_case_ready(&claim, &derived, &facts())
+                    .make_case_ready(&claim, &derived, &facts(), &[])
                     .await;
-                assert_eq!(published.unwrap(), Published::Done);
+                assert_eq!(published.unwrap(), Referred::Done(Published::Done));
             }
         }))
         .await;
