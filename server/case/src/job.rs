@@ -4,28 +4,36 @@ use crate::{Failure, FailureKind};
 
 /// A kind of job. Whoever does the work names its kind, so the store knows kinds by their words alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub struct JobKind(&'static str);
+pub struct JobKind {
+    name: &'static str,
+    noun: &'static str,
+}
 
 impl JobKind {
     /// Prepares a case.
-    pub const PREPARE: Self = Self("prepare");
+    pub const PREPARE: Self = Self::new("prepare", "preparation");
     /// Prepares a layer of a ready case.
-    pub const LAYER: Self = Self("layer");
+    pub const LAYER: Self = Self::new("layer", "preparation");
     /// Computes the maps of a ready case.
-    pub const MAPS: Self = Self("maps");
+    pub const MAPS: Self = Self::new("maps", "computation");
     /// Makes the derived objects of a ready case again.
-    pub const REBUILD: Self = Self("rebuild");
+    pub const REBUILD: Self = Self::new("rebuild", "preparation");
     /// Reads a series that came from a PACS.
-    pub const SERIES: Self = Self("series");
+    pub const SERIES: Self = Self::new("series", "reading");
 
-    /// Another kind.
-    pub const fn new(name: &'static str) -> Self {
-        Self(name)
+    /// Another kind, with its word in rows, and what such work is called.
+    pub const fn new(name: &'static str, noun: &'static str) -> Self {
+        Self { name, noun }
     }
 
     /// Its word in rows, logs and metrics.
     pub fn name(self) -> &'static str {
-        self.0
+        self.name
+    }
+
+    /// What the work is called in failures.
+    pub fn noun(self) -> &'static str {
+        self.noun
     }
 }
 
@@ -77,20 +85,13 @@ impl Failure {
                 detail: format!("failed after {attempts} attempts: {}", last.detail),
                 ..last
             },
-            None => {
-                let what = match kind {
-                    JobKind::PREPARE | JobKind::LAYER | JobKind::REBUILD => "preparation",
-                    JobKind::SERIES => "reading",
-                    _ => kind.name(),
-                };
-                Self::new(
-                    FailureKind::Internal,
-                    &format!("{what}-interrupted"),
-                    format!(
-                        "failed after {attempts} attempts: the program ended during each of them; send the input again to retry"
-                    ),
-                )
-            }
+            None => Self::new(
+                FailureKind::Internal,
+                &format!("{}-interrupted", kind.noun()),
+                format!(
+                    "failed after {attempts} attempts: the program ended during each of them; send the input again to retry"
+                ),
+            ),
         }
     }
 }

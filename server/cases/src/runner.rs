@@ -386,31 +386,24 @@ enum Attended {
     Stopped,
 }
 
-/// The word for a kind of work in the names of failures.
-fn word(kind: JobKind) -> &'static str {
-    match kind {
-        JobKind::PREPARE | JobKind::LAYER | JobKind::REBUILD => "preparation",
-        JobKind::SERIES => "reading",
-        other => other.name(),
-    }
-}
-
 /// The work exceeded its time limit.
 fn too_slow(kind: JobKind, longest: Duration) -> Failure {
-    let (word, seconds) = (word(kind), longest.as_secs());
-    let detail = format!(
-        "the {word} exceeded the limit of {seconds} seconds; send an input with fewer voxels"
-    );
-    Failure::unusable(&format!("{word}-too-slow"), detail)
+    let (noun, seconds) = (kind.noun(), longest.as_secs());
+    let remedy = match noun == JobKind::PREPARE.noun() {
+        true => "; send an input with fewer voxels",
+        false => "",
+    };
+    let detail = format!("the {noun} exceeded the limit of {seconds} seconds{remedy}");
+    Failure::unusable(&format!("{noun}-too-slow"), detail)
 }
 
 /// The work panicked. The same input would cause the same internal error again.
 fn crashed(kind: JobKind) -> Failure {
-    let word = word(kind);
+    let noun = kind.noun();
     Failure::new(
         FailureKind::Internal,
-        &format!("{word}-crashed"),
-        format!("internal error during the {word}"),
+        &format!("{noun}-crashed"),
+        format!("internal error during the {noun}"),
     )
 }
 

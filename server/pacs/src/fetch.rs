@@ -16,7 +16,7 @@ use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
 
 /// Fetches a series.
-pub(crate) const FETCH: JobKind = JobKind::new("fetch");
+pub(crate) const FETCH: JobKind = JobKind::new("fetch", "retrieval");
 
 /// The terms of a retrieval.
 const TERMS: Terms = Terms {

@@ -12,7 +12,7 @@ use crate::node::NodeError;
 use crate::state::Pacs;
 
 /// Sends a result, whose id is the key of the job.
-pub(crate) const SEND: JobKind = JobKind::new("send");
+pub(crate) const SEND: JobKind = JobKind::new("send", "delivery");
 
 /// The terms of a delivery.
 const TERMS: Terms = Terms {

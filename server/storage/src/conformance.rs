@@ -16,7 +16,7 @@ pub(crate) use self::arrivals::*;
 pub(crate) use self::layers::*;
 pub(crate) use self::results::*;
 
-use super::jobs::{NewJob, Release};
+use super::jobs::{JobQuery, NewJob, Release};
 use super::objects::Objects;
 use super::rows::{Inserted, NewCase, Pinned, Published, Referred, Sweep};
 use super::sql::Rows;
@@ -94,6 +94,7 @@ macro_rules! conformance {
                 a_deleted_case_cannot_be_published
                 a_ready_case_gets_other_objects_or_fails
                 a_job_is_open_once_and_its_end_is_kept_for_a_while
+                jobs_are_listed_and_counted_by_kind_and_state
                 a_job_that_needs_a_case_waits_for_it_and_goes_with_it
                 a_case_of_another_store_is_adopted_as_it_is_there
                 ready_cases_are_found_by_their_voxels
@@ -654,7 +655,7 @@ pub(crate) async fn a_ready_case_gets_other_objects_or_fails(subject: &Subject) 
 }
 
 pub(crate) async fn a_job_is_open_once_and_its_end_is_kept_for_a_while(subject: &Subject) {
-    const KIND: JobKind = JobKind::new("a kind");
+    const KIND: JobKind = JobKind::new("a kind", "work");
     let store = &subject.store;
     let new = NewJob {
         kind: KIND,
@@ -708,11 +709,68 @@ pub(crate) async fn a_job_is_open_once_and_its_end_is_kept_for_a_while(subject: 
         (again.id.clone(), JobState::Failed, Some(failure()))
     );
     subject.pass(3600);
-    store.forget(Duration::from_secs(7200), true).await.unwrap();
+    store.forget_jobs(Duration::from_secs(7200)).await.unwrap();
     assert!(store.job(&first.id).await.unwrap().is_some());
-    store.forget(Duration::from_secs(60), true).await.unwrap();
+    store.forget_jobs(Duration::from_secs(60)).await.unwrap();
     assert_eq!(store.job(&first.id).await.unwrap(), None);
     assert_eq!(store.job(&again.id).await.unwrap(), None);
+}
+
+pub(crate) async fn jobs_are_listed_and_counted_by_kind_and_state(subject: &Subject) {
+    const KIND: JobKind = JobKind::new("a kind", "work");
+    const OTHER: JobKind = JobKind::new("another kind", "work");
+    let store = &subject.store;
+    for (kind, key) in [(KIND, "1 1"), (KIND, "1 2"), (KIND, "12 3"), (OTHER, "1 4")] {
+        let new = NewJob {
+            kind,
+            key: key.to_owned(),
+            case: None,
+            needs_ready: false,
+            payload: "{}".to_owned(),
+        };
+        store.enqueue(&new).await.unwrap();
+        subject.pass(1);
+    }
+    let first = store.claim(KIND, 3).await.unwrap().unwrap();
+    assert!(store.finish(&first).await.unwrap());
+    let keys = async |state: Option<JobState>, key_prefix: &str| {
+        let query = JobQuery {
+            kind: KIND,
+            state,
+            key_prefix: key_prefix.to_owned(),
+        };
+        // In pages of one.
+        let (mut keys, mut after) = (Vec::new(), None);
+        loop {
+            let (page, next) = store.jobs(&query, after.as_ref(), 1).await.unwrap();
+            keys.extend(page.into_iter().map(|job| job.key));
+            match next {
+                Some(next) => after = Some(next),
+                None => return keys,
+            }
+        }
+    };
+    assert_eq!(keys(None, "").await, ["12 3", "1 2", "1 1"]);
+    assert_eq!(keys(None, "1 ").await, ["1 2", "1 1"]);
+    assert_eq!(keys(Some(JobState::Done), "").await, ["1 1"]);
+    assert_eq!(keys(Some(JobState::Queued), "1 ").await, ["1 2"]);
+    assert!(keys(Some(JobState::Failed), "").await.is_empty());
+
+    subject.pass(100);
+    let counts = store.row_counts().await.unwrap();
+    let count = |kind: &str, state: &str, number| {
+        let row = ("jobs".to_owned(), kind.to_owned(), state.to_owned(), number);
+        assert!(counts.by_state.contains(&row), "{row:?}: {counts:?}");
+    };
+    count("a kind", "done", 1);
+    count("a kind", "queued", 2);
+    count("another kind", "queued", 1);
+    let ages = counts.oldest.iter();
+    let ages: Vec<_> = ages
+        .map(|(kind, age)| (kind.as_str(), age.as_secs()))
+        .collect();
+    // The job that is done counts no longer.
+    assert_eq!(ages, [("a kind", 103), ("another kind", 101)]);
 }
 
 pub(crate) async fn a_job_that_needs_a_case_waits_for_it_and_goes_with_it(subject: &Subject) {

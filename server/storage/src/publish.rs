@@ -154,17 +154,18 @@ impl Store {
                 }
             }
         };
-        if rebuilt.is_ok() {
-            self.finish(&claim).await?;
-        } else {
-            // Whoever needs it tries again, or a worker does.
-            let again = Release {
-                after: Duration::ZERO,
-                counts: true,
-                failure: None,
-            };
-            self.release(&claim, &again).await?;
-        }
+        match &rebuilt {
+            Ok(_) => self.finish(&claim).await?,
+            Err(error) => {
+                // Whoever needs it tries again, or a worker does. A store that fails says nothing about the case.
+                let again = Release {
+                    after: Duration::ZERO,
+                    counts: matches!(error, StoreError::Stopped(_)),
+                    failure: None,
+                };
+                self.release(&claim, &again).await?
+            }
+        };
         rebuilt.map(Some)
     }
 

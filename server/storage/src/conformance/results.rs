@@ -14,7 +14,7 @@ use crate::testing::{failure, new_case, pinned};
 
 const LEASE: Duration = Duration::from_secs(30);
 
-const SEND: JobKind = JobKind::new("send");
+const SEND: JobKind = JobKind::new("send", "delivery");
 
 fn uid(text: &str) -> Uid {
     Uid::parse(text).unwrap()

@@ -180,13 +180,15 @@ mod tests {
     use futures_util::future::join_all;
 
     use super::*;
-    use crate::Store;
+    use case::JobKind;
+
     use crate::conformance::Subject;
     use crate::rows::{Inserted, Published, Referred};
     use crate::sql::Rows;
     use crate::sql::connection::Database;
     use crate::testing::postgres::PostgresServer;
     use crate::testing::{claim, facts, new_case, pinned};
+    use crate::{NewJob, Store};
 
     async fn store_at(address: &str) -> Store {
         let rows = Rows::postgres(address.parse().unwrap()).await;
@@ -211,6 +213,44 @@ mod tests {
             Subject::new(rows.unwrap(), ())
         };
         crate::conformance::conformance! { in_turn subject }
+    }
+
+    /// KEDA starts workers by what this query counts.
+    #[tokio::test]
+    async fn the_scaler_counts_the_jobs_that_a_worker_could_do() {
+        let Some(server) = PostgresServer::start().await else {
+            return;
+        };
+        let manifest = include_str!("../../../../docker/kubernetes/scaler.yaml");
+        let (_, query) = manifest.split_once("query: >-").unwrap();
+        let (query, _) = query.split_once("targetQueryValue").unwrap();
+        let store = store_at(&server.database().await).await;
+        let count = async || -> i64 {
+            let counted = sqlx::query_scalar(sqlx::AssertSqlSafe(query.trim()));
+            counted.fetch_one(pool(&store)).await.unwrap()
+        };
+        assert_eq!(count().await, 0);
+        let new = new_case(&store, "a").await;
+        store.insert_case(&new).await.unwrap();
+        // It waits for the case.
+        let maps = NewJob::of_ready_case(JobKind::MAPS, &new.id);
+        store.enqueue(&maps).await.unwrap();
+        // A worker knows no PACS.
+        let send = NewJob {
+            kind: JobKind::new("send", "delivery"),
+            needs_ready: false,
+            ..maps
+        };
+        store.enqueue(&send).await.unwrap();
+        assert_eq!(count().await, 1);
+        let leased = claim(&store).await.unwrap();
+        assert_eq!(count().await, 1, "a job at work counts");
+        let derived = pinned(&store, &[]).await;
+        store
+            .make_case_ready(&leased, &derived, &facts(), &[JobKind::REBUILD])
+            .await
+            .unwrap();
+        assert_eq!(count().await, 2, "the maps and the rebuild");
     }
 
     #[tokio::test]

@@ -75,7 +75,7 @@ async fn a_series_whose_reader_dies_each_time_becomes_nothing() {
 
 #[tokio::test]
 async fn a_job_of_any_kind_whose_worker_dies_each_time_fails() {
-    const FETCH: JobKind = JobKind::new("fetch");
+    const FETCH: JobKind = JobKind::new("fetch", "retrieval");
     let subject = Subject::in_memory().await;
     let store = &subject.store;
     let new = NewJob {
@@ -113,7 +113,7 @@ async fn a_result_whose_sender_dies_each_time_fails() {
         digest: blake3::hash(b"a result"),
     };
     let pins = pinned(store, &[new.object()]).await;
-    let send = JobKind::new("send");
+    let send = JobKind::new("send", "delivery");
     let queued = store.insert_result(&new, send, &pins).await.unwrap();
     let Referred::Done(queued) = queued else {
         panic!("the pin is there");

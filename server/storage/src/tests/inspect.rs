@@ -262,7 +262,7 @@ async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
         instance: uid("2.25.7"),
         digest: blake3::hash(file),
     };
-    let send = JobKind::new("send");
+    let send = JobKind::new("send", "delivery");
     let queued = store.queue_result(new, file[..].into(), send).await;
     let leased = store.claim(send, 3).await.unwrap().unwrap();
     assert!(store.finish(&leased).await.unwrap());
