@@ -32,6 +32,7 @@ mod conformance;
 mod copy;
 mod directory;
 mod error;
+mod findings;
 mod inspect;
 mod jobs;
 mod layers;
@@ -72,6 +73,7 @@ pub use case::arrivals;
 
 pub use self::copy::{Copied, CopyStep, ForPacs};
 pub use self::error::{FailureCounts, StoreError, failures};
+pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
 pub use self::inspect::{Finding, Inspected};
 pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};
 pub use self::layers::{LayerUpload, SubmittedLayer};

@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 
 use super::connection::{Connection, Row};
-use super::{arrivals, jobs, layers, pins, results, upkeep};
+use super::{arrivals, findings, jobs, layers, pins, results, upkeep};
 use crate::jobs::NewJob;
 use crate::rows::{Inserted, NewCase, Pinned, Referred};
 use crate::{Cursor, ObjectName, Page, StoreError};
@@ -37,7 +37,8 @@ async fn state(connection: &mut Connection, id: &CaseId) -> Result<Option<String
     row.map(|row| row.get("state")).transpose()
 }
 
-/// Inserts a case with its references, its job, and, for a version, the layers of the case that it is a version of.
+/// Inserts a case with its references, its job, and, for a version, the layers and the findings of the case that
+/// it is a version of.
 pub(super) async fn submit(
     connection: &mut Connection,
     new: &NewCase,
@@ -66,6 +67,7 @@ pub(super) async fn submit(
     jobs::enqueue(connection, &NewJob::prepare(&new.id), now).await?;
     if let (Inserted::Created, Some(previous)) = (inserted, &new.previous) {
         layers::inherit(connection, &new.id, previous, now).await?;
+        findings::inherit(connection, &new.id, previous).await?;
     }
     Ok(Referred::Done(inserted))
 }

@@ -1,8 +1,8 @@
 //! The one table of jobs.
 
-use case::{CaseId, Failure, JobKind, JobState, STORE_FAILED};
 use std::time::Duration;
 
+use case::{CaseId, Failure, JobKind, JobState, STORE_FAILED};
 use jiff::Timestamp;
 
 use super::connection::{Connection, Row, microseconds};
