@@ -240,7 +240,8 @@ impl Lane {
     async fn conduct(&self, work: &Arc<dyn Work>, claim: Claim) {
         let (kind, job) = (claim.kind.name(), claim.fence);
         tracing::info!(kind, job, attempt = claim.attempt, "beginning a job");
-        let ended = match self.attend(work, &claim).await {
+        let (progress, mut seen) = watch::channel(None);
+        let ended = match self.attend(work, &claim, progress, &seen).await {
             Attended::Ended(Ok(End::Done)) => self.store.finish(&claim).await,
             Attended::Ended(Ok(End::Settled)) => Ok(true),
             Attended::Ended(Err(Failed::Forever(failure))) => self.fail(&claim, &failure).await,
@@ -272,6 +273,8 @@ impl Lane {
                 "cannot end a job"
             ),
         }
+        // Work that was dropped may go on for a moment on a blocking thread, which still holds the sender.
+        while seen.changed().await.is_ok() {}
         if let Some(case) = &claim.case {
             self.store.signals().progress(case, None);
             self.store.signals().changed(case);
@@ -279,8 +282,13 @@ impl Lane {
     }
 
     /// Runs the work in a task of its own, so that a panic ends the job and not the lane, and renews the lease.
-    async fn attend(&self, work: &Arc<dyn Work>, claim: &Claim) -> Attended {
-        let (progress, seen) = watch::channel(None);
+    async fn attend(
+        &self,
+        work: &Arc<dyn Work>,
+        claim: &Claim,
+        progress: watch::Sender<Option<String>>,
+        seen: &watch::Receiver<Option<String>>,
+    ) -> Attended {
         let job = Running {
             claim: claim.clone(),
             is_cancelled: Arc::default(),
@@ -331,10 +339,17 @@ impl Lane {
         })
     }
 
+    /// Counts the ends of preparations; those of all kinds are counted by the rows.
+    fn count(&self, kind: JobKind, what: Count) {
+        if matches!(kind, JobKind::PREPARE | JobKind::LAYER) {
+            self.store.signals().count(what);
+        }
+    }
+
     async fn fail(&self, claim: &Claim, failure: &Failure) -> Result<bool, StoreError> {
         let (kind, reason) = (claim.kind.name(), failure.name.as_str());
         tracing::info!(kind, job = claim.fence, reason, "a job failed");
-        self.store.signals().count(Count::Failed);
+        self.count(claim.kind, Count::Failed);
         self.store.fail(claim, failure).await
     }
 
@@ -350,7 +365,7 @@ impl Lane {
         }
         let (kind, reason) = (claim.kind.name(), failure.name.as_str());
         tracing::warn!(kind, job = claim.fence, reason, "a job will be tried again");
-        self.store.signals().count(Count::Retried);
+        self.count(claim.kind, Count::Retried);
         let release = Release {
             after: terms.wait_after(claim.attempt),
             counts: true,

@@ -54,6 +54,17 @@ impl Library {
         Ok(MapsState::Making)
     }
 
+    /// Queues the job that computes the maps of a ready case if it has none, as [`Library::maps`] does.
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub(crate) async fn ensure_maps(&self, id: &CaseId) -> Result<(), StoreError> {
+        if self.makes_maps() && self.maps_object(id).await?.is_none() {
+            self.maps(id).await?;
+        }
+        Ok(())
+    }
+
     /// The maps in memory or in the store; `None` if they must be computed.
     async fn stored_maps(
         &self,

@@ -146,10 +146,19 @@ impl Inner {
     async fn load(&self, id: &CaseId) -> Result<Entry, NotLoaded> {
         let seen_ms = self.now_ms();
         match WarmModel::load(&self.library, id).await {
-            Ok(Some(model)) => Ok(Entry {
-                model: Arc::new(model),
-                seen_ms: Arc::new(AtomicU64::new(seen_ms)),
-            }),
+            Ok(Some(model)) => {
+                // Whoever looks at a case may want its maps next; a picture does not need them.
+                if let Err(error) = self.library.ensure_maps(id).await {
+                    tracing::warn!(
+                        error = &error as &dyn std::error::Error,
+                        "the maps of a case will be computed later"
+                    );
+                }
+                Ok(Entry {
+                    model: Arc::new(model),
+                    seen_ms: Arc::new(AtomicU64::new(seen_ms)),
+                })
+            }
             Ok(None) => Err(NotLoaded::NotReady),
             Err(error) => Err(NotLoaded::Failed(error)),
         }
