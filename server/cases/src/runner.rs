@@ -424,16 +424,183 @@ fn crashed(kind: JobKind) -> Failure {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicUsize;
+
+    use case::JobState;
+    use storage::{Job, NewJob};
+
     use super::*;
+
+    const KIND: JobKind = JobKind::new("stub", "work");
+
+    const TERMS: Terms = Terms {
+        max_attempts: 3,
+        retry_after: Duration::from_secs(5),
+        longest: Duration::from_secs(60),
+    };
+
+    /// Work that does what the payload of its job says.
+    struct Stub {
+        terms: Terms,
+        at_work: AtomicUsize,
+        most_at_work: AtomicUsize,
+    }
+
+    impl Stub {
+        fn on(terms: Terms) -> Arc<Self> {
+            Arc::new(Self {
+                terms,
+                at_work: AtomicUsize::new(0),
+                most_at_work: AtomicUsize::new(0),
+            })
+        }
+    }
+
+    fn failure(name: &str) -> Failure {
+        Failure::new(FailureKind::Internal, name, "a detail")
+    }
+
+    struct Shared(Arc<Stub>);
+
+    #[async_trait]
+    impl Work for Shared {
+        fn kind(&self) -> JobKind {
+            KIND
+        }
+
+        fn terms(&self) -> Terms {
+            self.0.terms
+        }
+
+        async fn run(&self, job: &Running) -> Result<End, Failed> {
+            match job.claim.payload.as_str() {
+                "later" => Err(Failed::ForNow(failure("later"))),
+                "never" => Err(Failed::Forever(failure("never"))),
+                "panic" => panic!("a fault of the program, on purpose"),
+                "thread" => {
+                    let (stub, report) = (Arc::clone(&self.0), job.reporter());
+                    let cancelled = job.is_cancelled();
+                    let on_a_thread = tokio::task::spawn_blocking(move || {
+                        let now = stub.at_work.fetch_add(1, Ordering::SeqCst) + 1;
+                        stub.most_at_work.fetch_max(now, Ordering::SeqCst);
+                        report("begun");
+                        while !cancelled.load(Ordering::Relaxed) {
+                            std::thread::yield_now();
+                        }
+                        // A step that cannot be interrupted.
+                        std::thread::sleep(Duration::from_millis(30));
+                        stub.at_work.fetch_sub(1, Ordering::SeqCst);
+                    });
+                    on_a_thread.await.map_err(StoreError::from)?;
+                    Ok(End::Done)
+                }
+                _ => Ok(End::Done),
+            }
+        }
+    }
+
+    async fn a_store() -> Store {
+        Store::in_memory(crate::testing::options()).await.unwrap()
+    }
+
+    async fn queue(store: &Store, payload: &str) -> String {
+        let new = NewJob {
+            kind: KIND,
+            key: format!("{payload} {}", store.waiting(KIND).await.unwrap()),
+            case: None,
+            needs_ready: false,
+            payload: payload.to_owned(),
+        };
+        store.enqueue(&new).await.unwrap().unwrap().id
+    }
+
+    async fn job(store: &Store, id: &str) -> Job {
+        store.job(id).await.unwrap().unwrap()
+    }
+
+    fn work(stub: &Arc<Stub>) -> Arc<dyn Work> {
+        Arc::new(Shared(Arc::clone(stub)))
+    }
 
     #[test]
     fn each_wait_is_twice_as_long_up_to_a_limit() {
-        let terms = Terms {
-            max_attempts: 8,
-            retry_after: Duration::from_secs(5),
-            longest: Duration::from_secs(1),
-        };
-        let waits = [1, 2, 3, 7, 100].map(|attempt| terms.wait_after(attempt).as_secs());
+        let waits = [1, 2, 3, 7, 100].map(|attempt| TERMS.wait_after(attempt).as_secs());
         assert_eq!(waits, [5, 10, 20, 300, 300]);
+    }
+
+    #[tokio::test]
+    async fn a_job_is_tried_again_after_a_while_and_fails_with_its_last_reason() {
+        let (store, stub) = (a_store().await, Stub::on(TERMS));
+        let id = queue(&store, "later").await;
+        for wait in [5, 10] {
+            assert!(once(&store, work(&stub)).await);
+            store.pass_time(Duration::from_secs(wait - 1));
+            assert!(!once(&store, work(&stub)).await, "{wait} s are not over");
+            let waiting = job(&store, &id).await;
+            assert_eq!(waiting.state, JobState::Queued);
+            assert_eq!(waiting.failure, Some(failure("later")));
+            store.pass_time(Duration::from_secs(1));
+        }
+        assert!(once(&store, work(&stub)).await);
+        let failed = job(&store, &id).await;
+        assert_eq!((failed.state, failed.attempts), (JobState::Failed, 3));
+        let failure = failed.failure.unwrap();
+        assert_eq!(failure.name, "later");
+        assert_eq!(failure.detail, "failed after 3 attempts: a detail");
+        store.pass_time(Duration::from_secs(3600));
+        assert!(!once(&store, work(&stub)).await);
+    }
+
+    #[tokio::test]
+    async fn what_would_fail_again_and_what_panics_is_tried_once() {
+        let (store, stub) = (a_store().await, Stub::on(TERMS));
+        for (payload, name) in [("never", "never"), ("panic", "work-crashed")] {
+            let id = queue(&store, payload).await;
+            assert!(once(&store, work(&stub)).await);
+            let failed = job(&store, &id).await;
+            assert_eq!((failed.state, failed.attempts), (JobState::Failed, 1));
+            assert_eq!(failed.failure.unwrap().name, name);
+        }
+        let id = queue(&store, "nothing").await;
+        assert!(once(&store, work(&stub)).await);
+        assert_eq!(job(&store, &id).await.state, JobState::Done);
+    }
+
+    #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+    async fn a_lane_begins_nothing_before_work_that_took_too_long_has_stopped() {
+        let terms = Terms {
+            longest: Duration::from_millis(5),
+            ..TERMS
+        };
+        let (store, stub) = (a_store().await, Stub::on(terms));
+        let mut ids = Vec::new();
+        for _ in 0..4 {
+            ids.push(queue(&store, "thread").await);
+        }
+        let runner = Runner::start(&store, vec![vec![work(&stub)]]);
+        for id in &ids {
+            while !job(&store, id).await.state.has_ended() {
+                tokio::time::sleep(Duration::from_millis(2)).await;
+            }
+            let failure = job(&store, id).await.failure.unwrap();
+            assert_eq!(failure.name, "work-too-slow");
+        }
+        runner.shut_down(Duration::from_secs(10)).await;
+        assert_eq!(stub.most_at_work.load(Ordering::SeqCst), 1);
+        assert_eq!(stub.at_work.load(Ordering::SeqCst), 0);
+    }
+
+    #[tokio::test]
+    async fn a_runner_that_must_stop_returns_its_job_and_the_attempt_does_not_count() {
+        let (store, stub) = (a_store().await, Stub::on(TERMS));
+        let id = queue(&store, "thread").await;
+        let runner = Runner::start(&store, vec![vec![work(&stub)]]);
+        while stub.at_work.load(Ordering::SeqCst) == 0 {
+            tokio::time::sleep(Duration::from_millis(2)).await;
+        }
+        runner.shut_down(Duration::ZERO).await;
+        let returned = job(&store, &id).await;
+        assert_eq!((returned.state, returned.attempts), (JobState::Queued, 0));
+        assert_eq!(stub.at_work.load(Ordering::SeqCst), 0);
     }
 }
