@@ -49,6 +49,8 @@ pub(crate) struct RetrievalView {
     /// The reason, if it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<ReasonView>,
+    /// Attempts so far.
+    attempts: u32,
     /// Images so far.
     received: usize,
     /// How many the node has, once it is known.
@@ -223,6 +225,7 @@ pub(crate) async fn view(pacs: &Pacs, job: Job) -> Result<RetrievalView, PacsErr
         node: wanted.node,
         state: job.state.name(),
         reason: failure.map(Into::into),
+        attempts: job.attempts,
         received,
         expected,
         case: arrival.as_ref().and_then(|arrival| arrival.case),

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::time::Duration;
 
-use case::{CaseId, Failure, JobKind, ObjectKind};
+use case::{CaseId, Failure, JobKind, JobState, ObjectKind};
 
 use super::Subject;
 use crate::ObjectName;
@@ -185,6 +185,8 @@ pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_s
     let (leased, series) = due(store).await.unwrap();
     assert_eq!(series.previous, Some(first));
     assert!(store.settle(&leased, &Outcome::Case(second)).await.unwrap());
+    let job = store.job(&leased.id).await.unwrap().unwrap();
+    assert_eq!((job.state, job.case), (JobState::Done, Some(second)));
     assert!(
         !store
             .series_of(&second)

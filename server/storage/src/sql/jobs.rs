@@ -370,6 +370,21 @@ async fn end(
     Ok(())
 }
 
+/// Notes the case that came of a job. The job goes with it.
+pub(super) async fn became(
+    connection: &mut Connection,
+    claim: &Claim,
+    case: &CaseId,
+) -> Result<(), StoreError> {
+    connection
+        .query("UPDATE jobs SET case_id = $1 WHERE id = $2")
+        .bind(case.to_string())
+        .bind(&claim.id)
+        .execute()
+        .await?;
+    Ok(())
+}
+
 /// Makes what a job is about failed, if the store knows it.
 pub(super) async fn fail_item(
     connection: &mut Connection,

@@ -150,6 +150,9 @@ impl Store {
         let settled = jobs::finish(&mut transaction, claim, Ok(()), now).await?
             && arrivals::settle(&mut transaction, &claim.key, outcome).await?;
         if settled {
+            if let Outcome::Case(case) | Outcome::Layer(case) = outcome {
+                jobs::became(&mut transaction, claim, case).await?;
+            }
             transaction.commit().await?;
         }
         Ok(settled)
