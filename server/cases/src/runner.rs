@@ -504,12 +504,10 @@ mod tests {
     }
 
     async fn queue(store: &Store, payload: &str) -> String {
+        let key = format!("{payload} {}", store.waiting(KIND).await.unwrap());
         let new = NewJob {
-            kind: KIND,
-            key: format!("{payload} {}", store.waiting(KIND).await.unwrap()),
-            case: None,
-            needs_ready: false,
             payload: payload.to_owned(),
+            ..NewJob::new(KIND, key)
         };
         store.enqueue(&new).await.unwrap().unwrap().id
     }

@@ -65,12 +65,10 @@ impl Wanted {
 
     /// The job that fetches it.
     pub(crate) fn job(&self) -> NewJob {
+        let key = format!("{} {} {}", self.study, self.series, self.node);
         NewJob {
-            kind: FETCH,
-            key: format!("{} {} {}", self.study, self.series, self.node),
-            case: None,
-            needs_ready: false,
             payload: serde_json::to_string(self).unwrap_or_default(),
+            ..NewJob::new(FETCH, key)
         }
     }
 }

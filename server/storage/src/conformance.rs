@@ -665,11 +665,8 @@ pub(crate) async fn a_job_is_open_once_and_its_end_is_kept_for_a_while(subject: 
     const KIND: JobKind = JobKind::new("a kind", "work");
     let store = &subject.store;
     let new = NewJob {
-        kind: KIND,
-        key: "a key".to_owned(),
-        case: None,
-        needs_ready: false,
         payload: "[7]".to_owned(),
+        ..NewJob::new(KIND, "a key")
     };
     let claim = async || store.claim(KIND, 3).await.unwrap();
     let first = store.enqueue(&new).await.unwrap().unwrap();
@@ -728,13 +725,7 @@ pub(crate) async fn jobs_are_listed_and_counted_by_kind_and_state(subject: &Subj
     const OTHER: JobKind = JobKind::new("another kind", "work");
     let store = &subject.store;
     for (kind, key) in [(KIND, "1 1"), (KIND, "1 2"), (KIND, "12 3"), (OTHER, "1 4")] {
-        let new = NewJob {
-            kind,
-            key: key.to_owned(),
-            case: None,
-            needs_ready: false,
-            payload: "{}".to_owned(),
-        };
+        let new = NewJob::new(kind, key);
         store.enqueue(&new).await.unwrap();
         subject.pass(1);
     }

@@ -25,6 +25,17 @@ pub struct NewJob {
 }
 
 impl NewJob {
+    /// A job that needs to know nothing but its key, and belongs to no case.
+    pub fn new(kind: JobKind, key: impl Into<String>) -> Self {
+        Self {
+            kind,
+            key: key.into(),
+            case: None,
+            needs_ready: false,
+            payload: "{}".to_owned(),
+        }
+    }
+
     /// The preparation of a case.
     pub(crate) fn prepare(case: &CaseId) -> Self {
         Self {
@@ -44,11 +55,9 @@ impl NewJob {
     /// A job about a case, once it is ready.
     pub fn of_ready_case(kind: JobKind, case: &CaseId) -> Self {
         Self {
-            kind,
-            key: case.to_string(),
             case: Some(*case),
             needs_ready: true,
-            payload: "{}".to_owned(),
+            ..Self::new(kind, case.to_string())
         }
     }
 }

@@ -11,7 +11,7 @@ use pipeline::maps::{MapsOrReason, NoMaps, compute_maps};
 use storage::{NewJob, ObjectName, Publisher, StoreError, frame_all};
 
 use super::Library;
-use super::desk::{LoadedMaps, MapsDesk, MapsState};
+use super::loaded_maps::{LoadedMaps, MapsCache, MapsState};
 
 /// Why maps were not read.
 enum NotRead {
@@ -26,10 +26,10 @@ impl Library {
     /// # Errors
     /// If the store cannot be reached.
     pub async fn maps(&self, id: &CaseId) -> Result<MapsState, StoreError> {
-        let Some(desk) = &self.inner.maps else {
+        let Some(cache) = &self.inner.maps else {
             return Ok(MapsState::Off);
         };
-        if let Some(known) = desk.known.get(id) {
+        if let Some(known) = cache.known.get(id) {
             return Ok(known.into());
         }
         let key = id.to_string();
@@ -38,7 +38,7 @@ impl Library {
         if job.as_ref().is_some_and(|job| !job.state.has_ended()) {
             return Ok(MapsState::Making);
         }
-        if let Some(found) = self.stored_maps(desk, id).await? {
+        if let Some(found) = self.stored_maps(cache, id).await? {
             return Ok(found);
         }
         // If only the store failed, they may be computed now.
@@ -68,7 +68,7 @@ impl Library {
     /// The maps in memory or in the store; `None` if they must be computed.
     async fn stored_maps(
         &self,
-        desk: &MapsDesk,
+        cache: &MapsCache,
         id: &CaseId,
     ) -> Result<Option<MapsState>, StoreError> {
         let read = async {
@@ -76,7 +76,7 @@ impl Library {
             let maps = read.ok_or(NotRead::NotStored)?;
             Ok(maps.map(|maps| Arc::new(LoadedMaps::new(id.number(), maps))))
         };
-        match desk.known.get_or_insert_async(id, read).await {
+        match cache.known.get_or_insert_async(id, read).await {
             Ok(known) => Ok(Some(known.into())),
             Err(NotRead::Failed(error)) => Err(error),
             Err(NotRead::NotStored) => Ok(None),
@@ -88,8 +88,8 @@ impl Library {
     /// # Errors
     /// If the store cannot be reached.
     pub async fn maps_now(&self, id: &CaseId) -> Result<MapsState, StoreError> {
-        if let Some(desk) = &self.inner.maps
-            && self.stored_maps(desk, id).await?.is_none()
+        if let Some(cache) = &self.inner.maps
+            && self.stored_maps(cache, id).await?.is_none()
         {
             self.make_maps(id).await?;
         }
@@ -98,15 +98,15 @@ impl Library {
 
     /// Drops the maps of a case from memory.
     pub(super) fn forget_maps(&self, id: &CaseId) {
-        if let Some(desk) = &self.inner.maps {
-            desk.known.remove(id);
+        if let Some(cache) = &self.inner.maps {
+            cache.known.remove(id);
         }
     }
 
     /// Computes the maps of a case and stores them, unless they are there.
     pub(crate) async fn make_maps(&self, id: &CaseId) -> Result<(), StoreError> {
         const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume];
-        let Some(desk) = &self.inner.maps else {
+        let Some(cache) = &self.inner.maps else {
             return Ok(());
         };
         if self.read_maps(id).await?.is_some() {
@@ -132,7 +132,7 @@ impl Library {
         let framed = frame_all(vec![(ObjectKind::Maps, payload.into())]).await?;
         let publisher = Publisher::Rebuild(id);
         self.store().publish(publisher, &framed, &facts).await?;
-        desk.known.remove(id);
+        cache.known.remove(id);
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
         tracing::info!(
             took_ms,

@@ -118,13 +118,7 @@ impl Store {
         let (mut transaction, now) = self.rows().write().await?;
         let due = arrivals::due(&mut transaction, terms, now).await?;
         for id in &due {
-            let job = NewJob {
-                kind: JobKind::SERIES,
-                key: id.clone(),
-                case: None,
-                needs_ready: false,
-                payload: "{}".to_owned(),
-            };
+            let job = NewJob::new(JobKind::SERIES, id.clone());
             jobs::enqueue(&mut transaction, &job, now).await?;
         }
         transaction.commit().await?;

@@ -29,11 +29,8 @@ pub(super) async fn queue(
 ) -> Result<SentResult, StoreError> {
     let id = insert(connection, new, now).await?;
     let job = NewJob {
-        kind: job,
-        key: id.clone(),
         case: Some(new.case),
-        needs_ready: false,
-        payload: "{}".to_owned(),
+        ..NewJob::new(job, id.clone())
     };
     jobs::enqueue(connection, &job, now).await?;
     let queued = one(connection, &id).await?;

@@ -78,13 +78,7 @@ async fn a_job_of_any_kind_whose_worker_dies_each_time_fails() {
     const FETCH: JobKind = JobKind::new("fetch", "retrieval");
     let subject = Subject::in_memory().await;
     let store = &subject.store;
-    let new = NewJob {
-        kind: FETCH,
-        key: "a series".to_owned(),
-        case: None,
-        needs_ready: false,
-        payload: "{}".to_owned(),
-    };
+    let new = NewJob::new(FETCH, "a series");
     let job = store.enqueue(&new).await.unwrap().unwrap();
     let attempts = die_each_time(&subject, FETCH).await;
     let job = store.job(&job.id).await.unwrap().unwrap();

@@ -105,11 +105,11 @@ impl From<Known> for MapsState {
 }
 
 /// The maps in memory.
-pub(super) struct MapsDesk {
+pub(super) struct MapsCache {
     pub(super) known: Cache<CaseId, Known, ByBytes>,
 }
 
-impl MapsDesk {
+impl MapsCache {
     /// An empty cache with a limit in bytes.
     pub(super) fn new(cache_bytes: u64) -> Self {
         Self {
@@ -118,10 +118,10 @@ impl MapsDesk {
     }
 }
 
-impl fmt::Debug for MapsDesk {
+impl fmt::Debug for MapsCache {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter
-            .debug_struct("MapsDesk")
+            .debug_struct("MapsCache")
             .field("known", &self.known.len())
             .finish()
     }
