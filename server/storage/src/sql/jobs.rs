@@ -187,7 +187,11 @@ pub(super) async fn waiting(
     kind: JobKind,
 ) -> Result<usize, StoreError> {
     let row = connection
-        .query("SELECT count(*) AS count FROM jobs WHERE kind = $1 AND state = 'queued'")
+        .query(
+            // SQLite uses the index of open jobs only for the words of its condition.
+            "SELECT count(*) AS count FROM jobs
+             WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'",
+        )
         .bind(kind.name())
         .fetch_one()
         .await?;
@@ -449,7 +453,7 @@ pub(super) async fn forget(connection: &mut Connection, before: i64) -> Result<(
 
 pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
     connection
-        .query("UPDATE jobs SET lease_until = $1 WHERE lease_until > $1")
+        .query("UPDATE jobs SET lease_until = $1 WHERE state IN ('queued', 'running') AND lease_until > $1")
         .bind(now)
         .execute()
         .await?;

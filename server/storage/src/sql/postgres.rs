@@ -343,7 +343,7 @@ mod tests {
         }
     }
 
-    /// How fast jobs go through a table with a million cases behind them, with 8 clients of two processes.
+    /// How fast jobs go through a table with a million cases and their ended jobs behind them, with 8 clients of two processes.
     #[tokio::test]
     #[ignore = "a measurement: run it alone, with --no-capture"]
     async fn the_rate_of_jobs() {
@@ -356,6 +356,9 @@ mod tests {
         sqlx::raw_sql(
             "INSERT INTO cases (id, closing_radius_mm, state, facts, facts_digest, created_at)
              SELECT md5(n::TEXT), 10, 'ready', repeat('facts ', 150), repeat('0', 64), n FROM generate_series(1, 1000000) AS n;
+             INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, attempts, created_at, available_at, ended_at)
+             SELECT md5(n::TEXT), 'prepare', md5(n::TEXT), md5(n::TEXT), FALSE, '{}', 'done', 1, n, n, n
+             FROM generate_series(1, 1000000) AS n;
              ANALYZE",
         )
         .execute(pool(&copies[0]))
