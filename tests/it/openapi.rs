@@ -85,6 +85,7 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /v1/pacs",
         "get /v1/arrivals",
         "get /v1/arrivals/{id}",
+        "post /v1/arrivals/{id}",
         "post /v1/retrievals",
         "get /v1/retrievals",
         "get /v1/retrievals/{id}",

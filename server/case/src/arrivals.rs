@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use crate::{CaseId, Failure, JobState};
 use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
 
 /// The longest UID (PS3.5 §9.1).
 const MAX_UID_LENGTH: usize = 64;
@@ -128,6 +129,42 @@ words! {
     }
 }
 
+words! {
+    /// What became of a series, as clients see it.
+    ArrivalStatus {
+        /// Images are coming, or it waits to be read.
+        Receiving = "receiving",
+        /// It became a case.
+        Case = "case",
+        /// It became a layer.
+        Layer = "layer",
+        /// It became nothing, for a reason.
+        Nothing = "nothing",
+    }
+}
+
+/// How somebody took a series, whatever the rules for series make of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Taken {
+    /// What it becomes.
+    #[serde(rename = "as")]
+    pub kind: TakenAs,
+    /// Whether missing slices are interpolated.
+    #[serde(default)]
+    pub allow_gaps: bool,
+}
+
+/// What a series becomes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TakenAs {
+    /// A case.
+    Case,
+    /// A layer of the case of its study.
+    Layer,
+}
+
 /// An image that has come.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewInstance {
@@ -139,6 +176,8 @@ pub struct NewInstance {
     pub sop_instance_uid: Uid,
     /// The digest of its file, which is an object of the kind `instance`.
     pub digest: blake3::Hash,
+    /// The label of its series, if it may be kept.
+    pub label: Option<String>,
     /// Whether it takes the place of an image with the same UID; otherwise the first one stays.
     pub replaces: Option<Change>,
 }
@@ -172,10 +211,16 @@ pub struct Arrival {
     pub accession_number: Option<AccessionNumber>,
     /// How its first image came.
     pub source: ArrivalSource,
+    /// What lists call it: from the series, never from the patient.
+    pub label: Option<String>,
     /// What became of it.
     pub state: ArrivalState,
     /// The reason, if it became nothing.
     pub reason: Option<Failure>,
+    /// How somebody took it.
+    pub taken: Option<Taken>,
+    /// The reason for which it was refused before it was taken.
+    pub refused: Option<Failure>,
     /// The case that it became last; also while late images are coming.
     pub case: Option<CaseId>,
     /// Images so far.
@@ -192,6 +237,35 @@ pub struct Arrival {
     pub last_at: Timestamp,
 }
 
+impl Arrival {
+    /// What became of it, as clients see it.
+    pub fn status(&self) -> ArrivalStatus {
+        match (self.state, &self.reason) {
+            (ArrivalState::Receiving, _) => ArrivalStatus::Receiving,
+            (ArrivalState::Nothing, _) => ArrivalStatus::Nothing,
+            (ArrivalState::Case, Some(reason)) if reason.name == BECAME_LAYER => {
+                ArrivalStatus::Layer
+            }
+            (ArrivalState::Case, _) => ArrivalStatus::Case,
+        }
+    }
+}
+
+/// Which series to list; without a condition, all.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct ArrivalQuery {
+    /// What became of them.
+    pub status: Option<ArrivalStatus>,
+    /// The case that they became, or of which they became a layer.
+    pub case: Option<CaseId>,
+    /// A part of the label, whether in upper or lower case.
+    pub text: Option<String>,
+    /// The first image came then or later.
+    pub since: Option<Timestamp>,
+    /// The first image came earlier than that.
+    pub until: Option<Timestamp>,
+}
+
 /// When a series is due.
 #[derive(Debug, Clone, Copy)]
 pub struct DueTerms {
@@ -206,6 +280,9 @@ pub const BECAME_LAYER: &str = "series-is-layer";
 
 /// The reason of a series that is not T1-weighted. It waits for a case of its study, to become a layer of it.
 pub const NOT_T1: &str = "series-not-t1";
+
+/// The reason of a series that was taken as a layer and whose study has no case.
+pub const NO_CASE: &str = "no-case-of-study";
 
 /// The reason of a series without any image.
 pub const OTHER_OBJECTS: &str = "other-objects";

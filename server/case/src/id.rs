@@ -20,7 +20,7 @@ impl CaseId {
 
     /// The id of the case with these inputs. The digests are BLAKE3 over the uploaded bytes.
     ///
-    /// [`Parameters::name`] is a label and has no influence: the same upload under another name renames the case. The case that
+    /// [`Parameters::name`] is a label and has no influence: the same upload under another name is the same case. The case that
     /// it is a version of has no influence either.
     pub fn of(volume: &blake3::Hash, mask: Option<&blake3::Hash>, parameters: &Parameters) -> Self {
         let mut hasher = blake3::Hasher::new();

@@ -48,7 +48,7 @@ pub struct Parameters {
     pub offset_mm: f64,
     /// A label for lists: at most [`Parameters::MAX_NAME_LENGTH`] characters, without control characters.
     ///
-    /// It does not affect the [`CaseId`](crate::CaseId): another upload of the same input renames the case.
+    /// It does not affect the [`CaseId`](crate::CaseId): the same input with another label is the same case.
     pub name: Option<String>,
 }
 

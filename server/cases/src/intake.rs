@@ -87,7 +87,7 @@ impl Cases {
     }
 
     /// Checks an upload and queues it. A case that is there already is answered as it is; with `keep_name` it keeps its
-    /// label, too.
+    /// label, too. A new case of DICOM files without a label is named after its series.
     ///
     /// # Errors
     /// [`Error::Failure`] that states what is wrong with the upload, [`Error::Busy`] if too much is waiting, or an
@@ -99,8 +99,7 @@ impl Cases {
         keep_name: bool,
     ) -> Result<Submitted, Error> {
         parameters.check()?;
-        let id = upload.case_id(&parameters);
-        if keep_name && self.store().case(&id).await?.is_some() {
+        if keep_name && self.is_named(&upload, &parameters).await? {
             parameters.name = None;
         }
         self.submit_after(upload, parameters, None).await
@@ -113,13 +112,33 @@ impl Cases {
         parameters: Parameters,
         previous: Option<CaseId>,
     ) -> Result<Submitted, Error> {
-        let (parameters, offer) = self.check_upload(&upload, parameters).await?;
+        let (mut parameters, offer) = self.check_upload(&upload, parameters).await?;
+        if parameters.name.is_none() && !self.is_named(&upload, &parameters).await? {
+            parameters.name = self.label_of(&upload).await?;
+        }
         let series = SeriesOfUpload::read(&upload).await?;
         let store = self.store();
         let submitted = store.submit_after(upload, parameters, previous).await?;
         self.index(submitted.case.id, series).await?;
         offer.keep_if(submitted.created);
         Ok(submitted)
+    }
+
+    /// Whether an upload is a case that has a label.
+    async fn is_named(&self, upload: &Upload, parameters: &Parameters) -> Result<bool, Error> {
+        let known = self.store().case(&upload.case_id(parameters)).await?;
+        Ok(known.is_some_and(|case| case.parameters.name.is_some()))
+    }
+
+    /// The label of the series of an upload; `None` if it is not DICOM, or if identities are not kept, which a name of a
+    /// series may be.
+    async fn label_of(&self, upload: &Upload) -> Result<Option<String>, Error> {
+        let stored = match &upload.dicom {
+            Some(stored) if !self.deidentifies() => stored.read().await?,
+            _ => return Ok(None),
+        };
+        let label = pipeline::attributes(&stored)?.label();
+        Ok(label.filter(|label| Parameters::check_name(label).is_ok()))
     }
 
     /// Checks a version of a case and queues it, as [`Cases::submit`].

@@ -1,15 +1,19 @@
-//! The list of series that came.
+//! The list of series that came, and those that somebody takes although they were refused.
 
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, Query, Request, State};
 use axum::http::StatusCode;
 use axum::response::Response;
-use case::CaseId;
+use case::{CaseId, CaseState};
+use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use storage::arrivals::{Arrival, ArrivalCursor, BECAME_LAYER, is_id};
+use storage::arrivals::{
+    Arrival, ArrivalCursor, ArrivalQuery, ArrivalStatus, SeriesQuery, Taken, TakenAs, is_id,
+};
 use utoipa::{IntoParams, ToSchema};
 
 use crate::error::{PacsError, ReasonView};
+use crate::retrievals::read_json;
 use crate::state::{Pacs, fresh_json};
 
 /// The largest number of series on a page.
@@ -17,6 +21,9 @@ const MAX_PAGE: usize = 200;
 
 /// The number of series on a page, if none is requested.
 const USUAL_PAGE: usize = 50;
+
+/// The longest text to look for in labels, in characters.
+const MAX_TEXT: usize = 100;
 
 /// A series that came from a PACS. Its UIDs are patient data.
 #[derive(Debug, Clone, Serialize, ToSchema)]
@@ -30,11 +37,20 @@ pub(crate) struct ArrivalView {
     series: String,
     /// `stow`, `c-store` or `retrieval`.
     source: &'static str,
+    /// Description or protocol of the series, and the date of the study; absent if the store keeps no identities.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    label: Option<String>,
     /// `receiving` until nothing has come for a while, then `case`, `layer` or `nothing`.
     state: &'static str,
     /// The reason, if it became a layer or nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<ReasonView>,
+    /// How somebody took it, if it had been refused.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    taken: Option<TakenView>,
+    /// The reason for which it was refused before it was taken.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    refused: Option<ReasonView>,
     /// The case that it became last, or that has it as a layer.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
@@ -54,18 +70,66 @@ pub(crate) struct ArrivalView {
     last_at: String,
 }
 
+/// How a series is taken.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = Taken)]
+pub(crate) struct TakenView {
+    /// What the series becomes.
+    #[serde(rename = "as")]
+    kind: KindView,
+    /// Whether missing slices are interpolated. Default: false.
+    #[serde(default)]
+    allow_gaps: bool,
+}
+
+/// What a series becomes.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schema(as = TakenAs)]
+enum KindView {
+    /// A case.
+    Case,
+    /// A layer of the case that a link to its study opens.
+    Layer,
+}
+
+impl From<TakenView> for Taken {
+    fn from(view: TakenView) -> Self {
+        Self {
+            kind: match view.kind {
+                KindView::Case => TakenAs::Case,
+                KindView::Layer => TakenAs::Layer,
+            },
+            allow_gaps: view.allow_gaps,
+        }
+    }
+}
+
+impl From<Taken> for TakenView {
+    fn from(taken: Taken) -> Self {
+        Self {
+            kind: match taken.kind {
+                TakenAs::Case => KindView::Case,
+                TakenAs::Layer => KindView::Layer,
+            },
+            allow_gaps: taken.allow_gaps,
+        }
+    }
+}
+
 impl From<Arrival> for ArrivalView {
     fn from(arrival: Arrival) -> Self {
         Self {
+            state: arrival.status().name(),
             id: arrival.id,
             study: arrival.uids.study.as_str().to_owned(),
             series: arrival.uids.series.as_str().to_owned(),
             source: arrival.source.name(),
-            state: match &arrival.reason {
-                Some(reason) if reason.name == BECAME_LAYER => "layer",
-                _ => arrival.state.name(),
-            },
+            label: arrival.label,
             reason: arrival.reason.map(Into::into),
+            taken: arrival.taken.map(Into::into),
+            refused: arrival.refused.map(Into::into),
             case: arrival.case,
             instances: arrival.instances,
             superseded: arrival.superseded,
@@ -87,40 +151,81 @@ pub(crate) struct ArrivalList {
     next: Option<String>,
 }
 
-/// Which page.
+/// Which series, and which page.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub(crate) struct PageQuery {
+    /// `receiving`, `case`, `layer` or `nothing`.
+    state: Option<String>,
+    /// A case: series that became it, or a layer of it.
+    case: Option<String>,
+    /// A part of the label, 1 to 100 characters, whether in upper or lower case.
+    text: Option<String>,
+    /// The first image came at this time (RFC 3339) or later.
+    since: Option<String>,
+    /// The first image came before this time (RFC 3339).
+    until: Option<String>,
     /// The number of series, 1 to 200. Default: 50.
     limit: Option<usize>,
     /// `next` of the page before.
     after: Option<String>,
 }
 
+/// A query whose values are valid.
+struct Checked {
+    of: ArrivalQuery,
+    after: Option<ArrivalCursor>,
+    limit: usize,
+}
+
+/// A value of the query, if there is one.
+fn value<T>(
+    key: &str,
+    text: Option<String>,
+    rule: &str,
+    parse: impl Fn(&str) -> Option<T>,
+) -> Result<Option<T>, PacsError> {
+    // What the client wrote may be anything, so it is not repeated.
+    let parsed = text.map(|text| parse(&text).ok_or_else(|| PacsError::wrong_value(key, rule)));
+    parsed.transpose()
+}
+
 impl PageQuery {
-    fn checked(self) -> Result<(usize, Option<ArrivalCursor>), PacsError> {
+    fn checked(self) -> Result<Checked, PacsError> {
         let limit = self.limit.unwrap_or(USUAL_PAGE);
         if !(1..=MAX_PAGE).contains(&limit) {
-            return Err(PacsError::bad_request(
-                "query-value-out-of-range",
-                format!("`limit` must be 1 to {MAX_PAGE}"),
-            ));
+            return Err(PacsError::wrong_value("limit", &format!("1 to {MAX_PAGE}")));
         }
-        let after = self.after.map(|text| ArrivalCursor::parse(&text));
-        if after == Some(None) {
-            return Err(PacsError::bad_request(
-                "query-value-out-of-range",
-                "`after` must be `next` of the page before",
-            ));
-        }
-        Ok((limit, after.flatten()))
+        let a_case = "the id of a case: 32 hexadecimal digits";
+        let a_state = "`receiving`, `case`, `layer` or `nothing`";
+        let a_time = "a time such as `2026-11-23T00:00:00Z`";
+        let a_text = format!("1 to {MAX_TEXT} characters");
+        let text = |text: &str| {
+            (1..=MAX_TEXT)
+                .contains(&text.chars().count())
+                .then(|| text.to_owned())
+        };
+        let time = |text: &str| text.parse::<Timestamp>().ok();
+        let cursor = "`next` of the page before";
+        Ok(Checked {
+            of: ArrivalQuery {
+                status: value("state", self.state, a_state, ArrivalStatus::from_name)?,
+                case: value("case", self.case, a_case, CaseId::parse)?,
+                text: value("text", self.text, &a_text, text)?,
+                since: value("since", self.since, a_time, time)?,
+                until: value("until", self.until, a_time, time)?,
+            },
+            after: value("after", self.after, cursor, ArrivalCursor::parse)?,
+            limit,
+        })
     }
 }
 
 /// List series from a PACS
 ///
-/// Every series that came in the last days, what became of it, and why. Its UIDs are patient data; no cache may store them.
+/// Every series that came in the last days, what became of it, and why. Conditions are combined: a series must fulfil each of
+/// them. Its UIDs are patient data; no cache may store them.
 #[utoipa::path(
     get, path = "/v1/arrivals", tag = "pacs", params(PageQuery),
     responses(
@@ -143,12 +248,14 @@ async fn list(
     let Query(query) = query.map_err(|_| {
         PacsError::bad_request(
             "query-unreadable",
-            "the query cannot be read; known keys: `limit` and `after`",
+            "the query cannot be read; known keys: `state`, `case`, `text`, `since`, `until`, `limit` and `after`",
         )
     })?;
-    let (limit, after) = query.checked()?;
+    let asked = query.checked()?;
     let store = pacs.cases().store();
-    let (arrivals, next) = store.arrivals(after.as_ref(), limit).await?;
+    let (arrivals, next) = store
+        .arrivals(&asked.of, asked.after.as_ref(), asked.limit)
+        .await?;
     let page = ArrivalList {
         arrivals: arrivals.into_iter().map(Into::into).collect(),
         next: next.map(|cursor| cursor.to_string()),
@@ -171,16 +278,81 @@ pub(crate) async fn get_arrival(State(pacs): State<Pacs>, Path(id): Path<String>
 }
 
 async fn get(pacs: &Pacs, id: &str) -> Result<Response, PacsError> {
-    let missing = || {
+    let view = ArrivalView::from(arrival(pacs, id).await?);
+    Ok(fresh_json(StatusCode::OK, &view))
+}
+
+async fn arrival(pacs: &Pacs, id: &str) -> Result<Arrival, PacsError> {
+    let found = match is_id(id) {
+        true => pacs.cases().store().arrival(id).await?,
+        false => None,
+    };
+    found.ok_or_else(|| {
         PacsError::not_found(
             "no-such-arrival",
             "there is no arrival with this id; arrivals are forgotten after some days",
         )
-    };
-    if !is_id(id) {
-        return Err(missing());
+    })
+}
+
+/// Take a series that was refused
+///
+/// Reads it again, as a case or as a layer of the case of its study, whatever its names and timing indicate. Why it was
+/// refused stays visible (`refused`). A series that became a layer can be taken as a case, too. Images that come later are
+/// read in the same way.
+#[utoipa::path(
+    post, path = "/v1/arrivals/{id}", tag = "pacs",
+    params(("id" = String, Path, description = "The arrival")),
+    request_body = TakenView,
+    responses(
+        (status = 202, description = "The series, which is read as soon as all its images are there", body = ArrivalView),
+        (status = 400, description = "The body cannot be read"),
+        (status = 404, description = "No such arrival"),
+        (status = 409, description = "It is a case already (`arrival-not-refused`), none of its images is kept (`no-images`), or there is no case of its study that it could be a layer of (`no-case-of-study`)"),
+    )
+)]
+pub(crate) async fn take_arrival(
+    State(pacs): State<Pacs>,
+    Path(id): Path<String>,
+    request: Request,
+) -> Response {
+    let taken = take(&pacs, &id, request).await;
+    pacs.answer(taken)
+}
+
+async fn take(pacs: &Pacs, id: &str, request: Request) -> Result<Response, PacsError> {
+    let wanted: TakenView = read_json(request, "`as`: `case` or `layer`").await?;
+    let wanted = Taken::from(wanted);
+    let found = arrival(pacs, id).await?;
+    let conflict = |kind, detail| Err(PacsError::new(StatusCode::CONFLICT, kind, detail));
+    let status = found.status();
+    let is_layer_again = status == ArrivalStatus::Layer && wanted.kind == TakenAs::Layer;
+    if status == ArrivalStatus::Case || is_layer_again {
+        let detail = "the series was not refused: it is a case or a layer already";
+        return conflict("arrival-not-refused", detail);
     }
-    let arrival = pacs.cases().store().arrival(id).await?;
-    let view = ArrivalView::from(arrival.ok_or_else(missing)?);
-    Ok(fresh_json(StatusCode::OK, &view))
+    if found.instances == 0 {
+        let detail = "none of the images of the series is kept; send it again";
+        return conflict("no-images", detail);
+    }
+    if wanted.kind == TakenAs::Layer && !has_case(pacs, &found).await? {
+        let detail = "there is no case of the study that the series could be a layer of; take a T1-weighted series of it first";
+        return conflict("no-case-of-study", detail);
+    }
+    pacs.cases().store().take(id, &wanted).await?;
+    tracing::info!(
+        arrival = id,
+        "a series is taken, whatever it was refused for"
+    );
+    let view = ArrivalView::from(arrival(pacs, id).await?);
+    Ok(fresh_json(StatusCode::ACCEPTED, &view))
+}
+
+/// Whether the study of a series has a case that can have layers.
+async fn has_case(pacs: &Pacs, arrival: &Arrival) -> Result<bool, PacsError> {
+    let study = SeriesQuery::Study(arrival.uids.study.clone(), None);
+    let heads = pacs.cases().heads(&study).await?;
+    Ok(heads
+        .iter()
+        .any(|head| head.case.state != CaseState::Failed))
 }

@@ -58,7 +58,7 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
         .routes(routes!(retrieve::instance_metadata))
         .routes(routes!(retrieve::frames))
         .routes(routes!(arrivals::list_arrivals))
-        .routes(routes!(arrivals::get_arrival))
+        .routes(routes!(arrivals::get_arrival, arrivals::take_arrival))
         .routes(routes!(
             retrievals::create_retrieval,
             transfers::list_retrievals

@@ -112,6 +112,8 @@ macro_rules! conformance {
                 an_image_is_kept_until_its_series_is_forgotten_or_its_case_deleted
                 cases_are_found_by_their_series
                 series_are_listed_newest_first_in_pages
+                series_are_listed_by_state_case_label_and_time
+                a_series_that_was_refused_is_taken_and_the_reason_stays
                 a_result_is_queued_once_for_a_node_and_sent_until_it_is_there
                 a_result_is_kept_until_it_is_forgotten_or_its_case_deleted
                 results_are_listed_by_case_and_state_in_pages

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use crate::Unreadable;
 use case::{CaseId, CaseState, Layer};
 
-use super::arrivals::{Arrival, NewInstance, TransferQuery};
+use super::arrivals::{Arrival, ArrivalQuery, NewInstance, TransferQuery};
 use super::results::SentResult;
 use super::{ObjectName, Store, StoreError};
 
@@ -101,7 +101,9 @@ impl Store {
     ) -> Result<Copied, StoreError> {
         let mut after = None;
         loop {
-            let (page, next) = self.arrivals(after.as_ref(), ROWS_AT_ONCE).await?;
+            let (page, next) = self
+                .arrivals(&ArrivalQuery::default(), after.as_ref(), ROWS_AT_ONCE)
+                .await?;
             for arrival in page {
                 for lost in self.copy_series(other, &arrival, &mut copied).await? {
                     report(CopyStep::LostForPacs(lost), &copied);
@@ -150,6 +152,7 @@ impl Store {
                         accession_number: arrival.accession_number.clone(),
                         sop_instance_uid: uid.clone(),
                         digest: name.digest,
+                        label: arrival.label.clone(),
                         replaces: None,
                     });
                 } else {

@@ -80,6 +80,7 @@ mod tests {
             accession_number: None,
             sop_instance_uid: uid(&format!("1.2.3.{number}")),
             digest: *file.digest(),
+            label: None,
             replaces: None,
         };
         (new, file)

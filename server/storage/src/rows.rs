@@ -11,7 +11,7 @@
 
 use std::time::Duration;
 
-use case::arrivals::SeriesUids;
+use case::arrivals::{SeriesUids, Taken};
 use case::{CaseId, LayerId, LayerParameters, Parameters};
 
 use super::ObjectName;
@@ -122,6 +122,8 @@ pub struct DueSeries {
     pub uids: SeriesUids,
     /// The case that it became before its last images came.
     pub previous: Option<CaseId>,
+    /// How somebody took it.
+    pub taken: Option<Taken>,
     /// Its images, in the order of their UIDs.
     pub instances: Vec<ObjectName>,
 }

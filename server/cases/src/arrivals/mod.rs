@@ -91,6 +91,7 @@ impl Cases {
                 accession_number: identity.accession_number,
                 sop_instance_uid: identity.sop_instance_uid,
                 digest: *file.digest(),
+                label: identity.label,
                 replaces: None,
             };
             (instance, file)

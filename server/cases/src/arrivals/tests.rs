@@ -56,6 +56,7 @@ async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
         accession_number: None,
         sop_instance_uid: uid("1.2.3.4"),
         digest: *file.digest(),
+        label: None,
         replaces: None,
     };
     let received = cases

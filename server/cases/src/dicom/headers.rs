@@ -8,7 +8,7 @@ use std::process::Stdio;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use case::Failure;
+use case::{Failure, Parameters};
 use imaging::dicom::Identity;
 use storage::Spooled;
 use storage::arrivals::{AccessionNumber, SeriesUids, Uid};
@@ -52,12 +52,14 @@ pub struct InstanceIdentity {
     pub uids: SeriesUids,
     /// The accession number of its study.
     pub accession_number: Option<AccessionNumber>,
+    /// What lists call its series.
+    pub label: Option<String>,
     /// Whether it is an MR or CT image.
     pub is_image: bool,
 }
 
 impl InstanceIdentity {
-    /// The same with other UIDs and without an accession number.
+    /// The same with other UIDs, and without accession number and label.
     pub(crate) fn deidentified(self) -> Self {
         let replaced = |uid: &Uid| {
             let uid = imaging::dicom::replaced_uid(uid.as_str());
@@ -70,6 +72,7 @@ impl InstanceIdentity {
                 series: replaced(&self.uids.series),
             },
             accession_number: None,
+            label: None,
             ..self
         }
     }
@@ -87,6 +90,9 @@ impl InstanceIdentity {
                 .accession_number
                 .as_deref()
                 .and_then(AccessionNumber::parse),
+            label: identity
+                .label
+                .filter(|label| Parameters::check_name(label).is_ok()),
             is_image: identity.is_image,
         })
     }

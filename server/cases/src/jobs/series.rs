@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use async_trait::async_trait;
-use case::{CaseState, Failure, FailureKind, JobKind, LayerParameters, Parameters};
-use storage::arrivals::{DueTerms, NOT_T1, Outcome, SeriesQuery};
+use case::{Case, CaseState, Failure, FailureKind, JobKind, LayerParameters, Parameters};
+use storage::arrivals::{DueTerms, NO_CASE, NOT_T1, Outcome, SeriesQuery, TakenAs};
 use storage::{DueSeries, Store, StoreError};
 
 use crate::application::Cases;
@@ -115,18 +115,20 @@ impl Cases {
         let files = VolumeFiles::Dicom(directory);
         let (upload, choice) = self
             // Images have lost the identity of the patient when they came, if it is not to be kept.
-            .read_upload(files, None, &Options::default(), None, false)
+            .read_upload(files, None, &reading(due), None, false)
             .await?;
         let is_t1 = choice.is_some_and(|choice| choice.is_t1);
-        if options.series == SeriesRule::T1 && !is_t1 {
+        let (is_case, otherwise) = match due.taken.map(|taken| taken.kind) {
+            Some(TakenAs::Case) => (true, not_t1()),
+            Some(TakenAs::Layer) => (false, no_case()),
+            None => (options.series == SeriesRule::Any || is_t1, not_t1()),
+        };
+        if !is_case {
             let layer = self.make_layer(due).await?;
-            return Ok(layer.unwrap_or_else(|| Outcome::Nothing(not_t1())));
+            return Ok(layer.unwrap_or(Outcome::Nothing(otherwise)));
         }
         // A version is prepared as the case that it is one of.
-        let previous = match &due.previous {
-            Some(id) => self.store().case(id).await?,
-            None => None,
-        };
+        let previous = self.previous(due).await?;
         let (of, parameters) = match previous {
             // Layers, findings and the label stay with the patient whom they are about.
             Some(case) if !self.is_of_patient(&upload, &case.id).await? => {
@@ -148,6 +150,17 @@ impl Cases {
 }
 
 impl Cases {
+    /// The case that a series became before. A case of which it became a layer is of another series.
+    async fn previous(&self, due: &DueSeries) -> Result<Option<Case>, StoreError> {
+        let Some(id) = &due.previous else {
+            return Ok(None);
+        };
+        match self.store().series_of(id).await? {
+            Some(series) if series.uids == due.uids => self.store().case(id).await,
+            _ => Ok(None),
+        }
+    }
+
     /// Makes a layer of a series; `None` if there is no case of its study that could have it.
     async fn make_layer(&self, due: &DueSeries) -> Result<Option<Outcome>, Error> {
         let study = SeriesQuery::Study(due.uids.study.clone(), None);
@@ -165,7 +178,7 @@ impl Cases {
             volume: VolumeFiles::Dicom(directory),
             options: Options {
                 purpose: Purpose::Layer,
-                ..Options::default()
+                ..reading(due)
             },
             name: None,
             kind: None,
@@ -185,6 +198,14 @@ impl Cases {
     }
 }
 
+/// How the images of a series are read.
+fn reading(due: &DueSeries) -> Options {
+    Options {
+        allow_gaps: due.taken.is_some_and(|taken| taken.allow_gaps),
+        ..Options::default()
+    }
+}
+
 /// Whether a failure will be the same the next time.
 fn is_about_the_series(failure: &Failure) -> bool {
     !matches!(
@@ -197,6 +218,13 @@ fn images_lost() -> Failure {
     Failure::unusable(
         "images-lost",
         "a stored image of the series is missing or damaged; send the series again",
+    )
+}
+
+fn no_case() -> Failure {
+    Failure::unusable(
+        NO_CASE,
+        "there is no case of the study that the series could be a layer of; take a T1-weighted series of it first",
     )
 }
 

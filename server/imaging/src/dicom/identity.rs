@@ -6,14 +6,22 @@ use serde::{Deserialize, Serialize};
 
 use super::DicomError;
 use super::header::{IMAGE_CLASSES, parse};
+use super::label::series_label;
 use super::numbers::text;
 use super::scan::scan;
 use crate::{Format, sniff};
 
-const WANTED: [Tag; 5] = [
+const WANTED: [Tag; 12] = [
+    tags::SPECIFIC_CHARACTER_SET,
     tags::SOP_CLASS_UID,
     tags::SOP_INSTANCE_UID,
+    tags::STUDY_DATE,
     tags::ACCESSION_NUMBER,
+    tags::MODALITY,
+    tags::SERIES_DESCRIPTION,
+    tags::PATIENT_NAME,
+    tags::PATIENT_ID,
+    tags::PROTOCOL_NAME,
     tags::STUDY_INSTANCE_UID,
     tags::SERIES_INSTANCE_UID,
 ];
@@ -32,8 +40,23 @@ pub struct Identity {
     pub series_uid: String,
     /// The accession number of its study, if there is one.
     pub accession_number: Option<String>,
+    /// What lists call its series.
+    #[serde(default)]
+    pub label: Option<String>,
     /// Whether it is an MR or CT image.
     pub is_image: bool,
+}
+
+/// The tag of an attribute that a label is made of.
+fn tag_of(keyword: &str) -> Tag {
+    match keyword {
+        "StudyDate" => tags::STUDY_DATE,
+        "Modality" => tags::MODALITY,
+        "SeriesDescription" => tags::SERIES_DESCRIPTION,
+        "PatientName" => tags::PATIENT_NAME,
+        "PatientID" => tags::PATIENT_ID,
+        _ => tags::PROTOCOL_NAME,
+    }
 }
 
 /// The UIDs of a DICOM file.
@@ -59,5 +82,6 @@ pub fn identify(file: &[u8]) -> Result<Identity, DicomError> {
         study_uid: uid(tags::STUDY_INSTANCE_UID)?,
         series_uid: uid(tags::SERIES_INSTANCE_UID)?,
         accession_number: text(&object, tags::ACCESSION_NUMBER).filter(|text| !text.is_empty()),
+        label: series_label(|keyword| text(&object, tag_of(keyword))),
     })
 }

@@ -29,6 +29,7 @@ mod jpeg_2000;
 mod jpeg_lossless;
 mod jpeg_ls;
 mod json;
+mod label;
 mod numbers;
 mod pet;
 mod pixels;

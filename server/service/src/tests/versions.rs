@@ -87,12 +87,20 @@ async fn a_version_is_a_case_that_names_the_other() {
     assert_eq!(uploaded.json()["name"], "Eight");
     let other: Part<'_> = (
         "parameters",
-        br#"{"closing_radius_mm": 8, "name": "Other", "keep_name": true}"#,
+        br#"{"closing_radius_mm": 8, "name": "Other"}"#,
     );
     let kept = server
         .upload(&[("volume", volume), ("mask", mask), other])
         .await;
     assert_eq!(kept.json()["name"], "Eight");
+    let renaming: Part<'_> = (
+        "parameters",
+        br#"{"closing_radius_mm": 8, "name": "Other", "keep_name": false}"#,
+    );
+    let renamed = server
+        .upload(&[("volume", volume), ("mask", mask), renaming])
+        .await;
+    assert_eq!(renamed.json()["name"], "Other");
 }
 
 #[tokio::test]

@@ -162,8 +162,11 @@ CREATE TABLE arrivals (
     series_uid       TEXT COLLATE "C" NOT NULL,
     accession_number TEXT,
     source           TEXT COLLATE "C" NOT NULL CHECK (source IN ('stow', 'c-store', 'retrieval')),
+    label            TEXT,    -- from the series, never from the patient; NULL in a store without identities
     state            TEXT COLLATE "C" NOT NULL CHECK (state IN ('receiving', 'case', 'nothing')),
     reason           TEXT,    -- JSON, when it became nothing
+    taken            TEXT,    -- JSON, when somebody took it although it was refused
+    refused          TEXT,    -- JSON: the reason for which it was refused before
     case_id          TEXT COLLATE "C" REFERENCES cases (id) ON DELETE SET NULL,
     instances        BIGINT NOT NULL DEFAULT 0,
     superseded       BIGINT NOT NULL DEFAULT 0, -- images that took the place of others with the same UID

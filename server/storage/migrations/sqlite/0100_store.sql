@@ -132,8 +132,11 @@ CREATE TABLE arrivals (
     series_uid       TEXT    NOT NULL,
     accession_number TEXT,
     source           TEXT    NOT NULL CHECK (source IN ('stow', 'c-store', 'retrieval')),
+    label            TEXT,    -- from the series, never from the patient; NULL in a store without identities
     state            TEXT    NOT NULL CHECK (state IN ('receiving', 'case', 'nothing')),
     reason           TEXT,    -- JSON, when it became nothing
+    taken            TEXT,    -- JSON, when somebody took it although it was refused
+    refused          TEXT,    -- JSON: the reason for which it was refused before
     case_id          TEXT    REFERENCES cases (id) ON DELETE SET NULL,
     instances        INTEGER NOT NULL DEFAULT 0,
     superseded       INTEGER NOT NULL DEFAULT 0, -- images that took the place of others with the same UID

@@ -9,8 +9,9 @@ use super::Subject;
 use crate::ObjectName;
 use crate::Store;
 use crate::arrivals::{
-    AccessionNumber, ArrivalCursor, ArrivalSource, ArrivalState, BECAME_LAYER, CaseSeries, Change,
-    DueTerms, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome, Received, SeriesQuery, SeriesUids, Uid,
+    AccessionNumber, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState, ArrivalStatus,
+    BECAME_LAYER, CaseSeries, Change, DueTerms, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome,
+    Received, SeriesQuery, SeriesUids, Taken, TakenAs, Uid,
 };
 use crate::jobs::{Claim, Release};
 use crate::rows::{DueSeries, Referred, Sweep};
@@ -40,6 +41,7 @@ fn image(number: u32, image: u32) -> NewInstance {
         accession_number: AccessionNumber::parse("A1"),
         digest: blake3::hash(name.as_bytes()),
         sop_instance_uid: uid(&name),
+        label: Some(format!("T1 {number}% · 2026-01-02")),
         replaces: None,
     }
 }
@@ -459,7 +461,10 @@ pub(crate) async fn series_are_listed_newest_first_in_pages(subject: &Subject) {
     let mut seen = Vec::new();
     let mut after: Option<ArrivalCursor> = None;
     loop {
-        let (page, next) = store.arrivals(after.as_ref(), 2).await.unwrap();
+        let (page, next) = store
+            .arrivals(&ArrivalQuery::default(), after.as_ref(), 2)
+            .await
+            .unwrap();
         assert!(page.len() <= 2);
         seen.extend(page.into_iter().map(|arrival| arrival.uids));
         let Some(next) = next else { break };
@@ -468,4 +473,93 @@ pub(crate) async fn series_are_listed_newest_first_in_pages(subject: &Subject) {
         assert_eq!(store.arrival(&next.id).await.unwrap().unwrap().id, next.id);
     }
     assert_eq!(seen, [5, 4, 3, 2, 1].map(series));
+}
+
+pub(crate) async fn series_are_listed_by_state_case_label_and_time(subject: &Subject) {
+    let store = &subject.store;
+    for number in 1..=4 {
+        receive(store, &[image(number, 1)]).await;
+        subject.pass(60);
+    }
+    let case = a_case(store, "a").await;
+    for outcome in [
+        Outcome::Case(case),
+        Outcome::Layer(case),
+        Outcome::Nothing(failure()),
+    ] {
+        let (leased, _) = due(store).await.unwrap();
+        assert!(store.settle(&leased, &outcome).await.unwrap());
+    }
+    let listed = async |query: ArrivalQuery| {
+        let (found, _) = store.arrivals(&query, None, 10).await.unwrap();
+        let uids = found.into_iter().map(|arrival| arrival.uids);
+        uids.collect::<Vec<_>>()
+    };
+    let with = |status| ArrivalQuery {
+        status: Some(status),
+        ..ArrivalQuery::default()
+    };
+    for (status, number) in [
+        (ArrivalStatus::Case, 1),
+        (ArrivalStatus::Layer, 2),
+        (ArrivalStatus::Nothing, 3),
+        (ArrivalStatus::Receiving, 4),
+    ] {
+        assert_eq!(listed(with(status)).await, [series(number)], "{status:?}");
+    }
+    let of_case = ArrivalQuery {
+        case: Some(case),
+        ..ArrivalQuery::default()
+    };
+    assert_eq!(listed(of_case).await, [2, 1].map(series));
+    let labelled = |text: &str| ArrivalQuery {
+        text: Some(text.to_owned()),
+        ..ArrivalQuery::default()
+    };
+    assert_eq!(listed(labelled("t1 3%")).await, [series(3)]);
+    assert_eq!(listed(labelled("t1_")).await, [], "no wildcards");
+    assert_eq!(listed(labelled("2026-01-02")).await.len(), 4);
+    let second = store.arrivals_of(&study()).await.unwrap().remove(1);
+    let times = ArrivalQuery {
+        since: Some(second.first_at),
+        until: Some(second.first_at + Duration::from_secs(60)),
+        ..ArrivalQuery::default()
+    };
+    assert_eq!(listed(times).await, [series(2)]);
+}
+
+pub(crate) async fn a_series_that_was_refused_is_taken_and_the_reason_stays(subject: &Subject) {
+    let store = &subject.store;
+    receive(store, &[image(1, 1)]).await;
+    subject.pass(21);
+    let (leased, read) = due(store).await.unwrap();
+    assert_eq!(read.taken, None);
+    let refused = Outcome::Nothing(failure());
+    assert!(store.settle(&leased, &refused).await.unwrap());
+    let taken = Taken {
+        kind: TakenAs::Case,
+        allow_gaps: true,
+    };
+    store.take(&leased.key, &taken).await.unwrap();
+    let seen = async || store.arrival(&leased.key).await.unwrap().unwrap();
+    let arrival = seen().await;
+    assert_eq!(
+        (arrival.state, &arrival.reason, &arrival.refused),
+        (ArrivalState::Receiving, &None, &Some(failure()))
+    );
+    let (again, read) = due(store).await.unwrap();
+    assert_eq!(read.taken, Some(taken));
+    let case = a_case(store, "a").await;
+    assert!(store.settle(&again, &Outcome::Case(case)).await.unwrap());
+    let arrival = seen().await;
+    assert_eq!(
+        (arrival.state, arrival.refused, arrival.taken),
+        (ArrivalState::Case, Some(failure()), Some(taken))
+    );
+    // Whoever reads it at the moment when it is taken does not decide.
+    receive(store, &[image(1, 2)]).await;
+    subject.pass(21);
+    let (leased, _) = due(store).await.unwrap();
+    store.take(&leased.key, &taken).await.unwrap();
+    assert!(!store.settle(&leased, &refused).await.unwrap());
 }

@@ -5,8 +5,9 @@ use jiff::Timestamp;
 use super::connection::{Connection, Row, microseconds};
 use super::{jobs, pins};
 use crate::arrivals::{
-    AccessionNumber, Arrival, ArrivalCursor, ArrivalSource, ArrivalState, BECAME_LAYER, CaseSeries,
-    Change, DueTerms, NOT_T1, NewInstance, Outcome, SeriesQuery, SeriesUids, Uid,
+    AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
+    ArrivalStatus, BECAME_LAYER, CaseSeries, Change, DueTerms, NOT_T1, NewInstance, Outcome,
+    SeriesQuery, SeriesUids, Taken, Uid,
 };
 use crate::rows::DueSeries;
 use crate::{ObjectName, StoreError};
@@ -16,8 +17,8 @@ use case::{CaseId, Failure, JobKind, ObjectKind};
 macro_rules! select_arrival {
     ($rest:literal) => {
         concat!(
-            "SELECT id, study_uid, series_uid, accession_number, source, state, reason, case_id, instances, expected,
-                    superseded, ignored, first_at, last_at
+            "SELECT id, study_uid, series_uid, accession_number, source, label, state, reason, taken, refused, case_id,
+                    instances, expected, superseded, ignored, first_at, last_at
              FROM arrivals ",
             $rest
         )
@@ -106,10 +107,11 @@ async fn replace(
     let row = connection
         .query(
             "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END,
-                    accession_number = $1, state = 'receiving', reason = NULL, last_at = $2
-             WHERE id = $3 RETURNING superseded",
+                    accession_number = $1, label = $2, state = 'receiving', reason = NULL, last_at = $3
+             WHERE id = $4 RETURNING superseded",
         )
         .bind(new.accession_number.as_ref().map(AccessionNumber::as_str))
+        .bind(&new.label)
         .bind(now)
         .bind(id)
         .fetch_one()
@@ -180,15 +182,16 @@ async fn series(
 ) -> Result<String, StoreError> {
     connection
         .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at)
-             VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6)
-             ON CONFLICT (study_uid, series_uid) DO NOTHING",
+            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, label, state, first_at, last_at)
+             VALUES ($1, $2, $3, $4, $5, $6, 'receiving', $7, $7)
+             ON CONFLICT (study_uid, series_uid) DO UPDATE SET label = coalesce(arrivals.label, excluded.label)",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
         .bind(new.uids.study.as_str())
         .bind(new.uids.series.as_str())
         .bind(new.accession_number.as_ref().map(AccessionNumber::as_str))
         .bind(source.name())
+        .bind(&new.label)
         .bind(now)
         .execute()
         .await?;
@@ -236,10 +239,13 @@ pub(super) async fn adopt(
         state => state,
     };
     let reason = arrival.reason.as_ref().map(serde_json::to_string);
+    let taken = arrival.taken.as_ref().map(serde_json::to_string);
+    let refused = arrival.refused.as_ref().map(serde_json::to_string);
     connection
         .query(
-            "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6
-             WHERE study_uid = $7 AND series_uid = $8",
+            "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
+                    label = $7, taken = $8, refused = $9
+             WHERE study_uid = $10 AND series_uid = $11",
         )
         .bind(state.name())
         .bind(reason.transpose()?)
@@ -247,6 +253,9 @@ pub(super) async fn adopt(
         .bind(arrival.expected.map(count))
         .bind(arrival.first_at.as_microsecond())
         .bind(arrival.last_at.as_microsecond())
+        .bind(&arrival.label)
+        .bind(taken.transpose()?)
+        .bind(refused.transpose()?)
         .bind(arrival.uids.study.as_str())
         .bind(arrival.uids.series.as_str())
         .execute()
@@ -297,7 +306,7 @@ pub(super) async fn to_read(
     id: &str,
 ) -> Result<Option<DueSeries>, StoreError> {
     let row = connection
-        .query("SELECT study_uid, series_uid, case_id FROM arrivals WHERE id = $1")
+        .query("SELECT study_uid, series_uid, case_id, taken FROM arrivals WHERE id = $1")
         .bind(id)
         .fetch_optional()
         .await?;
@@ -307,6 +316,7 @@ pub(super) async fn to_read(
     Ok(Some(DueSeries {
         uids: read_uids(&row)?,
         previous: read_case(&row)?,
+        taken: read_taken(&row)?,
         instances: objects(connection, id).await?,
     }))
 }
@@ -407,8 +417,42 @@ async fn wake_others(connection: &mut Connection, id: &str) -> Result<(), StoreE
     Ok(())
 }
 
+/// Lets a series be read as somebody wants it; what it was refused for stays. One that is not complete yet is still
+/// waited for.
+pub(super) async fn take(
+    connection: &mut Connection,
+    id: &str,
+    taken: &Taken,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            "UPDATE arrivals SET taken = $1, refused = CASE WHEN state = 'nothing' THEN reason ELSE refused END,
+                    state = 'receiving', reason = NULL
+             WHERE id = $2",
+        )
+        .bind(serde_json::to_string(taken)?)
+        .bind(id)
+        .execute()
+        .await?;
+    // Whoever reads it at this moment does not decide.
+    jobs::cancel(connection, JobKind::SERIES, id).await
+}
+
+/// A pattern of LIKE that finds a text anywhere.
+fn containing(text: &str) -> String {
+    let mut pattern = String::from("%");
+    for letter in text.chars() {
+        if matches!(letter, '%' | '_' | '!') {
+            pattern.push('!');
+        }
+        pattern.push(letter);
+    }
+    pattern + "%"
+}
+
 pub(super) async fn page(
     connection: &mut Connection,
+    query: &ArrivalQuery,
     after: Option<&ArrivalCursor>,
     limit: usize,
 ) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError> {
@@ -418,10 +462,20 @@ pub(super) async fn page(
     };
     let rows = connection
         .query(select_arrival!(
-            "WHERE (first_at, id) < ($1, $2) ORDER BY first_at DESC, id DESC LIMIT $3"
+            "WHERE (first_at, id) < ($1, $2) AND first_at >= $3 AND first_at < $4
+               AND ($5 = '' OR $5 = CASE WHEN state = 'case' AND reason LIKE $6 THEN 'layer' ELSE state END)
+               AND ($7 = '' OR $7 = case_id)
+               AND ($8 = '' OR lower(label) LIKE lower($8) ESCAPE '!')
+             ORDER BY first_at DESC, id DESC LIMIT $9"
         ))
         .bind(at)
         .bind(id)
+        .bind(query.since.map_or(0, Timestamp::as_microsecond))
+        .bind(query.until.map_or(i64::MAX, Timestamp::as_microsecond))
+        .bind(query.status.map_or("", ArrivalStatus::name))
+        .bind(format!("%\"{BECAME_LAYER}\"%"))
+        .bind(query.case.map_or_else(String::new, |case| case.to_string()))
+        .bind(query.text.as_deref().map_or_else(String::new, containing))
         .bind(count(limit.saturating_add(1)))
         .fetch_all()
         .await?;
@@ -672,8 +726,17 @@ pub(super) fn read_time(row: &Row, column: &str) -> Result<Timestamp, StoreError
 }
 
 fn read_reason(row: &Row) -> Result<Option<Failure>, StoreError> {
-    let reason: Option<String> = row.get("reason")?;
-    Ok(reason.as_deref().map(serde_json::from_str).transpose()?)
+    read_failure(row, "reason")
+}
+
+fn read_failure(row: &Row, column: &str) -> Result<Option<Failure>, StoreError> {
+    let text: Option<String> = row.get(column)?;
+    Ok(text.as_deref().map(serde_json::from_str).transpose()?)
+}
+
+fn read_taken(row: &Row) -> Result<Option<Taken>, StoreError> {
+    let text: Option<String> = row.get("taken")?;
+    Ok(text.as_deref().map(serde_json::from_str).transpose()?)
 }
 
 fn read(row: &Row) -> Result<Arrival, StoreError> {
@@ -684,8 +747,11 @@ fn read(row: &Row) -> Result<Arrival, StoreError> {
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
         source: ArrivalSource::from_name(&source).ok_or_else(|| unreadable("source"))?,
+        label: row.get("label")?,
         state: ArrivalState::from_name(&state).ok_or_else(|| unreadable("state"))?,
         reason: read_reason(row)?,
+        taken: read_taken(row)?,
+        refused: read_failure(row, "refused")?,
         case: read_case(row)?,
         instances: read_count(row.get("instances")?),
         expected: expected.map(read_count),

@@ -5,8 +5,8 @@ use std::time::Duration;
 use super::connection::{Connection, Row, microseconds};
 use super::{arrivals, jobs, pins, results};
 use crate::arrivals::{
-    Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Received,
-    SeriesQuery, SeriesUids, Uid,
+    Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, CaseSeries, DueTerms, NewInstance,
+    Outcome, Received, SeriesQuery, SeriesUids, Taken, Uid,
 };
 use crate::jobs::{Claim, NewJob};
 use crate::rows::{DueSeries, Pinned, Referred, RowCounts};
@@ -193,16 +193,27 @@ impl Store {
         transaction.commit().await
     }
 
+    /// Lets a series be read again as somebody wants it, whatever it was refused for; nothing if there is no such series.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn take(&self, arrival: &str, taken: &Taken) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        arrivals::take(&mut transaction, arrival, taken).await?;
+        transaction.commit().await
+    }
+
     /// At most `limit` series after a cursor, newest first, and the cursor of the next page.
     ///
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn arrivals(
         &self,
+        query: &ArrivalQuery,
         after: Option<&ArrivalCursor>,
         limit: usize,
     ) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError> {
-        arrivals::page(&mut self.rows().connect().await?, after, limit).await
+        arrivals::page(&mut self.rows().connect().await?, query, after, limit).await
     }
 
     /// A series that came.

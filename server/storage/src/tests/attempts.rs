@@ -48,6 +48,7 @@ async fn a_series_whose_reader_dies_each_time_becomes_nothing() {
         accession_number: None,
         digest: blake3::hash(b"an image"),
         sop_instance_uid: uid("1.2.3.4.5"),
+        label: None,
         replaces: None,
     };
     let pins = pinned(store, &[ObjectName::from(&image)]).await;

@@ -108,6 +108,7 @@ async fn three_images(store: &Store) -> [ObjectName; 3] {
             accession_number: AccessionNumber::parse("A7"),
             sop_instance_uid: uid(&format!("1.2.3.{number}")),
             digest: *file.digest(),
+            label: None,
             replaces: None,
         };
         images.push((new, file));

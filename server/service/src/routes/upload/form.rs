@@ -30,8 +30,8 @@ pub(super) struct SentParameters {
     pub(super) parameters: Parameters,
     /// The choice among DICOM files.
     pub(super) options: Options,
-    /// Whether an existing case keeps its label.
-    pub(super) keep_name: bool,
+    /// Whether an existing case gets this label although it has one.
+    pub(super) renames: bool,
 }
 
 impl Form {
@@ -148,19 +148,19 @@ pub(super) fn unreadable(key: &str, what: &dyn std::fmt::Display) -> AppError {
 impl SentParameters {
     fn parse(mut object: Map<String, Value>) -> Result<Self, AppError> {
         let options = take_options(&mut object)?;
-        let keep_name = take_flag(&mut object, "keep_name")?;
+        let renames = !take_flag(&mut object, "keep_name", true)?;
         let parameters = from_json(Value::Object(object));
         Ok(Self {
             parameters: parameters.map_err(|(path, refusal)| unreadable(&path, &refusal))?,
             options,
-            keep_name,
+            renames,
         })
     }
 }
 
-/// Takes a flag out of the parameters: false if it is missing.
-fn take_flag(object: &mut Map<String, Value>, name: &str) -> Result<bool, AppError> {
-    let flag = object.remove(name).unwrap_or(Value::Bool(false));
+/// Takes a flag out of the parameters.
+fn take_flag(object: &mut Map<String, Value>, name: &str, default: bool) -> Result<bool, AppError> {
+    let flag = object.remove(name).unwrap_or(Value::Bool(default));
     flag.as_bool()
         .ok_or_else(|| unreadable(name, &"must be true or false"))
 }
@@ -180,7 +180,7 @@ pub(super) fn take_options(object: &mut Map<String, Value>) -> Result<Options, A
     }
     Ok(Options {
         series: series.flatten(),
-        allow_gaps: take_flag(object, "allow_gaps")?,
+        allow_gaps: take_flag(object, "allow_gaps", false)?,
         ..Options::default()
     })
 }
@@ -209,11 +209,11 @@ mod tests {
     #[test]
     fn options_are_told_from_parameters() {
         let sent = parse(
-            r#"{"series": 7, "allow_gaps": true, "keep_name": true, "closing_radius_mm": 5, "name": "A"}"#,
+            r#"{"series": 7, "allow_gaps": true, "keep_name": false, "closing_radius_mm": 5, "name": "A"}"#,
         );
         let sent = sent.unwrap();
         assert_eq!(sent.options.series, SeriesName::parse("7"));
-        assert!(sent.options.allow_gaps && sent.keep_name);
+        assert!(sent.options.allow_gaps && sent.renames);
         assert_eq!(sent.parameters.closing_radius_mm, 5.0);
         assert_eq!(sent.parameters.name.as_deref(), Some("A"));
     }

@@ -46,7 +46,8 @@ pub struct UploadForm {
     /// JSON: `closing_radius_mm` (0 to 50), `mask` (if none is supplied: `auto`, `volume`, `network` or `pruning`),
     /// `mask_kind` (`brain` or `envelope`), `threshold` (0.05 to 0.95), `offset_mm` (-20 to 20), and `name`, a label.
     /// For DICOM files also `series`, the number, instance UID or token of the series to read, and `allow_gaps`: true
-    /// interpolates single missing slices and lists them. `keep_name`: true keeps the label of an existing case.
+    /// interpolates single missing slices and lists them. A case that has a label keeps it, unless `keep_name` is false. DICOM
+    /// files without `name` are named after their series.
     #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     parameters: Option<String>,
 }
@@ -90,9 +91,7 @@ pub async fn create_case(
     if choice.is_none() && sent.options != Options::default() {
         return Err(not_of_nifti());
     }
-    let accepted = cases
-        .submit(upload, sent.parameters, sent.keep_name)
-        .await?;
+    let accepted = cases.submit(upload, sent.parameters, !sent.renames).await?;
     Ok(submitted(accepted, choice))
 }
 
