@@ -321,15 +321,27 @@ async fn a_rejection_note_withdraws_the_series_and_another_list_does_not() {
     assert_eq!(search.status, 204);
     let arrival = of_series().await;
     assert_eq!(
-        (&arrival["state"], &arrival["reason"]["name"], &arrival["instances"]),
+        (
+            &arrival["state"],
+            &arrival["reason"]["name"],
+            &arrival["instances"]
+        ),
         (&json!("nothing"), &json!("rejected"), &json!(0))
     );
     // What was rejected for its quality does not come back, and nobody takes it.
     assert_eq!(neighbour.store(&identified_head()).await.status, 200);
     let arrival = of_series().await;
     assert_eq!(
-        (&arrival["state"], &arrival["instances"], &arrival["ignored"]),
-        (&json!("nothing"), &json!(0), &json!(identified_head().len()))
+        (
+            &arrival["state"],
+            &arrival["instances"],
+            &arrival["ignored"]
+        ),
+        (
+            &json!("nothing"),
+            &json!(0),
+            &json!(identified_head().len())
+        )
     );
     let address = format!("/v1/arrivals/{}", arrival["id"].as_str().unwrap());
     let take = axum::http::Request::post(&address).body(r#"{"as": "case"}"#.into());
@@ -360,7 +372,10 @@ async fn an_image_that_comes_under_another_study_supersedes_the_case_of_its_own(
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
-    let study = [([0x20, 0x000D], "UI", "1.2.30"), ([0x20, 0x000E], "UI", "1.2.30.1")];
+    let study = [
+        ([0x20, 0x000D], "UI", "1.2.30"),
+        ([0x20, 0x000E], "UI", "1.2.30.1"),
+    ];
     let moved: Vec<_> = head_slices()
         .iter()
         .map(|slice| with_texts(slice, &study))

@@ -31,6 +31,7 @@ mod renderers;
 mod renders;
 mod restart;
 mod results;
+mod retrievals;
 mod scenes;
 #[path = "../../server/imaging/tests/it/series_builder.rs"]
 #[allow(dead_code, reason = "the tests of another crate use more of it")]

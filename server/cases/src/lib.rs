@@ -20,6 +20,7 @@ pub mod pictures;
 pub mod profile;
 pub mod registration;
 mod room;
+pub mod runner;
 #[cfg(test)]
 mod testing;
 

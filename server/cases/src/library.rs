@@ -2,9 +2,9 @@
 //!
 //! Everything except the uploaded files is derived from them; a missing or damaged derived object is rebuilt here.
 
-mod desk;
 mod layer_cache;
 mod layers;
+mod loaded_maps;
 mod maps;
 #[cfg(test)]
 mod tests;
@@ -14,10 +14,10 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use self::desk::MapsDesk;
-pub use self::desk::{LoadedMaps, MapsState};
 use self::layer_cache::{LayerCache, layer_cache};
 pub use self::layers::LayerVoxels;
+use self::loaded_maps::MapsCache;
+pub use self::loaded_maps::{LoadedMaps, MapsState};
 use crate::handover::{Handover, Offer};
 use bytes::Bytes;
 use case::{
@@ -98,7 +98,7 @@ struct Inner {
     /// Each case is rebuilt by one process at a time ([`Store::rebuild_alone`]).
     rebuilding: tokio::sync::Mutex<()>,
     /// `None` if no maps are computed.
-    maps: Option<MapsDesk>,
+    maps: Option<MapsCache>,
     /// Layers in memory.
     layers: LayerCache,
     /// Volumes that were decoded for their check.
@@ -108,7 +108,7 @@ struct Inner {
 impl Library {
     /// The cases of a store with this preparation and these limits, without maps.
     pub fn new(store: Store, preparation: Preparation, limits: Limits) -> Self {
-        Self::on(store, preparation, limits, (None, LAYER_BYTES))
+        Self::on(store, preparation, limits, None, LAYER_BYTES)
     }
 
     /// The same with maps, and a limit on the bytes of maps, and of layers, in memory.
@@ -118,15 +118,16 @@ impl Library {
         limits: Limits,
         cache_bytes: u64,
     ) -> Self {
-        let desk = MapsDesk::new(cache_bytes);
-        Self::on(store, preparation, limits, (Some(desk), cache_bytes))
+        let maps = MapsCache::new(cache_bytes);
+        Self::on(store, preparation, limits, Some(maps), cache_bytes)
     }
 
     fn on(
         store: Store,
         preparation: Preparation,
         limits: Limits,
-        (maps, layer_bytes): (Option<MapsDesk>, u64),
+        maps: Option<MapsCache>,
+        layer_bytes: u64,
     ) -> Self {
         let library = Self {
             inner: Arc::new(Inner {
@@ -163,6 +164,11 @@ impl Library {
     /// The limits of uploads.
     pub fn limits(&self) -> Limits {
         self.inner.limits
+    }
+
+    /// Whether maps of the cases are computed.
+    pub fn makes_maps(&self) -> bool {
+        self.inner.maps.is_some()
     }
 
     /// Whether the preparation has a network for brain extraction.
@@ -313,7 +319,7 @@ impl Library {
     }
 
     /// Rebuilds the derived objects of a ready case, or makes the case failed if that is impossible.
-    async fn rebuild(&self, id: &CaseId) -> Result<(), StoreError> {
+    pub(crate) async fn rebuild(&self, id: &CaseId) -> Result<(), StoreError> {
         let Some(case) = self.store().case(id).await? else {
             return Ok(());
         };

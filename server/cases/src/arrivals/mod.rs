@@ -5,7 +5,6 @@
 
 mod heads;
 mod index;
-mod reader;
 mod rejection;
 #[cfg(test)]
 mod tests;
@@ -14,8 +13,8 @@ use std::time::Duration;
 
 use case::Failure;
 use imaging::dicom::Difference;
-use storage::{ImageStatus, Spooled};
 use storage::arrivals::{ArrivalSource, Change, NewInstance, OTHER_OBJECTS};
+use storage::{ImageStatus, Spooled};
 
 use crate::application::Cases;
 use crate::dicom::InstanceIdentity;
@@ -23,7 +22,7 @@ use crate::error::Error;
 
 pub use self::heads::Head;
 pub(crate) use self::index::SeriesOfUpload;
-pub use self::reader::ArrivalReader;
+pub use crate::jobs::ArrivalReader;
 
 /// Which series become cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -124,19 +123,26 @@ impl Cases {
             .map(|(instance, _)| instance.clone())
             .collect();
         let known = self.store().known(&instances).await?;
-        let uids: Vec<_> = instances.into_iter().map(|new| new.sop_instance_uid).collect();
+        let uids: Vec<_> = instances
+            .into_iter()
+            .map(|new| new.sop_instance_uid)
+            .collect();
         let rejected = self.store().are_withdrawn(&uids).await?;
         let (mut kept, mut receptions) = (Vec::with_capacity(images.len()), Vec::new());
-        for (((mut instance, file), known), is_rejected) in images.into_iter().zip(known).zip(rejected) {
+        for (((mut instance, file), known), is_rejected) in
+            images.into_iter().zip(known).zip(rejected)
+        {
             if is_rejected {
-                self.store().ignore(&instance.uids, source, &rejection::reason()).await?;
+                self.store()
+                    .ignore(&instance.uids, source, &rejection::reason())
+                    .await?;
                 let signals = self.store().signals();
                 signals.images_came(source, ImageStatus::Rejected, 1);
                 receptions.push(Reception::Rejected);
                 continue;
             }
-            let stored = known
-                .filter(|known| known.is_elsewhere || known.object.digest != instance.digest);
+            let stored =
+                known.filter(|known| known.is_elsewhere || known.object.digest != instance.digest);
             instance.replaces = match stored {
                 None => None,
                 Some(stored) => match self.difference(stored.object, &file).await {

@@ -24,7 +24,10 @@ impl Cases {
             self.remove_layers_of(uids).await?;
         }
         let series = rejection.series.len();
-        tracing::warn!(series, "a rejection note came, and what it names is withdrawn");
+        tracing::warn!(
+            series,
+            "a rejection note came, and what it names is withdrawn"
+        );
         Ok(())
     }
 
@@ -49,7 +52,9 @@ impl Cases {
         uids: &SeriesUids,
     ) -> Result<bool, StoreError> {
         let objects = self.store().layer_objects(case, &layer.id).await?;
-        let source = objects.iter().find(|name| name.kind == ObjectKind::SourceDicom);
+        let source = objects
+            .iter()
+            .find(|name| name.kind == ObjectKind::SourceDicom);
         let Some(source) = source else {
             return Ok(false);
         };
@@ -61,9 +66,8 @@ impl Cases {
         let attributes = pipeline::attributes(&stored).map(|stored| stored.attributes);
         Ok(attributes.is_ok_and(|attributes| {
             let mut attributes = attributes.iter();
-            attributes.any(|(name, value)| {
-                name == "SeriesInstanceUID" && value == uids.series.as_str()
-            })
+            attributes
+                .any(|(name, value)| name == "SeriesInstanceUID" && value == uids.series.as_str())
         }))
     }
 }

@@ -124,7 +124,9 @@ fn checked_rejection(rejection: &imaging::dicom::Rejection) -> Option<Rejection>
             series: Uid::parse(&rejected.series_uid)?,
         };
         let instances = rejected.instance_uids.iter();
-        let instances = instances.map(|uid| Uid::parse(uid)).collect::<Option<_>>()?;
+        let instances = instances
+            .map(|uid| Uid::parse(uid))
+            .collect::<Option<_>>()?;
         Some((uids, instances))
     });
     Some(Rejection {

@@ -8,8 +8,8 @@ use geometry::{Grid, Rescale};
 use super::attributes::{kept, wanted};
 use super::choose::{Purpose, Series, choose, group};
 use super::header::{Image, parse, read_image};
-use super::pixels::for_each_frame;
 use super::numbers::integer;
+use super::pixels::for_each_frame;
 use super::scan::{PixelBytes, Scanned, scan, stated_syntax};
 use super::stack::{FrameIndex, Stack, stack};
 use super::{Attributes, DicomError, Instance, SeriesName, SeriesSummary};
@@ -301,12 +301,27 @@ pub(super) fn lost(
         _ => return Ok(Vec::new()),
     };
     let mut stated = vec![
-        ("LossyImageCompression", tags::LOSSY_IMAGE_COMPRESSION, VR::CS, "01".to_owned()),
-        ("LossyImageCompressionMethod", tags::LOSSY_IMAGE_COMPRESSION_METHOD, VR::CS, method.to_owned()),
+        (
+            "LossyImageCompression",
+            tags::LOSSY_IMAGE_COMPRESSION,
+            VR::CS,
+            "01".to_owned(),
+        ),
+        (
+            "LossyImageCompressionMethod",
+            tags::LOSSY_IMAGE_COMPRESSION_METHOD,
+            VR::CS,
+            method.to_owned(),
+        ),
     ];
     if let Some(ratio) = ratio(scanned, object) {
         let tag = tags::LOSSY_IMAGE_COMPRESSION_RATIO;
-        stated.push(("LossyImageCompressionRatio", tag, VR::DS, format!("{ratio:.2}")));
+        stated.push((
+            "LossyImageCompressionRatio",
+            tag,
+            VR::DS,
+            format!("{ratio:.2}"),
+        ));
     }
     Ok(stated)
 }
