@@ -369,7 +369,6 @@ async fn another_volume_of_the_study_becomes_a_layer_although_it_came_first() {
             sop_uid: format!("1.2.3.77.{}", slice.instance),
             series_uid: "1.2.3.77".to_owned(),
             series_number: 7,
-            sop_uid: format!("1.2.3.77.{}", slice.instance),
             ..slice
         })
         .collect();

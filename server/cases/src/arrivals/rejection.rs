@@ -60,7 +60,7 @@ impl Cases {
         };
         let stored = match self.store().object(source).await {
             Ok(stored) => stored,
-            Err(Unreadable::Store(error)) => return Err(error),
+            Err(Unreadable::Store(error)) => return Err(error.into()),
             Err(_) => return Ok(false),
         };
         let attributes = pipeline::attributes(&stored).map(|stored| stored.attributes);
