@@ -253,6 +253,32 @@ async fn every_object_is_valid_of_the_right_patient_and_the_same_every_time() {
 }
 
 #[tokio::test]
+async fn a_segmentation_of_a_lossy_source_without_a_ratio_is_valid() {
+    let texts = [&IDENTITY[..], &[([0x28, 0x2110], "CS", "01")]].concat();
+    let slices = head_slices();
+    let files: Vec<_> = slices
+        .iter()
+        .map(|slice| with_texts(slice, &texts))
+        .collect();
+    let neighbour = Neighbour::start(|_| {}).await;
+    assert_eq!(neighbour.store(&files).await.status, 200);
+    let arrival = neighbour.settled().await;
+    let case = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
+    neighbour.server.until_ready(&case).await;
+    let made = result(&neighbour.server, &case, &json!({"what": "mask"})).await;
+    assert_eq!(made.status, 200, "{made:?}");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("mask.dcm");
+    std::fs::write(&file, &made.body).unwrap();
+    assert_eq!(errors_in(&file), Vec::<String>::new());
+    if let Some(dump) = printed("/usr/bin/dcmdump", &[&file]) {
+        for text in ["(0028,2110) CS [01]", "(0028,2112) DS [1]"] {
+            assert!(dump.contains(text), "{dump}");
+        }
+    }
+}
+
+#[tokio::test]
 async fn what_was_lost_or_removed_in_the_source_and_its_time_zone_are_stated() {
     let texts = [
         ([0x08, 0x0201], "SH", "-0330"),

@@ -9,8 +9,8 @@ use crate::{Frame, PixelFormat, RESEARCH_USE_NOTICE, RenderError};
 /// The marker of a comment (ITU-T T.81 B.2.4.5).
 const COMMENT: [u8; 2] = [0xFF, 0xFE];
 
-/// Bytes of the marker that begins a file.
-const START: usize = 2;
+/// Bytes of the marker that begins a file, and of the marker of the first segment.
+const MARKERS: usize = 4;
 
 /// Encodes an opaque picture as JPEG, grey as grey, with [`RESEARCH_USE_NOTICE`] as its comment. `quality` is 1 to 100.
 ///
@@ -32,7 +32,15 @@ pub fn encode_jpeg(frame: &Frame, quality: u8) -> Result<Vec<u8>, RenderError> {
     let mut comment = COMMENT.to_vec();
     comment.extend(length.to_be_bytes());
     comment.extend(RESEARCH_USE_NOTICE.bytes());
-    bytes.splice(START..START, comment);
+    // JFIF asks for its own segment first.
+    let length = bytes
+        .get(MARKERS..MARKERS + 2)
+        .ok_or(RenderError::JpegEncoding)?;
+    let after = MARKERS + usize::from(u16::from_be_bytes([length[0], length[1]]));
+    if after > bytes.len() {
+        return Err(RenderError::JpegEncoding);
+    }
+    bytes.splice(after..after, comment);
     Ok(bytes)
 }
 
@@ -56,6 +64,7 @@ mod tests {
         assert!(apart.sum::<u32>() / (bytes.len() as u32) < 6);
         let notice = RESEARCH_USE_NOTICE.as_bytes();
         assert!(jpeg.windows(notice.len()).any(|part| part == notice));
+        assert_eq!(jpeg[..4], [0xFF, 0xD8, 0xFF, 0xE0], "APP0 comes first");
         assert!(encode_jpeg(&frame, 20).unwrap().len() < jpeg.len());
         assert!(encode_jpeg(&frame, 0).is_err());
     }
