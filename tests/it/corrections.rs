@@ -96,7 +96,9 @@ async fn a_corrected_patient_makes_a_new_case_and_nothing_more_is_sent_of_the_ol
     assert_eq!(listed.status, 204);
     // Nor is what waits already: its node may answer again at any time.
     let address = format!("/v1/dicom-results/{}", sent["id"].as_str().unwrap());
+    let background = pacs::Background::start(server.pacs.clone());
     let waiting = ended(server, &address).await;
+    background.shut_down(Duration::from_secs(5)).await;
     assert_eq!(
         (&waiting["state"], &waiting["reason"]["name"]),
         (&json!("failed"), &json!("superseded"))

@@ -193,10 +193,11 @@ async fn every_image_that_is_not_stored_is_listed_with_its_reason() {
     assert_eq!(reasons(&answer.json(), "00081198"), [0xA900]);
     let same_study = stow("/dicomweb/studies/1.2.3", related(&parts[..1]));
     assert_eq!(neighbour.server.send(same_study).await.status, 200);
-    let metrics = neighbour.server.get("/metrics").await;
-    let metrics = String::from_utf8_lossy(&metrics.body).into_owned();
-    let refused = r#"isocortex_images_received_total{way="stow",status="refused"} 7"#;
-    assert!(metrics.contains(refused), "{metrics}");
+    let counted = neighbour.server.state.cases.store().signals().images();
+    assert!(
+        counted.contains(&("stow", storage::ImageStatus::Refused, 7)),
+        "{counted:?}"
+    );
     // One slice is no volume.
     let arrival = neighbour.settled().await;
     assert_eq!(arrival["state"], "nothing");
