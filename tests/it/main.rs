@@ -12,6 +12,7 @@ mod faults;
 mod golden;
 mod head;
 mod heads;
+mod hostile;
 mod hygiene;
 mod interface;
 mod kill;

@@ -61,7 +61,7 @@ impl Cases {
         let (store, scratch) = (self.store(), self.store().scratch());
         let read = async |input| self.dicom.read_for(client, input, options, &scratch).await;
         let reading = match volume {
-            VolumeFiles::Dicom(directory) => read(Input::Path(directory.path())).await?,
+            VolumeFiles::Dicom(directory) => read(Input::Directory(&directory)).await?,
             VolumeFiles::One(volume) => {
                 if !sniff(&volume.head(START_BYTES).await?).may_be_dicom() {
                     let upload = Upload {

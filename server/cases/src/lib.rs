@@ -5,6 +5,7 @@
 mod application;
 pub mod arrivals;
 mod cache;
+mod confine;
 pub mod dicom;
 mod error;
 mod fair;
@@ -17,6 +18,7 @@ pub mod library;
 mod limit;
 pub mod models;
 pub mod pictures;
+pub mod places;
 pub mod profile;
 pub mod registration;
 mod room;
@@ -24,6 +26,7 @@ mod room;
 mod testing;
 
 pub use application::{Cases, MAX_INSTANCE_BYTES, Options, StartError, open_library};
+pub use confine::{Confinement, hide};
 pub use error::Error;
 pub use fair::Client;
 pub use intake::VolumeFiles;

@@ -31,6 +31,7 @@
 mod conformance;
 mod copy;
 mod directory;
+pub mod environment;
 mod error;
 mod findings;
 mod inspect;

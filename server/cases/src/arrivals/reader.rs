@@ -69,7 +69,6 @@ async fn read_all(cases: Cases, options: ArrivalOptions, mut stop: watch::Receiv
                 );
             }
         }
-        cases.headers.rest();
         if forgotten.is_none_or(|when| when.elapsed() > FORGET_EVERY) {
             forgotten = Some(Instant::now());
             if let Err(error) = cases.forget_arrivals(&options).await {

@@ -2,8 +2,8 @@
 //!
 //! Hostile files can make parsers and decoders run for ever, exhaust memory, or abort the process. So the program
 //! starts itself again, as `isocortex read-dicom`, for each upload: a process with limits on memory, time and open
-//! files, without environment, which reads the spooled files and writes two files. Its output is trusted as little as
-//! its input. If it dies, the upload is rejected and the server continues.
+//! files, without environment, which opens the spooled files and the files for its results, confines itself (`confine.rs`), and only
+//! then looks at what it reads. Its output is trusted as little as its input. If it dies, the upload is rejected and the server continues.
 
 mod child;
 mod files;
@@ -23,6 +23,8 @@ use tempfile::TempDir;
 use self::message::VOLUME;
 
 pub use self::child::run as run_child;
+#[cfg(any(test, feature = "testing"))]
+pub use self::child::run_instead;
 pub use self::headers::{HeaderReader, InstanceIdentity};
 pub use self::reader::{DicomReader, Program};
 pub use self::stored::StoredFiles;
@@ -37,6 +39,8 @@ pub const SUBCOMMAND: &str = "read-dicom";
 pub enum Input<'a> {
     /// The files below a directory, or one file: DICOM, or a zip of it.
     Path(&'a Path),
+    /// The files below a directory that was made for this reading.
+    Directory(&'a TempDir),
     /// One spooled file.
     Spooled(&'a Spooled),
 }

@@ -12,11 +12,12 @@ use imaging::dicom::{Attributes, Options, Purpose, SeriesSummary};
 use serde::de::DeserializeOwned;
 use storage::Spooled;
 use tempfile::TempDir;
-use tokio::io::AsyncWriteExt as _;
-use tokio::process::{Child, Command};
+use tokio::io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader};
+use tokio::process::{Child, ChildStdin, ChildStdout, Command};
 
 use super::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
 use super::{Choice, Input, Reading, SUBCOMMAND};
+use crate::confine::Confinement;
 use crate::error::Error;
 use crate::fair::{Client, FairLimit};
 use case::{Failure, FailureKind};
@@ -33,6 +34,9 @@ const WAITING: usize = 16;
 /// The largest outcome: identifiers of some thousand slices.
 const MAX_OUTCOME_BYTES: u64 = 16 << 20;
 
+/// The longest answer on the standard output of a child, in bytes.
+const MAX_ANSWER_BYTES: u64 = 64 << 10;
+
 /// The longest name and detail of a failure, in bytes.
 const MAX_TEXT: [usize; 2] = [64, 4096];
 
@@ -46,7 +50,7 @@ impl Program {
         Self(Some((program, arguments)))
     }
 
-    pub(super) fn command(&self) -> io::Result<Command> {
+    fn command(&self) -> io::Result<Command> {
         Ok(match &self.0 {
             Some((program, arguments)) => {
                 let mut command = Command::new(program);
@@ -59,6 +63,61 @@ impl Program {
                 command
             }
         })
+    }
+}
+
+impl Program {
+    /// Starts the process, without environment. It is ended with its handle.
+    pub(super) fn start(&self, answers: Stdio) -> io::Result<Process> {
+        let mut child = self
+            .command()?
+            .env_clear()
+            .current_dir("/")
+            .stdin(Stdio::piped())
+            .stdout(answers)
+            .stderr(Stdio::null())
+            .kill_on_drop(true)
+            .spawn()?;
+        Ok(Process {
+            orders: child.stdin.take(),
+            answers: child.stdout.take(),
+            child,
+        })
+    }
+}
+
+/// A running child.
+pub(super) struct Process {
+    child: Child,
+    orders: Option<ChildStdin>,
+    answers: Option<ChildStdout>,
+}
+
+impl Process {
+    /// Sends the order. If the child has already ended, its status tells why.
+    async fn tell(&mut self, order: &Order) -> io::Result<()> {
+        let mut line = serde_json::to_vec(order)?;
+        line.push(b'\n');
+        if let Some(mut orders) = self.orders.take() {
+            let _ = orders.write_all(&line).await;
+        }
+        Ok(())
+    }
+
+    /// The answer on its standard output; `None` if it does not answer as it must.
+    pub(super) async fn ask<T: DeserializeOwned>(&mut self, order: &Order) -> Option<T> {
+        self.tell(order).await.ok()?;
+        let mut answers = BufReader::new(self.answers.take()?).take(MAX_ANSWER_BYTES);
+        loop {
+            let mut answer = String::new();
+            if answers.read_line(&mut answer).await.ok()? == 0 {
+                return None;
+            }
+            // Every answer begins a line; a test program says other things, too.
+            if answer.starts_with('{') {
+                return serde_json::from_str(&answer).ok();
+            }
+        }
     }
 }
 
@@ -127,9 +186,10 @@ impl DicomReader {
         options: &Options,
         scratch: &Path,
     ) -> Result<Reading, Error> {
-        let (input, input_start) = match input {
-            Input::Path(path) => (path, 0),
-            Input::Spooled(file) => (file.path(), Spooled::START),
+        let (input, input_start, is_own_input) = match input {
+            Input::Path(path) => (path, 0, false),
+            Input::Directory(directory) => (directory.path(), 0, true),
+            Input::Spooled(file) => (file.path(), Spooled::START, false),
         };
         let output = tempfile::Builder::new()
             .prefix("dicom-")
@@ -137,6 +197,7 @@ impl DicomReader {
             .map_err(cannot_run)?;
         let order = SeriesOrder {
             input: std::path::absolute(input).map_err(cannot_run)?,
+            is_own_input,
             input_start,
             output: std::path::absolute(output.path()).map_err(cannot_run)?,
             room: Spooled::START,
@@ -153,6 +214,17 @@ impl DicomReader {
         Ok(reading.await.map_err(|_| Error::Internal)??)
     }
 
+    /// What the kernel of this machine gives to confine the child.
+    ///
+    /// # Errors
+    /// [`Error::Internal`], logged, if the child cannot be started, or does not answer.
+    pub async fn confinement(&self) -> Result<Confinement, Error> {
+        let mut process = self.program.start(Stdio::piped()).map_err(cannot_run)?;
+        let answer = tokio::time::timeout(self.longest, process.ask(&Order::Confine)).await;
+        let silent = || cannot_run(io::ErrorKind::UnexpectedEof.into());
+        answer.ok().flatten().ok_or_else(silent)
+    }
+
     /// Runs the child.
     pub(super) async fn run(&self, order: &Order) -> Result<ExitStatus, Error> {
         let status = self.run_within(order).await.map_err(cannot_run)?;
@@ -161,24 +233,12 @@ impl DicomReader {
 
     /// Runs the child; `None` if it exceeds the time limit.
     async fn run_within(&self, order: &Order) -> io::Result<Option<ExitStatus>> {
-        let mut child: Child = self
-            .program
-            .command()?
-            .env_clear()
-            .current_dir("/")
-            .stdin(Stdio::piped())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .kill_on_drop(true)
-            .spawn()?;
-        if let Some(mut input) = child.stdin.take() {
-            // If the child has already ended, its status tells why.
-            let _ = input.write_all(&serde_json::to_vec(order)?).await;
-        }
-        match tokio::time::timeout(self.longest, child.wait()).await {
+        let mut process = self.program.start(Stdio::null())?;
+        process.tell(order).await?;
+        match tokio::time::timeout(self.longest, process.child.wait()).await {
             Ok(status) => status.map(Some),
             Err(_elapsed) => {
-                child.kill().await?;
+                process.child.kill().await?;
                 Ok(None)
             }
         }
