@@ -20,7 +20,6 @@ use crate::state::Uploads;
 use case::{CaseFacts, CaseId, MaskKind, MaskSource, ObjectKind, Parameters};
 use cases::pictures::window_of;
 use http_support::conditional::{self, Content, Format, Question};
-use http_support::listen::Peer;
 use http_support::negotiate::{GZIP, media_type};
 use http_support::problem::{AppError, Problem};
 use pipeline::codec::{decode_brain, decode_envelope};
@@ -246,7 +245,7 @@ pub async fn put_mask(
         });
     }
     refuse_too_large(request.headers(), uploads.limits.max_bytes)?;
-    let _room = uploads.begin(Peer::of(&request))?;
+    let _room = uploads.begin(&request)?;
     let case = cases.case(&id).await?;
     let body = Incoming::begin(cases.store(), &uploads);
     let body = body.spool(request.into_body().into_data_stream()).await?;

@@ -81,7 +81,7 @@ pub async fn create_case(
 ) -> Result<Response, AppError> {
     refuse_early(request.headers(), uploads.limits.max_bytes)?;
     let client = Peer::of(&request);
-    let _room = uploads.begin(client)?;
+    let _room = uploads.begin(&request)?;
     let incoming = Incoming::begin(cases.store(), &uploads);
     let Form { volume, mask, sent } = Form::read(&incoming, request).await?;
     // Before the DICOM files are read, which takes long.
