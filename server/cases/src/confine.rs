@@ -5,14 +5,16 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::fs::File;
+use std::io;
 use std::os::fd::BorrowedFd;
 
 use landlock::{
     ABI, Access as _, AccessFs, AccessNet, PathBeneath, Ruleset, RulesetAttr as _,
     RulesetCreatedAttr as _, RulesetError, RulesetStatus, Scope,
 };
-use rustix::fs::{Gid, Uid};
-use rustix::process::{DumpableBehavior, Signal};
+use rustix::fs::{Gid, Mode, OFlags, Uid};
+use rustix::process::{DumpableBehavior, Resource, Rlimit, Signal, setrlimit};
 use rustix::thread::{CapabilitySet, CapabilitySets};
 use seccompiler::{
     BpfProgram, SeccompAction, SeccompCmpArgLen, SeccompCmpOp, SeccompCondition, SeccompFilter,
@@ -27,6 +29,9 @@ const OWN_USERS: u32 = 2_000_000_000;
 /// The user `nobody`, where a user namespace has no number as large.
 const NOBODY: u32 = 65_534;
 
+/// Files open at a time in a process with threads.
+const OPEN_FILES: u64 = 64;
+
 /// The error of a forbidden system call.
 const FORBIDDEN: u32 = libc::EPERM.unsigned_abs();
 
@@ -37,6 +42,8 @@ pub(crate) struct Needs<'a> {
     pub(crate) reads: Option<Directory<'a>>,
     /// An empty directory to write files into.
     pub(crate) writes: Option<BorrowedFd<'a>>,
+    /// Whether it starts threads.
+    pub(crate) threads: bool,
 }
 
 /// A directory to read.
@@ -109,13 +116,40 @@ pub(crate) fn confine(needs: &Needs<'_>) -> Confinement {
     let no_new_privileges = rustix::thread::set_no_new_privs(true).is_ok();
     let own_files = keep_to_own_files(needs).unwrap_or(false);
     // It is the last, because it forbids the calls of the others.
-    let few_calls = no_new_privileges && keep_to_few_calls();
+    let few_calls = no_new_privileges && keep_to_few_calls(needs.threads);
     Confinement {
         no_new_privileges,
         own_user,
         own_files,
         few_calls,
     }
+}
+
+/// Limits of the kernel for a process with threads: memory that it may write, and CPU time of all threads together, after which
+/// `SIGXCPU` ends it.
+pub(crate) fn limit_data(bytes: u64, seconds: u64) -> io::Result<()> {
+    let limits = [
+        (Resource::Data, bytes, bytes),
+        (Resource::Cpu, seconds, seconds.saturating_add(5)),
+        (Resource::Nofile, OPEN_FILES, OPEN_FILES),
+        // A core file would contain images of a patient.
+        (Resource::Core, 0, 0),
+    ];
+    for (resource, current, maximum) in limits {
+        let limit = Rlimit {
+            current: Some(current),
+            maximum: Some(maximum),
+        };
+        setrlimit(resource, limit)?;
+    }
+    Ok(())
+}
+
+/// A new file in a directory that was opened before this process was confined.
+pub(crate) fn create_in(directory: &File, name: &str) -> io::Result<File> {
+    let flags = OFlags::CREATE | OFlags::EXCL | OFlags::WRONLY | OFlags::CLOEXEC;
+    let mode = Mode::RUSR | Mode::WUSR;
+    Ok(rustix::fs::openat(directory, name, flags, mode)?.into())
 }
 
 /// Makes the memory and the environment of this process unreadable for others of the same user, in `/proc` and by `ptrace`.
@@ -193,23 +227,49 @@ fn keep_to_own_files(needs: &Needs<'_>) -> Result<bool, RulesetError> {
 }
 
 /// Forbids all system calls but a few.
-fn keep_to_few_calls() -> bool {
-    let Some(filter) = filter() else {
+fn keep_to_few_calls(threads: bool) -> bool {
+    let Some([first, second]) = filters(threads) else {
         return false;
     };
-    seccompiler::apply_filter(&filter).is_ok()
+    let apply = |filter: &BpfProgram| seccompiler::apply_filter(filter).is_ok();
+    (!threads || apply(&first)) && apply(&second)
 }
 
-/// `None` on a processor for which there is no filter.
-fn filter() -> Option<BpfProgram> {
+/// What threads need first, and what is allowed at all; `None` on a processor for which there is no filter.
+fn filters(threads: bool) -> Option<[BpfProgram; 2]> {
     let processor = TargetArch::try_from(std::env::consts::ARCH).ok()?;
-    let filter = SeccompFilter::new(
-        allowed_calls()?,
+    // `clone3` hides its flags from the filter; the C library uses `clone` where the kernel does not know it.
+    let unknown = SeccompFilter::new(
+        BTreeMap::from([(libc::SYS_clone3, Vec::new())]),
+        SeccompAction::Allow,
+        SeccompAction::Errno(libc::ENOSYS.unsigned_abs()),
+        processor,
+    );
+    let mut allowed = allowed_calls()?;
+    if threads {
+        allowed.extend(calls_of_threads()?);
+    }
+    let few = SeccompFilter::new(
+        allowed,
         SeccompAction::Errno(FORBIDDEN),
         SeccompAction::Allow,
         processor,
     );
-    filter.ok()?.try_into().ok()
+    Some([unknown.ok()?.try_into().ok()?, few.ok()?.try_into().ok()?])
+}
+
+/// The system calls that start a thread of this process, but no other process.
+fn calls_of_threads() -> Option<BTreeMap<i64, Vec<SeccompRule>>> {
+    let thread = u64::from(libc::CLONE_THREAD.unsigned_abs());
+    let is_thread = only(0, SeccompCmpOp::MaskedEq(thread), thread)?;
+    let names = u64::from(libc::PR_SET_NAME.unsigned_abs());
+    Some(BTreeMap::from([
+        (libc::SYS_clone, vec![is_thread]),
+        (libc::SYS_clone3, Vec::new()),
+        (libc::SYS_prctl, vec![only(0, SeccompCmpOp::Eq, names)?]),
+        (libc::SYS_set_robust_list, Vec::new()),
+        (libc::SYS_rseq, Vec::new()),
+    ]))
 }
 
 /// The system calls for reading, writing and creating files, memory, time and the end: no process, no program, no socket,
@@ -320,7 +380,10 @@ mod tests {
 
     #[test]
     fn a_filter_can_be_made_and_has_no_call_that_leaves_the_process() {
-        assert!(filter().is_some_and(|filter| !filter.is_empty()));
+        for threads in [false, true] {
+            let filters = filters(threads).unwrap();
+            assert!(filters.iter().all(|filter| !filter.is_empty()));
+        }
         let allowed = allowed_calls().unwrap();
         for call in [
             libc::SYS_socket,

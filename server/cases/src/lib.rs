@@ -2,6 +2,7 @@
 //!
 //! It knows neither HTTP nor the network protocols of DICOM: it returns an [`Error`], which each protocol translates.
 
+mod apart;
 mod application;
 pub mod arrivals;
 mod cache;

@@ -8,7 +8,6 @@ use std::process::ExitCode;
 
 use imaging::Limits;
 use imaging::dicom::{self, DicomError, Identity, Options, Purpose, SeriesName, convert, identify};
-use rustix::fs::{Mode, OFlags};
 use rustix::process::{Resource, Rlimit, setrlimit};
 
 use super::files::{FilesBelow, Place};
@@ -16,7 +15,7 @@ use super::message::{
     HeaderOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder, StoredOutcome,
     StoredTask, Summary, VOLUME,
 };
-use crate::confine::{Confinement, Directory, Needs, confine};
+use crate::confine::{Confinement, Directory, Needs, confine, create_in};
 use case::{Failure, FailureKind};
 
 /// The limit for the size of a request.
@@ -59,6 +58,7 @@ fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
         Order::Series(order) => read_series(&order, instead),
         Order::Header(order) => answer(&read_header(&order)?),
         Order::Stored(order) => read_stored(&order),
+        Order::Prepare(order) => crate::apart::prepare(&order),
         Order::Confine => {
             limit_this_process(0, 1)?;
             answer(&confine(&Needs::default()))
@@ -184,6 +184,7 @@ fn read_stored(order: &StoredOrder) -> io::Result<()> {
     confine(&Needs {
         reads: Some(reads),
         writes: Some(output.as_fd()),
+        threads: false,
     });
     let outcome = match stored(order, &output) {
         Ok(outcome) => outcome,
@@ -199,10 +200,7 @@ fn stored(order: &StoredOrder, output: &File) -> Result<StoredOutcome, DicomErro
         read_file(file, order.max_file_bytes)
     };
     let write = |number: usize, bytes: &[u8]| {
-        let flags = OFlags::CREATE | OFlags::EXCL | OFlags::WRONLY | OFlags::CLOEXEC;
-        let mode = Mode::RUSR | Mode::WUSR;
-        let made = rustix::fs::openat(output, number.to_string(), flags, mode);
-        let mut file = File::from(made.map_err(io::Error::from).map_err(unreadable)?);
+        let mut file = create_in(output, &number.to_string()).map_err(unreadable)?;
         file.write_all(bytes).map_err(unreadable)
     };
     match &order.task {

@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use case::Failure;
 
+use crate::apart::PrepareOrder;
+
 /// The file of the volume, in the output directory.
 pub(super) const VOLUME: &str = "volume.nii.gz";
 
@@ -23,6 +25,8 @@ pub(super) enum Order {
     Header(HeaderOrder),
     /// Read stored files for a client that retrieves them.
     Stored(StoredOrder),
+    /// Prepare a case.
+    Prepare(Box<PrepareOrder>),
     /// Only confine the process; a [`Confinement`](crate::Confinement) on the standard output answers it.
     Confine,
 }

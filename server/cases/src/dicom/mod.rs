@@ -20,7 +20,8 @@ use serde::Serialize;
 use storage::Spooled;
 use tempfile::TempDir;
 
-use self::message::VOLUME;
+use self::message::{Order, VOLUME};
+use crate::apart::PrepareOrder;
 
 pub use self::child::run as run_child;
 #[cfg(any(test, feature = "testing"))]
@@ -33,6 +34,13 @@ pub use imaging::dicom::{Attributes, Options, Purpose, SeriesName, SeriesSummary
 
 /// The subcommand of the child.
 pub const SUBCOMMAND: &str = "read-dicom";
+
+/// The order to prepare a case, for the same program.
+pub(crate) fn order_to_prepare(order: &PrepareOrder) -> io::Result<Vec<u8>> {
+    Ok(serde_json::to_vec(&Order::Prepare(Box::new(
+        order.clone(),
+    )))?)
+}
 
 /// The files to read.
 #[derive(Debug, Clone, Copy)]

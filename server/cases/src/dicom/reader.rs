@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::io::{self, Read as _};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::Duration;
 
 use imaging::Limits;
@@ -13,7 +13,7 @@ use serde::de::DeserializeOwned;
 use storage::Spooled;
 use tempfile::TempDir;
 use tokio::io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader};
-use tokio::process::{Child, ChildStdin, ChildStdout, Command};
+use tokio::process::{Child, ChildStdin, ChildStdout};
 
 use super::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
 use super::{Choice, Input, Reading, SUBCOMMAND};
@@ -50,8 +50,9 @@ impl Program {
         Self(Some((program, arguments)))
     }
 
+    /// The command, without environment.
     fn command(&self) -> io::Result<Command> {
-        Ok(match &self.0 {
+        let mut command = match &self.0 {
             Some((program, arguments)) => {
                 let mut command = Command::new(program);
                 command.args(arguments);
@@ -62,27 +63,29 @@ impl Program {
                 command.arg(SUBCOMMAND);
                 command
             }
-        })
-    }
-}
-
-impl Program {
-    /// Starts the process, without environment. It is ended with its handle.
-    pub(super) fn start(&self, answers: Stdio) -> io::Result<Process> {
-        let mut child = self
-            .command()?
+        };
+        command
             .env_clear()
             .current_dir("/")
             .stdin(Stdio::piped())
-            .stdout(answers)
-            .stderr(Stdio::null())
-            .kill_on_drop(true)
-            .spawn()?;
+            .stderr(Stdio::null());
+        Ok(command)
+    }
+
+    /// Starts the process. It is ended with its handle.
+    pub(super) fn start(&self, answers: Stdio) -> io::Result<Process> {
+        let mut command = tokio::process::Command::from(self.command()?);
+        let mut child = command.stdout(answers).kill_on_drop(true).spawn()?;
         Ok(Process {
             orders: child.stdin.take(),
             answers: child.stdout.take(),
             child,
         })
+    }
+
+    /// Starts the process for a thread that waits for it.
+    pub(crate) fn start_now(&self) -> io::Result<std::process::Child> {
+        self.command()?.stdout(Stdio::piped()).spawn()
     }
 }
 

@@ -36,6 +36,8 @@ async fn setup() -> Setup {
     let options = Options {
         location: directory.path().into(),
         preparation_threads: 2,
+        prepares_apart: false,
+        preparation_cpu_seconds: 120,
         makes_maps: false,
         max_layers: 20,
         store: storage::Options {
@@ -58,6 +60,7 @@ async fn setup() -> Setup {
     let (noted, pipeline) = (Arc::clone(&was_read), Pipeline::default());
     let preparation = Preparation {
         has_network: false,
+        is_apart: false,
         prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
             let was_read = input.read.is_some();
             noted.lock().unwrap().push(was_read);

@@ -79,7 +79,10 @@ impl ServeArgs {
 /// Serves until the process receives a signal to stop.
 pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
     super::keep_files_private();
-    let config = args.config()?;
+    let config = Config {
+        prepares_apart: true,
+        ..args.config()?
+    };
     logs::start(config.log_format, &config.log);
     super::block_on(async {
         let server = Server::start(&config).await?;
