@@ -154,10 +154,11 @@ def main():
         skip("strace cannot trace here")
     chance = random.Random(17)
     met, tried, broken, at = 0, 0, [], {}
-    # strace counts the calls of each thread by itself, so the numbers stay well below the counts of the course.
+    # strace counts the calls of each thread by itself, so the numbers stay well below the counts of the course, the more so
+    # the more calls were not met.
     while met < points and tried < 3 * points:
         call = list(counts)[tried % len(counts)]
-        number = chance.randrange(1, max(2, counts[call] // 8))
+        number = chance.randrange(1, max(2, counts[call] // (8 + 8 * (tried - met) // points)))
         tried += 1
         was_met, faults = faults_after(call, number)
         met += was_met

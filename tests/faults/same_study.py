@@ -17,7 +17,8 @@ from cluster import Shared, files_below
 
 ROUNDS, CUT = (20, 20) if is_short() else (1000, 200)
 
-SETTINGS = "[limits]\nmaps = \"off\"\nmax_queued_cases = 1000\n"
+# One client may take a quarter of the places for uploads, and all of these are one client.
+SETTINGS = "[limits]\nmaps = \"off\"\nmax_queued_cases = 1000\n[http]\nmax_uploads = 256\n"
 
 
 def at_once(count, job):
@@ -47,7 +48,8 @@ def one_of_many(report, kind, server, objects):
     statuses = {status for status, _, _ in answers}
     [address] = locations
     settled = server.until_settled(address)
-    jobs = server.log().count("preparing a case")
+    begun = [line for line in server.log().splitlines() if "beginning a job" in line]
+    jobs = sum("prepare" in line for line in begun)
     sources = [path for path in files_below(objects) if path.startswith("source-volume")]
     with_frame = os.path.getsize(os.path.join(objects, sources[0]))
     server.ask("DELETE", address)

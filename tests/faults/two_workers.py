@@ -40,7 +40,7 @@ def prepared_by(postgres, cluster, server, workers, radius_mm, volume, mask):
         status, headers, body = server.upload(volume, mask=mask, parameters=parameters)
         assert status == 202, body
         cases.append(headers["location"])
-    while int(postgres.ask("SELECT count(*) FROM jobs")[0][0]):
+    while int(postgres.ask("SELECT count(*) FROM jobs WHERE kind = 'prepare' AND state IN ('queued', 'running')")[0][0]):
         time.sleep(0.05)
     took, spent = time.monotonic() - begun, cpu_s(cluster.workers) - before
     assert all(server.until_settled(case).get("state") == "ready" for case in cases)

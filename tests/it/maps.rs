@@ -588,6 +588,7 @@ async fn switched_off_there_are_no_maps_and_a_stored_case_gets_them_when_it_is_o
         }
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
+    assert_eq!(stored_maps(&server).len(), 1, "nobody asked for maps");
     let answer = settled(&server, &format!("{case}/candidates")).await;
     assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
 }

@@ -151,7 +151,8 @@ fn a_signal_reads_the_token_again_and_every_line_of_the_log_is_json() {
         "isocortex_free_bytes ",
         "isocortex_store_failures_total{part=\"database\"} ",
         "isocortex_preparations_total{result=\"ready\"} 0",
-        "isocortex_oldest_unsent_result_seconds 0",
+        "# TYPE isocortex_jobs gauge",
+        "# TYPE isocortex_oldest_job_seconds gauge",
         "process_resident_memory_bytes ",
         "process_cpu_seconds_total ",
     ] {

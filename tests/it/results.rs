@@ -680,7 +680,10 @@ async fn what_a_killed_process_was_sending_is_sent_by_the_next_one() {
     let accepted = result(&neighbour.server, &case, &body).await;
     // A process takes it, and ends before it has sent anything.
     let store = neighbour.server.state.cases.store();
-    let leased = store.lease_result(Duration::from_secs(3600)).await.unwrap();
+    let leased = store
+        .claim(case::JobKind::new("send", "delivery"), 8)
+        .await
+        .unwrap();
     assert!(leased.is_some());
     let server = neighbour.restarted().await;
     let _background = pacs::Background::start(server.pacs.clone());

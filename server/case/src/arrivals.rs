@@ -1,13 +1,13 @@
-//! What comes from a PACS: series that arrive, series that are fetched, and the index of the series of cases.
+//! What comes from a PACS: series that arrive, and the index of the series of cases.
 //!
 //! Each instance is an object that its arrival refers to, from the moment it is acknowledged until its series is
-//! forgotten. A series is due when nothing has come for it for a while; one process leases it then, as a job. An image
-//! that comes meanwhile fences that lease off.
+//! forgotten. A series is due when nothing has come for it for a while; reading it is then a job. An image that comes
+//! meanwhile fences that job off.
 
 use std::fmt;
 use std::time::Duration;
 
-use crate::{CaseId, Failure};
+use crate::{CaseId, Failure, JobState};
 use jiff::Timestamp;
 
 /// The longest UID (PS3.5 §9.1).
@@ -128,20 +128,6 @@ words! {
     }
 }
 
-words! {
-    /// How far a retrieval or a delivery is.
-    TransferState {
-        /// It waits.
-        Queued = "queued",
-        /// It is being fetched or sent.
-        Running = "running",
-        /// All images are here, or the result is there.
-        Done = "done",
-        /// It failed, for a reason.
-        Failed = "failed",
-    }
-}
-
 /// An image that has come.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewInstance {
@@ -213,8 +199,6 @@ pub struct DueTerms {
     pub stable: Duration,
     /// How long to wait for images that the sender announced.
     pub patience: Duration,
-    /// The lease.
-    pub lease: Duration,
 }
 
 /// The reason of a series that became a layer. Its state is the one of a series that became a case.
@@ -235,53 +219,15 @@ pub enum Outcome {
     Layer(CaseId),
     /// Nothing, for this reason.
     Nothing(Failure),
-    /// It cannot be read now; try again after this time.
-    Later(Duration),
 }
 
-/// A series to be fetched, or that was.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Retrieval {
-    /// Its name in addresses: 32 hexadecimal digits without a meaning.
-    pub id: String,
-    /// The name of the node.
-    pub node: String,
-    /// The series.
-    pub uids: SeriesUids,
-    /// How far it is.
-    pub state: TransferState,
-    /// The reason, if it failed.
-    pub reason: Option<Failure>,
-    /// Images so far.
-    pub received: usize,
-    /// How many the node says there are.
-    pub expected: Option<usize>,
-    /// When it was requested.
-    pub created_at: Timestamp,
-    /// The number of its lease.
-    pub fence: i64,
-    /// Leases so far.
-    pub attempts: u32,
-}
-
-/// Which retrievals or results to list; without a condition, all.
+/// Which results to list; without a condition, all.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct TransferQuery {
-    /// The case that a result was made from, or that a retrieved series became.
+    /// The case that a result was made from.
     pub case: Option<CaseId>,
     /// How far they are.
-    pub state: Option<TransferState>,
-}
-
-/// The end of an attempt to fetch a series or to send a result.
-#[derive(Debug, Clone)]
-pub enum TransferEnd {
-    /// It succeeded.
-    Done,
-    /// It cannot succeed.
-    Failed(Failure),
-    /// Try again after this time.
-    Later(Duration),
+    pub state: Option<JobState>,
 }
 
 /// The place in a list after an item, given by its time and id.
@@ -310,7 +256,7 @@ impl fmt::Display for ArrivalCursor {
     }
 }
 
-/// Whether a text can be the id of an arrival or a retrieval.
+/// Whether a text can be the id of an arrival, a result or a job.
 pub fn is_id(text: &str) -> bool {
     let allowed = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
     text.len() == 32 && text.bytes().all(allowed)

@@ -8,6 +8,7 @@ mod facts;
 mod failure;
 pub mod findings;
 mod id;
+mod job;
 mod layer;
 mod maps;
 mod object;
@@ -21,6 +22,7 @@ pub use facts::{
 };
 pub use failure::{Failure, FailureKind};
 pub use id::{CaseId, NotACaseId};
+pub use job::{JobKind, JobState, STORE_FAILED};
 pub use layer::{
     LabelFacts, Layer, LayerFacts, LayerId, LayerKind, LayerParameters, MatrixOrigin, NotALayerId,
     PlacementFacts, PlacementVerdict, Transform,

@@ -99,6 +99,8 @@ impl From<StoreError> for Error {
     fn from(error: StoreError) -> Self {
         match error {
             StoreError::QueueFull => Self::Busy,
+            StoreError::NoSuchCase => Self::NoSuchCase,
+            StoreError::LayerNameTaken => Self::LayerNameTaken,
             full if full.is_full() => Self::StorageFull,
             failed if failed.is_unwritable() => Self::StorageFailed(failed),
             away if away.is_away() => {

@@ -3,7 +3,7 @@
 use case::{CaseId, CaseState, Failure, Layer, LayerId, LayerKind, LayerParameters};
 use imaging::START_BYTES;
 use pipeline::layers::{LayerSource, check_layer};
-use storage::{ChangedLayer, LayerChange, LayerName, LayerUpload, SubmittedLayer};
+use storage::{LayerChange, LayerName, LayerUpload, StoreError, SubmittedLayer};
 
 use crate::application::Cases;
 use crate::dicom::{Choice, Options, SeriesView};
@@ -126,17 +126,16 @@ impl Cases {
         if known.is_none() {
             self.check_layer(&upload).await?;
         }
-        match self.store().submit_layer(upload).await? {
-            SubmittedLayer::Layer { layer, created } => Ok(AddedLayer {
-                layer: *layer,
+        match self.store().submit_layer(upload).await {
+            Ok(SubmittedLayer { layer, created }) => Ok(AddedLayer {
+                layer,
                 created,
                 choice,
             }),
-            SubmittedLayer::NoCase => Err(Error::NoSuchCase),
-            SubmittedLayer::TooMany => Err(Error::TooManyLayers {
+            Err(StoreError::TooManyLayers) => Err(Error::TooManyLayers {
                 most: self.max_layers,
             }),
-            SubmittedLayer::NameTaken => Err(Error::LayerNameTaken),
+            Err(error) => Err(error.into()),
         }
     }
 
@@ -190,10 +189,8 @@ impl Cases {
         if let Some(name) = &change.name {
             Layer::check_name(name)?;
         }
-        match self.store().change_layer(case, id, change).await? {
-            ChangedLayer::Done => {}
-            ChangedLayer::NoLayer => return Err(Error::NoSuchLayer),
-            ChangedLayer::NameTaken => return Err(Error::LayerNameTaken),
+        if !self.store().change_layer(case, id, change).await? {
+            return Err(Error::NoSuchLayer);
         }
         let changed = self.store().layer(case, id).await?;
         changed.ok_or(Error::NoSuchLayer)

@@ -23,6 +23,7 @@ pub mod places;
 pub mod profile;
 pub mod registration;
 mod room;
+pub mod runner;
 #[cfg(test)]
 mod testing;
 

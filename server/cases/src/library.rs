@@ -169,6 +169,11 @@ impl Library {
         self.inner.limits
     }
 
+    /// Whether maps of the cases are computed.
+    pub fn makes_maps(&self) -> bool {
+        self.inner.maps.is_some()
+    }
+
     /// Whether the preparation has a network for brain extraction.
     pub fn has_network(&self) -> bool {
         self.inner.preparation.has_network
@@ -317,7 +322,7 @@ impl Library {
     }
 
     /// Rebuilds the derived objects of a ready case, or makes the case failed if that is impossible.
-    async fn rebuild(&self, id: &CaseId) -> Result<(), StoreError> {
+    pub(crate) async fn rebuild(&self, id: &CaseId) -> Result<(), StoreError> {
         let Some(case) = self.store().case(id).await? else {
             return Ok(());
         };

@@ -136,38 +136,42 @@ async fn rows(store: &Store) -> Vec<Figure> {
     let Ok(counted) = counted else {
         return figures;
     };
-    for (what, name, help) in [
-        ("cases", "isocortex_cases", "Cases by state"),
+    for (what, part, name, help) in [
+        ("cases", "", "isocortex_cases", "Cases by state"),
         (
             "arrivals",
+            "",
             "isocortex_arrivals",
             "Series from a PACS by what became of them",
         ),
         (
-            "retrievals",
-            "isocortex_retrievals",
-            "Series fetched from a node, by state",
+            "jobs",
+            "kind",
+            "isocortex_jobs",
+            "Jobs by kind and state; those that ended stay some days",
         ),
         (
             "results",
+            "node",
             "isocortex_results",
             "Results for a node, by state",
         ),
     ] {
         let of_it = counted.by_state.iter().filter(|(found, ..)| found == what);
         let figure = Figure::gauge(name, help);
-        figures.push(of_it.fold(
-            figure,
-            |figure, (_, node, state, count)| match node.as_str() {
+        figures.push(
+            of_it.fold(figure, |figure, (_, value, state, count)| match part {
                 "" => figure.with(&[("state", state)], *count as f64),
-                node => figure.with(&[("node", node), ("state", state)], *count as f64),
-            },
-        ));
+                part => figure.with(&[(part, value), ("state", state)], *count as f64),
+            }),
+        );
     }
-    let help = "For how long the oldest result waits that has not been sent";
-    let waits = counted.oldest_unsent.unwrap_or_default();
-    let oldest = Figure::gauge("isocortex_oldest_unsent_result_seconds", help);
-    figures.push(oldest.with(&[], waits.as_secs_f64()));
+    let help = "For how long the oldest job of a kind has not ended";
+    let oldest = Figure::gauge("isocortex_oldest_job_seconds", help);
+    let each = counted.oldest.iter();
+    figures.push(each.fold(oldest, |figure, (kind, age)| {
+        figure.with(&[("kind", kind)], age.as_secs_f64())
+    }));
     figures
 }
 

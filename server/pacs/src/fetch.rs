@@ -2,62 +2,125 @@
 
 use std::time::Duration;
 
-use case::Failure;
+use async_trait::async_trait;
+use case::{Failure, JobKind};
 use cases::Error;
-use storage::arrivals::{ArrivalSource, Retrieval, TransferEnd};
-use storage::{Spooled, StoreError};
-
 use cases::dicom::InstanceIdentity;
+use cases::runner::{End, Failed, Running, Terms, Work};
+use serde::{Deserialize, Serialize};
+use storage::arrivals::{ArrivalSource, SeriesUids, Uid};
+use storage::{NewJob, Spooled, StoreError};
 
 use crate::node::{Node, NodeError, WebNode};
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
 
-/// The lease of a retrieval, which is renewed with every batch of images.
-const LEASE: Duration = Duration::from_secs(300);
+/// Fetches a series.
+pub(crate) const FETCH: JobKind = JobKind::new("fetch", "retrieval");
+
+/// The terms of a retrieval.
+const TERMS: Terms = Terms {
+    max_attempts: 5,
+    retry_after: Duration::from_secs(20),
+    longest: Duration::from_secs(3600),
+};
 
 /// Images that are made durable together.
 const BATCH: usize = 32;
 
-/// How often to try.
-const MAX_ATTEMPTS: u32 = 5;
+/// What to fetch, and from where.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Wanted {
+    /// The name of the node.
+    pub(crate) node: String,
+    study: String,
+    series: String,
+}
 
-/// How long to wait before the next attempt.
-const RETRY_AFTER: Duration = Duration::from_secs(20);
-
-/// Fetches the series that was requested first; `false` if there is none.
-pub(crate) async fn next(pacs: &Pacs) -> Result<bool, StoreError> {
-    let store = pacs.cases().store();
-    let Some(retrieval) = store.lease_retrieval(LEASE).await? else {
-        return Ok(false);
-    };
-    let fetched = fetch(pacs, &retrieval).await;
-    match &fetched {
-        Ok(()) => pacs.note(&retrieval.node, true),
-        Err(FetchError::Node(error)) => pacs.note(&retrieval.node, error.is_answer()),
-        Err(_) => {}
+impl Wanted {
+    pub(crate) fn new(node: &str, uids: &SeriesUids) -> Self {
+        Self {
+            node: node.to_owned(),
+            study: uids.study.as_str().to_owned(),
+            series: uids.series.as_str().to_owned(),
+        }
     }
-    let fetched = match fetched {
-        Ok(()) => {
-            tracing::info!(
-                retrieval = retrieval.id,
-                node = retrieval.node,
-                "a series was fetched"
-            );
-            TransferEnd::Done
+
+    /// What a job is to fetch; `None` if it is not one of ours.
+    pub(crate) fn of(payload: &str) -> Option<Self> {
+        serde_json::from_str(payload).ok()
+    }
+
+    /// The series.
+    pub(crate) fn uids(&self) -> Option<SeriesUids> {
+        let study = Uid::parse(&self.study)?;
+        let series = Uid::parse(&self.series)?;
+        Some(SeriesUids { study, series })
+    }
+
+    /// How the keys of the jobs that fetch a series begin.
+    pub(crate) fn key_prefix(uids: &SeriesUids) -> String {
+        format!("{} {} ", uids.study.as_str(), uids.series.as_str())
+    }
+
+    /// The job that fetches it.
+    pub(crate) fn job(&self) -> NewJob {
+        NewJob {
+            kind: FETCH,
+            key: format!("{} {} {}", self.study, self.series, self.node),
+            case: None,
+            needs_ready: false,
+            payload: serde_json::to_string(self).unwrap_or_default(),
         }
-        Err(FetchError::Lost) => return Ok(true),
-        Err(error) if error.may_pass() && retrieval.attempts < MAX_ATTEMPTS => {
-            tracing::warn!(retrieval = retrieval.id, node = retrieval.node, %error, "a series will be fetched later");
-            TransferEnd::Later(RETRY_AFTER)
+    }
+}
+
+/// How far a retrieval is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(crate) struct Received {
+    /// Images so far.
+    pub(crate) received: usize,
+    /// How many the node says there are.
+    pub(crate) expected: Option<usize>,
+}
+
+/// Fetches series.
+pub(crate) struct FetchSeries(pub(crate) Pacs);
+
+#[async_trait]
+impl Work for FetchSeries {
+    fn kind(&self) -> JobKind {
+        FETCH
+    }
+
+    fn terms(&self) -> Terms {
+        TERMS
+    }
+
+    async fn run(&self, job: &Running) -> Result<End, Failed> {
+        let pacs = &self.0;
+        let wanted = Wanted::of(&job.claim.payload);
+        let node = wanted.as_ref().map_or("", |wanted| &wanted.node);
+        let fetched = fetch(pacs, job, wanted.as_ref()).await;
+        match &fetched {
+            Ok(()) => pacs.note(node, true),
+            Err(FetchError::Node(error)) => pacs.note(node, error.is_answer()),
+            Err(_) => {}
         }
-        Err(error) => {
-            tracing::warn!(retrieval = retrieval.id, node = retrieval.node, %error, "a series cannot be fetched");
-            TransferEnd::Failed(error.into_failure())
+        match fetched {
+            Ok(()) => {
+                tracing::info!(retrieval = job.claim.id, node, "a series was fetched");
+                Ok(End::Done)
+            }
+            Err(error) => {
+                tracing::warn!(retrieval = job.claim.id, node, %error, "a series was not fetched");
+                Err(match error.may_pass() {
+                    true => Failed::ForNow(error.into_failure()),
+                    false => Failed::Forever(error.into_failure()),
+                })
+            }
         }
-    };
-    store.end_retrieval(&retrieval, &fetched).await?;
-    Ok(true)
+    }
 }
 
 /// Why a series was not fetched.
@@ -75,8 +138,6 @@ enum FetchError {
     NoImages,
     #[error("the node sent {received} of {expected} images")]
     Incomplete { received: usize, expected: usize },
-    #[error("another process fetches it")]
-    Lost,
 }
 
 impl From<StoreError> for FetchError {
@@ -91,7 +152,7 @@ impl FetchError {
             Self::Node(error) => error.may_pass(),
             Self::Parts(PartsError::TooLarge(_)) | Self::NoSuchNode | Self::NoImages => false,
             Self::Cases(Error::Failure(_)) => false,
-            Self::Parts(_) | Self::Cases(_) | Self::Incomplete { .. } | Self::Lost => true,
+            Self::Parts(_) | Self::Cases(_) | Self::Incomplete { .. } => true,
         }
     }
 
@@ -101,7 +162,7 @@ impl FetchError {
             Self::Node(error) => error.kind(),
             Self::Parts(_) | Self::Incomplete { .. } => "node-failed",
             Self::NoImages => "no-images",
-            Self::Cases(_) | Self::Lost => "retrieval-failed",
+            Self::Cases(_) => "retrieval-failed",
         };
         // Messages of the store may contain paths.
         let detail = match &self {
@@ -114,14 +175,16 @@ impl FetchError {
     }
 }
 
-async fn fetch(pacs: &Pacs, retrieval: &Retrieval) -> Result<(), FetchError> {
-    let node = pacs.node(&retrieval.node).and_then(Node::web);
+async fn fetch(pacs: &Pacs, job: &Running, wanted: Option<&Wanted>) -> Result<(), FetchError> {
+    let wanted = wanted.ok_or(FetchError::NoSuchNode)?;
+    let node = pacs.node(&wanted.node).and_then(Node::web);
     let node = node.ok_or(FetchError::NoSuchNode)?;
-    let uids = &retrieval.uids;
-    let expected = node.count(uids).await?;
+    let uids = wanted.uids().ok_or(FetchError::NoImages)?;
+    let expected = node.count(&uids).await?;
     let mut images = Images {
         pacs,
-        retrieval,
+        job,
+        uids: &uids,
         expected,
         batch: Vec::new(),
         received: 0,
@@ -135,15 +198,19 @@ async fn fetch(pacs: &Pacs, retrieval: &Retrieval) -> Result<(), FetchError> {
         }
         _ => {}
     }
-    // All that the node has is here: the series need not wait.
     let store = pacs.cases().store();
-    store.expect(uids, received).await?;
+    // All that the node has is here: the series need not wait.
+    store.expect(&uids, received).await?;
+    let progress = Received { received, expected };
+    let progress = serde_json::to_string(&progress).ok();
+    store.renew(&job.claim, progress.as_deref()).await?;
     Ok(())
 }
 
 struct Images<'a> {
     pacs: &'a Pacs,
-    retrieval: &'a Retrieval,
+    job: &'a Running,
+    uids: &'a SeriesUids,
     expected: Option<usize>,
     /// Read, and not durable yet.
     batch: Vec<(InstanceIdentity, Spooled)>,
@@ -152,7 +219,7 @@ struct Images<'a> {
 
 impl Images<'_> {
     async fn read(&mut self, node: &WebNode) -> Result<(), FetchError> {
-        let (boundary, body) = node.series(&self.retrieval.uids).await?;
+        let (boundary, body) = node.series(self.uids).await?;
         let mut parts = Parts::new(body, &boundary, *self.pacs.limits());
         while let Some(kind) = parts.next().await? {
             if !is_dicom(kind.as_deref()) {
@@ -163,7 +230,7 @@ impl Images<'_> {
                 return Err(PartsError::TooLarge(cases::MAX_INSTANCE_BYTES).into());
             };
             let identity = self.pacs.cases().headers.read(&file).await?;
-            if identity.uids == self.retrieval.uids && identity.is_image {
+            if identity.uids == *self.uids && identity.is_image {
                 self.batch.push((identity, file));
             }
             if self.batch.len() == BATCH {
@@ -181,11 +248,10 @@ impl Images<'_> {
             self.pacs.cases().receive(batch, source).await?;
         }
         self.received += count;
-        let store = self.pacs.cases().store();
-        let progress = store.note_progress(self.retrieval, self.received, self.expected, LEASE);
-        match progress.await? {
-            true => Ok(()),
-            false => Err(FetchError::Lost),
-        }
+        self.job.report(&Received {
+            received: self.received,
+            expected: self.expected,
+        });
+        Ok(())
     }
 }

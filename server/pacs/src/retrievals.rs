@@ -3,13 +3,15 @@
 use axum::extract::{Path, Request, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::Response;
-use case::CaseId;
+use case::{CaseId, JobState};
 use serde::{Deserialize, Serialize};
 use serde_path_to_error::Segment;
-use storage::arrivals::{Retrieval, SeriesQuery, SeriesUids, Uid, is_id};
+use storage::Job;
+use storage::arrivals::{SeriesQuery, SeriesUids, Uid, is_id};
 use utoipa::ToSchema;
 
 use crate::error::{PacsError, ReasonView};
+use crate::fetch::{FETCH, Received, Wanted};
 use crate::state::{Pacs, fresh_json};
 
 /// The largest body of a request.
@@ -47,6 +49,8 @@ pub(crate) struct RetrievalView {
     /// The reason, if it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<ReasonView>,
+    /// Attempts so far.
+    attempts: u32,
     /// Images so far.
     received: usize,
     /// How many the node has, once it is known.
@@ -153,10 +157,18 @@ pub(crate) async fn queue(
         study: uid(study, "study")?,
         series: uid(series, "series")?,
     };
-    let retrieval = pacs.cases().store().request_retrieval(node.name(), &uids);
-    let retrieval = retrieval.await?;
-    let address = format!("/v1/retrievals/{}", retrieval.id);
-    let view = view(pacs, retrieval).await?;
+    let wanted = Wanted::new(node.name(), &uids);
+    let store = pacs.cases().store();
+    let mut new = wanted.job();
+    let latest = store.latest_job(FETCH, &new.key).await?;
+    // A request while it is fetched may be about images that came since it began.
+    if latest.is_some_and(|job| job.state == JobState::Running) {
+        new.key.push_str(" again");
+    }
+    let job = store.enqueue(&new).await?;
+    let job = job.ok_or(cases::Error::Internal)?;
+    let address = format!("/v1/retrievals/{}", job.id);
+    let view = view(pacs, job).await?;
     let mut response = fresh_json(StatusCode::ACCEPTED, &view);
     let headers = response.headers_mut();
     if let Ok(address) = HeaderValue::from_str(&address) {
@@ -190,25 +202,32 @@ async fn get(pacs: &Pacs, id: &str) -> Result<Response, PacsError> {
     if !is_id(id) {
         return Err(missing());
     }
-    let retrieval = pacs.cases().store().retrieval(id).await?;
-    let view = view(pacs, retrieval.ok_or_else(missing)?).await?;
+    let job = pacs.cases().store().job(id).await?;
+    let job = job.filter(|job| job.kind == FETCH.name());
+    let view = view(pacs, job.ok_or_else(missing)?).await?;
     Ok(fresh_json(StatusCode::OK, &view))
 }
 
-pub(crate) async fn view(pacs: &Pacs, retrieval: Retrieval) -> Result<RetrievalView, PacsError> {
-    let Retrieval { uids, .. } = &retrieval;
+pub(crate) async fn view(pacs: &Pacs, job: Job) -> Result<RetrievalView, PacsError> {
+    let wanted = Wanted::of(&job.payload).ok_or(cases::Error::Internal)?;
+    let uids = wanted.uids().ok_or(cases::Error::Internal)?;
     let query = SeriesQuery::Study(uids.study.clone(), Some(uids.series.clone()));
     let arrivals = pacs.cases().store().arrivals_of(&query).await?;
     let arrival = arrivals.into_iter().next();
+    let progress = job.progress.as_deref();
+    let progress = progress.and_then(|progress| serde_json::from_str(progress).ok());
+    let Received { received, expected } = progress.unwrap_or_default();
+    let failure = job.failure.filter(|_| job.state == JobState::Failed);
     Ok(RetrievalView {
         study: uids.study.as_str().to_owned(),
         series: uids.series.as_str().to_owned(),
-        id: retrieval.id,
-        node: retrieval.node,
-        state: retrieval.state.name(),
-        reason: retrieval.reason.map(Into::into),
-        received: retrieval.received,
-        expected: retrieval.expected,
+        id: job.id,
+        node: wanted.node,
+        state: job.state.name(),
+        reason: failure.map(Into::into),
+        attempts: job.attempts,
+        received,
+        expected,
         case: arrival.as_ref().and_then(|arrival| arrival.case),
         arrival: arrival.map(|arrival| arrival.id),
     })

@@ -2,57 +2,65 @@
 
 use std::time::Duration;
 
-use case::Failure;
-use storage::arrivals::TransferEnd;
+use async_trait::async_trait;
+use case::{Failure, JobKind};
+use cases::runner::{End, Failed, Running, Terms, Work};
+use storage::Unreadable;
 use storage::results::SentResult;
-use storage::{StoreError, Unreadable};
 
 use crate::node::NodeError;
 use crate::state::Pacs;
 
-/// The lease of a result: longer than sending can take.
-const LEASE: Duration = Duration::from_secs(900);
+/// Sends a result, whose id is the key of the job.
+pub(crate) const SEND: JobKind = JobKind::new("send", "delivery");
 
-/// How often to try.
-const MAX_ATTEMPTS: u32 = 8;
+/// The terms of a delivery.
+const TERMS: Terms = Terms {
+    max_attempts: 8,
+    retry_after: Duration::from_secs(5),
+    longest: Duration::from_secs(900),
+};
 
-/// How long to wait before the second attempt; each time twice as long.
-const RETRY_AFTER: Duration = Duration::from_secs(5);
+/// Sends results.
+pub(crate) struct SendResult(pub(crate) Pacs);
 
-/// Sends the result that has waited longest; `false` if there is none.
-pub(crate) async fn next(pacs: &Pacs) -> Result<bool, StoreError> {
-    let store = pacs.cases().store();
-    let Some(result) = store.lease_result(LEASE).await? else {
-        return Ok(false);
-    };
-    let sent = send(pacs, &result).await;
-    match &sent {
-        Ok(()) => pacs.note(&result.node, true),
-        Err(SendError::Node(error)) => pacs.note(&result.node, error.is_answer()),
-        Err(_) => {}
+#[async_trait]
+impl Work for SendResult {
+    fn kind(&self) -> JobKind {
+        SEND
     }
-    let end = match sent {
-        Ok(()) => {
-            tracing::info!(
-                result = result.id,
-                case = result.case.short(),
-                node = result.node,
-                "a result was sent"
-            );
-            TransferEnd::Done
+
+    fn terms(&self) -> Terms {
+        TERMS
+    }
+
+    async fn run(&self, job: &Running) -> Result<End, Failed> {
+        let (pacs, id) = (&self.0, &job.claim.key);
+        let Some(result) = pacs.cases().store().result(id).await? else {
+            return Ok(End::Done);
+        };
+        let (case, node) = (result.case.short(), result.node.as_str());
+        let sent = send(pacs, &result).await;
+        match &sent {
+            Ok(()) => pacs.note(node, true),
+            Err(SendError::Node(error)) => pacs.note(node, error.is_answer()),
+            Err(_) => {}
         }
-        Err(error) if error.may_pass() && result.attempts < MAX_ATTEMPTS => {
-            tracing::warn!(result = result.id, case = result.case.short(), node = result.node, %error, "a result will be sent later");
-            let doubled = result.attempts.saturating_sub(1);
-            TransferEnd::Later(RETRY_AFTER * 2_u32.pow(doubled))
+        match sent {
+            Ok(()) => {
+                tracing::info!(result = id, case, node, "a result was sent");
+                Ok(End::Done)
+            }
+            Err(error) => {
+                tracing::warn!(result = id, case, node, %error, "a result was not sent");
+                let failure = Failure::unusable(error.kind(), error.to_string());
+                Err(match error.may_pass() {
+                    true => Failed::ForNow(failure),
+                    false => Failed::Forever(failure),
+                })
+            }
         }
-        Err(error) => {
-            tracing::warn!(result = result.id, case = result.case.short(), node = result.node, %error, "a result cannot be sent");
-            TransferEnd::Failed(Failure::unusable(error.kind(), error.to_string()))
-        }
-    };
-    store.end_result(&result, &end).await?;
-    Ok(true)
+    }
 }
 
 /// Why a result was not sent.

@@ -4,12 +4,14 @@ use axum::extract::rejection::QueryRejection;
 use axum::extract::{Query, State};
 use axum::http::StatusCode;
 use axum::response::Response;
-use case::CaseId;
+use case::{CaseId, JobState};
 use serde::{Deserialize, Serialize};
-use storage::arrivals::{ArrivalCursor, TransferQuery, TransferState};
+use storage::JobQuery;
+use storage::arrivals::{ArrivalCursor, TransferQuery};
 use utoipa::{IntoParams, ToSchema};
 
 use crate::error::PacsError;
+use crate::fetch::{FETCH, Wanted};
 use crate::results::ResultView;
 use crate::retrievals::{self, RetrievalView};
 use crate::state::{Pacs, fresh_json};
@@ -77,7 +79,7 @@ fn checked(asked: Asked) -> Result<Checked, PacsError> {
         CaseId::parse(&text).ok_or_else(|| wrong("case", "the id of a case: 32 hexadecimal digits"))
     });
     let state = asked.state.map(|text| {
-        TransferState::from_name(&text)
+        JobState::from_name(&text)
             .ok_or_else(|| wrong("state", "`queued`, `running`, `done` or `failed`"))
     });
     let after = asked.after.map(|text| {
@@ -143,13 +145,27 @@ pub(crate) async fn list_retrievals(State(pacs): State<Pacs>, asked: Asked) -> R
 async fn retrieved(pacs: &Pacs, asked: Asked) -> Result<Response, PacsError> {
     let asked = checked(asked)?;
     let store = pacs.cases().store();
-    let (found, next) = store
-        .retrievals(&asked.of, asked.after.as_ref(), asked.limit)
-        .await?;
     let mut page = RetrievalList {
         retrievals: Vec::new(),
-        next: next.map(|cursor| cursor.to_string()),
+        next: None,
     };
+    let key_prefix = match asked.of.case {
+        None => String::new(),
+        Some(case) => match store.series_of(&case).await? {
+            Some(series) => Wanted::key_prefix(&series.uids),
+            // It did not come from a node.
+            None => return Ok(fresh_json(StatusCode::OK, &page)),
+        },
+    };
+    let query = JobQuery {
+        kind: FETCH,
+        state: asked.of.state,
+        key_prefix,
+    };
+    let (found, next) = store
+        .jobs(&query, asked.after.as_ref(), asked.limit)
+        .await?;
+    page.next = next.map(|cursor| cursor.to_string());
     for retrieval in found {
         page.retrievals
             .push(retrievals::view(pacs, retrieval).await?);

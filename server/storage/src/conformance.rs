@@ -9,18 +9,21 @@ mod results;
 use std::sync::Arc;
 use std::time::Duration;
 
-use case::{CaseFacts, CaseState, ObjectKind, Parameters, Progress, Stage, VoxelFacts};
+use case::{
+    CaseFacts, CaseState, JobKind, JobState, ObjectKind, Parameters, Progress, Stage, VoxelFacts,
+};
 
 pub(crate) use self::arrivals::*;
 pub(crate) use self::findings::*;
 pub(crate) use self::layers::*;
 pub(crate) use self::results::*;
 
+use super::jobs::{JobQuery, NewJob, Release};
 use super::objects::Objects;
-use super::rows::{Inserted, NewCase, Pinned, Published, Release, Sweep};
+use super::rows::{Inserted, NewCase, Pinned, Published, Referred, Sweep};
 use super::sql::Rows;
 use super::testing::{claim, facts, failure, name, new_case, pinned};
-use super::{ObjectName, Options, Store};
+use super::{ObjectName, Options, Store, StoreError};
 
 /// The lease of jobs in these checks.
 const LEASE: Duration = Duration::from_secs(30);
@@ -92,7 +95,9 @@ macro_rules! conformance {
                 a_sweep_buries_its_own_tombstones_alone
                 a_deleted_case_cannot_be_published
                 a_ready_case_gets_other_objects_or_fails
-                a_rebuild_is_one_process_s_until_its_lease_ends
+                a_job_is_open_once_and_its_end_is_kept_for_a_while
+                jobs_are_listed_and_counted_by_kind_and_state
+                a_job_that_needs_a_case_waits_for_it_and_goes_with_it
                 a_case_of_another_store_is_adopted_as_it_is_there
                 ready_cases_are_found_by_their_voxels
                 what_nobody_needs_is_told
@@ -107,7 +112,6 @@ macro_rules! conformance {
                 an_image_is_kept_until_its_series_is_forgotten_or_its_case_deleted
                 cases_are_found_by_their_series
                 series_are_listed_newest_first_in_pages
-                a_retrieval_is_queued_once_and_leased_until_it_ends
                 a_result_is_queued_once_for_a_node_and_sent_until_it_is_there
                 a_result_is_kept_until_it_is_forgotten_or_its_case_deleted
                 results_are_listed_by_case_and_state_in_pages
@@ -151,7 +155,10 @@ conformance! {
 
 async fn insert(store: &Store, contents: &str) -> NewCase {
     let new = new_case(store, contents).await;
-    assert_eq!(store.insert_case(&new).await.unwrap(), Inserted::Created);
+    assert_eq!(
+        store.insert_case(&new).await.unwrap(),
+        Referred::Done(Inserted::Created)
+    );
     new
 }
 
@@ -174,8 +181,14 @@ pub(crate) async fn a_case_is_inserted_once(subject: &Subject) {
         name: Some("näme".to_owned()),
         ..Parameters::default()
     };
-    assert_eq!(store.insert_case(&new).await.unwrap(), Inserted::Created);
-    assert_eq!(store.insert_case(&new).await.unwrap(), Inserted::Exists);
+    assert_eq!(
+        store.insert_case(&new).await.unwrap(),
+        Referred::Done(Inserted::Created)
+    );
+    assert_eq!(
+        store.insert_case(&new).await.unwrap(),
+        Referred::Unneeded(Inserted::Exists)
+    );
     let case = store.case(&new.id).await.unwrap().unwrap();
     assert_eq!(case.state, CaseState::Queued);
     assert_eq!(case.parameters, new.parameters);
@@ -187,7 +200,7 @@ pub(crate) async fn a_case_is_inserted_once(subject: &Subject) {
         store.case_objects(&new.id).await.unwrap(),
         new.sources.names
     );
-    assert_eq!(store.waiting().await.unwrap(), 1);
+    assert_eq!(store.waiting(JobKind::PREPARE).await.unwrap(), 1);
 }
 
 pub(crate) async fn a_case_is_renamed(subject: &Subject) {
@@ -238,11 +251,15 @@ pub(crate) async fn no_more_jobs_wait_than_may(subject: &Subject) {
     insert(store, "a").await;
     let mut new = new_case(store, "b").await;
     new.queue_limit = 1;
-    assert_eq!(store.insert_case(&new).await.unwrap(), Inserted::QueueFull);
+    let full = store.insert_case(&new).await;
+    assert!(matches!(full, Err(StoreError::QueueFull)));
     assert_eq!(state(store, &new).await, None);
     // A leased job does not wait.
     claim(store).await.unwrap();
-    assert_eq!(store.insert_case(&new).await.unwrap(), Inserted::Created);
+    assert_eq!(
+        store.insert_case(&new).await.unwrap(),
+        Referred::Done(Inserted::Created)
+    );
 }
 
 pub(crate) async fn a_failed_case_is_queued_again(subject: &Subject) {
@@ -259,7 +276,10 @@ pub(crate) async fn a_failed_case_is_queued_again(subject: &Subject) {
     assert_eq!(claim(store).await, None);
     subject.pass(3);
     let again = new_case(store, "a").await;
-    assert_eq!(store.insert_case(&again).await.unwrap(), Inserted::Requeued);
+    assert_eq!(
+        store.insert_case(&again).await.unwrap(),
+        Referred::Done(Inserted::Requeued)
+    );
     let queued = store.case(&new.id).await.unwrap().unwrap();
     assert_eq!(
         (queued.state, queued.failure, queued.created_at),
@@ -273,7 +293,7 @@ pub(crate) async fn without_its_pins_nothing_is_inserted_or_published(subject: &
     let new = new_case(store, "a").await;
     store.unpin(&new.sources).await.unwrap();
     assert_eq!(removed(store, &new.sources.names).await, new.sources.names);
-    assert_eq!(store.insert_case(&new).await.unwrap(), Inserted::PinLost);
+    assert_eq!(store.insert_case(&new).await.unwrap(), Referred::PinLost);
     assert_eq!(state(store, &new).await, None);
 
     insert(store, "a").await;
@@ -283,12 +303,12 @@ pub(crate) async fn without_its_pins_nothing_is_inserted_or_published(subject: &
         names: ObjectKind::DERIVED.map(|kind| name(kind, "a")).into(),
     };
     let published = store
-        .make_case_ready(&leased, &unpinned, &facts())
+        .make_case_ready(&leased, &unpinned, &facts(), &[])
         .await
         .unwrap();
-    assert_eq!(published, Published::PinLost);
+    assert_eq!(published, Referred::PinLost);
     assert_eq!(state(store, &new).await, Some(CaseState::Preparing));
-    assert!(store.renew(&leased, LEASE, None).await.unwrap());
+    assert!(store.renew(&leased, None).await.unwrap());
 }
 
 pub(crate) async fn jobs_are_leased_in_their_order_and_once(subject: &Subject) {
@@ -297,13 +317,9 @@ pub(crate) async fn jobs_are_leased_in_their_order_and_once(subject: &Subject) {
     subject.pass(1);
     let second = insert(store, "b").await;
     let leased = claim(store).await.unwrap();
-    assert_eq!((leased.id, leased.attempt), (first.id, 1));
-    assert_eq!(
-        (leased.parameters, leased.sources),
-        (first.parameters.clone(), first.sources.names.clone())
-    );
+    assert_eq!((leased.case, leased.attempt), (Some(first.id), 1));
     assert_eq!(state(store, &first).await, Some(CaseState::Preparing));
-    assert_eq!(claim(store).await.unwrap().id, second.id);
+    assert_eq!(claim(store).await.unwrap().case.unwrap(), second.id);
     assert_eq!(claim(store).await, None);
 }
 
@@ -320,23 +336,24 @@ pub(crate) async fn an_ended_lease_goes_to_another_and_fences_the_first_off(subj
     let release = Release {
         after: Duration::ZERO,
         counts: true,
+        failure: None,
     };
-    assert!(!store.renew(&first, LEASE, None).await.unwrap());
-    assert!(!store.release(&first, release).await.unwrap());
+    assert!(!store.renew(&first, None).await.unwrap());
+    assert!(!store.release(&first, &release).await.unwrap());
     assert!(!store.fail(&first, &failure()).await.unwrap());
     let late = derived(store, "a").await;
     let published = store
-        .make_case_ready(&first, &late, &facts())
+        .make_case_ready(&first, &late, &facts(), &[])
         .await
         .unwrap();
-    assert_eq!(published, Published::Fenced);
+    assert_eq!(published, Referred::Unneeded(Published::Fenced));
     assert_eq!(state(store, &new).await, Some(CaseState::Preparing));
 
     let published = store
-        .make_case_ready(&second, &late, &facts())
+        .make_case_ready(&second, &late, &facts(), &[])
         .await
         .unwrap();
-    assert_eq!(published, Published::Done);
+    assert_eq!(published, Referred::Done(Published::Done));
 }
 
 pub(crate) async fn a_job_fails_after_so_many_attempts(subject: &Subject) {
@@ -346,11 +363,11 @@ pub(crate) async fn a_job_fails_after_so_many_attempts(subject: &Subject) {
     let other = insert(store, "b").await;
     for attempt in 1..=3 {
         let leased = claim(store).await.unwrap();
-        assert_eq!((leased.id, leased.attempt), (new.id, attempt));
+        assert_eq!((leased.case, leased.attempt), (Some(new.id), attempt));
         subject.pass(100);
     }
     // The next look gives it up and goes on.
-    assert_eq!(claim(store).await.unwrap().id, other.id);
+    assert_eq!(claim(store).await.unwrap().case.unwrap(), other.id);
     let failed = store.case(&new.id).await.unwrap().unwrap();
     assert_eq!(failed.state, CaseState::Failed);
     assert_eq!(failed.failure.unwrap().name, "preparation-interrupted");
@@ -365,10 +382,11 @@ pub(crate) async fn a_lease_handed_back_need_not_count(subject: &Subject) {
         let release = Release {
             after: Duration::from_secs(5),
             counts,
+            failure: None,
         };
-        assert!(store.release(&leased, release).await.unwrap());
+        assert!(store.release(&leased, &release).await.unwrap());
         assert_eq!(state(store, &new).await, Some(CaseState::Queued));
-        assert!(!store.renew(&leased, LEASE, None).await.unwrap());
+        assert!(!store.renew(&leased, None).await.unwrap());
         // Not before its time.
         subject.pass(4);
         assert_eq!(claim(store).await, None);
@@ -382,10 +400,10 @@ pub(crate) async fn a_published_case_is_ready_and_its_job_is_gone(subject: &Subj
     let leased = claim(store).await.unwrap();
     let derived = derived(store, "a").await;
     let published = store
-        .make_case_ready(&leased, &derived, &facts())
+        .make_case_ready(&leased, &derived, &facts(), &[])
         .await
         .unwrap();
-    assert_eq!(published, Published::Done);
+    assert_eq!(published, Referred::Done(Published::Done));
     let case = store.case(&new.id).await.unwrap().unwrap();
     assert_eq!(
         (case.state, case.facts, case.progress),
@@ -407,17 +425,19 @@ pub(crate) async fn progress_is_told_and_a_lease_renewed(subject: &Subject) {
         stage: Stage::Forest,
         fraction: 0.5,
     };
-    assert!(
-        store
-            .renew(&leased, 2 * LEASE, Some(progress))
-            .await
-            .unwrap()
-    );
+    subject.pass(20);
+    let json = serde_json::to_string(&progress).unwrap();
+    assert!(store.renew(&leased, Some(&json)).await.unwrap());
     assert_eq!(
         store.case(&new.id).await.unwrap().unwrap().progress,
         Some(progress)
     );
-    subject.pass(59);
+    subject.pass(29);
+    // What is not told does not change.
+    assert!(store.renew(&leased, None).await.unwrap());
+    let case = store.case(&new.id).await.unwrap().unwrap();
+    assert_eq!(case.progress, Some(progress));
+    subject.pass(29);
     assert_eq!(claim(store).await, None);
     subject.pass(1);
     assert!(claim(store).await.is_some());
@@ -448,7 +468,10 @@ pub(crate) async fn what_two_cases_need_goes_with_the_second(subject: &Subject) 
         ..Parameters::default()
     };
     second.id = case::CaseId::of(&second.sources.names[0].digest, None, &other_radius);
-    assert_eq!(store.insert_case(&second).await.unwrap(), Inserted::Created);
+    assert_eq!(
+        store.insert_case(&second).await.unwrap(),
+        Referred::Done(Inserted::Created)
+    );
 
     assert!(store.delete_case(&first.id).await.unwrap());
     assert!(!store.delete_case(&first.id).await.unwrap());
@@ -475,10 +498,10 @@ pub(crate) async fn a_case_expires_unless_it_is_kept_or_uploaded_again(subject: 
         let claim = claim(store).await.unwrap();
         let derived = derived(store, name).await;
         let published = store
-            .make_case_ready(&claim, &derived, &facts())
+            .make_case_ready(&claim, &derived, &facts(), &[])
             .await
             .unwrap();
-        assert_eq!(published, Published::Done);
+        assert_eq!(published, Referred::Done(Published::Done));
     }
     // The last one is leased and fails; the one before it is leased and goes on.
     let _at_work = claim(store).await.unwrap();
@@ -491,7 +514,10 @@ pub(crate) async fn a_case_expires_unless_it_is_kept_or_uploaded_again(subject: 
 
     subject.pass(86_400 - 60);
     let new = new_case(store, "again").await;
-    assert_eq!(store.insert_case(&new).await.unwrap(), Inserted::Exists);
+    assert_eq!(
+        store.insert_case(&new).await.unwrap(),
+        Referred::Unneeded(Inserted::Exists)
+    );
     assert!(store.uploaded_again(&again).await.unwrap());
     let case = store.case(&again).await.unwrap().unwrap();
     assert!(case.uploaded_at > case.created_at);
@@ -593,16 +619,16 @@ pub(crate) async fn a_deleted_case_cannot_be_published(subject: &Subject) {
     let new = insert(store, "a").await;
     let leased = claim(store).await.unwrap();
     assert!(store.delete_case(&new.id).await.unwrap());
-    assert!(!store.renew(&leased, LEASE, None).await.unwrap());
+    assert!(!store.renew(&leased, None).await.unwrap());
     // The same again is another job: the first one's lease has nothing to do with it.
     insert(store, "a").await;
     claim(store).await.unwrap();
     let late = derived(store, "a").await;
     let published = store
-        .make_case_ready(&leased, &late, &facts())
+        .make_case_ready(&leased, &late, &facts(), &[])
         .await
         .unwrap();
-    assert_eq!(published, Published::Fenced);
+    assert_eq!(published, Referred::Unneeded(Published::Fenced));
 }
 
 pub(crate) async fn a_ready_case_gets_other_objects_or_fails(subject: &Subject) {
@@ -611,19 +637,19 @@ pub(crate) async fn a_ready_case_gets_other_objects_or_fails(subject: &Subject) 
     let others = derived(store, "b").await;
     assert_eq!(
         store.replace_objects(&new.id, &others).await.unwrap(),
-        Published::Fenced
+        Referred::Unneeded(Published::Fenced)
     );
     assert!(!store.condemn(&new.id, &failure()).await.unwrap());
 
     let leased = claim(store).await.unwrap();
     let first = derived(store, "a").await;
     store
-        .make_case_ready(&leased, &first, &facts())
+        .make_case_ready(&leased, &first, &facts(), &[])
         .await
         .unwrap();
     assert_eq!(
         store.replace_objects(&new.id, &others).await.unwrap(),
-        Published::Done
+        Referred::Done(Published::Done)
     );
     let objects = store.case_objects(&new.id).await.unwrap();
     assert!(others.names.iter().all(|name| objects.contains(name)));
@@ -635,25 +661,147 @@ pub(crate) async fn a_ready_case_gets_other_objects_or_fails(subject: &Subject) 
     assert_eq!(state(store, &new).await, Some(CaseState::Failed));
 }
 
-pub(crate) async fn a_rebuild_is_one_process_s_until_its_lease_ends(subject: &Subject) {
+pub(crate) async fn a_job_is_open_once_and_its_end_is_kept_for_a_while(subject: &Subject) {
+    const KIND: JobKind = JobKind::new("a kind", "work");
+    let store = &subject.store;
+    let new = NewJob {
+        kind: KIND,
+        key: "a key".to_owned(),
+        case: None,
+        needs_ready: false,
+        payload: "[7]".to_owned(),
+    };
+    let claim = async || store.claim(KIND, 3).await.unwrap();
+    let first = store.enqueue(&new).await.unwrap().unwrap();
+    assert_eq!(first.payload, "[7]");
+    assert_eq!(store.enqueue(&new).await.unwrap(), Some(first.clone()));
+    assert_eq!(store.waiting(KIND).await.unwrap(), 1);
+    assert_eq!(store.claim(JobKind::MAPS, 3).await.unwrap(), None);
+    let leased = claim().await.unwrap();
+    assert_eq!((&leased.id, &*leased.payload), (&first.id, "[7]"));
+    assert_eq!(store.waiting(KIND).await.unwrap(), 0);
+    let running = store.enqueue(&new).await.unwrap().unwrap();
+    assert_eq!(
+        (running.id, running.state),
+        (first.id.clone(), JobState::Running)
+    );
+    // Another attempt, and its reason.
+    let release = Release {
+        after: Duration::from_secs(5),
+        counts: true,
+        failure: Some(failure()),
+    };
+    assert!(store.release(&leased, &release).await.unwrap());
+    let waiting = store.job(&first.id).await.unwrap().unwrap();
+    assert_eq!(
+        (waiting.state, waiting.failure, waiting.attempts),
+        (JobState::Queued, Some(failure()), 1)
+    );
+    subject.pass(5);
+    let leased = claim().await.unwrap();
+    assert!(store.finish(&leased).await.unwrap());
+    assert!(!store.finish(&leased).await.unwrap());
+    assert_eq!(claim().await, None);
+    let done = store.job(&first.id).await.unwrap().unwrap();
+    assert_eq!((done.state, done.attempts), (JobState::Done, 2));
+    assert!(done.ended_at.is_some());
+    // The same again is another job.
+    let again = store.enqueue(&new).await.unwrap().unwrap();
+    assert_ne!(again.id, first.id);
+    let leased = claim().await.unwrap();
+    assert!(store.fail(&leased, &failure()).await.unwrap());
+    let failed = store.latest_job(KIND, "a key").await.unwrap().unwrap();
+    assert_eq!(
+        (failed.id, failed.state, failed.failure),
+        (again.id.clone(), JobState::Failed, Some(failure()))
+    );
+    subject.pass(3600);
+    store.forget_jobs(Duration::from_secs(7200)).await.unwrap();
+    assert!(store.job(&first.id).await.unwrap().is_some());
+    store.forget_jobs(Duration::from_secs(60)).await.unwrap();
+    assert_eq!(store.job(&first.id).await.unwrap(), None);
+    assert_eq!(store.job(&again.id).await.unwrap(), None);
+}
+
+pub(crate) async fn jobs_are_listed_and_counted_by_kind_and_state(subject: &Subject) {
+    const KIND: JobKind = JobKind::new("a kind", "work");
+    const OTHER: JobKind = JobKind::new("another kind", "work");
+    let store = &subject.store;
+    for (kind, key) in [(KIND, "1 1"), (KIND, "1 2"), (KIND, "12 3"), (OTHER, "1 4")] {
+        let new = NewJob {
+            kind,
+            key: key.to_owned(),
+            case: None,
+            needs_ready: false,
+            payload: "{}".to_owned(),
+        };
+        store.enqueue(&new).await.unwrap();
+        subject.pass(1);
+    }
+    let first = store.claim(KIND, 3).await.unwrap().unwrap();
+    assert!(store.finish(&first).await.unwrap());
+    let keys = async |state: Option<JobState>, key_prefix: &str| {
+        let query = JobQuery {
+            kind: KIND,
+            state,
+            key_prefix: key_prefix.to_owned(),
+        };
+        // In pages of one.
+        let (mut keys, mut after) = (Vec::new(), None);
+        loop {
+            let (page, next) = store.jobs(&query, after.as_ref(), 1).await.unwrap();
+            keys.extend(page.into_iter().map(|job| job.key));
+            match next {
+                Some(next) => after = Some(next),
+                None => return keys,
+            }
+        }
+    };
+    assert_eq!(keys(None, "").await, ["12 3", "1 2", "1 1"]);
+    assert_eq!(keys(None, "1 ").await, ["1 2", "1 1"]);
+    assert_eq!(keys(Some(JobState::Done), "").await, ["1 1"]);
+    assert_eq!(keys(Some(JobState::Queued), "1 ").await, ["1 2"]);
+    assert!(keys(Some(JobState::Failed), "").await.is_empty());
+
+    subject.pass(100);
+    let counts = store.row_counts().await.unwrap();
+    let count = |kind: &str, state: &str, number| {
+        let row = ("jobs".to_owned(), kind.to_owned(), state.to_owned(), number);
+        assert!(counts.by_state.contains(&row), "{row:?}: {counts:?}");
+    };
+    count("a kind", "done", 1);
+    count("a kind", "queued", 2);
+    count("another kind", "queued", 1);
+    let ages = counts.oldest.iter();
+    let ages: Vec<_> = ages
+        .map(|(kind, age)| (kind.as_str(), age.as_secs()))
+        .collect();
+    // The job that is done counts no longer.
+    assert_eq!(ages, [("a kind", 103), ("another kind", 101)]);
+}
+
+pub(crate) async fn a_job_that_needs_a_case_waits_for_it_and_goes_with_it(subject: &Subject) {
     let store = &subject.store;
     let new = insert(store, "a").await;
-    let begin = async |holder| store.begin_rebuild(&new.id, holder, LEASE).await.unwrap();
-    assert!(begin("first").await);
-    assert!(!begin("second").await);
-    subject.pass(29);
-    // It goes on.
-    assert!(begin("first").await);
-    subject.pass(29);
-    assert!(!begin("second").await);
-    store.end_rebuild(&new.id, "second").await.unwrap();
-    assert!(!begin("second").await);
-    store.end_rebuild(&new.id, "first").await.unwrap();
-    assert!(begin("second").await);
-    subject.pass(30);
-    assert!(begin("third").await);
+    let maps = NewJob::of_ready_case(JobKind::MAPS, &new.id);
+    let queued = store.enqueue(&maps).await.unwrap().unwrap();
+    assert_eq!(store.claim(JobKind::MAPS, 3).await.unwrap(), None);
+    let leased = claim(store).await.unwrap();
+    let derived = derived(store, "a").await;
+    let next = [JobKind::MAPS];
+    let facts = facts();
+    let published = store.make_case_ready(&leased, &derived, &facts, &next);
+    assert_eq!(published.await.unwrap(), Referred::Done(Published::Done));
+    let leased = store.claim(JobKind::MAPS, 3).await.unwrap().unwrap();
+    assert_eq!((&leased.id, leased.case), (&queued.id, Some(new.id)));
     store.delete_case(&new.id).await.unwrap();
-    assert!(!begin("third").await);
+    assert!(!store.finish(&leased).await.unwrap());
+    assert_eq!(store.job(&queued.id).await.unwrap(), None);
+    assert_eq!(
+        store.enqueue(&maps).await.unwrap(),
+        None,
+        "there is no case"
+    );
 }
 
 pub(crate) async fn a_case_of_another_store_is_adopted_as_it_is_there(subject: &Subject) {
@@ -663,7 +811,7 @@ pub(crate) async fn a_case_of_another_store_is_adopted_as_it_is_there(subject: &
     let preparing = store.case(&new.id).await.unwrap().unwrap();
     let published = derived(store, "a").await;
     store
-        .make_case_ready(&leased, &published, &facts())
+        .make_case_ready(&leased, &published, &facts(), &[])
         .await
         .unwrap();
     let mut ready = store.case(&new.id).await.unwrap().unwrap();
@@ -682,7 +830,7 @@ pub(crate) async fn a_case_of_another_store_is_adopted_as_it_is_there(subject: &
         (queued.state, queued.created_at),
         (CaseState::Queued, ready.created_at)
     );
-    assert_eq!(store.waiting().await.unwrap(), 1);
+    assert_eq!(store.waiting(JobKind::PREPARE).await.unwrap(), 1);
 
     ready.parameters.name = Some("another".to_owned());
     assert!(
@@ -693,7 +841,7 @@ pub(crate) async fn a_case_of_another_store_is_adopted_as_it_is_there(subject: &
     );
     assert_eq!(store.case(&new.id).await.unwrap().unwrap(), ready);
     assert_eq!(store.case_objects(&new.id).await.unwrap(), names);
-    assert_eq!(store.waiting().await.unwrap(), 0);
+    assert_eq!(store.waiting(JobKind::PREPARE).await.unwrap(), 0);
 }
 
 pub(crate) async fn ready_cases_are_found_by_their_voxels(subject: &Subject) {
@@ -711,7 +859,7 @@ pub(crate) async fn ready_cases_are_found_by_their_voxels(subject: &Subject) {
         let leased = claim(store).await.unwrap();
         let published = derived(store, contents).await;
         store
-            .make_case_ready(&leased, &published, &of(values))
+            .make_case_ready(&leased, &published, &of(values), &[])
             .await
             .unwrap();
         ids.push(new.id);
@@ -762,10 +910,8 @@ pub(crate) async fn holders_that_are_dead_hold_nothing(subject: &Subject) {
         .await
         .unwrap();
     store.mark(&names[1..], &sweep("dead")).await.unwrap();
-    assert!(store.begin_rebuild(&new.id, "dead", LEASE).await.unwrap());
     store.rows().forget_holders().await.unwrap();
-    assert_eq!(claim(store).await.unwrap().id, new.id);
-    assert!(store.begin_rebuild(&new.id, "alive", LEASE).await.unwrap());
+    assert_eq!(claim(store).await.unwrap().case.unwrap(), new.id);
     let mut abandoned = store.abandoned(10).await.unwrap();
     abandoned.sort_by_key(|name| name.digest.to_string());
     let mut expected = names.to_vec();

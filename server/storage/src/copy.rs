@@ -202,7 +202,7 @@ impl Store {
         id: &CaseId,
         copied: &mut Copied,
     ) -> Result<bool, StoreError> {
-        let Some(case) = self.case_row(id).await? else {
+        let Some(case) = self.case(id).await? else {
             // The case was deleted meanwhile.
             return Ok(true);
         };

@@ -25,6 +25,15 @@ pub enum StoreError {
     /// The queue of cases is full; try again later.
     #[error("too many cases are waiting to be prepared")]
     QueueFull,
+    /// There is no such case.
+    #[error("there is no case with this id")]
+    NoSuchCase,
+    /// The case has as many layers as it may have.
+    #[error("the case has as many layers as it may have")]
+    TooManyLayers,
+    /// Another layer of the case has the name.
+    #[error("another layer of the case has this name")]
+    LayerNameTaken,
     /// The rows were written by a newer version of this program.
     #[error(
         "the store was written by a newer version of Isocortex (its schema is {found}, this version knows up to {known}): \

@@ -84,7 +84,7 @@ impl Store {
             Some(Some(cursor)) => Some(cursor.clone()),
             Some(None) => return Ok(None),
         };
-        let page = self.case_rows(after.as_ref(), CASES_AT_ONCE).await?;
+        let page = self.cases(after, CASES_AT_ONCE).await?;
         *walk = Some(page.next);
         Ok(Some(page.cases))
     }

@@ -1,12 +1,15 @@
 //! Layers: from an upload to objects and rows, and back.
 
 use bytes::Bytes;
-use case::{CaseId, Failure, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
+use case::{CaseId, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
 
-use super::rows::{
-    ChangedLayer, InsertedLayer, LayerChange, LayerClaim, LayerName, NewLayer, Pinned, Published,
-};
-use super::{Framed, ObjectName, PIN_ATTEMPTS, Spooled, Store, StoreError, Unreadable};
+use super::jobs::Claim;
+use super::pinned::Writing;
+use super::rows::{LayerChange, LayerName, NewLayer, Pinned, Published};
+use super::{Framed, ObjectName, Spooled, Store, StoreError, Unreadable};
+
+/// How often to insert a layer again that others delete meanwhile.
+const ATTEMPTS: usize = 16;
 
 /// An upload of a layer, checked.
 #[derive(Debug)]
@@ -32,10 +35,10 @@ impl LayerUpload {
         LayerId::of(self.volume.digest(), dicom, &self.parameters)
     }
 
-    fn sources(&self) -> Vec<(ObjectName, &Spooled)> {
+    fn sources(&self) -> Vec<Writing<'_>> {
         let named = |kind, file| {
             let digest = *Spooled::digest(file);
-            (ObjectName { kind, digest }, file)
+            Writing::File(ObjectName { kind, digest }, file)
         };
         let volume = named(ObjectKind::SourceLayer, &self.volume);
         let dicom = self.dicom.as_ref();
@@ -46,20 +49,11 @@ impl LayerUpload {
 
 /// The result of the upload of a layer.
 #[derive(Debug, Clone)]
-pub enum SubmittedLayer {
-    /// The layer, and whether its preparation was queued, because it is new or had failed.
-    Layer {
-        /// The layer.
-        layer: Box<Layer>,
-        /// Whether it was queued.
-        created: bool,
-    },
-    /// There is no such case.
-    NoCase,
-    /// The case has as many layers as it may have.
-    TooMany,
-    /// Another layer of the case has the name.
-    NameTaken,
+pub struct SubmittedLayer {
+    /// The layer.
+    pub layer: Layer,
+    /// Whether its preparation was queued, because it is new or had failed.
+    pub created: bool,
 }
 
 impl Store {
@@ -69,7 +63,8 @@ impl Store {
     /// drops the future.
     ///
     /// # Errors
-    /// [`StoreError::QueueFull`], or another error if the store fails; nothing is left behind then.
+    /// [`StoreError::QueueFull`], [`StoreError::NoSuchCase`], [`StoreError::TooManyLayers`],
+    /// [`StoreError::LayerNameTaken`], or another error if the store fails; nothing is left behind then.
     pub async fn submit_layer(&self, upload: LayerUpload) -> Result<SubmittedLayer, StoreError> {
         let store = self.clone();
         tokio::spawn(async move { store.submit_layer_now(&upload).await }).await?
@@ -77,59 +72,33 @@ impl Store {
 
     async fn submit_layer_now(&self, upload: &LayerUpload) -> Result<SubmittedLayer, StoreError> {
         let (case, id) = (upload.case, upload.id());
-        for _ in 0..PIN_ATTEMPTS {
-            let sources = upload.sources();
-            let pinned = self.pin(sources.iter().map(|(name, _)| *name)).await?;
-            let inserted = self.write_layer(upload, &sources, &pinned).await;
-            let created = matches!(
-                inserted,
-                Ok(InsertedLayer::Created | InsertedLayer::Requeued)
-            );
+        let sources = upload.sources();
+        let insert = |sources: Pinned| async move {
+            let new = NewLayer {
+                case,
+                id,
+                name: upload.name.clone(),
+                parameters: upload.parameters.clone(),
+                sources,
+                most: upload.most,
+                queue_limit: self.options().queue_limit,
+            };
+            self.insert_layer(&new).await
+        };
+        for _ in 0..ATTEMPTS {
+            let created = self.with_pinned(&sources, &insert).await?.is_queued();
             if created {
                 self.signals().queued();
                 self.signals().changed(&case);
-            } else {
-                self.abandon(&pinned).await;
             }
-            match inserted? {
-                InsertedLayer::Created | InsertedLayer::Requeued | InsertedLayer::Exists => {
-                    // If another process deletes it at this moment, it is inserted again.
-                    if let Some(layer) = self.layer(&case, &id).await? {
-                        let layer = Box::new(layer);
-                        return Ok(SubmittedLayer::Layer { layer, created });
-                    }
-                }
-                InsertedLayer::PinLost => {}
-                InsertedLayer::NoCase => return Ok(SubmittedLayer::NoCase),
-                InsertedLayer::TooMany => return Ok(SubmittedLayer::TooMany),
-                InsertedLayer::NameTaken => return Ok(SubmittedLayer::NameTaken),
-                InsertedLayer::QueueFull => return Err(StoreError::QueueFull),
+            // If another process deletes it at this moment, it is inserted again.
+            if let Some(layer) = self.layer(&case, &id).await? {
+                return Ok(SubmittedLayer { layer, created });
             }
         }
         Err(StoreError::Rows(
-            "an object was removed repeatedly while it was written".into(),
+            "a layer was deleted repeatedly while it was uploaded".into(),
         ))
-    }
-
-    async fn write_layer(
-        &self,
-        upload: &LayerUpload,
-        sources: &[(ObjectName, &Spooled)],
-        pinned: &Pinned,
-    ) -> Result<InsertedLayer, StoreError> {
-        for (name, file) in sources {
-            self.objects().put_file(name, file).await?;
-        }
-        let new = NewLayer {
-            case: upload.case,
-            id: upload.id(),
-            name: upload.name.clone(),
-            parameters: upload.parameters.clone(),
-            sources: pinned.clone(),
-            most: upload.most,
-            queue_limit: self.options().queue_limit,
-        };
-        self.insert_layer(&new).await
     }
 
     /// A layer of a case.
@@ -141,16 +110,16 @@ impl Store {
         Ok(layers.into_iter().find(|layer| layer.id == *id))
     }
 
-    /// Renames a layer, or moves it in the list.
+    /// Renames a layer, or moves it in the list; returns whether there is such a layer.
     ///
     /// # Errors
-    /// If the rows cannot be written.
+    /// [`StoreError::LayerNameTaken`], or if the rows cannot be written.
     pub async fn change_layer(
         &self,
         case: &CaseId,
         id: &LayerId,
         change: &LayerChange,
-    ) -> Result<ChangedLayer, StoreError> {
+    ) -> Result<bool, StoreError> {
         let changed = self.change_layer_row(case, id, change).await?;
         self.signals().changed(case);
         Ok(changed)
@@ -173,24 +142,6 @@ impl Store {
             Ok(deleted)
         };
         tokio::spawn(delete).await?
-    }
-
-    /// Makes a layer failed, if the lease is still ours, and removes its files; returns whether it was. To try again, the
-    /// files must be sent again.
-    ///
-    /// # Errors
-    /// If the rows or the objects cannot be written. The layer may have failed even so; its objects are then removed
-    /// later.
-    pub async fn fail_layer(
-        &self,
-        claim: &LayerClaim,
-        failure: &Failure,
-    ) -> Result<bool, StoreError> {
-        let is_ours = self.make_layer_failed(claim, failure).await?;
-        if is_ours {
-            self.collect().await?;
-        }
-        Ok(is_ours)
     }
 
     /// The payload of an object of a layer; `None`, reported, if it is missing or damaged.
@@ -221,36 +172,22 @@ impl Store {
         }
     }
 
-    /// Makes the objects of a layer durable, then publishes them in one transaction. Leaves nothing behind if that
-    /// fails.
+    /// Makes the objects of a layer durable, then publishes them and ends its job in one transaction. Leaves nothing
+    /// behind if that fails.
     ///
     /// # Errors
     /// If the store cannot be reached.
     pub async fn publish_layer(
         &self,
-        claim: &LayerClaim,
+        claim: &Claim,
         derived: &[Framed],
         facts: &LayerFacts,
     ) -> Result<Published, StoreError> {
-        for _ in 0..PIN_ATTEMPTS {
-            let pinned = self.pin(derived.iter().map(|framed| framed.name)).await?;
-            let publish = async {
-                for framed in derived {
-                    self.objects().put(framed).await?;
-                }
-                self.make_layer_ready(claim, &pinned, facts).await
-            };
-            let published = publish.await;
-            if !matches!(published, Ok(Published::Done)) {
-                self.abandon(&pinned).await;
-            }
-            match published? {
-                Published::PinLost => {}
-                settled => return Ok(settled),
-            }
-        }
-        Err(StoreError::Rows(
-            "an object was removed repeatedly while it was written".into(),
-        ))
+        let objects: Vec<_> = derived.iter().map(Writing::Framed).collect();
+        let publish =
+            |derived: Pinned| async move { self.make_layer_ready(claim, &derived, facts).await };
+        let published = self.with_pinned(&objects, publish).await?;
+        self.job_changed(claim);
+        Ok(published)
     }
 }

@@ -35,10 +35,12 @@ pub mod environment;
 mod error;
 mod findings;
 mod inspect;
+mod jobs;
 mod layers;
 mod location;
 mod objects;
 mod page;
+mod pinned;
 mod publish;
 mod receive;
 pub mod results;
@@ -74,6 +76,7 @@ pub use self::copy::{Copied, CopyStep, ForPacs};
 pub use self::error::{FailureCounts, StoreError, failures};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
 pub use self::inspect::{Finding, Inspected};
+pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};
 pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 pub use self::objects::{
@@ -81,16 +84,10 @@ pub use self::objects::{
 };
 pub use self::page::{Cursor, Page};
 pub use self::publish::{Attempt, Publisher, frame_all};
-pub use self::rows::{
-    ChangedLayer, Claim, DueSeries, LayerChange, LayerClaim, LayerName, LeaseTerms, Pinned,
-    Published, Release, RowCounts,
-};
+pub use self::rows::{DueSeries, LayerChange, LayerName, Pinned, Published, RowCounts};
 pub use self::signals::{Count, Counters, ImageStatus, Signals};
 pub use self::submit::{NewMask, Submitted, Upload, Version};
 pub use self::watch::Watch;
-
-/// How often to begin again if a pin is lost, or if others delete the same case meanwhile.
-const PIN_ATTEMPTS: usize = 16;
 
 /// The number of objects that a sweep marks and removes at a time.
 const REMOVALS_AT_ONCE: usize = 32;
@@ -314,35 +311,12 @@ impl Store {
         Ok(made.await??)
     }
 
-    /// One case.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
-        let mut case = self.case_row(id).await?;
-        if let Some(case) = &mut case {
-            self.complete(case);
-        }
-        Ok(case)
-    }
-
-    /// At most `limit` cases after a cursor, newest first.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn cases(&self, after: Option<Cursor>, limit: usize) -> Result<Page, StoreError> {
-        let mut page = self.case_rows(after.as_ref(), limit).await?;
-        for case in &mut page.cases {
-            self.complete(case);
-        }
-        Ok(page)
-    }
-
     /// Adds what the rows of a case do not have: newer progress, and when it expires.
-    fn complete(&self, case: &mut Case) {
-        self.inner.signals.overlay(case);
+    fn completed(&self, mut case: Case) -> Case {
+        self.inner.signals.overlay(&mut case);
         let keep = self.options().keep.filter(|_| !case.kept);
         case.expires_at = keep.and_then(|keep| case.uploaded_at.checked_add(keep).ok());
+        case
     }
 
     /// Removes a case and the objects that no other case needs; `false` if the case did not exist. A running
@@ -460,7 +434,7 @@ impl Store {
     /// sweep.
     async fn remove_unneeded(&self, candidates: &[ObjectName]) -> Result<(), StoreError> {
         let sweep = Sweep {
-            holder: submit::unique_holder(),
+            holder: pinned::unique_holder(),
             lease: SWEEP_LEASE,
         };
         let begun = Instant::now();
@@ -518,7 +492,6 @@ impl Store {
 impl Inner {
     /// Signals to this process that a case was deleted.
     fn is_deleted(&self, id: &CaseId) {
-        self.signals.cancel(id);
         self.signals.changed(id);
         for hook in lock(&self.deletion_hooks).iter() {
             hook(id);

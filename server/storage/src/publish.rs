@@ -5,15 +5,13 @@ use std::time::Duration;
 
 use crate::{Framed, Unreadable, frame};
 use bytes::Bytes;
-use case::{CaseFacts, CaseId, CaseState, ObjectKind};
+use case::{CaseFacts, CaseId, CaseState, JobKind, ObjectKind};
 
-use super::rows::{Claim, Pinned, Published};
+use super::jobs::{Claim, NewJob, Release};
+use super::pinned::Writing;
+use super::rows::{Pinned, Published};
 use super::signals::Count;
-use super::submit::unique_holder;
-use super::{ObjectName, PIN_ATTEMPTS, Store, StoreError};
-
-/// The lease of a rebuild.
-const REBUILD_LEASE: Duration = Duration::from_secs(30);
+use super::{ObjectName, Store, StoreError};
 
 /// How often to check whether another process has finished its rebuild.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
@@ -21,8 +19,8 @@ const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// The origin of derived objects.
 #[derive(Debug, Clone, Copy)]
 pub enum Publisher<'a> {
-    /// A worker with its lease.
-    Worker(&'a Claim),
+    /// A worker with its lease, and the kinds of the jobs that a ready case has next.
+    Worker(&'a Claim, &'a [JobKind]),
     /// A rebuild of a ready case.
     Rebuild(&'a CaseId),
 }
@@ -52,7 +50,7 @@ impl Store {
         kinds: &'static [ObjectKind],
         decode: &Arc<impl Fn(&CaseFacts, &[Bytes]) -> Option<T> + Send + Sync + 'static>,
     ) -> Result<Attempt<T>, StoreError> {
-        let case = self.case_row(id).await?;
+        let case = self.case(id).await?;
         let Some(facts) = case
             .filter(|case| case.state == CaseState::Ready)
             .and_then(|case| case.facts)
@@ -132,7 +130,8 @@ impl Store {
         })
     }
 
-    /// Runs a rebuild of a case while no other process runs one; `None` if there is no such case.
+    /// Runs a rebuild of a case as its job, while no other process runs one; `None` if there is no such case, or it
+    /// failed.
     ///
     /// # Errors
     /// Those of the rebuild, or when the rows cannot be written.
@@ -141,26 +140,49 @@ impl Store {
         id: &CaseId,
         rebuild: impl Future<Output = Result<T, StoreError>>,
     ) -> Result<Option<T>, StoreError> {
-        let holder = unique_holder();
-        while !self.begin_rebuild(id, &holder, REBUILD_LEASE).await? {
-            if self.case_row(id).await?.is_none() {
-                return Ok(None);
-            }
-            tokio::time::sleep(LOOK_EVERY).await;
-        }
+        let Some(claim) = self.claim_rebuild(id).await? else {
+            return Ok(None);
+        };
         let mut rebuild = std::pin::pin!(rebuild);
-        let mut heartbeat = tokio::time::interval(REBUILD_LEASE / 3);
+        let mut heartbeat = tokio::time::interval(self.options().lease / 3);
         let rebuilt = loop {
             tokio::select! {
                 rebuilt = &mut rebuild => break rebuilt,
                 _ = heartbeat.tick() => {
                     // Where it is lost somebody else does the same, which does no harm.
-                    let _kept = self.begin_rebuild(id, &holder, REBUILD_LEASE).await;
+                    let _kept = self.renew(&claim, None).await;
                 }
             }
         };
-        self.end_rebuild(id, &holder).await?;
+        match &rebuilt {
+            Ok(_) => self.finish(&claim).await?,
+            Err(error) => {
+                // Whoever needs it tries again, or a worker does. A store that fails says nothing about the case.
+                let again = Release {
+                    after: Duration::ZERO,
+                    counts: matches!(error, StoreError::Stopped(_)),
+                    failure: None,
+                };
+                self.release(&claim, &again).await?
+            }
+        };
         rebuilt.map(Some)
+    }
+
+    /// Waits until the rebuild of a case is ours; `None` if it is not ready any more.
+    async fn claim_rebuild(&self, id: &CaseId) -> Result<Option<Claim>, StoreError> {
+        let (kind, most) = (JobKind::REBUILD, self.options().max_attempts);
+        loop {
+            let case = self.case(id).await?;
+            if case.is_none_or(|case| case.state != CaseState::Ready) {
+                return Ok(None);
+            }
+            let job = NewJob::of_ready_case(kind, id);
+            if let Some(claim) = self.enqueue_and_claim(&job, most).await? {
+                return Ok(Some(claim));
+            }
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
     }
 
     /// Makes derived objects durable, then publishes them in one transaction. Leaves nothing behind if that fails.
@@ -173,38 +195,21 @@ impl Store {
         derived: &[Framed],
         facts: &CaseFacts,
     ) -> Result<Published, StoreError> {
-        for _ in 0..PIN_ATTEMPTS {
-            let pinned = self.pin(derived.iter().map(|framed| framed.name)).await?;
-            let published = self
-                .publish_pinned(publisher, derived, &pinned, facts)
-                .await;
-            if !matches!(published, Ok(Published::Done)) {
-                self.abandon(&pinned).await;
+        let objects: Vec<_> = derived.iter().map(Writing::Framed).collect();
+        let publish = |pinned: Pinned| async move {
+            match publisher {
+                Publisher::Worker(claim, next) => {
+                    self.make_case_ready(claim, &pinned, facts, next).await
+                }
+                Publisher::Rebuild(id) => self.replace_objects(id, &pinned).await,
             }
-            match published? {
-                Published::PinLost => {}
-                settled => return Ok(settled),
-            }
+        };
+        let published = self.with_pinned(&objects, publish).await?;
+        if let Publisher::Worker(claim, _) = publisher {
+            self.job_changed(claim);
+            self.signals().queued();
         }
-        Err(StoreError::Rows(
-            "an object was removed repeatedly while it was written".into(),
-        ))
-    }
-
-    async fn publish_pinned(
-        &self,
-        publisher: Publisher<'_>,
-        derived: &[Framed],
-        pinned: &Pinned,
-        facts: &CaseFacts,
-    ) -> Result<Published, StoreError> {
-        for framed in derived {
-            self.inner.objects.put(framed).await?;
-        }
-        match publisher {
-            Publisher::Worker(claim) => self.make_case_ready(claim, pinned, facts).await,
-            Publisher::Rebuild(id) => self.replace_objects(id, pinned).await,
-        }
+        Ok(published)
     }
 }
 

@@ -2,17 +2,10 @@
 
 use std::collections::HashMap;
 
-use futures_util::StreamExt as _;
-use futures_util::stream;
-
 use super::arrivals::{ArrivalSource, NewInstance, Received};
+use super::pinned::Writing;
+use super::rows::Pinned;
 use super::{ImageStatus, ObjectName, Spooled, Store, StoreError};
-
-/// Objects that are written at a time.
-const WRITES_AT_ONCE: usize = 8;
-
-/// How often to pin again after a pin is lost.
-const PIN_ATTEMPTS: usize = 3;
 
 impl Store {
     /// Adds images with their files to their series. Afterwards they are durable. The operation completes even if the
@@ -48,45 +41,22 @@ impl Store {
             .iter()
             .map(|(instance, file)| (ObjectName::from(instance), file))
             .collect();
-        let instances: Vec<NewInstance> = images.iter().map(|(new, _)| new.clone()).collect();
-        for _ in 0..PIN_ATTEMPTS {
-            let pinned = self.pin(files.keys().copied()).await?;
-            if let Err(error) = self.write_files(&files).await {
-                self.abandon(&pinned).await;
-                return Err(error);
-            }
-            let received = self.insert_images(&instances, &pinned, source).await;
-            match received {
-                Ok(Some(received)) if received.new < instances.len() => {
-                    // Files of images that were there already, or that were replaced, are not needed.
-                    if let Err(error) = self.collect().await {
-                        tracing::warn!(%error, "abandoned objects will be removed later");
-                    }
-                    return Ok(received);
-                }
-                Ok(Some(received)) => return Ok(received),
-                Ok(None) => self.abandon(&pinned).await,
-                Err(error) => {
-                    self.abandon(&pinned).await;
-                    return Err(error);
-                }
-            }
-        }
-        Err(StoreError::Rows(
-            "an object was removed repeatedly while it was written".into(),
-        ))
-    }
-
-    async fn write_files(&self, files: &HashMap<ObjectName, &Spooled>) -> Result<(), StoreError> {
-        let writes: Vec<_> = files
-            .iter()
-            .map(|(name, file)| self.objects().put_file(name, file))
+        let files = files.into_iter();
+        let files: Vec<_> = files
+            .map(|(name, file)| Writing::File(name, file))
             .collect();
-        let mut writes = stream::iter(writes).buffer_unordered(WRITES_AT_ONCE);
-        while let Some(written) = writes.next().await {
-            written?;
+        let instances: Vec<NewInstance> = images.iter().map(|(new, _)| new.clone()).collect();
+        let some = &instances[..];
+        let insert =
+            |pinned: Pinned| async move { self.insert_images(some, &pinned, source).await };
+        let received = self.with_pinned(&files, insert).await?;
+        // Files of images that were there already, or that were replaced, are not needed.
+        if received.new < instances.len()
+            && let Err(error) = self.collect().await
+        {
+            tracing::warn!(%error, "abandoned objects will be removed later");
         }
-        Ok(())
+        Ok(received)
     }
 }
 

@@ -2,11 +2,14 @@
 //! acknowledged, so every attempt sends the same bytes.
 
 use bytes::Bytes;
-use case::{CaseId, Failure, ObjectKind};
+use case::{CaseId, JobKind, ObjectKind};
 use jiff::Timestamp;
 
-use super::arrivals::{TransferState, Uid};
-use super::{ObjectName, PIN_ATTEMPTS, Store, StoreError};
+use super::arrivals::Uid;
+use super::jobs::Job;
+use super::pinned::Writing;
+use super::rows::Pinned;
+use super::{ObjectName, Store, StoreError};
 
 /// The series of a result, which has no other instance.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -80,20 +83,15 @@ pub struct SentResult {
     pub instance: Uid,
     /// The object with its file.
     pub object: ObjectName,
-    /// How far it is.
-    pub state: TransferState,
-    /// The reason, if it failed.
-    pub reason: Option<Failure>,
     /// When it was first requested.
     pub created_at: Timestamp,
-    /// The number of its lease.
-    pub fence: i64,
-    /// Leases since it was last requested.
-    pub attempts: u32,
+    /// The job that sends it, or did.
+    pub job: Option<Job>,
 }
 
 impl Store {
-    /// Keeps a result and queues it for its node. Afterwards it is durable. The operation completes even if the caller
+    /// Keeps a result and queues the job of this kind that sends it, whose key is the id of the result. Afterwards it is
+    /// durable. The operation completes even if the caller
     /// drops the future.
     ///
     /// # Errors
@@ -102,35 +100,23 @@ impl Store {
         &self,
         new: NewResult,
         file: Bytes,
+        job: JobKind,
     ) -> Result<SentResult, StoreError> {
         let store = self.clone();
-        tokio::spawn(async move { store.queue_result_now(&new, file).await }).await?
+        tokio::spawn(async move { store.queue_result_now(&new, file, job).await }).await?
     }
 
     async fn queue_result_now(
         &self,
         new: &NewResult,
         file: Bytes,
+        job: JobKind,
     ) -> Result<SentResult, StoreError> {
         let spooled = self.spool_all(file).await?;
-        for _ in 0..PIN_ATTEMPTS {
-            let pinned = self.pin([new.object()]).await?;
-            let written = self.objects().put_file(&new.object(), &spooled).await;
-            let queued = match written {
-                Ok(()) => self.insert_result(new, &pinned).await,
-                Err(error) => Err(error.into()),
-            };
-            match queued {
-                Ok(Some(queued)) => return Ok(queued),
-                Ok(None) => self.abandon(&pinned).await,
-                Err(error) => {
-                    self.abandon(&pinned).await;
-                    return Err(error);
-                }
-            }
-        }
-        Err(StoreError::Rows(
-            "an object was removed repeatedly while it was written".into(),
-        ))
+        let object = Writing::File(new.object(), &spooled);
+        let insert = |pinned: Pinned| async move { self.insert_result(new, job, &pinned).await };
+        let queued = self.with_pinned(&[object], insert).await?;
+        self.signals().queued();
+        Ok(queued)
     }
 }

@@ -1,6 +1,6 @@
 //! What goes into the rows and comes out of them.
 //!
-//! Every method of [`Rows`](crate::sql::Rows) is one transaction, which ends before it returns. The time is the database's own: leases, pins and
+//! Every change is one transaction, which ends before its method returns. The time is the database's own: leases, pins and
 //! tombstones of several machines, whose clocks differ, are compared by one clock. Callers give durations.
 //!
 //! An object is removed in three steps, none of which holds a transaction while the object store works:
@@ -9,19 +9,12 @@
 //! object is deleted that a process is about to reference. A tombstone has a lease: if its holder is killed, another
 //! sweep takes it over and deletes the object again.
 
-mod due;
-mod layers;
-mod terms;
-
 use std::time::Duration;
 
-pub use self::due::DueSeries;
-pub use self::layers::{ChangedLayer, LayerChange, LayerClaim, LayerName};
-pub(crate) use self::layers::{InsertedLayer, NewLayer};
-pub use self::terms::{LeaseTerms, Pinned, Published, Release};
+use case::arrivals::SeriesUids;
+use case::{CaseId, LayerId, LayerParameters, Parameters};
 
 use super::ObjectName;
-use case::{CaseId, Parameters};
 
 /// A case to be inserted.
 #[derive(Debug, Clone)]
@@ -38,34 +31,99 @@ pub(crate) struct NewCase {
     pub queue_limit: usize,
 }
 
-/// The result of an insertion.
+/// A layer to be inserted.
+#[derive(Debug, Clone)]
+pub(crate) struct NewLayer {
+    /// Its case.
+    pub case: CaseId,
+    /// Its id.
+    pub id: LayerId,
+    /// Its name; if another layer of the case has it, a number is added to it or the layer is refused.
+    pub name: LayerName,
+    /// Its parameters.
+    pub parameters: LayerParameters,
+    /// Its source objects: durable, and pinned.
+    pub sources: Pinned,
+    /// How many layers a case may have.
+    pub most: usize,
+    /// How many jobs may wait.
+    pub queue_limit: usize,
+}
+
+/// The name of a new layer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum LayerName {
+    /// The user's; it must be free.
+    Given(String),
+    /// Made up: gets a number if it is taken.
+    Usual(String),
+}
+
+/// Changes of a layer that keep its id.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct LayerChange {
+    /// Another name.
+    pub name: Option<String>,
+    /// Another place in the list, from 0; beyond the end is the end.
+    pub place: Option<usize>,
+}
+
+/// The result of an insertion of a case or a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Inserted {
-    /// The case is new, and queued.
+    /// It is new, and queued.
     Created,
     /// It existed and had failed; it is queued again.
     Requeued,
-    /// It existed.
+    /// It existed. Nothing has changed.
     Exists,
-    /// The queue is full. Nothing has changed.
-    QueueFull,
+}
+
+impl Inserted {
+    /// Whether a job was queued for it.
+    pub(crate) fn is_queued(self) -> bool {
+        self != Self::Exists
+    }
+}
+
+/// Objects about to be written, protected by their holder's pins.
+#[derive(Debug, Clone)]
+pub struct Pinned {
+    /// The holder of the pins; unique for each write.
+    pub holder: String,
+    /// The pinned objects.
+    pub names: Vec<ObjectName>,
+}
+
+/// What became of pins in a transaction.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Referred<T> {
+    /// They are references now.
+    Done(T),
+    /// The objects are not needed. Nothing of them has changed.
+    Unneeded(T),
     /// A pin is gone, and perhaps its object too; write the objects again. Nothing has changed.
     PinLost,
 }
 
-/// A leased job.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Claim {
-    /// The case to be prepared.
-    pub id: CaseId,
-    /// The parameters.
-    pub parameters: Parameters,
-    /// The source objects.
-    pub sources: Vec<ObjectName>,
-    /// The number of this lease; a greater one fences it off.
-    pub fence: i64,
-    /// The number of leases that had no result, including this one.
-    pub attempt: u32,
+/// The result of a publication.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Published {
+    /// It is there.
+    Done,
+    /// The lease is lost, or the case is deleted. Nothing has changed.
+    Fenced,
+}
+
+/// A series that a job is to read.
+#[derive(Debug, Clone)]
+pub struct DueSeries {
+    /// The series.
+    pub uids: SeriesUids,
+    /// The case that it became before its last images came.
+    pub previous: Option<CaseId>,
+    /// Its images, in the order of their UIDs.
+    pub instances: Vec<ObjectName>,
 }
 
 /// The holder of tombstones, and their lease.
@@ -80,10 +138,11 @@ pub(crate) struct Sweep {
 /// How many rows are in which state.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RowCounts {
-    /// What they are (`cases`, `arrivals`, `retrievals`, `results`), the node if they have one, their state, and how many.
+    /// What they are (`cases`, `arrivals`, `results` or `jobs`), the node of results or the kind of jobs, their state, and
+    /// how many.
     pub by_state: Vec<(String, String, String, u64)>,
-    /// For how long the oldest result waits that has not been sent.
-    pub oldest_unsent: Option<Duration>,
+    /// For how long the oldest job of each kind has not ended.
+    pub oldest: Vec<(String, Duration)>,
 }
 
 /// A change of the rows by any process, including this one.

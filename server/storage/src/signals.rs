@@ -1,10 +1,10 @@
-//! Signals within this process, without the rows: wake-ups, progress, cancellations, counts.
+//! Signals within this process, without the rows: wake-ups, progress, counts.
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 
-use tokio::sync::{Notify, watch};
+use tokio::sync::watch;
 
 use super::lock;
 use crate::arrivals::ArrivalSource;
@@ -73,10 +73,9 @@ pub(super) struct Signal {
 /// Signals within this process. The mutexes are held for a look-up, never across an await.
 #[derive(Debug, Default)]
 pub struct Signals {
-    /// A case was queued.
-    queued: Notify,
+    /// Jobs that were queued so far.
+    queued: watch::Sender<u64>,
     watched: Mutex<HashMap<CaseId, watch::Sender<Signal>>>,
-    running: Mutex<HashMap<CaseId, Arc<AtomicBool>>>,
     counts: [AtomicU64; 5],
     images: Mutex<HashMap<(&'static str, ImageStatus), u64>>,
 }
@@ -100,14 +99,14 @@ impl Signals {
         images
     }
 
-    /// Waits until a case is queued by this process.
-    pub async fn until_queued(&self) {
-        self.queued.notified().await;
+    /// A receiver that changes when a job is queued.
+    pub fn watch_queue(&self) -> watch::Receiver<u64> {
+        self.queued.subscribe()
     }
 
-    /// Wakes a worker.
+    /// Wakes whoever waits for jobs.
     pub fn queued(&self) {
-        self.queued.notify_one();
+        self.queued.send_modify(|count| *count += 1);
     }
 
     /// The row of a case has changed.
@@ -146,33 +145,6 @@ impl Signals {
             .get(&case.id)
             .and_then(|sender| sender.borrow().progress);
         case.progress = progress.or(case.progress);
-    }
-
-    /// A preparation begins; setting the returned flag stops it.
-    pub fn begin(&self, id: &CaseId) -> Arc<AtomicBool> {
-        let cancelled = Arc::new(AtomicBool::new(false));
-        lock(&self.running).insert(*id, cancelled.clone());
-        cancelled
-    }
-
-    /// A preparation has ended.
-    pub fn end(&self, id: &CaseId, cancelled: &Arc<AtomicBool>) {
-        let mut running = lock(&self.running);
-        if running
-            .get(id)
-            .is_some_and(|flag| Arc::ptr_eq(flag, cancelled))
-        {
-            running.remove(id);
-        }
-        drop(running);
-        self.progress(id, None);
-    }
-
-    /// Stops the preparation of a case, if this process is at it.
-    pub(super) fn cancel(&self, id: &CaseId) {
-        if let Some(cancelled) = lock(&self.running).get(id) {
-            cancelled.store(true, Ordering::Relaxed);
-        }
     }
 
     /// Counts an event.
@@ -264,26 +236,8 @@ mod tests {
         ] {
             assert_eq!(shown(state), expected, "{state:?}");
         }
-        let cancelled = signals.begin(&id("one"));
-        signals.end(&id("one"), &cancelled);
+        signals.progress(&id("one"), None);
         assert_eq!(shown(CaseState::Preparing), None, "it has ended");
-    }
-
-    #[test]
-    fn a_preparation_is_cancelled_while_it_runs_and_not_by_its_predecessor_s_end() {
-        let signals = Signals::default();
-        let first = signals.begin(&id("one"));
-        let second = signals.begin(&id("one"));
-        signals.end(&id("one"), &first);
-        signals.cancel(&id("another"));
-        let flags = || [&first, &second].map(|flag| flag.load(Ordering::Relaxed));
-        assert_eq!(flags(), [false, false]);
-        signals.cancel(&id("one"));
-        assert_eq!(flags(), [false, true]);
-        signals.end(&id("one"), &second);
-        second.store(false, Ordering::Relaxed);
-        signals.cancel(&id("one"));
-        assert_eq!(flags(), [false, false], "none is running");
     }
 
     #[tokio::test]
@@ -302,10 +256,13 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_worker_that_comes_later_is_woken_too() {
+    async fn everybody_who_waits_for_jobs_is_woken() {
         let signals = Signals::default();
+        let mut waiting = [signals.watch_queue(), signals.watch_queue()];
         signals.queued();
-        let woken = tokio::time::timeout(Duration::from_secs(5), signals.until_queued());
-        woken.await.unwrap();
+        for receiver in &mut waiting {
+            let woken = tokio::time::timeout(Duration::from_secs(5), receiver.changed());
+            woken.await.unwrap().unwrap();
+        }
     }
 }

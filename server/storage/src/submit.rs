@@ -1,10 +1,12 @@
 //! Makes a queued case from an upload.
 
-use std::time::{Duration, Instant};
+use super::pinned::Writing;
+use super::rows::{Inserted, NewCase, Pinned, Referred};
+use super::{ObjectName, Spooled, Store, StoreError};
+use case::{Case, CaseId, CaseState, JobKind, ObjectKind, Parameters};
 
-use super::rows::{Inserted, NewCase, Pinned};
-use super::{ObjectName, PIN_ATTEMPTS, Spooled, Store, StoreError};
-use case::{Case, CaseId, CaseState, ObjectKind, Parameters};
+/// How often to insert a case again that others delete meanwhile.
+const ATTEMPTS: usize = 16;
 
 /// The files of an upload.
 #[derive(Debug)]
@@ -16,15 +18,6 @@ pub struct Upload {
     /// The identifying attributes, if the volume comes from DICOM.
     pub dicom: Option<Spooled>,
 }
-
-/// The lifetime of a pin: an object must be written within this time.
-const PIN_FOR: Duration = Duration::from_secs(3600);
-
-/// How long to wait for an object that is being removed: longer than the lease of a killed sweep.
-const REMOVAL_PATIENCE: Duration = Duration::from_secs(90);
-
-/// How often to check whether it is gone.
-const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 /// The result of an upload.
 #[derive(Debug, Clone)]
@@ -173,7 +166,7 @@ impl Store {
     pub async fn submit_version(&self, version: Version) -> Result<Option<Submitted>, StoreError> {
         let store = self.clone();
         let submit = async move {
-            let Some(case) = store.case_row(&version.of).await? else {
+            let Some(case) = store.case(&version.of).await? else {
                 return Ok(None);
             };
             let sources = version.sources(&store.case_objects(&version.of).await?);
@@ -198,7 +191,7 @@ impl Store {
     /// `None` if a stored source has gone.
     async fn submit_now(&self, inputs: Inputs<'_>) -> Result<Option<Submitted>, StoreError> {
         let id = &inputs.id;
-        for _ in 0..PIN_ATTEMPTS {
+        for _ in 0..ATTEMPTS {
             if let Some(case) = self.case(id).await?
                 && case.state != CaseState::Failed
                 && self.uploaded_again(id).await?
@@ -209,107 +202,57 @@ impl Store {
                     created: false,
                 }));
             }
-            if self.waiting().await? >= self.options().queue_limit {
+            if self.waiting(JobKind::PREPARE).await? >= self.options().queue_limit {
                 return Err(StoreError::QueueFull);
             }
             let Some(inserted) = self.insert(&inputs).await? else {
                 return Ok(None);
             };
-            if inserted == Inserted::QueueFull {
-                return Err(StoreError::QueueFull);
-            }
             self.signals().changed(id);
             self.signals().queued();
             // If another process deletes the case at this moment, it is inserted again.
-            if inserted != Inserted::PinLost
-                && let Some(case) = self.case(id).await?
-            {
-                let created = matches!(inserted, Inserted::Created | Inserted::Requeued);
+            if let Some(case) = self.case(id).await? {
+                let created = inserted.is_queued();
                 return Ok(Some(Submitted { case, created }));
             }
         }
         Err(StoreError::Rows(
-            "an object was removed repeatedly while it was written".into(),
+            "a case was deleted repeatedly while it was uploaded".into(),
         ))
     }
 
-    /// Writes the sources and inserts the case; leaves nothing behind if that fails. `None` if a stored source has gone.
+    /// Writes the sources and inserts the case. `None` if a stored source has gone.
     async fn insert(&self, inputs: &Inputs<'_>) -> Result<Option<Inserted>, StoreError> {
-        let sources = self
-            .pin(inputs.sources.iter().map(|(name, _)| *name))
-            .await?;
-        let inserted = self.insert_pinned(inputs, &sources).await;
-        if !matches!(inserted, Ok(Some(Inserted::Created | Inserted::Requeued))) {
-            self.abandon(&sources).await;
-        }
-        inserted
-    }
-
-    async fn insert_pinned(
-        &self,
-        inputs: &Inputs<'_>,
-        sources: &Pinned,
-    ) -> Result<Option<Inserted>, StoreError> {
-        // After they are pinned, the objects of the other case will stay.
-        let stored = match &inputs.previous {
-            Some(previous) => self.case_objects(previous).await?,
-            None => Vec::new(),
-        };
-        for (name, file) in &inputs.sources {
-            match file {
-                Some(file) => {
-                    self.inner.objects.put_file(name, file).await?;
-                }
-                None if stored.contains(name) => {}
-                None => return Ok(None),
+        let sources = inputs.sources.iter().map(|(name, file)| match file {
+            Some(file) => Writing::File(*name, file),
+            None => Writing::Stored(*name),
+        });
+        let insert = |sources: Pinned| async move {
+            // After they are pinned, the objects of the other case will stay.
+            let stored = match &inputs.previous {
+                Some(previous) => self.case_objects(previous).await?,
+                None => Vec::new(),
+            };
+            let is_gone = |(name, file): &(ObjectName, Option<&Spooled>)| {
+                file.is_none() && !stored.contains(name)
+            };
+            if inputs.sources.iter().any(is_gone) {
+                return Ok(Referred::Unneeded(None));
             }
-        }
-        let new = NewCase {
-            id: inputs.id,
-            parameters: inputs.parameters.clone(),
-            previous: inputs.previous,
-            sources: sources.clone(),
-            queue_limit: self.options().queue_limit,
+            let new = NewCase {
+                id: inputs.id,
+                parameters: inputs.parameters.clone(),
+                previous: inputs.previous,
+                sources,
+                queue_limit: self.options().queue_limit,
+            };
+            Ok(match self.insert_case(&new).await? {
+                Referred::Done(inserted) => Referred::Done(Some(inserted)),
+                Referred::Unneeded(inserted) => Referred::Unneeded(Some(inserted)),
+                Referred::PinLost => Referred::PinLost,
+            })
         };
-        self.insert_case(&new).await.map(Some)
-    }
-
-    /// Pins objects before they are written. Waits for objects that are being removed.
-    ///
-    /// # Errors
-    /// If the rows cannot be written.
-    pub(crate) async fn pin(
-        &self,
-        names: impl IntoIterator<Item = ObjectName>,
-    ) -> Result<Pinned, StoreError> {
-        let pinned = Pinned {
-            holder: unique_holder(),
-            names: names.into_iter().collect(),
-        };
-        let begun = Instant::now();
-        while !self.try_pin(&pinned, PIN_FOR).await? {
-            if begun.elapsed() > REMOVAL_PATIENCE {
-                return Err(StoreError::Objects(
-                    "the removal of an object takes too long".into(),
-                ));
-            }
-            tokio::time::sleep(LOOK_EVERY).await;
-            // If its remover was killed, only this process may finish the removal.
-            self.collect().await?;
-        }
-        Ok(pinned)
-    }
-
-    /// Abandons pinned objects. If this fails, they are removed after their pins expire.
-    pub(super) async fn abandon(&self, pinned: &Pinned) {
-        let unpinned = self.unpin(pinned).await;
-        let collected = match unpinned {
-            Ok(()) => self.collect().await,
-            Err(error) => Err(error),
-        };
-        if let Err(error) = collected {
-            tracing::warn!(%error, "abandoned objects will be removed later");
-        }
+        self.with_pinned(&sources.collect::<Vec<_>>(), insert).await
     }
 }
 
@@ -324,9 +267,4 @@ fn source_files(upload: &Upload) -> Vec<(ObjectName, Option<&Spooled>)> {
     let dicom = upload.dicom.as_ref();
     let dicom = dicom.map(|file| named(ObjectKind::SourceDicom, file));
     std::iter::once(volume).chain(mask).chain(dicom).collect()
-}
-
-/// A name for the holder of pins or tombstones, unique across all processes.
-pub(super) fn unique_holder() -> String {
-    uuid::Uuid::now_v7().to_string()
 }

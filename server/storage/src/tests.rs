@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use bytes::Bytes;
-use case::{CaseFacts, CaseId, CaseState, ObjectKind, Parameters};
+use case::{CaseFacts, CaseId, CaseState, JobKind, ObjectKind, Parameters};
 use tempfile::TempDir;
 
 use super::testing::{assert_nothing_left_over, claim, facts, failure, files_below};
@@ -55,8 +55,8 @@ async fn publish(store: &Store, publisher: Publisher<'_>, volume: &str) {
 async fn ready(store: &Store, volume: &'static str) -> CaseId {
     let id = submit(store, volume).await.unwrap().case.id;
     let claim = claim(store).await.unwrap();
-    assert_eq!(claim.id, id);
-    publish(store, Publisher::Worker(&claim), volume).await;
+    assert_eq!(claim.case, Some(id));
+    publish(store, Publisher::Worker(&claim, &[]), volume).await;
     id
 }
 
@@ -94,7 +94,7 @@ async fn a_full_queue_refuses_and_keeps_nothing_of_it() {
     for volume in ["one", "two"] {
         submit(&store, volume).await.unwrap();
     }
-    assert_eq!(store.waiting().await.unwrap(), 2);
+    assert_eq!(store.waiting(JobKind::PREPARE).await.unwrap(), 2);
     let refused = submit(&store, "three").await;
     assert!(matches!(refused, Err(StoreError::QueueFull)));
     assert!(
@@ -145,8 +145,8 @@ async fn a_version_has_the_volume_and_the_mask_that_it_says() {
     let upload = upload(&store, "volume", Some("mask")).await;
     let submitted = store.submit_upload(upload, Parameters::default()).await;
     let of = submitted.unwrap().case.id;
-    let first = claim(&store).await.unwrap();
-    assert_eq!(first.sources.len(), 2);
+    assert_eq!(claim(&store).await.unwrap().case, Some(of));
+    assert_eq!(store.case_objects(&of).await.unwrap().len(), 2);
     let closer = || Parameters {
         closing_radius_mm: 8.0,
         ..Parameters::default()
@@ -164,8 +164,10 @@ async fn a_version_has_the_volume_and_the_mask_that_it_says() {
         let made = store.submit_version(version).await.unwrap().unwrap();
         assert_eq!((made.case.id, made.case.previous), (id, Some(of)));
         let claimed = claim(&store).await.unwrap();
-        assert_eq!((claimed.id, claimed.sources.len()), (id, sources));
-        let volume = store.read(&id, &claimed.sources, ObjectKind::SourceVolume);
+        assert_eq!(claimed.case, Some(id));
+        let names = store.case_objects(&id).await.unwrap();
+        assert_eq!(names.len(), sources);
+        let volume = store.read(&id, &names, ObjectKind::SourceVolume);
         assert_eq!(volume.await.unwrap().as_deref(), Some(&b"volume"[..]));
     }
     assert_eq!(store.case(&of).await.unwrap().unwrap().next.len(), 3);

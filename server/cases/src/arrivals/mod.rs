@@ -5,7 +5,6 @@
 
 mod heads;
 mod index;
-mod reader;
 #[cfg(test)]
 mod tests;
 
@@ -22,7 +21,7 @@ use crate::error::Error;
 
 pub use self::heads::Head;
 pub(crate) use self::index::SeriesOfUpload;
-pub use self::reader::ArrivalReader;
+pub use crate::jobs::ArrivalReader;
 
 /// Which series become cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

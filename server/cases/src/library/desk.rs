@@ -1,8 +1,7 @@
-//! The maps of cases in memory, and those that are being made.
+//! The maps of cases in memory.
 
-use std::collections::HashMap;
 use std::fmt;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 use case::{CandidateFacts, CaseId, JunctionBandFacts, MapName};
 use geometry::Grid;
@@ -11,7 +10,6 @@ use pipeline::maps::{CaseMaps, NoMaps, map_unit};
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 use render::{KeyedLayer, Layer, LayerKey, LayerValues};
-use tokio::sync::Semaphore;
 
 use crate::cache;
 
@@ -97,20 +95,18 @@ pub enum MapsState {
 /// The cached state of the maps of a case.
 pub(super) type Known = Result<Arc<LoadedMaps>, NoMaps>;
 
-/// Whether stored maps suffice, or must also be readable.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Make {
-    IfMissing,
-    Again,
+impl From<Known> for MapsState {
+    fn from(known: Known) -> Self {
+        match known {
+            Ok(maps) => Self::Ready(maps),
+            Err(reason) => Self::Undefined(reason),
+        }
+    }
 }
 
-/// The maps in memory, and the running computations.
+/// The maps in memory.
 pub(super) struct MapsDesk {
     pub(super) known: Cache<CaseId, Known, ByBytes>,
-    /// Waiting and at work. Held only briefly.
-    making: Mutex<HashMap<CaseId, Make>>,
-    /// One case at a time, because the filters use every core and about 100 MB.
-    pub(super) one_at_a_time: Semaphore,
 }
 
 impl MapsDesk {
@@ -118,13 +114,7 @@ impl MapsDesk {
     pub(super) fn new(cache_bytes: u64) -> Self {
         Self {
             known: cache::one_shard(ByBytes, cache_bytes, EXPECTED_CASES),
-            making: Mutex::default(),
-            one_at_a_time: Semaphore::new(1),
         }
-    }
-
-    pub(super) fn making(&self) -> MutexGuard<'_, HashMap<CaseId, Make>> {
-        self.making.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -133,8 +123,7 @@ impl fmt::Debug for MapsDesk {
         formatter
             .debug_struct("MapsDesk")
             .field("known", &self.known.len())
-            .field("making", &self.making().len())
-            .finish_non_exhaustive()
+            .finish()
     }
 }
 

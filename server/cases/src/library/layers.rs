@@ -11,7 +11,7 @@ use pipeline::layers::{
 };
 use pipeline::{affine_of, envelope_of};
 use render::{KeyedLayer, Layer, LayerKey, LayerValues};
-use storage::{LayerClaim, StoreError};
+use storage::StoreError;
 
 use super::Library;
 use crate::error::Error;
@@ -166,10 +166,9 @@ impl Library {
     /// Prepares a layer on a blocking thread; `None` if its case is gone.
     pub(crate) async fn prepare_layer(
         &self,
-        claim: &LayerClaim,
+        row: &LayerRow,
     ) -> Result<Option<Result<PreparedLayer, Failure>>, StoreError> {
         const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume];
-        let row = &claim.layer;
         let Some(source) = self.layer_source(row).await? else {
             return Ok(Some(Err(Failure::source_damaged())));
         };

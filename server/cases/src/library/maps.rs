@@ -4,17 +4,14 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use bytes::Bytes;
-use case::{CaseFacts, CaseId, ObjectKind};
+use case::{CaseFacts, CaseId, JobKind, ObjectKind, STORE_FAILED};
 use pipeline::codec::{decode_maps, decode_volume, encode_maps};
 use pipeline::envelope_of;
-use pipeline::maps::{MapsOrReason, compute_maps};
-use storage::{ObjectName, Publisher, StoreError, frame_all};
+use pipeline::maps::{MapsOrReason, NoMaps, compute_maps};
+use storage::{NewJob, ObjectName, Publisher, StoreError, frame_all};
 
 use super::Library;
-use super::desk::{LoadedMaps, Make, MapsDesk, MapsState};
-
-/// The greatest number of cases whose maps wait to be computed; others are queued at their next request.
-const MOST_WAITING: usize = 64;
+use super::desk::{LoadedMaps, MapsDesk, MapsState};
 
 /// Why maps were not read.
 enum NotRead {
@@ -23,7 +20,8 @@ enum NotRead {
 }
 
 impl Library {
-    /// The maps of a ready case. If they are missing, damaged or from another version, their computation begins.
+    /// The maps of a ready case. If they are missing, damaged or of another format, the job that computes them is queued.
+    /// If that failed as often as it may, they are undefined.
     ///
     /// # Errors
     /// If the store cannot be reached.
@@ -31,15 +29,40 @@ impl Library {
         let Some(desk) = &self.inner.maps else {
             return Ok(MapsState::Off);
         };
+        if let Some(known) = desk.known.get(id) {
+            return Ok(known.into());
+        }
+        let key = id.to_string();
+        let job = self.store().latest_job(JobKind::MAPS, &key).await?;
         // A damaged object is not read repeatedly meanwhile.
-        if desk.making().get(id) == Some(&Make::Again) {
+        if job.as_ref().is_some_and(|job| !job.state.has_ended()) {
             return Ok(MapsState::Making);
         }
-        let found = self.stored_maps(desk, id).await?;
-        Ok(found.unwrap_or_else(|| {
-            self.begin_maps(id, Make::Again);
-            MapsState::Making
-        }))
+        if let Some(found) = self.stored_maps(desk, id).await? {
+            return Ok(found);
+        }
+        // If only the store failed, they may be computed now.
+        let failure = job.and_then(|job| job.failure);
+        if let Some(failure) = failure.filter(|failure| failure.name != STORE_FAILED) {
+            return Ok(MapsState::Undefined(NoMaps {
+                sentence: failure.detail.into(),
+                code: "maps-failed".into(),
+            }));
+        }
+        let job = NewJob::of_ready_case(JobKind::MAPS, id);
+        self.store().enqueue(&job).await?;
+        Ok(MapsState::Making)
+    }
+
+    /// Queues the job that computes the maps of a ready case if it has none, as [`Library::maps`] does.
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub(crate) async fn ensure_maps(&self, id: &CaseId) -> Result<(), StoreError> {
+        if self.makes_maps() && self.maps_object(id).await?.is_none() {
+            self.maps(id).await?;
+        }
+        Ok(())
     }
 
     /// The maps in memory or in the store; `None` if they must be computed.
@@ -54,16 +77,10 @@ impl Library {
             Ok(maps.map(|maps| Arc::new(LoadedMaps::new(id.number(), maps))))
         };
         match desk.known.get_or_insert_async(id, read).await {
-            Ok(Ok(maps)) => Ok(Some(MapsState::Ready(maps))),
-            Ok(Err(reason)) => Ok(Some(MapsState::Undefined(reason))),
+            Ok(known) => Ok(Some(known.into())),
             Err(NotRead::Failed(error)) => Err(error),
             Err(NotRead::NotStored) => Ok(None),
         }
-    }
-
-    /// Begins to compute the maps of a ready case, unless they are stored or being computed.
-    pub fn ensure_maps(&self, id: &CaseId) {
-        self.begin_maps(id, Make::IfMissing);
     }
 
     /// The maps of a ready case, computed now if they are missing.
@@ -74,7 +91,7 @@ impl Library {
         if let Some(desk) = &self.inner.maps
             && self.stored_maps(desk, id).await?.is_none()
         {
-            self.make_maps(desk, id, Make::Again).await?;
+            self.make_maps(id).await?;
         }
         self.maps(id).await
     }
@@ -86,44 +103,13 @@ impl Library {
         }
     }
 
-    fn begin_maps(&self, id: &CaseId, make: Make) {
-        let Some(desk) = &self.inner.maps else {
-            return;
-        };
-        let mut making = desk.making();
-        if making.len() >= MOST_WAITING || making.contains_key(id) {
-            return;
-        }
-        making.insert(*id, make);
-        drop(making);
-        let (library, id) = (self.clone(), *id);
-        tokio::spawn(async move {
-            let Some(desk) = &library.inner.maps else {
-                return;
-            };
-            let made = library.make_maps(desk, &id, make).await;
-            desk.making().remove(&id);
-            if let Err(error) = made {
-                tracing::error!(
-                    error = &error as &dyn std::error::Error,
-                    "cannot compute the maps of a case"
-                );
-            }
-        });
-    }
-
-    /// Computes the maps of a case and stores them, after waiting for their turn.
-    async fn make_maps(&self, desk: &MapsDesk, id: &CaseId, make: Make) -> Result<(), StoreError> {
+    /// Computes the maps of a case and stores them, unless they are there.
+    pub(crate) async fn make_maps(&self, id: &CaseId) -> Result<(), StoreError> {
         const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume];
-        let Ok(_turn) = desk.one_at_a_time.acquire().await else {
+        let Some(desk) = &self.inner.maps else {
             return Ok(());
         };
-        // Somebody else may have made them meanwhile.
-        let are_there = match make {
-            Make::IfMissing => self.maps_object(id).await?.is_some(),
-            Make::Again => self.read_maps(id).await?.is_some(),
-        };
-        if are_there {
+        if self.read_maps(id).await?.is_some() {
             return Ok(());
         }
         let begun = Instant::now();
@@ -162,7 +148,7 @@ impl Library {
         Ok(names.into_iter().find(|name| name.kind == ObjectKind::Maps))
     }
 
-    /// The stored maps of a case; `None` if they are missing, damaged or from another version.
+    /// The stored maps of a case; `None` if they are missing, damaged or of another format.
     async fn read_maps(&self, id: &CaseId) -> Result<Option<MapsOrReason>, StoreError> {
         let Some(name) = self.maps_object(id).await? else {
             return Ok(None);
@@ -172,9 +158,7 @@ impl Library {
         };
         let decoded = tokio::task::spawn_blocking(move || decode_maps(&payload)).await?;
         if decoded.is_none() {
-            tracing::info!(
-                "the maps of a case are from another version and will be computed again"
-            );
+            tracing::info!("the maps of a case are of another format and will be computed again");
         }
         Ok(decoded)
     }

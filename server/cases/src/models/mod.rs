@@ -147,8 +147,13 @@ impl Inner {
         let seen_ms = self.now_ms();
         match WarmModel::load(&self.library, id).await {
             Ok(Some(model)) => {
-                // Its maps may be lost, or of another format.
-                self.library.ensure_maps(id);
+                // Whoever looks at a case may want its maps next; a picture does not need them.
+                if let Err(error) = self.library.ensure_maps(id).await {
+                    tracing::warn!(
+                        error = &error as &dyn std::error::Error,
+                        "the maps of a case will be computed later"
+                    );
+                }
                 Ok(Entry {
                     model: Arc::new(model),
                     seen_ms: Arc::new(AtomicU64::new(seen_ms)),

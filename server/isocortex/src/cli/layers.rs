@@ -10,7 +10,7 @@ use clap::Args;
 use imaging::sniff;
 use pipeline::Limits;
 use pipeline::layers::{LayerSource, check_layer};
-use storage::{LayerName, LayerUpload, Store, SubmittedLayer};
+use storage::{LayerName, LayerUpload, Store, StoreError};
 
 use super::status::{CliError, ExitStatus};
 use super::{MAX_DICOM_BYTES, choices, head_of, read_input};
@@ -165,14 +165,13 @@ async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, Cli
         parameters,
         most: Config::default().limits.max_layers,
     };
-    match store.submit_layer(upload).await? {
-        SubmittedLayer::Layer { layer, .. } => Ok(*layer),
-        SubmittedLayer::NoCase => Err(cases::Error::NoSuchCase.into()),
-        SubmittedLayer::NameTaken => Err(cases::Error::LayerNameTaken.into()),
-        SubmittedLayer::TooMany => {
+    match store.submit_layer(upload).await {
+        Ok(submitted) => Ok(submitted.layer),
+        Err(StoreError::TooManyLayers) => {
             let most = Config::default().limits.max_layers;
             Err(cases::Error::TooManyLayers { most }.into())
         }
+        Err(error) => Err(cases::Error::from(error).into()),
     }
 }
 

@@ -10,7 +10,7 @@ use axum::body::{Body, Bytes};
 use axum::extract::{Path, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
-use case::CaseId;
+use case::{CaseId, JobState};
 use serde::Serialize;
 use storage::arrivals::{Uid, is_id};
 use storage::results::{NewResult, ResultSeries, SentResult};
@@ -22,6 +22,7 @@ use crate::error::{PacsError, ReasonView};
 use crate::node::Node;
 use crate::rendered::media::accepted_ranges;
 use crate::retrievals::read_json;
+use crate::send::SEND;
 use crate::state::{Pacs, fresh_json};
 
 /// Seconds to wait before the first request for the state.
@@ -55,15 +56,21 @@ pub(crate) struct ResultView {
 
 impl From<SentResult> for ResultView {
     fn from(result: SentResult) -> Self {
+        let job = result.job.as_ref();
+        // A result of another store has no job here.
+        let state = job.map_or(JobState::Done, |job| job.state);
+        let failure = job.and_then(|job| job.failure.clone());
         Self {
             id: result.id,
             case: result.case,
             node: result.node,
             study: result.study.as_str().to_owned(),
             instance: result.instance.as_str().to_owned(),
-            state: result.state.name(),
-            reason: result.reason.map(Into::into),
-            attempts: result.attempts,
+            state: state.name(),
+            reason: failure
+                .filter(|_| state == JobState::Failed)
+                .map(Into::into),
+            attempts: job.map_or(0, |job| job.attempts),
             created_at: result.created_at.to_string(),
         }
     }
@@ -162,7 +169,7 @@ async fn queue(
         digest: blake3::hash(&file),
     };
     let store = pacs.cases().store();
-    let queued = store.queue_result(new, file).await;
+    let queued = store.queue_result(new, file, SEND).await;
     if queued.is_err() && store.case(&case).await?.is_none() {
         return Err(cases::Error::NoSuchCase.into());
     }

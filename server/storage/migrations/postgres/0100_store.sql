@@ -9,7 +9,7 @@ CREATE TABLE cases (
     closing_radius_mm DOUBLE PRECISION NOT NULL,
     parameters        TEXT             NOT NULL DEFAULT '{}',
     name              TEXT,
-    state             TEXT             NOT NULL CHECK (state IN ('queued', 'preparing', 'ready', 'failed')),
+    state             TEXT             NOT NULL CHECK (state IN ('queued', 'ready', 'failed')),
     failure           TEXT,   -- JSON, when failed
     facts             TEXT,   -- JSON, when ready
     facts_digest      TEXT,   -- BLAKE3 of `facts`
@@ -52,23 +52,28 @@ CREATE TABLE tombstones (
 );
 
 CREATE TABLE jobs (
-    case_id      TEXT COLLATE "C" NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
-    queued_at    BIGINT           NOT NULL,
-    available_at BIGINT           NOT NULL,
+    id           TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    kind         TEXT COLLATE "C" NOT NULL,
+    key          TEXT COLLATE "C" NOT NULL,
+    case_id      TEXT COLLATE "C" REFERENCES cases (id) ON DELETE CASCADE,
+    needs_ready  BOOLEAN          NOT NULL,
+    payload      TEXT             NOT NULL,
+    state        TEXT COLLATE "C" NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
+    progress     TEXT,
+    failure      TEXT,
     attempts     BIGINT           NOT NULL DEFAULT 0,
+    created_at   BIGINT           NOT NULL,
+    available_at BIGINT           NOT NULL,
+    ended_at     BIGINT,
     fence        BIGINT           NOT NULL DEFAULT 0,
-    lease_until  BIGINT,
-    stage        TEXT,
-    fraction     REAL
+    lease_until  BIGINT
 );
 
-CREATE INDEX jobs_by_age ON jobs (queued_at, case_id);
-
-CREATE TABLE rebuilds (
-    case_id     TEXT COLLATE "C" NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
-    holder      TEXT COLLATE "C" NOT NULL,
-    lease_until BIGINT           NOT NULL
-);
+CREATE UNIQUE INDEX jobs_open ON jobs (kind, key) WHERE state IN ('queued', 'running');
+CREATE INDEX jobs_to_do ON jobs (kind, created_at, id) WHERE state IN ('queued', 'running');
+CREATE INDEX jobs_by_key ON jobs (key, created_at);
+CREATE INDEX jobs_by_case ON jobs (case_id);
+CREATE INDEX jobs_by_end ON jobs (ended_at) WHERE state IN ('done', 'failed');
 
 CREATE TABLE fence (value BIGINT NOT NULL);
 INSERT INTO fence (value) VALUES (0);
@@ -90,8 +95,10 @@ CREATE TRIGGER announce AFTER INSERT OR UPDATE OR DELETE ON cases
 
 CREATE FUNCTION announce_job() RETURNS trigger LANGUAGE plpgsql AS $$
 BEGIN
-    PERFORM pg_notify('isocortex', 'changed ' || NEW.case_id);
-    IF NEW.lease_until IS NULL THEN
+    IF NEW.case_id IS NOT NULL THEN
+        PERFORM pg_notify('isocortex', 'changed ' || NEW.case_id);
+    END IF;
+    IF NEW.state = 'queued' THEN
         PERFORM pg_notify('isocortex', 'queued');
     END IF;
     RETURN NULL;
@@ -106,20 +113,14 @@ CREATE TABLE layers (
     name         TEXT             NOT NULL,
     place        BIGINT           NOT NULL,
     parameters   TEXT             NOT NULL,
-    state        TEXT             NOT NULL CHECK (state IN ('queued', 'preparing', 'ready', 'failed')),
+    state        TEXT             NOT NULL CHECK (state IN ('queued', 'ready', 'failed')),
     failure      TEXT,
     facts        TEXT,
     facts_digest TEXT,
     created_at   BIGINT           NOT NULL,
-    available_at BIGINT           NOT NULL,
-    attempts     BIGINT           NOT NULL DEFAULT 0,
-    fence        BIGINT           NOT NULL DEFAULT 0,
-    lease_until  BIGINT,
     PRIMARY KEY (case_id, id),
     UNIQUE (case_id, name)
 );
-
-CREATE INDEX layers_to_prepare ON layers (available_at) WHERE state IN ('queued', 'preparing');
 
 CREATE TABLE layer_objects (
     case_id  TEXT COLLATE "C" NOT NULL,
@@ -140,9 +141,6 @@ BEGIN
         RETURN NULL;
     END IF;
     PERFORM pg_notify('isocortex', 'changed ' || NEW.case_id);
-    IF NEW.state = 'queued' THEN
-        PERFORM pg_notify('isocortex', 'queued');
-    END IF;
     RETURN NULL;
 END $$;
 
@@ -173,9 +171,6 @@ CREATE TABLE arrivals (
     expected         BIGINT, -- how many the sender says there are
     first_at         BIGINT NOT NULL,
     last_at          BIGINT NOT NULL,
-    available_at     BIGINT NOT NULL,
-    fence            BIGINT NOT NULL DEFAULT 0,
-    lease_until      BIGINT,
     UNIQUE (study_uid, series_uid)
 );
 
@@ -205,25 +200,6 @@ CREATE TABLE case_series (
 CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);
 CREATE INDEX case_series_by_accession_number ON case_series (accession_number);
 
--- Series that are fetched from a DICOMweb node, or were.
-CREATE TABLE retrievals (
-    id           TEXT COLLATE "C" NOT NULL PRIMARY KEY,
-    node         TEXT COLLATE "C" NOT NULL,
-    study_uid    TEXT COLLATE "C" NOT NULL,
-    series_uid   TEXT COLLATE "C" NOT NULL,
-    state        TEXT COLLATE "C" NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
-    reason       TEXT,    -- JSON, when failed
-    received     BIGINT NOT NULL DEFAULT 0,
-    expected     BIGINT, -- how many the node says there are
-    attempts     BIGINT NOT NULL DEFAULT 0,
-    created_at   BIGINT NOT NULL,
-    available_at BIGINT NOT NULL,
-    fence        BIGINT NOT NULL DEFAULT 0,
-    lease_until  BIGINT
-);
-
-CREATE INDEX retrievals_by_age ON retrievals (created_at, id);
-
 -- Results that are sent to a node, or were. Each is an object of the kind `result`.
 CREATE TABLE results (
     id                TEXT COLLATE "C" NOT NULL PRIMARY KEY,
@@ -232,13 +208,7 @@ CREATE TABLE results (
     sop_instance_uid  TEXT COLLATE "C" NOT NULL,
     study_uid         TEXT COLLATE "C" NOT NULL,
     digest            TEXT COLLATE "C" NOT NULL,
-    state             TEXT COLLATE "C" NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
-    reason            TEXT,    -- JSON, when failed
-    attempts          BIGINT NOT NULL DEFAULT 0,
     created_at        BIGINT NOT NULL,
-    available_at      BIGINT NOT NULL,
-    fence             BIGINT NOT NULL DEFAULT 0,
-    lease_until       BIGINT,
     sop_class_uid      TEXT COLLATE "C" NOT NULL,
     series_uid         TEXT COLLATE "C" NOT NULL,
     series_number      BIGINT           NOT NULL,

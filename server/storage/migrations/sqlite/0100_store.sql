@@ -8,7 +8,7 @@ CREATE TABLE cases (
     closing_radius_mm REAL    NOT NULL,
     parameters        TEXT    NOT NULL DEFAULT '{}', -- those without a column of their own: JSON, in which what is missing has its default
     name              TEXT,
-    state             TEXT    NOT NULL CHECK (state IN ('queued', 'preparing', 'ready', 'failed')),
+    state             TEXT    NOT NULL CHECK (state IN ('queued', 'ready', 'failed')), -- its job tells whether it is being prepared
     failure           TEXT,   -- JSON, when failed
     facts             TEXT,   -- JSON, when ready
     facts_digest      TEXT,   -- BLAKE3 of `facts`: they hold the affine, and a digit that flips on the disk would move every coordinate
@@ -46,19 +46,32 @@ CREATE TABLE pins (
 
 CREATE INDEX pins_by_expiry ON pins (expires_at);
 
--- Preparations to be done. The row goes when the case is ready or failed.
+-- Work that one process at a time does: a case to be prepared, a layer, maps, a series to be read, and what others register. The
+-- row stays some days after its end.
 CREATE TABLE jobs (
-    case_id      TEXT    NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
-    queued_at    INTEGER NOT NULL,
-    available_at INTEGER NOT NULL,
+    id           TEXT    NOT NULL PRIMARY KEY,
+    kind         TEXT    NOT NULL,
+    key          TEXT    NOT NULL,   -- what it is about
+    case_id      TEXT    REFERENCES cases (id) ON DELETE CASCADE,
+    needs_ready  INTEGER NOT NULL,   -- whether it waits until its case is ready
+    payload      TEXT    NOT NULL,   -- JSON, for whoever does it
+    state        TEXT    NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
+    progress     TEXT,               -- JSON, of the latest attempt
+    failure      TEXT,               -- JSON: why it failed, or why the latest attempt did
     attempts     INTEGER NOT NULL DEFAULT 0,
+    created_at   INTEGER NOT NULL,
+    available_at INTEGER NOT NULL,
+    ended_at     INTEGER,
     fence        INTEGER NOT NULL DEFAULT 0,
-    lease_until  INTEGER,
-    stage        TEXT,
-    fraction     REAL
+    lease_until  INTEGER
 ) STRICT;
 
-CREATE INDEX jobs_by_age ON jobs (queued_at);
+-- One job for each thing to be done.
+CREATE UNIQUE INDEX jobs_open ON jobs (kind, key) WHERE state IN ('queued', 'running');
+CREATE INDEX jobs_to_do ON jobs (kind, created_at, id) WHERE state IN ('queued', 'running');
+CREATE INDEX jobs_by_key ON jobs (key, created_at);
+CREATE INDEX jobs_by_case ON jobs (case_id);
+CREATE INDEX jobs_by_end ON jobs (ended_at) WHERE state IN ('done', 'failed');
 
 -- One number, handed out with each lease and never twice.
 CREATE TABLE fence (value INTEGER NOT NULL) STRICT;
@@ -74,13 +87,6 @@ CREATE TABLE tombstones (
     PRIMARY KEY (kind, digest)
 ) STRICT, WITHOUT ROWID;
 
--- Cases whose derived objects some process is making again: the others wait for it instead of doing the same.
-CREATE TABLE rebuilds (
-    case_id     TEXT    NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
-    holder      TEXT    NOT NULL,
-    lease_until INTEGER NOT NULL
-) STRICT, WITHOUT ROWID;
-
 -- Further volumes of the head of a case. A version of a case has rows of its own for the same layers.
 CREATE TABLE layers (
     case_id      TEXT    NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
@@ -88,21 +94,14 @@ CREATE TABLE layers (
     name         TEXT    NOT NULL,
     place        INTEGER NOT NULL,   -- in the list of the layers of the case
     parameters   TEXT    NOT NULL,   -- JSON
-    state        TEXT    NOT NULL CHECK (state IN ('queued', 'preparing', 'ready', 'failed')),
+    state        TEXT    NOT NULL CHECK (state IN ('queued', 'ready', 'failed')), -- as of `cases`
     failure      TEXT,   -- JSON, when failed
     facts        TEXT,   -- JSON, when ready; when queued again, those before, whose placement stays
     facts_digest TEXT,   -- BLAKE3 of `facts`
     created_at   INTEGER NOT NULL,
-    -- The job: as in `jobs`. It is leased once the case is ready.
-    available_at INTEGER NOT NULL,
-    attempts     INTEGER NOT NULL DEFAULT 0,
-    fence        INTEGER NOT NULL DEFAULT 0,
-    lease_until  INTEGER,
     PRIMARY KEY (case_id, id),
     UNIQUE (case_id, name)
 ) STRICT;
-
-CREATE INDEX layers_to_prepare ON layers (available_at) WHERE state IN ('queued', 'preparing');
 
 -- Which objects a layer needs. Several layers may need the same one.
 CREATE TABLE layer_objects (
@@ -142,9 +141,6 @@ CREATE TABLE arrivals (
     expected         INTEGER, -- how many the sender says there are
     first_at         INTEGER NOT NULL,
     last_at          INTEGER NOT NULL,
-    available_at     INTEGER NOT NULL,
-    fence            INTEGER NOT NULL DEFAULT 0,
-    lease_until      INTEGER,
     UNIQUE (study_uid, series_uid)
 ) STRICT, WITHOUT ROWID;
 
@@ -174,26 +170,7 @@ CREATE TABLE case_series (
 CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);
 CREATE INDEX case_series_by_accession_number ON case_series (accession_number);
 
--- Series that are fetched from a DICOMweb node, or were.
-CREATE TABLE retrievals (
-    id           TEXT    NOT NULL PRIMARY KEY,
-    node         TEXT    NOT NULL,
-    study_uid    TEXT    NOT NULL,
-    series_uid   TEXT    NOT NULL,
-    state        TEXT    NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
-    reason       TEXT,    -- JSON, when failed
-    received     INTEGER NOT NULL DEFAULT 0,
-    expected     INTEGER, -- how many the node says there are
-    attempts     INTEGER NOT NULL DEFAULT 0,
-    created_at   INTEGER NOT NULL,
-    available_at INTEGER NOT NULL,
-    fence        INTEGER NOT NULL DEFAULT 0,
-    lease_until  INTEGER
-) STRICT, WITHOUT ROWID;
-
-CREATE INDEX retrievals_by_age ON retrievals (created_at, id);
-
--- Results that are sent to a node, or were. Each is an object of the kind `result`.
+-- Results that are sent to a node, or were. Each is an object of the kind `result`; sending it is a job with its id as the key.
 CREATE TABLE results (
     id                TEXT NOT NULL PRIMARY KEY,
     case_id           TEXT NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
@@ -201,13 +178,7 @@ CREATE TABLE results (
     sop_instance_uid  TEXT NOT NULL,
     study_uid         TEXT NOT NULL,
     digest            TEXT NOT NULL,
-    state             TEXT NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
-    reason            TEXT,    -- JSON, when failed
-    attempts          INTEGER NOT NULL DEFAULT 0,
     created_at        INTEGER NOT NULL,
-    available_at      INTEGER NOT NULL,
-    fence             INTEGER NOT NULL DEFAULT 0,
-    lease_until       INTEGER,
     -- What a search tells about it: its series.
     sop_class_uid      TEXT    NOT NULL,
     series_uid         TEXT    NOT NULL,

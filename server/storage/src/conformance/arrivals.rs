@@ -3,23 +3,22 @@
 use std::collections::HashSet;
 use std::time::Duration;
 
-use case::{CaseId, Failure, ObjectKind};
+use case::{CaseId, Failure, JobKind, JobState, ObjectKind};
 
 use super::Subject;
 use crate::ObjectName;
 use crate::Store;
 use crate::arrivals::{
     AccessionNumber, ArrivalCursor, ArrivalSource, ArrivalState, BECAME_LAYER, CaseSeries, Change,
-    DueTerms, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome, Received, SeriesQuery, SeriesUids,
-    TransferEnd, TransferState, Uid,
+    DueTerms, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome, Received, SeriesQuery, SeriesUids, Uid,
 };
-use crate::rows::{DueSeries, Sweep};
+use crate::jobs::{Claim, Release};
+use crate::rows::{DueSeries, Referred, Sweep};
 use crate::testing::{failure, new_case, pinned};
 
 const TERMS: DueTerms = DueTerms {
     stable: Duration::from_secs(20),
     patience: Duration::from_secs(200),
-    lease: Duration::from_secs(60),
 };
 
 fn uid(text: &str) -> Uid {
@@ -52,14 +51,19 @@ async fn receive(store: &Store, images: &[NewInstance]) -> usize {
 async fn received(store: &Store, images: &[NewInstance]) -> Received {
     let names: Vec<_> = images.iter().map(ObjectName::from).collect();
     let pinned = pinned(store, &names).await;
-    let received = store
-        .insert_images(images, &pinned, ArrivalSource::Stow)
-        .await;
-    received.unwrap().expect("the pins are there")
+    let source = ArrivalSource::Stow;
+    match store.insert_images(images, &pinned, source).await.unwrap() {
+        Referred::Done(received) => received,
+        other => panic!("{other:?}"),
+    }
 }
 
-async fn due(store: &Store) -> Option<DueSeries> {
-    store.lease_due(&TERMS).await.unwrap()
+/// Leases the job of a series that is due, and what it is to read.
+async fn due(store: &Store) -> Option<(Claim, DueSeries)> {
+    store.queue_due_series(&TERMS).await.unwrap();
+    let claim = store.claim(JobKind::SERIES, 3).await.unwrap()?;
+    let due = store.series_to_read(&claim).await.unwrap();
+    Some((claim, due.expect("the series is there")))
 }
 
 async fn a_case(store: &Store, contents: &str) -> CaseId {
@@ -125,7 +129,7 @@ pub(crate) async fn an_image_is_received_once(subject: &Subject) {
     let received = store
         .insert_images(&images, &lost, ArrivalSource::Stow)
         .await;
-    assert_eq!(received.unwrap(), None);
+    assert_eq!(received.unwrap(), Referred::PinLost);
     assert_eq!(store.arrivals_of(&study()).await.unwrap().len(), 2);
 }
 
@@ -136,7 +140,7 @@ pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_s
     receive(store, &[image(1, 1), image(1, 2)]).await;
     subject.pass(21);
     let first = a_case(store, "a").await;
-    let leased = due(store).await.unwrap();
+    let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
     let corrected = |number: u32, change| NewInstance {
         digest: blake3::hash(format!("corrected {number}").as_bytes()),
@@ -178,9 +182,11 @@ pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_s
     // The new case is not superseded, and a correction that is taken back leads to the first one again.
     subject.pass(21);
     let second = a_case(store, "b").await;
-    let leased = due(store).await.unwrap();
-    assert_eq!(leased.previous, Some(first));
+    let (leased, series) = due(store).await.unwrap();
+    assert_eq!(series.previous, Some(first));
     assert!(store.settle(&leased, &Outcome::Case(second)).await.unwrap());
+    let job = store.job(&leased.id).await.unwrap().unwrap();
+    assert_eq!((job.state, job.case), (JobState::Done, Some(second)));
     assert!(
         !store
             .series_of(&second)
@@ -195,7 +201,7 @@ pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_s
     };
     assert_eq!(received(store, &[back]).await.corrected.len(), 1);
     subject.pass(21);
-    let leased = due(store).await.unwrap();
+    let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
     let is_superseded = async |case| store.series_of(case).await.unwrap().unwrap().is_superseded;
     assert!(!is_superseded(&first).await && is_superseded(&second).await);
@@ -234,23 +240,27 @@ pub(crate) async fn a_series_is_due_when_nothing_came_for_a_while(subject: &Subj
     subject.pass(15);
     assert!(due(store).await.is_none());
     subject.pass(6);
-    let leased = due(store).await.expect("it is due");
-    assert_eq!(leased.uids, series(1));
+    let (leased, read) = due(store).await.expect("it is due");
+    assert_eq!(read.uids, series(1));
     assert_eq!(
-        leased.instances,
+        read.instances,
         [
             ObjectName::from(&image(1, 1)),
             ObjectName::from(&image(1, 2))
         ]
     );
     assert!(due(store).await.is_none(), "it is leased");
-    let later = Outcome::Later(Duration::from_secs(5));
-    assert!(store.settle(&leased, &later).await.unwrap());
+    let later = Release {
+        after: Duration::from_secs(5),
+        counts: true,
+        failure: None,
+    };
+    assert!(store.release(&leased, &later).await.unwrap());
     assert!(due(store).await.is_none());
     subject.pass(6);
-    let first = due(store).await.expect("it is due again");
+    let (first, _) = due(store).await.expect("it is due again");
     subject.pass(61);
-    let second = due(store).await.expect("the lease has ended");
+    let (second, _) = due(store).await.expect("the lease has ended");
     let nothing = Outcome::Nothing(failure());
     assert!(!store.settle(&first, &nothing).await.unwrap());
     assert!(store.settle(&second, &nothing).await.unwrap());
@@ -267,12 +277,13 @@ pub(crate) async fn a_series_with_all_announced_images_waits_no_longer(subject: 
     store.expect(&series(2), 2).await.unwrap();
     assert!(due(store).await.is_none());
     receive(store, &[image(1, 2)]).await;
-    assert_eq!(due(store).await.expect("all are there").uids, series(1));
+    let (_, read) = due(store).await.expect("all are there");
+    assert_eq!(read.uids, series(1));
     // An announced image that does not come is waited for longer, and not for ever.
     subject.pass(25);
     assert!(due(store).await.is_none());
     subject.pass(180);
-    let uids = due(store).await.map(|leased| leased.uids);
+    let uids = due(store).await.map(|(_, read)| read.uids);
     assert!(uids == Some(series(2)) || uids == Some(series(1)));
 }
 
@@ -283,18 +294,18 @@ pub(crate) async fn a_late_image_fences_the_reader_off_and_makes_the_series_due_
     let case = a_case(store, "a").await;
     receive(store, &[image(1, 1)]).await;
     subject.pass(21);
-    let leased = due(store).await.unwrap();
+    let (leased, _) = due(store).await.unwrap();
     receive(store, &[image(1, 2)]).await;
     assert!(!store.settle(&leased, &Outcome::Case(case)).await.unwrap());
     subject.pass(21);
-    let leased = due(store).await.unwrap();
-    assert_eq!(leased.instances.len(), 2);
-    assert_eq!(leased.previous, None);
+    let (leased, read) = due(store).await.unwrap();
+    assert_eq!(read.instances.len(), 2);
+    assert_eq!(read.previous, None);
     assert!(store.settle(&leased, &Outcome::Case(case)).await.unwrap());
     receive(store, &[image(1, 3)]).await;
     subject.pass(21);
-    let leased = due(store).await.expect("a late image came");
-    assert_eq!(leased.previous, Some(case));
+    let (leased, read) = due(store).await.expect("a late image came");
+    assert_eq!(read.previous, Some(case));
     let nothing = Outcome::Nothing(failure());
     assert!(store.settle(&leased, &nothing).await.unwrap());
     let arrival = &store.arrivals_of(&study()).await.unwrap()[0];
@@ -305,7 +316,7 @@ pub(crate) async fn a_late_image_fences_the_reader_off_and_makes_the_series_due_
     // A case that is gone is no outcome.
     receive(store, &[image(2, 1)]).await;
     subject.pass(21);
-    let leased = due(store).await.unwrap();
+    let (leased, _) = due(store).await.unwrap();
     assert!(store.delete_case(&case).await.unwrap());
     assert!(!store.settle(&leased, &Outcome::Case(case)).await.unwrap());
 }
@@ -315,16 +326,16 @@ pub(crate) async fn a_series_that_is_not_t1_waits_for_a_case_of_its_study(subjec
     let case = a_case(store, "a").await;
     receive(store, &[image(1, 1)]).await;
     subject.pass(21);
-    let leased = due(store).await.unwrap();
+    let (leased, _) = due(store).await.unwrap();
     let not_t1 = Outcome::Nothing(Failure::unusable(NOT_T1, "words"));
     assert!(store.settle(&leased, &not_t1).await.unwrap());
     assert!(due(store).await.is_none());
     receive(store, &[image(2, 1)]).await;
     subject.pass(21);
-    let leased = due(store).await.unwrap();
+    let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(case)).await.unwrap());
-    let again = due(store).await.expect("there is a case now");
-    assert_eq!(again.uids, series(1));
+    let (again, read) = due(store).await.expect("there is a case now");
+    assert_eq!(read.uids, series(1));
     assert!(store.settle(&again, &Outcome::Layer(case)).await.unwrap());
     assert!(due(store).await.is_none(), "a layer wakes nothing");
     let arrivals = store.arrivals_of(&study()).await.unwrap();
@@ -347,7 +358,7 @@ pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_d
     assert_eq!(store.unneeded(&objects).await.unwrap(), []);
     subject.pass(21);
     for outcome in [Outcome::Case(case), Outcome::Nothing(failure())] {
-        let leased = due(store).await.unwrap();
+        let (leased, _) = due(store).await.unwrap();
         assert!(store.settle(&leased, &outcome).await.unwrap());
     }
     let settled: Vec<_> = store.arrivals_of(&study()).await.unwrap();
@@ -366,17 +377,18 @@ pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_d
     assert_eq!(store.studies(0, 9).await.unwrap(), [uid("1.2.3")]);
     assert_eq!(store.studies(1, 9).await.unwrap(), []);
     subject.pass(3600);
-    let forgotten = store
-        .forget_arrivals(Duration::from_secs(7200), false)
-        .await;
-    assert_eq!(forgotten.unwrap(), 0);
-    let forgotten = store.forget_arrivals(Duration::from_secs(60), true).await;
+    let forget = async |seconds, keep_cases| {
+        let age = Duration::from_secs(seconds);
+        store.forget(age, keep_cases).await.unwrap();
+        store.arrivals_of(&study()).await.unwrap()
+    };
+    assert_eq!(forget(7200, false).await.len(), 3);
+    let left = forget(60, true).await;
     assert_eq!(
-        forgotten.unwrap(),
-        1,
+        left.len(),
+        2,
         "the one that still comes is kept, and that of the case"
     );
-    let left = store.arrivals_of(&study()).await.unwrap();
     assert!(
         left.iter()
             .all(|arrival| arrival.uids.series.as_str() != of_nothing)
@@ -394,6 +406,7 @@ pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_d
         holder: "sweep".to_owned(),
         lease: Duration::from_secs(60),
     };
+    // That of the forgotten series is gone already.
     assert_eq!(store.mark(&objects, &sweep).await.unwrap().len(), 2);
     assert!(objects.iter().all(|name| name.kind == ObjectKind::Instance));
 }
@@ -403,7 +416,7 @@ pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
     let [first, second] = [a_case(store, "a").await, a_case(store, "b").await];
     receive(store, &[image(1, 1)]).await;
     subject.pass(21);
-    let leased = due(store).await.unwrap();
+    let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
     let of_second = CaseSeries {
         case: second,
@@ -455,60 +468,4 @@ pub(crate) async fn series_are_listed_newest_first_in_pages(subject: &Subject) {
         assert_eq!(store.arrival(&next.id).await.unwrap().unwrap().id, next.id);
     }
     assert_eq!(seen, [5, 4, 3, 2, 1].map(series));
-}
-
-pub(crate) async fn a_retrieval_is_queued_once_and_leased_until_it_ends(subject: &Subject) {
-    let store = &subject.store;
-    let lease = Duration::from_secs(30);
-    let first = store.request_retrieval("pacs", &series(1)).await.unwrap();
-    assert_eq!(first.state, TransferState::Queued);
-    let again = store.request_retrieval("pacs", &series(1)).await.unwrap();
-    assert_eq!(again.id, first.id);
-    let other = store.request_retrieval("other", &series(1)).await.unwrap();
-    assert_ne!(other.id, first.id);
-    let leased = store.lease_retrieval(lease).await.unwrap().unwrap();
-    assert_eq!(
-        (leased.id.as_str(), leased.attempts),
-        (first.id.as_str(), 1)
-    );
-    assert!(
-        store
-            .note_progress(&leased, 3, Some(9), lease)
-            .await
-            .unwrap()
-    );
-    let seen = store.retrieval(&first.id).await.unwrap().unwrap();
-    assert_eq!(
-        (seen.state, seen.received, seen.expected),
-        (TransferState::Running, 3, Some(9))
-    );
-    // A request while it is fetched may be about images that came since it began.
-    let third = store.request_retrieval("pacs", &series(1)).await.unwrap();
-    assert_ne!(third.id, first.id);
-    subject.pass(31);
-    let stolen = store.lease_retrieval(lease).await.unwrap().unwrap();
-    assert_eq!(
-        (stolen.id.as_str(), stolen.attempts),
-        (first.id.as_str(), 2)
-    );
-    assert!(!store.note_progress(&leased, 4, None, lease).await.unwrap());
-    assert!(
-        !store
-            .end_retrieval(&leased, &TransferEnd::Done)
-            .await
-            .unwrap()
-    );
-    let later = TransferEnd::Later(Duration::from_secs(10));
-    assert!(store.end_retrieval(&stolen, &later).await.unwrap());
-    let next = store.lease_retrieval(lease).await.unwrap().unwrap();
-    assert_eq!(next.id, other.id);
-    let failed = TransferEnd::Failed(failure());
-    assert!(store.end_retrieval(&next, &failed).await.unwrap());
-    let failed = store.retrieval(&other.id).await.unwrap().unwrap();
-    assert_eq!(
-        (failed.state, failed.reason),
-        (TransferState::Failed, Some(failure()))
-    );
-    assert_eq!(store.retrieval(&"0".repeat(32)).await.unwrap(), None);
-    store.rows().forget_holders().await.unwrap();
 }

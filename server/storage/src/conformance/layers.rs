@@ -2,16 +2,15 @@
 
 use std::time::Duration;
 
-use case::{CaseId, CaseState, Layer, LayerId, LayerKind, LayerParameters, ObjectKind};
+use case::{CaseId, CaseState, JobKind, Layer, LayerId, LayerKind, LayerParameters, ObjectKind};
 
-use super::{LEASE, Subject, derived, insert, removed};
-use crate::ObjectName;
-use crate::Store;
+use super::{Subject, derived, insert, removed};
+use crate::jobs::{Claim, Release};
 use crate::rows::{
-    ChangedLayer, Inserted, InsertedLayer, LayerChange, LayerClaim, LayerName, LeaseTerms, NewCase,
-    NewLayer, Pinned, Published, Release,
+    Inserted, LayerChange, LayerName, NewCase, NewLayer, Pinned, Published, Referred,
 };
 use crate::testing::{claim, facts, failure, layer_facts, name, new_case, pinned};
+use crate::{ObjectName, Store, StoreError};
 
 /// A case that is ready.
 pub(super) async fn ready_case(store: &Store, contents: &str) -> NewCase {
@@ -19,7 +18,7 @@ pub(super) async fn ready_case(store: &Store, contents: &str) -> NewCase {
     let leased = claim(store).await.unwrap();
     let derived = derived(store, contents).await;
     store
-        .make_case_ready(&leased, &derived, &facts())
+        .make_case_ready(&leased, &derived, &facts(), &[])
         .await
         .unwrap();
     new
@@ -47,16 +46,12 @@ async fn new_layer(store: &Store, case: &CaseId, contents: &str) -> NewLayer {
 async fn insert_layer(store: &Store, case: &CaseId, contents: &str) -> NewLayer {
     let new = new_layer(store, case, contents).await;
     let inserted = store.insert_layer(&new).await.unwrap();
-    assert_eq!(inserted, InsertedLayer::Created);
+    assert_eq!(inserted, Referred::Done(Inserted::Created));
     new
 }
 
-async fn claim_layer(store: &Store) -> Option<LayerClaim> {
-    let terms = LeaseTerms {
-        lease: LEASE,
-        max_attempts: 3,
-    };
-    store.claim_layer(&terms).await.unwrap()
+async fn claim_layer(store: &Store) -> Option<Claim> {
+    store.claim(JobKind::LAYER, 3).await.unwrap()
 }
 
 async fn layer(store: &Store, new: &NewLayer) -> Option<Layer> {
@@ -69,13 +64,13 @@ async fn names(store: &Store, case: &CaseId) -> Vec<String> {
     layers.into_iter().map(|layer| layer.name).collect()
 }
 
-async fn publish(store: &Store, leased: &LayerClaim, contents: &str) -> ObjectName {
+async fn publish(store: &Store, leased: &Claim, contents: &str) -> ObjectName {
     let object = name(ObjectKind::Layer, contents);
     let derived = pinned(store, &[object]).await;
     let published = store
         .make_layer_ready(leased, &derived, &layer_facts())
         .await;
-    assert_eq!(published.unwrap(), Published::Done);
+    assert_eq!(published.unwrap(), Referred::Done(Published::Done));
     object
 }
 
@@ -85,7 +80,7 @@ pub(crate) async fn a_layer_is_inserted_once_and_as_many_as_may(subject: &Subjec
     let new = insert_layer(store, &case, "l").await;
     assert_eq!(
         store.insert_layer(&new).await.unwrap(),
-        InsertedLayer::Exists
+        Referred::Unneeded(Inserted::Exists)
     );
     let found = layer(store, &new).await.unwrap();
     assert_eq!((found.case, found.id), (case, new.id));
@@ -100,36 +95,28 @@ pub(crate) async fn a_layer_is_inserted_once_and_as_many_as_may(subject: &Subjec
 
     let mut second = new_layer(store, &case, "m").await;
     second.most = 1;
-    assert_eq!(
-        store.insert_layer(&second).await.unwrap(),
-        InsertedLayer::TooMany
-    );
+    let refused = store.insert_layer(&second).await;
+    assert!(matches!(refused, Err(StoreError::TooManyLayers)));
     second.most = 2;
     second.queue_limit = 1;
-    assert_eq!(
-        store.insert_layer(&second).await.unwrap(),
-        InsertedLayer::QueueFull
-    );
+    let refused = store.insert_layer(&second).await;
+    assert!(matches!(refused, Err(StoreError::QueueFull)));
     second.queue_limit = 2;
     second.name = LayerName::Given("pet".to_owned());
-    assert_eq!(
-        store.insert_layer(&second).await.unwrap(),
-        InsertedLayer::NameTaken
-    );
+    let refused = store.insert_layer(&second).await;
+    assert!(matches!(refused, Err(StoreError::LayerNameTaken)));
     second.name = LayerName::Usual("pet".to_owned());
     second.sources.holder = "nobody".to_owned();
     assert_eq!(
         store.insert_layer(&second).await.unwrap(),
-        InsertedLayer::PinLost
+        Referred::PinLost
     );
     assert_eq!(names(store, &case).await, ["pet"]);
 
     let nowhere = CaseId::parse(&"0".repeat(32)).unwrap();
     let lost = new_layer(store, &nowhere, "m").await;
-    assert_eq!(
-        store.insert_layer(&lost).await.unwrap(),
-        InsertedLayer::NoCase
-    );
+    let refused = store.insert_layer(&lost).await;
+    assert!(matches!(refused, Err(StoreError::NoSuchCase)));
 }
 
 pub(crate) async fn layers_are_named_and_ordered(subject: &Subject) {
@@ -144,21 +131,21 @@ pub(crate) async fn layers_are_named_and_ordered(subject: &Subject) {
     let change = async |id: &LayerId, name: Option<&str>, place| {
         let name = name.map(str::to_owned);
         let change = LayerChange { name, place };
-        store.change_layer_row(&case, id, &change).await.unwrap()
+        store.change_layer_row(&case, id, &change).await
     };
     let taken = change(&ids[2], Some("pet"), Some(0)).await;
-    assert_eq!(taken, ChangedLayer::NameTaken);
+    assert!(matches!(taken, Err(StoreError::LayerNameTaken)));
     let moved = change(&ids[2], Some("first"), Some(0)).await;
-    assert_eq!(moved, ChangedLayer::Done);
+    assert!(moved.unwrap());
     assert_eq!(names(store, &case).await, ["first", "pet", "pet 2"]);
     let moved = change(&ids[0], None, Some(99)).await;
-    assert_eq!(moved, ChangedLayer::Done);
+    assert!(moved.unwrap());
     assert_eq!(names(store, &case).await, ["first", "pet 2", "pet"]);
     let same = change(&ids[0], Some("pet"), None).await;
-    assert_eq!(same, ChangedLayer::Done);
+    assert!(same.unwrap());
     let stranger = LayerId::parse(&"0".repeat(32)).unwrap();
     let none = change(&stranger, None, Some(0)).await;
-    assert_eq!(none, ChangedLayer::NoLayer);
+    assert!(!none.unwrap());
 }
 
 pub(crate) async fn a_layer_is_leased_once_its_case_is_ready(subject: &Subject) {
@@ -169,16 +156,17 @@ pub(crate) async fn a_layer_is_leased_once_its_case_is_ready(subject: &Subject) 
     let leased = claim(store).await.unwrap();
     let derived = derived(store, "a").await;
     store
-        .make_case_ready(&leased, &derived, &facts())
+        .make_case_ready(&leased, &derived, &facts(), &[])
         .await
         .unwrap();
 
     let first = claim_layer(store).await.unwrap();
-    assert_eq!((first.layer.case, first.layer.id), (case, new.id));
-    assert_eq!(first.layer.state, CaseState::Preparing);
+    assert_eq!(first.layer(), Some((case, new.id)));
+    let found = layer(store, &new).await.unwrap();
+    assert_eq!(found.state, CaseState::Preparing);
     assert_eq!(claim_layer(store).await, None);
     subject.pass(29);
-    assert!(store.renew_layer(&first, LEASE).await.unwrap());
+    assert!(store.renew(&first, None).await.unwrap());
     subject.pass(29);
     assert_eq!(claim_layer(store).await, None);
     subject.pass(1);
@@ -188,14 +176,15 @@ pub(crate) async fn a_layer_is_leased_once_its_case_is_ready(subject: &Subject) 
     let release = Release {
         after: Duration::from_secs(5),
         counts: false,
+        failure: None,
     };
-    assert!(!store.renew_layer(&first, LEASE).await.unwrap());
-    assert!(!store.release_layer(&first, release).await.unwrap());
-    assert!(!store.make_layer_failed(&first, &failure()).await.unwrap());
+    assert!(!store.renew(&first, None).await.unwrap());
+    assert!(!store.release(&first, &release).await.unwrap());
+    assert!(!store.fail(&first, &failure()).await.unwrap());
     let late = pinned(store, &[name(ObjectKind::Layer, "l")]).await;
     let published = store.make_layer_ready(&first, &late, &layer_facts()).await;
-    assert_eq!(published.unwrap(), Published::Fenced);
-    assert!(store.release_layer(&second, release).await.unwrap());
+    assert_eq!(published.unwrap(), Referred::Unneeded(Published::Fenced));
+    assert!(store.release(&second, &release).await.unwrap());
     assert_eq!(claim_layer(store).await, None);
     subject.pass(5);
     let third = claim_layer(store).await.unwrap();
@@ -207,7 +196,7 @@ pub(crate) async fn a_layer_is_leased_once_its_case_is_ready(subject: &Subject) 
     let published = store
         .make_layer_ready(&third, &unpinned, &layer_facts())
         .await;
-    assert_eq!(published.unwrap(), Published::PinLost);
+    assert_eq!(published.unwrap(), Referred::PinLost);
     let object = publish(store, &third, "l").await;
     let found = layer(store, &new).await.unwrap();
     assert_eq!(found.state, CaseState::Ready);
@@ -224,7 +213,7 @@ pub(crate) async fn a_layer_that_waits_fails_with_its_case(subject: &Subject) {
     let other = insert(store, "b").await.id;
     let untouched = insert_layer(store, &other, "m").await;
     let leased = claim(store).await.unwrap();
-    assert_eq!(leased.id, case);
+    assert_eq!(leased.case, Some(case));
     assert!(store.fail(&leased, &failure()).await.unwrap());
     let failed = layer(store, &new).await.unwrap();
     let expected = (CaseState::Failed, Some(failure()));
@@ -239,7 +228,7 @@ pub(crate) async fn a_layer_fails_and_is_queued_again(subject: &Subject) {
     let case = ready_case(store, "a").await.id;
     let new = insert_layer(store, &case, "l").await;
     let leased = claim_layer(store).await.unwrap();
-    assert!(store.make_layer_failed(&leased, &failure()).await.unwrap());
+    assert!(store.fail(&leased, &failure()).await.unwrap());
     let failed = layer(store, &new).await.unwrap();
     assert_eq!(
         (failed.state, failed.failure),
@@ -253,7 +242,7 @@ pub(crate) async fn a_layer_fails_and_is_queued_again(subject: &Subject) {
     let again = new_layer(store, &case, "l").await;
     assert_eq!(
         store.insert_layer(&again).await.unwrap(),
-        InsertedLayer::Requeued
+        Referred::Done(Inserted::Requeued)
     );
     // Preparations that are killed end at last.
     for _ in 0..3 {
@@ -272,8 +261,9 @@ pub(crate) async fn a_lost_object_of_a_layer_is_made_again_and_its_place_stays(s
     assert!(!store.prepare_layer_again(&case, &new.id).await.unwrap());
     publish(store, &claim_layer(store).await.unwrap(), "l").await;
     assert!(store.prepare_layer_again(&case, &new.id).await.unwrap());
-    let again = claim_layer(store).await.unwrap();
-    assert_eq!(again.layer.facts, Some(layer_facts()));
+    assert!(claim_layer(store).await.is_some());
+    let again = layer(store, &new).await.unwrap();
+    assert_eq!(again.facts, Some(layer_facts()));
 }
 
 pub(crate) async fn a_version_keeps_the_layers_of_its_case(subject: &Subject) {
@@ -283,13 +273,13 @@ pub(crate) async fn a_version_keeps_the_layers_of_its_case(subject: &Subject) {
     let own = publish(store, &claim_layer(store).await.unwrap(), "l").await;
     let failed = insert_layer(store, &case.id, "m").await;
     let leased = claim_layer(store).await.unwrap();
-    assert!(store.make_layer_failed(&leased, &failure()).await.unwrap());
+    assert!(store.fail(&leased, &failure()).await.unwrap());
 
     let mut version = new_case(store, "b").await;
     version.previous = Some(case.id);
     assert_eq!(
         store.insert_case(&version).await.unwrap(),
-        Inserted::Created
+        Referred::Done(Inserted::Created)
     );
     let layers = store.layers(&version.id).await.unwrap();
     assert_eq!(layers.len(), 1);
@@ -317,10 +307,10 @@ pub(crate) async fn a_layer_of_a_deleted_case_cannot_be_published(subject: &Subj
     let leased = claim_layer(store).await.unwrap();
     assert!(store.delete_case(&case).await.unwrap());
     assert_eq!(layer(store, &new).await, None);
-    assert!(!store.renew_layer(&leased, LEASE).await.unwrap());
+    assert!(!store.renew(&leased, None).await.unwrap());
     let late = pinned(store, &[name(ObjectKind::Layer, "l")]).await;
     let published = store.make_layer_ready(&leased, &late, &layer_facts()).await;
-    assert_eq!(published.unwrap(), Published::Fenced);
+    assert_eq!(published.unwrap(), Referred::Unneeded(Published::Fenced));
     assert!(store.unneeded(&new.sources.names).await.unwrap().is_empty());
     assert_eq!(removed(store, &new.sources.names).await, new.sources.names);
 }

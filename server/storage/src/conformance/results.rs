@@ -2,16 +2,19 @@
 
 use std::time::Duration;
 
-use case::{CaseId, ObjectKind};
+use case::{CaseId, JobKind, JobState, ObjectKind};
 
 use super::Subject;
 use crate::Store;
-use crate::arrivals::{ArrivalCursor, TransferEnd, TransferQuery, TransferState, Uid};
+use crate::arrivals::{ArrivalCursor, TransferQuery, Uid};
+use crate::jobs::Claim;
 use crate::results::{NewResult, ResultSeries, SentResult};
-use crate::rows::Sweep;
+use crate::rows::{Referred, Sweep};
 use crate::testing::{failure, new_case, pinned};
 
 const LEASE: Duration = Duration::from_secs(30);
+
+const SEND: JobKind = JobKind::new("send", "delivery");
 
 fn uid(text: &str) -> Uid {
     Uid::parse(text).unwrap()
@@ -41,8 +44,19 @@ fn result(case: CaseId, node: &str, contents: &str) -> NewResult {
 
 async fn queue(store: &Store, new: &NewResult) -> SentResult {
     let pinned = pinned(store, &[new.object()]).await;
-    let queued = store.insert_result(new, &pinned).await.unwrap();
-    queued.expect("the pin is there")
+    match store.insert_result(new, SEND, &pinned).await.unwrap() {
+        Referred::Done(queued) => queued,
+        other => panic!("{other:?}"),
+    }
+}
+
+async fn claim(store: &Store) -> Option<Claim> {
+    store.claim(SEND, 3).await.unwrap()
+}
+
+async fn state(store: &Store, result: &SentResult) -> JobState {
+    let found = store.result(&result.id).await.unwrap();
+    found.unwrap().job.unwrap().state
 }
 
 pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_there(
@@ -50,9 +64,9 @@ pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_ther
 ) {
     let store = &subject.store;
     let case = a_case(store).await;
-    assert_eq!(store.lease_result(LEASE).await.unwrap(), None);
+    assert_eq!(claim(store).await, None);
     let first = queue(store, &result(case, "pacs", "one")).await;
-    assert_eq!((first.state, first.attempts), (TransferState::Queued, 0));
+    assert_eq!(state(store, &first).await, JobState::Queued);
     assert_eq!(store.result(&first.id).await.unwrap(), Some(first.clone()));
     // The same result, although its file was made again: the first file counts.
     let again = queue(store, &result(case, "pacs", "two")).await;
@@ -75,33 +89,23 @@ pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_ther
         [two]
     );
 
-    let leased = store.lease_result(LEASE).await.unwrap().unwrap();
-    assert_eq!((leased.state, leased.attempts), (TransferState::Running, 1));
-    assert_eq!(store.lease_result(LEASE).await.unwrap(), None);
-    subject.pass(31);
-    let stolen = store.lease_result(LEASE).await.unwrap().unwrap();
-    assert!(!store.end_result(&leased, &TransferEnd::Done).await.unwrap());
-    let later = TransferEnd::Later(Duration::from_secs(10));
-    assert!(store.end_result(&stolen, &later).await.unwrap());
-    assert_eq!(store.lease_result(LEASE).await.unwrap(), None);
-    subject.pass(11);
-    let third = store.lease_result(LEASE).await.unwrap().unwrap();
-    assert_eq!(third.attempts, 3);
-    let failed = TransferEnd::Failed(failure());
-    assert!(store.end_result(&third, &failed).await.unwrap());
+    let leased = claim(store).await.unwrap();
+    assert_eq!((&leased.key, leased.attempt), (&first.id, 1));
+    assert_eq!(state(store, &first).await, JobState::Running);
+    assert!(store.fail(&leased, &failure()).await.unwrap());
     let seen = store.result(&first.id).await.unwrap().unwrap();
+    let job = seen.job.unwrap();
     assert_eq!(
-        (seen.state, seen.reason),
-        (TransferState::Failed, Some(failure()))
+        (job.state, job.failure),
+        (JobState::Failed, Some(failure()))
     );
     // Whoever requests it again wants it sent again.
     let again = queue(store, &result(case, "pacs", "one")).await;
+    let job = again.job.unwrap();
     assert_eq!(
-        (again.id, again.state, again.attempts),
-        (first.id, TransferState::Queued, 0)
+        (again.id, job.state, job.attempts, job.failure),
+        (first.id, JobState::Queued, 0, None)
     );
-    assert_eq!(again.reason, None);
-    store.rows().forget_holders().await.unwrap();
 }
 
 pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(subject: &Subject) {
@@ -109,8 +113,8 @@ pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(s
     let case = a_case(store).await;
     let [one, other] = ["pacs", "other"].map(|node| result(case, node, "one"));
     let sent = queue(store, &one).await;
-    let leased = store.lease_result(LEASE).await.unwrap().unwrap();
-    assert!(store.end_result(&leased, &TransferEnd::Done).await.unwrap());
+    let leased = claim(store).await.unwrap();
+    assert!(store.finish(&leased).await.unwrap());
     queue(store, &other).await;
     // A search finds it once, though it goes to two nodes.
     let held = store.results_of(&uid("1.2.3")).await.unwrap();
@@ -121,20 +125,14 @@ pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(s
     let objects = [one.object()];
     assert_eq!(objects[0].kind, ObjectKind::Result);
     subject.pass(3600);
-    store
-        .forget_arrivals(Duration::from_secs(7200), true)
-        .await
-        .unwrap();
+    store.forget(Duration::from_secs(7200), true).await.unwrap();
     assert!(store.result(&sent.id).await.unwrap().is_some());
-    store
-        .forget_arrivals(Duration::from_secs(60), true)
-        .await
-        .unwrap();
+    store.forget(Duration::from_secs(60), true).await.unwrap();
     assert_eq!(store.result(&sent.id).await.unwrap(), None);
     // The other node still waits for the same object.
     assert_eq!(store.unneeded(&objects).await.unwrap(), []);
     store.delete_case(&case).await.unwrap();
-    assert_eq!(store.lease_result(LEASE).await.unwrap(), None);
+    assert_eq!(claim(store).await, None);
     let sweep = Sweep {
         holder: "sweep".to_owned(),
         lease: LEASE,
@@ -144,7 +142,7 @@ pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(s
     // A case that is gone gets no results.
     let pinned = pinned(store, &[result(case, "pacs", "three").object()]).await;
     let late = result(case, "pacs", "three");
-    assert!(store.insert_result(&late, &pinned).await.is_err());
+    assert!(store.insert_result(&late, SEND, &pinned).await.is_err());
 }
 
 pub(crate) async fn results_are_listed_by_case_and_state_in_pages(subject: &Subject) {
@@ -169,12 +167,15 @@ pub(crate) async fn results_are_listed_by_case_and_state_in_pages(subject: &Subj
         list(&every, next.as_ref(), 2).await,
         (ids[2..].to_vec(), None)
     );
-    let leased = store.lease_result(LEASE).await.unwrap().unwrap();
+    let leased = claim(store).await.unwrap();
     let of = |case, state| TransferQuery { case, state };
-    let running = Some(TransferState::Running);
-    assert_eq!(list(&of(Some(case), running), None, 9).await.0, [leased.id]);
+    let running = Some(JobState::Running);
     assert_eq!(
-        list(&of(None, Some(TransferState::Queued)), None, 9)
+        list(&of(Some(case), running), None, 9).await.0,
+        [leased.key]
+    );
+    assert_eq!(
+        list(&of(None, Some(JobState::Queued)), None, 9)
             .await
             .0
             .len(),

@@ -3,14 +3,14 @@
 use jiff::Timestamp;
 
 use super::connection::{Connection, Row, microseconds};
-use super::{fence, pins};
+use super::{jobs, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalSource, ArrivalState, BECAME_LAYER, CaseSeries,
     Change, DueTerms, NOT_T1, NewInstance, Outcome, SeriesQuery, SeriesUids, Uid,
 };
 use crate::rows::DueSeries;
 use crate::{ObjectName, StoreError};
-use case::{CaseId, Failure, ObjectKind};
+use case::{CaseId, Failure, JobKind, ObjectKind};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_arrival {
@@ -25,9 +25,7 @@ macro_rules! select_arrival {
 }
 
 pub(super) fn unreadable(what: &str) -> StoreError {
-    StoreError::Rows(
-        format!("a row of an arrival, a retrieval or a result has an unknown {what}").into(),
-    )
+    StoreError::Rows(format!("a row of an arrival or a result has an unknown {what}").into())
 }
 
 /// What became of an image.
@@ -70,14 +68,14 @@ pub(super) async fn add(
     // Whoever reads the series at this moment does not know this image.
     connection
         .query(
-            "UPDATE arrivals SET instances = instances + 1, state = 'receiving', reason = NULL, last_at = $1,
-                    available_at = $1, lease_until = NULL, fence = 0
+            "UPDATE arrivals SET instances = instances + 1, state = 'receiving', reason = NULL, last_at = $1
              WHERE id = $2",
         )
         .bind(now)
         .bind(&id)
         .execute()
         .await?;
+    jobs::cancel(connection, JobKind::SERIES, &id).await?;
     Ok(Added::New)
 }
 
@@ -108,8 +106,7 @@ async fn replace(
     let row = connection
         .query(
             "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END,
-                    accession_number = $1, state = 'receiving', reason = NULL, last_at = $2, available_at = $2,
-                    lease_until = NULL, fence = 0
+                    accession_number = $1, state = 'receiving', reason = NULL, last_at = $2
              WHERE id = $3 RETURNING superseded",
         )
         .bind(new.accession_number.as_ref().map(AccessionNumber::as_str))
@@ -117,6 +114,7 @@ async fn replace(
         .bind(id)
         .fetch_one()
         .await?;
+    jobs::cancel(connection, JobKind::SERIES, id).await?;
     if change == Change::Owner {
         connection
             .query("UPDATE case_series SET superseded = 1 WHERE study_uid = $1 AND series_uid = $2")
@@ -140,8 +138,8 @@ pub(super) async fn ignore(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, available_at, ignored)
-             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, $6, 1)
+            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored)
+             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, 1)
              ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
@@ -182,8 +180,8 @@ async fn series(
 ) -> Result<String, StoreError> {
     connection
         .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at, available_at)
-             VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6, $6)
+            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at)
+             VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6)
              ON CONFLICT (study_uid, series_uid) DO NOTHING",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
@@ -213,8 +211,8 @@ pub(super) async fn adopt(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at, available_at)
-             VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6, $6)
+            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at)
+             VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6)
              ON CONFLICT (study_uid, series_uid) DO NOTHING",
         )
         .bind(&arrival.id)
@@ -240,9 +238,8 @@ pub(super) async fn adopt(
     let reason = arrival.reason.as_ref().map(serde_json::to_string);
     connection
         .query(
-            "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
-                    available_at = $7, lease_until = NULL, fence = 0
-             WHERE study_uid = $8 AND series_uid = $9",
+            "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6
+             WHERE study_uid = $7 AND series_uid = $8",
         )
         .bind(state.name())
         .bind(reason.transpose()?)
@@ -250,7 +247,6 @@ pub(super) async fn adopt(
         .bind(arrival.expected.map(count))
         .bind(arrival.first_at.as_microsecond())
         .bind(arrival.last_at.as_microsecond())
-        .bind(now)
         .bind(arrival.uids.study.as_str())
         .bind(arrival.uids.series.as_str())
         .execute()
@@ -273,50 +269,46 @@ pub(super) async fn expect(
     Ok(())
 }
 
-/// The series that is due and has waited longest. One whose announced images have all come waits no longer.
+/// The series that are due and have no job yet. One whose announced images have all come waits no longer.
 pub(super) async fn due(
     connection: &mut Connection,
     terms: &DueTerms,
     now: i64,
-) -> Result<Option<String>, StoreError> {
-    let row = connection
+) -> Result<Vec<String>, StoreError> {
+    let rows = connection
         .query(
             "SELECT id FROM arrivals
-             WHERE state = 'receiving' AND available_at <= $1 AND (lease_until IS NULL OR lease_until <= $1)
-               AND (instances >= expected OR last_at <= $2 AND expected IS NULL OR last_at <= $3)
-             ORDER BY last_at, id LIMIT 1",
+             WHERE state = 'receiving'
+               AND (instances >= expected OR last_at <= $1 AND expected IS NULL OR last_at <= $2)
+               AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.kind = 'series' AND jobs.key = arrivals.id
+                               AND jobs.state IN ('queued', 'running'))
+             ORDER BY last_at, id",
         )
-        .bind(now)
         .bind(now - microseconds(terms.stable))
         .bind(now - microseconds(terms.patience))
-        .fetch_optional()
+        .fetch_all()
         .await?;
-    row.map(|row| row.get("id")).transpose()
+    rows.iter().map(|row| row.get("id")).collect()
 }
 
-pub(super) async fn lease(
+/// A series that a job is to read; `None` if it was forgotten.
+pub(super) async fn to_read(
     connection: &mut Connection,
     id: &str,
-    until: i64,
-) -> Result<DueSeries, StoreError> {
-    let fence = fence::next(connection, until).await?;
+) -> Result<Option<DueSeries>, StoreError> {
     let row = connection
-        .query(
-            "UPDATE arrivals SET fence = $1, lease_until = $2 WHERE id = $3
-             RETURNING study_uid, series_uid, case_id",
-        )
-        .bind(fence)
-        .bind(until)
+        .query("SELECT study_uid, series_uid, case_id FROM arrivals WHERE id = $1")
         .bind(id)
-        .fetch_one()
+        .fetch_optional()
         .await?;
-    Ok(DueSeries {
+    let Some(row) = row else {
+        return Ok(None);
+    };
+    Ok(Some(DueSeries {
         uids: read_uids(&row)?,
         previous: read_case(&row)?,
         instances: objects(connection, id).await?,
-        id: id.to_owned(),
-        fence,
-    })
+    }))
 }
 
 async fn objects(connection: &mut Connection, id: &str) -> Result<Vec<ObjectName>, StoreError> {
@@ -339,55 +331,36 @@ fn read_object(row: &Row) -> Result<ObjectName, StoreError> {
     })
 }
 
-/// Whether the lease was ours until now.
+/// Notes what became of a series; `false` if its case is gone.
 pub(super) async fn settle(
     connection: &mut Connection,
-    due: &DueSeries,
+    id: &str,
     outcome: &Outcome,
-    now: i64,
 ) -> Result<bool, StoreError> {
-    let (state, case, reason, available_at) = match outcome {
-        Outcome::Case(case) => (ArrivalState::Case, Some(case.to_string()), None, now),
+    let (case, reason) = match outcome {
+        Outcome::Case(case) => (case.to_string(), None),
         Outcome::Layer(case) => {
             let detail = "the series became a layer of the case of its study";
-            let reason = serde_json::to_string(&Failure::unusable(BECAME_LAYER, detail))?;
-            let case = Some(case.to_string());
-            (ArrivalState::Case, case, Some(reason), now)
+            let reason = Failure::unusable(BECAME_LAYER, detail);
+            (case.to_string(), Some(serde_json::to_string(&reason)?))
         }
         Outcome::Nothing(failure) => {
-            let reason = serde_json::to_string(failure)?;
-            (ArrivalState::Nothing, None, Some(reason), now)
-        }
-        Outcome::Later(after) => {
-            let at = now + microseconds(*after);
-            (ArrivalState::Receiving, None, None, at)
+            make_nothing(connection, id, failure).await?;
+            return Ok(true);
         }
     };
-    if let Some(case) = &case
-        && !connection.has_case(case).await?
-    {
+    if !connection.has_case(&case).await? {
         return Ok(false);
     }
-    // A series that became nothing after late images is still the case that it was before.
-    let settled = connection
-        .query(
-            "UPDATE arrivals SET state = $1, reason = $2, available_at = $3, lease_until = NULL, fence = 0,
-                    case_id = coalesce($4, case_id)
-             WHERE id = $5 AND fence = $6",
-        )
-        .bind(state.name())
+    connection
+        .query("UPDATE arrivals SET state = 'case', reason = $1, case_id = $2 WHERE id = $3")
         .bind(reason)
-        .bind(available_at)
         .bind(&case)
-        .bind(&due.id)
-        .bind(due.fence)
+        .bind(id)
         .execute()
         .await?;
-    if settled == 0 {
-        return Ok(false);
-    }
-    if let (Outcome::Case(_), Some(case)) = (outcome, case) {
-        wake_others(connection, &due.id, now).await?;
+    if let Outcome::Case(_) = outcome {
+        wake_others(connection, id).await?;
         connection
             .query(
                 // A correction that is taken back leads to the first case again.
@@ -396,22 +369,37 @@ pub(super) async fn settle(
                  ON CONFLICT (case_id) DO UPDATE SET superseded = 0",
             )
             .bind(case)
-            .bind(&due.id)
+            .bind(id)
             .execute()
             .await?;
     }
     Ok(true)
 }
 
+/// Notes that a series became nothing. After late images it is still the case that it was before.
+pub(super) async fn make_nothing(
+    connection: &mut Connection,
+    id: &str,
+    failure: &Failure,
+) -> Result<(), StoreError> {
+    connection
+        .query("UPDATE arrivals SET state = $1, reason = $2 WHERE id = $3")
+        .bind(ArrivalState::Nothing.name())
+        .bind(serde_json::to_string(failure)?)
+        .bind(id)
+        .execute()
+        .await?;
+    Ok(())
+}
+
 /// Lets the other series of a study be read again that may become layers now that there is a case.
-async fn wake_others(connection: &mut Connection, id: &str, now: i64) -> Result<(), StoreError> {
+async fn wake_others(connection: &mut Connection, id: &str) -> Result<(), StoreError> {
     connection
         .query(
-            "UPDATE arrivals SET state = 'receiving', reason = NULL, available_at = $1
-             WHERE id <> $2 AND state = 'nothing' AND reason LIKE $3
-               AND study_uid = (SELECT study_uid FROM arrivals WHERE id = $2)",
+            "UPDATE arrivals SET state = 'receiving', reason = NULL
+             WHERE id <> $1 AND state = 'nothing' AND reason LIKE $2
+               AND study_uid = (SELECT study_uid FROM arrivals WHERE id = $1)",
         )
-        .bind(now)
         .bind(id)
         .bind(format!("%\"{NOT_T1}\"%"))
         .execute()
@@ -563,18 +551,11 @@ pub(super) async fn remove_of_case(
 async fn remove(connection: &mut Connection, id: &str, now: i64) -> Result<(), StoreError> {
     let images = objects(connection, id).await?;
     pins::abandon(connection, images, now).await?;
+    jobs::remove(connection, id).await?;
     // Its images go with it (ON DELETE CASCADE).
     connection
         .query("DELETE FROM arrivals WHERE id = $1")
         .bind(id)
-        .execute()
-        .await?;
-    Ok(())
-}
-
-pub(super) async fn end_leases(connection: &mut Connection) -> Result<(), StoreError> {
-    connection
-        .query("UPDATE arrivals SET lease_until = NULL, fence = 0")
         .execute()
         .await?;
     Ok(())
@@ -690,7 +671,7 @@ pub(super) fn read_time(row: &Row, column: &str) -> Result<Timestamp, StoreError
     Timestamp::from_microsecond(row.get(column)?).map_err(|_| unreadable("time"))
 }
 
-pub(super) fn read_reason(row: &Row) -> Result<Option<Failure>, StoreError> {
+fn read_reason(row: &Row) -> Result<Option<Failure>, StoreError> {
     let reason: Option<String> = row.get("reason")?;
     Ok(reason.as_deref().map(serde_json::from_str).transpose()?)
 }

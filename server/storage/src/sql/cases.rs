@@ -3,30 +3,32 @@
 use jiff::Timestamp;
 
 use super::connection::{Connection, Row};
-use super::{arrivals, pins, results, upkeep};
-use crate::rows::{NewCase, Pinned};
+use super::{arrivals, findings, jobs, layers, pins, results, upkeep};
+use crate::jobs::NewJob;
+use crate::rows::{Inserted, NewCase, Pinned, Referred};
 use crate::{Cursor, ObjectName, Page, StoreError};
-use case::{Case, CaseFacts, CaseId, CaseState, Failure, Parameters, Progress, Stage};
+use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
 
 /// A case with its job's progress, which `read` understands. A `WHERE` or `ORDER BY` may follow.
 macro_rules! select_case {
     ($rest:literal) => {
         concat!(
             "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at,
-                    COALESCE(uploaded_at, created_at) AS uploaded_at, kept, previous, stage, fraction,
+                    COALESCE(uploaded_at, created_at) AS uploaded_at, kept, previous,
+                    (SELECT jobs.state FROM jobs WHERE jobs.kind = 'prepare' AND jobs.key = cases.id
+                     AND jobs.state IN ('queued', 'running')) AS job_state,
+                    (SELECT jobs.progress FROM jobs WHERE jobs.kind = 'prepare' AND jobs.key = cases.id
+                     AND jobs.state IN ('queued', 'running')) AS progress,
                     (SELECT string_agg(version.id, ',' ORDER BY version.created_at, version.id) FROM cases AS version
                      WHERE version.previous = cases.id) AS next
-             FROM cases LEFT JOIN jobs ON jobs.case_id = cases.id ",
+             FROM cases ",
             $rest
         )
     };
 }
 
 /// The state of a case as it is written; `None` if there is no such case.
-pub(super) async fn state(
-    connection: &mut Connection,
-    id: &CaseId,
-) -> Result<Option<String>, StoreError> {
+async fn state(connection: &mut Connection, id: &CaseId) -> Result<Option<String>, StoreError> {
     let row = connection
         .query("SELECT state FROM cases WHERE id = $1")
         .bind(id.to_string())
@@ -35,12 +37,43 @@ pub(super) async fn state(
     row.map(|row| row.get("state")).transpose()
 }
 
-/// Writes the row of a new case.
-pub(super) async fn insert(
+/// Inserts a case with its references, its job, and, for a version, the layers and the findings of the case that
+/// it is a version of.
+pub(super) async fn submit(
     connection: &mut Connection,
     new: &NewCase,
     now: i64,
-) -> Result<(), StoreError> {
+) -> Result<Referred<Inserted>, StoreError> {
+    let state = state(connection, &new.id).await?;
+    if state.is_some() {
+        uploaded_again(connection, &new.id, now).await?;
+    }
+    if state.as_deref().is_some_and(|state| state != "failed") {
+        return Ok(Referred::Unneeded(Inserted::Exists));
+    }
+    if jobs::waiting(connection, JobKind::PREPARE).await? >= new.queue_limit {
+        return Err(StoreError::QueueFull);
+    }
+    let inserted = if state.is_none() {
+        insert(connection, new, now).await?;
+        Inserted::Created
+    } else {
+        queue_again(connection, &new.id).await?;
+        Inserted::Requeued
+    };
+    if !refer(connection, &new.id, &new.sources, now).await? {
+        return Ok(Referred::PinLost);
+    }
+    jobs::enqueue(connection, &NewJob::prepare(&new.id), now).await?;
+    if let (Inserted::Created, Some(previous)) = (inserted, &new.previous) {
+        layers::inherit(connection, &new.id, previous, now).await?;
+        findings::inherit(connection, &new.id, previous).await?;
+    }
+    Ok(Referred::Done(inserted))
+}
+
+/// Writes the row of a new case.
+async fn insert(connection: &mut Connection, new: &NewCase, now: i64) -> Result<(), StoreError> {
     connection.query(
         "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous)
          VALUES ($1, $2, $3, $4, 'queued', $5, (SELECT id FROM cases WHERE id = $6))",
@@ -76,10 +109,7 @@ pub(super) fn read_parameters(row: &Row) -> Result<Parameters, StoreError> {
     })
 }
 
-pub(super) async fn queue_again(
-    connection: &mut Connection,
-    id: &CaseId,
-) -> Result<(), StoreError> {
+async fn queue_again(connection: &mut Connection, id: &CaseId) -> Result<(), StoreError> {
     connection.query("UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = $1")
         .bind(id.to_string())
         .execute()
@@ -189,11 +219,12 @@ fn values_of(facts: &CaseFacts) -> Option<&str> {
     facts.voxels.as_ref().map(|voxels| voxels.values.as_str())
 }
 
-/// Makes a case failed, and with it the layers that wait for it.
+/// Makes a case failed, and with it the layers that wait for it, and their jobs.
 pub(super) async fn make_failed(
     connection: &mut Connection,
     id: &CaseId,
     failure: &Failure,
+    now: i64,
 ) -> Result<(), StoreError> {
     let failure = serde_json::to_string(failure)?;
     connection.query("UPDATE cases SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE id = $2")
@@ -203,10 +234,20 @@ pub(super) async fn make_failed(
         .await?;
     connection
         .query(
-            "UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL, fence = 0, lease_until = NULL
-             WHERE case_id = $2 AND state IN ('queued', 'preparing')",
+            "UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL
+             WHERE case_id = $2 AND state = 'queued'",
+        )
+        .bind(failure.clone())
+        .bind(id.to_string())
+        .execute()
+        .await?;
+    connection
+        .query(
+            "UPDATE jobs SET state = 'failed', failure = $1, ended_at = $2, fence = 0, lease_until = NULL
+             WHERE case_id = $3 AND needs_ready AND state IN ('queued', 'running')",
         )
         .bind(failure)
+        .bind(now)
         .bind(id.to_string())
         .execute()
         .await?;
@@ -307,6 +348,7 @@ pub(super) async fn delete(
 ) -> Result<bool, StoreError> {
     let needed = objects(connection, id).await?;
     pins::abandon(connection, needed, now).await?;
+    layers::abandon_all(connection, id, now).await?;
     arrivals::remove_of_case(connection, id, now).await?;
     results::abandon_of_case(connection, id, now).await?;
     // Its versions become those of the case that it is itself a version of.
@@ -314,7 +356,7 @@ pub(super) async fn delete(
         .bind(id.to_string())
         .execute()
         .await?;
-    // The job, the layers, the results and the references go with the case (ON DELETE CASCADE).
+    // The jobs, the layers, the results and the references go with the case (ON DELETE CASCADE).
     let deleted = connection
         .query("DELETE FROM cases WHERE id = $1")
         .bind(id.to_string())
@@ -393,7 +435,7 @@ fn read(row: &Row) -> Result<Case, StoreError> {
     let unreadable =
         |what: &str| StoreError::Rows(format!("a case's row has an unknown {what}").into());
     let id: String = row.get("id")?;
-    let state: String = row.get("state")?;
+    let progress: Option<String> = row.get("progress")?;
     let failure: Option<String> = row.get("failure")?;
     let facts: Option<String> = row.get("facts")?;
     let id = CaseId::parse(&id).ok_or_else(|| unreadable("id"))?;
@@ -415,8 +457,8 @@ fn read(row: &Row) -> Result<Case, StoreError> {
     Ok(Case {
         id,
         parameters: read_parameters(row)?,
-        state: read_state(&state).ok_or_else(|| unreadable("state"))?,
-        progress: read_progress(row)?,
+        state: read_state(row).ok_or_else(|| unreadable("state"))?,
+        progress: progress.as_deref().map(serde_json::from_str).transpose()?,
         failure: failure
             .as_deref()
             .map(serde_json::from_str::<Failure>)
@@ -434,21 +476,15 @@ fn read(row: &Row) -> Result<Case, StoreError> {
     })
 }
 
-pub(super) fn read_state(name: &str) -> Option<CaseState> {
-    match name {
-        "queued" => Some(CaseState::Queued),
-        "preparing" => Some(CaseState::Preparing),
-        "ready" => Some(CaseState::Ready),
-        "failed" => Some(CaseState::Failed),
+/// The state of a case or a layer, and of its job.
+pub(super) fn read_state(row: &Row) -> Option<CaseState> {
+    let state: String = row.get("state").ok()?;
+    let job: Option<String> = row.get("job_state").ok()?;
+    match (state.as_str(), job.as_deref()) {
+        ("queued", Some("running")) => Some(CaseState::Preparing),
+        ("queued", _) => Some(CaseState::Queued),
+        ("ready", _) => Some(CaseState::Ready),
+        ("failed", _) => Some(CaseState::Failed),
         _ => None,
     }
-}
-
-fn read_progress(row: &Row) -> Result<Option<Progress>, StoreError> {
-    let stage: Option<String> = row.get("stage")?;
-    let fraction: Option<f32> = row.get("fraction")?;
-    let stage = stage.as_deref().and_then(Stage::from_name);
-    Ok(stage
-        .zip(fraction)
-        .map(|(stage, fraction)| Progress { stage, fraction }))
 }

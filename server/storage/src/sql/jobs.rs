@@ -1,225 +1,450 @@
-//! Jobs and their leases.
+//! The one table of jobs.
 
-use super::connection::{Connection, microseconds};
-use super::{cases, fence, findings, layers};
+use std::time::Duration;
+
+use case::{CaseId, Failure, JobKind, JobState, STORE_FAILED};
+use jiff::Timestamp;
+
+use super::connection::{Connection, Row, microseconds};
+use super::{arrivals, cases, fence, layers};
 use crate::StoreError;
-use crate::rows::{Claim, Inserted, LeaseTerms, NewCase, Release};
-use case::{CaseId, Failure, FailureKind, Progress};
+use crate::arrivals::ArrivalCursor;
+use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
 
-/// Inserts a case with its references, its job, and, for a version, the layers and the findings of the case that it is a version of.
-pub(super) async fn submit(
-    connection: &mut Connection,
-    new: &NewCase,
-    now: i64,
-) -> Result<Inserted, StoreError> {
-    let state = cases::state(connection, &new.id).await?;
-    if state.is_some() {
-        cases::uploaded_again(connection, &new.id, now).await?;
-    }
-    if state.as_deref().is_some_and(|state| state != "failed") {
-        return Ok(Inserted::Exists);
-    }
-    if waiting(connection).await? >= new.queue_limit {
-        return Ok(Inserted::QueueFull);
-    }
-    let inserted = if state.is_none() {
-        cases::insert(connection, new, now).await?;
-        Inserted::Created
-    } else {
-        cases::queue_again(connection, &new.id).await?;
-        Inserted::Requeued
+/// Columns that `read` understands. `WHERE` and what follows may come after.
+macro_rules! select_job {
+    ($rest:literal) => {
+        concat!(
+            "SELECT id, kind, key, case_id, payload, state, progress, failure, attempts, created_at, ended_at FROM jobs ",
+            $rest
+        )
     };
-    if !cases::refer(connection, &new.id, &new.sources, now).await? {
-        return Ok(Inserted::PinLost);
-    }
-    insert(connection, &new.id, now).await?;
-    if let (Inserted::Created, Some(previous)) = (inserted, &new.previous) {
-        layers::inherit(connection, &new.id, previous, now).await?;
-        findings::inherit(connection, &new.id, previous).await?;
-    }
-    Ok(inserted)
 }
 
-pub(super) async fn insert(
+fn unreadable(what: &str) -> StoreError {
+    StoreError::Rows(format!("a job has an unknown {what}").into())
+}
+
+/// Adds a job, unless there is an open one of its kind and key, which stays as it is.
+pub(super) async fn enqueue(
     connection: &mut Connection,
-    id: &CaseId,
+    new: &NewJob,
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query("INSERT INTO jobs (case_id, queued_at, available_at) VALUES ($1, $2, $2)")
-        .bind(id.to_string())
+        .query(
+            "INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, created_at, available_at)
+             VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7)
+             ON CONFLICT DO NOTHING",
+        )
+        .bind(uuid::Uuid::now_v7().simple().to_string())
+        .bind(new.kind.name())
+        .bind(&new.key)
+        .bind(new.case.map(|case| case.to_string()))
+        .bind(new.needs_ready)
+        .bind(&new.payload)
         .bind(now)
         .execute()
         .await?;
     Ok(())
 }
 
-pub(super) async fn waiting(connection: &mut Connection) -> Result<usize, StoreError> {
+/// Makes a job of another store, whose case is here, as it is there; one that is open waits here.
+pub(super) async fn adopt(
+    connection: &mut Connection,
+    job: &Job,
+    now: i64,
+) -> Result<(), StoreError> {
+    let state = match job.state.has_ended() {
+        true => job.state,
+        false => JobState::Queued,
+    };
+    let failure = job.failure.as_ref().map(serde_json::to_string);
+    connection
+        .query(
+            "INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, failure, attempts, created_at,
+                               available_at, ended_at)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12)
+             ON CONFLICT DO NOTHING",
+        )
+        .bind(&job.id)
+        .bind(&job.kind)
+        .bind(&job.key)
+        .bind(job.case.map(|case| case.to_string()))
+        .bind(false)
+        .bind(&job.payload)
+        .bind(state.name())
+        .bind(failure.transpose()?)
+        .bind(i64::from(job.attempts))
+        .bind(job.created_at.as_microsecond())
+        .bind(now)
+        .bind(job.ended_at.map(Timestamp::as_microsecond))
+        .execute()
+        .await?;
+    Ok(())
+}
+
+pub(super) async fn one(connection: &mut Connection, id: &str) -> Result<Option<Job>, StoreError> {
     let row = connection
-        .query("SELECT count(*) AS count FROM jobs WHERE lease_until IS NULL")
+        .query(select_job!("WHERE id = $1"))
+        .bind(id)
+        .fetch_optional()
+        .await?;
+    row.as_ref().map(read).transpose()
+}
+
+/// The latest job of a kind and a key.
+pub(super) async fn latest(
+    connection: &mut Connection,
+    kind: JobKind,
+    key: &str,
+) -> Result<Option<Job>, StoreError> {
+    let row = connection
+        .query(select_job!(
+            "WHERE kind = $1 AND key = $2 ORDER BY created_at DESC, id DESC LIMIT 1"
+        ))
+        .bind(kind.name())
+        .bind(key)
+        .fetch_optional()
+        .await?;
+    row.as_ref().map(read).transpose()
+}
+
+/// The latest job with a key, of any kind.
+pub(super) async fn latest_of_key(
+    connection: &mut Connection,
+    key: &str,
+) -> Result<Option<Job>, StoreError> {
+    let row = connection
+        .query(select_job!(
+            "WHERE key = $1 ORDER BY created_at DESC, id DESC LIMIT 1"
+        ))
+        .bind(key)
+        .fetch_optional()
+        .await?;
+    row.as_ref().map(read).transpose()
+}
+
+/// At most `limit` jobs after a cursor, newest first, and the cursor of the next page.
+pub(super) async fn page(
+    connection: &mut Connection,
+    query: &JobQuery,
+    after: Option<&ArrivalCursor>,
+    limit: usize,
+) -> Result<(Vec<Job>, Option<ArrivalCursor>), StoreError> {
+    let (at, id) = match after {
+        Some(cursor) => (cursor.at, cursor.id.clone()),
+        None => (i64::MAX, String::new()),
+    };
+    let rows = connection
+        .query(select_job!(
+            "WHERE kind = $1 AND (created_at, id) < ($2, $3) AND coalesce($4, state) = state
+               AND substr(key, 1, length($5)) = $5
+             ORDER BY created_at DESC, id DESC LIMIT $6"
+        ))
+        .bind(query.kind.name())
+        .bind(at)
+        .bind(id)
+        .bind(query.state.map(JobState::name))
+        .bind(&query.key_prefix)
+        .bind(i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX))
+        .fetch_all()
+        .await?;
+    let mut jobs = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let has_more = jobs.len() > limit;
+    jobs.truncate(limit);
+    let last = jobs.last().filter(|_| has_more);
+    let next = last.map(|last| ArrivalCursor {
+        at: last.created_at.as_microsecond(),
+        id: last.id.clone(),
+    });
+    Ok((jobs, next))
+}
+
+/// For how long the oldest open job of each kind has been there.
+pub(super) async fn oldest_of_each_kind(
+    connection: &mut Connection,
+    now: i64,
+) -> Result<Vec<(String, Duration)>, StoreError> {
+    let rows = connection
+        .query(
+            "SELECT kind, min(created_at) AS oldest FROM jobs WHERE state IN ('queued', 'running')
+             GROUP BY kind ORDER BY kind",
+        )
+        .fetch_all()
+        .await?;
+    let read = |row: &Row| {
+        let oldest: i64 = row.get("oldest")?;
+        let age = now.saturating_sub(oldest).max(0).unsigned_abs();
+        Ok((row.get("kind")?, Duration::from_micros(age)))
+    };
+    rows.iter().map(read).collect()
+}
+
+/// The number of jobs of a kind that wait for a lease.
+pub(super) async fn waiting(
+    connection: &mut Connection,
+    kind: JobKind,
+) -> Result<usize, StoreError> {
+    let row = connection
+        .query("SELECT count(*) AS count FROM jobs WHERE kind = $1 AND state = 'queued'")
+        .bind(kind.name())
         .fetch_one()
         .await?;
     let count: i64 = row.get("count")?;
     Ok(usize::try_from(count).unwrap_or(0))
 }
 
+/// A job that may be leased.
 pub(super) struct Available {
-    id: CaseId,
+    id: String,
+    key: String,
     attempts: i64,
+    failure: Option<String>,
 }
 
+/// The oldest job of a kind that waits or whose lease has ended; only that of `key`, if it is given.
 pub(super) async fn oldest_available(
     connection: &mut Connection,
+    kind: JobKind,
+    key: Option<&str>,
     now: i64,
 ) -> Result<Option<Available>, StoreError> {
     let row = connection
         .query(
-            "SELECT case_id, attempts FROM jobs
-         WHERE available_at <= $1 AND (lease_until IS NULL OR lease_until <= $1)
-         ORDER BY queued_at, case_id LIMIT 1",
+            "SELECT id, key, attempts, failure FROM jobs
+             WHERE kind = $1 AND state IN ('queued', 'running') AND available_at <= $2
+               AND (lease_until IS NULL OR lease_until <= $2) AND coalesce($3, key) = key
+               AND (NOT needs_ready OR EXISTS (SELECT 1 FROM cases WHERE cases.id = case_id AND cases.state = 'ready'))
+             ORDER BY created_at, id LIMIT 1",
         )
+        .bind(kind.name())
         .bind(now)
+        .bind(key)
         .fetch_optional()
         .await?;
     row.map(|row| {
-        let id: String = row.get("case_id")?;
-        let id = CaseId::parse(&id).ok_or_else(|| StoreError::Rows("a job has no case".into()))?;
-        let attempts = row.get("attempts")?;
-        Ok(Available { id, attempts })
+        Ok(Available {
+            id: row.get("id")?,
+            key: row.get("key")?,
+            attempts: row.get("attempts")?,
+            failure: row.get("failure")?,
+        })
     })
     .transpose()
 }
 
+/// Leases the oldest job. Those with too many attempts behind them fail on the way.
 pub(super) async fn claim(
     connection: &mut Connection,
-    terms: &LeaseTerms,
-    now: i64,
+    (kind, key): (JobKind, Option<&str>),
+    max_attempts: u32,
+    [now, until]: [i64; 2],
 ) -> Result<Option<Claim>, StoreError> {
-    while let Some(job) = oldest_available(connection, now).await? {
-        if job.attempts < i64::from(terms.max_attempts) {
-            return Ok(Some(
-                lease(connection, job, now + microseconds(terms.lease)).await?,
-            ));
+    while let Some(job) = oldest_available(connection, kind, key, now).await? {
+        if job.attempts < i64::from(max_attempts) {
+            return lease(connection, kind, &job.id, until).await.map(Some);
         }
-        give_up(connection, &job).await?;
+        let attempts = u32::try_from(job.attempts).unwrap_or(u32::MAX);
+        let last = read_failure(job.failure)?;
+        let failure = Failure::after_attempts(kind, attempts, last);
+        end(connection, &job.id, Err(&failure), now).await?;
+        fail_item(connection, kind, &job.key, &failure, now).await?;
     }
     Ok(None)
 }
 
 async fn lease(
     connection: &mut Connection,
-    job: Available,
+    kind: JobKind,
+    id: &str,
     until: i64,
 ) -> Result<Claim, StoreError> {
     let fence = fence::next(connection, until).await?;
-    let attempt = job.attempts + 1;
-    connection.query(
-        "UPDATE jobs SET attempts = $1, fence = $2, lease_until = $3, stage = NULL, fraction = NULL
-         WHERE case_id = $4",
-    )
-    .bind(attempt)
-    .bind(fence)
-    .bind(until)
-    .bind(job.id.to_string())
-    .execute()
-    .await?;
     let row = connection
         .query(
-            "UPDATE cases SET state = 'preparing' WHERE id = $1
-         RETURNING closing_radius_mm, parameters, name",
+            // The reason of an attempt is that of the latest one, and one that was killed has none.
+            "UPDATE jobs SET state = 'running', attempts = attempts + 1, fence = $1, lease_until = $2,
+                             progress = NULL, failure = NULL
+             WHERE id = $3 RETURNING key, case_id, payload, attempts",
         )
-        .bind(job.id.to_string())
+        .bind(fence)
+        .bind(until)
+        .bind(id)
         .fetch_one()
         .await?;
-    let mut sources = cases::objects(connection, &job.id).await?;
-    sources.retain(|object| object.kind.is_source());
+    let attempts: i64 = row.get("attempts")?;
     Ok(Claim {
-        id: job.id,
-        parameters: cases::read_parameters(&row)?,
-        sources,
+        id: id.to_owned(),
+        kind,
+        key: row.get("key")?,
+        case: read_case(&row)?,
+        payload: row.get("payload")?,
         fence,
-        attempt: u32::try_from(attempt).unwrap_or(u32::MAX),
+        attempt: u32::try_from(attempts).unwrap_or(u32::MAX),
     })
-}
-
-/// Removes the job of a case, if it has one.
-pub(super) async fn forget(connection: &mut Connection, id: &CaseId) -> Result<(), StoreError> {
-    connection
-        .query("DELETE FROM jobs WHERE case_id = $1")
-        .bind(id.to_string())
-        .execute()
-        .await?;
-    Ok(())
-}
-
-/// Fails a case after all its preparations ended without a result, because they were killed or crashed.
-async fn give_up(connection: &mut Connection, job: &Available) -> Result<(), StoreError> {
-    let detail = format!(
-        "the preparation was interrupted {} times and abandoned; upload the volume again to retry",
-        job.attempts
-    );
-    let failure = Failure::new(FailureKind::Internal, "preparation-interrupted", detail);
-    forget(connection, &job.id).await?;
-    cases::make_failed(connection, &job.id, &failure).await
 }
 
 pub(super) async fn renew(
     connection: &mut Connection,
     claim: &Claim,
     until: i64,
-    progress: Option<Progress>,
+    progress: Option<&str>,
 ) -> Result<bool, StoreError> {
-    let renewed = connection.query(
-        "UPDATE jobs SET lease_until = $1, stage = $2, fraction = $3 WHERE case_id = $4 AND fence = $5",
-    )
-    .bind(until)
-    .bind(progress.map(|progress| progress.stage.name()))
-    .bind(progress.map(|progress| progress.fraction))
-    .bind(claim.id.to_string())
-    .bind(claim.fence)
-    .execute()
-    .await?;
-    Ok(renewed > 0)
-}
-
-pub(super) async fn release(
-    connection: &mut Connection,
-    claim: &Claim,
-    release: Release,
-    now: i64,
-) -> Result<bool, StoreError> {
-    // No worker gets this fence number, so the former holder can neither renew nor publish.
-    let released = connection.query(
-        "UPDATE jobs SET lease_until = NULL, fence = 0, available_at = $1, attempts = attempts - $2,
-                         stage = NULL, fraction = NULL
-         WHERE case_id = $3 AND fence = $4",
-    )
-    .bind(now + microseconds(release.after))
-    .bind(i64::from(!release.counts))
-    .bind(claim.id.to_string())
-    .bind(claim.fence)
-    .execute()
-    .await?;
-    if released == 0 {
-        return Ok(false);
-    }
-    connection
-        .query("UPDATE cases SET state = 'queued' WHERE id = $1")
-        .bind(claim.id.to_string())
-        .execute()
-        .await?;
-    Ok(true)
-}
-
-/// Takes the job away where the lease is still the claim's; whether it was.
-pub(super) async fn finish(connection: &mut Connection, claim: &Claim) -> Result<bool, StoreError> {
-    let finished = connection
-        .query("DELETE FROM jobs WHERE case_id = $1 AND fence = $2")
-        .bind(claim.id.to_string())
+    let renewed = connection
+        .query(
+            "UPDATE jobs SET lease_until = $1, progress = coalesce($2, progress)
+             WHERE id = $3 AND fence = $4 AND state = 'running'",
+        )
+        .bind(until)
+        .bind(progress)
+        .bind(&claim.id)
         .bind(claim.fence)
         .execute()
         .await?;
-    Ok(finished > 0)
+    Ok(renewed > 0)
+}
+
+/// Returns a lease.
+pub(super) async fn release(
+    connection: &mut Connection,
+    claim: &Claim,
+    release: &Release,
+    now: i64,
+) -> Result<bool, StoreError> {
+    // No process gets this fence number, so the former holder can neither renew nor publish.
+    let failure = release.failure.as_ref();
+    let failure = failure.map(serde_json::to_string).transpose()?;
+    let released = connection
+        .query(
+            "UPDATE jobs SET state = 'queued', lease_until = NULL, fence = 0, available_at = $1,
+                             attempts = attempts - $2, progress = NULL, failure = $3
+             WHERE id = $4 AND fence = $5 AND state = 'running'",
+        )
+        .bind(now + microseconds(release.after))
+        .bind(i64::from(!release.counts))
+        .bind(failure)
+        .bind(&claim.id)
+        .bind(claim.fence)
+        .execute()
+        .await?;
+    Ok(released > 0)
+}
+
+/// Ends a job if the lease is still the claim's; whether it was.
+pub(super) async fn finish(
+    connection: &mut Connection,
+    claim: &Claim,
+    result: Result<(), &Failure>,
+    now: i64,
+) -> Result<bool, StoreError> {
+    // A statement that changes nothing but tells whose lease it is.
+    let is_ours = renew(connection, claim, now, None).await?;
+    if is_ours {
+        end(connection, &claim.id, result, now).await?;
+    }
+    Ok(is_ours)
+}
+
+async fn end(
+    connection: &mut Connection,
+    id: &str,
+    result: Result<(), &Failure>,
+    now: i64,
+) -> Result<(), StoreError> {
+    let state = match result {
+        Ok(()) => JobState::Done,
+        Err(_) => JobState::Failed,
+    };
+    let failure = result.err().map(serde_json::to_string).transpose()?;
+    connection
+        .query(
+            "UPDATE jobs SET state = $1, failure = $2, ended_at = $3, fence = 0, lease_until = NULL WHERE id = $4",
+        )
+        .bind(state.name())
+        .bind(failure)
+        .bind(now)
+        .bind(id)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Notes the case that came of a job. The job goes with it.
+pub(super) async fn became(
+    connection: &mut Connection,
+    claim: &Claim,
+    case: &CaseId,
+) -> Result<(), StoreError> {
+    connection
+        .query("UPDATE jobs SET case_id = $1 WHERE id = $2")
+        .bind(case.to_string())
+        .bind(&claim.id)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Makes what a job is about failed, if the store knows it.
+pub(super) async fn fail_item(
+    connection: &mut Connection,
+    kind: JobKind,
+    key: &str,
+    failure: &Failure,
+    now: i64,
+) -> Result<(), StoreError> {
+    match kind {
+        // A store that fails is no reason to give up a case that is ready.
+        JobKind::REBUILD if failure.name == STORE_FAILED => Ok(()),
+        JobKind::PREPARE | JobKind::REBUILD => {
+            let case = CaseId::parse(key).ok_or_else(|| unreadable("case"))?;
+            cases::make_failed(connection, &case, failure, now).await
+        }
+        JobKind::LAYER => {
+            let (case, layer) = layers::of_key(key).ok_or_else(|| unreadable("layer"))?;
+            layers::make_failed(connection, (&case, &layer), failure, now).await
+        }
+        JobKind::SERIES => arrivals::make_nothing(connection, key, failure).await,
+        _ => Ok(()),
+    }
+}
+
+/// Removes the open job of a kind and a key, so that its holder can neither renew nor end it.
+pub(super) async fn cancel(
+    connection: &mut Connection,
+    kind: JobKind,
+    key: &str,
+) -> Result<(), StoreError> {
+    connection
+        .query("DELETE FROM jobs WHERE kind = $1 AND key = $2 AND state IN ('queued', 'running')")
+        .bind(kind.name())
+        .bind(key)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Removes all jobs with a key.
+pub(super) async fn remove(connection: &mut Connection, key: &str) -> Result<(), StoreError> {
+    connection
+        .query("DELETE FROM jobs WHERE key = $1")
+        .bind(key)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Removes the jobs that ended before a time. Those of results go with their results.
+pub(super) async fn forget(connection: &mut Connection, before: i64) -> Result<(), StoreError> {
+    connection
+        .query(
+            "DELETE FROM jobs WHERE state IN ('done', 'failed') AND ended_at <= $1
+               AND NOT EXISTS (SELECT 1 FROM results WHERE results.id = jobs.key)",
+        )
+        .bind(before)
+        .execute()
+        .await?;
+    Ok(())
 }
 
 pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
@@ -229,4 +454,34 @@ pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<
         .execute()
         .await?;
     Ok(())
+}
+
+fn read_case(row: &Row) -> Result<Option<CaseId>, StoreError> {
+    let case: Option<String> = row.get("case_id")?;
+    case.map(|case| CaseId::parse(&case).ok_or_else(|| unreadable("case")))
+        .transpose()
+}
+
+pub(super) fn read_failure(failure: Option<String>) -> Result<Option<Failure>, StoreError> {
+    Ok(failure.as_deref().map(serde_json::from_str).transpose()?)
+}
+
+fn read(row: &Row) -> Result<Job, StoreError> {
+    let state: String = row.get("state")?;
+    let attempts: i64 = row.get("attempts")?;
+    let time = |at| Timestamp::from_microsecond(at).map_err(|_| unreadable("time"));
+    let ended_at: Option<i64> = row.get("ended_at")?;
+    Ok(Job {
+        id: row.get("id")?,
+        kind: row.get("kind")?,
+        key: row.get("key")?,
+        case: read_case(row)?,
+        payload: row.get("payload")?,
+        state: JobState::from_name(&state).ok_or_else(|| unreadable("state"))?,
+        progress: row.get("progress")?,
+        failure: read_failure(row.get("failure")?)?,
+        attempts: u32::try_from(attempts).unwrap_or(u32::MAX),
+        created_at: time(row.get("created_at")?)?,
+        ended_at: ended_at.map(time).transpose()?,
+    })
 }

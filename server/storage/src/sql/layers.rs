@@ -1,66 +1,66 @@
-//! Layers of cases, and their jobs.
+//! Layers of cases.
 
-use case::{CaseId, CaseState, Failure, FailureKind, Layer, LayerFacts, LayerId, LayerParameters};
+use case::{CaseId, CaseState, Failure, JobKind, Layer, LayerFacts, LayerId, LayerParameters};
 use jiff::Timestamp;
 
 use super::cases::read_state;
-use super::connection::{Connection, Row, microseconds};
-use super::{fence, pins, upkeep};
-use crate::rows::{
-    ChangedLayer, InsertedLayer, LayerChange, LayerClaim, LayerName, LeaseTerms, NewLayer, Pinned,
-    Release,
-};
+use super::connection::{Connection, Row};
+use super::{jobs, pins, upkeep};
+use crate::jobs::{NewJob, layer_key};
+use crate::rows::{Inserted, LayerChange, LayerName, NewLayer, Pinned, Referred};
 use crate::{ObjectName, StoreError};
 
 /// A layer, which `read` understands. A `WHERE` or `ORDER BY` may follow.
 macro_rules! select_layer {
     ($rest:literal) => {
         concat!(
-            "SELECT case_id, id, name, parameters, state, failure, facts, facts_digest, created_at FROM layers ",
+            "SELECT case_id, id, name, parameters, state, failure, facts, facts_digest, created_at,
+                    (SELECT jobs.state FROM jobs WHERE jobs.kind = 'layer' AND jobs.key = layers.case_id || '/' || layers.id
+                     AND jobs.state IN ('queued', 'running')) AS job_state
+             FROM layers ",
             $rest
         )
     };
 }
 
-pub(super) async fn insert(
+/// The key of the job of a layer, read.
+pub(crate) fn of_key(key: &str) -> Option<(CaseId, LayerId)> {
+    let (case, layer) = key.split_once('/')?;
+    CaseId::parse(case).zip(LayerId::parse(layer))
+}
+
+/// Inserts a layer, and its job; or queues a failed one again.
+pub(super) async fn submit(
     connection: &mut Connection,
     new: &NewLayer,
     now: i64,
-) -> Result<InsertedLayer, StoreError> {
+) -> Result<Referred<Inserted>, StoreError> {
     if !connection.has_case(&new.case.to_string()).await? {
-        return Ok(InsertedLayer::NoCase);
+        return Err(StoreError::NoSuchCase);
     }
     let others = of_case(connection, &new.case).await?;
     let known = others.iter().find(|layer| layer.id == new.id);
     if known.is_some_and(|layer| layer.state != CaseState::Failed) {
-        return Ok(InsertedLayer::Exists);
+        return Ok(Referred::Unneeded(Inserted::Exists));
     }
     if known.is_none() && others.len() >= new.most {
-        return Ok(InsertedLayer::TooMany);
+        return Err(StoreError::TooManyLayers);
     }
-    if waiting(connection).await? >= new.queue_limit {
-        return Ok(InsertedLayer::QueueFull);
+    if jobs::waiting(connection, JobKind::LAYER).await? >= new.queue_limit {
+        return Err(StoreError::QueueFull);
     }
-    if known.is_some() {
-        queue_again(
-            connection,
-            [&new.case.to_string(), &new.id.to_string()],
-            now,
-        )
-        .await?;
+    let inserted = if known.is_some() {
+        queue_again(connection, (&new.case, &new.id), now).await?;
+        Inserted::Requeued
     } else {
-        let Some(name) = free_name(&new.name, &others) else {
-            return Ok(InsertedLayer::NameTaken);
-        };
+        let name = free_name(&new.name, &others).ok_or(StoreError::LayerNameTaken)?;
         insert_row(connection, new, &name, now).await?;
+        Inserted::Created
+    };
+    match refer(connection, (&new.case, &new.id), &new.sources, now).await? {
+        true => Ok(Referred::Done(inserted)),
+        false => Ok(Referred::PinLost),
     }
-    if !refer(connection, (&new.case, &new.id), &new.sources, now).await? {
-        return Ok(InsertedLayer::PinLost);
-    }
-    Ok(match known {
-        Some(_) => InsertedLayer::Requeued,
-        None => InsertedLayer::Created,
-    })
 }
 
 /// The name of a new layer; `None` if a given one is taken.
@@ -84,8 +84,8 @@ async fn insert_row(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO layers (case_id, id, name, place, parameters, state, created_at, available_at)
-             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, 'queued', $5, $5)",
+            "INSERT INTO layers (case_id, id, name, place, parameters, state, created_at)
+             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, 'queued', $5)",
         )
         .bind(new.case.to_string())
         .bind(new.id.to_string())
@@ -94,25 +94,21 @@ async fn insert_row(
         .bind(now)
         .execute()
         .await?;
-    Ok(())
+    jobs::enqueue(connection, &NewJob::layer(&new.case, &new.id), now).await
 }
 
 async fn queue_again(
     connection: &mut Connection,
-    [case, layer]: [&str; 2],
+    (case, layer): (&CaseId, &LayerId),
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query(
-            "UPDATE layers SET state = 'queued', failure = NULL, available_at = $3, attempts = 0, fence = 0, lease_until = NULL
-             WHERE case_id = $1 AND id = $2",
-        )
-        .bind(case)
-        .bind(layer)
-        .bind(now)
+        .query("UPDATE layers SET state = 'queued', failure = NULL WHERE case_id = $1 AND id = $2")
+        .bind(case.to_string())
+        .bind(layer.to_string())
         .execute()
         .await?;
-    Ok(())
+    jobs::enqueue(connection, &NewJob::layer(case, layer), now).await
 }
 
 /// Gives a new version of a case the layers of the case, to be prepared with its own envelope; their placement stays.
@@ -124,15 +120,17 @@ pub(super) async fn inherit(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO layers (case_id, id, name, place, parameters, state, facts, facts_digest, created_at, available_at)
-             SELECT $1, id, name, place, parameters, 'queued', facts, facts_digest, created_at, $3 FROM layers
+            "INSERT INTO layers (case_id, id, name, place, parameters, state, facts, facts_digest, created_at)
+             SELECT $1, id, name, place, parameters, 'queued', facts, facts_digest, created_at FROM layers
              WHERE case_id = $2 AND state <> 'failed'",
         )
         .bind(case.to_string())
         .bind(previous.to_string())
-        .bind(now)
         .execute()
         .await?;
+    for layer in of_case(connection, case).await? {
+        jobs::enqueue(connection, &NewJob::layer(case, &layer.id), now).await?;
+    }
     connection
         .query(
             "INSERT INTO layer_objects (case_id, layer_id, kind, digest)
@@ -144,16 +142,6 @@ pub(super) async fn inherit(
         .execute()
         .await?;
     Ok(())
-}
-
-/// The number of layers of ready cases that wait for a lease.
-async fn waiting(connection: &mut Connection) -> Result<usize, StoreError> {
-    let row = connection
-        .query("SELECT count(*) AS count FROM layers WHERE state = 'queued'")
-        .fetch_one()
-        .await?;
-    let count: i64 = row.get("count")?;
-    Ok(usize::try_from(count).unwrap_or(0))
 }
 
 /// Turns pins into references of a layer; `false` if a pin is gone. Objects that it no longer needs are abandoned.
@@ -227,19 +215,20 @@ pub(super) async fn of_case(
     rows.iter().map(read).collect()
 }
 
+/// Renames a layer, or moves it in the list; whether there is such a layer.
 pub(super) async fn change(
     connection: &mut Connection,
     (case, layer): (&CaseId, &LayerId),
     change: &LayerChange,
-) -> Result<ChangedLayer, StoreError> {
+) -> Result<bool, StoreError> {
     let layers = of_case(connection, case).await?;
     let Some(from) = layers.iter().position(|known| known.id == *layer) else {
-        return Ok(ChangedLayer::NoLayer);
+        return Ok(false);
     };
     if let Some(name) = &change.name {
         let is_taken = |other: &Layer| other.name == *name && other.id != *layer;
         if layers.iter().any(is_taken) {
-            return Ok(ChangedLayer::NameTaken);
+            return Err(StoreError::LayerNameTaken);
         }
         connection
             .query("UPDATE layers SET name = $1 WHERE case_id = $2 AND id = $3")
@@ -263,7 +252,7 @@ pub(super) async fn change(
                 .await?;
         }
     }
-    Ok(ChangedLayer::Done)
+    Ok(true)
 }
 
 pub(super) async fn delete(
@@ -274,6 +263,7 @@ pub(super) async fn delete(
 ) -> Result<bool, StoreError> {
     let needed = objects(connection, case, layer).await?;
     pins::abandon(connection, needed, now).await?;
+    jobs::remove(connection, &layer_key(case, layer)).await?;
     let deleted = connection
         .query("DELETE FROM layers WHERE case_id = $1 AND id = $2")
         .bind(case.to_string())
@@ -283,175 +273,48 @@ pub(super) async fn delete(
     Ok(deleted > 0)
 }
 
-pub(super) struct Available {
-    case: String,
-    id: String,
-    attempts: i64,
-}
-
-pub(super) async fn oldest_available(
-    connection: &mut Connection,
-    now: i64,
-) -> Result<Option<Available>, StoreError> {
-    let row = connection
-        .query(
-            "SELECT layers.case_id, layers.id, attempts FROM layers JOIN cases ON cases.id = layers.case_id
-             WHERE layers.state IN ('queued', 'preparing') AND cases.state = 'ready' AND available_at <= $1
-                   AND (lease_until IS NULL OR lease_until <= $1)
-             ORDER BY available_at, layers.case_id, layers.place LIMIT 1",
-        )
-        .bind(now)
-        .fetch_optional()
-        .await?;
-    row.map(|row| {
-        Ok(Available {
-            case: row.get("case_id")?,
-            id: row.get("id")?,
-            attempts: row.get("attempts")?,
-        })
-    })
-    .transpose()
-}
-
-pub(super) async fn claim(
-    connection: &mut Connection,
-    terms: &LeaseTerms,
-    now: i64,
-) -> Result<Option<LayerClaim>, StoreError> {
-    while let Some(job) = oldest_available(connection, now).await? {
-        if job.attempts < i64::from(terms.max_attempts) {
-            let until = now + microseconds(terms.lease);
-            return Ok(Some(lease(connection, &job, until).await?));
-        }
-        let detail = format!(
-            "the preparation of the layer was interrupted {} times and abandoned; upload it again to retry",
-            job.attempts
-        );
-        let failure = Failure::new(FailureKind::Internal, "preparation-interrupted", detail);
-        make_failed(connection, [&job.case, &job.id], &failure).await?;
-    }
-    Ok(None)
-}
-
-async fn lease(
-    connection: &mut Connection,
-    job: &Available,
-    until: i64,
-) -> Result<LayerClaim, StoreError> {
-    let fence = fence::next(connection, until).await?;
-    let row = connection
-        .query(
-            "UPDATE layers SET state = 'preparing', attempts = attempts + 1, fence = $1, lease_until = $2
-             WHERE case_id = $3 AND id = $4
-             RETURNING case_id, id, name, parameters, state, failure, facts, facts_digest, created_at",
-        )
-        .bind(fence)
-        .bind(until)
-        .bind(&job.case)
-        .bind(&job.id)
-        .fetch_one()
-        .await?;
-    let layer = read(&row)?;
-    Ok(LayerClaim { layer, fence })
-}
-
-pub(super) async fn renew(
-    connection: &mut Connection,
-    claim: &LayerClaim,
-    until: i64,
-) -> Result<bool, StoreError> {
-    let renewed = connection
-        .query("UPDATE layers SET lease_until = $1 WHERE case_id = $2 AND id = $3 AND fence = $4 AND state = 'preparing'")
-        .bind(until)
-        .bind(claim.layer.case.to_string())
-        .bind(claim.layer.id.to_string())
-        .bind(claim.fence)
-        .execute()
-        .await?;
-    Ok(renewed > 0)
-}
-
-pub(super) async fn release(
-    connection: &mut Connection,
-    claim: &LayerClaim,
-    release: Release,
-    now: i64,
-) -> Result<bool, StoreError> {
-    // Without its fence, the former holder can neither renew nor publish.
-    let released = connection
-        .query(
-            "UPDATE layers SET state = 'queued', lease_until = NULL, fence = 0, available_at = $1, attempts = attempts - $2
-             WHERE case_id = $3 AND id = $4 AND fence = $5 AND state = 'preparing'",
-        )
-        .bind(now + microseconds(release.after))
-        .bind(i64::from(!release.counts))
-        .bind(claim.layer.case.to_string())
-        .bind(claim.layer.id.to_string())
-        .bind(claim.fence)
-        .execute()
-        .await?;
-    Ok(released > 0)
-}
-
-/// Makes a layer ready where the lease is still the claim's; whether it was.
 pub(super) async fn make_ready(
     connection: &mut Connection,
-    claim: &LayerClaim,
+    (case, layer): (&CaseId, &LayerId),
     facts: &LayerFacts,
-) -> Result<bool, StoreError> {
+) -> Result<(), StoreError> {
     let facts = serde_json::to_string(facts)?;
-    let made = connection
+    connection
         .query(
-            "UPDATE layers SET state = 'ready', facts = $1, facts_digest = $2, failure = NULL, fence = 0, lease_until = NULL
-             WHERE case_id = $3 AND id = $4 AND fence = $5 AND state = 'preparing'",
+            "UPDATE layers SET state = 'ready', facts = $1, facts_digest = $2, failure = NULL WHERE case_id = $3 AND id = $4",
         )
         .bind(&facts)
         .bind(upkeep::digest(&facts))
-        .bind(claim.layer.case.to_string())
-        .bind(claim.layer.id.to_string())
-        .bind(claim.fence)
+        .bind(case.to_string())
+        .bind(layer.to_string())
         .execute()
         .await?;
-    Ok(made > 0)
+    Ok(())
 }
 
-/// Makes a layer failed where the lease is still the claim's; whether it was.
-pub(super) async fn fail(
+/// Makes a layer failed, which then needs no objects.
+pub(super) async fn make_failed(
     connection: &mut Connection,
-    claim: &LayerClaim,
+    (case, layer): (&CaseId, &LayerId),
     failure: &Failure,
     now: i64,
-) -> Result<bool, StoreError> {
-    if !renew(connection, claim, 0).await? {
-        return Ok(false);
-    }
-    let Layer { case, id, .. } = &claim.layer;
-    let needed = objects(connection, case, id).await?;
+) -> Result<(), StoreError> {
+    let needed = objects(connection, case, layer).await?;
     pins::abandon(connection, needed, now).await?;
-    let [case, layer] = [case.to_string(), id.to_string()];
+    let [case, layer] = [case.to_string(), layer.to_string()];
     connection
         .query("DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2")
         .bind(&*case)
         .bind(&*layer)
         .execute()
         .await?;
-    make_failed(connection, [&case, &layer], failure).await?;
-    Ok(true)
-}
-
-async fn make_failed(
-    connection: &mut Connection,
-    [case, layer]: [&str; 2],
-    failure: &Failure,
-) -> Result<(), StoreError> {
     connection
         .query(
-            "UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL, fence = 0, lease_until = NULL
-             WHERE case_id = $2 AND id = $3",
+            "UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE case_id = $2 AND id = $3",
         )
         .bind(serde_json::to_string(failure)?)
-        .bind(case)
-        .bind(layer)
+        .bind(&*case)
+        .bind(&*layer)
         .execute()
         .await?;
     Ok(())
@@ -469,7 +332,7 @@ pub(super) async fn prepare_again(
     if !layers.iter().any(is_ready) {
         return Ok(false);
     }
-    queue_again(connection, [&case.to_string(), &layer.to_string()], now).await?;
+    queue_again(connection, (case, layer), now).await?;
     Ok(true)
 }
 
@@ -497,8 +360,8 @@ pub(super) async fn adopt(
     let name = free_name(&LayerName::Usual(layer.name.clone()), &others);
     connection
         .query(
-            "INSERT INTO layers (case_id, id, name, place, parameters, state, failure, facts, facts_digest, created_at, available_at)
-             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, $5, $6, $7, $8, $9, $10)
+            "INSERT INTO layers (case_id, id, name, place, parameters, state, failure, facts, facts_digest, created_at)
+             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, $5, $6, $7, $8, $9)
              ON CONFLICT (case_id, id) DO UPDATE SET state = excluded.state, failure = excluded.failure,
                                                      facts = excluded.facts, facts_digest = excluded.facts_digest",
         )
@@ -511,11 +374,13 @@ pub(super) async fn adopt(
         .bind(facts.as_deref())
         .bind(facts.as_deref().map(upkeep::digest))
         .bind(layer.created_at.as_microsecond())
-        .bind(now)
         .execute()
         .await?;
     if !refer(connection, (&layer.case, &layer.id), objects, now).await? {
         return Err(StoreError::Rows("a pin was lost".into()));
+    }
+    if !layer.state.is_final() {
+        jobs::enqueue(connection, &NewJob::layer(&layer.case, &layer.id), now).await?;
     }
     Ok(())
 }
@@ -528,23 +393,13 @@ pub(super) async fn forget_facts(
     now: i64,
 ) -> Result<(), StoreError> {
     tracing::error!("the facts of a layer are damaged; it will be placed again from its source");
-    let [case, layer] = [case.to_string(), layer.to_string()];
     connection
         .query("UPDATE layers SET facts = NULL, facts_digest = NULL WHERE case_id = $1 AND id = $2")
-        .bind(&case)
-        .bind(&layer)
+        .bind(case.to_string())
+        .bind(layer.to_string())
         .execute()
         .await?;
-    queue_again(connection, [&case, &layer], now).await
-}
-
-pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
-    connection
-        .query("UPDATE layers SET lease_until = $1 WHERE lease_until > $1")
-        .bind(now)
-        .execute()
-        .await?;
-    Ok(())
+    queue_again(connection, (case, layer), now).await
 }
 
 fn read(row: &Row) -> Result<Layer, StoreError> {
@@ -558,7 +413,7 @@ fn read(row: &Row) -> Result<Layer, StoreError> {
     if facts.as_deref().map(upkeep::digest) != digest {
         return Err(StoreError::DamagedLayer(case, id));
     }
-    let [parameters, state]: [String; 2] = [row.get("parameters")?, row.get("state")?];
+    let parameters: String = row.get("parameters")?;
     let failure: Option<String> = row.get("failure")?;
     let created_at = Timestamp::from_microsecond(row.get("created_at")?);
     Ok(Layer {
@@ -566,7 +421,7 @@ fn read(row: &Row) -> Result<Layer, StoreError> {
         id,
         name: row.get("name")?,
         parameters: serde_json::from_str::<LayerParameters>(&parameters)?,
-        state: read_state(&state).ok_or_else(|| unreadable("state"))?,
+        state: read_state(row).ok_or_else(|| unreadable("state"))?,
         failure: failure
             .as_deref()
             .map(serde_json::from_str::<Failure>)

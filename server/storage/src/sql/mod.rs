@@ -9,19 +9,17 @@ mod cases;
 mod connection;
 mod fence;
 mod findings;
+mod job_rows;
 mod jobs;
 mod layer_rows;
-mod layers;
+pub(crate) mod layers;
 mod pacs;
 mod pins;
 mod postgres;
-mod rebuilds;
 mod result_rows;
 mod results;
-mod retrievals;
 mod sqlite;
 mod tombstones;
-mod transfers;
 mod upkeep;
 
 use std::path::Path;
@@ -36,11 +34,10 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Pool, SqlSafeStr as _};
 
 use self::connection::{Connection, Database, microseconds};
-use super::rows::{
-    Change, Claim, Inserted, LeaseTerms, NewCase, Pinned, Published, Release, Sweep,
-};
+use super::jobs::{Claim, NewJob};
+use super::rows::{Change, Inserted, NewCase, Pinned, Published, Referred, Sweep};
 use super::{Cursor, ObjectName, Page, Store, StoreError};
-use case::{Case, CaseFacts, CaseId, Failure, ObjectKind, Progress};
+use case::{Case, CaseFacts, CaseId, Failure, JobKind, ObjectKind};
 
 /// The migrations of a database, oldest first: a number, a name and the statements of each. A database remembers the digests of those that
 /// it has had, so what stands here never changes.
@@ -139,11 +136,6 @@ impl Rows {
         jobs::end_leases(&mut transaction, now).await?;
         pins::expire_all(&mut transaction, now).await?;
         tombstones::end_leases(&mut transaction, now).await?;
-        rebuilds::end_all(&mut transaction).await?;
-        arrivals::end_leases(&mut transaction).await?;
-        retrievals::end_leases(&mut transaction).await?;
-        results::end_leases(&mut transaction).await?;
-        layers::end_leases(&mut transaction, now).await?;
         transaction.commit().await?;
         self.database.empty_log().await;
         Ok(())
@@ -177,14 +169,13 @@ impl Rows {
         Ok((transaction, now))
     }
 
-    /// Deletes a case with its layers and commits; whether it existed.
+    /// Deletes a case and commits; whether it existed.
     async fn delete_in(
         &self,
         mut transaction: Connection,
         id: &CaseId,
         now: i64,
     ) -> Result<bool, StoreError> {
-        layers::abandon_all(&mut transaction, id, now).await?;
         let deleted = cases::delete(&mut transaction, id, now).await?;
         transaction.commit().await?;
         if deleted {
@@ -246,40 +237,49 @@ impl Store {
 
     /// Makes a case and its job, and turns its pins into references; or queues a failed one again. A version gets the
     /// layers of the case that it is a version of.
-    pub(crate) async fn insert_case(&self, new: &NewCase) -> Result<Inserted, StoreError> {
+    pub(crate) async fn insert_case(
+        &self,
+        new: &NewCase,
+    ) -> Result<Referred<Inserted>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        let inserted = jobs::submit(&mut transaction, new, now).await?;
-        if !matches!(inserted, Inserted::QueueFull | Inserted::PinLost) {
+        let inserted = cases::submit(&mut transaction, new, now).await?;
+        if inserted != Referred::PinLost {
             transaction.commit().await?;
         }
         Ok(inserted)
     }
 
     /// One case.
-    pub(crate) async fn case_row(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
-        match cases::one(&mut self.rows().connect().await?, id).await {
-            Err(StoreError::DamagedFacts(id)) => {
-                upkeep::prepare_again(&self.rows().database, &id).await?;
-                cases::one(&mut self.rows().connect().await?, &id).await
-            }
-            read => read,
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn case(&self, id: &CaseId) -> Result<Option<Case>, StoreError> {
+        let mut read = cases::one(&mut self.rows().connect().await?, id).await;
+        if let Err(StoreError::DamagedFacts(id)) = read {
+            upkeep::prepare_again(self.rows(), &id).await?;
+            read = cases::one(&mut self.rows().connect().await?, &id).await;
         }
+        Ok(read?.map(|case| self.completed(case)))
     }
 
     /// At most `limit` cases after a cursor, newest first.
-    pub(crate) async fn case_rows(
-        &self,
-        after: Option<&Cursor>,
-        limit: usize,
-    ) -> Result<Page, StoreError> {
-        loop {
-            match cases::page(&mut self.rows().connect().await?, after, limit).await {
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn cases(&self, after: Option<Cursor>, limit: usize) -> Result<Page, StoreError> {
+        let mut page = loop {
+            let mut connection = self.rows().connect().await?;
+            match cases::page(&mut connection, after.as_ref(), limit).await {
                 Err(StoreError::DamagedFacts(id)) => {
-                    upkeep::prepare_again(&self.rows().database, &id).await?;
+                    drop(connection);
+                    upkeep::prepare_again(self.rows(), &id).await?;
                 }
-                read => return read,
+                read => break read?,
             }
-        }
+        };
+        let cases = page.cases.into_iter();
+        page.cases = cases.map(|case| self.completed(case)).collect();
+        Ok(page)
     }
 
     /// At most `limit` ready cases whose volumes have the same stored values in any order
@@ -367,91 +367,30 @@ impl Store {
         self.rows().delete_in(transaction, id, now).await
     }
 
-    /// How many jobs wait for a lease.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn waiting(&self) -> Result<usize, StoreError> {
-        let mut connection = self.rows().connect().await?;
-        jobs::waiting(&mut connection).await
-    }
-
-    /// Leases the oldest job that waits or whose lease has ended. Jobs with too many attempts behind them fail on the
-    /// way.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn claim(&self, terms: &LeaseTerms) -> Result<Option<Claim>, StoreError> {
-        // Most queries find nothing and must not wait for writers.
-        let mut reader = self.rows().connect().await?;
-        let now = self.rows().now(&mut reader).await?;
-        if jobs::oldest_available(&mut reader, now).await?.is_none() {
-            return Ok(None);
-        }
-        drop(reader);
-        let (mut transaction, now) = self.rows().write().await?;
-        let claim = jobs::claim(&mut transaction, terms, now).await?;
-        transaction.commit_soon().await?;
-        Ok(claim)
-    }
-
-    /// Renews a lease from now on and notes the progress; `false` if the lease is not ours any more.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn renew(
-        &self,
-        claim: &Claim,
-        lease: Duration,
-        progress: Option<Progress>,
-    ) -> Result<bool, StoreError> {
-        let mut connection = self.rows().connect().await?;
-        let until = self.rows().now(&mut connection).await? + microseconds(lease);
-        jobs::renew(&mut connection, claim, until, progress).await
-    }
-
-    /// Returns a lease; `false` if it is not ours any more.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn release(&self, claim: &Claim, release: Release) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let released = jobs::release(&mut transaction, claim, release, now).await?;
-        transaction.commit().await?;
-        Ok(released)
-    }
-
-    /// Makes a case ready, if the lease is still ours.
+    /// Makes a case ready, ends its job and queues the next ones, if the lease is still ours.
     pub(crate) async fn make_case_ready(
         &self,
         claim: &Claim,
         derived: &Pinned,
         facts: &CaseFacts,
-    ) -> Result<Published, StoreError> {
+        next: &[JobKind],
+    ) -> Result<Referred<Published>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        if !jobs::finish(&mut transaction, claim).await? {
-            return Ok(Published::Fenced);
+        let Some(id) = &claim.case else {
+            return Ok(Referred::Unneeded(Published::Fenced));
+        };
+        if !jobs::finish(&mut transaction, claim, Ok(()), now).await? {
+            return Ok(Referred::Unneeded(Published::Fenced));
         }
-        if !cases::refer(&mut transaction, &claim.id, derived, now).await? {
-            return Ok(Published::PinLost);
+        if !cases::refer(&mut transaction, id, derived, now).await? {
+            return Ok(Referred::PinLost);
         }
-        cases::make_ready(&mut transaction, &claim.id, facts).await?;
+        cases::make_ready(&mut transaction, id, facts).await?;
+        for &kind in next {
+            jobs::enqueue(&mut transaction, &NewJob::of_ready_case(kind, id), now).await?;
+        }
         transaction.commit().await?;
-        Ok(Published::Done)
-    }
-
-    /// Makes a case failed, if the lease is still ours; returns whether it was.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn fail(&self, claim: &Claim, failure: &Failure) -> Result<bool, StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
-        let ours = jobs::finish(&mut transaction, claim).await?;
-        if ours {
-            cases::make_failed(&mut transaction, &claim.id, failure).await?;
-            transaction.commit().await?;
-        }
-        Ok(ours)
+        Ok(Referred::Done(Published::Done))
     }
 
     /// Gives a ready case other derived objects, after a rebuild. [`Published::Fenced`] where it is not ready.
@@ -459,16 +398,16 @@ impl Store {
         &self,
         id: &CaseId,
         derived: &Pinned,
-    ) -> Result<Published, StoreError> {
+    ) -> Result<Referred<Published>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         if !cases::is_ready(&mut transaction, id).await? {
-            return Ok(Published::Fenced);
+            return Ok(Referred::Unneeded(Published::Fenced));
         }
         if !cases::refer(&mut transaction, id, derived, now).await? {
-            return Ok(Published::PinLost);
+            return Ok(Referred::PinLost);
         }
         transaction.commit().await?;
-        Ok(Published::Done)
+        Ok(Referred::Done(Published::Done))
     }
 
     /// Makes a ready case failed, because its source is lost; returns whether it was ready.
@@ -476,34 +415,13 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn condemn(&self, id: &CaseId, failure: &Failure) -> Result<bool, StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
+        let (mut transaction, now) = self.rows().write().await?;
         let ready = cases::is_ready(&mut transaction, id).await?;
         if ready {
-            cases::make_failed(&mut transaction, id, failure).await?;
+            cases::make_failed(&mut transaction, id, failure, now).await?;
             transaction.commit().await?;
         }
         Ok(ready)
-    }
-
-    /// Leases the rebuild of a case, or renews the lease; `false` if another one has it, or there is no such case.
-    pub(crate) async fn begin_rebuild(
-        &self,
-        id: &CaseId,
-        holder: &str,
-        lease: Duration,
-    ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let times = [now, now + microseconds(lease)];
-        let taken = rebuilds::take(&mut transaction, id, holder, times).await?;
-        transaction.commit().await?;
-        Ok(taken)
-    }
-
-    /// Releases the rebuild of a case, if the holder still has it.
-    pub(crate) async fn end_rebuild(&self, id: &CaseId, holder: &str) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
-        rebuilds::end(&mut transaction, id, holder).await?;
-        transaction.commit().await
     }
 
     /// At most `limit` objects that may have to be removed: with an expired pin, or with a tombstone whose lease has
@@ -566,9 +484,9 @@ impl Store {
         if !cases::refer(&mut transaction, &case.id, objects, now).await? {
             return Err(StoreError::Rows("a pin was lost".into()));
         }
-        jobs::forget(&mut transaction, &case.id).await?;
+        jobs::cancel(&mut transaction, JobKind::PREPARE, &case.id.to_string()).await?;
         if !case.state.is_final() {
-            jobs::insert(&mut transaction, &case.id, now).await?;
+            jobs::enqueue(&mut transaction, &NewJob::prepare(&case.id), now).await?;
         }
         transaction.commit().await?;
         Ok(true)

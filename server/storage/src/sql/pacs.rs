@@ -3,14 +3,15 @@
 use std::time::Duration;
 
 use super::connection::{Connection, Row, microseconds};
-use super::{arrivals, pins, results, retrievals};
+use super::{arrivals, jobs, pins, results};
 use crate::arrivals::{
     Arrival, ArrivalCursor, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, Received,
-    Retrieval, SeriesQuery, SeriesUids, TransferEnd, TransferQuery, Uid,
+    SeriesQuery, SeriesUids, Uid,
 };
-use crate::rows::{DueSeries, Pinned, RowCounts};
+use crate::jobs::{Claim, NewJob};
+use crate::rows::{DueSeries, Pinned, Referred, RowCounts};
 use crate::{ForPacs, ObjectName, Store, StoreError};
-use case::{CaseId, Failure, ObjectKind};
+use case::{CaseId, Failure, JobKind, ObjectKind};
 
 /// The next objects of a kind that has rows of its own, by digest; none of another kind.
 pub(super) async fn objects(
@@ -45,18 +46,17 @@ pub(super) async fn objects(
 }
 
 impl Store {
-    /// Adds images, whose objects are durable and pinned, to their series, and turns the pins into references. An image
-    /// that is there already stays as it is, unless the new one replaces it. `None`, and nothing has changed, if a pin is
-    /// gone: write the objects again.
+    /// Adds images, whose objects are durable and pinned, to their series. An image that is there already stays as it is,
+    /// unless the new one replaces it.
     pub(crate) async fn insert_images(
         &self,
         instances: &[NewInstance],
         pinned: &Pinned,
         source: ArrivalSource,
-    ) -> Result<Option<Received>, StoreError> {
+    ) -> Result<Referred<Received>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
-            return Ok(None);
+            return Ok(Referred::PinLost);
         }
         let mut received = Received::default();
         for instance in instances {
@@ -67,7 +67,7 @@ impl Store {
             }
         }
         transaction.commit().await?;
-        Ok(Some(received))
+        Ok(Referred::Done(received))
     }
 
     /// The objects of those images that are there already, in the same order.
@@ -102,6 +102,76 @@ impl Store {
         transaction.commit().await
     }
 
+    /// Queues a job for each series that is due; returns how many.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn queue_due_series(&self, terms: &DueTerms) -> Result<usize, StoreError> {
+        // Most queries find nothing and must not wait for writers.
+        let mut reader = self.rows().connect().await?;
+        let now = self.rows().now(&mut reader).await?;
+        let found = arrivals::due(&mut reader, terms, now).await?;
+        drop(reader);
+        if found.is_empty() {
+            return Ok(0);
+        }
+        let (mut transaction, now) = self.rows().write().await?;
+        let due = arrivals::due(&mut transaction, terms, now).await?;
+        for id in &due {
+            let job = NewJob {
+                kind: JobKind::SERIES,
+                key: id.clone(),
+                case: None,
+                needs_ready: false,
+                payload: "{}".to_owned(),
+            };
+            jobs::enqueue(&mut transaction, &job, now).await?;
+        }
+        transaction.commit().await?;
+        Ok(due.len())
+    }
+
+    /// The series that a job is to read; `None` if it was forgotten.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn series_to_read(&self, claim: &Claim) -> Result<Option<DueSeries>, StoreError> {
+        arrivals::to_read(&mut self.rows().connect().await?, &claim.key).await
+    }
+
+    /// Notes what became of a series and ends its job; `false`, and nothing has changed, if the lease is not ours any
+    /// more, or the case is gone.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn settle(&self, claim: &Claim, outcome: &Outcome) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        // A series that became nothing was read: the job is done, and the series has the reason.
+        let settled = jobs::finish(&mut transaction, claim, Ok(()), now).await?
+            && arrivals::settle(&mut transaction, &claim.key, outcome).await?;
+        if settled {
+            if let Outcome::Case(case) | Outcome::Layer(case) = outcome {
+                jobs::became(&mut transaction, claim, case).await?;
+            }
+            transaction.commit().await?;
+        }
+        Ok(settled)
+    }
+
+    /// Forgets settled series for which nothing has come for this long, and results whose sending ended that long ago, and
+    /// removes the objects that nobody needs then. With `keep_cases`, the series of cases stay.
+    ///
+    /// # Errors
+    /// If the rows or the objects cannot be written.
+    pub async fn forget(&self, unchanged: Duration, keep_cases: bool) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        let before = now - microseconds(unchanged);
+        arrivals::forget(&mut transaction, before, keep_cases, now).await?;
+        results::forget(&mut transaction, before, now).await?;
+        transaction.commit().await?;
+        self.collect().await
+    }
+
     /// Makes a series of another store as it is there, and adds images; `false`, and nothing has changed, if a pin is
     /// gone. A series whose case is not here is read again.
     pub(crate) async fn adopt_arrival(
@@ -127,42 +197,6 @@ impl Store {
         let (mut transaction, _) = self.rows().write().await?;
         arrivals::expect(&mut transaction, uids, instances).await?;
         transaction.commit().await
-    }
-
-    /// Leases the series that is due and has waited longest.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn lease_due(&self, terms: &DueTerms) -> Result<Option<DueSeries>, StoreError> {
-        // Most queries find nothing and must not wait for writers.
-        let mut reader = self.rows().connect().await?;
-        let now = self.rows().now(&mut reader).await?;
-        if arrivals::due(&mut reader, terms, now).await?.is_none() {
-            return Ok(None);
-        }
-        drop(reader);
-        let (mut transaction, now) = self.rows().write().await?;
-        let Some(id) = arrivals::due(&mut transaction, terms, now).await? else {
-            return Ok(None);
-        };
-        let until = now + microseconds(terms.lease);
-        let due = arrivals::lease(&mut transaction, &id, until).await?;
-        transaction.commit().await?;
-        Ok(Some(due))
-    }
-
-    /// Notes what became of a leased series; `false`, and nothing has changed, if the lease is not ours any more, or
-    /// the case is gone.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn settle(&self, due: &DueSeries, outcome: &Outcome) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let settled = arrivals::settle(&mut transaction, due, outcome, now).await?;
-        if settled {
-            transaction.commit().await?;
-        }
-        Ok(settled)
     }
 
     /// At most `limit` series after a cursor, newest first, and the cursor of the next page.
@@ -201,7 +235,7 @@ impl Store {
         arrivals::images_of(&mut self.rows().connect().await?, uids).await
     }
 
-    /// How many cases, series, retrievals and results are in which state, for metrics.
+    /// How many cases, series, results and jobs are in which state, and how long jobs have waited, for metrics.
     ///
     /// # Errors
     /// If the rows cannot be read.
@@ -210,29 +244,25 @@ impl Store {
         let now = self.rows().now(&mut connection).await?;
         let rows = connection
             .query(
-                "SELECT 'cases' AS what, '' AS node, state, count(*) AS number FROM cases GROUP BY state
+                "SELECT 'cases' AS what, '' AS part, state, count(*) AS number FROM cases GROUP BY state
                  UNION ALL SELECT 'arrivals', '', state, count(*) FROM arrivals GROUP BY state
-                 UNION ALL SELECT 'retrievals', node, state, count(*) FROM retrievals GROUP BY node, state
-                 UNION ALL SELECT 'results', node, state, count(*) FROM results GROUP BY node, state",
+                 UNION ALL SELECT 'jobs', kind, state, count(*) FROM jobs GROUP BY kind, state
+                 UNION ALL SELECT 'results', node, state, count(*) FROM
+                     (SELECT node, coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
+                                             ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done') AS state
+                      FROM results) AS sent GROUP BY node, state",
             )
             .fetch_all()
             .await?;
         let read = |row: &Row| {
-            let [what, node, state] = ["what", "node", "state"].map(|column| row.get(column));
+            let [what, part, state] = ["what", "part", "state"].map(|column| row.get(column));
             let number: i64 = row.get("number")?;
-            Ok((what?, node?, state?, number.unsigned_abs()))
+            Ok((what?, part?, state?, number.unsigned_abs()))
         };
         let by_state = rows.iter().map(read).collect::<Result<_, StoreError>>()?;
-        let oldest = connection
-            .query("SELECT min(created_at) AS oldest FROM results WHERE state IN ('queued', 'running')")
-            .fetch_one()
-            .await?;
-        let oldest: Option<i64> = oldest.get("oldest")?;
         Ok(RowCounts {
             by_state,
-            oldest_unsent: oldest.map(|oldest| {
-                Duration::from_micros(now.saturating_sub(oldest).max(0).unsigned_abs())
-            }),
+            oldest: jobs::oldest_of_each_kind(&mut connection, now).await?,
         })
     }
 
@@ -265,25 +295,6 @@ impl Store {
         arrivals::studies(&mut self.rows().connect().await?, offset, limit).await
     }
 
-    /// Forgets settled series for which nothing has come for this long, and abandons their images; returns how many. Also
-    /// forgets retrievals and results that ended and are that old. With `keep_cases`, the series of cases stay.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn forget_arrivals(
-        &self,
-        unchanged: Duration,
-        keep_cases: bool,
-    ) -> Result<usize, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let before = now - microseconds(unchanged);
-        let forgotten = arrivals::forget(&mut transaction, before, keep_cases, now).await?;
-        retrievals::forget(&mut transaction, before).await?;
-        results::forget(&mut transaction, before, now).await?;
-        transaction.commit().await?;
-        Ok(forgotten)
-    }
-
     /// Enters the series of a case into the index; nothing if there is no such case.
     ///
     /// # Errors
@@ -308,96 +319,5 @@ impl Store {
     /// If the rows cannot be read or written.
     pub async fn cases_of(&self, query: &SeriesQuery) -> Result<Vec<CaseSeries>, StoreError> {
         arrivals::cases_of(&mut self.rows().connect().await?, query).await
-    }
-
-    /// Queues a retrieval; returns the one that waits already for the same series from the same node.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn request_retrieval(
-        &self,
-        node: &str,
-        uids: &SeriesUids,
-    ) -> Result<Retrieval, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let retrieval = retrievals::request(&mut transaction, node, uids, now).await?;
-        transaction.commit().await?;
-        Ok(retrieval)
-    }
-
-    /// At most `limit` retrievals after a cursor, newest first, and the cursor of the next page.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn retrievals(
-        &self,
-        query: &TransferQuery,
-        after: Option<&ArrivalCursor>,
-        limit: usize,
-    ) -> Result<(Vec<Retrieval>, Option<ArrivalCursor>), StoreError> {
-        retrievals::page(&mut self.rows().connect().await?, query, after, limit).await
-    }
-
-    /// A retrieval.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn retrieval(&self, id: &str) -> Result<Option<Retrieval>, StoreError> {
-        retrievals::one(&mut self.rows().connect().await?, id).await
-    }
-
-    /// Leases the retrieval that has waited longest.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn lease_retrieval(&self, lease: Duration) -> Result<Option<Retrieval>, StoreError> {
-        let mut reader = self.rows().connect().await?;
-        let now = self.rows().now(&mut reader).await?;
-        if retrievals::available(&mut reader, now).await?.is_none() {
-            return Ok(None);
-        }
-        drop(reader);
-        let (mut transaction, now) = self.rows().write().await?;
-        let Some(id) = retrievals::available(&mut transaction, now).await? else {
-            return Ok(None);
-        };
-        let until = now + microseconds(lease);
-        let leased = retrievals::lease(&mut transaction, &id, until).await?;
-        transaction.commit().await?;
-        Ok(leased)
-    }
-
-    /// Renews the lease of a retrieval and notes how far it is; `false` if the lease is not ours any more.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn note_progress(
-        &self,
-        retrieval: &Retrieval,
-        received: usize,
-        expected: Option<usize>,
-        lease: Duration,
-    ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let until = now + microseconds(lease);
-        let ours =
-            retrievals::progress(&mut transaction, retrieval, received, expected, until).await?;
-        transaction.commit().await?;
-        Ok(ours)
-    }
-
-    /// Ends the lease of a retrieval; `false` if it is not ours any more.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn end_retrieval(
-        &self,
-        retrieval: &Retrieval,
-        fetched: &TransferEnd,
-    ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let ended = retrievals::end(&mut transaction, retrieval, fetched, now).await?;
-        transaction.commit().await?;
-        Ok(ended)
     }
 }

@@ -1,33 +1,28 @@
 //! The interface of the rows of results.
 
-use std::time::Duration;
-
-use super::connection::microseconds;
 use super::{pins, results};
-use crate::arrivals::{ArrivalCursor, TransferEnd, TransferQuery, Uid};
+use crate::arrivals::{ArrivalCursor, TransferQuery, Uid};
 use crate::results::{HeldResult, NewResult, SentResult};
-use crate::rows::Pinned;
+use crate::rows::{Pinned, Referred};
 use crate::{ObjectName, Store, StoreError};
+use case::JobKind;
 
 impl Store {
-    /// Queues a result for its node, and turns the pin of its object into a reference; `None`, and nothing has changed, if
-    /// the pin is gone. A result that was sent to the node before, or could not be, is sent there again with its first
-    /// object; one that still waits is left as it is.
-    ///
-    /// # Errors
-    /// Also if there is no such case.
+    /// Queues a result for its node, and turns the pin of its object into a reference. A result that was sent to the node
+    /// before, or could not be, is sent there again with its first object; one that still waits is left as it is.
     pub(crate) async fn insert_result(
         &self,
         new: &NewResult,
+        job: JobKind,
         pinned: &Pinned,
-    ) -> Result<Option<SentResult>, StoreError> {
+    ) -> Result<Referred<SentResult>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
-            return Ok(None);
+            return Ok(Referred::PinLost);
         }
-        let queued = results::queue(&mut transaction, new, now).await?;
+        let queued = results::queue(&mut transaction, new, job, now).await?;
         transaction.commit().await?;
-        Ok(Some(queued))
+        Ok(Referred::Done(queued))
     }
 
     /// Makes a result of another store as it is there, and turns the pin of its object into a reference; one that was on
@@ -83,42 +78,5 @@ impl Store {
     /// If the rows cannot be read or written.
     pub async fn results_of(&self, study: &Uid) -> Result<Vec<HeldResult>, StoreError> {
         results::of_study(&mut self.rows().connect().await?, study).await
-    }
-
-    /// Leases the result that has waited longest.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn lease_result(&self, lease: Duration) -> Result<Option<SentResult>, StoreError> {
-        // Most queries find nothing and must not wait for writers.
-        let mut reader = self.rows().connect().await?;
-        let now = self.rows().now(&mut reader).await?;
-        if results::available(&mut reader, now).await?.is_none() {
-            return Ok(None);
-        }
-        drop(reader);
-        let (mut transaction, now) = self.rows().write().await?;
-        let Some(id) = results::available(&mut transaction, now).await? else {
-            return Ok(None);
-        };
-        let until = now + microseconds(lease);
-        let leased = results::lease(&mut transaction, &id, until).await?;
-        transaction.commit().await?;
-        Ok(leased)
-    }
-
-    /// Ends the lease of a result; `false` if it is not ours any more.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn end_result(
-        &self,
-        result: &SentResult,
-        end: &TransferEnd,
-    ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let ended = results::end(&mut transaction, result, end, now).await?;
-        transaction.commit().await?;
-        Ok(ended)
     }
 }

@@ -1,37 +1,60 @@
 //! Results that are sent to a node.
 
-use super::arrivals::{count, read_reason, read_time, unreadable};
+use super::arrivals::{count, read_time, unreadable};
 use super::connection::{Connection, Row};
-use super::transfers::AfterAttempt;
-use super::{fence, pins};
-use crate::arrivals::{ArrivalCursor, TransferEnd, TransferQuery, TransferState, Uid};
+use super::{jobs, pins};
+use crate::arrivals::{ArrivalCursor, TransferQuery, Uid};
+use crate::jobs::{Job, NewJob};
 use crate::results::{HeldResult, NewResult, ResultSeries, SentResult, object};
 use crate::{ObjectName, StoreError};
-use case::CaseId;
+use case::{CaseId, JobKind, JobState};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_result {
     ($rest:literal) => {
         concat!(
             "SELECT id, case_id, node, study_uid, sop_instance_uid, sop_class_uid, series_uid, series_number,
-                    series_description, digest, state, reason, created_at, fence, attempts
-             FROM results ",
+                    series_description, digest, created_at FROM results ",
             $rest
         )
     };
 }
 
-/// A new result, or the one that is known already, which waits again unless it is on its way.
+/// A new result, or the one that is known already; it waits to be sent, unless it is on its way.
 pub(super) async fn queue(
     connection: &mut Connection,
     new: &NewResult,
+    job: JobKind,
     now: i64,
 ) -> Result<SentResult, StoreError> {
+    let id = insert(connection, new, now).await?;
+    let job = NewJob {
+        kind: job,
+        key: id.clone(),
+        case: Some(new.case),
+        needs_ready: false,
+        payload: "{}".to_owned(),
+    };
+    jobs::enqueue(connection, &job, now).await?;
+    let queued = one(connection, &id).await?;
+    let queued = queued.ok_or_else(|| unreadable("id"))?;
+    if queued.object != new.object() {
+        pins::abandon(connection, vec![new.object()], now).await?;
+    }
+    Ok(queued)
+}
+
+/// Writes the row of a result, unless it is there; returns its id.
+async fn insert(
+    connection: &mut Connection,
+    new: &NewResult,
+    now: i64,
+) -> Result<String, StoreError> {
     connection
         .query(
-            "INSERT INTO results (id, case_id, node, study_uid, sop_instance_uid, digest, state, created_at, available_at,
+            "INSERT INTO results (id, case_id, node, study_uid, sop_instance_uid, digest, created_at,
                                   sop_class_uid, series_uid, series_number, series_description)
-             VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7, $8, $9, $10, $11)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11)
              ON CONFLICT (sop_instance_uid, node) DO NOTHING",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
@@ -47,30 +70,16 @@ pub(super) async fn queue(
         .bind(&new.series.description)
         .execute()
         .await?;
-    connection
-        .query(
-            "UPDATE results SET state = 'queued', reason = NULL, attempts = 0, available_at = $1, lease_until = NULL
-             WHERE sop_instance_uid = $2 AND node = $3 AND state IN ('done', 'failed')",
-        )
-        .bind(now)
-        .bind(new.instance.as_str())
-        .bind(&new.node)
-        .execute()
-        .await?;
     let row = connection
-        .query(select_result!("WHERE sop_instance_uid = $1 AND node = $2"))
+        .query("SELECT id FROM results WHERE sop_instance_uid = $1 AND node = $2")
         .bind(new.instance.as_str())
         .bind(&new.node)
         .fetch_one()
         .await?;
-    let queued = read(&row)?;
-    if queued.object != new.object() {
-        pins::abandon(connection, vec![new.object()], now).await?;
-    }
-    Ok(queued)
+    row.get("id")
 }
 
-/// Makes a result of another store, whose case is here, as it is there. One that is here keeps its object.
+/// Makes a result of another store, whose case is here, as it is there, with its job. One that is here keeps its object.
 pub(super) async fn adopt(
     connection: &mut Connection,
     result: &SentResult,
@@ -84,27 +93,19 @@ pub(super) async fn adopt(
         instance: result.instance.clone(),
         digest: result.object.digest,
     };
-    queue(connection, &new, now).await?;
-    let state = match result.state {
-        TransferState::Running => TransferState::Queued,
-        state => state,
-    };
-    let reason = result.reason.as_ref().map(serde_json::to_string);
+    let known = insert(connection, &new, now).await?;
+    jobs::remove(connection, &known).await?;
     connection
-        .query(
-            "UPDATE results SET id = $1, state = $2, reason = $3, attempts = $4, created_at = $5, lease_until = NULL
-             WHERE sop_instance_uid = $6 AND node = $7",
-        )
+        .query("UPDATE results SET id = $1, created_at = $2 WHERE id = $3")
         .bind(&result.id)
-        .bind(state.name())
-        .bind(reason.transpose()?)
-        .bind(i64::from(result.attempts))
         .bind(result.created_at.as_microsecond())
-        .bind(result.instance.as_str())
-        .bind(&result.node)
+        .bind(known)
         .execute()
         .await?;
-    Ok(())
+    match &result.job {
+        Some(job) => jobs::adopt(connection, job, now).await,
+        None => Ok(()),
+    }
 }
 
 pub(super) async fn page(
@@ -118,18 +119,24 @@ pub(super) async fn page(
         None => (i64::MAX, String::new()),
     };
     let rows = connection
-        .query(select_result!(
-            "WHERE (created_at, id) < ($1, $2) AND coalesce($3, case_id) = case_id AND coalesce($4, state) = state
-             ORDER BY created_at DESC, id DESC LIMIT $5"
-        ))
+        .query(
+            "SELECT id FROM results
+             WHERE (created_at, id) < ($1, $2) AND coalesce($3, case_id) = case_id
+               AND ($4 IS NULL OR $4 = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
+                                                 ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done'))
+             ORDER BY created_at DESC, id DESC LIMIT $5",
+        )
         .bind(at)
         .bind(id)
         .bind(query.case.map(|case| case.to_string()))
-        .bind(query.state.map(TransferState::name))
+        .bind(query.state.map(JobState::name))
         .bind(count(limit.saturating_add(1)))
         .fetch_all()
         .await?;
-    let mut results = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let mut results = Vec::with_capacity(rows.len());
+    for row in &rows {
+        results.extend(one(connection, &row.get::<String>("id")?).await?);
+    }
     let has_more = results.len() > limit;
     results.truncate(limit);
     let last = results.last().filter(|_| has_more);
@@ -149,7 +156,11 @@ pub(super) async fn one(
         .bind(id)
         .fetch_optional()
         .await?;
-    row.as_ref().map(read).transpose()
+    let Some(row) = row else {
+        return Ok(None);
+    };
+    let job = jobs::latest_of_key(connection, id).await?;
+    read(&row, job).map(Some)
 }
 
 /// Results for different nodes share one object.
@@ -206,65 +217,7 @@ fn read_uid(row: &Row, column: &str) -> Result<Uid, StoreError> {
     Uid::parse(&text).ok_or_else(|| unreadable("UID"))
 }
 
-/// The result that has waited longest.
-pub(super) async fn available(
-    connection: &mut Connection,
-    now: i64,
-) -> Result<Option<String>, StoreError> {
-    let row = connection
-        .query(
-            "SELECT id FROM results
-             WHERE state IN ('queued', 'running') AND available_at <= $1 AND (lease_until IS NULL OR lease_until <= $1)
-             ORDER BY available_at, id LIMIT 1",
-        )
-        .bind(now)
-        .fetch_optional()
-        .await?;
-    row.map(|row| row.get("id")).transpose()
-}
-
-pub(super) async fn lease(
-    connection: &mut Connection,
-    id: &str,
-    until: i64,
-) -> Result<Option<SentResult>, StoreError> {
-    let fence = fence::next(connection, until).await?;
-    connection
-        .query(
-            "UPDATE results SET state = 'running', attempts = attempts + 1, fence = $1, lease_until = $2
-             WHERE id = $3",
-        )
-        .bind(fence)
-        .bind(until)
-        .bind(id)
-        .execute()
-        .await?;
-    one(connection, id).await
-}
-
-pub(super) async fn end(
-    connection: &mut Connection,
-    result: &SentResult,
-    end: &TransferEnd,
-    now: i64,
-) -> Result<bool, StoreError> {
-    let after = AfterAttempt::new(end, now)?;
-    let ended = connection
-        .query(
-            "UPDATE results SET state = $1, reason = $2, available_at = $3, lease_until = NULL
-             WHERE id = $4 AND fence = $5 AND state = 'running'",
-        )
-        .bind(after.state)
-        .bind(after.reason)
-        .bind(after.available_at)
-        .bind(&result.id)
-        .bind(result.fence)
-        .execute()
-        .await?;
-    Ok(ended > 0)
-}
-
-/// Removes results that ended and last waited before a time, and abandons their objects.
+/// Removes results whose sending ended before a time, with their jobs, and abandons their objects.
 pub(super) async fn forget(
     connection: &mut Connection,
     before: i64,
@@ -272,18 +225,19 @@ pub(super) async fn forget(
 ) -> Result<(), StoreError> {
     let rows = connection
         .query(
-            "SELECT digest FROM results WHERE state IN ('done', 'failed') AND available_at <= $1",
+            "DELETE FROM results
+             WHERE created_at <= $1
+               AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.key = results.id
+                               AND (jobs.ended_at IS NULL OR jobs.ended_at > $1))
+             RETURNING id, digest",
         )
         .bind(before)
         .fetch_all()
         .await?;
-    abandon(connection, &rows, now).await?;
-    connection
-        .query("DELETE FROM results WHERE state IN ('done', 'failed') AND available_at <= $1")
-        .bind(before)
-        .execute()
-        .await?;
-    Ok(())
+    for row in &rows {
+        jobs::remove(connection, &row.get::<String>("id")?).await?;
+    }
+    abandon(connection, &rows, now).await
 }
 
 /// Abandons the objects of the results of a case, whose rows go with it.
@@ -305,23 +259,14 @@ async fn abandon(connection: &mut Connection, rows: &[Row], now: i64) -> Result<
     pins::abandon(connection, objects, now).await
 }
 
-pub(super) async fn end_leases(connection: &mut Connection) -> Result<(), StoreError> {
-    connection
-        .query("UPDATE results SET lease_until = NULL")
-        .execute()
-        .await?;
-    Ok(())
-}
-
 fn read_object(row: &Row) -> Result<ObjectName, StoreError> {
     let digest: String = row.get("digest")?;
     let digest = blake3::Hash::from_hex(digest).map_err(|_| unreadable("digest"))?;
     Ok(object(digest))
 }
 
-fn read(row: &Row) -> Result<SentResult, StoreError> {
-    let [case, state]: [String; 2] = [row.get("case_id")?, row.get("state")?];
-    let attempts: i64 = row.get("attempts")?;
+fn read(row: &Row, job: Option<Job>) -> Result<SentResult, StoreError> {
+    let case: String = row.get("case_id")?;
     Ok(SentResult {
         id: row.get("id")?,
         case: CaseId::parse(&case).ok_or_else(|| unreadable("case"))?,
@@ -330,10 +275,7 @@ fn read(row: &Row) -> Result<SentResult, StoreError> {
         series: read_series(row)?,
         instance: read_uid(row, "sop_instance_uid")?,
         object: read_object(row)?,
-        state: TransferState::from_name(&state).ok_or_else(|| unreadable("state"))?,
-        reason: read_reason(row)?,
         created_at: read_time(row, "created_at")?,
-        fence: row.get("fence")?,
-        attempts: u32::try_from(attempts).unwrap_or(u32::MAX),
+        job,
     })
 }

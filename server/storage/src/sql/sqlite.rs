@@ -222,6 +222,7 @@ mod tests {
 
     use super::*;
     use crate::conformance::Subject;
+    use crate::rows::Referred;
     use crate::sql::Rows;
     use crate::sql::connection::Database;
     use crate::{ObjectName, Pinned, Published, Store, testing};
@@ -346,8 +347,7 @@ mod tests {
         // As if its commit had not reached the disk, while its holder goes on.
         sqlx::raw_sql(
             "UPDATE fence SET value = 0;
-             UPDATE jobs SET attempts = 0, fence = 0, lease_until = NULL;
-             UPDATE cases SET state = 'queued'",
+             UPDATE jobs SET state = 'queued', attempts = 0, fence = 0, lease_until = NULL",
         )
         .execute(pool(&store))
         .await
@@ -357,14 +357,14 @@ mod tests {
         assert!(again.fence > lost.fence, "{} {}", again.fence, lost.fence);
         let derived = testing::pinned(&store, &[]).await;
         let late = store
-            .make_case_ready(&lost, &derived, &testing::facts())
+            .make_case_ready(&lost, &derived, &testing::facts(), &[])
             .await;
-        assert_eq!(late.unwrap(), Published::Fenced);
+        assert_eq!(late.unwrap(), Referred::Unneeded(Published::Fenced));
         let derived = testing::pinned(&store, &[]).await;
         let done = store
-            .make_case_ready(&again, &derived, &testing::facts())
+            .make_case_ready(&again, &derived, &testing::facts(), &[])
             .await;
-        assert_eq!(done.unwrap(), Published::Done);
+        assert_eq!(done.unwrap(), Referred::Done(Published::Done));
     }
 
     /// A file with a ready case, whose facts hold a word that is nowhere else.
@@ -375,7 +375,7 @@ mod tests {
         let claim = testing::claim(&store).await.unwrap();
         let derived = testing::pinned(&store, &[]).await;
         store
-            .make_case_ready(&claim, &derived, &testing::facts())
+            .make_case_ready(&claim, &derived, &testing::facts(), &[])
             .await
             .unwrap();
         (store, new.id)
@@ -427,7 +427,7 @@ mod tests {
             }
             let case = store.case(&id).await.unwrap().unwrap();
             assert_eq!((case.state, case.facts), (CaseState::Queued, None));
-            assert_eq!(store.waiting().await.unwrap(), 1);
+            assert_eq!(store.waiting(case::JobKind::PREPARE).await.unwrap(), 1);
         }
     }
 
@@ -440,7 +440,7 @@ mod tests {
         let mut connection = pool(&store).acquire().await.unwrap();
         for statement in [
             "PRAGMA writable_schema = ON",
-            "DELETE FROM sqlite_schema WHERE name = 'jobs_by_age'",
+            "DELETE FROM sqlite_schema WHERE name = 'jobs_by_case'",
         ] {
             sqlx::query(statement)
                 .execute(&mut *connection)

@@ -1,7 +1,8 @@
 //! Digests that protect the facts of cases.
 
-use super::connection::Database;
+use super::{Rows, jobs};
 use crate::StoreError;
+use crate::jobs::NewJob;
 use case::CaseId;
 
 /// The digest of facts, as it is stored beside them.
@@ -10,24 +11,18 @@ pub(super) fn digest(facts: &str) -> String {
 }
 
 /// Queues a case again whose facts are damaged: they are made again from the source.
-pub(super) async fn prepare_again(database: &Database, id: &CaseId) -> Result<(), StoreError> {
+pub(super) async fn prepare_again(rows: &Rows, id: &CaseId) -> Result<(), StoreError> {
     tracing::error!(
         "the facts of a case are damaged; the case will be prepared again from its source"
     );
-    let mut transaction = database.begin().await?;
-    transaction
+    let (mut transaction, now) = rows.write().await?;
+    let found = transaction
         .query("UPDATE cases SET state = 'queued', facts = NULL, facts_digest = NULL WHERE id = $1")
         .bind(id.to_string())
         .execute()
         .await?;
-    transaction
-        .query(
-            "INSERT INTO jobs (case_id, queued_at, available_at)
-             SELECT id, created_at, created_at FROM cases WHERE id = $1
-             ON CONFLICT DO NOTHING",
-        )
-        .bind(id.to_string())
-        .execute()
-        .await?;
+    if found > 0 {
+        jobs::enqueue(&mut transaction, &NewJob::prepare(id), now).await?;
+    }
     transaction.commit().await
 }

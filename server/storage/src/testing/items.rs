@@ -3,11 +3,11 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use case::{CaseId, ObjectKind, Parameters};
+use case::{CaseId, JobKind, ObjectKind, Parameters};
 
 use super::name;
-use crate::rows::{Claim, LeaseTerms, NewCase, Pinned};
-use crate::{ObjectName, Store};
+use crate::rows::{NewCase, Pinned};
+use crate::{Claim, ObjectName, Store};
 
 /// Objects pinned for an hour.
 pub(crate) async fn pinned(store: &Store, names: &[ObjectName]) -> Pinned {
@@ -34,11 +34,7 @@ pub(crate) async fn new_case(store: &Store, contents: &str) -> NewCase {
     }
 }
 
-/// Leases a job for 30 s; it fails at its fourth attempt.
+/// Leases a preparation for 30 s; it fails at its fourth attempt.
 pub(crate) async fn claim(store: &Store) -> Option<Claim> {
-    let terms = LeaseTerms {
-        lease: Duration::from_secs(30),
-        max_attempts: 3,
-    };
-    store.claim(&terms).await.unwrap()
+    store.claim(JobKind::PREPARE, 3).await.unwrap()
 }

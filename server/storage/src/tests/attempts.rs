@@ -3,27 +3,29 @@
 use std::time::Duration;
 
 use crate::arrivals::{
-    ArrivalSource, ArrivalState, DueTerms, NewInstance, SeriesQuery, SeriesUids, TransferState, Uid,
+    ArrivalSource, ArrivalState, DueTerms, NewInstance, SeriesQuery, SeriesUids, Uid,
 };
 use crate::conformance::Subject;
 use crate::results::{NewResult, ResultSeries};
+use crate::rows::Referred;
 use crate::testing::{new_case, pinned};
-use crate::{ObjectName, Store};
+use crate::{NewJob, ObjectName};
+use case::{JobKind, JobState};
 
 const LEASE: Duration = Duration::from_secs(60);
 
-/// More than anything is tried.
-const MANY: usize = 100;
+const MAX_ATTEMPTS: u32 = 5;
 
-/// Leases work, and lets its process die, until there is none; returns how often.
-async fn die_each_time(subject: &Subject, lease: impl AsyncFn(&Store) -> bool) -> usize {
-    for attempt in 0..MANY {
-        if !lease(&subject.store).await {
-            return attempt;
-        }
+/// Leases jobs of a kind, and lets their process die, until there is none; returns how often.
+async fn die_each_time(subject: &Subject, kind: JobKind) -> u32 {
+    let claim = async || subject.store.claim(kind, MAX_ATTEMPTS).await.unwrap();
+    let mut attempts = 0;
+    while claim().await.is_some() {
+        attempts += 1;
+        assert!(attempts <= MAX_ATTEMPTS);
         subject.pass(24 * 3600);
     }
-    MANY
+    attempts
 }
 
 fn uid(text: &str) -> Uid {
@@ -38,7 +40,6 @@ fn series() -> SeriesUids {
 }
 
 #[tokio::test]
-#[ignore = "step 4"]
 async fn a_series_whose_reader_dies_each_time_becomes_nothing() {
     let subject = Subject::in_memory().await;
     let store = &subject.store;
@@ -53,15 +54,18 @@ async fn a_series_whose_reader_dies_each_time_becomes_nothing() {
     let received = store
         .insert_images(&[image], &pins, ArrivalSource::CStore)
         .await;
-    assert_eq!(received.unwrap().map(|received| received.new), Some(1));
+    let Referred::Done(received) = received.unwrap() else {
+        panic!("the pins are there");
+    };
+    assert_eq!(received.new, 1);
     subject.pass(60);
     let terms = DueTerms {
         stable: LEASE,
         patience: LEASE,
-        lease: LEASE,
     };
-    let lease = async |store: &Store| store.lease_due(&terms).await.unwrap().is_some();
-    let attempts = die_each_time(&subject, lease).await;
+    assert_eq!(store.queue_due_series(&terms).await.unwrap(), 1);
+    let attempts = die_each_time(&subject, JobKind::SERIES).await;
+    assert_eq!(store.queue_due_series(&terms).await.unwrap(), 0);
     let query = SeriesQuery::Study(uid("1.2.3"), None);
     let arrival = store.arrivals_of(&query).await.unwrap().pop().unwrap();
     assert_eq!(arrival.state, ArrivalState::Nothing);
@@ -70,25 +74,26 @@ async fn a_series_whose_reader_dies_each_time_becomes_nothing() {
 }
 
 #[tokio::test]
-#[ignore = "step 4"]
-async fn a_retrieval_whose_worker_dies_each_time_fails() {
+async fn a_job_of_any_kind_whose_worker_dies_each_time_fails() {
+    const FETCH: JobKind = JobKind::new("fetch", "retrieval");
     let subject = Subject::in_memory().await;
-    let retrieval = subject
-        .store
-        .request_retrieval("pacs", &series())
-        .await
-        .unwrap();
-    let lease = async |store: &Store| store.lease_retrieval(LEASE).await.unwrap().is_some();
-    let attempts = die_each_time(&subject, lease).await;
-    let seen = subject.store.retrieval(&retrieval.id).await.unwrap();
-    let seen = seen.unwrap();
-    assert_eq!(seen.state, TransferState::Failed);
-    let words = seen.reason.unwrap().detail;
+    let store = &subject.store;
+    let new = NewJob {
+        kind: FETCH,
+        key: "a series".to_owned(),
+        case: None,
+        needs_ready: false,
+        payload: "{}".to_owned(),
+    };
+    let job = store.enqueue(&new).await.unwrap().unwrap();
+    let attempts = die_each_time(&subject, FETCH).await;
+    let job = store.job(&job.id).await.unwrap().unwrap();
+    assert_eq!((job.state, job.attempts), (JobState::Failed, 5));
+    let words = job.failure.unwrap().detail;
     assert!(words.contains(&format!("{attempts} attempts")), "{words}");
 }
 
 #[tokio::test]
-#[ignore = "step 4"]
 async fn a_result_whose_sender_dies_each_time_fails() {
     let subject = Subject::in_memory().await;
     let store = &subject.store;
@@ -108,11 +113,15 @@ async fn a_result_whose_sender_dies_each_time_fails() {
         digest: blake3::hash(b"a result"),
     };
     let pins = pinned(store, &[new.object()]).await;
-    let queued = store.insert_result(&new, &pins).await.unwrap().unwrap();
-    let lease = async |store: &Store| store.lease_result(LEASE).await.unwrap().is_some();
-    let attempts = die_each_time(&subject, lease).await;
+    let send = JobKind::new("send", "delivery");
+    let queued = store.insert_result(&new, send, &pins).await.unwrap();
+    let Referred::Done(queued) = queued else {
+        panic!("the pin is there");
+    };
+    let attempts = die_each_time(&subject, send).await;
     let seen = store.result(&queued.id).await.unwrap().unwrap();
-    assert_eq!(seen.state, TransferState::Failed);
-    let words = seen.reason.unwrap().detail;
+    let job = seen.job.unwrap();
+    assert_eq!(job.state, JobState::Failed);
+    let words = job.failure.unwrap().detail;
     assert!(words.contains(&format!("{attempts} attempts")), "{words}");
 }

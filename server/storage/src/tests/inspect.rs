@@ -3,10 +3,11 @@
 use super::*;
 use crate::arrivals::{
     AccessionNumber, ArrivalSource, ArrivalState, DueTerms, NewInstance, Outcome, SeriesQuery,
-    SeriesUids, TransferEnd, TransferQuery, TransferState, Uid,
+    SeriesUids, TransferQuery, Uid,
 };
 use crate::results::{NewResult, ResultSeries};
 use crate::{CopyStep, ForPacs, frame};
+use case::{JobKind, JobState};
 
 fn closer() -> Parameters {
     Parameters {
@@ -195,7 +196,7 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
         assert_eq!(findings, from.findings(id).await.unwrap());
     }
     assert_eq!(
-        to.waiting().await.unwrap(),
+        to.waiting(JobKind::PREPARE).await.unwrap(),
         1,
         "the version is prepared there"
     );
@@ -248,9 +249,9 @@ async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
     let terms = DueTerms {
         stable: Duration::ZERO,
         patience: Duration::ZERO,
-        lease: Duration::from_secs(30),
     };
-    let due = store.lease_due(&terms).await.unwrap().unwrap();
+    assert_eq!(store.queue_due_series(&terms).await.unwrap(), 1);
+    let due = store.claim(JobKind::SERIES, 3).await.unwrap().unwrap();
     assert!(store.settle(&due, &Outcome::Case(id)).await.unwrap());
     let file = b"a result";
     let new = NewResult {
@@ -266,10 +267,11 @@ async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
         instance: uid("2.25.7"),
         digest: blake3::hash(file),
     };
-    let queued = store.queue_result(new, file[..].into()).await.unwrap();
-    let leased = store.lease_result(terms.lease).await.unwrap().unwrap();
-    assert!(store.end_result(&leased, &TransferEnd::Done).await.unwrap());
-    (id, images, queued.id)
+    let send = JobKind::new("send", "delivery");
+    let queued = store.queue_result(new, file[..].into(), send).await;
+    let leased = store.claim(send, 3).await.unwrap().unwrap();
+    assert!(store.finish(&leased).await.unwrap());
+    (id, images, queued.unwrap().id)
 }
 
 #[tokio::test]
@@ -299,8 +301,12 @@ async fn a_copy_has_the_images_and_the_results_of_a_pacs() {
     assert_eq!(to.arrivals_of(&number).await.unwrap(), arrivals);
     let sent = to.result(&result).await.unwrap().unwrap();
     assert_eq!(
-        (sent.state, sent.case, sent.node.as_str()),
-        (TransferState::Done, case, "pacs")
+        (
+            sent.job.as_ref().unwrap().state,
+            sent.case,
+            sent.node.as_str()
+        ),
+        (JobState::Done, case, "pacs")
     );
     assert_eq!(
         &to.objects().get(&sent.object).await.unwrap()[..],

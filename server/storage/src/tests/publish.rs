@@ -13,11 +13,12 @@ async fn a_worker_without_its_lease_publishes_nothing() {
     let handed_back = Release {
         after: Duration::ZERO,
         counts: false,
+        failure: None,
     };
-    assert!(store.release(&claim, handed_back).await.unwrap());
+    assert!(store.release(&claim, &handed_back).await.unwrap());
     let objects = vec![(ObjectKind::Volume, Bytes::from_static(b"volume"))];
     let framed = frame_all(objects).await.unwrap();
-    for publisher in [Publisher::Worker(&claim), Publisher::Rebuild(&id)] {
+    for publisher in [Publisher::Worker(&claim, &[]), Publisher::Rebuild(&id)] {
         let published = store.publish(publisher, &framed, &facts()).await;
         assert_eq!(published.unwrap(), Published::Fenced, "{publisher:?}");
         let case = store.case(&id).await.unwrap().unwrap();

@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use bytes::Bytes;
-use case::{CaseState, ObjectKind};
+use case::{CaseState, JobKind, ObjectKind};
 use storage::testing::{assert_nothing_left_over, facts, steps};
-use storage::{LeaseTerms, ObjectName, Publisher, frame_all};
+use storage::{ObjectName, Publisher, frame_all};
 use tempfile::TempDir;
 
 use super::{GRACE, expected, load, open, ready};
@@ -46,11 +46,8 @@ async fn killed_before(step: usize, directory: &TempDir, fake: &Arc<Fake>) {
     if step == 3 {
         return;
     }
-    let terms = LeaseTerms {
-        lease: Duration::from_secs(3600),
-        max_attempts: 3,
-    };
-    let claim = library.store().claim(&terms).await.unwrap().unwrap();
+    let claim = library.store().claim(JobKind::PREPARE, 3).await;
+    let claim = claim.unwrap().unwrap();
     if step == 4 {
         return;
     }
@@ -72,14 +69,14 @@ async fn killed_before(step: usize, directory: &TempDir, fake: &Arc<Fake>) {
     }
     library
         .store()
-        .publish(Publisher::Worker(&claim), &framed, &facts())
+        .publish(Publisher::Worker(&claim, &[]), &framed, &facts())
         .await
         .unwrap();
     if step == 7 {
         return;
     }
     let store = library.store();
-    store.delete(&claim.id).await.unwrap();
+    store.delete(&claim.case.unwrap()).await.unwrap();
     if step == 8 {
         return;
     }

@@ -33,7 +33,7 @@ pub struct LayerView {
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<String>,
     /// The stable name of that reason: `coarse-voxels`, `low-contrast`, `no-white-matter`, `failed-envelope`,
-    /// `nothing-deep` or `maps-off`.
+    /// `nothing-deep`, `maps-failed` or `maps-off`.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason_code: Option<String>,
     /// The reason why it failed.

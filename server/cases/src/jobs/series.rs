@@ -1,152 +1,103 @@
-//! Reads series that are due, and makes cases of them.
+//! Reads series that are due, and makes cases or layers of them.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use case::{CaseState, Failure, FailureKind, LayerParameters, Parameters};
+use async_trait::async_trait;
+use case::{CaseState, Failure, FailureKind, JobKind, LayerParameters, Parameters};
 use storage::arrivals::{DueTerms, NOT_T1, Outcome, SeriesQuery};
-use storage::{DueSeries, StoreError};
-use tokio::sync::watch;
-use tokio::task::JoinSet;
+use storage::{DueSeries, Store, StoreError};
 
-use super::{ArrivalOptions, SeriesRule};
 use crate::application::Cases;
+use crate::arrivals::{ArrivalOptions, SeriesRule};
 use crate::dicom::{Options, Purpose, copy_objects};
 use crate::error::Error;
 use crate::intake::VolumeFiles;
 use crate::layers::NewLayer;
+use crate::runner::{End, Failed, Running, Terms, Work};
 
-/// The lease of a series: longer than it takes to read and to check one.
-const LEASE: Duration = Duration::from_secs(600);
-
-/// How long to wait before the next attempt if the server, not the series, was the reason.
+/// How long to wait before the second attempt if the server, not the series, was the reason.
 const RETRY_AFTER: Duration = Duration::from_secs(15);
 
 /// How many times as long as for other series to wait for images that were announced.
 const PATIENCE: u32 = 10;
 
-/// How often to look for a series that is due.
-const LOOK_EVERY: Duration = Duration::from_secs(1);
-
-/// How often to look for series to forget.
-const FORGET_EVERY: Duration = Duration::from_secs(600);
-
-/// A running reader. Dropping it stops it; another one takes its series after the lease ends.
-#[derive(Debug)]
-pub struct ArrivalReader {
-    stopping: watch::Sender<bool>,
-    tasks: JoinSet<()>,
+/// Reads a series.
+pub(super) struct ReadSeries {
+    pub(super) cases: Cases,
+    pub(super) options: ArrivalOptions,
 }
 
-impl ArrivalReader {
-    /// Starts to read series on the current runtime, one at a time.
-    pub fn start(cases: Cases, options: ArrivalOptions) -> Self {
-        let stopping = watch::Sender::new(false);
-        let mut tasks = JoinSet::new();
-        let stop = stopping.subscribe();
-        tasks.spawn(read_all(cases, options, stop));
-        Self { stopping, tasks }
+#[async_trait]
+impl Work for ReadSeries {
+    fn kind(&self) -> JobKind {
+        JobKind::SERIES
     }
 
-    /// Takes no more series, and finishes the one at hand within `grace`.
-    pub async fn shut_down(mut self, grace: Duration) {
-        self.stopping.send_replace(true);
-        let all_done = async { while self.tasks.join_next().await.is_some() {} };
-        // What is not finished is read again when its lease ends, or when the program starts again.
-        let _unfinished = tokio::time::timeout(grace, all_done).await;
+    fn terms(&self) -> Terms {
+        let options = self.cases.store().options();
+        Terms {
+            max_attempts: options.max_attempts,
+            retry_after: RETRY_AFTER,
+            longest: options.longest_preparation,
+        }
     }
-}
 
-async fn read_all(cases: Cases, options: ArrivalOptions, mut stop: watch::Receiver<bool>) {
-    let mut forgotten: Option<Instant> = None;
-    while !*stop.borrow() {
-        match cases.read_due_series(&options).await {
-            Ok(true) => continue,
-            Ok(false) => {}
-            Err(error) => {
-                tracing::error!(
-                    error = &error as &dyn std::error::Error,
-                    "cannot take a series that has come"
-                );
+    async fn run(&self, job: &Running) -> Result<End, Failed> {
+        let (store, arrival) = (self.cases.store(), &job.claim.key);
+        let Some(due) = store.series_to_read(&job.claim).await? else {
+            return Ok(End::Done);
+        };
+        let outcome = self.cases.read_series(&due, &self.options).await?;
+        match &outcome {
+            Outcome::Case(case) => {
+                tracing::info!(arrival, case = case.short(), "a series became a case");
+            }
+            Outcome::Layer(case) => {
+                tracing::info!(arrival, case = case.short(), "a series became a layer");
+            }
+            Outcome::Nothing(failure) => {
+                let reason = failure.name.as_str();
+                tracing::info!(arrival, reason, "a series became nothing");
             }
         }
-        if forgotten.is_none_or(|when| when.elapsed() > FORGET_EVERY) {
-            forgotten = Some(Instant::now());
-            if let Err(error) = cases.forget_arrivals(&options).await {
-                tracing::warn!(
-                    error = &error as &dyn std::error::Error,
-                    "series that came some days ago will be forgotten later"
-                );
-            }
+        if !store.settle(&job.claim, &outcome).await? {
+            tracing::info!(arrival, "more images of a series came meanwhile");
         }
-        tokio::select! {
-            _ = stop.wait_for(|&stop| stop) => {}
-            () = tokio::time::sleep(LOOK_EVERY) => {}
-        }
+        Ok(End::Settled)
+    }
+
+    /// Queues the series for which nothing has come for a while.
+    async fn look(&self, store: &Store) -> Result<(), StoreError> {
+        let terms = DueTerms {
+            stable: self.options.stable,
+            patience: self.options.stable * PATIENCE,
+        };
+        store.queue_due_series(&terms).await.map(drop)
     }
 }
 
 impl Cases {
-    /// Reads the series that has waited longest of those that are due; `false` if there is none.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written. What is wrong with the series is noted with it.
-    pub async fn read_due_series(&self, options: &ArrivalOptions) -> Result<bool, StoreError> {
-        let terms = DueTerms {
-            stable: options.stable,
-            patience: options.stable * PATIENCE,
-            lease: LEASE,
-        };
-        let store = self.store();
-        let Some(due) = store.lease_due(&terms).await? else {
-            return Ok(false);
-        };
-        let outcome = self.outcome(&due, options).await;
-        match &outcome {
-            Outcome::Case(case) => {
-                tracing::info!(
-                    arrival = due.id,
-                    case = case.short(),
-                    "a series became a case"
-                );
-            }
-            Outcome::Layer(case) => {
-                tracing::info!(
-                    arrival = due.id,
-                    case = case.short(),
-                    "a series became a layer"
-                );
-            }
-            Outcome::Nothing(failure) => {
-                let reason = failure.name.as_str();
-                tracing::info!(arrival = due.id, reason, "a series became nothing");
-            }
-            Outcome::Later(_) => tracing::warn!(arrival = due.id, "a series will be read later"),
-        }
-        if !store.settle(&due, &outcome).await? {
-            tracing::info!(arrival = due.id, "more images of a series came meanwhile");
-        }
-        Ok(true)
-    }
-
-    async fn forget_arrivals(&self, options: &ArrivalOptions) -> Result<(), StoreError> {
-        let store = self.store();
-        let forgotten = store.forget_arrivals(options.keep, options.keep_source);
-        let forgotten = forgotten.await?;
-        if forgotten > 0 {
-            self.store().collect().await?;
-        }
-        Ok(())
-    }
-
-    async fn outcome(&self, due: &DueSeries, options: &ArrivalOptions) -> Outcome {
+    /// What a series becomes.
+    async fn read_series(
+        &self,
+        due: &DueSeries,
+        options: &ArrivalOptions,
+    ) -> Result<Outcome, Failed> {
         match self.make_case(due, options).await {
-            Ok(outcome) => outcome,
+            Ok(outcome) => Ok(outcome),
             Err(Error::Failure(failure)) if is_about_the_series(&failure) => {
-                Outcome::Nothing(failure)
+                Ok(Outcome::Nothing(failure))
             }
+            Err(Error::Failure(failure)) => Err(Failed::ForNow(failure)),
+            Err(Error::Store(error)) => Err(error.into()),
             Err(error) => {
-                tracing::warn!(arrival = due.id, %error, "a series cannot be read now");
-                Outcome::Later(RETRY_AFTER)
+                tracing::warn!(%error, "a series cannot be read now");
+                let detail = "the server could not read the series";
+                Err(Failed::ForNow(Failure::new(
+                    FailureKind::Internal,
+                    "reading-failed",
+                    detail,
+                )))
             }
         }
     }

@@ -1,0 +1,65 @@
+//! Prepares layers of ready cases.
+
+use async_trait::async_trait;
+use case::{FailureKind, JobKind, ObjectKind};
+use pipeline::layers::PreparedLayer;
+use storage::{Published, StoreError, frame_all};
+
+use super::usual_terms;
+use crate::library::Library;
+use crate::runner::{End, Failed, Running, Terms, Work};
+
+/// Prepares a layer.
+pub(super) struct PrepareLayer(pub(super) Library);
+
+#[async_trait]
+impl Work for PrepareLayer {
+    fn kind(&self) -> JobKind {
+        JobKind::LAYER
+    }
+
+    fn terms(&self) -> Terms {
+        usual_terms(&self.0)
+    }
+
+    async fn run(&self, job: &Running) -> Result<End, Failed> {
+        let store = self.0.store();
+        let Some((case, id)) = job.claim.layer() else {
+            return Ok(End::Settled);
+        };
+        let Some(layer) = store.layer(&case, &id).await? else {
+            return Ok(End::Settled);
+        };
+        let prepared = match self.0.prepare_layer(&layer).await {
+            Ok(Some(prepared)) => prepared,
+            // Its case was deleted.
+            Ok(None) => return Ok(End::Settled),
+            // A decoder panicked, and would again.
+            Err(StoreError::Stopped(error)) if error.is_panic() => {
+                std::panic::resume_unwind(error.into_panic())
+            }
+            Err(error) => return Err(error.into()),
+        };
+        let PreparedLayer { payload, facts } = prepared.map_err(|failure| {
+            if failure.kind == FailureKind::OutOfMemory {
+                tracing::warn!(
+                    job = job.claim.fence,
+                    "there is not enough memory for a layer"
+                );
+            }
+            Failed::Forever(failure)
+        })?;
+        let framed = frame_all(vec![(ObjectKind::Layer, payload)]).await?;
+        let published = store.publish_layer(&job.claim, &framed, &facts).await?;
+        if published == Published::Done {
+            let placement = &facts.placement;
+            tracing::info!(
+                job = job.claim.fence,
+                origin = placement.origin.name(),
+                quality = placement.quality.name(),
+                "a layer is ready"
+            );
+        }
+        Ok(End::Settled)
+    }
+}

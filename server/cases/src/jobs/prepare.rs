@@ -1,0 +1,105 @@
+//! Prepares cases.
+
+use std::any::Any;
+use std::sync::atomic::AtomicBool;
+
+use async_trait::async_trait;
+use case::{Case, Failure, FailureKind, JobKind, Progress, Stage};
+use pipeline::{Derived, Input};
+use storage::{Count, Published, Publisher, StoreError, frame_all};
+
+use super::headers::doubt_header;
+use super::usual_terms;
+use crate::library::Library;
+use crate::runner::{End, Failed, Running, Terms, Work};
+
+/// Prepares a case.
+pub(super) struct PrepareCase(pub(super) Library);
+
+#[async_trait]
+impl Work for PrepareCase {
+    fn kind(&self) -> JobKind {
+        JobKind::PREPARE
+    }
+
+    fn terms(&self) -> Terms {
+        usual_terms(&self.0)
+    }
+
+    async fn run(&self, job: &Running) -> Result<End, Failed> {
+        let store = self.0.store();
+        let Some(id) = job.claim.case else {
+            return Ok(End::Settled);
+        };
+        let Some(case) = store.case(&id).await? else {
+            return Ok(End::Settled);
+        };
+        let mut derived = self.derive(job, case).await?;
+        doubt_header(store, &id, &mut derived.facts).await?;
+        let storing = Progress::at(Stage::Storing);
+        store.signals().progress(&id, Some(storing));
+        let framed = frame_all(derived.objects).await?;
+        // The lease is renewed once more, because writing takes a bounded time.
+        let progress = serde_json::to_string(&storing).ok();
+        store.renew(&job.claim, progress.as_deref()).await?;
+        let next: &[JobKind] = match self.0.makes_maps() {
+            true => &[JobKind::MAPS],
+            false => &[],
+        };
+        let publisher = Publisher::Worker(&job.claim, next);
+        match store.publish(publisher, &framed, &derived.facts).await? {
+            Published::Done => {
+                store.signals().count(Count::Prepared);
+                tracing::info!(job = job.claim.fence, "a case is ready");
+            }
+            Published::Fenced => tracing::info!(
+                job = job.claim.fence,
+                "a preparation finished after its lease had ended and was discarded"
+            ),
+        }
+        Ok(End::Settled)
+    }
+
+    fn rest(&self) -> Option<Box<dyn Any + Send>> {
+        Some(Box::new(self.0.handover().idle()))
+    }
+}
+
+impl PrepareCase {
+    /// What a preparation makes of the sources, on a blocking thread; nothing is stored yet.
+    async fn derive(&self, job: &Running, case: Case) -> Result<Derived, Failed> {
+        let (library, id) = (&self.0, case.id);
+        let mut names = library.store().case_objects(&id).await?;
+        names.retain(|name| name.kind.is_source());
+        let read = library.handover().take(&id);
+        let source = match &read {
+            Some(_) => library.source_besides(&id, &names).await?,
+            None => library.source(&id, &names).await?,
+        };
+        let source = source.ok_or_else(|| Failed::Forever(Failure::source_damaged()))?;
+        let (report, is_cancelled) = (job.reporter(), job.is_cancelled());
+        let library = library.clone();
+        let derive = move || {
+            let observe = |now: Progress| {
+                report(&now);
+                library.store().signals().progress(&id, Some(now));
+            };
+            let input = Input {
+                source: &source,
+                read,
+            };
+            let cancelled: &AtomicBool = &is_cancelled;
+            library.prepare(input, &case.parameters, &observe, cancelled)
+        };
+        match tokio::task::spawn_blocking(derive).await {
+            Ok(derived) => derived.map_err(Failed::Forever),
+            // The same input would cause the same internal error again.
+            Err(error) if error.is_panic() => Err(Failed::Forever(Failure::new(
+                FailureKind::Internal,
+                "preparation-crashed",
+                "internal error during the preparation",
+            ))),
+            Err(error) => Err(StoreError::from(error).into()),
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! Jobs: work that one process at a time does. There is one table, one claim and one end for all kinds.
+//!
+//! A job is a row with a lease. Its holder renews the lease while it works. If the process is killed, the lease ends and
+//! another one takes the job with a greater fence number, so that the first can no longer end or publish anything. A job
+//! that was tried as often as its kind may be fails, whoever queued it, and with it what it is about.
+
+use std::time::Duration;
+
+use case::{CaseId, Failure, JobKind, JobState, LayerId};
+use jiff::Timestamp;
+
+/// A job to be queued.
+#[derive(Debug, Clone)]
+pub struct NewJob {
+    /// Its kind.
+    pub kind: JobKind,
+    /// What it is about. There is one open job for each kind and key.
+    pub key: String,
+    /// The case with which it is deleted.
+    pub case: Option<CaseId>,
+    /// Whether it waits until the case is ready.
+    pub needs_ready: bool,
+    /// What whoever does it needs to know: JSON.
+    pub payload: String,
+}
+
+impl NewJob {
+    /// The preparation of a case.
+    pub(crate) fn prepare(case: &CaseId) -> Self {
+        Self {
+            needs_ready: false,
+            ..Self::of_ready_case(JobKind::PREPARE, case)
+        }
+    }
+
+    /// The preparation of a layer.
+    pub(crate) fn layer(case: &CaseId, layer: &LayerId) -> Self {
+        Self {
+            key: layer_key(case, layer),
+            ..Self::of_ready_case(JobKind::LAYER, case)
+        }
+    }
+
+    /// A job about a case, once it is ready.
+    pub fn of_ready_case(kind: JobKind, case: &CaseId) -> Self {
+        Self {
+            kind,
+            key: case.to_string(),
+            case: Some(*case),
+            needs_ready: true,
+            payload: "{}".to_owned(),
+        }
+    }
+}
+
+/// The key of the job of a layer.
+pub(crate) fn layer_key(case: &CaseId, layer: &LayerId) -> String {
+    format!("{case}/{layer}")
+}
+
+/// A job, open or ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Job {
+    /// Its name in addresses: 32 hexadecimal digits without a meaning.
+    pub id: String,
+    /// The word of its kind.
+    pub kind: String,
+    /// What it is about.
+    pub key: String,
+    /// Its case.
+    pub case: Option<CaseId>,
+    /// What it needs to know: JSON.
+    pub payload: String,
+    /// Its state.
+    pub state: JobState,
+    /// How far the latest attempt is or was: JSON.
+    pub progress: Option<String>,
+    /// Why it failed, or, while it is open, why the latest attempt did.
+    pub failure: Option<Failure>,
+    /// Attempts so far.
+    pub attempts: u32,
+    /// When it was queued.
+    pub created_at: Timestamp,
+    /// When it ended.
+    pub ended_at: Option<Timestamp>,
+}
+
+/// Which jobs to list.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct JobQuery {
+    /// Their kind.
+    pub kind: JobKind,
+    /// Their state; all if there is none.
+    pub state: Option<JobState>,
+    /// How their keys begin.
+    pub key_prefix: String,
+}
+
+/// A leased job.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Claim {
+    /// The job.
+    pub id: String,
+    /// Its kind.
+    pub kind: JobKind,
+    /// What it is about.
+    pub key: String,
+    /// Its case.
+    pub case: Option<CaseId>,
+    /// What it needs to know: JSON.
+    pub payload: String,
+    /// The number of this lease; a greater one fences it off.
+    pub fence: i64,
+    /// The number of leases that had no result, including this one.
+    pub attempt: u32,
+}
+
+impl Claim {
+    /// The layer that the job of one is about.
+    pub fn layer(&self) -> Option<(CaseId, LayerId)> {
+        crate::sql::layers::of_key(&self.key)
+    }
+}
+
+/// The terms for returning a lease.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Release {
+    /// How long until the job may be leased again.
+    pub after: Duration,
+    /// Whether the attempt counts.
+    pub counts: bool,
+    /// Why the attempt had no result.
+    pub failure: Option<Failure>,
+}
