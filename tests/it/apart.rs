@@ -44,6 +44,6 @@ async fn a_preparation_that_takes_too_much_time_of_the_processors_ends() {
     let answer = server.upload(&[("volume", &head)]).await;
     let settled = server.until_settled(answer.header("location")).await;
     assert_eq!(settled["state"], "failed", "{settled}");
-    let kind = settled["problem"]["type"].as_str().unwrap_or_default();
+    let kind = settled["error"]["type"].as_str().unwrap_or_default();
     assert!(kind.ends_with("preparation-too-slow"), "{settled}");
 }
