@@ -13,7 +13,7 @@ use quick_cache::sync::Cache;
 use storage::{Location, Store, StoreError};
 
 use crate::apart::Apart;
-use crate::dicom::{DicomReader, HeaderReader, Program};
+use crate::dicom::{DicomReader, HeaderReader, Program, ReaderMemory};
 use crate::error::Error;
 use crate::library::Library;
 use crate::limit::ConcurrencyLimit;
@@ -207,6 +207,8 @@ impl Cases {
             options.limits,
             options.max_dicom_bytes,
         );
+        let memory = ReaderMemory::default();
+        let dicom = dicom.with_memory(memory.clone());
         let whole_bytes = options.model_cache_bytes / WHOLE_PART;
         let cases = Self {
             models: Models::new(library.clone(), options.model_cache_bytes),
@@ -218,6 +220,7 @@ impl Cases {
             headers: Arc::new(HeaderReader::new(
                 options.dicom_program.clone(),
                 MAX_INSTANCE_BYTES,
+                memory,
             )),
             checks: RoomToCheck::new(options.head, options.limits),
             max_layers: options.max_layers,

@@ -21,11 +21,8 @@ use case::{Failure, FailureKind};
 /// The limit for the size of a request.
 const MAX_ORDER_BYTES: u64 = 64 << 10;
 
-/// Memory for the program itself, one file and one picture.
-const BASE_BYTES: u64 = 1 << 30;
-
-/// Memory for each voxel: its sample in single precision while slices are collected, and its result.
-const BYTES_PER_VOXEL: u64 = 8;
+/// The largest file that is written, beside the samples of the voxels.
+const BASE_FILE_BYTES: u64 = 1 << 30;
 
 /// Files open at a time: the three standard ones, those that are read and written, and some that libraries want.
 const OPEN_FILES: u64 = 32;
@@ -60,7 +57,7 @@ fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
         Order::Stored(order) => read_stored(&order),
         Order::Prepare(order) => crate::apart::prepare(&order),
         Order::Confine => {
-            limit_this_process(0, 1)?;
+            limit_this_process(1 << 30, 0, 1)?;
             answer(&confine(&Needs::default()))
         }
     }
@@ -86,7 +83,7 @@ fn answer(answer: &impl serde::Serialize) -> io::Result<()> {
 /// Everything is opened before this process is confined. A file needs no path any more; a directory becomes the current one,
 /// because its path leads through directories that are closed by then.
 fn read_series(order: &SeriesOrder, instead: Option<Instead<'_>>) -> io::Result<()> {
-    limit_this_process(order.max_voxels as u64, order.seconds)?;
+    limit_this_process(order.memory_bytes, order.max_voxels as u64, order.seconds)?;
     let mut outcome_file = File::create_new(order.output.join(OUTCOME))?;
     let mut volume_file = File::create_new(order.output.join(VOLUME))?;
     let input = File::open(&order.input)?;
@@ -123,7 +120,7 @@ fn read_series(order: &SeriesOrder, instead: Option<Instead<'_>>) -> io::Result<
 }
 
 fn read_header(order: &HeaderOrder) -> io::Result<Stated> {
-    limit_this_process(0, order.seconds)?;
+    limit_this_process(order.memory_bytes, 0, order.seconds)?;
     let mut file = File::open(&order.file)?;
     file.seek(io::SeekFrom::Start(order.start))?;
     let mut output = match &order.output {
@@ -173,7 +170,7 @@ fn read_file(file: File, most: u64) -> Result<Vec<u8>, DicomError> {
 }
 
 fn read_stored(order: &StoredOrder) -> io::Result<()> {
-    limit_this_process(0, order.seconds)?;
+    limit_this_process(order.memory_bytes, 0, order.seconds)?;
     let mut outcome_file = File::create_new(order.output.join(OUTCOME))?;
     let (input, output) = (File::open(&order.input)?, File::open(&order.output)?);
     rustix::process::fchdir(&input)?;
@@ -243,7 +240,7 @@ fn stored(order: &StoredOrder, output: &File) -> Result<StoredOutcome, DicomErro
 }
 
 /// From here on, the kernel ends this process if it exceeds its limits.
-fn limit_this_process(voxels: u64, seconds: u64) -> io::Result<()> {
+fn limit_this_process(memory: u64, voxels: u64, seconds: u64) -> io::Result<()> {
     let at_most = |resource, most: u64| {
         let limit = Rlimit {
             current: Some(most),
@@ -251,15 +248,12 @@ fn limit_this_process(voxels: u64, seconds: u64) -> io::Result<()> {
         };
         setrlimit(resource, limit).map_err(io::Error::from)
     };
-    at_most(
-        Resource::As,
-        BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(voxels)),
-    )?;
+    at_most(Resource::As, memory)?;
     at_most(Resource::Cpu, seconds)?;
     at_most(Resource::Nofile, OPEN_FILES)?;
     at_most(
         Resource::Fsize,
-        BASE_BYTES.saturating_add(4u64.saturating_mul(voxels)),
+        BASE_FILE_BYTES.saturating_add(4u64.saturating_mul(voxels)),
     )?;
     // A core file would contain images of a patient.
     at_most(Resource::Core, 0)?;
@@ -308,7 +302,7 @@ mod tests {
     #[test]
     #[ignore = "it is started by the test below, for its limits last as long as its process"]
     fn limited() {
-        limit_this_process(1000, 60).unwrap();
+        limit_this_process(1 << 30, 1000, 60).unwrap();
         let mut hog: Vec<u8> = Vec::new();
         assert!(hog.try_reserve_exact(2 << 30).is_err());
         let open: Vec<_> = (0..OPEN_FILES)

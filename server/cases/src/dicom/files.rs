@@ -169,12 +169,19 @@ impl Files for FilesBelow {
     }
 }
 
-/// All bytes; `None` if there are more than `limit`. Lengths in headers are not trusted.
-fn read_at_most(source: impl Read, limit: u64) -> Result<Option<Vec<u8>>, DicomError> {
+/// All bytes of a DICOM file, and the first ones of any other; `None` if there are more than `limit`. Lengths in headers are
+/// not trusted.
+fn read_at_most(mut source: impl Read, limit: u64) -> Result<Option<Vec<u8>>, DicomError> {
     let mut bytes = Vec::new();
-    let read = source.take(limit.saturating_add(1)).read_to_end(&mut bytes);
-    match read {
-        Ok(read) if read as u64 > limit => Ok(None),
+    let head = source.by_ref().take(HEAD_BYTES.min(limit));
+    let head = { head }.read_to_end(&mut bytes);
+    if head.is_ok() && sniff(&bytes) != Format::Dicom {
+        return Ok(Some(bytes));
+    }
+    let left = limit.saturating_add(1).saturating_sub(bytes.len() as u64);
+    let read = source.take(left).read_to_end(&mut bytes);
+    match head.and(read) {
+        Ok(_) if bytes.len() as u64 > limit => Ok(None),
         Ok(_) => Ok(Some(bytes)),
         Err(error) => Err(unreadable(error)),
     }
@@ -307,13 +314,25 @@ mod tests {
     fn a_bomb_is_cut_off_at_the_limit() {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("upload");
-        std::fs::write(&path, zipped(&[("zeros", &vec![0; 32 << 20])])).unwrap();
+        let mut large = vec![0; 32 << 20];
+        large[128..132].copy_from_slice(b"DICM");
+        std::fs::write(&path, zipped(&[("zeros", &large)])).unwrap();
         assert!(std::fs::metadata(&path).unwrap().len() < 100 << 10);
         let mut files = FilesBelow::open(file(&path, 0), 1 << 20).unwrap();
         assert_eq!(
             files.read(0),
             Err(DicomError::TooManyBytes { limit: 1 << 20 })
         );
+    }
+
+    #[test]
+    fn what_is_not_dicom_is_not_unpacked() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("upload");
+        let zeros = vec![0; 32 << 20];
+        std::fs::write(&path, zipped(&[("zeros", &zeros), ("again", &zeros)])).unwrap();
+        let mut files = FilesBelow::open(file(&path, 0), 1 << 20).unwrap();
+        assert_eq!(all(&mut files), [[0; HEAD_BYTES as usize]; 2]);
     }
 
     #[test]

@@ -11,6 +11,7 @@ use imaging::dicom::Identity;
 use storage::Spooled;
 use storage::arrivals::{AccessionNumber, SeriesUids, Uid};
 
+use super::memory::ReaderMemory;
 use super::message::{HeaderOrder, Order, Stated};
 use super::reader::{Program, at_a_time, cannot_run, check_file, checked_failure, died};
 use crate::error::Error;
@@ -18,6 +19,9 @@ use crate::limit::ConcurrencyLimit;
 
 /// The time limit for a file.
 const LONGEST: Duration = Duration::from_secs(20);
+
+/// Memory for the program itself.
+const PROGRAM_BYTES: u64 = 512 << 20;
 
 /// How many times as large as a file its uncompressed pixels may be.
 const UNPACKING: u64 = 16;
@@ -83,16 +87,18 @@ pub struct HeaderReader {
     max_file_bytes: u64,
     longest: Duration,
     limit: ConcurrencyLimit,
+    memory: ReaderMemory,
 }
 
 impl HeaderReader {
     /// A reader of files of at most `max_file_bytes`.
-    pub(crate) fn new(program: Program, max_file_bytes: u64) -> Self {
+    pub(crate) fn new(program: Program, max_file_bytes: u64, memory: ReaderMemory) -> Self {
         Self {
             program,
             max_file_bytes,
             longest: LONGEST,
             limit: ConcurrencyLimit::new(at_a_time(), WAITING),
+            memory,
         }
     }
 
@@ -118,12 +124,15 @@ impl HeaderReader {
 
     async fn ask(&self, file: &Spooled, output: Option<&Path>) -> Result<InstanceIdentity, Error> {
         let _turn = self.limit.turn().await?;
+        let memory_bytes = PROGRAM_BYTES + (UNPACKING + 4) * file.len();
+        let _memory = self.memory.take(memory_bytes).await?;
         let absolute = |path: &Path| std::path::absolute(path).map_err(cannot_run);
         let order = Order::Header(HeaderOrder {
             file: absolute(file.path())?,
             start: Spooled::START,
             output: output.map(absolute).transpose()?,
             max_file_bytes: self.max_file_bytes,
+            memory_bytes,
             seconds: self.longest.as_secs().max(1),
         });
         let mut process = self.program.start(Stdio::piped()).map_err(cannot_run)?;
@@ -163,7 +172,7 @@ mod tests {
     async fn read_by(script: &str, longest: Duration) -> Result<InstanceIdentity, Error> {
         let arguments = vec!["-c".into(), script.into()];
         let program = Program::other("/bin/sh".into(), arguments);
-        let mut reader = HeaderReader::new(program, 1 << 20);
+        let mut reader = HeaderReader::new(program, 1 << 20, ReaderMemory::default());
         reader.longest = longest;
         let store = Store::in_memory(Options::default()).await.unwrap();
         let file = store.spool_all(Bytes::from_static(b"file")).await.unwrap();

@@ -41,6 +41,8 @@ pub(super) struct StoredOrder {
     /// An empty directory.
     pub(super) output: PathBuf,
     pub(super) task: StoredTask,
+    /// The limit for memory.
+    pub(super) memory_bytes: u64,
     /// The limit for a file.
     pub(super) max_file_bytes: u64,
     /// The limit for CPU time.
@@ -86,6 +88,8 @@ pub(super) struct HeaderOrder {
     pub(super) output: Option<PathBuf>,
     /// The limit for the file.
     pub(super) max_file_bytes: u64,
+    /// The limit for memory.
+    pub(super) memory_bytes: u64,
     /// The limit for CPU time.
     pub(super) seconds: u64,
 }
@@ -116,6 +120,8 @@ pub(super) struct SeriesOrder {
     pub(super) allow_gaps: bool,
     pub(super) is_layer: bool,
     pub(super) max_voxels: usize,
+    /// The limit for memory.
+    pub(super) memory_bytes: u64,
     /// The limit for the unpacked bytes of all files.
     pub(super) max_input_bytes: u64,
     /// The limit for CPU time.

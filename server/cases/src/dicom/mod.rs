@@ -8,6 +8,7 @@
 mod child;
 mod files;
 mod headers;
+mod memory;
 mod message;
 mod reader;
 mod stored;
@@ -27,6 +28,7 @@ pub use self::child::run as run_child;
 #[cfg(any(test, feature = "testing"))]
 pub use self::child::run_instead;
 pub use self::headers::{HeaderReader, InstanceIdentity};
+pub(crate) use self::memory::ReaderMemory;
 pub use self::reader::{DicomReader, Program};
 pub use self::stored::StoredFiles;
 pub(crate) use self::stored::copy_objects;

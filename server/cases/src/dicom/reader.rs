@@ -15,6 +15,7 @@ use tempfile::TempDir;
 use tokio::io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader};
 use tokio::process::{Child, ChildStdin, ChildStdout};
 
+use super::memory::ReaderMemory;
 use super::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
 use super::{Choice, Input, Reading, SUBCOMMAND};
 use crate::confine::Confinement;
@@ -30,6 +31,12 @@ const MOST_AT_A_TIME: usize = 4;
 
 /// Series that may wait.
 const WAITING: usize = 16;
+
+/// Memory for the program itself, one file and one picture.
+pub(super) const BASE_BYTES: u64 = 1 << 30;
+
+/// Memory for each voxel: its sample in single precision while slices are collected, and its result.
+const BYTES_PER_VOXEL: u64 = 8;
 
 /// The largest outcome: identifiers of some thousand slices.
 const MAX_OUTCOME_BYTES: u64 = 16 << 20;
@@ -132,6 +139,7 @@ pub struct DicomReader {
     pub(super) max_input_bytes: u64,
     pub(super) longest: Duration,
     pub(super) limit: FairLimit,
+    pub(super) memory: ReaderMemory,
 }
 
 impl DicomReader {
@@ -143,7 +151,14 @@ impl DicomReader {
             max_input_bytes,
             longest: LONGEST,
             limit: FairLimit::new(at_a_time(), WAITING),
+            memory: ReaderMemory::default(),
         }
+    }
+
+    /// The same with memory that other readers share.
+    #[must_use]
+    pub(crate) fn with_memory(self, memory: ReaderMemory) -> Self {
+        Self { memory, ..self }
     }
 
     /// Sets the time limit.
@@ -198,6 +213,9 @@ impl DicomReader {
             .prefix("dicom-")
             .tempdir_in(scratch)
             .map_err(cannot_run)?;
+        let voxels = self.limits.max_voxels as u64;
+        let memory_bytes = BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(voxels));
+        let _memory = self.memory.take(memory_bytes).await?;
         let order = SeriesOrder {
             input: std::path::absolute(input).map_err(cannot_run)?,
             is_own_input,
@@ -208,6 +226,7 @@ impl DicomReader {
             allow_gaps: options.allow_gaps,
             is_layer: options.purpose == Purpose::Layer,
             max_voxels: self.limits.max_voxels,
+            memory_bytes,
             max_input_bytes: self.max_input_bytes,
             seconds: self.longest.as_secs().max(1),
         };
