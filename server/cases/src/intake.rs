@@ -97,13 +97,14 @@ impl Cases {
         upload: Upload,
         mut parameters: Parameters,
         keep_name: bool,
+        client: Client,
     ) -> Result<Submitted, Error> {
         parameters.check()?;
         let id = upload.case_id(&parameters);
         if keep_name && self.store().case(&id).await?.is_some() {
             parameters.name = None;
         }
-        self.submit_after(upload, parameters, None).await
+        self.submit_after(upload, parameters, None, client).await
     }
 
     /// Checks an upload and queues it as a version of another case, if there is one.
@@ -112,10 +113,11 @@ impl Cases {
         upload: Upload,
         parameters: Parameters,
         previous: Option<CaseId>,
+        client: Client,
     ) -> Result<Submitted, Error> {
         let (parameters, offer) = self.check_upload(&upload, parameters).await?;
         let series = SeriesOfUpload::read(&upload).await?;
-        let store = self.store();
+        let store = self.store().for_client(client);
         let submitted = store.submit_after(upload, parameters, previous).await?;
         self.index(submitted.case.id, series).await?;
         offer.keep_if(submitted.created);
@@ -126,11 +128,16 @@ impl Cases {
     ///
     /// # Errors
     /// As [`Cases::submit`]; [`Error::NoSuchCase`] if the case was deleted.
-    pub async fn submit_version(&self, mut version: Version) -> Result<Submitted, Error> {
+    pub async fn submit_version(
+        &self,
+        mut version: Version,
+        client: Client,
+    ) -> Result<Submitted, Error> {
         let of = version.of;
         let offer;
         (version.parameters, offer) = self.check_version(&version).await?;
-        let submitted = self.store().submit_version(version).await?;
+        let store = self.store().for_client(client);
+        let submitted = store.submit_version(version).await?;
         let submitted = submitted.ok_or(Error::NoSuchCase)?;
         self.index_version(&of, submitted.case.id).await?;
         offer.keep_if(submitted.created);

@@ -137,7 +137,7 @@ impl Cases {
             Some(case) => (Some(case.id), case.parameters),
             None => (None, Parameters::default()),
         };
-        let submitted = self.submit_after(upload, parameters, of).await?;
+        let submitted = self.submit_after(upload, parameters, of, None).await?;
         Ok(Outcome::Case(submitted.case.id))
     }
 }

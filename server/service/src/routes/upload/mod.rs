@@ -91,7 +91,7 @@ pub async fn create_case(
         return Err(not_of_nifti());
     }
     let accepted = cases
-        .submit(upload, sent.parameters, sent.keep_name)
+        .submit(upload, sent.parameters, sent.keep_name, client)
         .await?;
     Ok(submitted(accepted, choice))
 }
