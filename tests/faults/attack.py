@@ -270,12 +270,13 @@ def memory_mb(pid):
 
 
 def cpu_seconds(pids):
-    """The CPU time that processes have used, which other load on the machine changes little. One that has ended counts as none."""
+    """The CPU time that processes and their ended children have used, which other load on the machine changes little. A process that has ended
+    counts as none."""
     ticks = 0
     for pid in pids:
         try:
             with open(f"/proc/{pid}/stat") as stat:
-                ticks += sum(int(word) for word in stat.read().rsplit(")", 1)[1].split()[11:13])
+                ticks += sum(int(word) for word in stat.read().rsplit(")", 1)[1].split()[11:15])
         except FileNotFoundError:
             pass
     return ticks / os.sysconf("SC_CLK_TCK")

@@ -140,6 +140,31 @@ async fn one_client_leaves_room_for_the_uploads_of_others() {
     drop(held);
 }
 
+/// The same for images of a PACS, which have places of their own.
+#[tokio::test]
+async fn one_client_leaves_room_for_the_images_of_others() {
+    let server = Server::start_with(|config| config.http.max_uploads = 4).await;
+    let socket = server.on_a_socket().await;
+    let half = "POST /dicomweb/studies HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\
+        Content-Type: multipart/related; type=\"application/dicom\"; boundary=x\r\nContent-Length: 9000\r\n\r\n\
+        --x\r\nContent-Type: application/dicom\r\n\r\nhalf an image";
+    let held = connections(&socket, 1, half).await;
+    while server.stored_files().is_empty() {
+        tokio::task::yield_now().await;
+    }
+    let answer = exchange(socket.address, half).await;
+    assert!(answer.starts_with("HTTP/1.1 503"), "{answer}");
+    // Another client; its body has no image.
+    let kind = "multipart/related; type=\"application/dicom\"; boundary=x";
+    let request = axum::http::Request::post("/dicomweb/studies")
+        .header("host", "localhost")
+        .header("content-type", kind)
+        .body(axum::body::Body::from("--x--\r\n"));
+    let answer = server.send(request.unwrap()).await;
+    assert_ne!(answer.status, StatusCode::SERVICE_UNAVAILABLE);
+    drop(held);
+}
+
 const TOKEN: &str = "correct-horse-battery-staple";
 
 async fn start_with_token() -> Server {

@@ -397,8 +397,15 @@ fn hostile() -> Vec<(&'static str, Vec<Vec<u8>>, &'static str)> {
         ("cut off", cut, "dicom-damaged"),
         (
             "a bomb",
-            vec![zipped(&[vec![0; 40 << 20]])],
+            vec![zipped(&[
+                [&[0; 128], &b"DICM"[..], &vec![0; 40 << 20]].concat()
+            ])],
             "too-many-bytes",
+        ),
+        (
+            "a bomb that is no DICOM",
+            vec![zipped(&[vec![0; 40 << 20]])],
+            "dicom-none",
         ),
         (
             "a damaged zip",

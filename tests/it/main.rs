@@ -1,6 +1,7 @@
 //! The integration tests: one program, one module for each subject.
 
 mod agreement;
+mod apart;
 mod attacks;
 mod backup;
 mod command_line;
@@ -12,6 +13,7 @@ mod faults;
 mod golden;
 mod head;
 mod heads;
+mod hostile;
 mod hygiene;
 mod interface;
 mod kill;

@@ -390,7 +390,20 @@ async fn what_holds_no_brain_fails_in_words() {
             })
             .collect(),
     );
+    // Noise is refused at once.
     let answer = server.upload(&[("volume", &noise.bytes())]).await;
+    assert_eq!(answer.problem(), "no-brain-found");
+    let detail = answer.json()["detail"].as_str().unwrap().to_owned();
+    assert!(
+        detail.contains("noise") && detail.contains("mask"),
+        "{detail}"
+    );
+    server.is_empty_and_well().await;
+    // What is solid is looked at.
+    let mut wedge = plain_head();
+    let brighter = |index: i32| (20 * (index % 45) + 1) as i16;
+    wedge.data = Data::I16((0..45 * 45 * 45).map(brighter).collect());
+    let answer = server.upload(&[("volume", &wedge.bytes())]).await;
     assert_eq!(answer.status, StatusCode::ACCEPTED);
     let address = answer.header("location").to_owned();
     for _ in 0..600 {
@@ -409,5 +422,5 @@ async fn what_holds_no_brain_fails_in_words() {
             _ => tokio::time::sleep(std::time::Duration::from_millis(50)).await,
         }
     }
-    panic!("the noise never settled");
+    panic!("the wedge never settled");
 }

@@ -9,7 +9,7 @@ use axum::http::Request;
 use cases::arrivals::{ArrivalOptions, ArrivalReader};
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
 
 use dimse::{DimseOptions, Peer};
 
@@ -690,12 +690,14 @@ pub(crate) async fn dimse(neighbour: &Neighbour, options: DimseOptions) -> std::
 
 pub(crate) fn dimse_options() -> DimseOptions {
     DimseOptions {
-        peers: vec![Peer {
-            aet: "SENDER".to_owned(),
-            address: [127, 0, 0, 1].into(),
-        }],
+        peers: [[127, 0, 0, 1], [127, 0, 0, 2]]
+            .map(|address| Peer {
+                aet: "SENDER".to_owned(),
+                address: address.into(),
+            })
+            .to_vec(),
         idle: Duration::from_millis(1500),
-        max_associations: 4,
+        max_associations: 16,
         ..DimseOptions::default()
     }
 }
@@ -830,7 +832,7 @@ async fn peers_that_stall_lie_or_come_in_crowds_harm_nothing() {
         let last = answer.len().saturating_sub(10);
         assert!(answer.is_empty() || answer[last] == 7, "{answer:?}");
     }
-    // No more than four at a time; the fifth is rejected for now. A place is free a moment after its connection is closed.
+    // One address has no more than a quarter, which is four; the fifth is rejected for now. A place is free a moment after its connection is closed.
     tokio::time::sleep(Duration::from_millis(300)).await;
     let mut crowd = Vec::new();
     for _ in 0..4 {
@@ -845,6 +847,13 @@ async fn peers_that_stall_lie_or_come_in_crowds_harm_nothing() {
     fifth.write_all(&request).await.unwrap();
     // A-ASSOCIATE-RJ: transient, by the provider (presentation), local limit exceeded.
     assert_eq!(answered(&mut fifth).await, [3, 0, 0, 0, 0, 4, 0, 2, 3, 2]);
+    let other = TcpSocket::new_v4().unwrap();
+    other.bind("127.0.0.2:0".parse().unwrap()).unwrap();
+    let mut other = other.connect(address).await.unwrap();
+    other.write_all(&request).await.unwrap();
+    let mut head = [0; 6];
+    other.read_exact(&mut head).await.unwrap();
+    assert_eq!(head[0], 2, "another address is accepted meanwhile");
     drop(crowd);
     neighbour.server.is_empty_and_well().await;
 }

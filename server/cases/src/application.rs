@@ -12,7 +12,8 @@ use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
 use storage::{Location, Store, StoreError};
 
-use crate::dicom::{DicomReader, HeaderReader, Program};
+use crate::apart::Apart;
+use crate::dicom::{DicomReader, HeaderReader, Program, ReaderMemory};
 use crate::error::Error;
 use crate::library::Library;
 use crate::limit::ConcurrencyLimit;
@@ -56,6 +57,10 @@ pub struct Options {
     pub model_cache_bytes: u64,
     /// Threads of each preparation.
     pub preparation_threads: usize,
+    /// Whether each preparation runs in a process of its own, which is `dicom_program`.
+    pub prepares_apart: bool,
+    /// The limit for the CPU time of a preparation in a process of its own, in seconds.
+    pub preparation_cpu_seconds: u64,
     /// Whether to compute maps of the cases.
     pub makes_maps: bool,
     /// How many layers a case may have.
@@ -89,9 +94,21 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
     let extractor = Extractor::open(options.network.as_deref())?;
     tracing::info!("brains are extracted {}", extractor.words());
     let store = Store::open_at(&options.location, options.store.clone()).await?;
-    let preparation = Pipeline::new(extractor)
-        .with_threads(options.preparation_threads)
-        .into();
+    let pipeline = Pipeline::new(extractor).with_threads(options.preparation_threads);
+    let preparation = match options.prepares_apart {
+        false => pipeline.into(),
+        true => {
+            let absolute = |path: &PathBuf| std::path::absolute(path).map_err(StoreError::Disk);
+            let apart = Apart {
+                program: options.dicom_program.clone(),
+                network: options.network.as_ref().map(absolute).transpose()?,
+                scratch: absolute(&store.scratch())?,
+                threads: options.preparation_threads,
+                cpu_seconds: options.preparation_cpu_seconds,
+            };
+            apart.preparation(pipeline.has_network())
+        }
+    };
     Ok(if options.makes_maps {
         let cache_bytes = options.model_cache_bytes / MAPS_PART;
         Library::with_maps(store, preparation, options.limits, cache_bytes)
@@ -190,6 +207,8 @@ impl Cases {
             options.limits,
             options.max_dicom_bytes,
         );
+        let memory = ReaderMemory::default();
+        let dicom = dicom.with_memory(memory.clone());
         let whole_bytes = options.model_cache_bytes / WHOLE_PART;
         let cases = Self {
             models: Models::new(library.clone(), options.model_cache_bytes),
@@ -201,6 +220,7 @@ impl Cases {
             headers: Arc::new(HeaderReader::new(
                 options.dicom_program.clone(),
                 MAX_INSTANCE_BYTES,
+                memory,
             )),
             checks: RoomToCheck::new(options.head, options.limits),
             max_layers: options.max_layers,

@@ -1,6 +1,7 @@
 //! Errors of the application, independent of any protocol.
 
 use std::borrow::Cow;
+use std::time::Duration;
 
 use case::{CaseState, Failure};
 use geometry::GeometryError;
@@ -59,6 +60,9 @@ pub enum Error {
     /// Too much work is waiting.
     #[error("too much work is waiting; try again in a moment")]
     Busy,
+    /// Too much work is waiting, and about how long that will take.
+    #[error("too much work is waiting; try again in {} s", .0.as_secs_f64().ceil().max(1.0))]
+    BusyFor(Duration),
     /// The server is stopping, or its store is unreachable.
     #[error("the server cannot answer now; try again in a moment")]
     Unavailable,

@@ -35,18 +35,26 @@ struct Table {
 pub(crate) struct Handover {
     table: Arc<Mutex<Table>>,
     wait: Duration,
+    /// Whether the workers can take what is offered.
+    is_wanted: bool,
 }
 
 impl Default for Handover {
     fn default() -> Self {
-        Self {
-            table: Arc::default(),
-            wait: WAIT,
-        }
+        Self::new(true)
     }
 }
 
 impl Handover {
+    /// For workers that can take volumes, or for workers whose preparations are in other processes.
+    pub(crate) fn new(is_wanted: bool) -> Self {
+        Self {
+            table: Arc::default(),
+            wait: WAIT,
+            is_wanted,
+        }
+    }
+
     /// Held only briefly, and every change is complete.
     fn lock(&self) -> MutexGuard<'_, Table> {
         self.table.lock().unwrap_or_else(PoisonError::into_inner)
@@ -73,7 +81,7 @@ impl Handover {
         room: Option<OwnedSemaphorePermit>,
     ) -> Offer {
         let mut table = self.lock();
-        if table.waiting.len() >= table.idle {
+        if !self.is_wanted || table.waiting.len() >= table.idle {
             return Offer(None);
         }
         table.offers += 1;

@@ -61,7 +61,7 @@ impl Cases {
         let (store, scratch) = (self.store(), self.store().scratch());
         let read = async |input| self.dicom.read_for(client, input, options, &scratch).await;
         let reading = match volume {
-            VolumeFiles::Dicom(directory) => read(Input::Path(directory.path())).await?,
+            VolumeFiles::Dicom(directory) => read(Input::Directory(&directory)).await?,
             VolumeFiles::One(volume) => {
                 if !sniff(&volume.head(START_BYTES).await?).may_be_dicom() {
                     let upload = Upload {
@@ -97,12 +97,13 @@ impl Cases {
         upload: Upload,
         mut parameters: Parameters,
         keep_name: bool,
+        client: Client,
     ) -> Result<Submitted, Error> {
         parameters.check()?;
         if keep_name && self.is_named(&upload, &parameters).await? {
             parameters.name = None;
         }
-        self.submit_after(upload, parameters, None).await
+        self.submit_after(upload, parameters, None, client).await
     }
 
     /// Checks an upload and queues it as a version of another case, if there is one.
@@ -111,13 +112,14 @@ impl Cases {
         upload: Upload,
         parameters: Parameters,
         previous: Option<CaseId>,
+        client: Client,
     ) -> Result<Submitted, Error> {
         let (mut parameters, offer) = self.check_upload(&upload, parameters).await?;
         if parameters.name.is_none() && !self.is_named(&upload, &parameters).await? {
             parameters.name = self.label_of(&upload).await?;
         }
         let series = SeriesOfUpload::read(&upload).await?;
-        let store = self.store();
+        let store = self.store().for_client(client);
         let submitted = store.submit_after(upload, parameters, previous).await?;
         self.index(submitted.case.id, series).await?;
         offer.keep_if(submitted.created);
@@ -145,11 +147,16 @@ impl Cases {
     ///
     /// # Errors
     /// As [`Cases::submit`]; [`Error::NoSuchCase`] if the case was deleted.
-    pub async fn submit_version(&self, mut version: Version) -> Result<Submitted, Error> {
+    pub async fn submit_version(
+        &self,
+        mut version: Version,
+        client: Client,
+    ) -> Result<Submitted, Error> {
         let of = version.of;
         let offer;
         (version.parameters, offer) = self.check_version(&version).await?;
-        let submitted = self.store().submit_version(version).await?;
+        let store = self.store().for_client(client);
+        let submitted = store.submit_version(version).await?;
         let submitted = submitted.ok_or(Error::NoSuchCase)?;
         self.index_version(&of, submitted.case.id).await?;
         offer.keep_if(submitted.created);

@@ -2,9 +2,11 @@
 //!
 //! It knows neither HTTP nor the network protocols of DICOM: it returns an [`Error`], which each protocol translates.
 
+mod apart;
 mod application;
 pub mod arrivals;
 mod cache;
+mod confine;
 pub mod dicom;
 mod error;
 mod fair;
@@ -17,6 +19,7 @@ pub mod library;
 mod limit;
 pub mod models;
 pub mod pictures;
+pub mod places;
 pub mod profile;
 pub mod registration;
 mod room;
@@ -25,6 +28,7 @@ pub mod runner;
 mod testing;
 
 pub use application::{Cases, MAX_INSTANCE_BYTES, Options, StartError, open_library};
+pub use confine::{Confinement, hide};
 pub use error::Error;
 pub use fair::Client;
 pub use intake::VolumeFiles;

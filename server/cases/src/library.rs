@@ -52,6 +52,8 @@ pub type PrepareFn = dyn Fn(
 pub struct Preparation {
     /// Whether there is a network that extracts brains.
     pub has_network: bool,
+    /// Whether it runs in a process of its own, which cannot take a volume that is read already.
+    pub is_apart: bool,
     /// The function that prepares a case.
     pub prepare: Arc<PrepareFn>,
 }
@@ -69,6 +71,7 @@ impl From<Pipeline> for Preparation {
     fn from(pipeline: Pipeline) -> Self {
         Self {
             has_network: pipeline.has_network(),
+            is_apart: false,
             prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
                 pipeline.derive(input, parameters, limits, observe, cancelled)
             }),
@@ -129,6 +132,7 @@ impl Library {
         maps: Option<MapsCache>,
         layer_bytes: u64,
     ) -> Self {
+        let is_apart = preparation.is_apart;
         let library = Self {
             inner: Arc::new(Inner {
                 store,
@@ -137,7 +141,7 @@ impl Library {
                 rebuilding: tokio::sync::Mutex::default(),
                 maps,
                 layers: layer_cache(layer_bytes),
-                handover: Handover::default(),
+                handover: Handover::new(!is_apart),
             }),
         };
         let weak = Arc::downgrade(&library.inner);

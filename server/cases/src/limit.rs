@@ -1,6 +1,8 @@
 //! The limit on work for clients: how much runs at a time and how much waits.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
 use render::Wanted;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -17,6 +19,30 @@ pub struct ConcurrencyLimit {
     running: Bound,
     /// What runs and what waits.
     inside: Bound,
+    recent: Arc<Recent>,
+}
+
+/// How long recent turns took, on average.
+#[derive(Debug, Default)]
+struct Recent {
+    microseconds: AtomicU64,
+}
+
+impl Recent {
+    /// Weighs the latest turn with an eighth. Two at once may count as one.
+    fn count(&self, took: Duration) {
+        let now = u64::try_from(took.as_micros()).unwrap_or(u64::MAX);
+        let before = self.microseconds.load(Ordering::Relaxed);
+        let mean = match before {
+            0 => now,
+            before => before - before / 8 + now / 8,
+        };
+        self.microseconds.store(mean, Ordering::Relaxed);
+    }
+
+    fn mean(&self) -> Duration {
+        Duration::from_micros(self.microseconds.load(Ordering::Relaxed))
+    }
 }
 
 /// A semaphore with its number of permits.
@@ -45,13 +71,27 @@ impl Bound {
 pub struct Queued {
     running: Arc<Semaphore>,
     inside: Arc<OwnedSemaphorePermit>,
+    recent: Arc<Recent>,
 }
 
 /// A turn: the right to keep one CPU busy. It lasts as long as any of its clones, and as its work.
 #[derive(Debug, Clone)]
 pub struct Turn {
-    _running: Arc<OwnedSemaphorePermit>,
+    _running: Arc<Running>,
     _inside: Arc<OwnedSemaphorePermit>,
+}
+
+#[derive(Debug)]
+struct Running {
+    _permit: OwnedSemaphorePermit,
+    since: Instant,
+    recent: Arc<Recent>,
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.recent.count(self.since.elapsed());
+    }
 }
 
 impl ConcurrencyLimit {
@@ -60,25 +100,34 @@ impl ConcurrencyLimit {
         Self {
             running: Bound::new(running),
             inside: Bound::new(running.saturating_add(waiting)),
+            recent: Arc::default(),
         }
     }
 
     /// Joins the queue.
     ///
     /// # Errors
-    /// [`Error::Busy`] if it is full.
+    /// [`Error::BusyFor`] about as long as all who are inside will take, if it is full.
     pub fn enter(&self) -> Result<Queued, Error> {
         let inside = Arc::clone(&self.inside.permits).try_acquire_owned();
         Ok(Queued {
             running: Arc::clone(&self.running.permits),
-            inside: Arc::new(inside.map_err(|_| Error::Busy)?),
+            inside: Arc::new(inside.map_err(|_| Error::BusyFor(self.wait()))?),
+            recent: Arc::clone(&self.recent),
         })
+    }
+
+    /// How long those who are inside will take.
+    fn wait(&self) -> Duration {
+        let rounds = self.inside.taken().div_ceil(self.running.most.max(1));
+        let rounds = u32::try_from(rounds).unwrap_or(u32::MAX);
+        self.recent.mean().saturating_mul(rounds)
     }
 
     /// Joins the queue and waits for a turn.
     ///
     /// # Errors
-    /// [`Error::Busy`] if the queue is full.
+    /// [`Error::BusyFor`] if the queue is full.
     pub async fn turn(&self) -> Result<Turn, Error> {
         self.enter()?.turn().await
     }
@@ -86,7 +135,7 @@ impl ConcurrencyLimit {
     /// Waits for a turn and runs `work` on a thread of its own.
     ///
     /// # Errors
-    /// [`Error::Busy`] if the queue is full; otherwise as [`Turn::run`].
+    /// [`Error::BusyFor`] if the queue is full; otherwise as [`Turn::run`].
     pub async fn run<T: Send + 'static>(
         &self,
         work: impl FnOnce() -> T + Send + 'static,
@@ -108,7 +157,11 @@ impl Queued {
     pub async fn turn(&self) -> Result<Turn, Error> {
         let running = Arc::clone(&self.running).acquire_owned().await;
         Ok(Turn {
-            _running: Arc::new(running.map_err(|_| Error::Unavailable)?),
+            _running: Arc::new(Running {
+                _permit: running.map_err(|_| Error::Unavailable)?,
+                since: Instant::now(),
+                recent: Arc::clone(&self.recent),
+            }),
             _inside: Arc::clone(&self.inside),
         })
     }
@@ -153,7 +206,7 @@ impl Turn {
 #[cfg(test)]
 mod tests {
     use std::future::{pending, ready};
-    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::sync::atomic::AtomicUsize;
     use std::sync::mpsc;
     use std::thread;
 
@@ -176,10 +229,23 @@ mod tests {
         assert!(poll!(&mut running).is_pending());
         assert!(poll!(&mut waiting).is_pending());
         assert_eq!(limit.waiting(), 1);
-        assert!(matches!(limit.run(|| 3).await, Err(Error::Busy)));
+        assert!(matches!(limit.run(|| 3).await, Err(Error::BusyFor(_))));
         drop(running);
         assert_eq!(waiting.await.unwrap(), 2);
         assert_eq!(limit.waiting(), 0);
+    }
+
+    #[tokio::test]
+    async fn who_is_refused_learns_how_long_the_others_will_take() {
+        let limit = ConcurrencyLimit::new(2, 4);
+        limit.recent.count(Duration::from_secs(3));
+        let _inside: Vec<_> = (0..6).map(|_| limit.enter().unwrap()).collect();
+        match limit.enter() {
+            Err(Error::BusyFor(wait)) => assert_eq!(wait, Duration::from_secs(9)),
+            other => panic!("{other:?}"),
+        }
+        limit.recent.count(Duration::from_secs(11));
+        assert_eq!(limit.recent.mean(), Duration::from_secs(4));
     }
 
     #[tokio::test]

@@ -46,6 +46,7 @@ impl Fake {
         let fake = Arc::clone(self);
         Preparation {
             has_network: true,
+            is_apart: false,
             prepare: Arc::new(move |input, _, _, observe, cancelled| {
                 fake.run(input.source, observe, cancelled)
             }),

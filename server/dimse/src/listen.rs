@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use cases::Cases;
+use cases::places::Places;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
@@ -36,7 +37,7 @@ pub async fn serve(
     }
     let peers = Peers::new(options.peers.clone());
     let options = Arc::new(options);
-    let room = Arc::new(Semaphore::new(options.max_associations));
+    let room = Places::in_quarters(options.max_associations);
     let door = Arc::new(Semaphore::new(MAX_REFUSALS));
     let mut associations = JoinSet::new();
     let mut stop = std::pin::pin!(stop);
@@ -62,7 +63,7 @@ pub async fn serve(
             continue;
         }
         let (cases, options) = (cases.clone(), Arc::clone(&options));
-        let Ok(place) = Arc::clone(&room).try_acquire_owned() else {
+        let Some(place) = room.take(Some(address)) else {
             let reason = reject(&options, Rejection::Limit);
             tracing::warn!(%address, reason, "an association was rejected");
             if let Ok(turn) = Arc::clone(&door).try_acquire_owned() {

@@ -13,7 +13,7 @@ use cases::Error;
 use ipnet::IpNet;
 use tokio::sync::Notify;
 
-use crate::places::{Place, Places, network_of};
+use cases::places::{Place, Places, network_of};
 
 /// Connections of strangers at a time.
 pub(crate) const STRANGERS: usize = 256;

@@ -5,7 +5,7 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use crate::places::network_of;
+use cases::places::network_of;
 
 /// Wrong tokens from an address without a consequence: a page sends several requests at a time.
 const FREE: u32 = 8;

@@ -12,6 +12,5 @@ pub mod metrics;
 pub mod negotiate;
 pub mod origins;
 pub mod pace;
-pub mod places;
 pub mod problem;
 mod unstalled;

@@ -23,9 +23,9 @@ use tokio::net::{TcpListener, TcpStream};
 use tower::ServiceExt as _;
 
 use crate::door::{Connection, Door};
-use crate::pace::{LeastRate, PacedBody};
-use crate::places::network_of;
+use crate::pace::{Hurry, LeastRate, PacedBody};
 use crate::unstalled::Unstalled;
+use cases::places::{Place, Places, network_of};
 
 /// How long to wait after the system is out of descriptors.
 const PAUSE_AFTER_REFUSAL: Duration = Duration::from_millis(100);
@@ -79,6 +79,15 @@ impl<S: Sync> FromRequestParts<S> for ClientAddress {
     async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Self, Infallible> {
         Ok(Self(Peer::of_extensions(&parts.extensions)))
     }
+}
+
+/// A place for a request, if there is one for its client. The fewer places are left, the faster its body must come.
+pub fn place_for(request: &Request, places: &Places) -> Option<Place> {
+    let place = places.take(Peer::of(request))?;
+    if let Some(hurry) = request.extensions().get::<Hurry>() {
+        hurry.by(places);
+    }
+    Some(place)
 }
 
 /// Serves `app` until `stop` resolves, then finishes running requests within the grace period.
@@ -181,10 +190,13 @@ fn service(
     Future = impl Future<Output = Result<Response, Infallible>> + Send,
 > {
     hyper::service::service_fn(move |request: axum::http::Request<Incoming>| {
-        let mut request = request.map(|body| Body::new(PacedBody::new(body, least_rate)));
+        let hurry = Hurry::default();
+        let paced = |body| Body::new(PacedBody::new(body, least_rate, hurry.clone()));
+        let mut request = request.map(paced);
         let client = door.client_of(address, request.headers());
         let extensions = request.extensions_mut();
         extensions.insert(Peer(client));
+        extensions.insert(hurry);
         extensions.insert(connection.clone());
         app.clone().oneshot(request)
     })

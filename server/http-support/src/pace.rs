@@ -5,7 +5,10 @@ use std::pin::Pin;
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
+use std::sync::{Arc, OnceLock};
+
 use axum::body::{Bytes, HttpBody};
+use cases::places::Places;
 use hyper::body::{Frame, SizeHint};
 use tokio::time::{Instant, Sleep, sleep};
 
@@ -18,6 +21,25 @@ pub struct LeastRate {
     pub grace: Duration,
     /// How long a client may pause that was fast before.
     pub pause: Duration,
+}
+
+/// How many times the least rate a client must send if all places are taken.
+const HURRY: f64 = 10.0;
+
+/// The places that a body holds one of, if any: the fewer are left, the faster it must come.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Hurry(Arc<OnceLock<Places>>);
+
+impl Hurry {
+    /// The first places count.
+    pub(crate) fn by(&self, places: &Places) {
+        let _has_places = self.0.set(places.clone());
+    }
+
+    fn times(&self) -> f64 {
+        let shortage = self.0.get().map_or(0.0, Places::shortage);
+        1.0 + (HURRY - 1.0) * shortage
+    }
 }
 
 /// The client was too slow.
@@ -47,10 +69,15 @@ impl Pace {
 
     /// Counts transferred bytes.
     pub(crate) fn moved(&mut self, bytes: usize) {
+        self.moved_in_hurry(bytes, 1.0);
+    }
+
+    /// Counts transferred bytes, of which a client must transfer so many times as many as usual.
+    fn moved_in_hurry(&mut self, bytes: usize, times: f64) {
         if let Some((since, _)) = self.waiting.take() {
             self.credit = self.credit.saturating_sub(since.elapsed());
         }
-        let earned = bytes as f64 / self.rate.bytes_per_second.max(1) as f64;
+        let earned = bytes as f64 / (times * self.rate.bytes_per_second.max(1) as f64);
         let most = self.rate.pause.max(self.rate.grace);
         self.credit = most.min(self.credit + Duration::from_secs_f64(earned));
     }
@@ -79,13 +106,15 @@ impl From<TooSlow> for io::Error {
 pub(crate) struct PacedBody<B> {
     body: B,
     pace: Pace,
+    hurry: Hurry,
 }
 
 impl<B> PacedBody<B> {
-    pub(crate) fn new(body: B, rate: LeastRate) -> Self {
+    pub(crate) fn new(body: B, rate: LeastRate, hurry: Hurry) -> Self {
         Self {
             body,
             pace: Pace::new(rate),
+            hurry,
         }
     }
 }
@@ -101,12 +130,13 @@ where
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
     ) -> Poll<Option<Result<Frame<Bytes>, Self::Error>>> {
-        let Self { body, pace } = &mut *self;
+        let Self { body, pace, hurry } = &mut *self;
         match Pin::new(body).poll_frame(context) {
             Poll::Ready(frame) => {
                 let frame = frame.map(|frame| frame.map_err(Into::into));
                 let data = frame.as_ref().and_then(|frame| frame.as_ref().ok());
-                pace.moved(data.and_then(Frame::data_ref).map_or(0, Bytes::len));
+                let bytes = data.and_then(Frame::data_ref).map_or(0, Bytes::len);
+                pace.moved_in_hurry(bytes, hurry.times());
                 Poll::Ready(frame)
             }
             Poll::Pending => {
@@ -153,7 +183,7 @@ mod tests {
             sleep(every).await;
             Ok::<_, Infallible>(Bytes::from(vec![0; bytes]))
         });
-        PacedBody::new(Body::from_stream(pieces), RATE)
+        PacedBody::new(Body::from_stream(pieces), RATE, Hurry::default())
     }
 
     #[tokio::test]
@@ -173,6 +203,16 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn the_same_rate_is_too_slow_once_all_places_are_taken() {
+        let places = Places::in_quarters(4);
+        let _all: Vec<_> = (0..4).map(|_| places.take(None).unwrap()).collect();
+        let body = body_of(40, 60, Duration::from_millis(20));
+        body.hurry.by(&places);
+        let error = body.collect().await.unwrap_err();
+        assert!(is_too_slow(&*error), "{error}");
+    }
+
+    #[tokio::test]
     async fn a_fast_start_does_not_earn_an_endless_pause() {
         let pieces = futures_util::stream::iter([Duration::ZERO, Duration::from_secs(60)]).then(
             |wait| async move {
@@ -180,7 +220,7 @@ mod tests {
                 Ok::<_, Infallible>(Bytes::from(vec![0; 1 << 20]))
             },
         );
-        let body = PacedBody::new(Body::from_stream(pieces), RATE);
+        let body = PacedBody::new(Body::from_stream(pieces), RATE, Hurry::default());
         let started = Instant::now();
         assert!(body.collect().await.is_err());
         assert!(started.elapsed() < Duration::from_secs(30));

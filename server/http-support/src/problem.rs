@@ -291,7 +291,7 @@ fn of_cases(error: &Error) -> (StatusCode, Cow<'static, str>) {
         Error::Failure(failure) => return (status_of(failure.kind), failure.name.clone().into()),
         Error::Parameter { kind, .. } => (StatusCode::BAD_REQUEST, *kind),
         Error::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
-        Error::Busy => (StatusCode::SERVICE_UNAVAILABLE, "busy"),
+        Error::Busy | Error::BusyFor(_) => (StatusCode::SERVICE_UNAVAILABLE, "busy"),
         Error::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
         Error::StorageFull => (StatusCode::INSUFFICIENT_STORAGE, "storage-full"),
         Error::StorageFailed(_) => (StatusCode::INSUFFICIENT_STORAGE, "storage-failed"),
@@ -352,6 +352,10 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
             header::RETRY_AFTER,
             (wait.as_secs_f64().ceil() as u64).into(),
         )),
+        AppError::Cases(Error::BusyFor(wait)) => {
+            let seconds = wait.as_secs_f64().ceil().clamp(1.0, 60.0) as u64;
+            Some((header::RETRY_AFTER, seconds.into()))
+        }
         // A repeated request would not help.
         AppError::TooManyPictures { .. } => None,
         _ if status == StatusCode::SERVICE_UNAVAILABLE => {

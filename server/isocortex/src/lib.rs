@@ -1,6 +1,6 @@
 //! The program: configuration, and the commands that start the application.
 
-pub mod allocator;
+pub mod again;
 pub mod cli;
 pub mod config;
 mod figures;

@@ -120,6 +120,7 @@ pub fn pacs(config: &Config, cases: &Cases) -> Result<Pacs, ConfigError> {
         serves_source: config.pacs.keep_source,
         shows_patient: config.shows_patient()?,
         time_zone: config.pacs.time_zone()?,
+        place_for: http_support::listen::place_for,
         problems: Problems {
             of_cases: |error| AppError::from(error).into_response(),
             other: |refusal| {

@@ -5,12 +5,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Json;
+use axum::extract::Request;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use cases::Cases;
+use cases::places::{Place, Places};
 use jiff::tz::TimeZone;
 use serde::Serialize;
-use tokio::sync::{Semaphore, SemaphorePermit};
 
 use crate::error::{PacsError, Problems};
 use crate::node::Node;
@@ -43,6 +44,8 @@ pub struct Options {
     pub shows_patient: bool,
     /// The zone of the scanners' dates and times, if it is known.
     pub time_zone: Option<TimeZone>,
+    /// How a request gets a place.
+    pub place_for: fn(&Request, &Places) -> Option<Place>,
     /// How errors become answers.
     pub problems: Problems,
 }
@@ -57,7 +60,7 @@ pub struct Pacs {
 struct Inner {
     cases: Cases,
     options: Options,
-    room: Semaphore,
+    room: Places,
     /// Whether each node answered when it was last asked. Held for moments.
     reached: Mutex<BTreeMap<String, bool>>,
 }
@@ -65,7 +68,7 @@ struct Inner {
 impl Pacs {
     /// The neighbour of a PACS on an application.
     pub fn new(cases: Cases, options: Options) -> Self {
-        let room = Semaphore::new(options.uploads.at_a_time);
+        let room = Places::in_quarters(options.uploads.at_a_time);
         Self {
             inner: Arc::new(Inner {
                 cases,
@@ -148,10 +151,10 @@ impl Pacs {
         })
     }
 
-    /// Room for one more request with images, until it is dropped.
-    pub(crate) fn room(&self) -> Result<SemaphorePermit<'_>, PacsError> {
-        let room = self.inner.room.try_acquire();
-        room.map_err(|_| cases::Error::Busy.into())
+    /// Room for one more request with images, until it is dropped. One client may take a quarter of it.
+    pub(crate) fn room(&self, request: &Request) -> Result<Place, PacsError> {
+        let place = (self.inner.options.place_for)(request, &self.inner.room);
+        place.ok_or_else(|| cases::Error::Busy.into())
     }
 
     /// The answer to a request.

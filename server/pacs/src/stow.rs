@@ -111,7 +111,7 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
     {
         return Err(PartsError::TooLarge(limits.max_bytes).into());
     }
-    let _room = pacs.room()?;
+    let _room = pacs.room(&request)?;
     let mut images = Images {
         pacs,
         study,

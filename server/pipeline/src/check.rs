@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use super::Limits;
 use super::brain::{Placed, closing_radius_mm, given_mask, moved};
-use super::extractor::network_missing;
+use super::extractor::{from_extraction, network_missing};
 use super::failure::from_geometry;
 use super::source::{Source, read_sound_volume};
 use case::{Failure, MaskSource, Parameters};
@@ -77,8 +77,11 @@ pub fn check(
             geometry::check_closing(grid, radius_mm).map_err(from_geometry)?;
             parameters
         }
-        // The extraction finds out whether there is a brain in the volume.
-        None => extracting(parameters, has_network)?,
+        // The extraction finds out whether there is a brain in the volume; what is no head at all is known at once.
+        None => {
+            extraction::check_foreground(&read.volume).map_err(from_extraction)?;
+            extracting(parameters, has_network)?
+        }
     };
     Ok(Checked { parameters, read })
 }

@@ -3,15 +3,16 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::FromRef;
+use axum::extract::{FromRef, Request};
 use cases::{Cases, Client, Error};
 use tokio::sync::watch;
 
 use crate::routes::bodies::Bodies;
+use cases::places::{Place, Places};
 use http_support::auth::Access;
+use http_support::listen::place_for;
 use http_support::metrics::Metrics;
 use http_support::origins::Origins;
-use http_support::places::{Place, Places};
 use http_support::problem::AppError;
 
 /// What HTTP may ask of the server, and who may ask.
@@ -114,12 +115,12 @@ impl Uploads {
     }
 
     /// Room for one more upload, until it is dropped. There is room for fewer uploads than connections, so that uploads
-    /// do not block others, and one client may take a quarter of it.
+    /// do not block others, and one client may take a quarter of it. The less room is left, the faster the upload must come.
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub fn begin(&self, client: Client) -> Result<Place, AppError> {
-        self.room.take(client).ok_or_else(|| Error::Busy.into())
+    pub fn begin(&self, request: &Request) -> Result<Place, AppError> {
+        place_for(request, &self.room).ok_or_else(|| Error::Busy.into())
     }
 }
 

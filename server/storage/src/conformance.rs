@@ -85,6 +85,7 @@ macro_rules! conformance {
                 an_ended_lease_goes_to_another_and_fences_the_first_off
                 a_job_fails_after_so_many_attempts
                 a_lease_handed_back_need_not_count
+                clients_take_turns_with_their_preparations
                 a_published_case_is_ready_and_its_job_is_gone
                 progress_is_told_and_a_lease_renewed
                 what_two_cases_need_goes_with_the_second
@@ -396,6 +397,35 @@ pub(crate) async fn a_lease_handed_back_need_not_count(subject: &Subject) {
         assert_eq!(claim(store).await, None);
         subject.pass(1);
     }
+}
+
+pub(crate) async fn clients_take_turns_with_their_preparations(subject: &Subject) {
+    let store = &subject.store;
+    let mut cases = Vec::new();
+    for (contents, client) in [
+        ("a", "one"),
+        ("b", "one"),
+        ("c", "one"),
+        ("d", "two"),
+        ("e", ""),
+    ] {
+        let new = NewCase {
+            client: client.to_owned(),
+            ..new_case(store, contents).await
+        };
+        let inserted = store.insert_case(&new).await.unwrap();
+        assert_eq!(inserted, Referred::Done(Inserted::Created));
+        cases.push(new.id.to_string());
+        subject.pass(1);
+    }
+    let mut order = Vec::new();
+    for _ in 0..cases.len() {
+        let leased = claim(store).await.unwrap();
+        order.push(cases.iter().position(|case| *case == leased.key).unwrap());
+        assert!(store.fail(&leased, &failure()).await.unwrap());
+        subject.pass(1);
+    }
+    assert_eq!(order, [0, 3, 4, 1, 2]);
 }
 
 pub(crate) async fn a_published_case_is_ready_and_its_job_is_gone(subject: &Subject) {

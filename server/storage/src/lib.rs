@@ -31,6 +31,7 @@
 mod conformance;
 mod copy;
 mod directory;
+pub mod environment;
 mod error;
 mod findings;
 mod inspect;
@@ -55,6 +56,7 @@ mod watch;
 
 use std::fmt;
 use std::io::Write as _;
+use std::net::IpAddr;
 use std::path::Path;
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
@@ -145,6 +147,8 @@ impl Default for Options {
 #[derive(Debug, Clone)]
 pub struct Store {
     inner: Arc<Inner>,
+    /// A digest of the client, or nothing.
+    client: Arc<str>,
 }
 
 type DeletionHook = Box<dyn Fn(&CaseId) + Send + Sync>;
@@ -256,7 +260,24 @@ impl Store {
                 _listener: listener,
             }
         });
-        Self { inner }
+        Self {
+            inner,
+            client: "".into(),
+        }
+    }
+
+    /// The same store for a client: the preparations that it queues take turns with those of other clients. `None` is this
+    /// program itself.
+    #[must_use]
+    pub fn for_client(&self, client: Option<IpAddr>) -> Self {
+        let digest = |client: IpAddr| {
+            let digest = blake3::hash(client.to_string().as_bytes());
+            digest.to_hex()[..16].to_owned()
+        };
+        Self {
+            inner: Arc::clone(&self.inner),
+            client: client.map(digest).unwrap_or_default().into(),
+        }
     }
 
     /// Begins an upload.

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use sqlx::postgres::{PgConnectOptions, PgSslMode};
 
+use super::environment::variable;
 use super::sql::Rows;
 use super::{StoreError, rows_file};
 
@@ -148,10 +149,15 @@ impl DatabaseAddress {
         let is_plain = names.contains(&"sslmode")
             || std::env::var_os("PGSSLMODE").is_some()
             || is_this_machine(&options);
-        Ok(Self::Postgres(Box::new(match is_plain {
+        let address = Self::Postgres(Box::new(match is_plain {
             true => options,
             false => options.ssl_mode(PgSslMode::VerifyFull),
-        })))
+        }));
+        let password = variable("PGPASSWORD").filter(|_| !has_password(text, &names));
+        Ok(match password {
+            Some(password) => address.with_password(&password),
+            None => address,
+        })
     }
 
     /// Sets the password, if it is PostgreSQL.
@@ -162,6 +168,14 @@ impl DatabaseAddress {
             sqlite @ Self::Sqlite(_) => sqlite,
         }
     }
+}
+
+/// Whether an address of PostgreSQL contains a password, which takes precedence over that of the environment.
+fn has_password(address: &str, parameters: &[&str]) -> bool {
+    let authority = address.split_once("//").map_or("", |(_, rest)| rest);
+    let authority = authority.split(['/', '?']).next().unwrap_or_default();
+    let user = authority.rsplit_once('@').map_or("", |(user, _)| user);
+    user.contains(':') || parameters.contains(&"password")
 }
 
 fn is_this_machine(options: &PgConnectOptions) -> bool {
@@ -242,6 +256,19 @@ impl fmt::Display for ObjectsAddress {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_password_in_an_address_is_seen() {
+        let plain = "postgres://isocortex@db.example/isocortex";
+        assert!(!has_password(plain, &[]));
+        assert!(!has_password("postgres://[::1]:5432/isocortex", &[]));
+        assert!(!has_password(
+            "postgres:///isocortex?host=/a@b:c",
+            &["host"]
+        ));
+        assert!(has_password(plain, &["sslmode", "password"]));
+        assert!(has_password("postgres://a:b@db.example/isocortex", &[]));
+    }
 
     fn ssl_mode(text: &str) -> String {
         match DatabaseAddress::parse(text) {

@@ -38,6 +38,8 @@ pub(crate) struct NewCase {
     pub sources: Pinned,
     /// How many jobs may wait.
     pub queue_limit: usize,
+    /// Whose it is: see [`Store::for_client`](crate::Store::for_client).
+    pub client: String,
 }
 
 /// A layer to be inserted.

@@ -245,6 +245,7 @@ impl Store {
                 previous: inputs.previous,
                 sources,
                 queue_limit: self.options().queue_limit,
+                client: self.client.to_string(),
             };
             Ok(match self.insert_case(&new).await? {
                 Referred::Done(inserted) => Referred::Done(Some(inserted)),

@@ -22,6 +22,8 @@ fn application(store: Store, script: &str) -> Cases {
     let options = Options {
         location: std::path::Path::new("unused").into(),
         preparation_threads: 1,
+        prepares_apart: false,
+        preparation_cpu_seconds: 120,
         makes_maps: false,
         max_layers: 20,
         store: crate::testing::options(),

@@ -1,100 +1,154 @@
 //! The child process, which reads the files.
 
+use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead as _, Read, Seek as _, Write as _};
-use std::path::Path;
+use std::os::fd::AsFd as _;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use imaging::Limits;
 use imaging::dicom::{self, DicomError, Identity, Options, Purpose, SeriesName, convert, identify};
-use rustix::process::{Resource, Rlimit, Signal, setrlimit};
+use rustix::process::{Resource, Rlimit, setrlimit};
 
-use super::files::FilesBelow;
+use super::files::{FilesBelow, Place};
 use super::message::{
-    FileOrder, HeadersOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder,
-    StoredOutcome, StoredTask, Summary, VOLUME,
+    HeaderOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder, StoredOutcome,
+    StoredTask, Summary, VOLUME,
 };
+use crate::confine::{Confinement, Directory, Needs, confine, create_in};
 use case::{Failure, FailureKind};
 
 /// The limit for the size of a request.
 const MAX_ORDER_BYTES: u64 = 64 << 10;
 
-/// Memory for the program itself, one file and one picture.
-const BASE_BYTES: u64 = 1 << 30;
+/// The largest file that is written, beside the samples of the voxels.
+const BASE_FILE_BYTES: u64 = 1 << 30;
 
-/// Memory for each voxel: its sample in single precision while slices are collected, and its result.
-const BYTES_PER_VOXEL: u64 = 8;
-
-/// Files open at a time: the three standard ones, one that is read, one that is written, and some that libraries want.
+/// Files open at a time: the three standard ones, those that are read and written, and some that libraries want.
 const OPEN_FILES: u64 = 32;
+
+/// Other code to run once this process is confined, in place of reading a series; it returns words about what it reached.
+/// Tests have it.
+type Instead<'a> = &'a mut dyn FnMut(&Confinement) -> String;
 
 /// Handles the request on standard input. Errors in the files are written as an outcome.
 pub fn run() -> ExitCode {
-    match carry_out() {
+    exit_code(carry_out(None))
+}
+
+/// As [`run`], with other code that runs in place of reading a series. The outcome is a failure with its words.
+#[cfg(any(test, feature = "testing"))]
+pub fn run_instead(mut code: impl FnMut(&Confinement) -> String) -> ExitCode {
+    exit_code(carry_out(Some(&mut code)))
+}
+
+fn exit_code(ended: io::Result<()>) -> ExitCode {
+    match ended {
         Ok(()) => ExitCode::SUCCESS,
         // Nobody reads the output of this process; its parent sees that it failed.
         Err(_) => ExitCode::FAILURE,
     }
 }
 
-fn carry_out() -> io::Result<()> {
-    let mut orders = io::BufReader::new(io::stdin());
-    match read_order(&mut orders)? {
-        Some(Order::Series(order)) => read_series(&order),
-        Some(Order::Headers(order)) => read_headers(&order, &mut orders),
-        Some(Order::Stored(order)) => read_stored(&order),
-        None => Err(io::ErrorKind::UnexpectedEof.into()),
-    }
-}
-
-/// The next order; `None` at the end of the input.
-fn read_order<T: serde::de::DeserializeOwned>(
-    orders: &mut impl io::BufRead,
-) -> io::Result<Option<T>> {
-    let mut line = Vec::new();
-    let read = orders.take(MAX_ORDER_BYTES).read_until(b'\n', &mut line)?;
-    Ok((read > 0)
-        .then(|| serde_json::from_slice(&line))
-        .transpose()?)
-}
-
-fn read_series(order: &SeriesOrder) -> io::Result<()> {
-    limit_this_process(order.max_voxels as u64, order.seconds)?;
-    let outcome = match read(order) {
-        Ok((volume, summary)) => {
-            write_volume(order, &volume)?;
-            Outcome::Read(summary)
+fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
+    match read_order()? {
+        Order::Series(order) => read_series(&order, instead),
+        Order::Header(order) => answer(&read_header(&order)?),
+        Order::Stored(order) => read_stored(&order),
+        Order::Prepare(order) => crate::apart::prepare(&order),
+        Order::Confine => {
+            limit_this_process(1 << 30, 0, 1)?;
+            answer(&confine(&Needs::default()))
         }
-        Err(error) => Outcome::Refused(refusal(&error)),
-    };
-    std::fs::write(order.output.join(OUTCOME), serde_json::to_vec(&outcome)?)
-}
-
-/// Answers until the parent closes the input.
-fn read_headers(order: &HeadersOrder, orders: &mut impl io::BufRead) -> io::Result<()> {
-    limit_this_process(0, order.seconds)?;
-    while let Some(file) = read_order::<FileOrder>(orders)? {
-        let stated = match read_header(&file, order.max_file_bytes) {
-            Ok(identity) => Stated::Read(identity),
-            Err(error) => Stated::Refused(refusal(&error)),
-        };
-        let mut answer = vec![b'\n'];
-        serde_json::to_writer(&mut answer, &stated)?;
-        answer.push(b'\n');
-        let mut output = io::stdout().lock();
-        output.write_all(&answer)?;
-        output.flush()?;
     }
-    Ok(())
 }
 
-fn read_header(order: &FileOrder, most: u64) -> Result<Identity, DicomError> {
-    let file = read_file(&order.file, order.start, most)?;
-    let identity = identify(&file)?;
-    if let Some(output) = &order.output {
-        let room = usize::try_from(order.start).unwrap_or(0);
-        let without = dicom::deidentified_file(&file)?;
-        let written = [vec![0; room], without].concat();
-        std::fs::write(output, written).map_err(unreadable)?;
+fn read_order() -> io::Result<Order> {
+    let mut line = Vec::new();
+    let orders = io::BufReader::new(io::stdin());
+    orders.take(MAX_ORDER_BYTES).read_until(b'\n', &mut line)?;
+    Ok(serde_json::from_slice(&line)?)
+}
+
+/// Answers on the standard output, on a line of its own.
+fn answer(answer: &impl serde::Serialize) -> io::Result<()> {
+    let mut line = vec![b'\n'];
+    serde_json::to_writer(&mut line, answer)?;
+    line.push(b'\n');
+    let mut output = io::stdout().lock();
+    output.write_all(&line)?;
+    output.flush()
+}
+
+/// Everything is opened before this process is confined. A file needs no path any more; a directory becomes the current one,
+/// because its path leads through directories that are closed by then.
+fn read_series(order: &SeriesOrder, instead: Option<Instead<'_>>) -> io::Result<()> {
+    limit_this_process(order.memory_bytes, order.max_voxels as u64, order.seconds)?;
+    let mut outcome_file = File::create_new(order.output.join(OUTCOME))?;
+    let mut volume_file = File::create_new(order.output.join(VOLUME))?;
+    let input = File::open(&order.input)?;
+    let (place, confinement) = match input.metadata()?.is_dir() {
+        true => {
+            rustix::process::fchdir(&input)?;
+            let reads = Directory {
+                directory: input.as_fd(),
+                is_own: order.is_own_input,
+            };
+            let needs = Needs {
+                reads: Some(reads),
+                ..Needs::default()
+            };
+            (Place::Directory(PathBuf::from(".")), confine(&needs))
+        }
+        false => {
+            let place = Place::File(input, order.input_start);
+            (place, confine(&Needs::default()))
+        }
+    };
+    let outcome = match instead {
+        Some(code) => Outcome::Refused(Failure::unusable("other-code", code(&confinement))),
+        None => match read(order, place) {
+            Ok((volume, summary)) => {
+                io::copy(&mut io::repeat(0).take(order.room), &mut volume_file)?;
+                volume_file.write_all(&volume)?;
+                Outcome::Read(summary)
+            }
+            Err(error) => Outcome::Refused(refusal(&error)),
+        },
+    };
+    outcome_file.write_all(&serde_json::to_vec(&outcome)?)
+}
+
+fn read_header(order: &HeaderOrder) -> io::Result<Stated> {
+    limit_this_process(order.memory_bytes, 0, order.seconds)?;
+    let mut file = File::open(&order.file)?;
+    file.seek(io::SeekFrom::Start(order.start))?;
+    let mut output = match &order.output {
+        Some(path) => Some(
+            OpenOptions::new()
+                .write(true)
+                .create(true)
+                .truncate(true)
+                .open(path)?,
+        ),
+        None => None,
+    };
+    confine(&Needs::default());
+    let read = read_file(file, order.max_file_bytes)
+        .and_then(|file| header(&file, order.start, output.as_mut()));
+    Ok(match read {
+        Ok(identity) => Stated::Read(identity),
+        Err(error) => Stated::Refused(refusal(&error)),
+    })
+}
+
+fn header(file: &[u8], room: u64, output: Option<&mut File>) -> Result<Identity, DicomError> {
+    let identity = identify(file)?;
+    if let Some(output) = output {
+        let without = dicom::deidentified_file(file)?;
+        let written = io::copy(&mut io::repeat(0).take(room), output);
+        written.map_err(unreadable)?;
+        output.write_all(&without).map_err(unreadable)?;
     }
     Ok(identity)
 }
@@ -105,9 +159,8 @@ fn unreadable(error: io::Error) -> DicomError {
     }
 }
 
-fn read_file(path: &Path, start: u64, most: u64) -> Result<Vec<u8>, DicomError> {
-    let mut file = std::fs::File::open(path).map_err(unreadable)?;
-    file.seek(io::SeekFrom::Start(start)).map_err(unreadable)?;
+/// The rest of a file.
+fn read_file(file: File, most: u64) -> Result<Vec<u8>, DicomError> {
     let mut bytes = Vec::new();
     let read = file.take(most + 1).read_to_end(&mut bytes);
     if read.map_err(unreadable)? as u64 > most {
@@ -117,21 +170,35 @@ fn read_file(path: &Path, start: u64, most: u64) -> Result<Vec<u8>, DicomError> 
 }
 
 fn read_stored(order: &StoredOrder) -> io::Result<()> {
-    limit_this_process(0, order.seconds)?;
-    let outcome = match stored(order) {
+    limit_this_process(order.memory_bytes, 0, order.seconds)?;
+    let mut outcome_file = File::create_new(order.output.join(OUTCOME))?;
+    let (input, output) = (File::open(&order.input)?, File::open(&order.output)?);
+    rustix::process::fchdir(&input)?;
+    let reads = Directory {
+        directory: input.as_fd(),
+        is_own: true,
+    };
+    confine(&Needs {
+        reads: Some(reads),
+        writes: Some(output.as_fd()),
+        threads: false,
+    });
+    let outcome = match stored(order, &output) {
         Ok(outcome) => outcome,
         Err(error) => StoredOutcome::Refused(refusal(&error)),
     };
-    std::fs::write(order.output.join(OUTCOME), serde_json::to_vec(&outcome)?)
+    outcome_file.write_all(&serde_json::to_vec(&outcome)?)
 }
 
-fn stored(order: &StoredOrder) -> Result<StoredOutcome, DicomError> {
+/// Reads the files of the current directory.
+fn stored(order: &StoredOrder, output: &File) -> Result<StoredOutcome, DicomError> {
     let read = |number: usize| {
-        let path = order.input.join(number.to_string());
-        read_file(&path, 0, order.max_file_bytes)
+        let file = File::open(Path::new(".").join(number.to_string())).map_err(unreadable)?;
+        read_file(file, order.max_file_bytes)
     };
     let write = |number: usize, bytes: &[u8]| {
-        std::fs::write(order.output.join(number.to_string()), bytes).map_err(unreadable)
+        let mut file = create_in(output, &number.to_string()).map_err(unreadable)?;
+        file.write_all(bytes).map_err(unreadable)
     };
     match &order.task {
         StoredTask::Metadata => {
@@ -172,14 +239,8 @@ fn stored(order: &StoredOrder) -> Result<StoredOutcome, DicomError> {
     }
 }
 
-fn write_volume(order: &SeriesOrder, volume: &[u8]) -> io::Result<()> {
-    let mut file = std::fs::File::create_new(order.output.join(VOLUME))?;
-    io::copy(&mut io::repeat(0).take(order.room), &mut file)?;
-    file.write_all(volume)
-}
-
-/// From here on, the kernel ends this process if it exceeds its limits or if its parent ends.
-fn limit_this_process(voxels: u64, seconds: u64) -> io::Result<()> {
+/// From here on, the kernel ends this process if it exceeds its limits.
+fn limit_this_process(memory: u64, voxels: u64, seconds: u64) -> io::Result<()> {
     let at_most = |resource, most: u64| {
         let limit = Rlimit {
             current: Some(most),
@@ -187,24 +248,20 @@ fn limit_this_process(voxels: u64, seconds: u64) -> io::Result<()> {
         };
         setrlimit(resource, limit).map_err(io::Error::from)
     };
-    at_most(
-        Resource::As,
-        BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(voxels)),
-    )?;
+    at_most(Resource::As, memory)?;
     at_most(Resource::Cpu, seconds)?;
     at_most(Resource::Nofile, OPEN_FILES)?;
     at_most(
         Resource::Fsize,
-        BASE_BYTES.saturating_add(4u64.saturating_mul(voxels)),
+        BASE_FILE_BYTES.saturating_add(4u64.saturating_mul(voxels)),
     )?;
     // A core file would contain images of a patient.
     at_most(Resource::Core, 0)?;
-    rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
-    Ok(())
+    at_most(Resource::Nproc, 0)
 }
 
-fn read(order: &SeriesOrder) -> Result<(Vec<u8>, Summary), DicomError> {
-    let mut files = FilesBelow::open(&order.input, order.input_start, order.max_input_bytes)?;
+fn read(order: &SeriesOrder, place: Place) -> Result<(Vec<u8>, Summary), DicomError> {
+    let mut files = FilesBelow::open(place, order.max_input_bytes)?;
     let options = Options {
         series: order.series.as_deref().and_then(SeriesName::parse),
         allow_gaps: order.allow_gaps,
@@ -245,7 +302,7 @@ mod tests {
     #[test]
     #[ignore = "it is started by the test below, for its limits last as long as its process"]
     fn limited() {
-        limit_this_process(1000, 60).unwrap();
+        limit_this_process(1 << 30, 1000, 60).unwrap();
         let mut hog: Vec<u8> = Vec::new();
         assert!(hog.try_reserve_exact(2 << 30).is_err());
         let open: Vec<_> = (0..OPEN_FILES)

@@ -19,22 +19,30 @@ const MAX_DEPTH: usize = 16;
 /// The number of bytes that identify the kind of a file.
 const HEAD_BYTES: u64 = 600;
 
-/// The place of a file.
+/// One of the files.
 #[derive(Debug, Clone, Copy)]
-enum Place {
+enum Found {
     /// By its number in `paths`.
     Path(usize),
     /// An entry of the archive of that number.
     Entry { archive: usize, entry: usize },
 }
 
+/// Where the files are.
+pub(super) enum Place {
+    /// One file, which is open, with its bytes from an offset on.
+    File(File, u64),
+    /// The files below a directory.
+    Directory(PathBuf),
+}
+
 /// All files, for reading one by one.
 pub(super) struct FilesBelow {
-    /// The offset of the bytes in each file.
-    start: u64,
+    /// The only file, with the offset of its bytes.
+    single: Option<(File, u64)>,
     paths: Vec<PathBuf>,
     archives: Vec<ZipArchive<BufReader<File>>>,
-    places: Vec<Place>,
+    places: Vec<Found>,
     /// The limit for the unpacked bytes of all files.
     limit: u64,
     /// The bytes of the files that were read for the first time.
@@ -43,10 +51,10 @@ pub(super) struct FilesBelow {
 }
 
 impl FilesBelow {
-    /// Finds files: `input` itself, with its bytes from `start` on, or the files below it.
-    pub(super) fn open(input: &Path, start: u64, limit: u64) -> Result<Self, DicomError> {
+    /// Finds the files.
+    pub(super) fn open(place: Place, limit: u64) -> Result<Self, DicomError> {
         let mut files = Self {
-            start: 0,
+            single: None,
             paths: Vec::new(),
             archives: Vec::new(),
             places: Vec::new(),
@@ -55,13 +63,12 @@ impl FilesBelow {
             bytes: 0,
         };
         let mut paths = Vec::new();
-        // The input itself may be a link, but nothing below it.
-        let metadata = std::fs::metadata(input).map_err(unreadable)?;
-        if metadata.is_dir() {
-            collect(input, 0, &mut paths)?;
-        } else {
-            files.start = start;
-            paths.push(input.to_owned());
+        match place {
+            Place::File(file, start) => {
+                files.single = Some((file, start));
+                paths.push(PathBuf::new());
+            }
+            Place::Directory(directory) => collect(&directory, 0, &mut paths)?,
         }
         paths.sort();
         for path in paths {
@@ -81,15 +88,18 @@ impl FilesBelow {
         if sniff(&head) == Format::Zip {
             return self.add_archive(file);
         }
-        self.places.push(Place::Path(self.paths.len()));
+        self.places.push(Found::Path(self.paths.len()));
         self.paths.push(path);
         self.check_count()
     }
 
     /// A file, at its first byte.
     fn file(&self, path: &Path) -> Result<File, DicomError> {
-        let mut file = File::open(path).map_err(unreadable)?;
-        file.seek(SeekFrom::Start(self.start)).map_err(unreadable)?;
+        let (mut file, start) = match &self.single {
+            Some((file, start)) => (file.try_clone().map_err(unreadable)?, *start),
+            None => (File::open(path).map_err(unreadable)?, 0),
+        };
+        file.seek(SeekFrom::Start(start)).map_err(unreadable)?;
         Ok(file)
     }
 
@@ -105,7 +115,7 @@ impl FilesBelow {
                 });
             }
             if file.is_file() {
-                self.places.push(Place::Entry {
+                self.places.push(Found::Entry {
                     archive: number,
                     entry,
                 });
@@ -141,11 +151,11 @@ impl Files for FilesBelow {
         let spent = if self.counted[number] { 0 } else { self.bytes };
         let left = self.limit - spent;
         let bytes = match self.places[number] {
-            Place::Path(path) => {
+            Found::Path(path) => {
                 let file = self.file(&self.paths[path])?;
                 read_at_most(file, left)
             }
-            Place::Entry { archive, entry } => {
+            Found::Entry { archive, entry } => {
                 let file = self.archives[archive].by_index(entry).map_err(bad_zip)?;
                 read_at_most(file, left)
             }
@@ -159,12 +169,19 @@ impl Files for FilesBelow {
     }
 }
 
-/// All bytes; `None` if there are more than `limit`. Lengths in headers are not trusted.
-fn read_at_most(source: impl Read, limit: u64) -> Result<Option<Vec<u8>>, DicomError> {
+/// All bytes of a DICOM file, and the first ones of any other; `None` if there are more than `limit`. Lengths in headers are
+/// not trusted.
+fn read_at_most(mut source: impl Read, limit: u64) -> Result<Option<Vec<u8>>, DicomError> {
     let mut bytes = Vec::new();
-    let read = source.take(limit.saturating_add(1)).read_to_end(&mut bytes);
-    match read {
-        Ok(read) if read as u64 > limit => Ok(None),
+    let head = source.by_ref().take(HEAD_BYTES.min(limit));
+    let head = { head }.read_to_end(&mut bytes);
+    if head.is_ok() && sniff(&bytes) != Format::Dicom {
+        return Ok(Some(bytes));
+    }
+    let left = limit.saturating_add(1).saturating_sub(bytes.len() as u64);
+    let read = source.take(left).read_to_end(&mut bytes);
+    match head.and(read) {
+        Ok(_) if bytes.len() as u64 > limit => Ok(None),
         Ok(_) => Ok(Some(bytes)),
         Err(error) => Err(unreadable(error)),
     }
@@ -236,6 +253,10 @@ mod tests {
         writer.finish().unwrap().into_inner()
     }
 
+    fn file(path: &Path, start: u64) -> Place {
+        Place::File(File::open(path).unwrap(), start)
+    }
+
     fn all(files: &mut FilesBelow) -> Vec<Vec<u8>> {
         (0..files.count())
             .map(|number| files.read(number).unwrap())
@@ -255,7 +276,7 @@ mod tests {
         .unwrap();
         std::os::unix::fs::symlink("/etc/passwd", root.path().join("link")).unwrap();
         std::os::unix::fs::symlink(root.path(), root.path().join("loop")).unwrap();
-        let mut files = FilesBelow::open(root.path(), 0, PLENTY).unwrap();
+        let mut files = FilesBelow::open(Place::Directory(root.path().to_owned()), PLENTY).unwrap();
         assert_eq!(
             all(&mut files),
             [b"1".to_vec(), b"22".to_vec(), b"333".to_vec()]
@@ -274,7 +295,7 @@ mod tests {
             (&archive[..], vec![b"1".to_vec(), b"22".to_vec()]),
         ] {
             std::fs::write(&path, [&[0; 72], bytes].concat()).unwrap();
-            let mut files = FilesBelow::open(&path, 72, PLENTY).unwrap();
+            let mut files = FilesBelow::open(file(&path, 72), PLENTY).unwrap();
             assert_eq!(all(&mut files), expected);
         }
     }
@@ -284,7 +305,7 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("upload");
         std::fs::write(&path, zipped(&[("../../../escaped", b"x"), ("/abs", b"y")])).unwrap();
-        let mut files = FilesBelow::open(&path, 0, PLENTY).unwrap();
+        let mut files = FilesBelow::open(file(&path, 0), PLENTY).unwrap();
         assert_eq!(all(&mut files), [b"x", b"y"]);
         assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 1);
     }
@@ -293,13 +314,25 @@ mod tests {
     fn a_bomb_is_cut_off_at_the_limit() {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("upload");
-        std::fs::write(&path, zipped(&[("zeros", &vec![0; 32 << 20])])).unwrap();
+        let mut large = vec![0; 32 << 20];
+        large[128..132].copy_from_slice(b"DICM");
+        std::fs::write(&path, zipped(&[("zeros", &large)])).unwrap();
         assert!(std::fs::metadata(&path).unwrap().len() < 100 << 10);
-        let mut files = FilesBelow::open(&path, 0, 1 << 20).unwrap();
+        let mut files = FilesBelow::open(file(&path, 0), 1 << 20).unwrap();
         assert_eq!(
             files.read(0),
             Err(DicomError::TooManyBytes { limit: 1 << 20 })
         );
+    }
+
+    #[test]
+    fn what_is_not_dicom_is_not_unpacked() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("upload");
+        let zeros = vec![0; 32 << 20];
+        std::fs::write(&path, zipped(&[("zeros", &zeros), ("again", &zeros)])).unwrap();
+        let mut files = FilesBelow::open(file(&path, 0), 1 << 20).unwrap();
+        assert_eq!(all(&mut files), [[0; HEAD_BYTES as usize]; 2]);
     }
 
     #[test]
@@ -309,7 +342,7 @@ mod tests {
         let whole = zipped(&[("a", &[7; 3000])]);
         for length in [4, 40, whole.len() - 10] {
             std::fs::write(&path, &whole[..length]).unwrap();
-            assert!(FilesBelow::open(&path, 0, PLENTY).is_err());
+            assert!(FilesBelow::open(file(&path, 0), PLENTY).is_err());
         }
     }
 }

@@ -1,21 +1,18 @@
-//! Reads what files are and which series they belong to, in processes that stay for the next file.
+//! Reads what a file is and which series it belongs to, in a process for each file.
 //!
-//! They have the limits of the process that reads a series. One that dies or is too slow takes only its file with it.
+//! A process that a file takes over sees no other file. It has the limits of the process that reads a series.
 
-use std::io::ErrorKind;
 use std::path::Path;
 use std::process::Stdio;
-use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use case::{Failure, Parameters};
 use imaging::dicom::Identity;
 use storage::Spooled;
 use storage::arrivals::{AccessionNumber, Rejection, SeriesUids, Uid};
-use tokio::io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader};
-use tokio::process::{Child, ChildStdin, ChildStdout};
 
-use super::message::{FileOrder, HeadersOrder, Order, Stated};
+use super::memory::ReaderMemory;
+use super::message::{HeaderOrder, Order, Stated};
 use super::reader::{Program, at_a_time, cannot_run, check_file, checked_failure, died};
 use crate::error::Error;
 use crate::limit::ConcurrencyLimit;
@@ -23,23 +20,14 @@ use crate::limit::ConcurrencyLimit;
 /// The time limit for a file.
 const LONGEST: Duration = Duration::from_secs(20);
 
-/// The limit for the CPU time of a process.
-const PROCESS_SECONDS: u64 = 60;
-
-/// Files that a process reads before another one takes over, so that none uses its CPU time up.
-const FILES_EACH: u32 = 500;
-
-/// How long a process without work stays.
-const IDLE: Duration = Duration::from_secs(30);
+/// Memory for the program itself.
+const PROGRAM_BYTES: u64 = 512 << 20;
 
 /// How many times as large as a file its uncompressed pixels may be.
 const UNPACKING: u64 = 16;
 
 /// Files that may wait.
 const WAITING: usize = 256;
-
-/// The longest answer, in bytes: that about a rejection note of 5,000 instances.
-const MAX_ANSWER_BYTES: u64 = 512 << 10;
 
 /// What an instance is and which series it belongs to.
 #[derive(Debug, Clone, PartialEq)]
@@ -142,30 +130,18 @@ pub struct HeaderReader {
     max_file_bytes: u64,
     longest: Duration,
     limit: ConcurrencyLimit,
-    /// Held only briefly.
-    idle: Mutex<Vec<Reader>>,
-}
-
-/// A process that waits for a file.
-#[derive(Debug)]
-struct Reader {
-    /// Killed when it is dropped.
-    _process: Child,
-    orders: ChildStdin,
-    answers: BufReader<ChildStdout>,
-    files: u32,
-    since: Instant,
+    memory: ReaderMemory,
 }
 
 impl HeaderReader {
     /// A reader of files of at most `max_file_bytes`.
-    pub(crate) fn new(program: Program, max_file_bytes: u64) -> Self {
+    pub(crate) fn new(program: Program, max_file_bytes: u64, memory: ReaderMemory) -> Self {
         Self {
             program,
             max_file_bytes,
             longest: LONGEST,
             limit: ConcurrencyLimit::new(at_a_time(), WAITING),
-            idle: Mutex::default(),
+            memory,
         }
     }
 
@@ -191,24 +167,23 @@ impl HeaderReader {
 
     async fn ask(&self, file: &Spooled, output: Option<&Path>) -> Result<InstanceIdentity, Error> {
         let _turn = self.limit.turn().await?;
-        let mut reader = match self.resting() {
-            Some(reader) => reader,
-            None => match self.start().await {
-                Ok(reader) => reader,
-                // It was gone before it could be told what to do.
-                Err(error) if error.kind() == ErrorKind::BrokenPipe => return Err(died().into()),
-                Err(error) => return Err(cannot_run(error)),
-            },
-        };
-        let answer = tokio::time::timeout(self.longest, reader.ask(file, output)).await;
+        let memory_bytes = PROGRAM_BYTES + (UNPACKING + 4) * file.len();
+        let _memory = self.memory.take(memory_bytes).await?;
+        let absolute = |path: &Path| std::path::absolute(path).map_err(cannot_run);
+        let order = Order::Header(HeaderOrder {
+            file: absolute(file.path())?,
+            start: Spooled::START,
+            output: output.map(absolute).transpose()?,
+            max_file_bytes: self.max_file_bytes,
+            memory_bytes,
+            seconds: self.longest.as_secs().max(1),
+        });
+        let mut process = self.program.start(Stdio::piped()).map_err(cannot_run)?;
+        let answer = tokio::time::timeout(self.longest, process.ask(&order)).await;
+        // A process that is too slow is ended with its handle.
         let Some(stated) = answer.ok().flatten() else {
-            // The process is ended with its handle.
             return Err(died().into());
         };
-        if reader.files < FILES_EACH {
-            reader.since = Instant::now();
-            self.lock().push(reader);
-        }
         match stated {
             Stated::Read(identity) => {
                 InstanceIdentity::checked(identity).ok_or_else(|| bad_uid().into())
@@ -216,76 +191,6 @@ impl HeaderReader {
             Stated::Refused(failure) => Err(checked_failure(failure).into()),
         }
     }
-
-    /// Ends the processes that have had no work for a while.
-    pub fn rest(&self) {
-        self.lock().retain(|reader| reader.since.elapsed() < IDLE);
-    }
-
-    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Reader>> {
-        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn resting(&self) -> Option<Reader> {
-        self.lock().pop()
-    }
-
-    async fn start(&self) -> std::io::Result<Reader> {
-        let mut process = self
-            .program
-            .command()?
-            .env_clear()
-            .current_dir("/")
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .kill_on_drop(true)
-            .spawn()?;
-        let pipes = process.stdin.take().zip(process.stdout.take());
-        let (mut orders, answers) = pipes.ok_or(ErrorKind::BrokenPipe)?;
-        let order = Order::Headers(HeadersOrder {
-            max_file_bytes: self.max_file_bytes,
-            seconds: PROCESS_SECONDS,
-        });
-        orders.write_all(&line(&order)?).await?;
-        Ok(Reader {
-            _process: process,
-            orders,
-            answers: BufReader::new(answers),
-            files: 0,
-            since: Instant::now(),
-        })
-    }
-}
-
-impl Reader {
-    /// The answer about a file; `None` if the process is gone or does not answer as it must.
-    async fn ask(&mut self, file: &Spooled, output: Option<&Path>) -> Option<Stated> {
-        self.files += 1;
-        let order = FileOrder {
-            file: std::path::absolute(file.path()).ok()?,
-            start: Spooled::START,
-            output: output.map(std::path::absolute).transpose().ok()?,
-        };
-        self.orders.write_all(&line(&order).ok()?).await.ok()?;
-        let mut answers = (&mut self.answers).take(MAX_ANSWER_BYTES);
-        loop {
-            let mut answer = String::new();
-            if answers.read_line(&mut answer).await.ok()? == 0 {
-                return None;
-            }
-            // Every answer begins a line; a test program says other things, too.
-            if answer.starts_with('{') {
-                return serde_json::from_str(&answer).ok();
-            }
-        }
-    }
-}
-
-fn line(message: &impl serde::Serialize) -> std::io::Result<Vec<u8>> {
-    let mut line = serde_json::to_vec(message)?;
-    line.push(b'\n');
-    Ok(line)
 }
 
 fn bad_uid() -> Failure {
@@ -310,14 +215,11 @@ mod tests {
     async fn read_by(script: &str, longest: Duration) -> Result<InstanceIdentity, Error> {
         let arguments = vec!["-c".into(), script.into()];
         let program = Program::other("/bin/sh".into(), arguments);
-        let mut reader = HeaderReader::new(program, 1 << 20);
+        let mut reader = HeaderReader::new(program, 1 << 20, ReaderMemory::default());
         reader.longest = longest;
         let store = Store::in_memory(Options::default()).await.unwrap();
         let file = store.spool_all(Bytes::from_static(b"file")).await.unwrap();
-        let first = reader.read(&file).await;
-        let second = reader.read(&file).await;
-        assert_eq!(first.is_ok(), second.is_ok(), "the next file is read, too");
-        first
+        reader.read(&file).await
     }
 
     fn name(result: Result<InstanceIdentity, Error>) -> String {
@@ -331,7 +233,7 @@ mod tests {
     }
 
     fn saying(answer: &str) -> String {
-        format!("read order; while read file; do echo noise; printf '\\n%s\\n' '{answer}'; done")
+        format!("read order; echo noise; printf '\\n%s\\n' '{answer}'; read more")
     }
 
     fn identity(uid: &str) -> String {
@@ -341,7 +243,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_process_answers_for_one_file_after_the_other() {
+    async fn a_process_answers_for_its_file() {
         let read = read_by(&saying(&identity("1.5")), PATIENCE).await.unwrap();
         assert_eq!(read.sop_instance_uid.as_str(), "1.5");
         assert_eq!(read.uids.series.as_str(), "1.4");

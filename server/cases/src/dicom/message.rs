@@ -7,6 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use case::Failure;
 
+use crate::apart::PrepareOrder;
+
 /// The file of the volume, in the output directory.
 pub(super) const VOLUME: &str = "volume.nii.gz";
 
@@ -19,11 +21,14 @@ pub(super) const OUTCOME: &str = "outcome.json";
 pub(super) enum Order {
     /// Make a volume of a series.
     Series(SeriesOrder),
-    /// Read the headers of files. A [`FileOrder`] for each follows on a line of its own, and a [`Stated`] answers it on
-    /// the standard output.
-    Headers(HeadersOrder),
+    /// Read the header of a file; a [`Stated`] on the standard output answers it.
+    Header(HeaderOrder),
     /// Read stored files for a client that retrieves them.
     Stored(StoredOrder),
+    /// Prepare a case.
+    Prepare(Box<PrepareOrder>),
+    /// Only confine the process; a [`Confinement`](crate::Confinement) on the standard output answers it.
+    Confine,
 }
 
 /// What to read of stored files.
@@ -36,6 +41,8 @@ pub(super) struct StoredOrder {
     /// An empty directory.
     pub(super) output: PathBuf,
     pub(super) task: StoredTask,
+    /// The limit for memory.
+    pub(super) memory_bytes: u64,
     /// The limit for a file.
     pub(super) max_file_bytes: u64,
     /// The limit for CPU time.
@@ -70,25 +77,21 @@ pub(super) enum StoredOutcome {
     Refused(Failure),
 }
 
-/// Which headers to read.
+/// Which header to read.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct HeadersOrder {
-    /// The limit for a file.
-    pub(super) max_file_bytes: u64,
-    /// The limit for CPU time.
-    pub(super) seconds: u64,
-}
-
-/// An order to read the header of a file.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct FileOrder {
+pub(super) struct HeaderOrder {
     pub(super) file: PathBuf,
     /// The offset of the bytes in the file.
     pub(super) start: u64,
     /// Where to write the file without the identity of the patient, after as many zero bytes; `None` to write nothing.
     pub(super) output: Option<PathBuf>,
+    /// The limit for the file.
+    pub(super) max_file_bytes: u64,
+    /// The limit for memory.
+    pub(super) memory_bytes: u64,
+    /// The limit for CPU time.
+    pub(super) seconds: u64,
 }
 
 /// The answer about a file.
@@ -105,6 +108,8 @@ pub(super) enum Stated {
 pub(super) struct SeriesOrder {
     /// A file, or a directory of files.
     pub(super) input: PathBuf,
+    /// Whether a directory was made for this order, and may be given to a user of the process's own.
+    pub(super) is_own_input: bool,
     /// The offset of the bytes in a single file.
     pub(super) input_start: u64,
     /// An empty directory.
@@ -115,6 +120,8 @@ pub(super) struct SeriesOrder {
     pub(super) allow_gaps: bool,
     pub(super) is_layer: bool,
     pub(super) max_voxels: usize,
+    /// The limit for memory.
+    pub(super) memory_bytes: u64,
     /// The limit for the unpacked bytes of all files.
     pub(super) max_input_bytes: u64,
     /// The limit for CPU time.

@@ -2,12 +2,13 @@
 //!
 //! Hostile files can make parsers and decoders run for ever, exhaust memory, or abort the process. So the program
 //! starts itself again, as `isocortex read-dicom`, for each upload: a process with limits on memory, time and open
-//! files, without environment, which reads the spooled files and writes two files. Its output is trusted as little as
-//! its input. If it dies, the upload is rejected and the server continues.
+//! files, without environment, which opens the spooled files and the files for its results, confines itself (`confine.rs`), and only
+//! then looks at what it reads. Its output is trusted as little as its input. If it dies, the upload is rejected and the server continues.
 
 mod child;
 mod files;
 mod headers;
+mod memory;
 mod message;
 mod reader;
 mod stored;
@@ -20,10 +21,14 @@ use serde::Serialize;
 use storage::Spooled;
 use tempfile::TempDir;
 
-use self::message::VOLUME;
+use self::message::{Order, VOLUME};
+use crate::apart::PrepareOrder;
 
 pub use self::child::run as run_child;
+#[cfg(any(test, feature = "testing"))]
+pub use self::child::run_instead;
 pub use self::headers::{HeaderReader, InstanceIdentity};
+pub(crate) use self::memory::ReaderMemory;
 pub use self::reader::{DicomReader, Program};
 pub use self::stored::StoredFiles;
 pub(crate) use self::stored::copy_objects;
@@ -32,11 +37,20 @@ pub use imaging::dicom::{Attributes, Options, Purpose, SeriesName, SeriesSummary
 /// The subcommand of the child.
 pub const SUBCOMMAND: &str = "read-dicom";
 
+/// The order to prepare a case, for the same program.
+pub(crate) fn order_to_prepare(order: &PrepareOrder) -> io::Result<Vec<u8>> {
+    Ok(serde_json::to_vec(&Order::Prepare(Box::new(
+        order.clone(),
+    )))?)
+}
+
 /// The files to read.
 #[derive(Debug, Clone, Copy)]
 pub enum Input<'a> {
     /// The files below a directory, or one file: DICOM, or a zip of it.
     Path(&'a Path),
+    /// The files below a directory that was made for this reading.
+    Directory(&'a TempDir),
     /// One spooled file.
     Spooled(&'a Spooled),
 }

@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::io::{self, Read as _};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::Duration;
 
 use imaging::Limits;
@@ -12,11 +12,13 @@ use imaging::dicom::{Attributes, Options, Purpose, SeriesSummary};
 use serde::de::DeserializeOwned;
 use storage::Spooled;
 use tempfile::TempDir;
-use tokio::io::AsyncWriteExt as _;
-use tokio::process::{Child, Command};
+use tokio::io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader};
+use tokio::process::{Child, ChildStdin, ChildStdout};
 
+use super::memory::ReaderMemory;
 use super::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
 use super::{Choice, Input, Reading, SUBCOMMAND};
+use crate::confine::Confinement;
 use crate::error::Error;
 use crate::fair::{Client, FairLimit};
 use case::{Failure, FailureKind};
@@ -30,8 +32,17 @@ const MOST_AT_A_TIME: usize = 4;
 /// Series that may wait.
 const WAITING: usize = 16;
 
+/// Memory for the program itself, one file and one picture.
+pub(super) const BASE_BYTES: u64 = 1 << 30;
+
+/// Memory for each voxel: its sample in single precision while slices are collected, and its result.
+const BYTES_PER_VOXEL: u64 = 8;
+
 /// The largest outcome: identifiers of some thousand slices.
 const MAX_OUTCOME_BYTES: u64 = 16 << 20;
+
+/// The longest answer on the standard output of a child, in bytes.
+const MAX_ANSWER_BYTES: u64 = 64 << 10;
 
 /// The longest name and detail of a failure, in bytes.
 const MAX_TEXT: [usize; 2] = [64, 4096];
@@ -46,8 +57,9 @@ impl Program {
         Self(Some((program, arguments)))
     }
 
-    pub(super) fn command(&self) -> io::Result<Command> {
-        Ok(match &self.0 {
+    /// The command, without environment.
+    fn command(&self) -> io::Result<Command> {
+        let mut command = match &self.0 {
             Some((program, arguments)) => {
                 let mut command = Command::new(program);
                 command.args(arguments);
@@ -58,7 +70,64 @@ impl Program {
                 command.arg(SUBCOMMAND);
                 command
             }
+        };
+        command
+            .env_clear()
+            .current_dir("/")
+            .stdin(Stdio::piped())
+            .stderr(Stdio::null());
+        Ok(command)
+    }
+
+    /// Starts the process. It is ended with its handle.
+    pub(super) fn start(&self, answers: Stdio) -> io::Result<Process> {
+        let mut command = tokio::process::Command::from(self.command()?);
+        let mut child = command.stdout(answers).kill_on_drop(true).spawn()?;
+        Ok(Process {
+            orders: child.stdin.take(),
+            answers: child.stdout.take(),
+            child,
         })
+    }
+
+    /// Starts the process for a thread that waits for it.
+    pub(crate) fn start_now(&self) -> io::Result<std::process::Child> {
+        self.command()?.stdout(Stdio::piped()).spawn()
+    }
+}
+
+/// A running child.
+pub(super) struct Process {
+    child: Child,
+    orders: Option<ChildStdin>,
+    answers: Option<ChildStdout>,
+}
+
+impl Process {
+    /// Sends the order. If the child has already ended, its status tells why.
+    async fn tell(&mut self, order: &Order) -> io::Result<()> {
+        let mut line = serde_json::to_vec(order)?;
+        line.push(b'\n');
+        if let Some(mut orders) = self.orders.take() {
+            let _ = orders.write_all(&line).await;
+        }
+        Ok(())
+    }
+
+    /// The answer on its standard output; `None` if it does not answer as it must.
+    pub(super) async fn ask<T: DeserializeOwned>(&mut self, order: &Order) -> Option<T> {
+        self.tell(order).await.ok()?;
+        let mut answers = BufReader::new(self.answers.take()?).take(MAX_ANSWER_BYTES);
+        loop {
+            let mut answer = String::new();
+            if answers.read_line(&mut answer).await.ok()? == 0 {
+                return None;
+            }
+            // Every answer begins a line; a test program says other things, too.
+            if answer.starts_with('{') {
+                return serde_json::from_str(&answer).ok();
+            }
+        }
     }
 }
 
@@ -70,6 +139,7 @@ pub struct DicomReader {
     pub(super) max_input_bytes: u64,
     pub(super) longest: Duration,
     pub(super) limit: FairLimit,
+    pub(super) memory: ReaderMemory,
 }
 
 impl DicomReader {
@@ -81,7 +151,14 @@ impl DicomReader {
             max_input_bytes,
             longest: LONGEST,
             limit: FairLimit::new(at_a_time(), WAITING),
+            memory: ReaderMemory::default(),
         }
+    }
+
+    /// The same with memory that other readers share.
+    #[must_use]
+    pub(crate) fn with_memory(self, memory: ReaderMemory) -> Self {
+        Self { memory, ..self }
     }
 
     /// Sets the time limit.
@@ -127,16 +204,21 @@ impl DicomReader {
         options: &Options,
         scratch: &Path,
     ) -> Result<Reading, Error> {
-        let (input, input_start) = match input {
-            Input::Path(path) => (path, 0),
-            Input::Spooled(file) => (file.path(), Spooled::START),
+        let (input, input_start, is_own_input) = match input {
+            Input::Path(path) => (path, 0, false),
+            Input::Directory(directory) => (directory.path(), 0, true),
+            Input::Spooled(file) => (file.path(), Spooled::START, false),
         };
         let output = tempfile::Builder::new()
             .prefix("dicom-")
             .tempdir_in(scratch)
             .map_err(cannot_run)?;
+        let voxels = self.limits.max_voxels as u64;
+        let memory_bytes = BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(voxels));
+        let _memory = self.memory.take(memory_bytes).await?;
         let order = SeriesOrder {
             input: std::path::absolute(input).map_err(cannot_run)?,
+            is_own_input,
             input_start,
             output: std::path::absolute(output.path()).map_err(cannot_run)?,
             room: Spooled::START,
@@ -144,6 +226,7 @@ impl DicomReader {
             allow_gaps: options.allow_gaps,
             is_layer: options.purpose == Purpose::Layer,
             max_voxels: self.limits.max_voxels,
+            memory_bytes,
             max_input_bytes: self.max_input_bytes,
             seconds: self.longest.as_secs().max(1),
         };
@@ -151,6 +234,17 @@ impl DicomReader {
         let limits = self.limits;
         let reading = tokio::task::spawn_blocking(move || take(status, output, &limits));
         Ok(reading.await.map_err(|_| Error::Internal)??)
+    }
+
+    /// What the kernel of this machine gives to confine the child.
+    ///
+    /// # Errors
+    /// [`Error::Internal`], logged, if the child cannot be started, or does not answer.
+    pub async fn confinement(&self) -> Result<Confinement, Error> {
+        let mut process = self.program.start(Stdio::piped()).map_err(cannot_run)?;
+        let answer = tokio::time::timeout(self.longest, process.ask(&Order::Confine)).await;
+        let silent = || cannot_run(io::ErrorKind::UnexpectedEof.into());
+        answer.ok().flatten().ok_or_else(silent)
     }
 
     /// Runs the child.
@@ -161,24 +255,12 @@ impl DicomReader {
 
     /// Runs the child; `None` if it exceeds the time limit.
     async fn run_within(&self, order: &Order) -> io::Result<Option<ExitStatus>> {
-        let mut child: Child = self
-            .program
-            .command()?
-            .env_clear()
-            .current_dir("/")
-            .stdin(Stdio::piped())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .kill_on_drop(true)
-            .spawn()?;
-        if let Some(mut input) = child.stdin.take() {
-            // If the child has already ended, its status tells why.
-            let _ = input.write_all(&serde_json::to_vec(order)?).await;
-        }
-        match tokio::time::timeout(self.longest, child.wait()).await {
+        let mut process = self.program.start(Stdio::null())?;
+        process.tell(order).await?;
+        match tokio::time::timeout(self.longest, process.child.wait()).await {
             Ok(status) => status.map(Some),
             Err(_elapsed) => {
-                child.kill().await?;
+                process.child.kill().await?;
                 Ok(None)
             }
         }

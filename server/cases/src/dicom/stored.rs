@@ -10,7 +10,7 @@ use storage::{ObjectName, Spooled, Store, StoreError, Unreadable};
 use tempfile::TempDir;
 
 use super::message::{OUTCOME, Order, StoredOrder, StoredOutcome, StoredTask};
-use super::reader::{cannot_run, checked_failure, died, read_bounded, read_json_of};
+use super::reader::{BASE_BYTES, cannot_run, checked_failure, died, read_bounded, read_json_of};
 use crate::application::Cases;
 use crate::error::Error;
 
@@ -177,11 +177,13 @@ impl Cases {
         let _turn = self.dicom.limit.turn(None).await?;
         let output = self.store().spool_directory().await?;
         let absolute = |folder: &TempDir| std::path::absolute(folder.path()).map_err(cannot_run);
+        let _memory = self.dicom.memory.take(BASE_BYTES).await?;
         let order = StoredOrder {
             input: absolute(&input)?,
             count,
             output: absolute(&output)?,
             task,
+            memory_bytes: BASE_BYTES,
             max_file_bytes: self.dicom.max_input_bytes,
             seconds: self.dicom.longest.as_secs().max(1),
         };

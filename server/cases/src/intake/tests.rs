@@ -36,6 +36,8 @@ async fn setup() -> Setup {
     let options = Options {
         location: directory.path().into(),
         preparation_threads: 2,
+        prepares_apart: false,
+        preparation_cpu_seconds: 120,
         makes_maps: false,
         max_layers: 20,
         store: storage::Options {
@@ -58,6 +60,7 @@ async fn setup() -> Setup {
     let (noted, pipeline) = (Arc::clone(&was_read), Pipeline::default());
     let preparation = Preparation {
         has_network: false,
+        is_apart: false,
         prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
             let was_read = input.read.is_some();
             noted.lock().unwrap().push(was_read);
@@ -140,7 +143,10 @@ async fn an_upload_is_read_once_and_written_once() {
         path.metadata().unwrap().ino()
     };
     let written = inode(&spooled);
-    let submitted = setup.cases.submit(upload, parameters(10.0), false).await;
+    let submitted = setup
+        .cases
+        .submit(upload, parameters(10.0), false, None)
+        .await;
     let submitted = submitted.unwrap();
     assert!(submitted.created && !spooled.exists());
     setup.is_ready(&submitted.case.id).await;
@@ -160,7 +166,10 @@ async fn what_was_handed_over_is_prepared_as_what_is_read_from_the_store() {
     handed.until_idle().await;
     let submit = async |setup: &Setup| {
         let upload = setup.phantom().await;
-        let submitted = setup.cases.submit(upload, parameters(8.0), false).await;
+        let submitted = setup
+            .cases
+            .submit(upload, parameters(8.0), false, None)
+            .await;
         submitted.unwrap().case.id
     };
     let id = submit(&handed).await;
@@ -199,7 +208,10 @@ async fn a_version_is_read_once_more_and_not_twice() {
     let workers = Workers::start(setup.cases.library.clone(), 1);
     setup.until_idle().await;
     let upload = setup.phantom().await;
-    let first = setup.cases.submit(upload, parameters(10.0), false).await;
+    let first = setup
+        .cases
+        .submit(upload, parameters(10.0), false, None)
+        .await;
     let of = first.unwrap().case.id;
     setup.is_ready(&of).await;
     setup.until_idle().await;
@@ -210,14 +222,14 @@ async fn a_version_is_read_once_more_and_not_twice() {
     };
     let made = setup
         .cases
-        .submit_version(version(NewMask::Kept, parameters(8.0)));
+        .submit_version(version(NewMask::Kept, parameters(8.0)), None);
     let made = made.await.unwrap();
     assert!(made.created);
     setup.is_ready(&made.case.id).await;
     assert_eq!(setup.was_read(), [true, true]);
     let again = setup
         .cases
-        .submit_version(version(NewMask::Kept, parameters(8.0)));
+        .submit_version(version(NewMask::Kept, parameters(8.0)), None);
     assert!(!again.await.unwrap().created);
     let twice = Parameters {
         mask: MaskSource::Volume,
@@ -225,13 +237,13 @@ async fn a_version_is_read_once_more_and_not_twice() {
     };
     let refused = setup
         .cases
-        .submit_version(version(NewMask::None, twice))
+        .submit_version(version(NewMask::None, twice), None)
         .await;
     assert!(matches!(refused, Err(Error::Failure(failure)) if failure.name == "mask-missing"));
     setup.cases.delete(&of).await.unwrap();
     let gone = setup
         .cases
-        .submit_version(version(NewMask::Kept, parameters(9.0)));
+        .submit_version(version(NewMask::Kept, parameters(9.0)), None);
     assert!(matches!(gone.await, Err(Error::NoSuchCase)));
     workers.shut_down(GRACE).await;
     assert_eq!(setup.was_read(), [true, true]);
@@ -285,7 +297,7 @@ async fn what_cannot_be_prepared_leaves_nothing() {
     ];
     for (volume, mask, parameters, name) in table {
         let upload = setup.upload(volume.clone(), mask.cloned()).await;
-        match setup.cases.submit(upload, parameters, false).await {
+        match setup.cases.submit(upload, parameters, false, None).await {
             Err(Error::Failure(failure)) => assert_eq!(failure.name, name),
             other => panic!("{name}: {other:?}"),
         }

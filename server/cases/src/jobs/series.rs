@@ -74,11 +74,6 @@ impl Work for ReadSeries {
         };
         store.queue_due_series(&terms).await.map(drop)
     }
-
-    fn rest(&self) -> Option<Box<dyn std::any::Any + Send>> {
-        self.cases.headers.rest();
-        None
-    }
 }
 
 impl Cases {
@@ -144,7 +139,7 @@ impl Cases {
             Some(case) => (Some(case.id), case.parameters),
             None => (None, Parameters::default()),
         };
-        let submitted = self.submit_after(upload, parameters, of).await?;
+        let submitted = self.submit_after(upload, parameters, of, None).await?;
         Ok(Outcome::Case(submitted.case.id))
     }
 }

@@ -112,15 +112,15 @@ fn resampled(volume: &Volume, grid: &Grid) -> Vec<f32> {
 
 /// Two classes of intensities.
 #[derive(Debug, Clone, Copy)]
-struct Classes {
-    threshold: f32,
+pub(crate) struct Classes {
+    pub(crate) threshold: f32,
     /// The mean of the dark class.
     dark: f32,
 }
 
 impl Classes {
     /// The classes with the greatest between-class variance (Otsu, 1979). `None` if there is a single intensity.
-    fn of(intensities: &[f32]) -> Option<Self> {
+    pub(crate) fn of(intensities: &[f32]) -> Option<Self> {
         let mut sorted = intensities.to_vec();
         let rank = (BRIGHTEST * (sorted.len() - 1) as f64) as usize;
         let brightest = *sorted.select_nth_unstable_by(rank, f32::total_cmp).1;

@@ -30,6 +30,7 @@ use crate::canonical::Canonical;
 use crate::observe::go_on;
 use crate::{ExtractionError, Observe};
 
+pub(crate) use enhance::Classes;
 use enhance::{Intensities, gradient};
 use forest::Forest;
 

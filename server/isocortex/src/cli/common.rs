@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use storage::environment::variable;
 
 use super::choices;
 use super::status::CliError;
@@ -44,7 +45,11 @@ impl StoreArgs {
         };
         let storage = &mut config.storage;
         set(&mut storage.data, self.data.as_ref());
-        let database = self.database.clone().map(Secret);
+        // It may have been taken out of the environment, because it may contain a password.
+        let database = self.database.clone();
+        let database = database
+            .or_else(|| variable("ISOCORTEX_DATABASE"))
+            .map(Secret);
         set_some(&mut storage.database, database.as_ref());
         let password_file = &mut storage.database_password_file;
         set_some(password_file, self.database_password_file.as_ref());

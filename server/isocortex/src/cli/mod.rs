@@ -95,9 +95,6 @@ enum Command {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         arguments: Vec<String>,
     },
-    /// Reads DICOM files with resource limits; the other commands start it.
-    #[command(hide = true)]
-    ReadDicom,
 }
 
 /// A volume and the options of its preparation.
@@ -168,13 +165,24 @@ fn series_name(text: &str) -> Result<SeriesName, &'static str> {
 
 /// Runs the command and returns its exit status.
 pub fn main() -> ExitCode {
+    // The others of this user must not read the memory of this process.
+    cases::hide();
+    if std::env::args_os()
+        .nth(1)
+        .is_some_and(|first| first == cases::dicom::SUBCOMMAND)
+    {
+        return cases::dicom::run_child();
+    }
+    if let Err(error) = crate::again::take_secrets() {
+        return refuse(&error);
+    }
     let cli = Cli::parse();
-    match cli.command {
-        Command::ReadDicom => return cases::dicom::run_child(),
-        Command::Serve(_) | Command::Work(_) | Command::Demo(_) => {
-            crate::allocator::return_large_blocks();
-        }
-        _ => {}
+    let is_long = matches!(
+        cli.command,
+        Command::Serve(_) | Command::Work(_) | Command::Demo(_)
+    );
+    if let Err(error) = crate::again::start_again(is_long) {
+        return refuse(&error);
     }
     match run(cli.command) {
         Ok(()) => ExitCode::SUCCESS,
@@ -186,6 +194,14 @@ pub fn main() -> ExitCode {
             error.status.into()
         }
     }
+}
+
+/// The secrets cannot leave the environment.
+fn refuse(error: &std::io::Error) -> ExitCode {
+    eprintln!(
+        "isocortex: the program cannot start itself again without the secrets in its environment: {error}"
+    );
+    ExitStatus::Internal.into()
 }
 
 fn run(command: Command) -> Result<(), CliError> {
@@ -204,7 +220,6 @@ fn run(command: Command) -> Result<(), CliError> {
             ExitStatus::Usage,
             "`bench` is a separate program now; run `isocortex-bench paper`",
         )),
-        Command::ReadDicom => unreachable!("handled before"),
     }
 }
 

@@ -12,6 +12,7 @@ use super::common::{CommonArgs, set};
 use super::status::{CliError, ExitStatus};
 use crate::config::{Config, Network, Secret};
 use crate::{figures, logs, start};
+use cases::Cases;
 use cases::arrivals::ArrivalReader;
 use cases::jobs::Workers;
 use cases::pictures::GpuUse;
@@ -61,7 +62,7 @@ impl ServeArgs {
             self.trusted_proxies.as_ref(),
         );
         set(&mut config.render.gpu, self.gpu.as_ref());
-        if let Ok(token) = std::env::var(TOKEN_VARIABLE)
+        if let Some(token) = storage::environment::variable(TOKEN_VARIABLE)
             && !token.is_empty()
         {
             // A token file in addition is rejected: neither takes precedence.
@@ -78,7 +79,10 @@ impl ServeArgs {
 /// Serves until the process receives a signal to stop.
 pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
     super::keep_files_private();
-    let config = args.config()?;
+    let config = Config {
+        prepares_apart: true,
+        ..args.config()?
+    };
     logs::start(config.log_format, &config.log);
     super::block_on(async {
         let server = Server::start(&config).await?;
@@ -179,6 +183,7 @@ impl Server {
         let router = start::router(&state, &pacs);
         let serving = tokio::spawn(listen::serve(listener, router, limits, stop));
         tracing::info!(%address, "listening");
+        tokio::spawn(tell_confinement(state.cases.clone()));
         Ok(Self {
             arrivals: ArrivalReader::start(state.cases.clone(), config.pacs.arrivals()),
             background: Background::start(pacs),
@@ -207,6 +212,20 @@ impl Server {
         self.workers.shut_down(self.grace).await;
         self.state.cases.store().close().await;
         tracing::info!("stopped");
+    }
+}
+
+/// Says how far the process that reads the files of strangers is confined. It depends on the kernel.
+async fn tell_confinement(cases: Cases) {
+    // If the process cannot be started, the log has said so.
+    let Ok(given) = cases.dicom.confinement().await else {
+        return;
+    };
+    match given.is_whole() {
+        true => tracing::info!("the process that reads DICOM files has {given}"),
+        false => tracing::warn!(
+            "the process that reads DICOM files has {given}; code in a damaged file could read what the server may read"
+        ),
     }
 }
 

@@ -112,7 +112,9 @@ impl From<Error> for CliError {
             Error::NoSuchCase | Error::NoSuchLayer => ExitStatus::NoInput,
             Error::TooManyLayers { .. } | Error::LayerNameTaken => ExitStatus::BadInput,
             Error::Failure(failure) => return failure.clone().into(),
-            Error::NotReady { .. } | Error::LayerNotReady | Error::Busy => ExitStatus::Unavailable,
+            Error::NotReady { .. } | Error::LayerNotReady | Error::Busy | Error::BusyFor(_) => {
+                ExitStatus::Unavailable
+            }
             Error::Geometry(_) | Error::MapsUndefined { .. } => ExitStatus::BadInput,
             Error::Store(_) | Error::StorageFailed(_) => ExitStatus::InputOutput,
             Error::Unavailable | Error::StorageFull | Error::Internal => ExitStatus::Internal,

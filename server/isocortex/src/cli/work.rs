@@ -31,6 +31,7 @@ pub(super) struct WorkArgs {
 pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let mut config = args.common.config()?;
+    config.prepares_apart = true;
     set_some(&mut config.prepare.listen, args.listen.as_ref());
     if config.prepare.workers == 0 {
         let key = "prepare.workers";

@@ -50,7 +50,10 @@ pub struct Config {
     pub render: Render,
     /// The store.
     pub storage: Storage,
-    /// The program that reads DICOM files: this one.
+    /// Whether each preparation runs in a process of its own: in long-running commands, which the commands set.
+    #[serde(skip)]
+    pub prepares_apart: bool,
+    /// The program of the processes that read files: this one.
     #[serde(skip)]
     pub dicom_program: Program,
 }
@@ -67,6 +70,7 @@ impl Default for Config {
             prepare: Prepare::default(),
             render: Render::default(),
             storage: Storage::default(),
+            prepares_apart: false,
             dicom_program: Program::default(),
         }
     }
@@ -264,6 +268,7 @@ impl Config {
                 self.limits.preparation_threads as u64,
             ),
             ("prepare.max_secs", self.prepare.max_secs),
+            ("prepare.max_cpu_secs", self.prepare.max_cpu_secs),
             ("render.threads", self.render.threads as u64),
             (
                 "limits.max_queued_renders",
@@ -345,6 +350,8 @@ impl Config {
             max_queued_renders: self.limits.max_queued_renders,
             model_cache_bytes: self.render.model_cache_bytes,
             preparation_threads: self.limits.preparation_threads,
+            prepares_apart: self.prepares_apart,
+            preparation_cpu_seconds: self.prepare.max_cpu_secs,
             makes_maps: self.limits.maps == MapsUse::On,
             max_layers: self.limits.max_layers,
             graphics: GraphicsOptions {

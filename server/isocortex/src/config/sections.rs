@@ -189,6 +189,8 @@ pub struct Prepare {
     pub listen: Option<SocketAddr>,
     /// Time for a preparation, in seconds; then the case fails.
     pub max_secs: u64,
+    /// CPU time of all threads for a preparation, in seconds; then the case fails.
+    pub max_cpu_secs: u64,
     /// The file with the weights for brain extraction; by default the one beside the program, if there is one.
     pub network: Option<PathBuf>,
 }
@@ -199,6 +201,7 @@ impl Default for Prepare {
             workers: 1,
             listen: None,
             max_secs: 900,
+            max_cpu_secs: 120,
             network: None,
         }
     }

@@ -13,8 +13,8 @@ use futures_util::stream::{self, Stream, StreamExt};
 use super::cases::CaseView;
 use super::query::{ApiQuery, CasePath, NoQuery};
 use crate::state::{EventStreams, Stopping};
+use cases::places::Place;
 use http_support::listen::ClientAddress;
-use http_support::places::Place;
 use http_support::problem::{AppError, Problem};
 use storage::Watch;
 

@@ -246,12 +246,16 @@ pub async fn put_mask(
         });
     }
     refuse_too_large(request.headers(), uploads.limits.max_bytes)?;
-    let _room = uploads.begin(Peer::of(&request))?;
+    let client = Peer::of(&request);
+    let _room = uploads.begin(&request)?;
     let case = cases.case(&id).await?;
     let body = Incoming::begin(cases.store(), &uploads);
     let body = body.spool(request.into_body().into_data_stream()).await?;
     let version = query.values.version(id, case.parameters, body)?;
-    Ok(submitted(cases.submit_version(version).await?, None))
+    Ok(submitted(
+        cases.submit_version(version, client).await?,
+        None,
+    ))
 }
 
 /// Nine slices for checking the mask

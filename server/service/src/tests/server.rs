@@ -118,6 +118,8 @@ impl Server {
         let options = Options {
             location: directory.path().into(),
             preparation_threads: 2,
+            prepares_apart: false,
+            preparation_cpu_seconds: 120,
             makes_maps: false,
             max_layers: MAX_LAYERS,
             store: storage::Options {

@@ -58,6 +58,7 @@ CREATE TABLE jobs (
     case_id      TEXT COLLATE "C" REFERENCES cases (id) ON DELETE CASCADE,
     needs_ready  BOOLEAN          NOT NULL,
     payload      TEXT             NOT NULL,
+    client       TEXT COLLATE "C" NOT NULL DEFAULT '',
     state        TEXT COLLATE "C" NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
     progress     TEXT,
     failure      TEXT,
@@ -71,6 +72,7 @@ CREATE TABLE jobs (
 
 CREATE UNIQUE INDEX jobs_open ON jobs (kind, key) WHERE state IN ('queued', 'running');
 CREATE INDEX jobs_to_do ON jobs (kind, created_at, id) WHERE state IN ('queued', 'running');
+CREATE INDEX jobs_by_client ON jobs (kind, client);
 CREATE INDEX jobs_by_key ON jobs (key, created_at);
 CREATE INDEX jobs_by_case ON jobs (case_id);
 CREATE INDEX jobs_by_end ON jobs (ended_at) WHERE state IN ('done', 'failed');

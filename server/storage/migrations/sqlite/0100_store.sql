@@ -55,6 +55,7 @@ CREATE TABLE jobs (
     case_id      TEXT    REFERENCES cases (id) ON DELETE CASCADE,
     needs_ready  INTEGER NOT NULL,   -- whether it waits until its case is ready
     payload      TEXT    NOT NULL,   -- JSON, for whoever does it
+    client       TEXT    NOT NULL DEFAULT '',   -- a digest of who asked for it; clients take turns
     state        TEXT    NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
     progress     TEXT,               -- JSON, of the latest attempt
     failure      TEXT,               -- JSON: why it failed, or why the latest attempt did
@@ -69,6 +70,7 @@ CREATE TABLE jobs (
 -- One job for each thing to be done.
 CREATE UNIQUE INDEX jobs_open ON jobs (kind, key) WHERE state IN ('queued', 'running');
 CREATE INDEX jobs_to_do ON jobs (kind, created_at, id) WHERE state IN ('queued', 'running');
+CREATE INDEX jobs_by_client ON jobs (kind, client);
 CREATE INDEX jobs_by_key ON jobs (key, created_at);
 CREATE INDEX jobs_by_case ON jobs (case_id);
 CREATE INDEX jobs_by_end ON jobs (ended_at) WHERE state IN ('done', 'failed');

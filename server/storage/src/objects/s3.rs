@@ -4,7 +4,6 @@
 //! machine. Conditional writes are not needed, because objects are named by their contents.
 
 use std::collections::HashMap;
-use std::ffi::OsString;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -44,11 +43,7 @@ impl Objects {
     /// # Errors
     /// If these variables are invalid.
     pub(crate) fn in_bucket(bucket: &str, prefix: &str) -> Result<Self, ObjectError> {
-        let variables = std::env::vars_os();
-        let as_text = |(name, value): (OsString, OsString)| {
-            Some((name.into_string().ok()?, value.into_string().ok()?))
-        };
-        Self::in_bucket_with(bucket, prefix, &variables.filter_map(as_text).collect())
+        Self::in_bucket_with(bucket, prefix, &crate::environment::variables())
     }
 
     /// As [`Objects::in_bucket`], with the given variables.

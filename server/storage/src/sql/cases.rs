@@ -64,7 +64,7 @@ pub(super) async fn submit(
     if !refer(connection, &new.id, &new.sources, now).await? {
         return Ok(Referred::PinLost);
     }
-    jobs::enqueue(connection, &NewJob::prepare(&new.id), now).await?;
+    jobs::enqueue_for(connection, &NewJob::prepare(&new.id), &new.client, now).await?;
     if let (Inserted::Created, Some(previous)) = (inserted, &new.previous) {
         layers::inherit(connection, &new.id, previous, now).await?;
         findings::inherit(connection, &new.id, previous).await?;

@@ -31,10 +31,20 @@ pub(super) async fn enqueue(
     new: &NewJob,
     now: i64,
 ) -> Result<(), StoreError> {
+    enqueue_for(connection, new, "", now).await
+}
+
+/// The same for a client, which takes turns with others.
+pub(super) async fn enqueue_for(
+    connection: &mut Connection,
+    new: &NewJob,
+    client: &str,
+    now: i64,
+) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, created_at, available_at)
-             VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7)
+            "INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, created_at, available_at, client)
+             VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7, $8)
              ON CONFLICT DO NOTHING",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
@@ -44,6 +54,7 @@ pub(super) async fn enqueue(
         .bind(new.needs_ready)
         .bind(&new.payload)
         .bind(now)
+        .bind(client)
         .execute()
         .await?;
     Ok(())
@@ -207,7 +218,31 @@ pub(super) struct Available {
     failure: Option<String>,
 }
 
-/// The oldest job of a kind that waits or whose lease has ended; only that of `key`, if it is given.
+/// The statement for a job that may be leased, in an order. The queue of preparations is short, other queues may be long.
+macro_rules! select_available {
+    ($order:literal) => {
+        concat!(
+            "SELECT id, key, attempts, failure FROM jobs
+             WHERE kind = $1 AND state IN ('queued', 'running') AND available_at <= $2
+               AND (lease_until IS NULL OR lease_until <= $2) AND coalesce($3, key) = key
+               AND (NOT needs_ready OR EXISTS (SELECT 1 FROM cases WHERE cases.id = case_id AND cases.state = 'ready'))
+             ORDER BY ",
+            $order,
+            " created_at, id LIMIT 1"
+        )
+    };
+}
+
+/// The client whose last preparation ended the longest ago, or that had none, comes first; one for which another is running
+/// comes last.
+const IN_TURNS: &str = select_available!(
+    "(SELECT coalesce(max(CASE WHEN served.state = 'running' AND served.lease_until > $2 THEN $2
+                               ELSE coalesce(served.ended_at, 0) END), 0)
+      FROM jobs AS served WHERE served.kind = jobs.kind AND served.client = jobs.client),"
+);
+
+/// The oldest job of a kind that waits or whose lease has ended; of preparations the next, for the clients take turns. Only that of
+/// `key`, if it is given.
 pub(super) async fn oldest_available(
     connection: &mut Connection,
     kind: JobKind,
@@ -215,13 +250,10 @@ pub(super) async fn oldest_available(
     now: i64,
 ) -> Result<Option<Available>, StoreError> {
     let row = connection
-        .query(
-            "SELECT id, key, attempts, failure FROM jobs
-             WHERE kind = $1 AND state IN ('queued', 'running') AND available_at <= $2
-               AND (lease_until IS NULL OR lease_until <= $2) AND coalesce($3, key) = key
-               AND (NOT needs_ready OR EXISTS (SELECT 1 FROM cases WHERE cases.id = case_id AND cases.state = 'ready'))
-             ORDER BY created_at, id LIMIT 1",
-        )
+        .query(match kind == JobKind::PREPARE {
+            true => IN_TURNS,
+            false => select_available!(""),
+        })
         .bind(kind.name())
         .bind(now)
         .bind(key)

@@ -31,6 +31,7 @@ pub(crate) async fn new_case(store: &Store, contents: &str) -> NewCase {
         previous: None,
         sources: pinned(store, &[source]).await,
         queue_limit: 100,
+        client: String::new(),
     }
 }
 

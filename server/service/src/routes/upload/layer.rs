@@ -95,7 +95,7 @@ pub async fn create_layer(
     cases.case(&id).await?;
     refuse_early(request.headers(), uploads.limits.max_bytes)?;
     let client = Peer::of(&request);
-    let _room = uploads.begin(client)?;
+    let _room = uploads.begin(&request)?;
     let incoming = Incoming::begin(cases.store(), &uploads);
     let Received {
         volume,

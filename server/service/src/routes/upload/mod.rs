@@ -82,7 +82,7 @@ pub async fn create_case(
 ) -> Result<Response, AppError> {
     refuse_early(request.headers(), uploads.limits.max_bytes)?;
     let client = Peer::of(&request);
-    let _room = uploads.begin(client)?;
+    let _room = uploads.begin(&request)?;
     let incoming = Incoming::begin(cases.store(), &uploads);
     let Form { volume, mask, sent } = Form::read(&incoming, request).await?;
     // Before the DICOM files are read, which takes long.
@@ -91,7 +91,9 @@ pub async fn create_case(
     if choice.is_none() && sent.options != Options::default() {
         return Err(not_of_nifti());
     }
-    let accepted = cases.submit(upload, sent.parameters, !sent.renames).await?;
+    let accepted = cases
+        .submit(upload, sent.parameters, !sent.renames, client)
+        .await?;
     Ok(submitted(accepted, choice))
 }
 

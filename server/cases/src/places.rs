@@ -1,4 +1,4 @@
-//! Places that clients share: for connections, uploads and streams of events.
+//! Places that clients share: for connections, uploads, streams of events and associations.
 
 use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
@@ -44,8 +44,15 @@ impl Places {
     }
 
     /// A place, if there is any, however many this client has.
-    pub(crate) fn take_any(&self, client: IpAddr) -> Option<Place> {
+    pub fn take_any(&self, client: IpAddr) -> Option<Place> {
         self.take_at_most(client, self.most)
+    }
+
+    /// How short places are: 0 while half of them are free, 1 if all are taken.
+    pub fn shortage(&self) -> f64 {
+        let held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
+        let all: usize = held.values().sum();
+        (2.0 * all as f64 / self.most.max(1) as f64 - 1.0).clamp(0.0, 1.0)
     }
 
     fn take_at_most(&self, client: IpAddr, most_of_one: usize) -> Option<Place> {
@@ -76,7 +83,7 @@ impl Drop for Place {
 
 /// The part of an address that identifies a client: for IPv6, the first 64 bits, because a client has all of the
 /// others.
-pub(crate) fn network_of(address: IpAddr) -> IpAddr {
+pub fn network_of(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(address) => {
             let [a, b, c, d, ..] = address.segments();
@@ -107,6 +114,18 @@ mod tests {
         assert!(places.take(ip("10.0.0.9")).is_none(), "all are taken");
         drop(held);
         assert!(places.take(ip("10.0.0.9")).is_some());
+    }
+
+    #[test]
+    fn places_are_short_once_half_of_them_are_taken() {
+        let places = Places::in_quarters(8);
+        let mut held = Vec::new();
+        let mut shortages = vec![places.shortage()];
+        for _ in 0..8 {
+            held.push(places.take(None).unwrap());
+            shortages.push(places.shortage());
+        }
+        assert_eq!(shortages, [0.0, 0.0, 0.0, 0.0, 0.0, 0.25, 0.5, 0.75, 1.0]);
     }
 
     #[test]
