@@ -23,6 +23,7 @@ mod midsagittal;
 mod mirror;
 #[cfg(any(test, feature = "study"))]
 pub mod phantom;
+mod regions;
 mod registration;
 mod robust;
 mod sharpness;
@@ -41,6 +42,7 @@ pub use candidates::{Candidate, Side};
 pub use head::Head;
 pub use maps::{MapParameters, Maps, maps};
 pub use midsagittal::{MidsagittalFit, MidsagittalPlane, midsagittal_fit, midsagittal_plane};
+pub use regions::{Region, RegionDoubt, RegionNumbers, Regions, Sheet};
 pub use registration::{Doubt, Registration, Verdict, register};
 pub use slant::DepthBand;
 pub use stored::{MAP_FORMAT, MapKind, Scale, StoredMap, StoredMapError, UNDEFINED};
