@@ -54,7 +54,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let (block, values, tissue) = tissue_of(head)?;
     let before = cpu_secs();
-    let found = regions(head, &block, &values);
+    let found = regions(head, &block, &values, None);
     println!(
         "{:?} voxels of {:.2?} mm, a block of {:?}: {:.3} s of CPU",
         volume.grid().size(),

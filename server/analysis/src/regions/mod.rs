@@ -44,16 +44,27 @@ pub enum Region {
     Cerebellum = 3,
     /// The brain stem below the midbrain.
     BrainStem = 4,
+    /// What is no cortex in the left half of the cerebrum: within 3 mm of a cut through tissue.
+    LeftDeep = 5,
+    /// The same in the right half.
+    RightDeep = 6,
 }
 
 impl Region {
     /// All regions, in the order of their codes.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 6] = [
         Self::LeftCerebrum,
         Self::RightCerebrum,
         Self::Cerebellum,
         Self::BrainStem,
+        Self::LeftDeep,
+        Self::RightDeep,
     ];
+
+    /// Whether it may have cortex whose junction counts.
+    pub fn counts(self) -> bool {
+        matches!(self, Self::LeftCerebrum | Self::RightCerebrum)
+    }
 
     /// The region of a code; `None` for 0, outside the brain.
     pub fn from_code(code: u8) -> Option<Self> {
@@ -105,12 +116,17 @@ impl Regions {
 
 /// Divides the brain of a head; `values` is the tissue scale of each voxel of the block.
 ///
-/// The result is the same for any number of threads. It turns and mirrors with the head.
-pub fn regions(head: Head<'_>, block: &Block, values: &[f32]) -> Regions {
+/// `known` is a doubt from elsewhere. The result is the same for any number of threads. It turns and mirrors with the head.
+pub fn regions(
+    head: Head<'_>,
+    block: &Block,
+    values: &[f32],
+    known: Option<RegionDoubt>,
+) -> Regions {
     let Some(lattice) = Lattice::new(head, block, values) else {
         return Regions {
             grid: block.grid.clone(),
-            codes: vec![0; block.voxel_count()],
+            codes: vec![Region::LeftCerebrum as u8; block.voxel_count()],
             sheet: None,
             numbers: None,
             doubts: vec![RegionDoubt::NoAxes],
@@ -119,7 +135,7 @@ pub fn regions(head: Head<'_>, block: &Block, values: &[f32]) -> Regions {
     let parts = parts::parts(&lattice);
     let sheet = Sheet::new(head, block, values, &lattice);
     let numbers = doubt::measure(&lattice, &parts, &sheet);
-    let mut doubts: Vec<RegionDoubt> = doubt::of_voxels(head).into_iter().collect();
+    let mut doubts: Vec<RegionDoubt> = known.into_iter().chain(doubt::of_voxels(head)).collect();
     doubts.extend(doubt::doubts(head, &lattice, &parts, &numbers));
     let mut codes = refined(&lattice, &parts, block, values);
     if !doubts.is_empty() {
@@ -128,6 +144,7 @@ pub fn regions(head: Head<'_>, block: &Block, values: &[f32]) -> Regions {
         }
     }
     divide(&mut codes, block, &sheet);
+    leave_out_rim(&mut codes, block, values);
     Regions {
         grid: block.grid.clone(),
         codes,
@@ -238,4 +255,53 @@ fn divide(marks: &mut [u8], block: &Block, sheet: &Sheet) {
                 };
             }
         });
+}
+
+/// The distance from a cut through tissue within which nothing counts, in mm.
+const RIM_MM: f64 = 3.0;
+/// The tissue scale from which a cut runs through tissue. The tentorium, and grey matter that touches it from both sides,
+/// are darker.
+const TISSUE_FROM: f32 = 0.25;
+
+/// Leaves out the cerebrum beside a cut through tissue.
+fn leave_out_rim(codes: &mut [u8], block: &Block, values: &[f32]) {
+    let is_removed = |code: u8| code == Region::Cerebellum as u8 || code == Region::BrainStem as u8;
+    let is_cerebrum =
+        |code: u8| code == Region::LeftCerebrum as u8 || code == Region::RightCerebrum as u8;
+    let mut cut = Vec::new();
+    for (index, _) in codes
+        .iter()
+        .enumerate()
+        .filter(|(_, code)| is_removed(**code))
+    {
+        let is_cut = values[index] >= TISSUE_FROM
+            && geometry::face_neighbours(block.size, index)
+                .any(|(_, other)| is_cerebrum(codes[other]) && values[other] >= TISSUE_FROM);
+        if is_cut {
+            cut.push(block.grid.voxel(index));
+        }
+    }
+    let reach = block.in_voxels(RIM_MM).map(|reach| reach as i64);
+    let along = |axis: usize| -reach[axis]..=reach[axis];
+    let offsets: Vec<[i64; 3]> = along(2)
+        .flat_map(|z| along(1).flat_map(move |y| along(0).map(move |x| [x, y, z])))
+        .filter(|offset| {
+            let squared = |axis: usize| (offset[axis] as f64 * block.spacing_mm[axis]).powi(2);
+            squared(0) + squared(1) + squared(2) <= RIM_MM * RIM_MM
+        })
+        .collect();
+    for voxel in cut {
+        for offset in &offsets {
+            let there = [0, 1, 2].map(|axis| voxel[axis] as i64 + offset[axis]);
+            if (0..3).any(|axis| !(0..block.size[axis] as i64).contains(&there[axis])) {
+                continue;
+            }
+            let code = &mut codes[block.grid.index(there.map(|along| along as usize))];
+            *code = match *code {
+                code if code == Region::LeftCerebrum as u8 => Region::LeftDeep as u8,
+                code if code == Region::RightCerebrum as u8 => Region::RightDeep as u8,
+                code => code,
+            };
+        }
+    }
 }
