@@ -92,7 +92,8 @@ pub(crate) struct Choice {
     pub(crate) limit: usize,
 }
 
-/// The greatest depth of cortex, in mm. Deeper are nuclei and the brain stem, which have a blurred border in everybody.
+/// The greatest depth of a candidate, in mm, if the regions are in doubt. Deeper are nuclei and the brain stem, which have a
+/// blurred border in everybody.
 const DEEPEST_MM: f32 = 30.0;
 /// The least weight of the junction for a mean over it.
 const LEAST_WEIGHT: f32 = 1e-6;
@@ -273,7 +274,7 @@ pub(crate) fn candidates(
     [true, false].map(|counts| {
         let is_eligible = |position: DVec3| {
             let does_count = regions.at(position).is_none_or(Region::counts);
-            does_count == counts && depth_mm(position) <= DEEPEST_MM
+            does_count == counts && (regions.doubts.is_empty() || depth_mm(position) <= DEEPEST_MM)
         };
         let maxima = scores.maxima(block, choice, is_eligible);
         let high = maxima

@@ -152,6 +152,10 @@ pub struct RegionNumbers {
     pub cerebellum_symmetry: f64,
     /// The smaller half of the cerebrum over the larger one, by volume.
     pub cerebrum_symmetry: f64,
+    /// The volume of what is no cortex within the cerebrum: nuclei, the midbrain, edges of ventricles.
+    pub deep_ml: f64,
+    /// The smaller half of that over the larger one.
+    pub deep_symmetry: f64,
     /// The cross-section of the brain stem where it is narrowest.
     pub neck_cm2: f64,
     /// The cross-section of the pons.

@@ -167,6 +167,8 @@ fn region_facts(regions: &Regions) -> RegionFacts {
             brain_stem_ml: numbers.brain_stem_ml,
             cerebellum_symmetry: numbers.cerebellum_symmetry,
             cerebrum_symmetry: numbers.cerebrum_symmetry,
+            deep_ml: numbers.deep_ml,
+            deep_symmetry: numbers.deep_symmetry,
             neck_cm2: numbers.neck_cm2,
             pons_cm2: numbers.pons_cm2,
             bright_share: numbers.bright_share,

@@ -1,20 +1,25 @@
 //! Whether the parts of a brain are to be believed.
 
+use super::deep::DEEP;
 use super::lattice::CELL_ML;
 use super::parts::{CEREBELLUM, CEREBRUM, Parts, STEM};
 use super::{Lattice, Sheet};
 use crate::Head;
 
-/// The shares of the cerebellum and of the brain stem of a brain, as volumes. Six heads have 0.103 to 0.119 and 0.021 to
+/// The shares of the cerebellum and of the brain stem of a brain, as volumes. Six heads have 0.103 to 0.118 and 0.021 to
 /// 0.030.
 const CEREBELLUM_SHARE: [f64; 2] = [0.07, 0.16];
 const STEM_SHARE: [f64; 2] = [0.010, 0.050];
 /// The least volume of the smaller half relative to the larger one. Six heads have at least 0.91 (cerebellum) and 0.97.
 const CEREBELLUM_SYMMETRY: f64 = 0.75;
 const CEREBRUM_SYMMETRY: f64 = 0.88;
+/// The share of what is no cortex of the cerebrum, as volumes. Six heads have 0.031 to 0.043.
+const DEEP_SHARE: [f64; 2] = [0.015, 0.12];
+/// The least volume of its smaller half relative to the larger one. Six heads have at least 0.86.
+const DEEP_SYMMETRY: f64 = 0.6;
 /// The least cross-section of the neck, in cm². Six heads have at least 5.
 const LEAST_NECK_CM2: f64 = 2.0;
-/// The least width of the pons relative to the neck above it. Six heads have at least 1.4.
+/// The least width of the pons relative to the neck above it. Six heads have at least 1.7.
 const PONS_TO_NECK: f64 = 1.15;
 /// The least volume of each group of seeds, in ml. Six heads have at least 3.
 const LEAST_SEEDS_ML: f64 = 1.0;
@@ -27,7 +32,7 @@ const NEAR_CUT_SHARE: f64 = 0.01;
 const NEAR_CUT_MM: f64 = 4.0;
 /// The largest voxel spacing at which the tentorium is seen, in mm.
 const MAX_SPACING_MM: f64 = 2.5;
-/// The least share of the sheet between the hemispheres that lies in a fissure. Six heads have at least 0.6.
+/// The least share of the sheet between the hemispheres that lies in a fissure. Six heads have at least 0.76.
 const FISSURE_SHARE: f64 = 0.4;
 
 /// The measures of the parts of a brain.
@@ -43,6 +48,10 @@ pub struct RegionNumbers {
     pub cerebellum_symmetry: f64,
     /// The smaller half of the cerebrum over the larger one, by volume.
     pub cerebrum_symmetry: f64,
+    /// What is no cortex within the cerebrum, in ml, without the rim of the cut.
+    pub deep_ml: f64,
+    /// The smaller half of that over the larger one.
+    pub deep_symmetry: f64,
     /// The cross-section of the brain stem where it is narrowest, in cm².
     pub neck_cm2: f64,
     /// The cross-section of the pons.
@@ -101,6 +110,18 @@ pub enum RegionDoubt {
         /// The smaller half over the larger one.
         symmetry: f64,
     },
+    /// Nuclei and ventricles are too small or too large.
+    #[error("nuclei and ventricles would be {:.1} % of the cerebrum; 1.5 to 12 % are expected", 100.0 * .share)]
+    DeepVolume {
+        /// Their share.
+        share: f64,
+    },
+    /// Nuclei and ventricles of the two sides differ too much.
+    #[error("nuclei and ventricles of one side would be {:.0} % of those of the other; at least 60 % are expected", 100.0 * .symmetry)]
+    DeepAsymmetric {
+        /// The smaller side over the larger one.
+        symmetry: f64,
+    },
     /// The brain stem has no narrow place above the pons.
     #[error("the brain stem has no narrow place above the pons")]
     NoNeck,
@@ -133,6 +154,8 @@ impl RegionDoubt {
             Self::StemVolume { .. } => "brain-stem-volume",
             Self::CerebellumAsymmetric { .. } => "cerebellum-asymmetric",
             Self::CerebrumAsymmetric { .. } => "cerebrum-asymmetric",
+            Self::DeepVolume { .. } => "deep-volume",
+            Self::DeepAsymmetric { .. } => "deep-asymmetric",
             Self::NoNeck => "brain-stem-no-neck",
             Self::BrightBorder { .. } => "cerebellum-bright-border",
             Self::Cut => "cerebellum-cut",
@@ -149,12 +172,19 @@ pub(super) fn of_voxels(head: Head<'_>) -> Option<RegionDoubt> {
 }
 
 /// Measures the parts.
-pub(super) fn measure(lattice: &Lattice, parts: &Parts, sheet: &Sheet) -> RegionNumbers {
-    let mut counts = [[0u32; 2]; 4];
-    for (index, &mark) in parts.marks.iter().enumerate() {
+pub(super) fn measure(
+    lattice: &Lattice,
+    (parts, deep): (&Parts, &[u8]),
+    sheet: &Sheet,
+) -> RegionNumbers {
+    /// The place of the deep cells among the counts, after those of the parts.
+    const ALSO_DEEP: u8 = STEM + 1;
+    let mut counts = [[0u32; 2]; ALSO_DEEP as usize + 1];
+    for (index, (&mark, &deep)) in parts.marks.iter().zip(deep).enumerate() {
         if (CEREBRUM..=STEM).contains(&mark) {
-            let left_mm = sheet.left_of(lattice.position(index));
-            counts[usize::from(mark)][usize::from(left_mm < 0.0)] += 1;
+            let on_right = usize::from(sheet.left_of(lattice.position(index)) < 0.0);
+            counts[usize::from(mark)][on_right] += 1;
+            counts[usize::from(ALSO_DEEP)][on_right] += u32::from(deep == DEEP);
         }
     }
     let ml = |mark: u8| counts[usize::from(mark)].map(|count| f64::from(count) * CELL_ML);
@@ -169,6 +199,8 @@ pub(super) fn measure(lattice: &Lattice, parts: &Parts, sheet: &Sheet) -> Region
         brain_stem_ml: whole(STEM),
         cerebellum_symmetry: symmetry(CEREBELLUM),
         cerebrum_symmetry: symmetry(CEREBRUM),
+        deep_ml: whole(ALSO_DEEP),
+        deep_symmetry: symmetry(ALSO_DEEP),
         neck_cm2: parts.neck_cm2,
         pons_cm2: parts.pons_cm2,
         bright_share: bright_share(lattice, parts),
@@ -210,6 +242,7 @@ pub(super) fn doubts(
     let whole_ml = numbers.cerebrum_ml + numbers.cerebellum_ml + numbers.brain_stem_ml;
     let cerebellum = numbers.cerebellum_ml / whole_ml;
     let stem = numbers.brain_stem_ml / whole_ml;
+    let deep = numbers.deep_ml / numbers.cerebrum_ml;
     let names = [
         "cerebrum",
         "cerebrum",
@@ -236,6 +269,10 @@ pub(super) fn doubts(
         }),
         (uneven < CEREBRUM_SYMMETRY)
             .then_some(RegionDoubt::CerebrumAsymmetric { symmetry: uneven }),
+        is_outside(deep, DEEP_SHARE).then_some(RegionDoubt::DeepVolume { share: deep }),
+        (numbers.deep_symmetry < DEEP_SYMMETRY).then_some(RegionDoubt::DeepAsymmetric {
+            symmetry: numbers.deep_symmetry,
+        }),
         (!has_neck).then_some(RegionDoubt::NoNeck),
         (numbers.bright_share > BRIGHT_SHARE).then_some(RegionDoubt::BrightBorder {
             share: numbers.bright_share,

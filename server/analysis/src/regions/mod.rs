@@ -6,10 +6,13 @@
 //!    the dark tentorium, and across the brain stem where it is narrowest (`parts`).
 //! 3. The same watershed, on the voxels within about 4 mm of the border that was found.
 //! 4. The cerebrum is divided by the sheet between the hemispheres (`falx`).
+//! 5. What is no cortex in the cerebrum is left out: on the cells, a watershed with white matter as its ridge divides
+//!    nuclei and ventricles from the cortex (`deep`); and 3 mm beside a cut through tissue.
 //!
 //! Volumes, symmetry and the brightness of the borders say whether the result is to be believed (`doubt`). If not, nothing
 //! is taken off.
 
+mod deep;
 mod doubt;
 mod falx;
 mod lattice;
@@ -22,7 +25,7 @@ mod real;
 mod tests;
 
 use geometry::{Grid, flood};
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 
 pub use self::doubt::{RegionDoubt, RegionNumbers};
@@ -44,7 +47,8 @@ pub enum Region {
     Cerebellum = 3,
     /// The brain stem below the midbrain.
     BrainStem = 4,
-    /// What is no cortex in the left half of the cerebrum: within 3 mm of a cut through tissue.
+    /// What is no cortex in the left half of the cerebrum: nuclei, the midbrain, edges of ventricles, and 3 mm beside a cut
+    /// through tissue.
     LeftDeep = 5,
     /// The same in the right half.
     RightDeep = 6,
@@ -134,7 +138,8 @@ pub fn regions(
     };
     let parts = parts::parts(&lattice);
     let sheet = Sheet::new(head, block, values, &lattice);
-    let numbers = doubt::measure(&lattice, &parts, &sheet);
+    let deep = deep::deep(&lattice, &parts.marks);
+    let numbers = doubt::measure(&lattice, (&parts, &deep), &sheet);
     let mut doubts: Vec<RegionDoubt> = known.into_iter().chain(doubt::of_voxels(head)).collect();
     doubts.extend(doubt::doubts(head, &lattice, &parts, &numbers));
     let mut codes = refined(&lattice, &parts, block, values);
@@ -144,7 +149,10 @@ pub fn regions(
         }
     }
     divide(&mut codes, block, &sheet);
-    leave_out_rim(&mut codes, block, values);
+    if doubts.is_empty() {
+        leave_out_deep(&mut codes, block, (&lattice, &deep));
+        leave_out_rim(&mut codes, block, values);
+    }
     Regions {
         grid: block.grid.clone(),
         codes,
@@ -253,6 +261,35 @@ fn divide(marks: &mut [u8], block: &Block, sheet: &Sheet) {
                     STEM => Region::BrainStem as u8,
                     _ => 0,
                 };
+            }
+        });
+}
+
+/// Leaves out the voxels of the cerebrum whose nearest cell is deep.
+fn leave_out_deep(codes: &mut [u8], block: &Block, (lattice, deep): (&Lattice, &[u8])) {
+    let [nx, ny, _] = block.size;
+    let cell_from_voxel = lattice.patient_from_cell().inverse() * block.grid.patient_from_voxel();
+    let step = cell_from_voxel.matrix3.x_axis.as_vec3();
+    let size = Vec3::from_array(lattice.size.map(|side| side as f32));
+    codes
+        .par_chunks_mut(nx)
+        .enumerate()
+        .for_each(|(row, codes)| {
+            let start = DVec3::from_array([0, row % ny, row / ny].map(|along| along as f64));
+            let start = cell_from_voxel.transform_point3(start).as_vec3() + 0.5;
+            for (x, code) in codes.iter_mut().enumerate() {
+                let left_out = match Region::from_code(*code) {
+                    Some(Region::LeftCerebrum) => Region::LeftDeep,
+                    Some(Region::RightCerebrum) => Region::RightDeep,
+                    _ => continue,
+                };
+                let cell = start + step * x as f32;
+                if cell.cmpge(Vec3::ZERO).all() && cell.cmplt(size).all() {
+                    let [x, y, z] = cell.to_array().map(|along| along as usize);
+                    if deep[x + lattice.size[0] * (y + lattice.size[1] * z)] == deep::DEEP {
+                        *code = left_out as u8;
+                    }
+                }
             }
         });
 }

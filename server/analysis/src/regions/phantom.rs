@@ -137,9 +137,23 @@ impl BrainPhantom {
         };
         let white = rise((below_surface - CORTEX_MM) / 0.6);
         let grey = rise(below_surface / 0.5);
+        let nuclei = [
+            inside(
+                side,
+                DVec3::new(11.0, -2.0, 0.0),
+                DVec3::new(8.0, 11.0, 8.0),
+            ),
+            inside(
+                side,
+                DVec3::new(26.0, 14.0, 2.0),
+                DVec3::new(6.0, 15.0, 11.0),
+            ),
+        ];
+        let nucleus = rise(nuclei[0].max(nuclei[1]) / 0.6);
         let ventricle = inside(side, DVec3::new(12.0, 0.0, 14.0), self.ventricles_mm);
         let fluid = rise(ventricle / 0.5);
-        let mut value = (-1.6 * (1.0 - grey) + white * grey) * (1.0 - fluid) - 1.6 * fluid;
+        let tissue = -1.6 * (1.0 - grey) + white * grey * (1.0 - 0.8 * nucleus);
+        let mut value = tissue * (1.0 - fluid) - 1.6 * fluid;
         if let Some((centre, radius)) = self.mass {
             let mass = rise((radius - place.distance(centre)) / 1.5);
             value = value * (1.0 - mass) - 0.3 * mass;

@@ -27,12 +27,8 @@ fn dice(phantom: &BrainPhantom, found: &Regions, wanted: &[Region]) -> f64 {
             continue;
         }
         let is_true = wanted.contains(&truth);
-        // What is left out of the cerebrum is still a part of it.
-        let is_found = Region::from_code(code).is_some_and(|region| match region {
-            Region::LeftDeep => wanted.contains(&Region::LeftCerebrum),
-            Region::RightDeep => wanted.contains(&Region::RightCerebrum),
-            other => wanted.contains(&other),
-        });
+        let found = Region::from_code(code).map(part);
+        let is_found = found.is_some_and(|region| wanted.contains(&region));
         both += u32::from(is_true && is_found);
         total += u32::from(is_true) + u32::from(is_found);
     }
@@ -84,10 +80,19 @@ fn agreement(
         let place = moved.transform_point3(one.grid().patient_from_voxel().transform_point3(voxel));
         if let Some(there) = other.at(place) {
             count += 1;
-            same += u32::from(there == as_seen(region));
+            same += u32::from(part(there) == part(as_seen(region)));
         }
     }
     f64::from(same) / f64::from(count)
+}
+
+/// The part of the brain of a region: what is left out of the cerebrum belongs to it.
+fn part(region: Region) -> Region {
+    match region {
+        Region::LeftDeep => Region::LeftCerebrum,
+        Region::RightDeep => Region::RightCerebrum,
+        other => other,
+    }
 }
 
 fn mirrored_region(region: Region) -> Region {
@@ -183,8 +188,8 @@ pub(super) fn check_moved(volume: &Volume, mask: &Mask) {
 }
 
 #[test]
-fn a_large_mass_and_a_turn_by_thirty_degrees_are_divided_right_and_hydrocephalus_is_or_is_doubted()
-{
+fn a_head_turned_by_thirty_degrees_is_divided_right_and_hydrocephalus_and_a_mass_are_or_are_doubted()
+ {
     let widened = |half_axes_mm: [f64; 3]| BrainPhantom {
         ventricles_mm: DVec3::from_array(half_axes_mm),
         ..BrainPhantom::PLAIN
@@ -199,7 +204,7 @@ fn a_large_mass_and_a_turn_by_thirty_degrees_are_divided_right_and_hydrocephalus
     };
     let around = grid().block([-10, -10, -25], [170, 210, 200]).unwrap();
     for (phantom, may_doubt) in [
-        (mass, false),
+        (mass, true),
         (pitched, false),
         (widened([11.0, 45.0, 16.0]), false),
         (widened([20.0, 52.0, 24.0]), true),
