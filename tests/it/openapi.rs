@@ -56,6 +56,8 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /v1/cases/{id}/layers/{layer}/volume",
         "get /v1/cases/{id}/layers/{layer}/nifti",
         "get /v1/cases/{id}/candidates",
+        "get /v1/cases/{id}/findings",
+        "put /v1/cases/{id}/findings",
         "get /v1/cases/{id}/profile",
         "get /v1/cases/{id}/registration",
         "post /dicomweb/studies",

@@ -6,6 +6,7 @@
 pub mod arrivals;
 mod facts;
 mod failure;
+pub mod findings;
 mod id;
 mod layer;
 mod maps;

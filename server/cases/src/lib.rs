@@ -8,6 +8,7 @@ mod cache;
 pub mod dicom;
 mod error;
 mod fair;
+pub mod findings;
 mod handover;
 mod intake;
 pub mod jobs;

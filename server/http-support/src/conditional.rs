@@ -69,7 +69,8 @@ impl EntityTag {
         Self::from_digest(&hasher.finalize())
     }
 
-    fn from_digest(digest: &blake3::Hash) -> Self {
+    /// The tag of what has a digest.
+    pub fn from_digest(digest: &blake3::Hash) -> Self {
         let text = format!("\"{}\"", &digest.to_hex()[..32]);
         Self(HeaderValue::from_str(&text).expect("hexadecimal digits and quotes are a header"))
     }

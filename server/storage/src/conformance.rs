@@ -1,6 +1,7 @@
 //! Checks of a store: one suite, for SQLite in memory and in a file, and for PostgreSQL.
 
 mod arrivals;
+mod findings;
 mod layers;
 mod objects;
 mod results;
@@ -11,6 +12,7 @@ use std::time::Duration;
 use case::{CaseFacts, CaseState, ObjectKind, Parameters, Progress, Stage, VoxelFacts};
 
 pub(crate) use self::arrivals::*;
+pub(crate) use self::findings::*;
 pub(crate) use self::layers::*;
 pub(crate) use self::results::*;
 
@@ -118,6 +120,11 @@ macro_rules! conformance {
                 a_version_keeps_the_layers_of_its_case
                 a_layer_of_a_deleted_case_cannot_be_published
                 a_layer_of_another_store_is_adopted_as_it_is_there
+                findings_are_replaced_by_whoever_knows_them
+                findings_go_with_their_case
+                a_version_begins_with_the_findings_of_its_case
+                a_change_of_findings_makes_a_case_young_again
+                damaged_findings_are_never_shown
             }
     };
     (@in_turn $make:expr; $($check:ident)+) => {{

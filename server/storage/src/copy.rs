@@ -226,6 +226,10 @@ impl Store {
         if let Some(series) = self.series_of(id).await? {
             other.index_series(&series).await?;
         }
+        let findings = self.findings(id).await?;
+        if findings != other.findings(id).await? {
+            other.adopt_findings(id, &findings).await?;
+        }
         other.abandon(&pinned).await;
         let mut is_whole = true;
         for layer in self.layers(id).await? {

@@ -57,6 +57,9 @@ pub enum StoreError {
     /// The facts of a layer differ from what was written.
     #[error("the facts of a layer are damaged")]
     DamagedLayer(case::CaseId, case::LayerId),
+    /// The findings of a case differ from what was written.
+    #[error("the findings of a case are damaged; restore them from a backup")]
+    DamagedFindings(case::CaseId),
     /// The objects cannot be read or written.
     #[error("the object store failed")]
     Objects(#[source] Box<dyn std::error::Error + Send + Sync>),

@@ -15,6 +15,8 @@ pub enum Finding {
     Missing(CaseId, ObjectName),
     /// An object of a case or of a layer is damaged.
     Damaged(CaseId, ObjectName),
+    /// The findings of a case are damaged.
+    DamagedFindings(CaseId),
     /// An image that came from a PACS and is part of no case yet, or a result for one, is missing.
     MissingForPacs(ObjectName),
     /// Such an image or result is damaged.
@@ -94,6 +96,10 @@ impl Store {
         report: &mut (dyn FnMut(Finding) + Send),
     ) -> Result<(), StoreError> {
         inspected.cases += 1;
+        match self.findings(id).await {
+            Err(StoreError::DamagedFindings(id)) => report(Finding::DamagedFindings(id)),
+            other => _ = other?,
+        }
         for name in self.objects_of(id).await? {
             let finding = match self.inspect_object(&name, inspected).await? {
                 Found::Sound => continue,

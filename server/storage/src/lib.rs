@@ -32,6 +32,7 @@ mod conformance;
 mod copy;
 mod directory;
 mod error;
+mod findings;
 mod inspect;
 mod layers;
 mod location;
@@ -70,6 +71,7 @@ pub use case::arrivals;
 
 pub use self::copy::{Copied, CopyStep, ForPacs};
 pub use self::error::{FailureCounts, StoreError, failures};
+pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
 pub use self::inspect::{Finding, Inspected};
 pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};

@@ -32,6 +32,8 @@ pub(super) struct CheckStoreArgs {
 #[derive(Debug, Default)]
 struct Findings {
     lost_sources: BTreeSet<CaseId>,
+    /// What a reader has marked: it is derived from nothing.
+    lost_findings: BTreeSet<CaseId>,
     to_rebuild: BTreeSet<CaseId>,
     /// The number of images from a PACS, and of results for one.
     lost_for_pacs: usize,
@@ -43,6 +45,11 @@ impl Findings {
         let (what, id, name) = match finding {
             Finding::Missing(id, name) => ("missing", id, name),
             Finding::Damaged(id, name) => ("damaged", id, name),
+            Finding::DamagedFindings(id) => {
+                println!("damaged: findings of case {id}");
+                self.lost_findings.insert(id);
+                return;
+            }
             Finding::MissingForPacs(name) => return self.add_lost("missing", name),
             Finding::DamagedForPacs(name) => return self.add_lost("damaged", name),
             Finding::Unreferenced(name) => {
@@ -66,7 +73,7 @@ impl Findings {
     /// The number of cases and objects with a problem.
     fn count(&self) -> usize {
         let cases: BTreeSet<_> = self.lost_sources.union(&self.to_rebuild).collect();
-        cases.len() + self.lost_for_pacs + self.unreferenced.len()
+        cases.len() + self.lost_findings.len() + self.lost_for_pacs + self.unreferenced.len()
     }
 
     /// Rebuilds cases and removes unreferenced objects.
@@ -117,7 +124,7 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
                 let hint = match args.repair {
                     false => "run the command with `--repair`",
                     true => {
-                        "upload the volumes of these cases again, or delete the cases; send images from a PACS again, and make results again"
+                        "upload the volumes of these cases again, or delete the cases; restore findings from a backup; send images from a PACS again, and make results again"
                     }
                 };
                 let message = format!("{count} cases or objects have a problem; {hint}");

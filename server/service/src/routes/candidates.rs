@@ -272,9 +272,11 @@ pub async fn get_profile(
     question.answer(&cases, format, work).await
 }
 
-/// A text as a field of CSV (RFC 4180).
-fn quoted(text: &str) -> String {
-    format!("\"{}\"", text.replace('"', "\"\""))
+/// A text as a field of CSV (RFC 4180). One that a spreadsheet would compute is written with an apostrophe before it.
+pub(super) fn quoted(text: &str) -> String {
+    let is_computed = text.starts_with(['=', '+', '-', '@']);
+    let guard = if is_computed { "'" } else { "" };
+    format!("\"{guard}{}\"", text.replace('"', "\"\""))
 }
 
 /// A row for each sample; undefined values are empty.

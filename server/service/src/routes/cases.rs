@@ -249,6 +249,8 @@ pub struct Links {
     layers: String,
     /// Places where that junction is less sharp than in its surroundings and on the other side.
     candidates: String,
+    /// What readers have marked and written; `PUT` replaces it.
+    findings: String,
     /// The profile through a point: append `?position=x,y,z`.
     profile: String,
     /// The identity of the patient, for a ready case from DICOM.
@@ -275,6 +277,7 @@ impl Links {
             acquired: below("acquired"),
             layers: below("layers"),
             candidates: below("candidates"),
+            findings: below("findings"),
             profile: below("profile"),
             dicom: is_dicom.then(|| below("dicom")),
             this,

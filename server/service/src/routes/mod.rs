@@ -7,6 +7,7 @@ pub mod cases;
 pub mod dicom;
 pub mod documents;
 pub mod events;
+pub mod findings;
 mod fresh;
 pub(crate) mod guarded;
 pub mod health;
@@ -62,6 +63,7 @@ const FORM_OVERHEAD_BYTES: u64 = 1 << 20;
         (name = "masks", description = "Brain masks: download, replace, quality"),
         (name = "textures", description = "Voxels, for clients that render"),
         (name = "layers", description = "Further volumes of the same head, maps of the junction of grey and white matter, and the places that stand out in them"),
+        (name = "findings", description = "What readers have marked and written"),
         (name = "pictures", description = "PNG pictures made by the server"),
         (name = "service", description = "The server itself"),
     )
@@ -73,7 +75,7 @@ fn introduction() -> String {
         "The cortex of the brain as curved cuts at any depth below the dura. {RESEARCH_USE_NOTICE}\n\n\
          Lengths are in mm, coordinates in the patient space of DICOM (LPS), angles in degrees. Unknown query keys are an \
          error. Errors are application/problem+json (RFC 9457) with a stable `type`. Everything under a case is immutable \
-         and carries a strong ETag, except its state, its events, annotated pictures, lists of pictures and what depends on its layers."
+         and carries a strong ETag, except its state, its events, its findings, annotated pictures, lists of pictures and what depends on its layers."
     )
 }
 
@@ -109,6 +111,11 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .routes(routes!(candidates::get_candidates))
         .routes(routes!(candidates::get_profile))
         .routes(routes!(registration::get_registration))
+        .merge(
+            OpenApiRouter::new()
+                .routes(routes!(findings::get_findings, findings::put_findings))
+                .layer(DefaultBodyLimit::max(findings::MAX_BYTES)),
+        )
         .merge(
             OpenApiRouter::new()
                 .routes(routes!(renders::create_renders))

@@ -138,8 +138,19 @@ impl<'de> Visitor<'de> for UnambiguousVisitor {
 pub(super) fn json_body<T: for<'de> Deserialize<'de>>(
     body: Result<Bytes, BytesRejection>,
 ) -> Result<T, AppError> {
+    json_body_within(MAX_BODY_BYTES, body)
+}
+
+/// The same, of a body that may have another length.
+///
+/// # Errors
+/// As [`json_body`].
+pub(super) fn json_body_within<T: for<'de> Deserialize<'de>>(
+    limit_bytes: usize,
+    body: Result<Bytes, BytesRejection>,
+) -> Result<T, AppError> {
     let body = body.map_err(|_| AppError::TooLarge {
-        limit_bytes: MAX_BODY_BYTES as u64,
+        limit_bytes: limit_bytes as u64,
     })?;
     let refused = |parameter: String, detail: String| AppError::Query {
         kind: "body-unreadable",

@@ -1,5 +1,6 @@
 //! The whole router, asked without a socket: one server for each table of requests.
 
+mod findings;
 mod immutable;
 mod layers;
 mod queries;

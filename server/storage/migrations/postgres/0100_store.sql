@@ -149,6 +149,13 @@ END $$;
 CREATE TRIGGER announce AFTER INSERT OR UPDATE OR DELETE ON layers
     FOR EACH ROW EXECUTE FUNCTION announce_layer();
 
+CREATE TABLE findings (
+    case_id    TEXT COLLATE "C" NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
+    document   TEXT             NOT NULL,
+    digest     TEXT COLLATE "C" NOT NULL,
+    changed_at BIGINT           NOT NULL
+);
+
 -- Series that come from a PACS, until they are cases and for some days after. UIDs and accession numbers are here because
 -- requests name series by them; names and birth dates are not.
 CREATE TABLE arrivals (

@@ -116,6 +116,15 @@ CREATE TABLE layer_objects (
 
 CREATE INDEX layer_objects_by_name ON layer_objects (kind, digest);
 
+-- What readers have marked and written: the one part of a case that changes and is derived from nothing. A version of a case
+-- begins with a copy.
+CREATE TABLE findings (
+    case_id    TEXT    NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
+    document   TEXT    NOT NULL, -- JSON
+    digest     TEXT    NOT NULL, -- BLAKE3 of `document`, which is also its version
+    changed_at INTEGER NOT NULL
+) STRICT;
+
 -- Series that come from a PACS, until they are cases and for some days after. UIDs and accession numbers are here because
 -- requests name series by them; names and birth dates are not.
 CREATE TABLE arrivals (

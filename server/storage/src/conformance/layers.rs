@@ -14,7 +14,7 @@ use crate::rows::{
 use crate::testing::{claim, facts, failure, layer_facts, name, new_case, pinned};
 
 /// A case that is ready.
-async fn ready_case(store: &Store, contents: &str) -> NewCase {
+pub(super) async fn ready_case(store: &Store, contents: &str) -> NewCase {
     let new = insert(store, contents).await;
     let leased = claim(store).await.unwrap();
     let derived = derived(store, contents).await;

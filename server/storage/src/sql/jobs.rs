@@ -1,12 +1,12 @@
 //! Jobs and their leases.
 
 use super::connection::{Connection, microseconds};
-use super::{cases, fence, layers};
+use super::{cases, fence, findings, layers};
 use crate::StoreError;
 use crate::rows::{Claim, Inserted, LeaseTerms, NewCase, Release};
 use case::{CaseId, Failure, FailureKind, Progress};
 
-/// Inserts a case with its references, its job, and, for a version, the layers of the case that it is a version of.
+/// Inserts a case with its references, its job, and, for a version, the layers and the findings of the case that it is a version of.
 pub(super) async fn submit(
     connection: &mut Connection,
     new: &NewCase,
@@ -35,6 +35,7 @@ pub(super) async fn submit(
     insert(connection, &new.id, now).await?;
     if let (Inserted::Created, Some(previous)) = (inserted, &new.previous) {
         layers::inherit(connection, &new.id, previous, now).await?;
+        findings::inherit(connection, &new.id, previous).await?;
     }
     Ok(inserted)
 }

@@ -8,6 +8,7 @@ mod arrivals;
 mod cases;
 mod connection;
 mod fence;
+mod findings;
 mod jobs;
 mod layer_rows;
 mod layers;

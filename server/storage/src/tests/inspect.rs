@@ -173,6 +173,9 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
     let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     let (from, ids) = three_cases(&here).await;
     let to = store(&there).await;
+    let none = from.findings(&ids[0]).await.unwrap().version;
+    let found = from.replace_findings(&ids[0], none, "[1]".to_owned());
+    assert!(matches!(found.await, Ok(Replaced::Done(_))));
     let (first, reported) = copied(&from, &to).await;
     assert_eq!(reported, ids.map(|id| (id, true)), "the oldest first");
     let files = files_below(&there.path().join("objects"));
@@ -188,6 +191,8 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
     for id in &ids {
         let case = to.case(id).await.unwrap();
         assert_eq!(case, from.case(id).await.unwrap());
+        let findings = to.findings(id).await.unwrap();
+        assert_eq!(findings, from.findings(id).await.unwrap());
     }
     assert_eq!(
         to.waiting().await.unwrap(),

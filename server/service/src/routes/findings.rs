@@ -1,0 +1,220 @@
+//! The findings of a case: what readers have marked and written.
+
+use std::fmt::Write as _;
+
+use axum::body::Bytes;
+use axum::extract::State;
+use axum::extract::rejection::BytesRejection;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse as _, Response};
+use case::findings::{Certainty, Finding};
+use cases::findings::{Findings, NotReplaced};
+use cases::{Cases, Error};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::candidates::quoted;
+use super::query::{ApiQuery, CasePath, NoQuery};
+use super::sent::json_body_within;
+use http_support::conditional::{EntityTag, Representation};
+use http_support::negotiate::{Coding, media_type};
+use http_support::problem::{AppError, Problem};
+
+const JSON: &str = "application/json";
+const CSV: &str = "text/csv";
+
+/// The longest list of findings, in bytes.
+pub(super) const MAX_BYTES: usize = 4 << 20;
+
+/// The client validates its copy before each use: readers change the findings.
+const REVALIDATE: HeaderValue = HeaderValue::from_static("private, no-cache");
+
+/// What readers have marked and written about a case.
+#[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FindingList {
+    /// In the order in which they were sent; at most 1,000, with at most 20,000 points together.
+    findings: Vec<Finding>,
+}
+
+/// The answer to a client that did not know the findings as they are: a problem, and the findings.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct FindingsChanged {
+    #[serde(flatten)]
+    problem: Problem,
+    /// As they are stored.
+    findings: Vec<Finding>,
+}
+
+/// What readers have marked and written
+///
+/// As JSON, or with `Accept: text/csv` as CSV with a row for each point. Findings lie in the patient: they are at the
+/// same place in every picture of the case. The `ETag` of the JSON is what a change must name.
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/findings", tag = "findings",
+    params(("id" = String, Path, description = "The case, in any state")),
+    responses(
+        (status = 200, description = "The findings; an empty list if there are none", content((FindingList = "application/json"), (String = "text/csv")), headers(("ETag" = String, description = "For `If-Match` and `If-None-Match`"))),
+        (status = 304, description = "The client already has this answer"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_findings(
+    State(cases): State<Cases>,
+    CasePath(id): CasePath,
+    _no_query: ApiQuery<NoQuery>,
+    request: HeaderMap,
+) -> Result<Response, AppError> {
+    let kind = media_type(&request, &[JSON, CSV])?;
+    let findings = cases.findings(&id).await?;
+    match kind {
+        CSV => {
+            let body = Bytes::from(csv(&findings.list));
+            let tag = EntityTag::of_bytes(&body, Coding::Identity);
+            represented(tag, CSV, body).respond(&request)
+        }
+        _ => as_json(findings)?.respond(&request),
+    }
+}
+
+/// Replace what readers have marked and written
+///
+/// The body is the whole list. `If-Match` must have the `ETag` of the list that the client has changed, so that nobody
+/// undoes what somebody else wrote meanwhile: the answer is then 412, with the findings as they are. A new case has the
+/// empty list, with an `ETag` as well. An answer with 200 has the stored list, with the sides and times that the server
+/// adds, and comes after they are durable. A version of the case begins with a copy; from then on each has its own.
+#[utoipa::path(
+    put, path = "/v1/cases/{id}/findings", tag = "findings",
+    params(
+        ("id" = String, Path, description = "The case"),
+        ("If-Match" = String, Header, description = "The `ETag` of the list that was changed"),
+    ),
+    request_body = FindingList,
+    responses(
+        (status = 200, description = "The findings as they are now", body = FindingList, headers(("ETag" = String, description = "The new one"))),
+        (status = 400, description = "The body is invalid; `parameter` states where", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 412, description = "Somebody has changed the findings; the answer has them as they are", body = FindingsChanged, content_type = "application/problem+json", headers(("ETag" = String, description = "The current one"))),
+        (status = 413, description = "The body is larger than 4 MiB", body = Problem, content_type = "application/problem+json"),
+        (status = 428, description = "`If-Match` is missing", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn put_findings(
+    State(cases): State<Cases>,
+    CasePath(id): CasePath,
+    _no_query: ApiQuery<NoQuery>,
+    request: HeaderMap,
+    body: Result<Bytes, BytesRejection>,
+) -> Result<Response, AppError> {
+    cases.ready(&id).await?;
+    let known = known_tags(&request).ok_or_else(precondition_required)?;
+    let FindingList { findings } = json_body_within(MAX_BYTES, body)?;
+    match cases.replace_findings(&id, &known, findings).await {
+        Ok(stored) => as_json(stored)?.respond(&HeaderMap::new()),
+        Err(NotReplaced::Changed(current)) => Ok(changed(current)),
+        Err(NotReplaced::Refused(refused)) => Err(AppError::Query {
+            kind: "findings-invalid",
+            parameter: refused.path.into(),
+            detail: refused.detail,
+        }),
+        Err(NotReplaced::Other(error)) => Err(error.into()),
+    }
+}
+
+/// The strong tags of `If-Match`; `None` if there are none.
+fn known_tags(request: &HeaderMap) -> Option<Vec<&str>> {
+    let tags = request.get(header::IF_MATCH)?.to_str().ok()?.split(',');
+    let tags = tags.filter_map(|tag| tag.trim().strip_prefix('"')?.strip_suffix('"'));
+    let tags: Vec<_> = tags.collect();
+    (!tags.is_empty()).then_some(tags)
+}
+
+fn precondition_required() -> AppError {
+    AppError::Beside {
+        status: StatusCode::PRECONDITION_REQUIRED,
+        kind: "if-match-missing",
+        detail: "send `If-Match` with the `ETag` of the findings that you have changed".to_owned(),
+        parameter: None,
+    }
+}
+
+fn changed(current: Findings) -> Response {
+    let status = StatusCode::PRECONDITION_FAILED;
+    let problem = AppError::Beside {
+        status,
+        kind: "findings-changed",
+        detail: "somebody has changed the findings since you read them; merge your changes with them, and send them again"
+            .to_owned(),
+        parameter: None,
+    }
+    .problem();
+    let tag = EntityTag::from_digest(current.version.digest());
+    let body = FindingsChanged {
+        problem,
+        findings: current.list,
+    };
+    let mut response = (status, axum::Json(body)).into_response();
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (
+            header::CONTENT_TYPE,
+            HeaderValue::from_static("application/problem+json"),
+        ),
+        (header::CACHE_CONTROL, HeaderValue::from_static("no-store")),
+        (header::ETAG, tag.header()),
+    ] {
+        headers.insert(name, value);
+    }
+    response
+}
+
+fn as_json(findings: Findings) -> Result<Representation, AppError> {
+    let tag = EntityTag::from_digest(findings.version.digest());
+    let list = FindingList {
+        findings: findings.list,
+    };
+    let body = serde_json::to_vec(&list).map_err(|_| Error::Internal)?;
+    Ok(represented(tag, JSON, body.into()))
+}
+
+fn represented(tag: EntityTag, media_type: &'static str, body: Bytes) -> Representation {
+    Representation {
+        tag,
+        media_type,
+        coding: Coding::Identity,
+        body,
+        headers: HeaderMap::new(),
+        vary: "accept",
+        cache_control: REVALIDATE,
+    }
+}
+
+/// A row for each point.
+fn csv(findings: &[Finding]) -> String {
+    let mut text = "finding,kind,point,left_mm,posterior_mm,superior_mm,depth_mm,side,certainty,dismissed,map,label,note,\
+                    colour,author,created_at,changed_at\r\n"
+        .to_owned();
+    for finding in findings {
+        for (number, [x, y, z]) in (1..).zip(&finding.points_in_patient) {
+            let _ = write!(
+                text,
+                "{},{},{number},{x},{y},{z},{},{},{},{},{},{},{},{},{},{},{}\r\n",
+                finding.id,
+                finding.kind.name(),
+                finding.depth_mm,
+                finding.side.map_or("", case::PatientSide::name),
+                finding.certainty.map_or("", Certainty::name),
+                finding.is_dismissed,
+                finding.from_map.map_or("", case::MapName::name),
+                quoted(&finding.label),
+                quoted(&finding.note),
+                finding.colour,
+                quoted(finding.author.as_deref().unwrap_or_default()),
+                finding.created_at.as_deref().unwrap_or_default(),
+                finding.changed_at.as_deref().unwrap_or_default(),
+            );
+        }
+    }
+    text
+}

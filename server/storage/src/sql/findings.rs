@@ -1,0 +1,125 @@
+//! The findings of cases.
+
+use super::cases;
+use super::connection::{Connection, Row};
+use crate::findings::{FindingsVersion, NONE, Replaced, StoredFindings};
+use crate::{Store, StoreError};
+use case::CaseId;
+
+impl Store {
+    /// The findings of a case; the empty document if there are none, or no such case.
+    ///
+    /// # Errors
+    /// If the rows cannot be read, or the document is damaged.
+    pub async fn findings(&self, id: &CaseId) -> Result<StoredFindings, StoreError> {
+        one(&mut self.rows().connect().await?, id).await
+    }
+
+    /// Replaces the findings of a case if they are still of the given version. The age of the case counts from now.
+    ///
+    /// # Errors
+    /// If the rows cannot be written, or the stored document is damaged.
+    pub async fn replace_findings(
+        &self,
+        id: &CaseId,
+        version: FindingsVersion,
+        document: String,
+    ) -> Result<Replaced, StoreError> {
+        let new = StoredFindings::new(document);
+        let (mut transaction, now) = self.rows().write().await?;
+        let is_case = cases::uploaded_again(&mut transaction, id, now).await?;
+        if !is_case {
+            return Ok(Replaced::NoSuchCase);
+        }
+        if one(&mut transaction, id).await?.version != version {
+            return Ok(Replaced::Changed);
+        }
+        put(&mut transaction, id, &new, now).await?;
+        transaction.commit().await?;
+        self.signals().changed(id);
+        Ok(Replaced::Done(new))
+    }
+
+    /// Changes what is stored without changing its digest, as a failing disk would.
+    #[cfg(test)]
+    pub(crate) async fn damage_findings(&self, id: &CaseId) {
+        let mut connection = self.rows().connect().await.unwrap();
+        let damaged = connection.query("UPDATE findings SET document = '[0]' WHERE case_id = $1");
+        damaged.bind(id.to_string()).execute().await.unwrap();
+    }
+
+    /// Gives a case the findings that it has in another store.
+    pub(crate) async fn adopt_findings(
+        &self,
+        id: &CaseId,
+        findings: &StoredFindings,
+    ) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        if transaction.has_case(&id.to_string()).await? {
+            put(&mut transaction, id, findings, now).await?;
+            transaction.commit().await?;
+        }
+        Ok(())
+    }
+}
+
+async fn one(connection: &mut Connection, id: &CaseId) -> Result<StoredFindings, StoreError> {
+    let row = connection
+        .query("SELECT document, digest FROM findings WHERE case_id = $1")
+        .bind(id.to_string())
+        .fetch_optional()
+        .await?;
+    match row {
+        Some(row) => read(&row, id),
+        None => Ok(StoredFindings::new(NONE.to_owned())),
+    }
+}
+
+fn read(row: &Row, id: &CaseId) -> Result<StoredFindings, StoreError> {
+    let stored = StoredFindings::new(row.get("document")?);
+    let digest: String = row.get("digest")?;
+    if stored.version.digest().to_string() != digest {
+        return Err(StoreError::DamagedFindings(*id));
+    }
+    Ok(stored)
+}
+
+/// Writes the findings of a case that exists.
+async fn put(
+    connection: &mut Connection,
+    id: &CaseId,
+    findings: &StoredFindings,
+    now: i64,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            "INSERT INTO findings (case_id, document, digest, changed_at) VALUES ($1, $2, $3, $4)
+             ON CONFLICT (case_id) DO UPDATE SET document = excluded.document, digest = excluded.digest,
+                                                 changed_at = excluded.changed_at",
+        )
+        .bind(id.to_string())
+        .bind(findings.document.clone())
+        .bind(findings.version.digest().to_string())
+        .bind(now)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Gives a new version of a case a copy of its findings; from then on, each has its own.
+pub(super) async fn inherit(
+    connection: &mut Connection,
+    case: &CaseId,
+    previous: &CaseId,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            "INSERT INTO findings (case_id, document, digest, changed_at)
+             SELECT $1, document, digest, changed_at FROM findings WHERE case_id = $2",
+        )
+        .bind(case.to_string())
+        .bind(previous.to_string())
+        .execute()
+        .await?;
+    Ok(())
+}
