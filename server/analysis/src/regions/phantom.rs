@@ -152,7 +152,7 @@ impl BrainPhantom {
         let nucleus = rise(nuclei[0].max(nuclei[1]) / 0.6);
         let ventricle = inside(side, DVec3::new(12.0, 0.0, 14.0), self.ventricles_mm);
         let fluid = rise(ventricle / 0.5);
-        let tissue = -1.6 * (1.0 - grey) + white * grey * (1.0 - 0.8 * nucleus);
+        let tissue = -1.6 * (1.0 - grey) + white * grey * (1.0 - 0.35 * nucleus);
         let mut value = tissue * (1.0 - fluid) - 1.6 * fluid;
         if let Some((centre, radius)) = self.mass {
             let mass = rise((radius - place.distance(centre)) / 1.5);

@@ -46,5 +46,10 @@ fn the_cortex_of_each_hemisphere_lies_on_its_side_and_in_the_cerebrum() {
 fn the_parts_of_a_real_head_turn_and_mirror_with_it() {
     let Some(data) = data() else { return };
     let volume = read_volume(&data.join("csi1/t1.nii.gz"));
-    check_moved(&volume, &read_mask(&data.join("csi1/mask_dura.nii.gz")));
+    let agreements = check_moved(&volume, &read_mask(&data.join("csi1/mask_dura.nii.gz")));
+    // The plane is fitted again on other samples, and fluid has no border: 0.1 to 0.6 % change their part.
+    assert!(
+        agreements.iter().all(|same| *same >= 0.993),
+        "{agreements:?}"
+    );
 }
