@@ -52,14 +52,19 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{:.3?}", found.tissue);
     for (number, candidate) in found.candidates.iter().take(20).enumerate() {
         println!(
-            "{:2}  {:5.2}  {:?} at {:6.1}, {} mm deep, {:.1} mm",
+            "{:2}  {:5.2}  {:?} {:?} at {:6.1}, {} mm deep, {:.1} mm",
             number + 1,
             candidate.score,
             candidate.side,
+            candidate.region,
             candidate.position_in_patient,
             candidate.depth_mm,
             candidate.size_mm,
         );
+    }
+    println!("{:.3?} {:?}", found.regions.numbers, found.regions.doubts);
+    for elsewhere in found.elsewhere.iter().take(5) {
+        println!("elsewhere: {:5.2} {:?}", elsewhere.score, elsewhere.region);
     }
     if let [folder] = rest {
         for kind in MapKind::ALL {

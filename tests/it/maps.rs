@@ -410,6 +410,45 @@ async fn layers_are_listed_and_their_voxels_are_those_of_the_nifti() {
     assert!(zstd::decode_all(&packed.body[..]).unwrap() == whole.body);
 }
 
+/// The head of this test has no cerebellum.
+#[tokio::test]
+async fn a_list_states_what_stands_out_and_doubts_the_regions_of_half_a_brain() {
+    let (server, case) = ready().await;
+    let list = server.get(&format!("{case}/candidates")).await.json();
+    assert_eq!(list["regions"]["state"], "review", "{list}");
+    let codes = list["regions"]["reason_codes"].as_array().unwrap();
+    let reasons = list["regions"]["reasons"].as_array().unwrap();
+    assert!(!codes.is_empty() && codes.len() == reasons.len(), "{list}");
+    let limits = [
+        &list["limits"]["borderline_from"],
+        &list["limits"]["unusual_above"],
+    ];
+    let [borderline, unusual] = limits.map(|limit| limit.as_f64().unwrap());
+    let mut stands_out = false;
+    for place in list["candidates"].as_array().unwrap() {
+        assert_eq!(place["region"], "cerebrum", "{place}");
+        let score = place["score"].as_f64().unwrap();
+        let expected = match score {
+            _ if score > unusual => "yes",
+            _ if score >= borderline => "borderline",
+            _ => "no",
+        };
+        assert_eq!(place["unusual"], expected, "{place}");
+        stands_out |= expected != "no";
+    }
+    assert_eq!(list["nothing_stands_out"], !stands_out);
+    let all = server
+        .get(&format!("{case}/candidates?region=all"))
+        .await
+        .json();
+    assert_eq!(
+        all["candidates"], list["candidates"],
+        "nothing was taken off"
+    );
+    let unknown = server.get(&format!("{case}/candidates?region=pons")).await;
+    assert_eq!(unknown.status, StatusCode::BAD_REQUEST, "{unknown:?}");
+}
+
 #[tokio::test]
 async fn candidates_descend_and_come_as_csv_as_well() {
     let (server, case) = ready().await;
@@ -432,6 +471,7 @@ async fn candidates_descend_and_come_as_csv_as_well() {
     let text = String::from_utf8(csv.body.to_vec()).unwrap();
     let rows: Vec<_> = text.split_terminator("\r\n").collect();
     assert_eq!(rows.len(), 6);
+    assert!(rows[0].ends_with(",region,unusual"), "{text}");
     assert!(
         rows[1].starts_with("1,") && rows[1].contains(",left,"),
         "{text}"

@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::flat::FlatMaps;
 use super::region::{Cuts, FILTER_MM, NEAR_MIDDLE, Region, box_around};
 use super::search::Mark;
-use analysis::steps::{Block, Measures, Scores, compare, depth_at};
+use analysis::steps::{Block, Measures, Scores, compare, depth_at, regions};
 use analysis::{Head, MapParameters, TissueScale};
 
 /// The depths of the search on slices, and on isosurfaces, in mm.
@@ -294,18 +294,22 @@ impl Aided {
         (values, tissue): (&[f32], &TissueScale),
         parameters: &MapParameters,
     ) -> Self {
-        let sharpness = parameters.sharpness(block, values, tissue);
+        let mut sharpness = parameters.sharpness(block, values, tissue);
+        let regions = regions(head, block, values, parameters.doubt);
+        let whole_junction = sharpness.count_only(&regions);
         let measures = Measures {
             sharpness: &sharpness,
             detail: parameters.detail(block, values, &sharpness, tissue),
         };
         let mut comparison = compare(block, measures, head.plane, parameters);
-        let junction = &sharpness.junction;
         let map = &mut comparison.blur;
-        let blur = Scores::smoothed(block, junction, map, parameters.candidate_mm);
+        let blur = Scores::smoothed(block, &whole_junction, map, parameters.candidate_mm);
         let working_from_block =
             head.depth.grid().voxel_from_patient() * block.grid.patient_from_voxel();
-        let points = junction.iter().zip(&blur.scores).map(|(&voxel, &blur)| {
+        let scored = whole_junction.iter().zip(&blur.scores);
+        let is_counted = |voxel: &u32| sharpness.junction.binary_search(voxel).is_ok();
+        let counted = scored.filter(|(voxel, _)| is_counted(voxel));
+        let points = counted.map(|(&voxel, &blur)| {
             let place = block.grid.voxel(voxel as usize).map(|along| along as f64);
             let place = DVec3::from_array(place);
             let in_working = working_from_block.transform_point3(place).as_vec3();

@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::random::Random;
-use analysis::Head;
-use analysis::steps::{Block, depth_at, slope};
+use analysis::steps::{Block, depth_at, regions, slope};
+use analysis::{Head, Region};
 
 /// The greatest distance of the tissue scale of a junction voxel from the middle between grey and white.
 const NEAR_MIDDLE: f32 = 0.15;
@@ -110,6 +110,7 @@ pub(crate) fn offers(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<Offer
     let (low, high) = (corner(0.0).min(corner(1.0)), corner(0.0).max(corner(1.0)));
     let size = high - low;
     let ventricles = ventricles(head, block, values);
+    let regions = regions(head, block, values, None);
     let mut offers = Vec::new();
     for (index, &value) in values.iter().enumerate() {
         let voxel = block.grid.voxel(index);
@@ -139,8 +140,13 @@ pub(crate) fn offers(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<Offer
             continue;
         }
         let share = (position - low) / size;
-        // The cerebellum is below and behind.
-        if share.z < 0.35 && share.y > 0.45 {
+        // The cerebellum is below and behind, if it was not found.
+        let is_elsewhere = if regions.doubts.is_empty() {
+            !regions.at(position).is_some_and(Region::counts)
+        } else {
+            share.z < 0.35 && share.y > 0.45
+        };
+        if is_elsewhere {
             continue;
         }
         let from_plane = head.plane.normal().dot(position) - head.plane.offset_mm();

@@ -4,9 +4,10 @@ use std::collections::HashSet;
 
 use glam::DVec3;
 
-use crate::Head;
 use crate::block::{Block, Zone, depth_at};
 use crate::convolve::{Kernel, smooth_within};
+use crate::regions::Regions;
+use crate::{Head, Region};
 
 /// A side of the patient.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -35,6 +36,36 @@ impl Side {
     }
 }
 
+/// The score above which a place is unusual, and the one from which it is nearly so. They belong to [`crate::MAP_FORMAT`].
+///
+/// The highest places of the cerebra of six heads without a lesion have 1.80, 1.82, 2.01, 2.05, 2.27 and 2.60: two are above
+/// the first limit, four above the second one. Of eight other heads, whose regions were not known, one was above the first.
+pub const UNUSUAL_ABOVE: f32 = 2.25;
+/// See [`UNUSUAL_ABOVE`].
+pub const BORDERLINE_FROM: f32 = 2.0;
+
+/// Whether the score of a place is higher than those of heads without a lesion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Unusual {
+    /// Above [`UNUSUAL_ABOVE`].
+    Yes,
+    /// From [`BORDERLINE_FROM`] on.
+    Borderline,
+    /// Lower.
+    No,
+}
+
+impl Unusual {
+    /// Of a score.
+    pub fn of(score: f32) -> Self {
+        match score {
+            _ if score > UNUSUAL_ABOVE => Self::Yes,
+            _ if score >= BORDERLINE_FROM => Self::Borderline,
+            _ => Self::No,
+        }
+    }
+}
+
 /// A place at which the junction is less sharp than around it and on the other side. Most such places are normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Candidate {
@@ -48,6 +79,10 @@ pub struct Candidate {
     pub score: f32,
     /// The diameter of a ball with the volume of the connected part of the junction above half of the score, in mm.
     pub size_mm: f32,
+    /// The region of the brain.
+    pub region: Region,
+    /// Whether its score is higher than those of heads without a lesion.
+    pub unusual: Unusual,
 }
 
 /// The parameters of the choice.
@@ -58,7 +93,8 @@ pub(crate) struct Choice {
     pub(crate) limit: usize,
 }
 
-/// The greatest depth of cortex, in mm. Deeper are nuclei and the brain stem, which have a blurred border in everybody.
+/// The greatest depth of a candidate, in mm, if the regions are in doubt. Deeper are nuclei and the brain stem, which have a
+/// blurred border in everybody.
 const DEEPEST_MM: f32 = 30.0;
 /// The least weight of the junction for a mean over it.
 const LEAST_WEIGHT: f32 = 1e-6;
@@ -206,13 +242,13 @@ fn neighbours(voxel: [usize; 3], size: [usize; 3]) -> impl Iterator<Item = [usiz
     })
 }
 
-/// The candidates of a head, highest first.
+/// The candidates of a head, highest first: those whose junction counts, and those elsewhere.
 pub(crate) fn candidates(
     block: &Block,
     scores: &Scores,
-    head: Head<'_>,
+    (head, regions): (Head<'_>, &Regions),
     choice: Choice,
-) -> Vec<Candidate> {
+) -> [Vec<Candidate>; 2] {
     let Head { depth, plane, .. } = head;
     let voxel_mm3 = block.grid.patient_from_voxel().matrix3.determinant().abs();
     let rows = scores.rows(block);
@@ -232,14 +268,21 @@ pub(crate) fn candidates(
             side: Side::at(plane.normal().dot(position) - plane.offset_mm()),
             score: scores.scores[place],
             size_mm: (6.0 * volume_mm3 / std::f64::consts::PI).cbrt() as f32,
+            region: regions.at(position).unwrap_or(Region::LeftCerebrum),
+            unusual: Unusual::of(scores.scores[place]),
         }
     };
-    let maxima = scores.maxima(block, choice, |position| depth_mm(position) <= DEEPEST_MM);
-    maxima
-        .into_iter()
-        .filter(|&place| scores.scores[place] > 0.0)
-        .map(candidate)
-        .collect()
+    [true, false].map(|counts| {
+        let is_eligible = |position: DVec3| {
+            let does_count = regions.at(position).is_none_or(Region::counts);
+            does_count == counts && (regions.doubts.is_empty() || depth_mm(position) <= DEEPEST_MM)
+        };
+        let maxima = scores.maxima(block, choice, is_eligible);
+        let high = maxima
+            .into_iter()
+            .filter(|&place| scores.scores[place] > 0.0);
+        high.map(candidate).collect()
+    })
 }
 
 #[cfg(test)]

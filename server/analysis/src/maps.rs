@@ -10,6 +10,7 @@ use crate::gradient::{Slope, weighted_gradient};
 use crate::head::Head;
 use crate::junction::junction_density;
 use crate::mirror::{Widths, differences, intensity_differences};
+use crate::regions::{RegionDoubt, Regions, regions};
 use crate::robust::Robust;
 use crate::sharpness::{Sharpness, sharpness};
 use crate::slant::{DepthBand, depth_bands};
@@ -56,6 +57,8 @@ pub struct MapParameters {
     pub apart_mm: f64,
     /// The greatest number of candidates.
     pub candidate_limit: usize,
+    /// A doubt about the regions of the brain that is known before, from its mask.
+    pub doubt: Option<RegionDoubt>,
 }
 
 impl MapParameters {
@@ -73,6 +76,7 @@ impl MapParameters {
         candidate_mm: 2.0,
         apart_mm: 10.0,
         candidate_limit: 60,
+        doubt: None,
     };
 }
 
@@ -81,8 +85,12 @@ impl MapParameters {
 pub struct Maps {
     grid: Grid,
     maps: Vec<StoredMap>,
-    /// The most blurred places, highest first.
+    /// The most blurred places of the cerebrum, highest first.
     pub candidates: Vec<Candidate>,
+    /// The most blurred places elsewhere, highest first.
+    pub elsewhere: Vec<Candidate>,
+    /// The regions of the brain.
+    pub regions: Regions,
     /// How slantwise isosurfaces meet the junction, by depth.
     pub depth_bands: Vec<DepthBand>,
     /// The tissue scale.
@@ -111,13 +119,15 @@ impl Maps {
 /// Computes the maps of a head: the sharpness of its junction of grey and white matter, and where it is less sharp than
 /// expected.
 ///
-/// The maps depend on this head alone. They are on the block of its native grid that contains the brain; lengths are in
+/// The statistics of the maps count the junction of the cerebrum alone, and so do the candidates, if its regions are not in
+/// doubt. The maps depend on this head alone. They are on the block of its native grid that contains the brain; lengths are in
 /// mm.
 ///
 /// # Errors
 /// If the voxels, the contrast or the envelope are unsuitable.
 pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUndefined> {
     let (block, values, tissue) = tissue_of(head)?;
+    let regions = regions(head, &block, &values, parameters.doubt);
     let store = |kind, voxels: &[u32], values: &[f32]| {
         let values = voxels.iter().map(|&voxel| values[voxel as usize]);
         StoredMap::new(kind, &block.grid, voxels, values)
@@ -128,7 +138,8 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
     drop(junction_density);
     let mut intensities =
         intensity_differences(&block, &values, &deep, head.plane, parameters.intensity_mm);
-    let sharpness = parameters.sharpness(&block, &values, &tissue);
+    let mut sharpness = parameters.sharpness(&block, &values, &tissue);
+    let whole_junction = sharpness.count_only(&regions);
     let sharpness_map = store(MapKind::Sharpness, &sharpness.defined, &sharpness.values);
     let junction = places_among(&sharpness.junction, &deep);
     into_z(&mut intensities, &junction, LEAST_SPREAD);
@@ -149,10 +160,11 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
     } = compare(&block, measures, head.plane, parameters);
     let defined = &sharpness.defined;
     let asymmetry_map = StoredMap::new(MapKind::Asymmetry, &block.grid, defined, asymmetry);
-    let junction = &sharpness.junction;
-    let scores = Scores::smoothed(&block, junction, &mut blur, parameters.candidate_mm);
+    let smoothed_mm = parameters.candidate_mm;
+    let scores = Scores::smoothed(&block, &whole_junction, &mut blur, smoothed_mm);
     let blur_map = store(MapKind::Blur, defined, &blur);
-    let candidates = candidates(&block, &scores, head, parameters.choice());
+    let [candidates, elsewhere] =
+        candidates(&block, &scores, (head, &regions), parameters.choice());
     Ok(Maps {
         maps: vec![
             sharpness_map,
@@ -162,6 +174,8 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
             blur_map,
         ],
         candidates,
+        elsewhere,
+        regions,
         depth_bands,
         tissue,
         widths: parameters.width_table(block.spacing_mm),

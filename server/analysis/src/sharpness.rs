@@ -3,6 +3,7 @@
 use crate::block::{Block, Zone};
 use crate::convolve::{Kernel, smooth_within};
 use crate::gradient::Weighted;
+use crate::regions::{Region, Regions};
 
 /// The least weight around a voxel for its sharpness to be defined.
 const LEAST_WEIGHT: f32 = 0.02;
@@ -24,6 +25,21 @@ pub struct Sharpness {
     pub defined: Vec<u32>,
     /// The voxels of the junction, a part of them, ascending.
     pub junction: Vec<u32>,
+}
+
+impl Sharpness {
+    /// Keeps only the junction that counts, and returns the whole one; keeps all if none counts.
+    pub fn count_only(&mut self, regions: &Regions) -> Vec<u32> {
+        let counts = |voxel: &&u32| {
+            let region = Region::from_code(regions.codes()[**voxel as usize]);
+            region.is_none_or(Region::counts)
+        };
+        let counted: Vec<u32> = self.junction.iter().filter(counts).copied().collect();
+        if counted.is_empty() {
+            return self.junction.clone();
+        }
+        std::mem::replace(&mut self.junction, counted)
+    }
 }
 
 /// The mean gradient around each voxel, weighted by nearness to the junction and by a Gaussian of `window_mm`.

@@ -27,7 +27,10 @@ pub use layer::{
     LabelFacts, Layer, LayerFacts, LayerId, LayerKind, LayerParameters, MatrixOrigin, NotALayerId,
     PlacementFacts, PlacementVerdict, Transform,
 };
-pub use maps::{CandidateFacts, JunctionBandFacts, MapName, PatientSide};
+pub use maps::{
+    BrainRegion, CandidateFacts, JunctionBandFacts, MapName, PatientSide, RegionFacts,
+    RegionNumbers, Unusual,
+};
 pub use object::ObjectKind;
 pub use parameters::{MaskKind, MaskSource, Parameters};
 pub use progress::{CaseState, Progress, Stage};

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::QualityState;
+
 /// A map of the junction of grey and white matter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -70,6 +72,100 @@ impl PatientSide {
     }
 }
 
+/// A region of the brain.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum BrainRegion {
+    /// The cerebrum; everything, if the regions are in doubt.
+    Cerebrum,
+    /// The cerebellum.
+    Cerebellum,
+    /// The brain stem below the midbrain.
+    BrainStem,
+    /// What is no cortex within the cerebrum.
+    Deep,
+}
+
+impl BrainRegion {
+    /// The name in JSON and CSV.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cerebrum => "cerebrum",
+            Self::Cerebellum => "cerebellum",
+            Self::BrainStem => "brain-stem",
+            Self::Deep => "deep",
+        }
+    }
+}
+
+/// Whether a score is higher than those of heads without a lesion. The limits belong to the format of the maps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum Unusual {
+    /// Above the upper limit.
+    Yes,
+    /// From the lower limit on.
+    Borderline,
+    /// Below the lower limit.
+    No,
+}
+
+impl Unusual {
+    /// The name in JSON and CSV.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Yes => "yes",
+            Self::Borderline => "borderline",
+            Self::No => "no",
+        }
+    }
+}
+
+/// The regions of a brain, and whether they are believed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = Regions))]
+pub struct RegionFacts {
+    /// `ok`; or `review`, if something is unusual: then nothing is taken off, and everything is cerebrum.
+    pub state: QualityState,
+    /// Why they are not believed, in sentences; empty if the state is `ok`.
+    pub reasons: Vec<String>,
+    /// The stable codes of the reasons, in the same order.
+    pub reason_codes: Vec<String>,
+    /// The measurements, also if they are not believed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub numbers: Option<RegionNumbers>,
+}
+
+/// The measurements of the regions of a brain.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct RegionNumbers {
+    /// The volume of the cerebrum inside the envelope.
+    pub cerebrum_ml: f64,
+    /// The volume of the cerebellum.
+    pub cerebellum_ml: f64,
+    /// The volume of the brain stem below its narrowest place.
+    pub brain_stem_ml: f64,
+    /// The smaller half of the cerebellum over the larger one, by volume.
+    pub cerebellum_symmetry: f64,
+    /// The smaller half of the cerebrum over the larger one, by volume.
+    pub cerebrum_symmetry: f64,
+    /// The volume of what is no cortex within the cerebrum: nuclei, the midbrain, edges of ventricles.
+    pub deep_ml: f64,
+    /// The smaller half of that over the larger one.
+    pub deep_symmetry: f64,
+    /// The cross-section of the brain stem where it is narrowest.
+    pub neck_cm2: f64,
+    /// The cross-section of the pons.
+    pub pons_cm2: f64,
+    /// The share of the border between cerebrum and cerebellum that is as bright as white matter.
+    pub bright_share: f64,
+    /// The share of the sheet between the hemispheres that lies in a fissure.
+    pub fissure_share: f64,
+}
+
 /// A place at which the junction is less sharp than around it and on the other side. Most such places are normal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = Candidate))]
@@ -84,6 +180,10 @@ pub struct CandidateFacts {
     pub score: f32,
     /// Diameter of a ball with the volume of the connected part of the junction above half of the score.
     pub size_mm: f32,
+    /// In which region of the brain.
+    pub region: BrainRegion,
+    /// Whether the score is higher than those of heads without a lesion.
+    pub unusual: Unusual,
 }
 
 /// How slantwise the isosurfaces between two depths meet the junction of grey and white matter.

@@ -4,14 +4,19 @@ use std::borrow::Cow;
 
 use analysis::{
     Candidate, DepthBand, Head, MAP_FORMAT, MapKind, MapParameters, MapsUndefined,
-    MidsagittalPlane, Side, StoredMap, WidthTable,
+    MidsagittalPlane, Region, RegionDoubt, Regions, Side, StoredMap, WidthTable,
 };
-use case::{CandidateFacts, CaseFacts, JunctionBandFacts, MapName, PatientSide, QualityState};
+use case::{
+    BrainRegion, CandidateFacts, CaseFacts, JunctionBandFacts, MapName, MaskMethod, PatientSide,
+    QualityState, RegionFacts, RegionNumbers, Unusual,
+};
 use geometry::{DepthField, Envelope, Volume};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-pub use analysis::{JunctionWidth, Scale, UNDEFINED as UNDEFINED_CODE};
+pub use analysis::{
+    BORDERLINE_FROM, JunctionWidth, Scale, UNDEFINED as UNDEFINED_CODE, UNUSUAL_ABOVE,
+};
 
 /// The version of the maps; part of the entity tags of everything that shows them.
 pub const MAPS_FORMAT: u32 = MAP_FORMAT;
@@ -21,8 +26,12 @@ pub const MAPS_FORMAT: u32 = MAP_FORMAT;
 pub struct CaseMaps {
     /// The maps in the order of [`MapKind::ALL`].
     pub(crate) maps: Vec<StoredMap>,
-    /// The most blurred places, the highest value first.
+    /// The most blurred places of the cerebrum, the highest value first.
     pub candidates: Vec<CandidateFacts>,
+    /// The most blurred places elsewhere in the brain, the highest value first.
+    pub elsewhere: Vec<CandidateFacts>,
+    /// The regions of the brain.
+    pub regions: RegionFacts,
     /// How slantwise isosurfaces meet the junction, from the surface inwards.
     pub junction_by_depth: Vec<JunctionBandFacts>,
 }
@@ -84,19 +93,25 @@ pub fn mirror_plane(facts: &CaseFacts) -> MidsagittalPlane {
 
 /// Computes the maps of a case; the reason if they are undefined.
 pub fn compute_maps(facts: &CaseFacts, envelope: &Envelope, volume: &Volume) -> MapsOrReason {
-    let quality = facts.quality.as_ref().map(|quality| quality.state);
-    if quality == Some(QualityState::Failed) {
+    let quality = facts.quality.as_ref();
+    if quality.is_some_and(|quality| quality.state == QualityState::Failed) {
         return Err(MapsUndefined::FailedEnvelope.into());
     }
+    let is_pruned = quality.is_some_and(|quality| quality.method == MaskMethod::TreePruning);
+    let parameters = MapParameters {
+        doubt: is_pruned.then_some(RegionDoubt::PrunedMask),
+        ..MapParameters::STANDARD
+    };
     let head = Head {
         volume,
         depth: &DepthField::new(&geometry::distance_map(envelope)),
         plane: &mirror_plane(facts),
     };
-    let mut maps = analysis::maps(head, &MapParameters::STANDARD)?;
-    let candidates = std::mem::take(&mut maps.candidates);
+    let maps = analysis::maps(head, &parameters)?;
     Ok(CaseMaps {
-        candidates: candidates.iter().map(candidate_facts).collect(),
+        candidates: maps.candidates.iter().map(candidate_facts).collect(),
+        elsewhere: maps.elsewhere.iter().map(candidate_facts).collect(),
+        regions: region_facts(&maps.regions),
         junction_by_depth: maps.depth_bands.iter().map(junction_band_facts).collect(),
         maps: maps.into_maps(),
     })
@@ -122,6 +137,43 @@ fn candidate_facts(candidate: &Candidate) -> CandidateFacts {
         side: patient_side(candidate.side),
         score: candidate.score,
         size_mm: candidate.size_mm,
+        region: match candidate.region {
+            Region::LeftCerebrum | Region::RightCerebrum => BrainRegion::Cerebrum,
+            Region::Cerebellum => BrainRegion::Cerebellum,
+            Region::BrainStem => BrainRegion::BrainStem,
+            Region::LeftDeep | Region::RightDeep => BrainRegion::Deep,
+        },
+        unusual: match candidate.unusual {
+            analysis::Unusual::Yes => Unusual::Yes,
+            analysis::Unusual::Borderline => Unusual::Borderline,
+            analysis::Unusual::No => Unusual::No,
+        },
+    }
+}
+
+fn region_facts(regions: &Regions) -> RegionFacts {
+    let doubts = regions.doubts.iter();
+    RegionFacts {
+        state: if regions.doubts.is_empty() {
+            QualityState::Ok
+        } else {
+            QualityState::Review
+        },
+        reasons: doubts.clone().map(ToString::to_string).collect(),
+        reason_codes: doubts.map(|doubt| doubt.code().to_owned()).collect(),
+        numbers: regions.numbers.map(|numbers| RegionNumbers {
+            cerebrum_ml: numbers.cerebrum_ml,
+            cerebellum_ml: numbers.cerebellum_ml,
+            brain_stem_ml: numbers.brain_stem_ml,
+            cerebellum_symmetry: numbers.cerebellum_symmetry,
+            cerebrum_symmetry: numbers.cerebrum_symmetry,
+            deep_ml: numbers.deep_ml,
+            deep_symmetry: numbers.deep_symmetry,
+            neck_cm2: numbers.neck_cm2,
+            pons_cm2: numbers.pons_cm2,
+            bright_share: numbers.bright_share,
+            fissure_share: numbers.fissure_share,
+        }),
     }
 }
 
@@ -220,6 +272,26 @@ mod tests {
         );
         assert_eq!(reason.code, "failed-envelope");
         assert_eq!(decode_maps(&encode_maps(&none)), Some(none));
+    }
+
+    #[test]
+    fn the_regions_of_a_pruned_mask_are_in_doubt_and_everything_is_cerebrum() {
+        let mut facts = prepared().facts.clone();
+        facts.quality.as_mut().unwrap().method = MaskMethod::TreePruning;
+        let maps = maps(&facts).unwrap();
+        assert_eq!(maps.regions.state, QualityState::Review);
+        assert_eq!(maps.regions.reason_codes[0], "regions-pruned-mask");
+        assert!(
+            maps.regions.reasons[0].contains("tree pruning"),
+            "{:?}",
+            maps.regions
+        );
+        assert_eq!(maps.elsewhere, []);
+        assert!(
+            maps.candidates
+                .iter()
+                .all(|place| place.region == BrainRegion::Cerebrum)
+        );
     }
 
     #[test]

@@ -4,4 +4,4 @@ mod bias;
 mod edges;
 mod heads;
 mod masses;
-mod real;
+pub(crate) mod real;

@@ -14,7 +14,7 @@ use crate::{MapKind, MapsUndefined};
 const CELL_MM: f64 = 5.0;
 
 /// The folder of real heads, from the variable `ISOCORTEX_TEST_DATA`; reports if there is none.
-pub(super) fn data() -> Option<PathBuf> {
+pub(crate) fn data() -> Option<PathBuf> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
     let folder = std::env::var_os("ISOCORTEX_TEST_DATA").map_or(beside, PathBuf::from);
     if folder.join("colin27").is_dir() {
@@ -24,12 +24,12 @@ pub(super) fn data() -> Option<PathBuf> {
     None
 }
 
-pub(super) fn read_volume(path: &Path) -> Volume {
+pub(crate) fn read_volume(path: &Path) -> Volume {
     let bytes = std::fs::read(path).expect("a file of the test data");
     imaging::nifti::read_volume(&bytes, &imaging::Limits::default()).expect("a volume")
 }
 
-pub(super) fn read_mask(path: &Path) -> Mask {
+pub(crate) fn read_mask(path: &Path) -> Mask {
     let bytes = std::fs::read(path).expect("a file of the test data");
     imaging::nifti::read_mask(&bytes, &imaging::Limits::default()).expect("a mask")
 }
@@ -40,7 +40,7 @@ fn scan(folder: &Path) -> Scan {
 }
 
 /// The vertices of a surface in LPS mm, from a GIfTI file that has them first, in RAS, as zipped base 64.
-fn vertices(path: &Path) -> Vec<DVec3> {
+pub(crate) fn vertices(path: &Path) -> Vec<DVec3> {
     let text = std::fs::read_to_string(path).expect("a file of the test data");
     let start = text.find("<Data>").expect("a data array") + "<Data>".len();
     let end = start + text[start..].find("</Data>").expect("its end");

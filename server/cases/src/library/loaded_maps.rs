@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::Arc;
 
-use case::{CandidateFacts, CaseId, JunctionBandFacts, MapName};
+use case::{CandidateFacts, CaseId, JunctionBandFacts, MapName, RegionFacts};
 use geometry::Grid;
 use glam::DAffine3;
 use pipeline::maps::{CaseMaps, NoMaps, map_unit};
@@ -22,8 +22,12 @@ pub struct LoadedMaps {
     key: u128,
     grid: Grid,
     layers: Vec<(MapName, Arc<Layer>)>,
-    /// The most blurred places, the highest value first.
+    /// The most blurred places of the cerebrum, the highest value first.
     pub candidates: Vec<CandidateFacts>,
+    /// The most blurred places elsewhere in the brain, the highest value first.
+    pub elsewhere: Vec<CandidateFacts>,
+    /// The regions of the brain.
+    pub regions: RegionFacts,
     /// How slantwise isosurfaces meet the junction, from the surface inwards.
     pub junction_by_depth: Vec<JunctionBandFacts>,
 }
@@ -32,6 +36,8 @@ impl LoadedMaps {
     /// Takes over the maps of a case; the keys of their layers derive from `key`.
     pub fn new(key: u128, mut maps: CaseMaps) -> Self {
         let candidates = std::mem::take(&mut maps.candidates);
+        let elsewhere = std::mem::take(&mut maps.elsewhere);
+        let regions = maps.regions.clone();
         let junction_by_depth = std::mem::take(&mut maps.junction_by_depth);
         let grid = maps.map(MapName::Blur).grid().clone();
         let layers = maps.into_named().map(|(name, map)| {
@@ -50,6 +56,8 @@ impl LoadedMaps {
             layers: layers.collect(),
             grid,
             candidates,
+            elsewhere,
+            regions,
             junction_by_depth,
         }
     }

@@ -1,12 +1,15 @@
 //! The forest of optimal paths, and its leaks.
 
-use geometry::Mask;
+use geometry::{Mask, face_neighbours, flood};
 
 /// No predecessor: a voxel of the marker.
 const ROOT: u8 = 6;
 
 /// Not reached.
 const NONE: u8 = 7;
+
+/// Out of reach.
+const OUTSIDE: u8 = 8;
 
 /// Paths from the marker to every voxel within reach that minimise the greatest gradient on the path.
 #[derive(Debug)]
@@ -30,33 +33,23 @@ impl Forest {
     /// of equal cost, the first one found.
     pub(super) fn grown(gradient: &[u16], marker: &Mask, reach: &Mask) -> Self {
         let size = marker.grid().size();
-        let mut predecessors = vec![NONE; gradient.len()];
-        let highest = gradient.iter().copied().max().unwrap_or_default();
-        // A voxel is first reached at its least cost, so no voxel moves in the queue.
-        let mut queue = vec![Vec::new(); usize::from(highest) + 1];
+        let within = reach.voxels().iter();
+        let reached = |&is_within: &bool| if is_within { NONE } else { OUTSIDE };
+        let mut predecessors: Vec<u8> = within.map(reached).collect();
+        let mut seeds = Vec::new();
         for (index, &is_marked) in marker.voxels().iter().enumerate() {
             if is_marked {
                 predecessors[index] = ROOT;
-                queue[0].push(index as u32);
+                seeds.push(index as u32);
             }
         }
-        for cost in 0..queue.len() {
-            let mut next = 0;
-            while let Some(&voxel) = queue[cost].get(next) {
-                next += 1;
-                for (direction, neighbour) in neighbours(size, voxel as usize) {
-                    if predecessors[neighbour] == NONE && reach.voxels()[neighbour] {
-                        predecessors[neighbour] = direction ^ 1;
-                        let cost = cost.max(usize::from(gradient[neighbour]));
-                        queue[cost].push(neighbour as u32);
-                    }
-                }
-            }
-        }
+        let level = |index: usize| gradient[index];
+        let back = |_, direction| direction ^ 1;
+        let order = flood(size, level, (&mut predecessors, NONE), seeds, back);
         Self {
             size,
             predecessors,
-            order: queue.concat(),
+            order,
         }
     }
 
@@ -115,7 +108,7 @@ impl Forest {
     /// The reached voxels with a neighbour out of reach or outside the grid.
     fn ends(&self, reach: &Mask) -> Vec<u32> {
         let is_end = |&&voxel: &&u32| {
-            let within = neighbours(self.size, voxel as usize);
+            let within = face_neighbours(self.size, voxel as usize);
             within
                 .filter(|&(_, neighbour)| reach.voxels()[neighbour])
                 .count()
@@ -132,19 +125,4 @@ fn worse_leak(so_far: Leak, here: Leak, gradient: &[u16]) -> Leak {
     } else {
         so_far
     }
-}
-
-/// The neighbours of a voxel that share a face with it, each with the number of its direction; opposite directions
-/// differ in the last bit.
-fn neighbours([nx, ny, nz]: [usize; 3], voxel: usize) -> impl Iterator<Item = (u8, usize)> {
-    let [x, y, z] = [voxel % nx, voxel / nx % ny, voxel / (nx * ny)];
-    let steps = [(x, nx, 1), (y, ny, nx), (z, nz, nx * ny)];
-    steps
-        .into_iter()
-        .zip(0u8..)
-        .flat_map(move |((place, side, step), axis)| {
-            let before = (place > 0).then(|| (2 * axis, voxel - step));
-            let after = (place + 1 < side).then(|| (2 * axis + 1, voxel + step));
-            before.into_iter().chain(after)
-        })
 }

@@ -1,7 +1,7 @@
 //! The maps of a case, or the reason why it has none.
 
 use analysis::{MapKind, StoredMap};
-use case::{CandidateFacts, JunctionBandFacts};
+use case::{CandidateFacts, JunctionBandFacts, RegionFacts};
 use serde::{Deserialize, Serialize};
 
 use super::bytes::Reader;
@@ -16,9 +16,16 @@ struct ObjectHead {
     format: u32,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     undefined: Option<NoMaps>,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    places: Option<Places>,
+}
+
+/// What is stored beside the maps.
+#[derive(Debug, Serialize, Deserialize)]
+struct Places {
     candidates: Vec<CandidateFacts>,
-    #[serde(default)]
+    elsewhere: Vec<CandidateFacts>,
+    regions: RegionFacts,
     junction_by_depth: Vec<JunctionBandFacts>,
 }
 
@@ -27,12 +34,12 @@ pub fn encode_maps(maps: &MapsOrReason) -> Vec<u8> {
     let head = ObjectHead {
         format: MAPS_FORMAT,
         undefined: maps.as_ref().err().cloned(),
-        candidates: maps
-            .as_ref()
-            .map_or_else(|_| Vec::new(), |maps| maps.candidates.clone()),
-        junction_by_depth: maps
-            .as_ref()
-            .map_or_else(|_| Vec::new(), |maps| maps.junction_by_depth.clone()),
+        places: maps.as_ref().ok().map(|maps| Places {
+            candidates: maps.candidates.clone(),
+            elsewhere: maps.elsewhere.clone(),
+            regions: maps.regions.clone(),
+            junction_by_depth: maps.junction_by_depth.clone(),
+        }),
     };
     let head = serde_json::to_vec(&head).expect("numbers and names");
     let mut bytes = Vec::new();
@@ -67,9 +74,12 @@ pub fn decode_maps(payload: &[u8]) -> Option<MapsOrReason> {
         }
         maps.push(map);
     }
+    let places = head.places?;
     Some(Ok(CaseMaps {
         maps,
-        candidates: head.candidates,
-        junction_by_depth: head.junction_by_depth,
+        candidates: places.candidates,
+        elsewhere: places.elsewhere,
+        regions: places.regions,
+        junction_by_depth: places.junction_by_depth,
     }))
 }

@@ -9,7 +9,7 @@
 //! | `mask`, `envelope` | grid, lengths of runs as LEB128: outside, inside, outside, … |
 //! | `forest` | the predecessor codes of the envelope's voxels, in the order of the grid |
 //! | `paths` | N_F, N_P (u16), origin (3 × f32), step, row and greatest depth (f32), rows (u32), the first piece of each row (u32), pieces, residuals of the rows from row to row |
-//! | `maps` | the length of a JSON head (u32) and the head: format, candidates, or why there are no maps; then the length (u32) and the bytes of each map |
+//! | `maps` | the length of a JSON head (u32) and the head: format, candidates and regions, or why there are no maps; then the length (u32) and the bytes of each map |
 //!
 //! Residuals are 16-bit differences from a prediction, folded so that small ones are small numbers (0, −1, 1, −2, …),
 //! low bytes first, then all high bytes: zstd finds little to do in the high ones.

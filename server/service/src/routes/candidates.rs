@@ -11,15 +11,15 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::query::{ApiQuery, Asked, CasePath};
-use case::CandidateFacts;
-use cases::library::MapsState;
+use case::{CandidateFacts, RegionFacts, Unusual};
+use cases::library::{LoadedMaps, MapsState};
 use cases::pictures::{MAPS_OFF, Numbers, check_count, maps_of, ready};
 use cases::profile::{PointProfile, Profile, profile};
 use cases::{Cases, Error};
 use http_support::conditional::{Format, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::{AppError, Problem};
-use pipeline::maps::MAPS_FORMAT;
+use pipeline::maps::{BORDERLINE_FROM, MAPS_FORMAT, UNUSUAL_ABOVE};
 
 const JSON: &str = "application/json";
 const CSV: &str = "text/csv";
@@ -36,6 +36,21 @@ pub struct CandidatesQuery {
     #[serde(default = "default_limit")]
     #[param(minimum = 1, maximum = 60, default = 20)]
     limit: usize,
+    /// Where the places are: in the cerebrum, or in all regions of the brain.
+    #[serde(default)]
+    #[param(inline)]
+    region: RegionAsked,
+}
+
+/// The regions of the brain that are asked about.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+enum RegionAsked {
+    /// The cerebrum.
+    #[default]
+    Cerebrum,
+    /// The cerebellum, the brain stem and what is no cortex as well.
+    All,
 }
 
 fn default_limit() -> usize {
@@ -55,11 +70,27 @@ impl Asked for CandidatesQuery {
 pub struct CandidateList {
     /// Highest first.
     candidates: Vec<CandidateFacts>,
+    /// Whether no place of the cerebrum has an unusual score, or a borderline one. This does not exclude a lesion.
+    nothing_stands_out: bool,
+    /// The limits of unusual scores.
+    limits: ScoreLimits,
+    /// The regions of the brain. If they are in doubt, nothing is left out.
+    regions: RegionFacts,
+}
+
+/// The limits of unusual scores, which belong to the format of the maps.
+#[derive(Debug, Clone, Copy, Serialize, ToSchema)]
+pub struct ScoreLimits {
+    /// Scores above this are unusual.
+    unusual_above: f32,
+    /// Scores from this on are borderline.
+    borderline_from: f32,
 }
 
 /// Places where the junction is less sharp than in its surroundings and on the other side
 ///
-/// Most are normal: they are places to look at, and nothing is detected. As JSON, or with `Accept: text/csv` as CSV.
+/// Most are normal: they are places to look at, and nothing is detected. Each states whether its score is higher than those
+/// of heads without a lesion. The list has the cerebrum alone unless `region=all`. As JSON, or with `Accept: text/csv` as CSV.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/candidates", tag = "layers",
     params(("id" = String, Path, description = "The case"), CandidatesQuery),
@@ -90,8 +121,7 @@ pub async fn get_candidates(
         .revalidated();
     let work = async |_| {
         let maps = maps_of(&cases.library, &id).await?;
-        let candidates = maps.candidates.iter().take(query.limit).copied().collect();
-        let list = CandidateList { candidates };
+        let list = CandidateList::of(&maps, &query);
         let body = match kind {
             CSV => list.csv().into_bytes(),
             _ => json(&list)?,
@@ -106,19 +136,46 @@ fn json(value: &impl Serialize) -> Result<Vec<u8>, AppError> {
 }
 
 impl CandidateList {
+    fn of(maps: &LoadedMaps, query: &CandidatesQuery) -> Self {
+        let stands_out = |candidate: &CandidateFacts| candidate.unusual != Unusual::No;
+        let mut candidates = maps.candidates.clone();
+        if query.region == RegionAsked::All {
+            candidates.extend(&maps.elsewhere);
+            // Stable: of equal ones, those of the cerebrum come first.
+            candidates.sort_by(|a, b| b.score.total_cmp(&a.score));
+        }
+        candidates.truncate(query.limit);
+        Self {
+            candidates,
+            nothing_stands_out: !maps.candidates.iter().any(stands_out),
+            limits: ScoreLimits {
+                unusual_above: UNUSUAL_ABOVE,
+                borderline_from: BORDERLINE_FROM,
+            },
+            regions: maps.regions.clone(),
+        }
+    }
+
     fn csv(&self) -> String {
         let mut text =
-            "rank,left_mm,posterior_mm,superior_mm,depth_mm,side,score,size_mm\r\n".to_owned();
+            "rank,left_mm,posterior_mm,superior_mm,depth_mm,side,score,size_mm,region,unusual\r\n"
+                .to_owned();
         for (rank, candidate) in (1..).zip(&self.candidates) {
             let [x, y, z] = candidate.position_in_patient;
-            let side = candidate.side.name();
+            let [side, region, unusual] = [
+                candidate.side.name(),
+                candidate.region.name(),
+                candidate.unusual.name(),
+            ];
             let CandidateFacts {
                 depth_mm,
                 score,
                 size_mm,
                 ..
             } = candidate;
-            let row = format!("{rank},{x},{y},{z},{depth_mm},{side},{score},{size_mm}\r\n");
+            let row = format!(
+                "{rank},{x},{y},{z},{depth_mm},{side},{score},{size_mm},{region},{unusual}\r\n"
+            );
             text.push_str(&row);
         }
         text

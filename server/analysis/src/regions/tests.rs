@@ -1,0 +1,292 @@
+//! Phantoms whose parts are known, and real heads.
+
+use geometry::{BrainMask, DepthField, Grid, Mask, Volume, cut_envelope, distance_map};
+use glam::{DAffine3, DQuat, DVec3};
+
+use super::phantom::{BrainPhantom, grid};
+use super::{Region, Regions, regions};
+use crate::maps::tissue_of;
+use crate::phantom::{Scan, mirrored};
+
+pub(super) fn of(scan: &Scan) -> Regions {
+    let (block, values, _) = tissue_of(scan.head()).expect("a tissue scale");
+    regions(scan.head(), &block, &values, None)
+}
+
+/// The Dice coefficient of the voxels of some regions with those of the phantom.
+fn dice(phantom: &BrainPhantom, found: &Regions, wanted: &[Region]) -> f64 {
+    let own_from_voxel = phantom.placed.inverse() * found.grid().patient_from_voxel();
+    let (mut both, mut total) = (0u32, 0u32);
+    for (index, &code) in found.codes().iter().enumerate() {
+        let voxel = DVec3::from_array(found.grid().voxel(index).map(|along| along as f64));
+        let Some((truth, value)) = phantom.at(own_from_voxel.transform_point3(voxel)) else {
+            continue;
+        };
+        // Fluid belongs to nobody.
+        if value < -0.8 {
+            continue;
+        }
+        let is_true = wanted.contains(&truth);
+        let found = Region::from_code(code).map(part);
+        let is_found = found.is_some_and(|region| wanted.contains(&region));
+        both += u32::from(is_true && is_found);
+        total += u32::from(is_true) + u32::from(is_found);
+    }
+    2.0 * f64::from(both) / f64::from(total)
+}
+
+const CEREBRUM: [Region; 2] = [Region::LeftCerebrum, Region::RightCerebrum];
+const REMOVED: [Region; 2] = [Region::Cerebellum, Region::BrainStem];
+
+fn check(phantom: &BrainPhantom) {
+    let found = of(&phantom.scan(&grid()));
+    println!("{:.3?}", found.numbers);
+    assert_eq!(found.doubts, [], "{:?}", found.numbers);
+    let whole = [
+        dice(phantom, &found, &CEREBRUM),
+        dice(phantom, &found, &REMOVED),
+    ];
+    let parts = [CEREBRUM, REMOVED]
+        .concat()
+        .iter()
+        .map(|&region| dice(phantom, &found, &[region]))
+        .collect::<Vec<f64>>();
+    println!("{whole:.4?} {parts:.4?}");
+    assert!(whole.iter().all(|dice| *dice >= 0.98), "{whole:?}");
+    assert!(parts[..3].iter().all(|dice| *dice >= 0.98), "{parts:?}");
+    // The peduncles have no border to the stem.
+    assert!(parts[3] >= 0.80, "{parts:?}");
+}
+
+#[test]
+fn the_parts_of_a_phantom_are_found() {
+    check(&BrainPhantom::PLAIN);
+}
+
+/// The share of the voxels of one brain whose region is that of the voxel at the same place of another, which is placed
+/// by `moved`; `as_seen` is what a region becomes there.
+fn agreement(
+    one: &Regions,
+    other: &Regions,
+    moved: DAffine3,
+    as_seen: impl Fn(Region) -> Region,
+) -> f64 {
+    let (mut same, mut count) = (0u32, 0u32);
+    for (index, &code) in one.codes().iter().enumerate() {
+        let Some(region) = Region::from_code(code) else {
+            continue;
+        };
+        let voxel = DVec3::from_array(one.grid().voxel(index).map(|along| along as f64));
+        let place = moved.transform_point3(one.grid().patient_from_voxel().transform_point3(voxel));
+        if let Some(there) = other.at(place) {
+            count += 1;
+            same += u32::from(part(there) == part(as_seen(region)));
+        }
+    }
+    f64::from(same) / f64::from(count)
+}
+
+/// The part of the brain of a region: what is left out of the cerebrum belongs to it.
+fn part(region: Region) -> Region {
+    match region {
+        Region::LeftDeep => Region::LeftCerebrum,
+        Region::RightDeep => Region::RightCerebrum,
+        other => other,
+    }
+}
+
+fn mirrored_region(region: Region) -> Region {
+    match region {
+        Region::LeftCerebrum => Region::RightCerebrum,
+        Region::RightCerebrum => Region::LeftCerebrum,
+        Region::LeftDeep => Region::RightDeep,
+        Region::RightDeep => Region::LeftDeep,
+        other => other,
+    }
+}
+
+/// Turned about all three axes, and moved.
+fn turned(degrees: [f64; 3]) -> DAffine3 {
+    let [x, y, z] = degrees.map(f64::to_radians);
+    let turn = DQuat::from_rotation_z(z) * DQuat::from_rotation_y(y) * DQuat::from_rotation_x(x);
+    DAffine3::from_rotation_translation(turn, DVec3::new(3.3, -5.4, 2.7))
+}
+
+#[test]
+fn the_parts_turn_and_mirror_with_a_phantom_that_is_sampled_again() {
+    let plain = of(&BrainPhantom::PLAIN.scan(&grid()));
+    let around = grid().block([-25, -10, -25], [200, 210, 200]).unwrap();
+    for (moved, is_mirrored) in [
+        (turned([12.0, 0.0, 0.0]), false),
+        (turned([-6.0, 7.0, -8.0]), false),
+        (mirrored(), true),
+    ] {
+        let phantom = BrainPhantom {
+            placed: moved * BrainPhantom::PLAIN.placed,
+            ..BrainPhantom::PLAIN
+        };
+        let found = of(&phantom.scan(&around));
+        assert_eq!(found.doubts, []);
+        let as_seen = |region| {
+            if is_mirrored {
+                mirrored_region(region)
+            } else {
+                region
+            }
+        };
+        let same = agreement(&plain, &found, moved, as_seen);
+        println!("{same:.5}");
+        // Other noise, and voxels between the others: a third of a voxel along every border.
+        assert!(same >= 0.995, "{same}");
+    }
+}
+
+/// The same voxels with another affine.
+fn placed(volume: &Volume, mask: &Mask, moved: DAffine3) -> Scan {
+    let at = |grid: &Grid| Grid::new(grid.size(), moved * grid.patient_from_voxel()).unwrap();
+    let there = Volume::new(
+        at(volume.grid()),
+        volume.voxels().to_vec(),
+        volume.rescale(),
+    )
+    .unwrap();
+    Scan::new(
+        there,
+        &Mask::new(at(mask.grid()), mask.voxels().to_vec()).unwrap(),
+    )
+}
+
+#[test]
+fn the_parts_turn_and_mirror_with_the_voxels() {
+    let scan = BrainPhantom::PLAIN.scan(&grid());
+    let mask = BrainPhantom::PLAIN.mask(&grid());
+    let agreements = check_moved(&scan.volume, &mask);
+    assert!(
+        agreements.iter().all(|same| *same >= 0.999),
+        "{agreements:?}"
+    );
+}
+
+/// The shares of voxels that keep their regions in turned and mirrored heads.
+pub(super) fn check_moved(volume: &Volume, mask: &Mask) -> Vec<f64> {
+    let mut agreements = Vec::new();
+    let plain = of(&placed(volume, mask, DAffine3::IDENTITY));
+    assert_eq!(plain.doubts, []);
+    for (moved, is_mirrored) in [
+        (turned([25.0, 0.0, 0.0]), false),
+        (turned([-9.0, 6.0, 14.0]), false),
+        (mirrored(), true),
+    ] {
+        let found = of(&placed(volume, mask, moved));
+        assert_eq!(found.doubts, []);
+        let as_seen = |region| {
+            if is_mirrored {
+                mirrored_region(region)
+            } else {
+                region
+            }
+        };
+        let same = agreement(&plain, &found, moved, as_seen);
+        println!("{same:.5}");
+        agreements.push(same);
+    }
+    agreements
+}
+
+#[test]
+fn a_head_turned_by_thirty_degrees_is_divided_right_and_hydrocephalus_and_a_mass_are_or_are_doubted()
+ {
+    let widened = |half_axes_mm: [f64; 3]| BrainPhantom {
+        ventricles_mm: DVec3::from_array(half_axes_mm),
+        ..BrainPhantom::PLAIN
+    };
+    let mass = BrainPhantom {
+        mass: Some((DVec3::new(38.0, 30.0, 20.0), 24.0)),
+        ..BrainPhantom::PLAIN
+    };
+    let pitched = BrainPhantom {
+        placed: turned([30.0, 0.0, 0.0]) * BrainPhantom::PLAIN.placed,
+        ..BrainPhantom::PLAIN
+    };
+    let around = grid().block([-10, -10, -25], [170, 210, 200]).unwrap();
+    for (phantom, may_doubt) in [
+        (mass, true),
+        (pitched, false),
+        (widened([11.0, 45.0, 16.0]), false),
+        (widened([20.0, 52.0, 24.0]), true),
+    ] {
+        let found = of(&phantom.scan(&around));
+        let whole = [
+            dice(&phantom, &found, &CEREBRUM),
+            dice(&phantom, &found, &REMOVED),
+        ];
+        println!("{whole:.4?} {:.3?} {:?}", found.numbers, found.doubts);
+        let is_right = found.doubts.is_empty() && whole.iter().all(|dice| *dice >= 0.98);
+        let is_doubted = !found.doubts.is_empty() && nothing_is_taken_off(&found);
+        assert!(
+            is_right || (may_doubt && is_doubted),
+            "{whole:?} {:?}",
+            found.doubts
+        );
+    }
+}
+
+/// What a doubtful brain is: all cerebrum.
+fn nothing_is_taken_off(found: &Regions) -> bool {
+    found
+        .codes()
+        .iter()
+        .all(|&code| code <= Region::RightCerebrum as u8)
+}
+
+#[test]
+fn half_a_brain_is_doubted_and_nothing_is_taken_off() {
+    let phantom = BrainPhantom {
+        has_right_half: false,
+        ..BrainPhantom::PLAIN
+    };
+    let found = of(&phantom.scan(&grid()));
+    println!("{:.3?} {:?}", found.numbers, found.doubts);
+    assert!(!found.doubts.is_empty());
+    assert!(nothing_is_taken_off(&found));
+}
+
+#[test]
+fn a_brain_without_a_fissure_is_doubted() {
+    let phantom = BrainPhantom {
+        fissure_mm: -20.0,
+        ..BrainPhantom::PLAIN
+    };
+    let found = of(&phantom.scan(&grid()));
+    println!("{:.3?} {:?}", found.numbers, found.doubts);
+    assert!(
+        found
+            .doubts
+            .iter()
+            .any(|doubt| doubt.code() == "no-fissure"),
+        "{:?}",
+        found.doubts
+    );
+    assert!(nothing_is_taken_off(&found));
+}
+
+#[test]
+fn a_volume_that_ends_within_the_cerebellum_is_doubted() {
+    let whole = grid();
+    for lost in [25, 32, 45] {
+        let size = whole.size();
+        let cut = whole
+            .block([0, 0, lost], [size[0], size[1], size[2] - lost as usize])
+            .unwrap();
+        let mut scan = BrainPhantom::PLAIN.scan(&cut);
+        let brain = BrainMask::from_mask(&BrainPhantom::PLAIN.mask(&cut), &cut).unwrap();
+        let envelope = cut_envelope(&brain, 10.0, &brain.cut_by(&scan.volume).cuts).unwrap();
+        scan.depth = DepthField::new(&distance_map(&envelope));
+        let found = of(&scan);
+        println!("{lost}: {:.3?} {:?}", found.numbers, found.doubts);
+        assert!(
+            !found.doubts.is_empty() && nothing_is_taken_off(&found),
+            "{lost}"
+        );
+    }
+}
