@@ -90,6 +90,14 @@ export class Aids {
     ask().catch((problem: unknown) => this.#listener.complain(problem));
   }
 
+  /** A close-up with layers has the case itself beside them, each with its own window. */
+  paired(state: ViewState): ViewState {
+    if (state.layout !== "closer") return state;
+    const hasLayers = state.layer !== null || state.overlay !== null;
+    if (hasLayers === (state.beside !== null) && !state.swipe) return state;
+    return { ...state, beside: hasLayers ? (state.beside ?? this.#own(state)) : null, swipe: null };
+  }
+
   /** The state as it is drawn: as `#shownOf`, and with the outline of a place that the map leaves out. */
   drawable(state: ViewState): ViewState {
     const drawn = this.#shownOf(state);
@@ -137,6 +145,20 @@ export class Aids {
       const value = one && !one.moved ? this.#filled?.layers.valueAt(one.id, position) : undefined;
       return one && value !== undefined ? [{ name: one.name, value }] : [];
     });
+  }
+
+  /** Goes to another place of the list. */
+  async step(steps: number): Promise<void> {
+    try {
+      await (await this.load()).maps.step(steps);
+    } catch (problem) {
+      this.#listener.complain(problem);
+    }
+  }
+
+  /** Where the chart of the marked point stands, if it is not the usual place. */
+  get chart(): HTMLElement | null {
+    return this.#filled?.maps.chart ?? null;
   }
 
   /** Follows a command if it is one about layers. */

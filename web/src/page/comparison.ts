@@ -94,7 +94,7 @@ export class Comparison {
     const state = this.#state;
     if (!state) return;
     const layout = isMirrored(state) ? "both" : "slices";
-    const needsSlices = !state.has_edges && !hasSlices(state);
+    const needsSlices = !state.has_edges && !hasSlices(state) && state.layout !== "closer";
     this.#actions.change({ has_edges: !state.has_edges, ...(needsSlices && { layout }) }, true);
   }
 
