@@ -1,6 +1,7 @@
 // Two layers side by side: two halves with one camera, one depth and one cross.
 
 import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
 import { after, before, test } from "node:test";
 
 import type { Browser, Page } from "playwright-core";
@@ -332,6 +333,16 @@ test(
     assert.equal(sameOwn, ownWindow);
     assert.notEqual(layerWindow, w);
     await keep(page, "closer");
+    // What is saved are the panes of the close-up; keys that divide other layouts do nothing.
+    for (const key of ["p", "w", "v"]) await page.keyboard.press(key);
+    await drawn(4);
+    assert.deepEqual(await windows(), [layerWindow, sameOwn]);
+    const waiting = page.waitForEvent("download");
+    await page.locator(".panel .group", { hasText: "Save and share" }).locator("summary").first().click();
+    await page.getByRole("button", { name: "Save picture" }).click();
+    const png = await readFile(await (await waiting).path());
+    const bright = await brightest(page, png, 200);
+    assert.ok(bright && bright.count > 1000, "the ball is in the picture");
     // The address opens the same, and z goes back to what was before.
     await page.keyboard.press("z");
     const { l, t } = await fragment(page);
