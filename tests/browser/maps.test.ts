@@ -318,6 +318,19 @@ test(
       assert.equal(await until(openRank, (now) => now === rank), rank);
     }
     assert.equal((await fragment(page)).l, "slices");
+    // The maps come first, then what is marked; the six views are a row of letters.
+    const titles = await page.locator(".panel .group > summary").allInnerTexts();
+    assert.deepEqual(titles.slice(0, 5), [
+      "Grey–white boundary",
+      "Point and depth profile",
+      "Window",
+      "Layers",
+      "View",
+    ]);
+    const letters = page.locator(".letters button");
+    assert.deepEqual(await letters.allInnerTexts(), ["L", "R", "A", "P", "S", "I"]);
+    const tops = await letters.evaluateAll((all) => all.map((one) => one.getBoundingClientRect().top));
+    assert.equal(new Set(tops).size, 1, "they are one row");
     // A mark that is set elsewhere closes the place; its chart stands with the point again.
     await page.keyboard.press("Enter");
     await page.getByRole("button", { name: "Mark the centre" }).click();

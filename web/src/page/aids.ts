@@ -36,6 +36,8 @@ export interface AidsListener {
   redraw(): void;
   announce(words: string): void;
   complain(problem: unknown): void;
+  /** The chart of the marked point stands here; null: where it usually does. */
+  chart(place: HTMLElement | null): void;
 }
 
 interface Filled {
@@ -154,11 +156,6 @@ export class Aids {
     } catch (problem) {
       this.#listener.complain(problem);
     }
-  }
-
-  /** Where the chart of the marked point stands, if it is not the usual place. */
-  get chart(): HTMLElement | null {
-    return this.#filled?.maps.chart ?? null;
   }
 
   /** Follows a command if it is one about layers. */
@@ -287,7 +284,10 @@ export class Aids {
     const parts = await later();
     const { actions } = this.#listener;
     const layers = new parts.CaseLayers(this.#shown.id, (list) => this.#hear(list));
-    const maps = new parts.MapsSection(this.#shown, layers, actions);
+    const maps = new parts.MapsSection(this.#shown, layers, {
+      ...actions,
+      chart: (place) => this.#listener.chart(place),
+    });
     const added = new parts.LayersSection(this.#shown, layers, {
       grey: (id) => this.grey(id),
       colours: (id) => this.colours(id),

@@ -14,11 +14,16 @@ import type { CaseLayers } from "./case-layers.ts";
 import { button, choiceOfButtons, line, press, row } from "./fields.ts";
 import { PlacesTable } from "./places-table.ts";
 
+interface MapsActions extends Actions {
+  /** The chart of the marked point stands here; null: where it usually does. */
+  chart(place: HTMLElement | null): void;
+}
+
 export class MapsSection {
   readonly element: HTMLElement;
   readonly #shown: ReadyCase;
   readonly #layers: CaseLayers;
-  readonly #actions: Actions;
+  readonly #actions: MapsActions;
   readonly #names: HTMLElement;
   readonly #about = h("p", { class: "quiet", hidden: true });
   readonly #status = h("p", { class: "quiet maps-status", id: "maps-status", role: "status", hidden: true });
@@ -40,7 +45,7 @@ export class MapsSection {
   #candidates: readonly Candidate[] = [];
   #state: ViewState | null = null;
 
-  constructor(shown: ReadyCase, layers: CaseLayers, actions: Actions) {
+  constructor(shown: ReadyCase, layers: CaseLayers, actions: MapsActions) {
     this.#shown = shown;
     this.#layers = layers;
     this.#actions = actions;
@@ -146,18 +151,15 @@ export class MapsSection {
 
   /** Opens the place that is gone to. */
   #mark(): void {
-    this.#places.open(this.#markedPlace(this.#state) ?? null);
+    const place = this.#markedPlace(this.#state) ?? null;
+    this.#places.open(place);
+    this.#actions.chart(place && this.#places.chart);
   }
 
   /** Goes to the next place or to the one before; the first time, to the first. */
   async step(steps: number): Promise<void> {
     if (!this.#places.isFilled) await this.#askForCandidates();
     this.#places.step(steps);
-  }
-
-  /** Where the chart of the marked point stands, if that is a listed place. */
-  get chart(): HTMLElement | null {
-    return this.#places.isOpen ? this.#places.chart : null;
   }
 
   /** The listed place at the marked point. */

@@ -53,11 +53,6 @@ export class PlacesTable {
     return this.#places.length > 0;
   }
 
-  /** Whether a place is open, with its chart. */
-  get isOpen(): boolean {
-    return this.#open !== null;
-  }
-
   fill(places: readonly Candidate[]): void {
     this.#places = places;
     this.#open = null;

@@ -17,8 +17,8 @@ import { positionWords, valueWords } from "../base/readout.ts";
 import type { Closer } from "../panes/closer.ts";
 import { SliceGroup } from "../panes/slice-group.ts";
 import type { SliceListener } from "../panes/slice-parts.ts";
-import type { SurfaceStatus } from "../panes/surface.ts";
-import { SurfacePane } from "../panes/surface-pane.ts";
+import type { Surface, SurfaceStatus } from "../panes/surface.ts";
+import { SurfacePane, type SurfacePaneListener } from "../panes/surface-pane.ts";
 import type { Actions } from "./actions.ts";
 import { Aids } from "./aids.ts";
 import { AddressFollower } from "./address.ts";
@@ -68,6 +68,8 @@ export class Viewer {
   #moving = false;
   #timerShown = false;
   #disposed = false;
+  /** Whether somebody else has the surface now. */
+  #isReleased = false;
 
   constructor(shown: ReadyCase, rest: string, host: ViewerHost) {
     this.shown = shown;
@@ -90,13 +92,15 @@ export class Viewer {
     this.#onDemand = this.#makeOnDemand();
     const redraw = (): void => this.#schedule();
     const complain = (problem: unknown): void => this.#notices.complain(problem);
-    this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain });
+    const chart = (place: HTMLElement | null): void => this.panel.point.stand(place);
+    this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain, chart });
     const linking = linkedZoom(host.preferences().linked_zoom, (linked_zoom) => {
       host.choose({ linked_zoom });
       if (linked_zoom) this.#slices.link();
     });
     this.panel = new Panel(shown, actions, {
-      aids: this.#aids.elements,
+      maps: this.#aids.elements[0],
+      layers: this.#aids.elements[1],
       drawing: [linking],
       last: this.#onDemand.sections(this.#sweep),
     });
@@ -298,6 +302,12 @@ export class Viewer {
     this.#address.replace();
   }
 
+  /** Hands over what draws the case; the viewer itself is done with. */
+  release(): Surface {
+    this.#isReleased = true;
+    return this.#surface.surface;
+  }
+
   dispose(): void {
     this.#disposed = true;
     this.#stopSweep();
@@ -305,7 +315,8 @@ export class Viewer {
     cancelAnimationFrame(this.#frame);
     this.#loadAbort.abort();
     this.#observer.disconnect();
-    for (const part of [this.#slices, this.#closer, this.#aids, this.#surface.surface, this.#onDemand]) part?.dispose();
+    for (const part of [this.#slices, this.#closer, this.#aids, this.#onDemand]) part?.dispose();
+    if (!this.#isReleased) this.#surface.surface.dispose();
     for (const { element } of [this, this.panel]) element.remove();
   }
 
@@ -331,7 +342,7 @@ export class Viewer {
   }
 
   #surfacePane(): SurfacePane {
-    return new SurfacePane(this.shown, this.#host.serverOnly, {
+    const listener = {
       state: () => this.#state,
       hands: () => this.#host.preferences(),
       change: (change) => this.#change(change),
@@ -343,7 +354,8 @@ export class Viewer {
         if (!busy) this.#schedule();
       },
       status: (status) => this.#onStatus(status),
-    });
+    } satisfies SurfacePaneListener;
+    return new SurfacePane(this.shown, this.#host.serverOnly, listener, this.#host.surface);
   }
 
   /** Shows the state before, or the one that was undone. */
@@ -375,7 +387,6 @@ export class Viewer {
   /** Shows the state in the controls at once, and in the panes with the next frame. */
   #apply(change: Change): void {
     for (const controls of [this.panel, this.#aids]) controls.show(this.#state);
-    this.panel.point.stand(this.#aids.chart);
     this.panel.showHistory(this.#history);
     this.#depthBar.show(this.#state.depth_mm, this.#sweep.isRunning);
     this.#panes.dispatchEvent(new CustomEvent("view", { detail: this.#state }));
