@@ -353,6 +353,11 @@ test(
     await pane("axial", "here").focus();
     await page.keyboard.press("Escape");
     assert.notEqual((await fragment(page)).l, "closer");
+    // An address may name a layer and no halves: a layer never stands where the case itself is said to be.
+    await page.goto("about:blank");
+    await page.goto(`${server.address}?renderer=server#${id}&l=closer&y=${flair}&x=${MARK.join()}`);
+    await drawn(4);
+    await page.keyboard.press("z");
     // Without a mark there is nothing to look at.
     await page.getByRole("button", { name: "Remove the mark" }).click();
     await page.locator(".layouts button[value=closer]").click();

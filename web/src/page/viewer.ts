@@ -127,6 +127,7 @@ export class Viewer {
     this.#observer = new ResizeObserver(redraw);
     for (const { element } of [this.#surface, this.#slices]) this.#observer.observe(element);
     this.#notices.unread(unread);
+    this.#state = this.#aids.paired(state);
     this.#apply({});
   }
 
@@ -369,7 +370,7 @@ export class Viewer {
   #take(state: ViewState): void {
     this.#stopSweep();
     this.#picked = null;
-    this.#state = state;
+    this.#state = this.#aids.paired(state);
     this.#apply({});
   }
 
