@@ -1,14 +1,17 @@
 // Two layers side by side: two halves with one camera, one depth and one cross.
 
 import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
 import { after, before, test } from "node:test";
 
 import type { Browser, Page } from "playwright-core";
 
+import { violations } from "./axe.ts";
 import { brainMask, isBrain, markedVolume, nifti } from "./phantom.ts";
 import { agreement, bare, canvasSize, show } from "./pixels.ts";
 import {
   type Server,
+  brightest,
   fragment,
   keep,
   launchBrowser,
@@ -29,6 +32,8 @@ let flair: string;
 let pet: string;
 
 const FLAIR = nifti((x, y, z) => (isBrain(x, y, z) ? Math.round(600 + 300 * Math.sin(x / 7) * Math.cos(z / 9)) : 0));
+/** Where the bright ball is: on the patient's right, LPS mm. */
+const MARK = [-38, 0, 0] as const;
 const PET = nifti((x, y, z) => (isBrain(x, y, z) ? Math.round(500 + 400 * Math.sin(y / 12)) : 0));
 
 before(
@@ -236,3 +241,129 @@ test("the left half has a layer in colours; once that is deleted, it shows the c
   assert.deepEqual(troubles, []);
   await context.close();
 });
+
+test(
+  "z looks closer: 60 mm around the mark, the other side flipped, the layer beside the case with a window of its own",
+  { skip, timeout: 600_000 },
+  async () => {
+    const { page, troubles, context } = await openPage(browser);
+    const [x = 0, y = 0, z = 0] = MARK;
+    await page.goto(`${server.address}?renderer=server#${id}&l=both&w=650,701&x=${MARK.join()}`);
+    await shown(page);
+    const drawn = async (columns: number): Promise<void> => {
+      await page.waitForFunction(
+        (count) => document.querySelectorAll(".closer .slice[data-position] .slice-image > *").length === count,
+        3 * columns,
+      );
+    };
+    await page.locator("#surface").focus();
+    await page.keyboard.press("z");
+    await drawn(2);
+    assert.deepEqual(await violations(page), []);
+    const pane = (plane: string, name: string): ReturnType<Page["locator"]> =>
+      page.locator(`.closer .slice.${plane}.${name}`);
+    // The scale: the smaller side of a pane is 60 mm.
+    const frame = await pane("axial", "here").locator(".slice-view").boundingBox();
+    const line = await pane("axial", "here").locator(".scale-line").boundingBox();
+    const mm = Number.parseInt(await pane("axial", "here").locator(".scale-text").innerText(), 10);
+    assert.ok(frame && line);
+    const field_mm = (Math.min(frame.width, frame.height) / line.width) * mm;
+    assert.ok(Math.abs(field_mm - 60) < 1, String(field_mm));
+    // Each pane says its side, and its letters are those of what it shows.
+    const letters = async (plane: string, name: string): Promise<string> =>
+      (await pane(plane, name).locator(".edge").allInnerTexts()).join(" ");
+    const side = (plane: string, name: string): Promise<string> => pane(plane, name).locator(".badge").innerText();
+    for (const plane of ["axial", "coronal"]) {
+      assert.match(await letters(plane, "here"), /^R L /);
+      assert.match(await letters(plane, "opposite"), /^L R /);
+    }
+    assert.match(await letters("sagittal", "opposite"), /^A P /);
+    for (const plane of ["axial", "coronal", "sagittal"]) {
+      assert.equal(await side(plane, "here"), "Right");
+      assert.equal(await side(plane, "opposite"), "Left (flipped)");
+      // What is bright on the right is in the middle of the marked side's slice alone.
+      const middle = async (name: string): Promise<number> => {
+        const clip = await pane(plane, name).locator(".slice-view").boundingBox();
+        assert.ok(clip);
+        const [across, down] = [clip.x + clip.width / 2 - 4, clip.y + clip.height / 2 - 4];
+        const png = await page.screenshot({ clip: { x: across, y: down, width: 8, height: 8 } });
+        return (await brightest(page, png, 200))?.count ?? 0;
+      };
+      const bright = await until(
+        () => middle("here"),
+        (count) => count > 30,
+        20,
+      );
+      await keep(page, `closer-${plane}`);
+      assert.ok(bright > 30, `${plane}: ${bright}`);
+      assert.equal(await middle("opposite"), 0, plane);
+    }
+    // A click on the other side puts the mark at its mirror image, and the panes stay.
+    const other = await pane("axial", "opposite").locator(".slice-view").boundingBox();
+    assert.ok(other);
+    const scale_mm = mm / line.width;
+    await page.mouse.click(other.x + other.width / 2 + 20, other.y + other.height / 2);
+    const [mx = 0, my = 0, mz = 0] = ((await fragment(page)).x ?? "").split(",").map(Number);
+    assert.ok(Math.abs(mx - (x + 20 * scale_mm)) < 1.5 && Math.abs(my - y) < 1.5 && Math.abs(mz - z) < 1.5, `${mx}`);
+    await page.keyboard.press("Control+z");
+    // The layer beside the case: its window is not the case's.
+    await page.keyboard.press("l");
+    await drawn(4);
+    assert.match(await pane("axial", "here-layer").locator(".pane-title").innerText(), /FLAIR/);
+    assert.match(await pane("axial", "here").locator(".pane-title").innerText(), /T1/);
+    const windows = async (): Promise<(string | undefined)[]> => {
+      const { w, tw } = await fragment(page);
+      return [w, tw];
+    };
+    const drag = async (name: string): Promise<void> => {
+      const box = await pane("axial", name).locator(".slice-view").boundingBox();
+      assert.ok(box);
+      await page.mouse.move(box.x + 30, box.y + 30);
+      await page.mouse.down({ button: "right" });
+      await page.mouse.move(box.x + 60, box.y + 30, { steps: 3 });
+      await page.mouse.up({ button: "right" });
+    };
+    const [w, tw] = await windows();
+    await drag("opposite");
+    const [sameLayer, ownWindow] = await windows();
+    assert.equal(sameLayer, w);
+    assert.notEqual(ownWindow, tw);
+    await drag("here-layer");
+    const [layerWindow, sameOwn] = await windows();
+    assert.equal(sameOwn, ownWindow);
+    assert.notEqual(layerWindow, w);
+    await keep(page, "closer");
+    // What is saved are the panes of the close-up; keys that divide other layouts do nothing.
+    for (const key of ["p", "w", "v"]) await page.keyboard.press(key);
+    await drawn(4);
+    assert.deepEqual(await windows(), [layerWindow, sameOwn]);
+    const waiting = page.waitForEvent("download");
+    await page.locator(".panel .group", { hasText: "Save and share" }).locator("summary").first().click();
+    await page.getByRole("button", { name: "Save picture" }).click();
+    const png = await readFile(await (await waiting).path());
+    const bright = await brightest(page, png, 200);
+    assert.ok(bright && bright.count > 1000, "the ball is in the picture");
+    // The address opens the same, and z goes back to what was before.
+    await page.keyboard.press("z");
+    const { l, t } = await fragment(page);
+    assert.deepEqual([l, t], ["both", undefined]);
+    await page.goBack();
+    await drawn(4);
+    assert.equal((await fragment(page)).l, "closer");
+    await pane("axial", "here").focus();
+    await page.keyboard.press("Escape");
+    assert.notEqual((await fragment(page)).l, "closer");
+    // An address may name a layer and no halves: a layer never stands where the case itself is said to be.
+    await page.goto("about:blank");
+    await page.goto(`${server.address}?renderer=server#${id}&l=closer&y=${flair}&x=${MARK.join()}`);
+    await drawn(4);
+    await page.keyboard.press("z");
+    // Without a mark there is nothing to look at.
+    await page.getByRole("button", { name: "Remove the mark" }).click();
+    await page.locator(".layouts button[value=closer]").click();
+    await page.waitForFunction(() => /Mark a point first/.test(document.querySelector("#live")?.textContent ?? ""));
+    assert.notEqual((await fragment(page)).l, "closer");
+    assert.deepEqual(troubles, []);
+    await context.close();
+  },
+);

@@ -75,6 +75,10 @@ async function drop(files: readonly { name: string; bytes: Buffer }[]): Promise<
 
 test("an empty server asks for a case; a file that is no volume is refused in words", { skip }, async () => {
   await page.waitForSelector("#add[open]");
+  // The empty stage is where files are dropped or chosen.
+  const chosen = page.waitForEvent("filechooser");
+  await page.locator(".start").getByRole("button", { name: "Choose files" }).click();
+  await chosen;
   assert.match(await page.locator("#cases-note").innerText(), /None yet/);
   // What cannot be a volume is named before anything is sent.
   const report = { name: "report.pdf", mimeType: "application/pdf", buffer: Buffer.from("%PDF") };
@@ -93,6 +97,7 @@ test("an empty server asks for a case; a file that is no volume is refused in wo
 });
 
 test("a volume and its mask that are dropped become a case, which is shown when it is ready", { skip }, async () => {
+  assert.equal(await page.locator(".start").isVisible(), true);
   let sent = "";
   page.on("request", (request) => {
     if (request.method() === "POST") sent = request.postData() ?? "";

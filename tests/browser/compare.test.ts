@@ -93,8 +93,19 @@ test("the page leads to two cases, which are linked in angle, depth, point and w
   await shown(page);
   await page.locator(".bar > a").click();
   // The token was handed on: nobody is asked a second time, neither here nor in the frames.
+  let release = (): void => {};
+  const held = new Promise<void>((resolve) => (release = resolve));
+  await page.route(`**/v1/cases/${later}`, async (route) => {
+    await held;
+    await route.continue();
+  });
   await page.locator("#compare-right").selectOption(later);
+  const note = page.locator(".side-note");
+  await note.last().waitFor();
+  assert.equal(await note.last().innerText(), "Opening the case …");
+  release();
   await page.waitForSelector("body[data-linked=true]");
+  assert.equal(await note.count(), 0);
   assert.match(await page.locator(".verdict").innerText(), /^Same head, registered: 8\.\d mm, 0\.\d°$/);
   assert.deepEqual(await page.evaluate(() => ({ ...sessionStorage })), {});
   const [left, right] = frames(page);
@@ -151,6 +162,16 @@ test("the page leads to two cases, which are linked in angle, depth, point and w
   assert.equal(await said(right, "d", () => true), "16");
   await page.locator("#linked").check();
   assert.equal(await said(right, "d", (text) => text === "9"), "9");
+  // What can be chosen follows the server's list.
+  const change = { method: "PATCH", body: '{"name":"Renamed scan"}', headers: { authorization: `Bearer ${TOKEN}` } };
+  await fetch(new URL(`v1/cases/${later}`, server.address), change);
+  const offered = (): Promise<string[]> => page.locator("#compare-left option").allInnerTexts();
+  const names = await until(offered, (now) => now.some((one) => one.startsWith("Renamed scan")), 30);
+  assert.ok(
+    names.some((one) => one.startsWith("Renamed scan")),
+    names.join(),
+  );
+  assert.equal(await page.locator("#compare-right").inputValue(), later, "what was chosen stays");
   // The token was asked for: the browser says so.
   assert.ok(
     troubles.every((trouble) => trouble.includes("401")),

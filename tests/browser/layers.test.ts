@@ -215,7 +215,10 @@ test(
     await page.locator("#surface").focus();
     await page.keyboard.press("Enter");
     await page.waitForSelector(".chart .curve.layer");
-    assert.equal(await page.textContent(".junction-width"), "Width of the junction: 2.3 mm, mirrored under 1 mm");
+    assert.equal(
+      await page.textContent(".junction-width"),
+      "Width of the grey–white boundary: 2.3 mm, mirrored under 1 mm",
+    );
     assert.equal(await page.locator(".chart .curve.layer.own").count(), 2, "labels have no curve");
     assert.equal(await page.locator(".chart .curve.layer.other").count(), 2);
     const legend = await page.locator(".legend .layer").allTextContents();

@@ -16,6 +16,7 @@ import {
 } from "../../web/src/model/maps.ts";
 import { NAMED_VIEWS, mirrored } from "../../web/src/model/camera.ts";
 import type { MirrorPlane, Sphere } from "../../web/src/model/case.ts";
+import { violations } from "./axe.ts";
 import { agreement, bare, canvasSize, show } from "./pixels.ts";
 import {
   type Server,
@@ -242,22 +243,33 @@ test(
     await shown(page);
     await seen(page, "blur");
     await page.getByRole("button", { name: "List places to look at" }).click();
-    await page.waitForSelector(".candidates li");
+    await page.waitForSelector(".candidates tr.place");
     const { candidates } = (await (
       await fetch(new URL(`v1/cases/${id}/candidates?limit=20`, server.address))
     ).json()) as { candidates: { position_in_patient: number[]; depth_mm: number; side: string; score: number }[] };
-    assert.equal(await page.locator(".candidates li").count(), candidates.length);
-    assert.match((await page.textContent(".candidates-warning")) ?? "", /most are normal/);
+    assert.equal(await page.locator(".candidates tr.place").count(), candidates.length);
+    assert.equal(await page.locator(".candidates-warning summary").innerText(), "Most of these places are normal.");
     assert.doesNotMatch((await page.textContent(".panel")) ?? "", /lesion|detect/i);
-    for (const [at, button] of [
-      [0, ".candidate"],
-      [1, "button:nth-of-type(2)"],
-      [2, "button:nth-of-type(3)"],
+    const rows = await page.locator(".candidates tr.place").evaluateAll((all) => all.map((one) => one.clientHeight));
+    assert.ok(
+      rows.every((height) => height <= 32),
+      rows.join(),
+    );
+    assert.equal(await page.locator(".candidates .candidate[tabindex='0']").count(), 1, "one stop of the tabulator");
+    for (const [at, beside] of [
+      [0, ""],
+      [1, "With slices"],
+      [2, "Mirror"],
     ] as const) {
       const wanted = candidates[at];
       assert.ok(wanted);
-      const item = page.locator(".candidates li").nth(at);
-      await item.locator(button).click();
+      const item = page.locator(".candidates tr.place").nth(at);
+      const dot = item.locator(".dot");
+      assert.equal(await dot.getAttribute("aria-label"), "not looked at yet");
+      // The whole row is to be clicked on.
+      await item.locator("td").nth(2).click();
+      if (beside) await page.locator(".candidates .why").getByRole("button", { name: beside, exact: true }).click();
+      assert.equal(await dot.getAttribute("aria-label"), "looked at");
       const { x, d, l } = await fragment(page);
       assert.deepEqual(
         x?.split(",").map(Number),
@@ -272,8 +284,59 @@ test(
       await page.waitForSelector("canvas.cortex[data-quality=full]");
       await keep(page, `candidate-${at + 1}`);
     }
+    // Why it is listed: four bars of one scale, the widest of which is full; beside them its chart.
+    const why = page.locator(".candidates .why");
+    const bars = why.locator(".why-bars meter");
+    assert.equal(
+      await until(
+        () => bars.count(),
+        (count) => count === 4,
+      ),
+      4,
+    );
+    const shares = await bars.evaluateAll((all) => all.map((one) => (one as HTMLMeterElement).value));
+    assert.ok(Math.max(...shares) === 1 && (shares[0] ?? 1) < Math.min(...shares.slice(1)), shares.join());
+    await why.locator(".place-chart .chart").waitFor();
+    const [axis, chart] = [
+      await why.locator(".chart .tick.middle").last().boundingBox(),
+      await why.locator(".chart").boundingBox(),
+    ];
+    assert.ok(axis && chart && axis.y > chart.y + 0.8 * chart.height, "its depths are written below it");
+    assert.deepEqual(await violations(page), []);
     await page.keyboard.press("Control+z");
     assert.equal((await fragment(page)).l, "slices");
+    // Keys step through the list, whatever the layout.
+    const openRank = async (): Promise<string> =>
+      page.locator(".candidates [aria-current=true] .candidate").innerText();
+    await page.locator(".candidates .candidate").nth(1).click();
+    for (const [key, rank] of [
+      [".", "3"],
+      [".", "4"],
+      [",", "3"],
+    ] as const) {
+      await page.keyboard.press(key);
+      assert.equal(await until(openRank, (now) => now === rank), rank);
+    }
+    assert.equal((await fragment(page)).l, "slices");
+    // The maps come first, then what is marked; the six views are a row of letters.
+    const titles = await page.locator(".panel .group > summary").allInnerTexts();
+    assert.deepEqual(titles.slice(0, 5), [
+      "Grey–white boundary",
+      "Point and depth profile",
+      "Window",
+      "Layers",
+      "View",
+    ]);
+    const letters = page.locator(".letters button");
+    assert.deepEqual(await letters.allInnerTexts(), ["L", "R", "A", "P", "S", "I"]);
+    const tops = await letters.evaluateAll((all) => all.map((one) => one.getBoundingClientRect().top));
+    assert.equal(new Set(tops).size, 1, "they are one row");
+    // A mark that is set elsewhere closes the place; its chart stands with the point again.
+    await page.keyboard.press("Enter");
+    await page.getByRole("button", { name: "Mark the centre" }).click();
+    await why.waitFor({ state: "detached" });
+    await page.locator(".place-chart .chart").waitFor({ state: "detached" });
+    await page.locator(".panel .group .chart").waitFor();
     // A place that the map leaves out has an outline of its own; the threshold is the reader's.
     await page.getByRole("button", { name: "Blur", exact: true }).click();
     await page.waitForSelector('#surface[data-overlay="blur"]');

@@ -56,6 +56,15 @@ const faults = (page: Page): Promise<string[]> =>
       if (one.matches("button, summary") && one.scrollWidth > one.clientWidth + 1)
         found.push(`the words of ${nameOf(one)} are cut off`);
     }
+    // All of the bar is in its first lines: the list would cover what is wrapped below it.
+    const [bar, list] = [".bar", ".sidebar"].map((one) => document.querySelector(one)?.getBoundingClientRect());
+    const inBar = controls.filter((one) => one.closest(".bar"));
+    for (const one of inBar) {
+      const box = one.getBoundingClientRect();
+      const isUnder =
+        list && list.width > 0 && box.left < list.right && box.bottom > list.top + 1 && box.top < list.bottom;
+      if (bar && isUnder) found.push(`the list covers ${nameOf(one)}`);
+    }
     for (const group of [".bar", ".depth-bar", ".panel", ".sidebar"]) {
       const own = controls.filter((one) => one.closest(group));
       for (const [at, one] of own.entries()) {

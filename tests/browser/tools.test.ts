@@ -150,7 +150,7 @@ test(
     const twin = (plane: string): ReturnType<Page["locator"]> => page.locator(`.slice.${plane} .cursor.ghost circle`);
     for (const plane of ["axial", "coronal"]) {
       const [own, other] = [
-        await page.locator(`.slice.${plane} .cursor.lines line`).first().getAttribute("x1"),
+        await page.locator(`.slice.${plane} .cursor.ticks line`).first().getAttribute("x1"),
         await twin(plane).getAttribute("cx"),
       ];
       const middle = (await page.locator(`.slice.${plane} .slice-view`).boundingBox())?.width ?? 0;

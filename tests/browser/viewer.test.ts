@@ -191,7 +191,7 @@ test("everything that a drag does a button does as well", { skip }, async () => 
   assert.equal(await depth(), 10.5);
   await click("Superior");
   assert.equal((await fragment(page)).v, "superior");
-  await click("Narrow");
+  await click("Grey–white");
   assert.ok((await fragment(page)).w);
   await page.locator("#zoom").fill("1");
   assert.equal((await fragment(page)).z, "2");

@@ -3,6 +3,7 @@
 import { handOver, listCases, onTokenWanted, send } from "../base/api.ts";
 import { h, quiet, setText } from "../base/dom.ts";
 import { learn, number, t } from "../base/i18n.ts";
+import { wait } from "../base/patience.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { Case } from "../model/case.ts";
 import { linked } from "../model/linked.ts";
@@ -12,6 +13,8 @@ import { angleOf } from "../page/nudge.ts";
 import { loadPreferences } from "../page/preferences.ts";
 import { Side } from "./side.ts";
 
+/** The cases are asked for again after so long. */
+const LIST_MS = 8000;
 /** How long both rest before the address follows them. */
 const REST_MS = 600;
 
@@ -76,6 +79,16 @@ class Comparing {
     );
   }
 
+  /** Keeps the lists of cases fresh as long as the page is looked at. */
+  async followCases(): Promise<void> {
+    for (;;) {
+      await wait(LIST_MS);
+      if (document.hidden) continue;
+      const cases = await allCases().catch(() => null);
+      if (cases) for (const side of [this.#left, this.#right]) side.offer(cases);
+    }
+  }
+
   /** Shows what the address names. */
   async start(asked: string): Promise<void> {
     const [left = "", right = ""] = asked.split("/");
@@ -95,6 +108,7 @@ class Comparing {
   /** Opens one frame after the other: each takes the token once. What is being opened on that side is given up. */
   #open(side: Side, address: string): Promise<void> {
     side.close();
+    if (address) side.expect();
     this.#trouble = "";
     const open = async (): Promise<void> => {
       handOver();
@@ -178,7 +192,9 @@ async function build(): Promise<void> {
   document.title = `${t("compare.title")} · Isocortex`;
   onTokenWanted(askToken);
   try {
-    await new Comparing(await allCases()).start(asked);
+    const comparing = new Comparing(await allCases());
+    void comparing.followCases();
+    await comparing.start(asked);
   } catch (problem) {
     document.body.append(quiet(problemWords(problem)));
   }

@@ -9,7 +9,6 @@ import type { Case, ReadyCase } from "../model/case.ts";
 import { readAddress } from "../model/fragment.ts";
 import type { Linked, Shown } from "../model/linked.ts";
 import type { ViewState } from "../model/state.ts";
-import { choice } from "../page/fields.ts";
 
 const LOOK_AGAIN_MS = 50;
 
@@ -37,12 +36,24 @@ export class Side {
   constructor(name: "left" | "right", cases: readonly Case[], host: SideHost) {
     this.#host = host;
     this.#name = t(`compare.${name}`);
-    const titleOf = (id: string): string => {
-      const one = cases.find((other) => other.id === id);
-      return one ? caseIdentity(one) : t("compare.choose");
-    };
-    const ids = ["", ...cases.filter(({ state }) => state === "ready").map(({ id }) => id)];
-    this.choice = choice(`compare-${name}`, this.#name, ids, titleOf, (id) => host.chosen(this, id));
+    this.choice = h("select", {
+      id: `compare-${name}`,
+      "aria-label": this.#name,
+      change: () => host.chosen(this, this.choice.value),
+    });
+    this.offer(cases);
+  }
+
+  /** What can be chosen now; what was chosen stays. */
+  offer(cases: readonly Case[]): void {
+    const { value } = this.choice;
+    const ready = cases.filter(({ id, state }) => state === "ready" || id === value);
+    const options = ready.map((one) => h("option", { value: one.id }, caseIdentity(one)));
+    const texts = [t("compare.choose"), ...options.map(({ text }) => text)];
+    // Options that are the same stay: the list may be open.
+    if (texts.join("\n") === [...this.choice.options].map(({ text }) => text).join("\n")) return;
+    this.choice.replaceChildren(h("option", { value: "" }, t("compare.choose")), ...options);
+    this.choice.value = value;
   }
 
   /** The case and its state, once the frame shows it. */
@@ -73,10 +84,14 @@ export class Side {
     this.choice.value = id;
     if (id === "") return;
     const turn = this.#turn;
-    const shown = await getCase(id);
+    this.expect();
+    const shown = await getCase(id).catch((problem: unknown) => {
+      if (turn === this.#turn) this.element.replaceChildren();
+      throw problem;
+    });
     if (turn !== this.#turn) return;
     const frame = h("iframe", { title: this.#name, src: `./#${address}` });
-    this.element.replaceChildren(frame);
+    this.element.append(frame);
     this.#frame = frame;
     while (turn === this.#turn) {
       const inside = frame.contentDocument;
@@ -87,6 +102,11 @@ export class Side {
       if (panes && shown.state === "ready") return this.#meet(shown, panes);
       await wait(LOOK_AGAIN_MS);
     }
+  }
+
+  /** Says that a case is being opened. */
+  expect(): void {
+    this.element.replaceChildren(h("p", { class: "side-note", role: "status" }, t("compare.opening")));
   }
 
   /** Shows nothing. */
@@ -117,6 +137,7 @@ export class Side {
 
   /** Leaves out of the page what stands around both frames. */
   #frameIn(inside: Document): void {
+    this.element.querySelector(".side-note")?.remove();
     inside.documentElement.classList.add("framed");
     this.#frame?.classList.add("met");
     // The controls have too little room beside half a picture: they are one click away.

@@ -49,8 +49,10 @@ function inThousandths([x, y]: Vec2, size: Vec2): Vec2 {
  * The change to a layout. Beside the mirrored half the hemisphere of the marked point is shown as it was acquired;
  * without one, the left hemisphere.
  */
-export function laidOut(layout: Layout, { orientation, crosshair_mm }: ViewState, shown: ReadyCase): Change {
-  if (!isMirrored({ layout })) return { layout };
+export function laidOut(layout: Layout, state: ViewState, shown: ReadyCase): Change {
+  const { orientation, crosshair_mm } = state;
+  // What a close-up has beside its layer is its own.
+  if (!isMirrored({ layout })) return state.layout === "closer" ? { layout, beside: null } : { layout };
   const plane = mirrorPlane(shown);
   const marked = crosshair_mm ? sideOf(crosshair_mm, plane) : "middle";
   const isInSight = sideSeen(towardsViewer(orientation), plane) === (marked === "middle" ? "left" : marked);

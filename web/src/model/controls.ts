@@ -191,7 +191,9 @@ export type LayerCommand =
 export type Command =
   | ChangingCommand
   | LayerCommand
-  | { readonly kind: "help" | "play" | "timer" | "mark" | "outline" | "undo" | "redo" | "patient" };
+  /** The next place of the list, or the one before. */
+  | { readonly kind: "place"; readonly steps: number }
+  | { readonly kind: "help" | "play" | "timer" | "mark" | "closer" | "outline" | "undo" | "redo" | "patient" };
 
 /** A key, as a keyboard event has it. */
 export interface Key {
@@ -227,6 +229,9 @@ const PLAIN: Readonly<Record<string, Command>> = {
   p: { kind: "beside" },
   d: { kind: "patient" },
   w: { kind: "swap" },
+  z: { kind: "closer" },
+  ",": { kind: "place", steps: -1 },
+  ".": { kind: "place", steps: 1 },
   u: { kind: "map", name: "blur" },
   a: { kind: "map", name: "asymmetry" },
   t: { kind: "map", name: "intensity-asymmetry" },

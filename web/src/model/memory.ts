@@ -34,7 +34,9 @@ export class ViewMemory {
 
 /** The first state of a case, seen as another case was. */
 export function carriedOver(from: ViewState, shown: ReadyCase): ViewState {
-  const { orientation, layout, convention, way, averages_shallow } = from;
+  const { orientation, convention, way, averages_shallow } = from;
+  // There is no mark yet to look at closely.
+  const layout = from.layout === "closer" ? "both" : from.layout;
   return {
     ...firstState(shown),
     orientation,

@@ -14,6 +14,10 @@ const SEEN_FROM: Readonly<Record<Plane, ViewName>> = { axial: "inferior", corona
 export const isFlipped = (plane: Plane, convention: Convention): boolean =>
   convention === "neurological" && plane !== "sagittal";
 
+/** The convention in which a picture is flipped. */
+export const otherConvention = (convention: Convention): Convention =>
+  convention === "radiological" ? "neurological" : "radiological";
+
 export function sliceEdges(plane: Plane, convention: Convention): Edges {
   const edges = edgesOf(NAMED_VIEWS[SEEN_FROM[plane]]);
   return isFlipped(plane, convention) ? { ...edges, left: edges.right, right: edges.left } : edges;

@@ -13,8 +13,11 @@ export type Colormap = (typeof COLORMAPS)[number];
 export const WAYS = ["auto", "mesh", "exact", "server"] as const;
 export type Way = (typeof WAYS)[number];
 
-/** Which panes there are: the surface alone; with three slices; beside the other hemisphere, mirrored; or both. */
-export const LAYOUTS = ["single", "slices", "mirror", "both"] as const;
+/**
+ * Which panes there are: the surface alone; with three slices; beside the other hemisphere, mirrored; both; or a
+ * close-up of the marked place in slices.
+ */
+export const LAYOUTS = ["single", "slices", "mirror", "both", "closer"] as const;
 export type Layout = (typeof LAYOUTS)[number];
 
 /** Whether the surface is seen beside the other hemisphere, mirrored. */

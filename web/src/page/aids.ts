@@ -36,6 +36,8 @@ export interface AidsListener {
   redraw(): void;
   announce(words: string): void;
   complain(problem: unknown): void;
+  /** The chart of the marked point stands here; null: where it usually does. */
+  chart(place: HTMLElement | null): void;
 }
 
 interface Filled {
@@ -90,6 +92,14 @@ export class Aids {
     ask().catch((problem: unknown) => this.#listener.complain(problem));
   }
 
+  /** A close-up with layers has the case itself beside them, each with its own window. */
+  paired(state: ViewState): ViewState {
+    if (state.layout !== "closer") return state;
+    const hasLayers = state.layer !== null || state.overlay !== null;
+    if (hasLayers === (state.beside !== null) && !state.swipe) return state;
+    return { ...state, beside: hasLayers ? (state.beside ?? this.#own(state)) : null, swipe: null };
+  }
+
   /** The state as it is drawn: as `#shownOf`, and with the outline of a place that the map leaves out. */
   drawable(state: ViewState): ViewState {
     const drawn = this.#shownOf(state);
@@ -137,6 +147,15 @@ export class Aids {
       const value = one && !one.moved ? this.#filled?.layers.valueAt(one.id, position) : undefined;
       return one && value !== undefined ? [{ name: one.name, value }] : [];
     });
+  }
+
+  /** Goes to another place of the list. */
+  async step(steps: number): Promise<void> {
+    try {
+      await (await this.load()).maps.step(steps);
+    } catch (problem) {
+      this.#listener.complain(problem);
+    }
   }
 
   /** Follows a command if it is one about layers. */
@@ -265,7 +284,10 @@ export class Aids {
     const parts = await later();
     const { actions } = this.#listener;
     const layers = new parts.CaseLayers(this.#shown.id, (list) => this.#hear(list));
-    const maps = new parts.MapsSection(this.#shown, layers, actions);
+    const maps = new parts.MapsSection(this.#shown, layers, {
+      ...actions,
+      chart: (place) => this.#listener.chart(place),
+    });
     const added = new parts.LayersSection(this.#shown, layers, {
       grey: (id) => this.grey(id),
       colours: (id) => this.colours(id),

@@ -96,6 +96,8 @@ export class CaseList {
   #look = 0;
   #frame = 0;
   #isLoadingOlder = false;
+  /** Whether the server has said which cases there are. */
+  #isListed = false;
   #disposed = false;
 
   constructor(listener: CaseListListener) {
@@ -130,6 +132,7 @@ export class CaseList {
       const page = await listCases(null);
       if (this.#older.length === 0) this.#next = page.next ?? null;
       this.#newest = page.cases;
+      this.#isListed = true;
       this.#merge();
       if (this.#next) void this.#loadOlder();
     } catch (problem) {
@@ -149,6 +152,11 @@ export class CaseList {
     this.#newest = put(this.#newest);
     this.#older = put(this.#older);
     this.#merge();
+  }
+
+  /** Whether the server has no case at all. */
+  get isEmpty(): boolean {
+    return this.#isListed && this.cases.length === 0;
   }
 
   /** The id of the only case there is; null where there is none, or more. */

@@ -4,7 +4,7 @@ import { h, setText, svg } from "../base/dom.ts";
 import { intensity, number, t } from "../base/i18n.ts";
 import { greyWords } from "../base/readout.ts";
 import { type Curve, type Measured, PROFILE_STEP_MM, type Profile } from "../model/profile.ts";
-import { paintSvg } from "../panes/paint-svg.ts";
+import { svgPicture } from "../panes/paint-svg.ts";
 import { button, row } from "./fields.ts";
 import { type LayerCurves, layerCurves, widthWords } from "./measured.ts";
 import { captioned, saveFile } from "./picture-file.ts";
@@ -180,10 +180,11 @@ async function savePicture(
   const curves = chart.querySelectorAll(".curve:not(.layer.other)");
   const words = [...layers.map((layer) => layer.words), t("profile.mirrored"), t("profile.own")];
   const frame = { width, height: height + words.length * LEGEND_PIXELS, ratio: 4, caption: await caption() };
-  const png = await captioned(frame, async (context) => {
+  const drawn = await svgPicture(chart);
+  const png = await captioned(frame, (context) => {
     context.fillStyle = page.backgroundColor;
     context.fillRect(0, 0, width, frame.height);
-    await paintSvg(context, chart, [0, 0]);
+    context.drawImage(drawn.image, 0, 0, width, height);
     context.font = `12px ${page.fontFamily}`;
     context.textBaseline = "middle";
     for (const [at, curve] of curves.entries()) {

@@ -58,7 +58,10 @@ export class Comparison {
     this.#edges.setAttribute("aria-pressed", String(has_edges));
     this.#swipe.setAttribute("aria-pressed", String(swipe !== null));
     this.#beside.setAttribute("aria-pressed", String(beside !== null));
-    this.#swap.hidden = !beside;
+    // A close-up has its halves already.
+    const isCloser = state.layout === "closer";
+    this.#swipe.hidden = this.#beside.hidden = isCloser;
+    this.#swap.hidden = !beside || isCloser;
     this.#place.element.hidden = !swipe;
     if (swipe) this.#place.show(swipe.share, `${number(100 * swipe.share)} %`);
   }
@@ -72,13 +75,14 @@ export class Comparison {
 
   /** Puts the dividing line into the middle, or takes it away. */
   swipe(): void {
+    if (this.#state?.layout === "closer") return;
     this.#actions.change({ swipe: this.#state?.swipe ? null : { share: 0.5 }, beside: null }, true);
   }
 
   /** Shows the case without its layers in a left half, or no more. */
   beside(): void {
     const state = this.#state;
-    if (!state) return;
+    if (!state || state.layout === "closer") return;
     if (state.beside) return this.#actions.change({ beside: null }, true);
     const layout = hasSlices(state) ? "slices" : "single";
     this.#actions.change({ beside: this.#own(state), layout, swipe: null }, true);
@@ -86,7 +90,8 @@ export class Comparison {
 
   /** Exchanges what the two halves show: what is chosen is of the right one. */
   swap(): void {
-    if (this.#state?.beside) this.#actions.change({ ...this.#state.beside, beside: halfOf(this.#state) }, true);
+    if (this.#state?.beside && this.#state.layout !== "closer")
+      this.#actions.change({ ...this.#state.beside, beside: halfOf(this.#state) }, true);
   }
 
   /** Shows edges, on slices, or no more. */
@@ -94,7 +99,7 @@ export class Comparison {
     const state = this.#state;
     if (!state) return;
     const layout = isMirrored(state) ? "both" : "slices";
-    const needsSlices = !state.has_edges && !hasSlices(state);
+    const needsSlices = !state.has_edges && !hasSlices(state) && state.layout !== "closer";
     this.#actions.change({ has_edges: !state.has_edges, ...(needsSlices && { layout }) }, true);
   }
 

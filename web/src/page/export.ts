@@ -10,7 +10,8 @@ import { problemWords } from "../base/problem-words.ts";
 import { depthWords, positionWords } from "../base/readout.ts";
 import { writer } from "../panes/map-bar.ts";
 import { overlayWords, titleWords } from "../panes/overlay.ts";
-import { type Placed, paintPanes } from "../panes/screenshot.ts";
+import { type Placed, panesPainter } from "../panes/screenshot.ts";
+import type { Closer } from "../panes/closer.ts";
 import type { SliceGroup } from "../panes/slice-group.ts";
 import type { SurfacePane } from "../panes/surface-pane.ts";
 import { captioned, programWords, saveFile } from "./picture-file.ts";
@@ -22,6 +23,8 @@ export interface OnScreen {
   readonly panes: HTMLElement;
   readonly surface: SurfacePane;
   readonly slices: SliceGroup;
+  /** The close-up, if it is shown. */
+  readonly closer: Closer | null;
 }
 
 /** How a file of a case begins: with the first digits of its id. */
@@ -62,16 +65,17 @@ function aboveWords(overlay: LayerOverlay): string {
 }
 
 /** The panes with their caption, as PNG. */
-async function pictureOf({ shown, state, panes, surface, slices }: OnScreen, times: number): Promise<Blob> {
+async function pictureOf({ shown, state, panes, surface, slices, closer }: OnScreen, times: number): Promise<Blob> {
   const ratio = times * devicePixelRatio;
-  const [own, others, caption] = await Promise.all([
-    surface.picture(ratio),
-    hasSlices(state) ? slices.pictures(ratio) : [],
-    captionOf(shown, state),
-  ]);
-  const all: readonly Placed[] = [{ element: surface.host, picture: own, isFlipped: false }, ...others];
+  const surfaces = async (): Promise<readonly Placed[]> => [
+    { element: surface.host, picture: await surface.picture(ratio), isFlipped: false },
+  ];
+  const placed: readonly (readonly Placed[] | Promise<readonly Placed[]>)[] = closer
+    ? [closer.pictures(ratio)]
+    : [surfaces(), hasSlices(state) ? slices.pictures(ratio) : []];
+  const [caption, ...all] = await Promise.all([captionOf(shown, state), ...placed]);
   const { clientWidth: width, clientHeight: height } = panes;
-  return captioned({ width, height, ratio, caption }, (context) => paintPanes(context, panes, all));
+  return captioned({ width, height, ratio, caption }, await panesPainter(panes, all.flat()));
 }
 
 /** Saves the panes as they stand, with so many times the screen's pixels. */

@@ -6,6 +6,7 @@ export { exportSection } from "./export-section.ts";
 export { profileView } from "./chart.ts";
 export { measuredAt } from "./measured.ts";
 export { SlicePane } from "../panes/slices.ts";
+export { Closer } from "../panes/closer.ts";
 export { CaseSection } from "./case-section.ts";
 export { Comparison } from "./comparison.ts";
 export { CaseLayers } from "./case-layers.ts";

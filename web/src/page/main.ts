@@ -11,6 +11,7 @@ import { readAddress } from "../model/fragment.ts";
 import { LANGUAGES, isLanguage, learn, t } from "../base/i18n.ts";
 import { choice, choiceOfButtons, press } from "./fields.ts";
 import { later } from "./later.ts";
+import type { Surface } from "../panes/surface.ts";
 import { resizer } from "./resizer.ts";
 import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
 import { problemWords } from "../base/problem-words.ts";
@@ -28,12 +29,26 @@ const memory = new ViewMemory();
 /** Below this width the list lies over the picture, as in the style sheet. */
 const BESIDE_PIXELS = 700;
 
+/** What draws a case, between two languages. */
+interface Kept {
+  readonly id: string;
+  readonly surface: Surface;
+}
+
 /** Everything on the page, in one language. */
 class App {
   readonly #live = h("div", { class: "visually-hidden", id: "live", role: "status", "aria-live": "polite" });
   readonly #title = h("h2", { id: "case-title" });
   readonly #note = h("p", { id: "case-note", class: "stage-note", role: "status" });
   readonly #acquired = new AcquiredSlices();
+  /** What a server without a case shows. */
+  readonly #start = h(
+    "div",
+    { class: "start", hidden: true },
+    h("p", {}, t("start.drop")),
+    h("p", { class: "quiet" }, t("upload.volume-hint")),
+    h("button", { class: "primary", click: () => this.#chooseFiles() }, t("start.choose")),
+  );
   readonly #silence = h("p", { class: "notice-line bad", id: "silence", role: "alert", hidden: true });
   readonly #quality = h("div", { class: "quality", role: "note", hidden: true });
   readonly #layouts: HTMLElement;
@@ -54,12 +69,15 @@ class App {
     this.#showPanel();
   });
   #viewer: Viewer | null = null;
+  #kept: Kept | null;
   #chosen: Case | null = null;
   /** Why the case of the address cannot be shown; empty where it can. */
   #absence = "";
   #routed = 0;
 
-  constructor() {
+  /** `kept` is what draws a case already. */
+  constructor(kept: Kept | null) {
+    this.#kept = kept;
     this.#list = new CaseList({
       changed: () => void this.route(),
       remove: (one) => void this.#remove(one),
@@ -85,6 +103,7 @@ class App {
       this.#silence,
       this.#quality,
       this.#note,
+      this.#start,
       this.#acquired.element,
     );
     this.#sidebar = h(
@@ -137,6 +156,11 @@ class App {
     if (this.#arrivals.hidden) this.#arrivals.hidden = !(await anyArrivals().catch(() => false));
   }
 
+  #chooseFiles(): void {
+    this.#showSidebar(true);
+    void this.#upload.choose();
+  }
+
   #showArrivals(): void {
     import("./arrivals.ts").then(
       ({ arrivalsDialog }) => arrivalsDialog((id) => (this.#list.chosen = id)),
@@ -144,10 +168,13 @@ class App {
     );
   }
 
-  dispose(): void {
+  /** Leaves what draws the case to the page that comes after this one. */
+  dispose(): Kept | null {
     this.#viewer?.settle();
     this.#list.dispose();
+    const kept = this.#viewer && { id: this.#viewer.shown.id, surface: this.#viewer.release() };
     this.#leave();
+    return kept;
   }
 
   /** Takes the case that is shown away, and remembers how it was left. */
@@ -206,12 +233,19 @@ class App {
     tell(this.#note, ready ? "" : chosen ? caseStatus(chosen) : `${this.#absence} ${t("case.choose")}`.trim());
     this.#note.classList.toggle("bad", chosen?.state === "failed");
     this.#layouts.hidden = !ready;
+    // Where there is nothing to choose from, files are asked for.
+    const isEmpty = !chosen && this.#absence === "" && this.#list.isEmpty;
+    this.#start.hidden = !isEmpty;
+    if (isEmpty) tell(this.#note, "");
     void this.#acquired.show(ready ? "" : (chosen?.id ?? ""));
     if (ready?.id === this.#viewer?.shown.id) return;
     this.#leave();
     // What was said of the case before is not of this one.
     setText(this.#live, "");
     this.#showQuality(ready);
+    const surface = this.#kept && this.#kept.id === ready?.id ? this.#kept.surface : null;
+    if (this.#kept && !surface) this.#kept.surface.dispose();
+    this.#kept = null;
     if (!ready) return;
     const viewer = new Viewer(ready, rest, {
       preferences: () => preferences,
@@ -227,6 +261,7 @@ class App {
         Object.assign(document.body.dataset, { layout: state.layout, slices: hasSlices(state) });
       },
       serverOnly,
+      surface,
       left: memory.of(ready),
     });
     this.#viewer = viewer;
@@ -398,8 +433,7 @@ function dress(): void {
 async function build(): Promise<void> {
   await learn(preferences.language);
   document.documentElement.lang = preferences.language;
-  app?.dispose();
-  app = new App();
+  app = new App(app?.dispose() ?? null);
   void app.start();
 }
 

@@ -4,32 +4,39 @@ import { h, quiet, setText, tell } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { reasonIn } from "../base/case-words.ts";
 import { problemWords } from "../base/problem-words.ts";
-import { positionWords } from "../base/readout.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { broughtTo } from "../model/commands.ts";
 import type { JunctionBand, Layer } from "../model/layers.ts";
 import { type Candidate, MAP_NAMES, type MapName, isMap } from "../model/maps.ts";
-import type { Layout, ViewState } from "../model/state.ts";
+import type { ViewState } from "../model/state.ts";
 import type { Actions } from "./actions.ts";
 import type { CaseLayers } from "./case-layers.ts";
 import { button, choiceOfButtons, line, press, row } from "./fields.ts";
+import { PlacesTable } from "./places-table.ts";
 
-/** What opens beside the surface when a place is gone to. */
-const BESIDE = ["slices", "mirror"] as const satisfies readonly Layout[];
+interface MapsActions extends Actions {
+  /** The chart of the marked point stands here; null: where it usually does. */
+  chart(place: HTMLElement | null): void;
+}
 
 export class MapsSection {
   readonly element: HTMLElement;
   readonly #shown: ReadyCase;
   readonly #layers: CaseLayers;
-  readonly #actions: Actions;
+  readonly #actions: MapsActions;
   readonly #names: HTMLElement;
   readonly #about = h("p", { class: "quiet", hidden: true });
   readonly #status = h("p", { class: "quiet maps-status", id: "maps-status", role: "status", hidden: true });
   /** Where the controls of an overlay stand. */
   readonly slot = h("div", {});
   readonly #ask: HTMLButtonElement;
-  readonly #warning = h("p", { class: "candidates-warning", hidden: true }, t("candidates.warning"));
-  readonly #list = h("ol", { class: "candidates", hidden: true });
+  readonly #warning = h(
+    "details",
+    { class: "candidates-warning", hidden: true },
+    h("summary", {}, t("candidates.normal")),
+    h("p", { class: "quiet" }, t("candidates.warning")),
+  );
+  readonly #places: PlacesTable;
   /** How much of the junction the cuts meet slantwise, by depth. */
   readonly #slant = h("div", { class: "group-part slant", hidden: true });
   #bands: readonly JunctionBand[] = [];
@@ -38,7 +45,7 @@ export class MapsSection {
   #candidates: readonly Candidate[] = [];
   #state: ViewState | null = null;
 
-  constructor(shown: ReadyCase, layers: CaseLayers, actions: Actions) {
+  constructor(shown: ReadyCase, layers: CaseLayers, actions: MapsActions) {
     this.#shown = shown;
     this.#layers = layers;
     this.#actions = actions;
@@ -48,6 +55,13 @@ export class MapsSection {
       (name) => t(`map.${name}`),
       (name) => this.#choose(name),
     );
+    this.#places = new PlacesTable(shown, {
+      go: ({ position_in_patient, depth_mm }, layout) => {
+        const wanted = layout ?? this.#state?.layout ?? "single";
+        this.#actions.change(broughtTo(position_in_patient, depth_mm, wanted, this.#shown), true);
+      },
+      sharpness: () => this.#layers.voxels("sharpness"),
+    });
     this.#ask = button(t("candidates.ask"), () => void this.#askForCandidates(), { "aria-describedby": "maps-status" });
     this.element = h(
       "div",
@@ -58,7 +72,7 @@ export class MapsSection {
       row(this.#ask),
       this.#status,
       this.#warning,
-      this.#list,
+      this.#places.element,
       this.#slant,
     );
   }
@@ -130,34 +144,22 @@ export class MapsSection {
   #put(candidates: readonly Candidate[]): void {
     this.#say(candidates.length === 0 ? t("candidates.none") : "");
     this.#candidates = candidates;
-    this.#warning.hidden = this.#list.hidden = candidates.length === 0;
-    this.#list.replaceChildren(...candidates.map((one, at) => this.#item(one, at)));
+    this.#warning.hidden = candidates.length === 0;
+    this.#places.fill(candidates);
     this.#mark();
   }
 
-  #item({ position_in_patient, depth_mm, side, score, size_mm }: Candidate, at: number): HTMLElement {
-    const go = (layout: Layout | null): void => {
-      const wanted = layout ?? this.#state?.layout ?? "single";
-      this.#actions.change(broughtTo(position_in_patient, depth_mm, wanted, this.#shown), true);
-    };
-    const place = t("candidates.place", { rank: number(at + 1), side: t(`side.${side}`), depth: number(depth_mm, 1) });
-    const facts = t("candidates.facts", { score: number(score, 1), size: number(size_mm, 1) });
-    return h(
-      "li",
-      {},
-      button(place, () => go(null), { class: "candidate" }),
-      ...BESIDE.map((layout) =>
-        button(t(`candidates.${layout}`), () => go(layout), { "aria-label": `${place}: ${t(`layout.${layout}`)}` }),
-      ),
-      h("span", { class: "quiet" }, `${facts} · ${positionWords(position_in_patient)}`),
-    );
+  /** Opens the place that is gone to. */
+  #mark(): void {
+    const place = this.#markedPlace(this.#state) ?? null;
+    this.#places.open(place);
+    this.#actions.chart(place && this.#places.chart);
   }
 
-  /** Marks the place that is gone to. */
-  #mark(): void {
-    const marked = this.#markedPlace(this.#state);
-    for (const [at, item] of [...this.#list.children].entries())
-      item.setAttribute("aria-current", String(this.#candidates[at] === marked));
+  /** Goes to the next place or to the one before; the first time, to the first. */
+  async step(steps: number): Promise<void> {
+    if (!this.#places.isFilled) await this.#askForCandidates();
+    this.#places.step(steps);
   }
 
   /** The listed place at the marked point. */

@@ -110,6 +110,8 @@ export class OnDemand {
 
   get #onScreen(): OnScreen {
     const view = this.#host.onScreen();
+    // The surface is not on the screen then.
+    if (view.closer) return { ...view, shown: this.#host.shown };
     // A layer that is being fetched is not on the screen.
     return { ...view, state: { ...view.state, ...view.surface.layers }, shown: this.#host.shown };
   }

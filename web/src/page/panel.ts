@@ -1,6 +1,6 @@
 // The visible controls: everything that hands and keys do can be done here as well.
 
-import { VIEW_NAMES, viewName } from "../model/camera.ts";
+import { type ViewName, viewName } from "../model/camera.ts";
 import type { Intensity, ReadyCase, Window } from "../model/case.ts";
 import type { StateHistory } from "../model/history.ts";
 import { ARROW_PIXELS, boundWindow } from "../model/controls.ts";
@@ -36,9 +36,13 @@ import {
 } from "./fields.ts";
 import { PointSection } from "./point-section.ts";
 
+/** As the letters stand in the row. */
+const VIEW_ORDER: readonly ViewName[] = ["left", "right", "anterior", "posterior", "superior", "inferior"];
+
 /** Sections that others fill. */
 export interface PanelSections {
-  readonly aids: readonly HTMLElement[];
+  readonly maps: HTMLElement;
+  readonly layers: HTMLElement;
   /** More about drawing. */
   readonly drawing: readonly HTMLElement[];
   /** Those at the end. */
@@ -75,10 +79,16 @@ export class Panel {
     this.#actions = actions;
     this.#views = choiceOfButtons(
       t("panel.view"),
-      VIEW_NAMES,
-      (name) => t(`view.${name}`),
+      VIEW_ORDER,
+      (name) => t(`letter.${name}`),
       (name) => actions.command({ kind: "view", name }),
     );
+    this.#views.classList.add("letters");
+    for (const [at, one] of [...this.#views.children].entries()) {
+      const name = t(`view.${VIEW_ORDER[at] ?? "left"}`);
+      one.setAttribute("aria-label", name);
+      one.setAttribute("title", name);
+    }
     this.#zoom = new Slider("zoom", t("zoom.label"), [...ZOOM_RANGE.map(Math.log2), 0.05], (value) =>
       actions.change({ zoom: 2 ** value }),
     );
@@ -142,18 +152,9 @@ export class Panel {
     this.element = h(
       "aside",
       { class: "panel", "aria-label": t("panel.label") },
-      section(
-        t("panel.view"),
-        true,
-        this.#views,
-        this.#zoom.element,
-        this.#pads(),
-        row(
-          button(t("reset"), () => actions.command({ kind: "reset" })),
-          this.#undo,
-          this.#redo,
-        ),
-      ),
+      // In the order of a reading: where to look, what is there, how it is shown.
+      sections.maps,
+      section(t("panel.point"), true, ...this.point.parts),
       section(
         t("panel.window"),
         true,
@@ -166,8 +167,19 @@ export class Panel {
           button(t("invert"), () => actions.command({ kind: "invert" })),
         ),
       ),
-      ...sections.aids,
-      section(t("panel.point"), true, ...this.point.parts),
+      sections.layers,
+      section(
+        t("panel.view"),
+        true,
+        this.#views,
+        this.#zoom.element,
+        this.#pads(),
+        row(
+          button(t("reset"), () => actions.command({ kind: "reset" })),
+          this.#undo,
+          this.#redo,
+        ),
+      ),
       section(
         t("panel.drawing"),
         false,

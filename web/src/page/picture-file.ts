@@ -27,7 +27,7 @@ const MARGIN_PIXELS = 8;
 /** A picture with its caption, as PNG; `paint` draws it in CSS pixels. */
 export async function captioned(
   { width, height, ratio, caption }: Frame,
-  paint: (context: CanvasRenderingContext2D) => Promise<void>,
+  paint: (context: CanvasRenderingContext2D) => void,
 ): Promise<Blob> {
   const canvas = document.createElement("canvas");
   canvas.width = Math.round(width * ratio);
@@ -39,7 +39,7 @@ export async function captioned(
   const foot = lines.length * LINE_PIXELS + MARGIN_PIXELS;
   canvas.height = Math.round((height + foot) * ratio);
   context.scale(ratio, ratio);
-  await paint(context);
+  paint(context);
   context.fillStyle = "#000";
   context.fillRect(0, height, width, foot);
   context.fillStyle = "#f0f2f5";

@@ -30,15 +30,18 @@ export class PointSection {
   readonly #tools: HTMLElement;
   readonly #hint = quiet(t("point.hint"));
   readonly #profile = h("div", {});
+  /** Where the chart stands, unless it stands beside a place of the list. */
+  readonly #home = h("div", {}, this.#profile);
 
   constructor(actions: Actions) {
     this.#tools = row(
+      button(t("closer.look"), () => actions.command({ kind: "closer" }), { "aria-keyshortcuts": "z" }),
       button(t("point.turn"), () => actions.turnToCross()),
       button(t("point.depth"), () => actions.depthOfCross()),
       button(t("point.forget"), () => actions.forgetCross()),
     );
     const mark = row(button(t("point.mark"), () => actions.command({ kind: "mark" })));
-    this.parts = [this.#hint, this.#words, this.#tools, this.#profile, mark];
+    this.parts = [this.#hint, this.#words, this.#tools, this.#home, mark];
     this.show(null);
   }
 
@@ -61,6 +64,12 @@ export class PointSection {
     this.#profile.replaceChildren(...(profile ? [profile] : []));
     const table = this.#profile.querySelector("details");
     if (table) table.open = isOpen;
+  }
+
+  /** Moves the chart to another place; null: back. */
+  stand(place: HTMLElement | null): void {
+    const host = place ?? this.#home;
+    if (this.#profile.parentElement !== host) host.append(this.#profile);
   }
 
   /** Explains why no point was marked. */

@@ -30,6 +30,12 @@ export class UploadSlot {
     this.element.open = false;
   }
 
+  /** Asks for files as the browser does. */
+  async choose(): Promise<void> {
+    this.open();
+    (await this.#filled())?.element.querySelector<HTMLInputElement>("input[type=file]")?.click();
+  }
+
   /** Files that were dropped on the page. */
   async drop(files: readonly File[]): Promise<void> {
     this.open();

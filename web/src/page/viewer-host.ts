@@ -1,5 +1,6 @@
 import type { Case } from "../model/case.ts";
 import type { Left } from "../model/memory.ts";
+import type { Surface } from "../panes/surface.ts";
 import type { ViewState } from "../model/state.ts";
 import type { Preferences } from "./preferences.ts";
 
@@ -14,6 +15,8 @@ export interface ViewerHost {
   /** The panes are laid out like this. */
   readonly laid: (state: ViewState) => void;
   readonly serverOnly: boolean;
+  /** What draws the case already: the page was built again, in another language. */
+  readonly surface: Surface | null;
   /** The case as it was left. */
   readonly left: Left;
 }

@@ -10,13 +10,15 @@ import type { Left } from "../model/memory.ts";
 import { mirrorPlane } from "../model/midsagittal.ts";
 import type { Picked } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { clampDepth, type Layout, type ViewState, hasSlices } from "../model/state.ts";
+import { clampDepth, type Layout, type ViewState, hasSlices, leftOf } from "../model/state.ts";
 import { h } from "../base/dom.ts";
 import { type Key, t } from "../base/i18n.ts";
 import { positionWords, valueWords } from "../base/readout.ts";
+import type { Closer } from "../panes/closer.ts";
 import { SliceGroup } from "../panes/slice-group.ts";
-import type { SurfaceStatus } from "../panes/surface.ts";
-import { SurfacePane } from "../panes/surface-pane.ts";
+import type { SliceListener } from "../panes/slice-parts.ts";
+import type { Surface, SurfaceStatus } from "../panes/surface.ts";
+import { SurfacePane, type SurfacePaneListener } from "../panes/surface-pane.ts";
 import type { Actions } from "./actions.ts";
 import { Aids } from "./aids.ts";
 import { AddressFollower } from "./address.ts";
@@ -38,6 +40,10 @@ export class Viewer {
   readonly #panes: HTMLElement;
   readonly #surface: SurfacePane;
   readonly #slices: SliceGroup;
+  /** The close-up, while it is shown. */
+  #closer: Closer | null = null;
+  /** What the close-up was opened from. */
+  #beforeCloser: Pick<ViewState, "layout" | "beside"> = { layout: "both", beside: null };
   readonly #notices: Notices;
   readonly #depthBar: DepthBar;
   readonly #address: AddressFollower;
@@ -62,6 +68,8 @@ export class Viewer {
   #moving = false;
   #timerShown = false;
   #disposed = false;
+  /** Whether somebody else has the surface now. */
+  #isReleased = false;
 
   constructor(shown: ReadyCase, rest: string, host: ViewerHost) {
     this.shown = shown;
@@ -84,33 +92,27 @@ export class Viewer {
     this.#onDemand = this.#makeOnDemand();
     const redraw = (): void => this.#schedule();
     const complain = (problem: unknown): void => this.#notices.complain(problem);
-    this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain });
+    const chart = (place: HTMLElement | null): void => this.panel.point.stand(place);
+    this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain, chart });
     const linking = linkedZoom(host.preferences().linked_zoom, (linked_zoom) => {
       host.choose({ linked_zoom });
       if (linked_zoom) this.#slices.link();
     });
     this.panel = new Panel(shown, actions, {
-      aids: this.#aids.elements,
+      maps: this.#aids.elements[0],
+      layers: this.#aids.elements[1],
       drawing: [linking],
       last: this.#onDemand.sections(this.#sweep),
     });
-    this.#slices = new SliceGroup(shown, {
-      load: later,
-      resized: (isDoubleClick) => {
-        if (isDoubleClick && this.#unclicked[0]) this.#take(this.#unclicked[0]);
-        redraw();
-      },
-      move: (position, done) => this.#moveCross(position, done),
-      missed: () => this.#tellMissed("point.beside"),
-      values: (position) => this.#valuesAt(position),
-      window: (move) => this.#change(dragWindow(this.#state, shown, move, host.preferences().drag)),
-      surface: () => this.#surface.surface,
-      hasOneZoom: () => host.preferences().linked_zoom,
-      complain,
-    });
+    this.#slices = new SliceGroup(shown, { load: later, ...this.#sliceListener() });
     const swipe = ({ detail }: CustomEvent<number>): void => this.#change({ swipe: { share: detail } });
     const follow = ({ detail }: CustomEvent<Change>): void => actions.change(detail);
-    const keydown = ({ key }: KeyboardEvent): unknown => key === "Escape" && this.#shrink();
+    const keydown = ({ key }: KeyboardEvent): void => {
+      if (key !== "Escape") return;
+      const isLarge = this.#panes.querySelector(".large") !== null;
+      if (isLarge || this.#state.layout !== "closer") this.#shrink();
+      else this.#stepBack();
+    };
     this.#panes = h("div", { class: "panes", swipe, follow, keydown });
     this.element = h("div", { class: "viewer" }, this.#notices.element, this.#panes);
     const knows = (): void => host.choose({ knows_depth: true });
@@ -120,10 +122,12 @@ export class Viewer {
     if (this.#explained) this.element.append(this.#explained.line);
     this.element.append(this.#depthBar.element);
     this.#surface = this.#surfacePane();
-    this.#panes.append(this.#surface.element, this.#slices.element, this.#notices.loading);
+    const closer = h("div", { class: "closer" });
+    this.#panes.append(this.#surface.element, this.#slices.element, closer, this.#notices.loading);
     this.#observer = new ResizeObserver(redraw);
     for (const { element } of [this.#surface, this.#slices]) this.#observer.observe(element);
     this.#notices.unread(unread);
+    this.#state = this.#aids.paired(state);
     this.#apply({});
   }
 
@@ -165,8 +169,72 @@ export class Viewer {
 
   setLayout(layout: Layout): void {
     this.#shrink();
+    if (layout === "closer") return this.#lookCloser();
     this.#change(laidOut(layout, this.#state, this.shown), true);
     this.#host.announce(t(`layout.${layout}`));
+  }
+
+  /** Shows the close-up of the marked place. */
+  #lookCloser(): void {
+    const { layout, beside, crosshair_mm } = this.#state;
+    if (layout === "closer") return;
+    if (!crosshair_mm) return this.#tellMissed("closer.unmarked");
+    this.#beforeCloser = { layout, beside };
+    this.#change({ layout: "closer" }, true);
+    this.#host.announce(t("layout.closer"));
+  }
+
+  /** Shows what was shown before the close-up. */
+  #stepBack(): void {
+    this.#change(this.#beforeCloser, true);
+    this.#host.announce(t(`layout.${this.#beforeCloser.layout}`));
+  }
+
+  #sliceListener(): Omit<SliceListener, "enlarge" | "zoomed"> {
+    const { preferences } = this.#host;
+    return {
+      resized: (isDoubleClick) => {
+        if (isDoubleClick && this.#unclicked[0]) this.#take(this.#unclicked[0]);
+        this.#schedule();
+      },
+      move: (position, done) => this.#moveCross(position, done),
+      missed: () => this.#tellMissed("point.beside"),
+      values: (position) => this.#valuesAt(position),
+      window: (move) => this.#change(dragWindow(this.#state, this.shown, move, preferences().drag)),
+      surface: () => this.#surface.surface,
+      hasOneZoom: () => preferences().linked_zoom,
+      complain: (problem) => this.#notices.complain(problem),
+    };
+  }
+
+  /** Shows the close-up, or takes it away. */
+  async #showCloser(state: ViewState): Promise<void> {
+    if (state.layout !== "closer") {
+      this.#closer?.dispose();
+      this.#closer = null;
+      return;
+    }
+    if (!this.#closer) {
+      const { Closer } = await later();
+      if (this.#disposed || this.#state.layout !== "closer" || this.#closer) return;
+      this.#closer = new Closer(this.shown, {
+        ...this.#sliceListener(),
+        window: (move, isRight) => this.#dragHalf(move, isRight),
+      });
+      this.#closer.outline(this.#panes.dataset.bare !== "true");
+      this.#panes.querySelector(".closer")?.replaceWith(this.#closer.element);
+      this.#observer.observe(this.#closer.element);
+    }
+    this.#closer.show(this.#aids.drawable(this.#state));
+  }
+
+  /** A drag changes the window of the half that it is in. */
+  #dragHalf(move: Vec2, isRight: boolean): void {
+    const { beside } = this.#state;
+    const { drag } = this.#host.preferences();
+    if (isRight || !beside) return this.#change(dragWindow(this.#state, this.shown, move, drag));
+    const { window = beside.window } = dragWindow(leftOf(this.#state), this.shown, move, drag);
+    this.#change({ beside: { ...beside, window } });
   }
 
   /** Shows all panes again. */
@@ -185,9 +253,14 @@ export class Viewer {
         return this.#schedule();
       case "outline": {
         const hides = this.#slices.strip();
+        this.#closer?.outline(!hides);
         this.#panes.dataset.bare = String(hides);
         return this.#host.announce(t(hides ? "outline.hidden" : "outline.shown"));
       }
+      case "closer":
+        return this.#state.layout === "closer" ? this.#stepBack() : this.#lookCloser();
+      case "place":
+        return void this.#aids.step(command.steps);
       case "patient":
         document.body.classList.toggle("no-patient");
         return;
@@ -205,6 +278,7 @@ export class Viewer {
     if (command.kind === "reset") {
       this.#picked = null;
       this.#slices.center();
+      this.#closer?.center();
     }
     const { change, isStep } = changeOf(command, this.#state, this.shown, this.#surface.size());
     this.#change(change, isStep);
@@ -229,6 +303,12 @@ export class Viewer {
     this.#address.replace();
   }
 
+  /** Hands over what draws the case; the viewer itself is done with. */
+  release(): Surface {
+    this.#isReleased = true;
+    return this.#surface.surface;
+  }
+
   dispose(): void {
     this.#disposed = true;
     this.#stopSweep();
@@ -236,14 +316,21 @@ export class Viewer {
     cancelAnimationFrame(this.#frame);
     this.#loadAbort.abort();
     this.#observer.disconnect();
-    for (const part of [this.#slices, this.#aids, this.#surface.surface, this.#onDemand]) part.dispose();
+    for (const part of [this.#slices, this.#closer, this.#aids, this.#onDemand]) part?.dispose();
+    if (!this.#isReleased) this.#surface.surface.dispose();
     for (const { element } of [this, this.panel]) element.remove();
   }
 
   #makeOnDemand(): OnDemand {
     return new OnDemand({
       shown: this.shown,
-      onScreen: () => ({ state: this.#state, panes: this.#panes, surface: this.#surface, slices: this.#slices }),
+      onScreen: () => ({
+        state: this.#closer ? this.#aids.drawable(this.#state) : this.#state,
+        panes: this.#panes,
+        surface: this.#surface,
+        slices: this.#slices,
+        closer: this.#closer,
+      }),
       goTo: (depth_mm) => this.#goToDepth(depth_mm),
       made: this.#host.made,
       address: () => {
@@ -256,7 +343,7 @@ export class Viewer {
   }
 
   #surfacePane(): SurfacePane {
-    return new SurfacePane(this.shown, this.#host.serverOnly, {
+    const listener = {
       state: () => this.#state,
       hands: () => this.#host.preferences(),
       change: (change) => this.#change(change),
@@ -268,7 +355,8 @@ export class Viewer {
         if (!busy) this.#schedule();
       },
       status: (status) => this.#onStatus(status),
-    });
+    } satisfies SurfacePaneListener;
+    return new SurfacePane(this.shown, this.#host.serverOnly, listener, this.#host.surface);
   }
 
   /** Shows the state before, or the one that was undone. */
@@ -282,7 +370,7 @@ export class Viewer {
   #take(state: ViewState): void {
     this.#stopSweep();
     this.#picked = null;
-    this.#state = state;
+    this.#state = this.#aids.paired(state);
     this.#apply({});
   }
 
@@ -291,7 +379,7 @@ export class Viewer {
       this.#history.record(this.#state);
       this.#address.push();
     }
-    this.#state = { ...this.#state, ...change };
+    this.#state = this.#aids.paired({ ...this.#state, ...change });
     if (step) this.#history.record(this.#state);
     this.#apply(change);
     if (step) this.#address.replace();
@@ -314,7 +402,7 @@ export class Viewer {
   #onRest(): void {
     if (this.#sweep.isRunning) return;
     // A hand that pauses on its way through a slice makes no step of it.
-    if (this.#slices.element.matches(":active")) return this.#address.stir();
+    if (this.#panes.querySelector(":is(.slices, .closer):active")) return this.#address.stir();
     this.#unmoved = null;
     this.#address.replace();
     this.#history.record(this.#state);
@@ -322,7 +410,7 @@ export class Viewer {
     this.element.dataset.rested = "true";
     if (this.#explained && this.#state.depth_mm !== this.#explained.depth_mm) this.#dismissExplanation();
     const words = this.#speaker.say(this.#aids.drawable(this.#state), this.#surface);
-    for (const pane of [this.#surface, this.#slices]) pane.describe(words);
+    for (const pane of [this.#surface, this.#slices, this.#closer]) pane?.describe(words);
   }
 
   /** Whoever has changed the depth knows how. */
@@ -339,6 +427,7 @@ export class Viewer {
       const state = this.#aids.drawable(this.#state);
       this.#surface.draw(state, this.#moving || this.#sweep.isRunning);
       if (hasSlices(state)) this.#slices.show(state);
+      this.#showCloser(state).catch((problem: unknown) => this.#notices.complain(problem));
     });
   }
 

@@ -34,9 +34,9 @@ const MOST_SLICE_PIXELS = 1600;
 export const createSurface: CreateSurface = (host, shown, options) => new Cortex(host, shown, options);
 
 class Cortex implements Surface {
-  readonly #host: HTMLElement;
+  #host: HTMLElement;
   readonly #case: ReadyCase;
-  readonly #options: SurfaceOptions;
+  #options: SurfaceOptions;
   readonly #canvas = h("canvas", { class: "cortex" });
   readonly #times = h("output", { class: "frame-times", hidden: true });
   readonly #resized = new ResizeObserver(() => this.#schedule());
@@ -88,7 +88,8 @@ class Cortex implements Surface {
 
   async load(signal: AbortSignal, onProgress: (progress: LoadProgress) => void): Promise<void> {
     const both = AbortSignal.any([signal, this.#gone.signal]);
-    if (!fitsMemory(this.#case)) return;
+    // Everything is here already.
+    if (!fitsMemory(this.#case) || this.#points) return;
     this.#gaveUp = false;
     try {
       const depth_mm = this.#state?.depth_mm ?? clampDepth(FIRST_DEPTH_MM, this.#case);
@@ -164,6 +165,17 @@ class Cortex implements Surface {
   showTimer(shown: boolean): void {
     this.#times.hidden = !shown;
     this.#showTimes();
+  }
+
+  adopt(host: HTMLElement, options: SurfaceOptions): void {
+    this.#standIn.leave();
+    [this.#host, this.#options] = [host, options];
+    host.append(this.#canvas, this.#times);
+    this.#resized.disconnect();
+    this.#resized.observe(host);
+    this.#told = "";
+    this.#say("");
+    this.#schedule();
   }
 
   dispose(): void {

@@ -4,13 +4,13 @@ import { h, svg, tell } from "../base/dom.ts";
 import type { Vec2 } from "../model/space.ts";
 
 /** From where to where the ticks of a cross reach, from its middle, in CSS pixels: what is marked lies free. */
-const TICKS = { ticks: [10, 24], mark: [5, 14] } as const;
+const TICKS = { long: [10, 24], short: [5, 14] } as const;
 /** Words stand so far from the middle of a mark, and take at most so much room, in CSS pixels. */
 const WORDS_GAP = 12;
 const WORDS_ROOM = 56;
 
-/** `ticks` are a cross on a slice, the others are smaller, with a circle. */
-export type CursorKind = "ticks" | "mark" | "hidden" | "ghost";
+/** `ticks` are a cross on a slice, `opposite` the same at its mirror image; the others are smaller, with a circle. */
+export type CursorKind = "ticks" | "opposite" | "mark" | "hidden" | "ghost";
 
 export interface CursorLook {
   readonly kind: CursorKind;
@@ -41,7 +41,8 @@ export class Cursor {
     if (!isShown) return;
     const [x, y] = place;
     this.#placeWords(place, size, kind);
-    const [gap, reach] = TICKS[kind === "ticks" ? kind : "mark"];
+    const isLong = kind === "ticks" || kind === "opposite";
+    const [gap, reach] = TICKS[isLong ? "long" : "short"];
     const line = (x1: number, y1: number, x2: number, y2: number): SVGElement => svg("line", { x1, y1, x2, y2 });
     this.element.append(
       line(x - reach, y, x - gap, y),
@@ -52,7 +53,7 @@ export class Cursor {
     // Also a small place has its outline outside of the mark.
     const outline = ring > 0 ? Math.max(ring, gap + 4) : 0;
     if (outline > 0) this.element.append(svg("circle", { class: "place", cx: x, cy: y, r: outline }));
-    if (kind !== "ticks") this.element.append(svg("circle", { cx: x, cy: y, r: gap }));
+    if (!isLong) this.element.append(svg("circle", { cx: x, cy: y, r: gap }));
     // No larger than the mark, for all of it is laid over the picture with every frame.
     const half = Math.ceil(Math.max(reach, outline + 2));
     const [left, top, side] = [x - half, y - half, 2 * half];

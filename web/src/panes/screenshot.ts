@@ -1,6 +1,6 @@
 // The panes as one picture: what they show, then what stands on it.
 
-import { paintSvg } from "./paint-svg.ts";
+import { svgPicture } from "./paint-svg.ts";
 
 /** A picture in its place. */
 export interface Placed {
@@ -22,14 +22,26 @@ function within(frame: Element, element: Element): Box {
   return { x: box.left - outer.left, y: box.top - outer.top, width: box.width, height: box.height };
 }
 
-/** Paints the panes as they stand, one of the canvas's units being a CSS pixel. */
-export async function paintPanes(
-  context: CanvasRenderingContext2D,
-  panes: HTMLElement,
-  pictures: readonly Placed[],
-): Promise<void> {
-  context.fillStyle = "#000";
-  context.fillRect(0, 0, panes.clientWidth, panes.clientHeight);
+/** Paints a canvas, one of whose units is a CSS pixel: all of it at once. */
+export type Paint = (context: CanvasRenderingContext2D) => void;
+
+/** How the panes are painted as they stand. A browser may forget what was painted on a canvas some time before. */
+export async function panesPainter(panes: HTMLElement, pictures: readonly Placed[]): Promise<Paint> {
+  const isShown = shownIn(panes);
+  const shown = [...panes.querySelectorAll<SVGSVGElement>("svg:is(.mask-outline, .cursor, .cube)")].filter(isShown);
+  const drawings = await Promise.all(
+    shown.map(async (drawing) => ({ ...within(panes, drawing), picture: await svgPicture(drawing) })),
+  );
+  return (context) => {
+    context.fillStyle = "#000";
+    context.fillRect(0, 0, panes.clientWidth, panes.clientHeight);
+    paintPictures(context, panes, pictures);
+    for (const { x, y, picture } of drawings) context.drawImage(picture.image, x, y, picture.width, picture.height);
+    paintWriting(context, panes);
+  };
+}
+
+function paintPictures(context: CanvasRenderingContext2D, panes: HTMLElement, pictures: readonly Placed[]): void {
   const isShown = shownIn(panes);
   const draw = (picture: CanvasImageSource, element: Element, isFlipped: boolean): void => {
     const { x, y, width, height } = within(panes, element);
@@ -42,11 +54,6 @@ export async function paintPanes(
   for (const { element, picture, isFlipped } of pictures) if (isShown(element)) draw(picture, element, isFlipped);
   for (const ramp of panes.querySelectorAll<HTMLCanvasElement>("canvas.ramp"))
     if (isShown(ramp)) draw(ramp, ramp, false);
-  for (const drawing of panes.querySelectorAll<SVGSVGElement>("svg:is(.mask-outline, .cursor, .cube)")) {
-    const { x, y } = within(panes, drawing);
-    if (isShown(drawing)) await paintSvg(context, drawing, [x, y]);
-  }
-  paintWriting(context, panes);
 }
 
 /** Whether an element is to be seen: not under a slice that is as large as all panes. */

@@ -12,10 +12,6 @@ import type { SlicePane } from "./slices.ts";
 export interface SliceGroupListener extends Omit<SliceListener, "enlarge" | "zoomed"> {
   /** Fetches what panes are made of. */
   load(): Promise<{ readonly SlicePane: typeof SlicePane }>;
-  /** The slices have other sizes, after a double click in one or otherwise. */
-  resized(isDoubleClick: boolean): void;
-  /** Whether the slices are enlarged together. */
-  hasOneZoom(): boolean;
 }
 
 export class SliceGroup {

@@ -13,13 +13,30 @@ export interface SliceLayer {
   show(view: SliceView, sphere: Sphere, isShown: boolean): void;
 }
 
+/** What a slice of the close-up shows. */
+export interface SliceRole {
+  /** Distinguishes it from the other slices in its plane. */
+  readonly name: string;
+  readonly isOpposite: boolean;
+  /** Whether layers are shown, not the case alone. */
+  readonly isLayer: boolean;
+  /** The zoom at first. */
+  readonly zoom: number;
+  /** The side on which a place is. */
+  words(position_in_patient: Vec3): string;
+}
+
 export interface SliceListener {
+  /** Slices have other sizes, after a double click in one or otherwise. */
+  resized(isDoubleClick: boolean): void;
   /** A drag with the right button. */
   window(move: Vec2): void;
   /** A double click, or the button: as large as all panes, or not. */
   enlarge(plane: Plane, isDoubleClick?: boolean): void;
   /** Who knows the points, and draws slices in the page. */
   surface(): Pick<Surface, "probe" | "isInHead" | "canSlice" | "slice">;
+  /** Whether slices are enlarged together. */
+  hasOneZoom(): boolean;
   /** A hand has enlarged the slice: the others follow. */
   zoomed(plane: Plane, zoom: number): void;
   /** The cross is put here; `done` when the hand has left. */

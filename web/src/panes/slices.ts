@@ -7,7 +7,7 @@ import { number, t } from "../base/i18n.ts";
 import { coordinate, depthAtWords, positionWords } from "../base/readout.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
-import { Overlay, titleWords } from "./overlay.ts";
+import { Overlay, overlayWords, titleWords } from "./overlay.ts";
 import { FollowingPicture, type Wish, served } from "../base/picture.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
 import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../model/query.ts";
@@ -32,7 +32,7 @@ import {
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, edgesLayer, isMirrored } from "../model/state.ts";
 import type { Placed } from "./screenshot.ts";
-import type { SliceLayer, SliceListener } from "./slice-parts.ts";
+import type { SliceLayer, SliceListener, SliceRole } from "./slice-parts.ts";
 import { edgesWords, imageWords } from "./slice-words.ts";
 
 const MOST_PIXELS = 768;
@@ -62,11 +62,15 @@ export class SlicePane {
   readonly #hovered = h("span", { class: "hovered", hidden: true });
   readonly #mapBar = new MapBar();
   readonly #legend = h("div", { class: "outlines", hidden: true });
+  /** Of the close-up. */
+  readonly #role: SliceRole | null;
+  /** How it lies at first. */
+  readonly #home: Placing;
   #layer: SliceLayer | null = null;
   readonly #range: HTMLInputElement;
   readonly #words: HTMLElement;
   #state: ViewState | null = null;
-  #placing: Placing = CENTRED;
+  #placing: Placing;
   /** The mark that the slice was brought to, or that was put here by a hand. */
   #followed: Vec3 | null = null;
   /** What the picture that is up shows. */
@@ -74,7 +78,10 @@ export class SlicePane {
   #outlined = true;
   #pointer: Vec2 | null = null;
 
-  constructor(plane: Plane, shown: ReadyCase, listener: SliceListener) {
+  constructor(plane: Plane, shown: ReadyCase, listener: SliceListener, role: SliceRole | null = null) {
+    this.#role = role;
+    this.#home = { ...CENTRED, zoom: role?.zoom ?? CENTRED.zoom };
+    this.#placing = this.#home;
     this.plane = plane;
     this.#shown = shown;
     this.#listener = listener;
@@ -96,7 +103,9 @@ export class SlicePane {
       "aria-label": t("slice.position", { plane: label }),
       input: () => this.#goTo(this.#range.valueAsNumber),
     });
-    this.#words = h("p", { id: `slice-${plane}-words`, class: "visually-hidden" });
+    const suffix = role ? `-${role.name}` : "";
+    if (role) this.element.classList.add(role.name);
+    this.#words = h("p", { id: `slice-${plane}${suffix}-words`, class: "visually-hidden" });
     this.element.setAttribute("aria-describedby", this.#words.id);
     const enlarge = iconButton("enlarge", t("slice.enlarge", { plane: label }), () => listener.enlarge(plane));
     this.element.append(h("div", { class: "slice-bar" }, this.#overlay.line, this.#range, enlarge), this.#words);
@@ -193,7 +202,10 @@ export class SlicePane {
 
   /** The whole slice in the middle again. */
   center(): void {
-    this.#setPlacing(CENTRED);
+    const state = this.#state;
+    const mark = this.#role && state?.crosshair_mm;
+    if (!state || !mark || this.#frame.clientWidth === 0) return this.#setPlacing(this.#home);
+    this.#setPlacing(followedSlice({ ...this.#view(state), placing: this.#home }, this.#shown, mark));
   }
 
   /** Lays something over the slice, below what is written on it; null: nothing. */
@@ -264,10 +276,13 @@ export class SlicePane {
     const marked = position_mm === view.position_mm ? state.crosshair_mm : (drawn?.state.crosshair_mm ?? null);
     const place = `${coordinate(position_mm, PLANES[this.plane].axis)} mm`;
     const { edges } = this.element.dataset;
-    const image =
-      state.layer && !edges ? titleWords(state.layer.about) : imageWords(this.#shown, this.plane, this.#center(state));
-    const badge = this.plane === "sagittal" ? "" : t(`convention.${state.convention}.badge`);
-    const more = [image, edges && edgesWords(state, this.isLarge)].filter(Boolean).join(" · ");
+    const layer = this.#role ? state.layer?.about?.title : state.layer && titleWords(state.layer.about);
+    const own = this.#role && !this.#role.isLayer ? t("value.own") : "";
+    const image = layer && !edges ? layer : own || imageWords(this.#shown, this.plane, this.#center(state));
+    const over = this.#role?.isLayer && state.overlay && !edges ? overlayWords(state.overlay) : "";
+    const convention = this.plane === "sagittal" ? "" : t(`convention.${state.convention}.badge`);
+    const badge = this.#role ? this.#role.words(this.#center(state)) : convention;
+    const more = [image, over, edges && edgesWords(state, this.isLarge)].filter(Boolean).join(" · ");
     // Two lines, so that the picture keeps its size.
     this.#overlay.title(`${t(`plane.${this.plane}`)}${more ? " " : "\n"}${place}\n${more}`, badge);
     this.#overlay.scale(sliceMmPerPixel(view, sphere), view.size[0]);
@@ -275,11 +290,15 @@ export class SlicePane {
     const words = twin ? t("mark.marked") : "";
     const ring = (state.place_mm ?? 0) / 2 / sliceMmPerPixel(view, sphere);
     const cross = marked && slicePixel(view, sphere, marked);
-    this.#overlay.cursor(cross, view.size, { kind: "ticks", words, ring });
+    const kind = this.#role?.isOpposite ? "opposite" : "ticks";
+    this.#overlay.cursor(cross, view.size, { kind, words, ring });
     this.#overlay.twin(twin, view.size);
     this.#layer?.show(view, sphere, this.#outlined);
     this.#explain(state);
     this.#range.setAttribute("aria-valuetext", `${place} ${more}`);
+    if (!this.#role) return;
+    const label = t("slice.label", { plane: t(`plane.${this.plane}`) });
+    this.element.setAttribute("aria-label", [label, badge, more].filter(Boolean).join(", "));
   }
 
   /** Where the mirror image of the marked point is: beside the mirrored half, and not across the plane between them. */
@@ -340,7 +359,11 @@ export class SlicePane {
 
   /** Enlarges the slice as another one was: about the mark if there is one, else about its middle. */
   zoomTo(zoom: number): void {
-    if (!this.#state || zoom === this.#placing.zoom) return;
+    if (zoom === this.#placing.zoom) return;
+    if (!this.#state) {
+      this.#placing = { ...this.#placing, zoom };
+      return;
+    }
     const view = this.#view(this.#state);
     const middle: Vec2 = [view.size[0] / 2, view.size[1] / 2];
     const { crosshair_mm } = this.#state;
@@ -437,7 +460,8 @@ export class SlicePane {
     this.element.addEventListener("keydown", (event) => {
       if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
       if (event.key === "Home") {
-        this.#place(CENTRED);
+        this.center();
+        this.#listener.zoomed(this.plane, this.#placing.zoom);
         event.preventDefault();
         return;
       }

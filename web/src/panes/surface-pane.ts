@@ -28,7 +28,7 @@ import { Cube } from "./cube.ts";
 import { type GestureListener, listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { ColourBar, Overlay, SIDES, lookWords } from "./overlay.ts";
-import type { Surface, SurfaceStatus } from "./surface.ts";
+import type { Surface, SurfaceOptions, SurfaceStatus } from "./surface.ts";
 
 /** A marked point that lies farther than this behind what is seen of the surface, or before it, is not on it. */
 const HIDDEN_MM = 3;
@@ -76,7 +76,8 @@ export class SurfacePane {
   #drawn: ViewState | null = null;
   #ghost: Vec2 | null = null;
 
-  constructor(shown: ReadyCase, serverOnly: boolean, listener: SurfacePaneListener) {
+  /** `kept` draws the case already. */
+  constructor(shown: ReadyCase, serverOnly: boolean, listener: SurfacePaneListener, kept: Surface | null = null) {
     this.#shown = shown;
     this.#listener = listener;
     this.element = h(
@@ -104,12 +105,14 @@ export class SurfacePane {
     const enlarge = iconButton("enlarge", t("surface.enlarge"), () => this.element.classList.toggle("large"));
     const note = h("p", { class: "bare-note" }, t("outline.off"));
     this.element.append(this.#cube.element, this.#keys, enlarge, note);
-    this.surface = createSurface(this.host, shown, {
+    const options: SurfaceOptions = {
       onDrawn: (state) => this.#onDrawn(state),
       onStatus: (status) => this.#onStatus(status),
       layer: listener.layer,
       serverOnly,
-    });
+    };
+    this.surface = kept ?? createSurface(this.host, shown, options);
+    kept?.adopt(this.host, options);
     listen(this.element, this.#gestures());
     this.element.addEventListener("pointermove", (event) => this.#hover(event));
     this.element.addEventListener("pointerleave", () => this.#hover(null));

@@ -74,6 +74,8 @@ export interface Surface {
   picture(state: ViewState, ratio: number): Promise<CanvasImageSource>;
   /** Whether the frame timer stands on the picture. */
   showTimer(shown: boolean): void;
+  /** Fills another host, with all that is here: the page around it was built again. */
+  adopt(host: HTMLElement, options: SurfaceOptions): void;
   dispose(): void;
 }
 

@@ -1,0 +1,183 @@
+// The places of the list as a table: a row for each, and below the open one what is known of it.
+
+import { h } from "../base/dom.ts";
+import { number, t } from "../base/i18n.ts";
+import { positionWords } from "../base/readout.ts";
+import { mirrorPlane, reflected } from "../model/midsagittal.ts";
+import type { ReadyCase } from "../model/case.ts";
+import type { Candidate } from "../model/maps.ts";
+import type { Layout } from "../model/state.ts";
+import { WHY_PARTS, type Why, whyAt } from "../model/why.ts";
+import type { Block } from "../model/wire.ts";
+import { button, line, row } from "./fields.ts";
+
+/** What opens beside the surface when a place is gone to. */
+const BESIDE = ["closer", "slices", "mirror", "both"] as const satisfies readonly Layout[];
+/** A bar of this score is as wide as its column. */
+const WIDEST_SCORE = 4;
+const COLUMNS = ["rank", "side", "depth", "score", "seen"] as const;
+
+export interface PlacesListener {
+  /** A place is gone to, in a layout; null: in the one that is shown. */
+  go(place: Candidate, layout: Layout | null): void;
+  sharpness(): Promise<Block>;
+}
+
+/** The places that were looked at, by case, as long as the page is open. */
+const SEEN = new Map<string, Set<string>>();
+const nameOf = (place: Candidate): string => place.position_in_patient.map((part) => part.toFixed(1)).join();
+
+export class PlacesTable {
+  readonly element: HTMLElement;
+  readonly #shown: ReadyCase;
+  readonly #listener: PlacesListener;
+  readonly #body = h("tbody", { keydown: (event: KeyboardEvent) => this.#walk(event) });
+  /** Where the chart of the open place stands. */
+  readonly chart = h("div", { class: "place-chart" });
+  #places: readonly Candidate[] = [];
+  #open: Candidate | null = null;
+
+  constructor(shown: ReadyCase, listener: PlacesListener) {
+    this.#shown = shown;
+    this.#listener = listener;
+    const heads = COLUMNS.map((name) => h("th", { scope: "col" }, t(`places.${name}`)));
+    this.element = h(
+      "table",
+      { class: "candidates", "aria-label": t("candidates.ask"), hidden: true },
+      h("thead", {}, h("tr", {}, ...heads)),
+      this.#body,
+    );
+  }
+
+  get isFilled(): boolean {
+    return this.#places.length > 0;
+  }
+
+  fill(places: readonly Candidate[]): void {
+    this.#places = places;
+    this.#open = null;
+    this.element.hidden = places.length === 0;
+    this.#body.replaceChildren(...places.map((place, at) => this.#row(place, at)));
+    this.#mark();
+  }
+
+  /** The place so many rows further; without an open one the first. */
+  step(steps: number): void {
+    const at = this.#open ? this.#places.indexOf(this.#open) + steps : 0;
+    const place = this.#places[Math.min(Math.max(at, 0), this.#places.length - 1)];
+    if (!place) return;
+    this.#listener.go(place, null);
+    this.#rowOf(place)?.scrollIntoView({ block: "nearest" });
+  }
+
+  /** Opens the row of a place, or none. */
+  open(place: Candidate | null): void {
+    if (place === this.#open) return;
+    this.#open = place;
+    this.#body.querySelector(".why")?.remove();
+    if (place) {
+      const seen = SEEN.get(this.#shown.id) ?? new Set();
+      SEEN.set(this.#shown.id, seen.add(nameOf(place)));
+      this.#rowOf(place)?.after(this.#details(place));
+    }
+    this.#mark();
+  }
+
+  #rowOf(place: Candidate): HTMLElement | undefined {
+    return this.#rows[this.#places.indexOf(place)];
+  }
+
+  get #rows(): readonly HTMLElement[] {
+    return [...this.#body.querySelectorAll<HTMLElement>("tr.place")];
+  }
+
+  #row(place: Candidate, at: number): HTMLElement {
+    const { side, depth_mm, score } = place;
+    const words = t("candidates.place", { rank: number(at + 1), side: t(`side.${side}`), depth: number(depth_mm, 1) });
+    const go = (): void => this.#listener.go(place, null);
+    const bar = h("span", { class: "score-bar", "aria-hidden": "true" });
+    bar.style.width = `${100 * Math.min(score / WIDEST_SCORE, 1)}%`;
+    return h(
+      "tr",
+      { class: "place", click: go },
+      // The row's own click follows.
+      h("td", {}, h("button", { class: "candidate", "aria-label": words, "aria-keyshortcuts": ", ." }, number(at + 1))),
+      h("td", {}, t(`side.${side}`)),
+      h("td", {}, `${number(depth_mm, 1)} mm`),
+      h("td", { class: "score" }, bar, h("span", {}, `${number(score, 1)} z`)),
+      h("td", {}, h("span", { class: "dot", role: "img" })),
+    );
+  }
+
+  #mark(): void {
+    const seen = SEEN.get(this.#shown.id);
+    for (const [at, element] of this.#rows.entries()) {
+      const place = this.#places[at];
+      if (!place) continue;
+      element.setAttribute("aria-current", String(place === this.#open));
+      const key = seen?.has(nameOf(place)) ? "places.looked-at" : "places.not-yet";
+      const dot = element.querySelector(".dot");
+      dot?.setAttribute("aria-label", t(key));
+      dot?.setAttribute("title", t(key));
+      dot?.classList.toggle("filled", seen?.has(nameOf(place)));
+      // The table is one stop of the tabulator.
+      const button = element.querySelector("button");
+      if (button) button.tabIndex = place === (this.#open ?? this.#places[0]) ? 0 : -1;
+    }
+  }
+
+  #details(place: Candidate): HTMLElement {
+    const { position_in_patient, score, size_mm } = place;
+    const facts = t("candidates.facts", { score: number(score, 1), size: number(size_mm, 1) });
+    const bars = h("div", { class: "why-bars" });
+    void this.#explain(place, bars);
+    const goes = BESIDE.map((layout) =>
+      button(t(layout === "closer" ? "closer.look" : `layout.${layout}`), () => this.#listener.go(place, layout)),
+    );
+    return h(
+      "tr",
+      { class: "why" },
+      h(
+        "td",
+        { colspan: COLUMNS.length },
+        h("p", { class: "quiet" }, `${facts} · ${positionWords(position_in_patient)}`),
+        row(...goes),
+        bars,
+        this.chart,
+      ),
+    );
+  }
+
+  /** Shows how sharp the junction is, once the map is here. */
+  async #explain({ position_in_patient }: Candidate, bars: HTMLElement): Promise<void> {
+    const sharpness = await this.#listener.sharpness().catch(() => null);
+    if (!sharpness || !this.element.contains(bars)) return;
+    const opposite = reflected(position_in_patient, mirrorPlane(this.#shown));
+    bars.replaceChildren(
+      h("p", { class: "quiet" }, t("why.title")),
+      ...barsOf(whyAt(sharpness, position_in_patient, opposite)),
+    );
+  }
+
+  /** Arrows go from row to row. */
+  #walk(event: KeyboardEvent): void {
+    const steps = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    const at = this.#rows.findIndex((one) => one.contains(document.activeElement));
+    if (steps === undefined || at < 0 || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    event.stopPropagation();
+    this.#rows[Math.min(Math.max(at + steps, 0), this.#rows.length - 1)]?.querySelector("button")?.focus();
+  }
+}
+
+/** A bar for each of the sharpnesses, of one scale. */
+function barsOf(why: Why): readonly HTMLElement[] {
+  const most = Math.max(...Object.values(why).filter(Number.isFinite), 1e-9);
+  return WHY_PARTS.map((part) => {
+    const value = why[part];
+    const words = Number.isFinite(value) ? `${number(value, 2)} /mm` : "–";
+    const label = t(`why.${part}`);
+    const bar = h("meter", { value: Number.isFinite(value) ? value / most : 0, "aria-label": `${label}: ${words}` });
+    return line(label, bar, h("span", { class: "value quiet", "aria-hidden": "true" }, words));
+  });
+}

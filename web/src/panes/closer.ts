@@ -1,0 +1,152 @@
+// The close-up of the marked place: three slices of it beside those of the other side, flipped; with a layer, the case
+// itself and the layer side by side.
+
+import { h } from "../base/dom.ts";
+import { t } from "../base/i18n.ts";
+import type { ReadyCase } from "../model/case.ts";
+import { mirrorPlane, reflected, sideOf } from "../model/midsagittal.ts";
+import { PLANE_NAMES, type Plane } from "../model/query.ts";
+import { otherConvention } from "../model/slice-geometry.ts";
+import type { Vec2, Vec3 } from "../model/space.ts";
+import { type ViewState, leftOf } from "../model/state.ts";
+import type { Placed } from "./screenshot.ts";
+import type { SliceListener } from "./slice-parts.ts";
+import { SlicePane } from "./slices.ts";
+
+/** How much of the head is seen at first, along the smaller side of a pane. */
+export const CLOSE_MM = 60;
+
+export interface CloserListener extends Omit<SliceListener, "enlarge" | "zoomed" | "window"> {
+  /** A drag with the right button in the case itself, or in the layer. */
+  window(move: Vec2, isLayer: boolean): void;
+}
+
+interface ClosePane {
+  readonly pane: SlicePane;
+  readonly isLayer: boolean;
+  readonly isOpposite: boolean;
+}
+
+export class Closer {
+  readonly element = h("div", { class: "closer" });
+  readonly #shown: ReadyCase;
+  readonly #listener: CloserListener;
+  #panes: readonly ClosePane[] = [];
+  /** The mark and its mirror image: the same as long as the mark is the same. */
+  #pair: readonly [Vec3, Vec3] | null = null;
+  #isOutlined = true;
+
+  constructor(shown: ReadyCase, listener: CloserListener) {
+    this.#shown = shown;
+    this.#listener = listener;
+  }
+
+  /** Shows the place that is marked; the layers of the state beside the case itself. */
+  show(state: ViewState): void {
+    const hasLayer = state.beside !== null;
+    if (this.#panes.length !== PLANE_NAMES.length * (hasLayer ? 4 : 2)) this.#lay(hasLayer);
+    const [here, opposite] = this.#halves(state);
+    for (const { pane, isLayer, isOpposite } of this.#panes) {
+      const half = isOpposite ? opposite : here;
+      pane.show(isLayer ? half : leftOf(half));
+    }
+  }
+
+  outline(shown: boolean): void {
+    this.#isOutlined = shown;
+    for (const { pane } of this.#panes) pane.outline(shown);
+  }
+
+  /** The panes as they lie, with so many pixels to a CSS pixel. */
+  async pictures(ratio: number): Promise<readonly Placed[]> {
+    return (await Promise.all(this.#panes.map(({ pane }) => pane.placed(ratio)))).filter((one) => one !== null);
+  }
+
+  /** Shows all panes as they were at first. */
+  center(): void {
+    for (const { pane } of this.#panes) pane.center();
+  }
+
+  describe(words: string): void {
+    for (const { pane } of this.#panes) pane.describe(words);
+  }
+
+  /** The panes are gone; the next ones show 60 mm again. */
+  dispose(): void {
+    for (const { pane } of this.#panes) pane.dispose();
+    this.#panes = [];
+    this.element.replaceChildren();
+  }
+
+  /** What is shown of the marked side, and of the other one: as if the patient were mirrored. */
+  #halves(state: ViewState): readonly [ViewState, ViewState] {
+    const { crosshair_mm: mark, convention } = state;
+    if (!mark) return [state, { ...state, convention: otherConvention(convention) }];
+    if (this.#pair?.[0] !== mark) this.#pair = [mark, reflected(mark, mirrorPlane(this.#shown))];
+    return [state, { ...state, crosshair_mm: this.#pair[1], convention: otherConvention(convention) }];
+  }
+
+  /** Lays out the panes; those of the case itself stay when a layer comes or goes. */
+  #lay(hasLayer: boolean): void {
+    const columns = (hasLayer ? [false, true] : [false]).flatMap((isLayer) => [
+      { isLayer, isOpposite: false },
+      { isLayer, isOpposite: true },
+    ]);
+    const before = this.#panes;
+    const zoom = before[0]?.pane.zoom;
+    this.#panes = PLANE_NAMES.flatMap((plane) =>
+      columns.map((column) => {
+        const isIt = (one: ClosePane): boolean =>
+          one.pane.plane === plane && one.isLayer === column.isLayer && one.isOpposite === column.isOpposite;
+        return before.find(isIt) ?? this.#made(plane, column);
+      }),
+    );
+    for (const one of before) if (!this.#panes.includes(one)) one.pane.dispose();
+    this.element.style.setProperty("--columns", String(columns.length));
+    this.element.replaceChildren(...this.#panes.map(({ pane }) => pane.element));
+    for (const one of this.#panes) {
+      if (before.includes(one)) continue;
+      one.pane.outline(this.#isOutlined);
+      if (zoom !== undefined) one.pane.zoomTo(zoom);
+    }
+  }
+
+  #made(plane: Plane, { isLayer, isOpposite }: Omit<ClosePane, "pane">): ClosePane {
+    const listener: SliceListener = {
+      ...this.#listener,
+      window: (move) => this.#listener.window(move, isLayer),
+      move: (position, done) => this.#move(position, isOpposite, done),
+      zoomed: (_, wanted) => {
+        if (this.#listener.hasOneZoom()) for (const { pane } of this.#panes) pane.zoomTo(wanted);
+      },
+      enlarge: (_, isDoubleClick) => this.#enlarge(pane, isDoubleClick),
+    };
+    const pane = new SlicePane(plane, this.#shown, listener, {
+      name: `${isOpposite ? "opposite" : "here"}${isLayer ? "-layer" : ""}`,
+      isOpposite,
+      isLayer,
+      zoom: (2 * this.#shown.envelope_sphere.radius_mm) / CLOSE_MM,
+      words: (mark) => this.#sideWords(mark, isOpposite),
+    });
+    return { pane, isLayer, isOpposite };
+  }
+
+  /** Which side a pane shows: of the other side it is flipped. */
+  #sideWords(mark: Vec3, isOpposite: boolean): string {
+    const side = sideOf(mark, mirrorPlane(this.#shown));
+    if (side === "middle") return t(isOpposite ? "closer.flipped" : "side.middle");
+    return t(`${isOpposite ? "flipped" : "mirror"}.${side}`);
+  }
+
+  /** A hand on the other side puts the mark where its mirror image is. */
+  #move(position: Vec3, isOpposite: boolean, done: boolean): void {
+    if (!isOpposite) return this.#listener.move(position, done);
+    if (this.#pair?.[1] !== position) this.#pair = [reflected(position, mirrorPlane(this.#shown)), position];
+    this.#listener.move(this.#pair[0], done);
+  }
+
+  #enlarge(one: SlicePane, isDoubleClick = false): void {
+    for (const { pane } of this.#panes) pane.enlarge(pane === one && !pane.isLarge);
+    this.#listener.resized(isDoubleClick);
+  }
+}
