@@ -237,7 +237,7 @@ pub async fn get_slice(
         });
         Ok(Bytes::from(picture.await??).into())
     };
-    let format = format_with_layers(plane.name().to_owned(), &chosen).named(named.clone());
+    let format = format_with_layers(plane.name().to_owned(), chosen.version()).named(named.clone());
     question.answer(&cases, format, work).await
 }
 
