@@ -8,6 +8,7 @@ mod layers;
 mod numbers;
 mod request;
 mod series;
+mod slice;
 
 pub use self::depth::{DepthMm, ShownDepth};
 pub use self::drawing::{DrawnPicture, PictureJob, backend_for, warm_job};
@@ -24,3 +25,4 @@ pub use self::request::{
     picture_size, window_of, window_of_numbers,
 };
 pub use self::series::{PictureSeries, SeriesPicture};
+pub use self::slice::{CheckedSlice, SlicePicture, SliceQuery};
