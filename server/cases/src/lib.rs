@@ -19,6 +19,7 @@ pub mod models;
 pub mod pictures;
 pub mod profile;
 pub mod registration;
+pub mod report;
 mod room;
 #[cfg(test)]
 mod testing;

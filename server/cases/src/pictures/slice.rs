@@ -1,7 +1,9 @@
 //! Pictures of slices with the contours of isosurfaces.
 
 use case::{CaseFacts, CaseId};
-use render::{ColorMap, Scene, SliceConvention, SliceParameters, SlicePlane, SliceRequest, Window};
+use render::{
+    ColorMap, Projection, Scene, SliceConvention, SliceParameters, SlicePlane, SliceRequest, Window,
+};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -86,6 +88,30 @@ pub struct SliceQuery {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     #[cfg_attr(feature = "openapi", param(default = false))]
     pub edges: bool,
+}
+
+impl Default for SliceQuery {
+    fn default() -> Self {
+        Self {
+            position_mm: None,
+            depth_mm: NumberList::default(),
+            width: default_side(),
+            height: default_side(),
+            zoom: default_zoom(),
+            pan: None,
+            window: None,
+            colormap: ColorMap::default(),
+            convention: SliceConvention::default(),
+            annotate: false,
+            layer: None,
+            overlay: None,
+            overlay_window: None,
+            overlay_colormap: None,
+            overlay_threshold: None,
+            overlay_opacity: None,
+            edges: false,
+        }
+    }
 }
 
 impl SliceQuery {
@@ -191,6 +217,15 @@ pub struct SlicePicture {
     identity: Option<String>,
 }
 
+/// A drawn slice.
+#[derive(Debug)]
+pub struct DrawnSlice {
+    /// Its PNG file.
+    pub png: Vec<u8>,
+    /// Its projection.
+    pub projection: Projection,
+}
+
 impl SlicePicture {
     /// Finds the layers of a slice of a case.
     ///
@@ -227,11 +262,11 @@ impl SlicePicture {
         self.layers.version()
     }
 
-    /// Its PNG file.
+    /// Draws it.
     ///
     /// # Errors
     /// As [`Cases::model`]; [`Error::Busy`] if too much work waits; those of the layers.
-    pub async fn draw(self, cases: &Cases) -> Result<Vec<u8>, Error> {
+    pub async fn draw(self, cases: &Cases) -> Result<DrawnSlice, Error> {
         let facts = cases.ready(&self.id).await?;
         let layers = self.layers.load(&cases.library, &self.id).await?;
         let request = self.slice.of_case(self.plane, &facts, &layers);
@@ -244,15 +279,16 @@ impl SlicePicture {
                 ..model.scene().with_layers(layers.layers())
             };
             let mut frame = render::draw_slice(&scene, &request);
+            let projection = request.projection(&scene.bounds);
             if let Some(identity) = &self.identity {
-                let projection = request.projection(&scene.bounds);
                 let named = Some(identity.as_str());
                 frame = render::annotate_slice(frame, &request, &projection, &scene.layers, named);
             }
             let case = self.id.to_string();
             let mut texts = render::slice_texts(&case, &request, &scene.layers);
             texts.retain(|(_, text)| !text.is_empty());
-            Ok(render::encode_png(&frame, &texts)?)
+            let png = render::encode_png(&frame, &texts)?;
+            Ok(DrawnSlice { png, projection })
         };
         cases.queue.run(draw).await?
     }

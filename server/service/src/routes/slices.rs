@@ -58,7 +58,7 @@ pub async fn get_slice(
     let slice = SlicePicture::of(&cases, &id, plane, values).await?;
     let format = format_with_layers(plane.name().to_owned(), slice.version());
     let format = format.named(slice.identity().map(str::to_owned));
-    let work = async |_| Ok(Bytes::from(slice.draw(&cases).await?).into());
+    let work = async |_| Ok(Bytes::from(slice.draw(&cases).await?.png).into());
     question.answer(&cases, format, work).await
 }
 
