@@ -113,6 +113,14 @@ test(
     await page.mouse.wheel(0, 120);
     await page.keyboard.up("Alt");
     assert.equal(await until(depth, (now) => now === 30), 30);
+    // Whoever changes the depth has understood.
+    const other = await openPage(browser);
+    await other.page.goto(`${origin}#${id}`);
+    await shown(other.page);
+    await other.page.locator(".first-time").waitFor();
+    await other.page.keyboard.press("]");
+    await other.page.locator(".first-time").waitFor({ state: "detached" });
+    await other.context.close();
   },
 );
 
@@ -442,7 +450,17 @@ test(
   { skip, timeout: 600_000 },
   async () => {
     const phone = await openPage(browser, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
+    // Nothing is wider than the screen while the volume is on its way either, in any language.
+    let release = (): void => {};
+    const held = new Promise<void>((resolve) => (release = resolve));
+    await phone.page.route(/\/volume\?/, async (route) => {
+      await held;
+      await route.continue();
+    });
     await phone.page.goto(`${origin}#${id}`);
+    await phone.page.locator(".loading-line").waitFor();
+    assert.equal(await phone.page.evaluate(() => document.documentElement.scrollWidth), 390);
+    release();
     await shown(phone.page);
     for (const place of [0, 400, 99_999]) {
       await phone.page.evaluate((top) => scrollTo(0, top), place);

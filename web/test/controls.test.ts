@@ -109,6 +109,17 @@ test("a window drag goes the way that is preferred, and never to nothing", () =>
   assert.equal(boundWindow({ center: 1e9, width: 1e9 }, SHOWN).width, 2001);
 });
 
+test("black is nowhere below the lowest intensity, however the window is dragged", () => {
+  for (const move of [
+    [400, 0],
+    [0, -1e6],
+    [1e6, -1e6],
+  ] as const) {
+    const { window } = dragWindow(FIRST, SHOWN, move, "up-brighter");
+    assert.ok(windowEnds(window as Window)[0] >= SHOWN.intensity.min - 1e-9, `${move}: ${JSON.stringify(window)}`);
+  }
+});
+
 test("depth goes in whole steps and stays in the case", () => {
   assert.equal(stepDepth(8, 1, 0.5), 8.5);
   assert.equal(stepDepth(8.3, 1, 0.5), 8.5);

@@ -76,7 +76,7 @@ test("a window comes back to a ten-thousandth of its ramp, however small it is",
   ] as const) {
     const shown = {
       ...SHOWN,
-      intensity: { min: center - width + 1, max: center + width - 1, window: { center, width } },
+      intensity: { min: center - width + 0.5, max: center + width - 1.5, window: { center, width } },
     };
     const state = { ...FIRST, window: { center: center + (width - 1) / 7, width: 1 + 0.7 * (width - 1) } };
     const { window } = readState(restOf(writeAddress(state, shown)), shown).state;

@@ -43,8 +43,8 @@ test("a layer in grey has its own window and range; labels have colours alone", 
   const state: ViewState = { ...FIRST, layer: grey, window: grey?.intensity.window ?? FIRST.window };
   assert.deepEqual(presetWindow("auto", textureOf(state, SHOWN)), { center: 6.5, width: 13 });
   // A drag over 400 pixels changes it by the layer's width, not by the case's.
-  assert.deepEqual(dragWindow(state, SHOWN, [400, 0], "up-darker").window, { center: 6.5, width: 25 });
-  assert.equal(boundWindow({ center: 900, width: 13 }, textureOf(state, SHOWN)).center, 60);
+  assert.deepEqual(dragWindow(state, SHOWN, [400, 0], "up-darker").window, { center: 12.5, width: 25 });
+  assert.equal(boundWindow({ center: 900, width: 13 }, textureOf(state, SHOWN)).center, 60.5);
 });
 
 test("a layer in colours is shown as the server shows it, until something else is chosen", () => {

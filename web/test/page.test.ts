@@ -81,6 +81,14 @@ test("a problem's detail becomes a sentence; a body that is no JSON is not shown
   );
   speak("pt-BR", portuguese as Words);
   assert.equal(problemWords(told), "A máscara está vazia.");
+  // Numbers are in the server's sentence alone.
+  const missing = "slices 12 and 13 of 192 are missing";
+  const numbered = problemFrom(
+    422,
+    headers("application/problem+json"),
+    JSON.stringify({ type: "urn:isocortex:problem:dicom-slices-missing", detail: missing }),
+  );
+  assert.match(problemWords(numbered), /^Faltam cortes .* \(O servidor respondeu, em inglês: Slices 12 and 13 of 192/);
 });
 
 test("a token is asked for once, however many requests are refused", async () => {
@@ -201,6 +209,7 @@ test("preferences that are damaged are as at first", () => {
     wheel: "zoom",
     shortcuts: true,
     knows_depth: false,
+    linked_zoom: true,
     panel: true,
     list_width: 260,
   });

@@ -87,16 +87,20 @@ test("a slice is enlarged about the pointer and moved with the hand, in either c
   }
 });
 
-test("a slice that was enlarged follows a mark out of sight, and stays for one in sight", () => {
+test("an enlarged slice is brought to a mark, which lies in its middle; a whole head stays where it is", () => {
+  const { center_in_patient: middle } = SHOWN.envelope_sphere;
   for (const convention of ["radiological", "neurological"] as const) {
     const near = view({ convention, placing: { zoom: 4, pan_mm: [0, 0] } });
-    const { center_in_patient: middle } = SHOWN.envelope_sphere;
-    assert.equal(followedSlice(near, SHOWN, middle), near.placing);
-    const far: Vec3 = [middle[0] - 60, middle[1] + 30, middle[2]];
-    const placing = followedSlice(near, SHOWN, far);
-    assert.equal(placing.zoom, 4);
-    const [x, y] = slicePixel({ ...near, placing }, SHOWN.envelope_sphere, far);
-    assert.ok(Math.hypot(x - near.size[0] / 2, y - near.size[1] / 2) < 0.01, `${x}, ${y}`);
+    // One is in sight, the other is not.
+    for (const across of [-4, -60]) {
+      const mark: Vec3 = [middle[0] + across, middle[1] + 3, middle[2]];
+      const placing = followedSlice(near, SHOWN, mark);
+      assert.equal(placing.zoom, 4);
+      const [x, y] = slicePixel({ ...near, placing }, SPHERE, mark);
+      assert.ok(Math.hypot(x - near.size[0] / 2, y - near.size[1] / 2) < 0.01, `${x}, ${y}`);
+    }
+    const whole = view({ convention });
+    assert.equal(followedSlice(whole, SHOWN, [middle[0] - 4, middle[1] + 3, middle[2]]), whole.placing);
   }
 });
 

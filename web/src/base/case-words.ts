@@ -2,7 +2,7 @@
 
 import type { Case, ProblemBody, Quality, ReadyCase } from "../model/case.ts";
 import { day, known, moment, number, numberUpTo, spoken, t } from "./i18n.ts";
-import { sentence } from "./problem-words.ts";
+import { sentence, withNumbers } from "./problem-words.ts";
 
 /** A case's name in the list. */
 export const caseTitle = (one: Case): string => one.name || t("case.unnamed", { id: one.id.slice(0, 8) });
@@ -33,7 +33,7 @@ export function failureWords(error: ProblemBody | undefined): string {
       .split(":")
       .at(-1) ?? "";
   const key = known(`problem.${kind}`);
-  if (key) return t(key);
+  if (key) return withNumbers(t(key), error?.detail ?? "");
   return error?.detail ? sentence(error.detail) : t("case.failed");
 }
 

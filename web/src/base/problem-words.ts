@@ -16,7 +16,11 @@ export const troubleWords = (problem: unknown): string =>
 export function problemWords(problem: unknown): string {
   if (!(problem instanceof Problem)) return t("problem.unexpected");
   const key = known(`problem.${problem.kind}`);
-  if (key && (spoken() !== "en" || !problem.detail)) return t(key);
+  if (key && (spoken() !== "en" || !problem.detail)) return withNumbers(t(key), problem.detail);
   if (problem.detail) return t("problem.english", { detail: sentence(problem.detail) });
   return t("problem.status", { status: problem.status });
 }
+
+/** The page's words and behind them the server's, if those have numbers: which slice, how large. */
+export const withNumbers = (words: string, detail: string): string =>
+  /\d/.test(detail) ? `${words} (${t("problem.english", { detail: sentence(detail) })})` : words;

@@ -16,6 +16,7 @@ import {
   clampDepth,
   stepDepth,
   textureOf,
+  windowBetween,
 } from "./state.ts";
 
 export type Change = Partial<ViewState>;
@@ -87,16 +88,15 @@ export function dragWindow(state: ViewState, shown: ReadyCase, move: Vec2, drag:
 }
 
 /**
- * The nearest window that is of use: its level within the intensities, from black to white a 500th of their range to
- * twice it.
+ * The nearest window that is of use: from black to white a 500th of the range of the intensities to twice it, and black
+ * nowhere below the lowest intensity.
  */
 export function boundWindow(window: Window, { intensity }: { readonly intensity: Intensity }): Window {
   const { min, max } = intensity;
   const range = Math.max(max - min, intensity.window.width - 1);
-  return {
-    center: clamp(window.center, min - range, max + range),
-    width: clamp(window.width, 1 + range / 500, 1 + 2 * range),
-  };
+  const width = clamp(window.width, 1 + range / 500, 1 + 2 * range);
+  const lowest = windowBetween(min, min + width - 1).center;
+  return { center: clamp(window.center, lowest, max + range + 0.5), width };
 }
 
 /** Deeper by `steps` steps, fine or not. */

@@ -65,12 +65,13 @@ export function movedSlice(view: SliceView, shown: ReadyCase, move: Vec2): Placi
 export const zoomedSlice = (view: SliceView, shown: ReadyCase, factor: number, place: Vec2): Placing =>
   zoomAt(sliceCamera(view), shown, factor, unflipped(view, place, view.size[0] / 2), view.size);
 
-/** Where it lies so that a position is in sight: as it is, if it is in sight already, else with it in the middle. */
+/** Where it lies with a position in its middle. A whole head stays where it is as long as the position is in sight. */
 export function followedSlice(view: SliceView, shown: ReadyCase, position_in_patient: Vec3): Placing {
   const [x, y] = slicePixel(view, shown.envelope_sphere, position_in_patient);
   const [width, height] = view.size;
   const isInSight = x >= 0 && x <= width && y >= 0 && y <= height;
-  return isInSight ? view.placing : movedSlice(view, shown, [width / 2 - x, height / 2 - y]);
+  if (isInSight && view.placing.zoom <= CENTRED.zoom) return view.placing;
+  return movedSlice(view, shown, [width / 2 - x, height / 2 - y]);
 }
 
 /** The same of two fingers. */

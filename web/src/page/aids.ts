@@ -219,6 +219,10 @@ export class Aids {
     for (const part of [maps, added, comparison, nudge]) part.show(state);
     const slot = state.overlay && isLayerId(state.overlay.name) ? added.slot : maps.slot;
     if (controls.element.parentElement !== slot) slot.append(controls.element);
+    // A map is compared where it is chosen, as long as no added layer is shown.
+    const isAddedShown = layersOf(state).some(isLayerId);
+    const place = isAddedShown ? added.slot : maps.slot;
+    if (comparison.element.nextElementSibling !== place) place.before(comparison.element);
     // Before a layer is described, nobody knows its range.
     controls.show(state.overlay && isMap(state.overlay.name) ? state.overlay : this.drawable(state).overlay);
   }
@@ -277,7 +281,6 @@ export class Aids {
       moved: () => this.#listener.redraw(),
       take: (id) => (this.#state?.layer ? this.grey(id) : this.colours(id)),
     });
-    added.slot.before(comparison.element);
     added.slot.after(nudge.element);
     this.#filled = { layers, maps, added, controls, comparison, nudge };
     if (this.#isGone) layers.dispose();

@@ -70,6 +70,8 @@ const isBusy = (one: Case): boolean => one.state === "queued" || one.state === "
 export class CaseList {
   readonly element: HTMLElement;
   cases: readonly Case[] = [];
+  /** The case that was chosen from the list last. */
+  chosen: string | null = null;
   readonly #listener: CaseListListener;
   readonly #list = h("ul", { id: "case-list" });
   readonly #scroller = h("div", { class: "case-scroller", scroll: () => this.#stir() }, this.#list);
@@ -116,6 +118,7 @@ export class CaseList {
     const find = h("div", { class: "line" }, this.#search, this.#order);
     this.element = h("div", { class: "case-list-box" }, find, this.#note, this.#scroller);
     this.#list.addEventListener("keydown", (event) => this.#walk(event));
+    this.#list.addEventListener("click", () => (this.chosen = this.#focusedId ?? null));
     this.#resized.observe(this.#scroller);
     document.addEventListener("visibilitychange", this.#onVisible);
   }
@@ -252,7 +255,7 @@ export class CaseList {
   #place(): void {
     const count = this.#wanted.length;
     const [first, end] = rowsInSight(count, this.#scroller.scrollTop, this.#scroller.clientHeight);
-    const focused = document.activeElement?.closest<HTMLElement>("#case-list li")?.dataset.id;
+    const focused = this.#focusedId;
     const kept = this.#wanted.flatMap(({ id }, at) => (id === this.#marked || id === focused ? [at] : []));
     const above = kept.filter((at) => at < first);
     const below = kept.filter((at) => at >= end);
@@ -265,6 +268,11 @@ export class CaseList {
     this.#look = window.setTimeout(() => {
       for (const at of inSight) this.#rows.get(this.#wanted[at]?.id ?? "")?.look();
     }, LOOK_MS);
+  }
+
+  /** The case of the row that has the focus. */
+  get #focusedId(): string | undefined {
+    return document.activeElement?.closest<HTMLElement>("#case-list li")?.dataset.id;
   }
 
   /** Rows that stay are not taken out, so that the focus stays as well. */
@@ -298,8 +306,7 @@ export class CaseList {
   #walk(event: KeyboardEvent): void {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const last = this.#wanted.length - 1;
-    const focused = document.activeElement?.closest<HTMLElement>("li")?.dataset.id;
-    const at = this.#wanted.findIndex((one) => one.id === focused);
+    const at = this.#wanted.findIndex((one) => one.id === this.#focusedId);
     const page = Math.max(Math.floor(this.#scroller.clientHeight / ROW_PIXELS) - 1, 1);
     const to = { ArrowDown: at + 1, ArrowUp: at - 1, PageDown: at + page, PageUp: at - page, Home: 0, End: last }[
       event.key

@@ -9,6 +9,8 @@ import type { Actions } from "./actions.ts";
 
 /** The slider's own numbers: its places, not millimetres, for its two halves are of different scales. */
 const PLACES = 1000;
+/** What is written also beside a short slider. */
+const MAJOR_TICKS_MM: readonly number[] = [0, ...GOOD_DEPTHS_MM, 40];
 /** What the keys of a slider do, in steps of the depth. */
 const KEYS: Readonly<Record<string, number>> = {
   ArrowRight: 1,
@@ -124,7 +126,7 @@ export class DepthBar {
 
   #ticks(): HTMLElement {
     const ticks = ticksTo(this.#deepest).map((depth) => {
-      const tick = h("span", {}, number(depth));
+      const tick = h("span", { class: MAJOR_TICKS_MM.includes(depth) ? null : "minor" }, number(depth));
       tick.style.setProperty("--at", String(shareOfDepth(depth, this.#deepest)));
       return tick;
     });

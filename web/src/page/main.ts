@@ -165,6 +165,12 @@ class App {
     const address = readAddress(location.hash);
     const isSame = address.kind === "case" && address.id === before?.shown.id;
     if (isSame && before === this.#viewer) before.restore(address.rest);
+    // Back and Forward also lead to other patients.
+    const viewer = this.#viewer;
+    if (!before || !viewer || viewer.shown.id === before.shown.id || viewer.shown.id === this.#list.chosen) return;
+    const words = t("address.other", { title: caseIdentity(viewer.shown) });
+    viewer.remark(words);
+    this.#announce(words);
   }
 
   #show(chosen: Case | null, rest: string): void {
@@ -188,7 +194,7 @@ class App {
       preferences: () => preferences,
       announce: (words) => this.#announce(words),
       help: () => this.#help(),
-      knowsDepth: () => choose({ knows_depth: true }),
+      choose,
       made: (one, wasThere) => {
         this.#list.flag(one.id, t(wasThere ? "case.was-there" : "case.fresh"));
         void this.#list.refresh();

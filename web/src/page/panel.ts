@@ -39,6 +39,8 @@ import { PointSection } from "./point-section.ts";
 /** Sections that others fill. */
 export interface PanelSections {
   readonly aids: readonly HTMLElement[];
+  /** More about drawing. */
+  readonly drawing: readonly HTMLElement[];
   /** Those at the end. */
   readonly last: readonly HTMLElement[];
 }
@@ -174,6 +176,7 @@ export class Panel {
         this.#slab.element,
         ticked(this.#averages, t("averages.label")),
         tall(t("convention.label"), this.#convention),
+        ...sections.drawing,
         line(t("outlines.label"), this.#outlines, h("span", { class: "quiet" }, "mm")),
       ),
       ...sections.last,
@@ -269,6 +272,12 @@ export class Panel {
       );
     return h("div", { class: "pads" }, pad("turn"), pad("pan"));
   }
+}
+
+/** Whether the slices have one zoom. */
+export function linkedZoom(isLinked: boolean, link: (isLinked: boolean) => void): HTMLElement {
+  const box = h("input", { type: "checkbox", id: "linked-zoom", checked: isLinked, change: () => link(box.checked) });
+  return ticked(box, t("zoom.linked"));
 }
 
 /** A window's level or width in five figures. */

@@ -11,8 +11,10 @@ export interface Preferences {
   readonly wheel: WheelUse;
   /** Whether single letters are commands. */
   readonly shortcuts: boolean;
-  /** Whether the line that explains the depth slider was dismissed. */
+  /** Whether the line that explains the depth slider was dismissed, or the depth was changed. */
   readonly knows_depth: boolean;
+  /** Whether the slices of a case have one zoom. */
+  readonly linked_zoom: boolean;
   /** Whether the panel beside the picture is shown. */
   readonly panel: boolean;
   /** Of the list, in CSS pixels. */
@@ -38,6 +40,7 @@ export function readPreferences(text: string | null, preferred: readonly string[
     wheel: WHEEL_USES.find((one) => one === stored.wheel) ?? "zoom",
     shortcuts: stored.shortcuts !== false,
     knows_depth: stored.knows_depth === true,
+    linked_zoom: stored.linked_zoom !== false,
     panel: stored.panel !== false,
     list_width: boundWidth(typeof stored.list_width === "number" ? stored.list_width : LIST_WIDTH),
   };

@@ -8,8 +8,7 @@ export interface ViewerHost {
   readonly preferences: () => Preferences;
   readonly announce: (words: string) => void;
   readonly help: () => void;
-  /** The line that explains the depth slider was dismissed. */
-  readonly knowsDepth: () => void;
+  readonly choose: (change: Partial<Preferences>) => void;
   /** A version of the case was made, or was there. */
   readonly made: (one: Case, wasThere: boolean) => void;
   /** The panes are laid out like this. */

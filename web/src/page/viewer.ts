@@ -24,7 +24,7 @@ import { DepthBar, explanation } from "./depth-bar.ts";
 import { later } from "./later.ts";
 import { Notices } from "./notices.ts";
 import { OnDemand } from "./on-demand.ts";
-import { Panel } from "./panel.ts";
+import { Panel, linkedZoom } from "./panel.ts";
 import { pointWords } from "./point-section.ts";
 import { Speaker, spokenCommand } from "./spoken.ts";
 import { Sweep } from "./sweep.ts";
@@ -52,6 +52,8 @@ export class Viewer {
   #picked: Picked | null = null;
   /** A double click before the surface was loaded. */
   #wanted: { readonly place: Vec2; readonly state: ViewState } | null = null;
+  /** The line that explains the depth slider, and the depth at which it need not be explained any more. */
+  readonly #explained: { readonly line: HTMLElement; readonly depth_mm: number } | null;
   /** What was shown before a hand moved the cross in a slice: one step back undoes its whole way. */
   #unmoved: ViewState | null = null;
   /** What was shown before each of the last two clicks in a slice: a double click enlarges it and moves nothing. */
@@ -83,7 +85,15 @@ export class Viewer {
     const redraw = (): void => this.#schedule();
     const complain = (problem: unknown): void => this.#notices.complain(problem);
     this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain });
-    this.panel = new Panel(shown, actions, { aids: this.#aids.elements, last: this.#onDemand.sections(this.#sweep) });
+    const linking = linkedZoom(host.preferences().linked_zoom, (linked_zoom) => {
+      host.choose({ linked_zoom });
+      if (linked_zoom) this.#slices.link();
+    });
+    this.panel = new Panel(shown, actions, {
+      aids: this.#aids.elements,
+      drawing: [linking],
+      last: this.#onDemand.sections(this.#sweep),
+    });
     this.#slices = new SliceGroup(shown, {
       load: later,
       resized: (isDoubleClick) => {
@@ -95,6 +105,7 @@ export class Viewer {
       values: (position) => this.#valuesAt(position),
       window: (move) => this.#change(dragWindow(this.#state, shown, move, host.preferences().drag)),
       surface: () => this.#surface.surface,
+      hasOneZoom: () => host.preferences().linked_zoom,
       complain,
     });
     const swipe = ({ detail }: CustomEvent<number>): void => this.#change({ swipe: { share: detail } });
@@ -102,7 +113,11 @@ export class Viewer {
     const keydown = ({ key }: KeyboardEvent): unknown => key === "Escape" && this.#shrink();
     this.#panes = h("div", { class: "panes", swipe, follow, keydown });
     this.element = h("div", { class: "viewer" }, this.#notices.element, this.#panes);
-    if (!host.preferences().knows_depth) this.element.append(explanation(host.knowsDepth));
+    const knows = (): void => host.choose({ knows_depth: true });
+    this.#explained = host.preferences().knows_depth
+      ? null
+      : { line: explanation(knows), depth_mm: this.#state.depth_mm };
+    if (this.#explained) this.element.append(this.#explained.line);
     this.element.append(this.#depthBar.element);
     this.#surface = this.#surfacePane();
     this.#panes.append(this.#surface.element, this.#slices.element, this.#notices.loading);
@@ -195,6 +210,11 @@ export class Viewer {
     this.#change(change, isStep);
     const words = spokenCommand(command);
     if (words) this.#host.announce(words);
+  }
+
+  /** Something about the case to know, which can be dismissed. */
+  remark(words: string): void {
+    this.#notices.remark(words);
   }
 
   /** Failed requests are repeated. */
@@ -300,8 +320,16 @@ export class Viewer {
     this.#history.record(this.#state);
     this.panel.showHistory(this.#history);
     this.element.dataset.rested = "true";
+    if (this.#explained && this.#state.depth_mm !== this.#explained.depth_mm) this.#dismissExplanation();
     const words = this.#speaker.say(this.#aids.drawable(this.#state), this.#surface);
     for (const pane of [this.#surface, this.#slices]) pane.describe(words);
+  }
+
+  /** Whoever has changed the depth knows how. */
+  #dismissExplanation(): void {
+    if (this.#host.preferences().knows_depth) return;
+    this.#explained?.line.remove();
+    this.#host.choose({ knows_depth: true });
   }
 
   #schedule(): void {

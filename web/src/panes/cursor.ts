@@ -1,16 +1,16 @@
-// Crossed lines on a picture: the marked point, its mirror image, the pointer.
+// Crosses on a picture: the marked point, its mirror image, the pointer.
 
 import { h, svg, tell } from "../base/dom.ts";
 import type { Vec2 } from "../model/space.ts";
 
-/** How far a mark reaches from its middle, in CSS pixels. */
-const MARK_REACH = 14;
+/** From where to where the ticks of a cross reach, from its middle, in CSS pixels: what is marked lies free. */
+const TICKS = { ticks: [10, 24], mark: [5, 14] } as const;
 /** Words stand so far from the middle of a mark, and take at most so much room, in CSS pixels. */
 const WORDS_GAP = 12;
 const WORDS_ROOM = 56;
 
-/** `lines` go from edge to edge, the others are small marks. */
-export type CursorKind = "lines" | "mark" | "hidden" | "ghost";
+/** `ticks` are a cross on a slice, the others are smaller, with a circle. */
+export type CursorKind = "ticks" | "mark" | "hidden" | "ghost";
 
 export interface CursorLook {
   readonly kind: CursorKind;
@@ -26,8 +26,8 @@ export class Cursor {
   #shown = "";
 
   /**
-   * Crossed lines with a gap at `place`, over a pane of `size`. They are broken where they lie behind the surface,
-   * `hidden`, and of another colour where they are a mirror image or the pointer's, a `ghost`.
+   * A cross around `place`, over a pane of `size`. It is broken where it lies behind the surface, `hidden`, and of
+   * another colour where it is a mirror image or the pointer's, a `ghost`.
    */
   show(place: Vec2 | null, size: Vec2, { kind, words = "", ring = 0 }: CursorLook): void {
     const wanted = [kind, words, ring, ...(place ? [...place, ...size] : [])].join(" ");
@@ -41,7 +41,7 @@ export class Cursor {
     if (!isShown) return;
     const [x, y] = place;
     this.#placeWords(place, size, kind);
-    const [gap, reach] = kind === "lines" ? [10, Math.max(...size)] : [5, MARK_REACH];
+    const [gap, reach] = TICKS[kind === "ticks" ? kind : "mark"];
     const line = (x1: number, y1: number, x2: number, y2: number): SVGElement => svg("line", { x1, y1, x2, y2 });
     this.element.append(
       line(x - reach, y, x - gap, y),
@@ -52,10 +52,9 @@ export class Cursor {
     // Also a small place has its outline outside of the mark.
     const outline = ring > 0 ? Math.max(ring, gap + 4) : 0;
     if (outline > 0) this.element.append(svg("circle", { class: "place", cx: x, cy: y, r: outline }));
-    if (kind === "lines") return;
-    this.element.append(svg("circle", { cx: x, cy: y, r: gap }));
+    if (kind !== "ticks") this.element.append(svg("circle", { cx: x, cy: y, r: gap }));
     // No larger than the mark, for all of it is laid over the picture with every frame.
-    const half = Math.ceil(Math.max(MARK_REACH, outline + 2));
+    const half = Math.ceil(Math.max(reach, outline + 2));
     const [left, top, side] = [x - half, y - half, 2 * half];
     this.element.setAttribute("viewBox", `${left} ${top} ${side} ${side}`);
     Object.assign(this.element.style, { left: `${left}px`, top: `${top}px`, width: `${side}px`, height: `${side}px` });

@@ -82,6 +82,7 @@ export class Pace {
   /** The times of the last frames, in words. */
   get words(): string {
     const { script_ms, frame_ms, frames } = this.#timer.times;
+    if (frame_ms === 0) return t("timer.none");
     return t("timer.text", { frame: number(frame_ms, 1), script: number(script_ms, 2), frames: number(frames) });
   }
 

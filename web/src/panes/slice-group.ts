@@ -14,6 +14,8 @@ export interface SliceGroupListener extends Omit<SliceListener, "enlarge" | "zoo
   load(): Promise<{ readonly SlicePane: typeof SlicePane }>;
   /** The slices have other sizes, after a double click in one or otherwise. */
   resized(isDoubleClick: boolean): void;
+  /** Whether the slices are enlarged together. */
+  hasOneZoom(): boolean;
 }
 
 export class SliceGroup {
@@ -42,6 +44,12 @@ export class SliceGroup {
     for (const pane of this.#panes) pane.center();
   }
 
+  /** Gives all slices the greatest zoom that one of them has. */
+  link(): void {
+    const zoom = Math.max(...this.#panes.map((pane) => pane.zoom));
+    for (const pane of this.#panes) pane.zoomTo(zoom);
+  }
+
   /** Lays something over each slice; null: nothing. */
   lay(make: (() => SliceLayer) | null): void {
     this.#layer = make;
@@ -58,7 +66,7 @@ export class SliceGroup {
     for (const pane of this.#panes) pane.describe(words);
   }
 
-  /** Hides outline and cross, or shows them; whether they are hidden now. */
+  /** Hides the outlines, or shows them; whether they are hidden now. */
   strip(): boolean {
     this.#isBare = !this.#isBare;
     for (const pane of this.#panes) pane.outline(!this.#isBare);
@@ -80,6 +88,7 @@ export class SliceGroup {
       const listener = {
         ...this.#listener,
         zoomed: (plane: Plane, zoom: number) => {
+          if (!this.#listener.hasOneZoom()) return;
           for (const pane of this.#panes) if (pane.plane !== plane) pane.zoomTo(zoom);
         },
         enlarge: (plane: Plane, isDoubleClick?: boolean) => this.#enlarge(plane, isDoubleClick),

@@ -67,9 +67,10 @@ export class SlicePane {
   readonly #words: HTMLElement;
   #state: ViewState | null = null;
   #placing: Placing = CENTRED;
-  /** The mark that is in sight, or was until the hand moved the slice. */
+  /** The mark that the slice was brought to, or that was put here by a hand. */
   #followed: Vec3 | null = null;
-  #drawn: SliceView | null = null;
+  /** What the picture that is up shows. */
+  #drawn: Seen | null = null;
   #outlined = true;
   #pointer: Vec2 | null = null;
 
@@ -174,6 +175,10 @@ export class SlicePane {
     return `${this.#shown.id}/slices/${this.plane}?${query}`;
   }
 
+  get zoom(): number {
+    return this.#placing.zoom;
+  }
+
   get isLarge(): boolean {
     return this.element.classList.contains("large");
   }
@@ -231,7 +236,7 @@ export class SlicePane {
 
   #put(image: HTMLElement, state: ViewState, view: SliceView): void {
     this.#image.replaceChildren(image);
-    this.#drawn = view;
+    this.#drawn = { state, view };
     const isOwn = image instanceof HTMLCanvasElement;
     const edges = isOwn && edgesLayer(state);
     Object.assign(this.element.dataset, {
@@ -250,11 +255,14 @@ export class SlicePane {
 
   #write(state: ViewState, view: SliceView): void {
     const sphere = this.#shown.envelope_sphere;
-    if (this.#drawn) this.#lay(this.#drawn, view);
+    const drawn = this.#drawn;
+    if (drawn) this.#lay(drawn.view, view);
     this.#image.classList.toggle("flipped", isFlipped(this.plane, state.convention));
     this.#overlay.letter(sliceEdges(this.plane, state.convention));
-    // The words are of the picture that is up, which may come later than the cross.
-    const place = `${coordinate((this.#drawn ?? view).position_mm, PLANES[this.plane].axis)} mm`;
+    // Words and marks are of the picture that is up: the one of another position may come later.
+    const position_mm = drawn?.view.position_mm ?? view.position_mm;
+    const marked = position_mm === view.position_mm ? state.crosshair_mm : (drawn?.state.crosshair_mm ?? null);
+    const place = `${coordinate(position_mm, PLANES[this.plane].axis)} mm`;
     const { edges } = this.element.dataset;
     const image =
       state.layer && !edges ? titleWords(state.layer.about) : imageWords(this.#shown, this.plane, this.#center(state));
@@ -263,11 +271,11 @@ export class SlicePane {
     // Two lines, so that the picture keeps its size.
     this.#overlay.title(`${t(`plane.${this.plane}`)}${more ? " " : "\n"}${place}\n${more}`, badge);
     this.#overlay.scale(sliceMmPerPixel(view, sphere), view.size[0]);
-    const twin = this.#twin(state, view);
+    const twin = this.#twin(state, view, marked);
     const words = twin ? t("mark.marked") : "";
     const ring = (state.place_mm ?? 0) / 2 / sliceMmPerPixel(view, sphere);
-    const cross = state.crosshair_mm && slicePixel(view, sphere, state.crosshair_mm);
-    this.#overlay.cursor(cross, view.size, { kind: "lines", words, ring });
+    const cross = marked && slicePixel(view, sphere, marked);
+    this.#overlay.cursor(cross, view.size, { kind: "ticks", words, ring });
     this.#overlay.twin(twin, view.size);
     this.#layer?.show(view, sphere, this.#outlined);
     this.#explain(state);
@@ -275,10 +283,9 @@ export class SlicePane {
   }
 
   /** Where the mirror image of the marked point is: beside the mirrored half, and not across the plane between them. */
-  #twin(state: ViewState, view: SliceView): Vec2 | null {
-    const isAside = !isMirrored(state) || this.plane === "sagittal" || !state.crosshair_mm;
-    if (isAside || !state.crosshair_mm) return null;
-    return slicePixel(view, this.#shown.envelope_sphere, reflected(state.crosshair_mm, mirrorPlane(this.#shown)));
+  #twin(state: ViewState, view: SliceView, marked: Vec3 | null): Vec2 | null {
+    if (!marked || !isMirrored(state) || this.plane === "sagittal") return null;
+    return slicePixel(view, this.#shown.envelope_sphere, reflected(marked, mirrorPlane(this.#shown)));
   }
 
   /** Lists the depths of the outlines with their colours, if there are several. */
@@ -296,7 +303,13 @@ export class SlicePane {
     const position = this.#center(this.#state).map((value, axis) =>
       axis === PLANES[this.plane].axis ? position_mm : value,
     );
-    this.#listener.move(withinReach(this.#shown, position as unknown as Vec3), false);
+    this.#move(withinReach(this.#shown, position as unknown as Vec3), false);
+  }
+
+  /** A hand puts the mark here: the slice stays as it lies. */
+  #move(position: Vec3, done: boolean): void {
+    this.#followed = position;
+    this.#listener.move(position, done);
   }
 
   #step(steps: number): void {
@@ -318,7 +331,7 @@ export class SlicePane {
     });
   }
 
-  /** A mark that was put elsewhere is brought into sight. */
+  /** A mark that was put elsewhere is brought into the middle. */
   #follow(mark: Vec3 | null): void {
     if (mark === this.#followed || !this.#state || this.#frame.clientWidth === 0) return;
     this.#followed = mark;
@@ -336,7 +349,7 @@ export class SlicePane {
     this.#setPlacing(crosshair_mm ? followedSlice({ ...view, placing }, this.#shown, crosshair_mm) : placing);
   }
 
-  /** The hand has placed the slice: the others have the same scale. */
+  /** The hand has placed the slice: the others may have the same scale. */
   #place(placing: Placing): void {
     const isZoomed = placing.zoom !== this.#placing.zoom;
     this.#setPlacing(placing);
@@ -378,7 +391,7 @@ export class SlicePane {
     const cross = (place: Vec2, done: boolean): void => {
       const position = this.#positionAt(place);
       if (position && this.#listener.surface().isInHead(position)) marked = position;
-      if (marked) this.#listener.move(marked, done);
+      if (marked) this.#move(marked, done);
       else if (done) this.#listener.missed();
     };
     listen(this.#frame, {
