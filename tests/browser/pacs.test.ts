@@ -179,3 +179,70 @@ test("a launch that fits several studies asks which one; its query leaves the ad
   assert.deepEqual(watched.troubles, []);
   await watched.context.close();
 });
+
+test("what came is listed and filtered, and a refused series is taken as a case", { skip }, async () => {
+  const watched = await openPage(browser);
+  const { page } = watched;
+  const counts = { instances: 176, superseded: 0, ignored: 0, first_at: "2026-11-01T09:00:00Z" };
+  const missing = { name: "dicom-slices-missing", detail: "slices 12 and 13 of 178 are missing" };
+  const refused = { ...counts, id: "7", state: "nothing", label: "T1 MPRAGE · 2026-11-01", reason: missing };
+  const other = { ...counts, superseded: 3 };
+  const rejected = { ...other, id: "6", state: "nothing", instances: 0, reason: { name: "rejected", detail: "x" } };
+  const became = { ...other, id: "5", state: "case", case: id, label: "<b>T1</b>" };
+  const asked: string[] = [];
+  const posted: unknown[] = [];
+  let reads = 0;
+  await page.route(/\/v1\/arrivals/, (route) => {
+    const request = route.request();
+    const { pathname, search } = new URL(request.url());
+    if (request.method() === "POST") {
+      posted.push(request.postDataJSON());
+      return route.fulfill({ status: 202, json: { ...refused, state: "receiving" } });
+    }
+    // It is read for a while.
+    if (pathname.endsWith("/7"))
+      return route.fulfill({
+        json:
+          (reads += 1) < 2
+            ? { ...refused, state: "receiving" }
+            : { ...refused, state: "case", case: id, refused: missing },
+      });
+    asked.push(search);
+    const all = [refused, rejected, became];
+    return route.fulfill({ json: { arrivals: search.includes("state=case") ? [became] : all } });
+  });
+  await page.goto(`${server.address}#${id}`);
+  await shown(page);
+  await page.locator("#arrivals").click();
+  const dialog = page.locator("dialog.of-pacs");
+  const items = dialog.locator(".arrivals li");
+  await items.nth(2).waitFor();
+  assert.deepEqual(await violations(page), []);
+  await keep(page, "arrivals");
+  const [first, second, third] = await items.allInnerTexts();
+  assert.match(first ?? "", /T1 MPRAGE · 2026-11-01\s+not used[^]*176 images[^]*Slices of the series are missing/);
+  assert.match(second ?? "", /Series without a description[^]*superseded: 3 images[^]*The PACS has rejected/);
+  assert.equal(await items.nth(1).locator("button").count(), 0, "there is nothing to take");
+  assert.match(third ?? "", /^<b>T1<\/b>\s+became a case/);
+  await dialog.locator("#arrival-state").selectOption("case");
+  await until(
+    () => items.count(),
+    (count) => count === 1,
+  );
+  await dialog.locator("#arrival-state").selectOption("");
+  await dialog.locator("#arrival-text").fill("mprage");
+  await until(
+    async () => asked.at(-1),
+    (search) => search === "?text=mprage",
+  );
+  assert.ok(asked.includes("?state=case") && asked.at(-1) === "?text=mprage", asked.join(" "));
+  await items.first().getByRole("button", { name: "Take as a case" }).click();
+  await dialog.locator(".arrivals li[data-id='7'][data-state=case]").waitFor();
+  assert.deepEqual(posted, [{ as: "case", allow_gaps: true }]);
+  assert.match(await items.first().innerText(), /Not used at first: Slices of the series are missing/);
+  await page.keyboard.press("Enter");
+  await dialog.waitFor({ state: "detached" });
+  assert.ok(page.url().includes(id));
+  assert.deepEqual(watched.troubles, []);
+  await watched.context.close();
+});

@@ -128,6 +128,12 @@ export async function listCases(after: string | null, limit = 0): Promise<CasePa
   ).json() as Promise<CasePage>;
 }
 
+/** Whether any series has come from a PACS. */
+export async function anyArrivals(): Promise<boolean> {
+  const answer = await send("v1/arrivals?limit=1", { cache: "no-store" });
+  return ((await answer.json()) as { readonly arrivals: readonly unknown[] }).arrivals.length > 0;
+}
+
 export async function getCase(id: string): Promise<Case> {
   return (await send(`v1/cases/${id}`, { cache: "no-store" })).json() as Promise<Case>;
 }

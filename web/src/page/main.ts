@@ -1,6 +1,6 @@
 // The page: the list of cases at one side, the chosen case in the middle, its controls at the other side.
 
-import { deleteCase, getCase, handOver, onReach, onTokenWanted } from "../base/api.ts";
+import { anyArrivals, deleteCase, getCase, handOver, onReach, onTokenWanted } from "../base/api.ts";
 import { AcquiredSlices } from "./acquired.ts";
 import type { Case } from "../model/case.ts";
 import { caseIdentity, caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
@@ -43,6 +43,12 @@ class App {
   readonly #list: CaseList;
   readonly #upload: UploadSlot;
   readonly #root: HTMLElement;
+  /** Shows what came from a PACS, if anything has. */
+  readonly #arrivals = h(
+    "button",
+    { id: "arrivals", hidden: true, click: () => this.#showArrivals() },
+    t("arrivals.open"),
+  );
   readonly #fold = iconButton("panel", t("panel.toggle"), () => {
     choose({ panel: !preferences.panel });
     this.#showPanel();
@@ -57,7 +63,10 @@ class App {
     this.#list = new CaseList({
       changed: () => void this.route(),
       remove: (one) => void this.#remove(one),
-      ready: (one) => this.#announce(t("case.now-ready", { title: caseTitle(one) })),
+      ready: (one) => {
+        this.#announce(t("case.now-ready", { title: caseTitle(one) }));
+        void this.#lookForArrivals();
+      },
     });
     this.#upload = new UploadSlot(async ({ id }, wasThere) => {
       this.#list.flag(id, t(wasThere ? "case.was-there" : "case.fresh"));
@@ -84,6 +93,7 @@ class App {
       h("h2", {}, t("cases.title")),
       this.#upload.element,
       this.#upload.done,
+      this.#arrivals,
       this.#list.element,
     );
     this.#main = h("main", { class: "page" }, this.#sidebar, this.#stage);
@@ -119,6 +129,19 @@ class App {
       this.#showSidebar(true);
       this.#upload.open();
     }
+    await this.#lookForArrivals();
+  }
+
+  /** Offers the list of what came from a PACS once anything has: of what was refused there is no case. */
+  async #lookForArrivals(): Promise<void> {
+    if (this.#arrivals.hidden) this.#arrivals.hidden = !(await anyArrivals().catch(() => false));
+  }
+
+  #showArrivals(): void {
+    import("./arrivals.ts").then(
+      ({ arrivalsDialog }) => arrivalsDialog((id) => (this.#list.chosen = id)),
+      () => tell(this.#note, t("problem.page-part-missing")),
+    );
   }
 
   dispose(): void {
