@@ -6,7 +6,7 @@ use case::findings::{Finding, FindingRefused, check};
 use case::{CaseFacts, CaseId};
 use glam::{DAffine3, DVec3};
 use jiff::Timestamp;
-use pipeline::maps::side_at;
+use pipeline::maps::{mirror_plane, side_at};
 use storage::{FindingsVersion, Replaced, StoreError, StoredFindings};
 
 use crate::{Cases, Error};
@@ -128,7 +128,7 @@ impl<'f> Space<'f> {
 
     /// How far a point lies to the patient's left of the midsagittal plane.
     fn left_mm(&self, point: &[f64; 3]) -> f64 {
-        let plane = &self.facts.midsagittal;
-        DVec3::from_array(plane.normal).dot(DVec3::from_array(*point)) - plane.offset_mm
+        let plane = mirror_plane(self.facts);
+        plane.normal().dot(DVec3::from_array(*point)) - plane.offset_mm()
     }
 }

@@ -22,6 +22,7 @@ pub mod pictures;
 pub mod places;
 pub mod profile;
 pub mod registration;
+pub mod report;
 mod room;
 pub mod runner;
 #[cfg(test)]

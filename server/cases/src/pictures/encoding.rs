@@ -35,6 +35,11 @@ impl ImageMetadata {
         Self { named, ..self }
     }
 
+    /// The projection of the picture.
+    pub fn projection(&self) -> &Projection {
+        &self.projection
+    }
+
     /// The PNG texts of a picture, given its backend.
     pub fn texts(&self, backend: &RenderBackend) -> Vec<(&'static str, String)> {
         let case = self.case.map(|id| id.to_string()).unwrap_or_default();

@@ -7,6 +7,8 @@ mod graphics;
 mod layers;
 mod numbers;
 mod request;
+mod series;
+mod slice;
 
 pub use self::depth::{DepthMm, ShownDepth};
 pub use self::drawing::{DrawnPicture, PictureJob, backend_for, warm_job};
@@ -22,3 +24,5 @@ pub use self::request::{
     check_count, default_count, default_picture_count, default_side, default_zoom, mesh_size,
     picture_size, window_of, window_of_numbers,
 };
+pub use self::series::{PictureSeries, SeriesPicture};
+pub use self::slice::{CheckedSlice, DrawnSlice, SlicePicture, SliceQuery};

@@ -12,7 +12,7 @@ use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseFacts, CaseId, CaseState};
-use cases::pictures::{annotated, encode};
+use cases::pictures::{PictureSeries, SeriesPicture};
 use cases::{Cases, Error};
 use serde_json::{Value, json};
 use storage::arrivals::{SeriesQuery, Uid};
@@ -28,8 +28,6 @@ use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
 use crate::described::query_key;
 use crate::error::PacsError;
 use crate::held::HeldStudy;
-use crate::results::draw::{Drawing, Drawn};
-use crate::results::request::{Layout, PicturePlan};
 use crate::state::Pacs;
 
 /// Width and height of a picture, if none are requested.
@@ -351,12 +349,8 @@ async fn render(
         return Ok(response("application/dicom+json", body.into()));
     }
     let answer = accepted(asked.accept(), headers, shown.pictures.len() > 1)?;
-    let plan = PicturePlan {
-        pictures: shown.pictures,
-        layout: Layout::One,
-    };
-    let drawing = Drawing::of(cases, &id, plan).await?;
-    let pictures = draw(cases, &id, drawing, answer.kind, shown.quality).await?;
+    let series = PictureSeries::of(cases, &id, shown.pictures).await?;
+    let pictures = draw(cases, series, answer.kind, shown.quality).await?;
     Ok(answered(&answer, pictures))
 }
 
@@ -380,24 +374,18 @@ async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, PacsError> {
 
 async fn draw(
     cases: &Cases,
-    id: &CaseId,
-    drawing: Drawing,
+    series: PictureSeries,
     kind: Kind,
     quality: u8,
 ) -> Result<Vec<Vec<u8>>, Error> {
-    let add = move |pictures: &mut Vec<Vec<u8>>, drawn: Drawn| {
-        let picture = match kind {
-            Kind::Png => encode(drawn.picture, &drawn.metadata, drawn.annotate)?.png,
-            Kind::Jpeg => {
-                let frame = drawn.picture.rendered.frame;
-                let frame = annotated(frame, &drawn.metadata, drawn.annotate);
-                render::encode_jpeg(&frame, quality)?
-            }
-        };
-        pictures.push(picture);
+    let add = move |pictures: &mut Vec<Vec<u8>>, picture: SeriesPicture| {
+        pictures.push(match kind {
+            Kind::Png => picture.encoded()?.png,
+            Kind::Jpeg => render::encode_jpeg(&picture.into_frame(), quality)?,
+        });
         Ok(())
     };
-    drawing.draw_each(cases, id, Vec::new(), add).await
+    series.draw_each(cases, Vec::new(), add).await
 }
 
 fn answered(answer: &Answer, pictures: Vec<Vec<u8>>) -> Response {

@@ -171,7 +171,7 @@ impl Composer {
                 "only a `view`, a `sheet` and a `cine` have a picture; available type: application/dicom",
             ));
         };
-        let picture = drawing.first().draw(cases, &self.id).await?;
+        let picture = drawing.first().draw(cases).await?;
         let work = move || -> Result<Vec<u8>, Error> {
             let size = FrameSize::new(picture.width.into(), picture.height.into());
             let size = size.map_err(|_| Error::Internal)?;
@@ -199,7 +199,7 @@ impl Composer {
         let pixels = match content {
             Content::Pictures(drawing) => {
                 let is_annotated = drawing.is_annotated();
-                Pixels::Pictures(drawing.draw(cases, &id).await?, is_annotated)
+                Pixels::Pictures(drawing.draw(cases).await?, is_annotated)
             }
             Content::Mask(plan) => Pixels::Mask(mask(cases, &id, plan).await?, plan),
             Content::KeyObject(title, listed) => Pixels::None(title, listed),

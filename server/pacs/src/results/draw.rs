@@ -1,13 +1,10 @@
 //! Draws the pictures of a result.
 
 use case::CaseId;
-use cases::pictures::{
-    CheckedPicture, ChosenLayers, DrawnPicture, ImageMetadata, annotated, backend_for, marked,
-    warm_job,
-};
+use cases::pictures::{CheckedPicture, PictureSeries, SeriesPicture, marked};
 use cases::{Cases, Error};
 use imaging::dicom::write::{Cine, Pictures};
-use render::{Frame, PixelFormat, RenderBackend, Sheet};
+use render::{Frame, PixelFormat, Sheet};
 
 use super::directions;
 use super::request::{Layout, PicturePlan};
@@ -16,28 +13,14 @@ use super::request::{Layout, PicturePlan};
 #[derive(Debug)]
 pub(crate) struct Drawing {
     plan: PicturePlan,
-    /// The layers of each picture.
-    layers: Vec<ChosenLayers>,
-    /// The renderer of all pictures, and its device.
-    backend: RenderBackend,
-    /// What is written of the case into each picture.
-    identity: Option<String>,
+    series: PictureSeries,
 }
 
 impl Drawing {
     /// Finds the layers and the renderer of a plan.
     pub(crate) async fn of(cases: &Cases, id: &CaseId, plan: PicturePlan) -> Result<Self, Error> {
-        let mut layers = Vec::with_capacity(plan.pictures.len());
-        for picture in &plan.pictures {
-            layers.push(picture.asked.layers().of_case(&cases.library, id).await?);
-        }
-        let renderer = plan.pictures.first().ok_or(Error::Internal)?;
-        let backend = backend_for(renderer.asked.renderer, &cases.graphics).await;
-        let is_annotated = renderer.asked.annotate;
         Ok(Self {
-            layers,
-            backend,
-            identity: cases.identity(id, is_annotated).await?,
+            series: PictureSeries::of(cases, id, plan.pictures.iter().cloned()).await?,
             plan,
         })
     }
@@ -50,90 +33,46 @@ impl Drawing {
     pub(crate) fn first(mut self) -> Self {
         if let Layout::Cine { .. } = self.plan.layout {
             self.plan.pictures.truncate(1);
-            self.layers.truncate(1);
+            self.series = self.series.first();
         }
         self
     }
 
     /// The renderer, such as `trace`.
     pub(crate) fn renderer(&self) -> &'static str {
-        self.backend.name()
+        self.series.renderer()
     }
 
     /// Whether what identifies the case is written into the pictures.
     pub(crate) fn is_annotated(&self) -> bool {
-        self.identity.is_some()
+        self.series.identity().is_some()
     }
 
     /// Everything besides the request that the pixels depend on.
     pub(crate) fn made_by(&self) -> String {
-        let mut versions: Vec<_> = self
-            .layers
-            .iter()
-            .filter_map(ChosenLayers::version)
-            .collect();
-        versions.dedup();
-        let identity = self.identity.as_deref().unwrap_or_default();
-        format!("{}; {}; {identity}", self.backend, versions.join("; "))
+        let backends = self.series.backends();
+        let versions = self.series.versions().unwrap_or_default();
+        let identity = self.series.identity().unwrap_or_default();
+        format!("{backends}; {versions}; {identity}")
     }
 
     /// The pictures, as the pixels of an object.
-    pub(crate) async fn draw(self, cases: &Cases, id: &CaseId) -> Result<Pictures, Error> {
-        let plan = self.plan.clone();
-        let page = Page::new(&plan);
-        let add = |page: &mut Page, drawn: Drawn| {
-            let frame = drawn.picture.rendered.frame;
+    pub(crate) async fn draw(self, cases: &Cases) -> Result<Pictures, Error> {
+        let page = Page::new(&self.plan);
+        let add = |page: &mut Page, picture: SeriesPicture| {
+            let number = picture.number;
             // Whatever is asked, no picture leaves without its sides.
-            let frame = match drawn.annotate {
-                true => annotated(frame, &drawn.metadata, true),
-                false => marked(frame, &drawn.metadata),
+            let frame = match picture.request.annotate {
+                true => picture.into_frame(),
+                false => marked(picture.drawn.rendered.frame, &picture.metadata),
             };
-            page.add(drawn.number, &frame);
+            page.add(number, &frame);
             Ok(())
         };
-        let page = self.draw_each(cases, id, page, add).await?;
-        let first = plan.pictures.first().ok_or(Error::Internal)?;
-        page.finish(first, &plan)
+        let page = self.series.draw_each(cases, page, add).await?;
+        let first = self.plan.pictures.first().ok_or(Error::Internal)?;
+        page.finish(first, &self.plan)
     }
-
-    /// Draws each picture and passes it to `add`, which runs in the same turn. The pictures share one place in the queue;
-    /// between them others get their turn.
-    pub(crate) async fn draw_each<T: Send + 'static>(
-        self,
-        cases: &Cases,
-        id: &CaseId,
-        mut kept: T,
-        add: impl Fn(&mut T, Drawn) -> Result<(), Error> + Copy + Send + 'static,
-    ) -> Result<T, Error> {
-        let model = cases.model(id).await?;
-        let queued = cases.queue.enter()?;
-        for (number, (picture, layers)) in self.plan.pictures.iter().zip(&self.layers).enumerate() {
-            let turn = queued.turn().await?;
-            let loaded = layers.load(&cases.library, id).await?;
-            let job = warm_job(&model, picture, loaded, self.backend.clone()).await?;
-            let drawn = Drawn {
-                number,
-                metadata: ImageMetadata::of(Some(id), &job.job).named(self.identity.clone()),
-                picture: job.draw(&turn).await?,
-                annotate: picture.asked.annotate,
-            };
-            let add_it = move || add(&mut kept, drawn).map(|()| kept);
-            kept = turn.run(add_it).await??;
-        }
-        Ok(kept)
-    }
-}
-
-/// A drawn picture.
-pub(crate) struct Drawn {
-    /// Its number, from 0.
-    pub(crate) number: usize,
-    /// Its pixels.
-    pub(crate) picture: DrawnPicture,
-    /// Its state.
-    pub(crate) metadata: ImageMetadata,
-    /// Whether to annotate it.
-    pub(crate) annotate: bool,
 }
 
 /// Pixels so far.

@@ -90,7 +90,7 @@ impl SlicePlane {
     }
 
     /// The direction from which a slice is seen.
-    fn view(self, convention: SliceConvention) -> NamedView {
+    pub fn view(self, convention: SliceConvention) -> NamedView {
         use SliceConvention::{Neurological, Radiological};
         match (self, convention) {
             (Self::Axial, Radiological) => NamedView::Inferior,

@@ -251,6 +251,8 @@ pub struct Links {
     candidates: String,
     /// What readers have marked and written; `PUT` replaces it.
     findings: String,
+    /// The report of the reading, for people.
+    report: String,
     /// The profile through a point: append `?position=x,y,z`.
     profile: String,
     /// The identity of the patient, for a ready case from DICOM.
@@ -278,6 +280,7 @@ impl Links {
             layers: below("layers"),
             candidates: below("candidates"),
             findings: below("findings"),
+            report: below("report"),
             profile: below("profile"),
             dicom: is_dicom.then(|| below("dicom")),
             this,

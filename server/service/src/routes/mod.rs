@@ -19,6 +19,7 @@ mod refusals;
 pub mod registration;
 pub mod render;
 pub mod renders;
+pub mod report;
 mod sent;
 pub mod slices;
 pub mod textures;
@@ -111,6 +112,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .routes(routes!(candidates::get_candidates))
         .routes(routes!(candidates::get_profile))
         .routes(routes!(registration::get_registration))
+        .routes(routes!(report::get_report))
         .merge(
             OpenApiRouter::new()
                 .routes(routes!(findings::get_findings, findings::put_findings))

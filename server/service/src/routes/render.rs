@@ -6,11 +6,11 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
 use case::CaseFacts;
-use cases::Cases;
 use cases::pictures::{
-    CheckedPicture, ChosenLayers, EncodedImage, ImageMetadata, PictureLayers, PictureRequest,
-    backend_for, encode, warm_job,
+    CheckedPicture, EncodedImage, PictureLayers, PictureRequest, PictureSeries, SeriesPicture,
+    backend_for, warm_job,
 };
+use cases::{Cases, Error};
 use render::RenderBackend;
 
 use super::depth_headers;
@@ -82,29 +82,27 @@ pub async fn get_render(
     };
     // Before the backend, because finding a graphics device may take seconds, and a missing case none.
     cases.ready(&id).await?;
-    let backend = backend_for(asked.renderer, &cases.graphics).await;
     if media == POSITIONS {
+        let backend = backend_for(asked.renderer, &cases.graphics).await;
         return answer_positions(question, &cases, &picture, backend).await;
     }
+    let depth = picture.depth;
+    let series = PictureSeries::of(&cases, &id, [picture]).await?;
     // The pixels differ between renderers and between graphics devices.
-    let layers = asked.layers().of_case(&cases.library, &id).await?;
-    let named = cases.identity(&id, asked.annotate).await?;
-    let format = format_with_layers(backend.to_string(), &layers).named(named.clone());
+    let versions = series.versions();
+    let named = series.identity().map(str::to_owned);
+    let format = format_with_layers(series.backends(), versions.clone()).named(named);
     let work = async |facts: Arc<CaseFacts>| {
-        let model = cases.model(&id).await?;
-        let turn = cases.queue.turn().await?;
-        let loaded = layers.load(&cases.library, &id).await?;
-        let job = warm_job(&model, &picture, loaded, backend).await?;
-        let metadata = ImageMetadata::of(Some(&id), &job.job).named(named);
-        let drawn = job.draw(&turn).await?;
-        let annotate = asked.annotate;
-        let image = turn
-            .run(move || encode(drawn, &metadata, annotate))
-            .await??;
-        let mut headers = depth_headers(picture.depth.shown_in(&facts));
+        let keep = |image: &mut Option<EncodedImage>, picture: SeriesPicture| {
+            *image = Some(picture.encoded()?);
+            Ok(())
+        };
+        let image = series.draw_each(&cases, None, keep).await?;
+        let image = image.ok_or(Error::Internal)?;
+        let mut headers = depth_headers(depth.shown_in(&facts));
         describe(&image, &mut headers);
         Ok(Content {
-            variant: Some(with_version(image.backend.to_string(), layers.version())),
+            variant: Some(with_version(image.backend.to_string(), versions)),
             body: image.png.into(),
             headers,
         })
@@ -152,8 +150,7 @@ async fn answer_positions(
 
 /// The format of a picture. A picture with layers must be validated before each use, because their versions and names
 /// may change.
-pub(super) fn format_with_layers(variant: String, layers: &ChosenLayers) -> Format {
-    let version = layers.version();
+pub(super) fn format_with_layers(variant: String, version: Option<String>) -> Format {
     let has_layers = version.is_some();
     let format = Format::of(PNG).variant(with_version(variant, version));
     if has_layers {

@@ -6,6 +6,7 @@ mod layers;
 mod queries;
 mod refusals;
 mod registration;
+mod report;
 mod server;
 mod uploads;
 mod versions;

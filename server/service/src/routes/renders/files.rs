@@ -4,41 +4,14 @@ use std::io::{Cursor, Write as _};
 use std::num::NonZeroU32;
 
 use cases::Error;
-use cases::pictures::{DrawnPicture, ImageMetadata, PictureRequest, annotated, encode};
-use render::{AnimatedPng, Frame, RenderBackend, Sheet, SheetPlan};
+use cases::pictures::SeriesPicture;
+use render::{AnimatedPng, Sheet, SheetPlan};
 use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 use super::super::render::SOFTWARE;
 use super::plan::FileKind;
-use http_support::problem::AppError;
-
-/// A finished picture and its request.
-pub(super) struct Picture {
-    /// Its number, from 0.
-    pub(super) number: usize,
-    /// The request.
-    pub(super) request: PictureRequest,
-    /// The result.
-    pub(super) drawn: DrawnPicture,
-    /// Its annotation.
-    pub(super) metadata: ImageMetadata,
-}
-
-impl Picture {
-    fn texts(&self) -> Vec<(&'static str, String)> {
-        self.metadata.texts(&self.drawn.backend)
-    }
-
-    fn into_frame(self) -> Frame {
-        annotated(
-            self.drawn.rendered.frame,
-            &self.metadata,
-            self.request.annotate,
-        )
-    }
-}
 
 /// A file with many pictures.
 pub(super) enum File {
@@ -66,19 +39,20 @@ impl File {
         }
     }
 
-    /// Adds the next picture, and returns its renderer and device.
-    pub(super) fn add(&mut self, picture: Picture) -> Result<RenderBackend, AppError> {
-        let backend = picture.drawn.backend.clone();
+    /// Adds the next picture.
+    pub(super) fn add(&mut self, picture: SeriesPicture) -> Result<(), Error> {
         match self {
-            Self::Zip(archive) => archive.add(picture)?,
-            Self::Sheet(sheet) => sheet.add(picture),
-            Self::Animation(animation) => animation.add(picture)?,
+            Self::Zip(archive) => archive.add(picture),
+            Self::Sheet(sheet) => {
+                sheet.add(picture);
+                Ok(())
+            }
+            Self::Animation(animation) => animation.add(picture),
         }
-        Ok(backend)
     }
 
     /// The bytes of the file after the last picture.
-    pub(super) fn finish(self) -> Result<Vec<u8>, AppError> {
+    pub(super) fn finish(self) -> Result<Vec<u8>, Error> {
         match self {
             Self::Zip(archive) => archive.finish(),
             Self::Sheet(sheet) => sheet.finish(),
@@ -91,30 +65,25 @@ impl File {
 pub(super) struct Archive(Box<ZipWriter<Cursor<Vec<u8>>>>);
 
 impl Archive {
-    fn add(&mut self, picture: Picture) -> Result<(), AppError> {
-        let Picture {
-            number,
-            request,
-            drawn,
-            metadata,
-        } = picture;
-        let direction = request.direction().replace(',', "_");
-        let name = format!("{number:03}-{direction}-{}mm.png", request.depth_mm);
-        let png = encode(drawn, &metadata, request.annotate)?.png;
+    fn add(&mut self, picture: SeriesPicture) -> Result<(), Error> {
+        let direction = picture.request.direction().replace(',', "_");
+        let (number, depth_mm) = (picture.number, picture.request.depth_mm);
+        let name = format!("{number:03}-{direction}-{depth_mm}mm.png");
+        let png = picture.encoded()?.png;
         let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
         self.0.start_file(name, options).map_err(unwritable)?;
         self.0.write_all(&png).map_err(unwritable)
     }
 
-    fn finish(self) -> Result<Vec<u8>, AppError> {
+    fn finish(self) -> Result<Vec<u8>, Error> {
         let finished = self.0.finish().map_err(unwritable)?;
         Ok(finished.into_inner())
     }
 }
 
 /// An archive in memory has room for the largest request.
-fn unwritable(_: impl Into<ZipError>) -> AppError {
-    Error::Internal.into()
+fn unwritable(_: impl Into<ZipError>) -> Error {
+    Error::Internal
 }
 
 /// One picture with all pictures.
@@ -128,10 +97,10 @@ pub(super) struct ContactSheet {
 }
 
 impl ContactSheet {
-    fn add(&mut self, picture: Picture) {
+    fn add(&mut self, picture: SeriesPicture) {
         let [row, column] = self.cells[picture.number];
         self.states
-            .push(state_of_cell([row, column], &picture.texts()));
+            .push(state_of_cell([row, column], &texts_of(&picture)));
         let frame = picture.into_frame();
         let begin = || self.plan.clone().begin(frame.format());
         self.sheet
@@ -139,7 +108,7 @@ impl ContactSheet {
             .put(&frame, row, column);
     }
 
-    fn finish(self) -> Result<Vec<u8>, AppError> {
+    fn finish(self) -> Result<Vec<u8>, Error> {
         let frame = self.sheet.ok_or(Error::Internal)?.finish();
         let mut texts = vec![("Software", SOFTWARE.to_owned())];
         let states = self.states.iter();
@@ -157,8 +126,8 @@ pub(super) struct Animation {
 }
 
 impl Animation {
-    fn add(&mut self, picture: Picture) -> Result<(), AppError> {
-        let texts = picture.texts();
+    fn add(&mut self, picture: SeriesPicture) -> Result<(), Error> {
+        let texts = texts_of(&picture);
         let frame = picture.into_frame();
         let animation = match &mut self.begun {
             Some(animation) => animation,
@@ -172,9 +141,13 @@ impl Animation {
         Ok(animation.add(&frame)?)
     }
 
-    fn finish(self) -> Result<Vec<u8>, AppError> {
+    fn finish(self) -> Result<Vec<u8>, Error> {
         Ok(self.begun.ok_or(Error::Internal)?.finish()?)
     }
+}
+
+fn texts_of(picture: &SeriesPicture) -> Vec<(&'static str, String)> {
+    picture.metadata.texts(&picture.drawn.backend)
 }
 
 /// The state of a picture of a sheet as one PNG text: `row 1 column 2`, counted from 1, and a JSON object.

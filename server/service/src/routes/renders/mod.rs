@@ -9,9 +9,9 @@ use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use cases::Cases;
-use cases::pictures::{ChosenLayers, ImageMetadata, PictureRequest, backend_for, warm_job};
+use cases::pictures::{PictureRequest, PictureSeries};
 
-use self::files::{File, Picture};
+use self::files::File;
 use self::plan::{FileKind, parse};
 use super::query::{ApiQuery, CasePath, NoQuery};
 use super::render::{PNG, with_version};
@@ -63,42 +63,21 @@ pub async fn create_renders(
     };
     let kind = media_type(&request, offered)?;
     cases.ready(&id).await?;
-    let model = cases.model(&id).await?;
     let pictures = plan.pictures.iter().map(|picture| picture.asked.clone());
     let asked: (Vec<PictureRequest>, _) = (pictures.collect(), plan.kind.parameters());
-    let mut chosen = Vec::with_capacity(asked.0.len());
-    for picture in &asked.0 {
-        chosen.push(picture.layers().of_case(&cases.library, &id).await?);
-    }
-    let mut versions: Vec<_> = chosen.iter().filter_map(ChosenLayers::version).collect();
-    versions.dedup();
-    let mut file = File::new(plan.kind, plan.pictures.len());
-    let mut backends = Vec::new();
-    let is_annotated = asked.0.iter().any(|picture| picture.annotate);
-    let identity = cases.identity(&id, is_annotated).await?;
-    // All pictures share one place in the queue; between them others get their turn, and the work ends if the client
-    // disconnects.
-    let queued = cases.queue.enter()?;
-    for (number, (picture, layers)) in plan.pictures.into_iter().zip(&chosen).enumerate() {
-        let backend = backend_for(picture.asked.renderer, &cases.graphics).await;
-        let named = identity.clone().filter(|_| picture.asked.annotate);
-        let turn = queued.turn().await?;
-        let loaded = layers.load(&cases.library, &id).await?;
-        let job = warm_job(&model, &picture, loaded, backend).await?;
-        let picture = Picture {
-            number,
-            metadata: ImageMetadata::of(Some(&id), &job.job).named(named),
-            drawn: job.draw(&turn).await?,
-            request: picture.asked,
-        };
-        let add = move || file.add(picture).map(|backend| (file, backend.to_string()));
-        let backend;
-        (file, backend) = turn.run(add).await??;
-        if !backends.contains(&backend) {
-            backends.push(backend);
-        }
-    }
-    let body = queued.turn().await?.run(move || file.finish()).await??;
+    let series = PictureSeries::of(&cases, &id, plan.pictures).await?;
+    let (versions, identity) = (series.versions(), series.identity().map(str::to_owned));
+    let file = File::new(plan.kind, asked.0.len());
+    let (file, backends) = series
+        .draw_each(&cases, (file, Vec::new()), |(file, backends), picture| {
+            let backend = picture.drawn.backend.to_string();
+            if !backends.contains(&backend) {
+                backends.push(backend);
+            }
+            file.add(picture)
+        })
+        .await?;
+    let body = cases.queue.run(move || file.finish()).await??;
     let mut response = (StatusCode::OK, body).into_response();
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(kind));
@@ -106,10 +85,7 @@ pub async fn create_renders(
     let name = HeaderName::from_static("x-isocortex-renderer");
     let backends = backends.join("; ");
     conditional::insert(headers, name, &backends);
-    let mut made_by = with_version(
-        backends,
-        (!versions.is_empty()).then(|| versions.join("; ")),
-    );
+    let mut made_by = with_version(backends, versions);
     if let Some(identity) = identity {
         made_by = format!("{made_by} {identity}");
     }

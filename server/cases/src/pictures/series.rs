@@ -1,0 +1,176 @@
+//! Pictures of a case, drawn one after the other: the one way from requests to pixels of a case in the store.
+
+use case::CaseId;
+use render::{Frame, RenderBackend};
+
+use super::drawing::{DrawnPicture, backend_for, warm_job};
+use super::encoding::{EncodedImage, ImageMetadata, annotated, encode};
+use super::request::{CheckedPicture, PictureRequest};
+use super::{ChosenLayers, PictureLayers};
+use crate::error::Error;
+use crate::limit::Turn;
+use crate::{Cases, models::WarmModel};
+
+/// Pictures of one case, with their layers and backends.
+#[derive(Debug)]
+pub struct PictureSeries {
+    id: CaseId,
+    pictures: Vec<Planned>,
+    /// What is written of the case into annotated pictures.
+    identity: Option<String>,
+}
+
+#[derive(Debug)]
+struct Planned {
+    picture: CheckedPicture,
+    layers: ChosenLayers,
+    backend: RenderBackend,
+}
+
+/// A drawn picture of a series.
+#[derive(Debug)]
+pub struct SeriesPicture {
+    /// Its number, from 0.
+    pub number: usize,
+    /// The request.
+    pub request: PictureRequest,
+    /// Its pixels.
+    pub drawn: DrawnPicture,
+    /// Its state and its annotation.
+    pub metadata: ImageMetadata,
+}
+
+impl SeriesPicture {
+    /// Its pixels, annotated if requested.
+    pub fn into_frame(self) -> Frame {
+        let frame = self.drawn.rendered.frame;
+        annotated(frame, &self.metadata, self.request.annotate)
+    }
+
+    /// Its file, annotated if requested.
+    ///
+    /// # Errors
+    /// If it cannot be encoded.
+    pub fn encoded(self) -> Result<EncodedImage, Error> {
+        encode(self.drawn, &self.metadata, self.request.annotate)
+    }
+}
+
+impl PictureSeries {
+    /// Finds the layers and the backends of pictures of a case.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchLayer`], those of layers that are not ready, or an error of the store.
+    pub async fn of(
+        cases: &Cases,
+        id: &CaseId,
+        pictures: impl IntoIterator<Item = CheckedPicture>,
+    ) -> Result<Self, Error> {
+        let mut planned = Vec::new();
+        for picture in pictures {
+            planned.push(Planned {
+                layers: picture.asked.layers().of_case(&cases.library, id).await?,
+                backend: backend_for(picture.asked.renderer, &cases.graphics).await,
+                picture,
+            });
+        }
+        let is_annotated = planned.iter().any(|planned| planned.picture.asked.annotate);
+        Ok(Self {
+            id: *id,
+            pictures: planned,
+            identity: cases.identity(id, is_annotated).await?,
+        })
+    }
+
+    /// What is written of the case into annotated pictures; `None` if none is annotated.
+    pub fn identity(&self) -> Option<&str> {
+        self.identity.as_deref()
+    }
+
+    /// The backends, each once, such as `trace on cpu`.
+    pub fn backends(&self) -> String {
+        let backends = self
+            .pictures
+            .iter()
+            .map(|planned| planned.backend.to_string());
+        each_once(backends)
+    }
+
+    /// The name of the renderer of the first picture, such as `trace`.
+    pub fn renderer(&self) -> &'static str {
+        self.pictures
+            .first()
+            .map_or("", |planned| planned.backend.name())
+    }
+
+    /// The versions of the layers, each once; `None` if there are no layers.
+    pub fn versions(&self) -> Option<String> {
+        let versions = self.pictures.iter();
+        let versions = each_once(versions.filter_map(|planned| planned.layers.version()));
+        (!versions.is_empty()).then_some(versions)
+    }
+
+    /// The same series with its first picture alone.
+    #[must_use]
+    pub fn first(mut self) -> Self {
+        self.pictures.truncate(1);
+        self
+    }
+
+    /// Draws each picture and passes it to `add`, which runs in the same turn. The pictures share one place in the queue;
+    /// between them others get their turn, and the work ends if the future is dropped.
+    ///
+    /// # Errors
+    /// As [`Cases::model`]; [`Error::Busy`] if too much work waits; those of the layers, of the pictures, and of `add`.
+    pub async fn draw_each<T: Send + 'static>(
+        self,
+        cases: &Cases,
+        mut kept: T,
+        add: impl Fn(&mut T, SeriesPicture) -> Result<(), Error> + Clone + Send + 'static,
+    ) -> Result<T, Error> {
+        let model = cases.model(&self.id).await?;
+        let queued = cases.queue.enter()?;
+        for (number, planned) in self.pictures.into_iter().enumerate() {
+            let turn = queued.turn().await?;
+            let loaded = planned.layers.load(&cases.library, &self.id).await?;
+            let named = self.identity.clone();
+            let picture = planned.draw(&self.id, number, &model, (loaded, named), &turn);
+            let (picture, add) = (picture.await?, add.clone());
+            let add_it = move || add(&mut kept, picture).map(|()| kept);
+            kept = turn.run(add_it).await??;
+        }
+        Ok(kept)
+    }
+}
+
+impl Planned {
+    async fn draw(
+        self,
+        id: &CaseId,
+        number: usize,
+        model: &WarmModel,
+        (layers, identity): (PictureLayers, Option<String>),
+        turn: &Turn,
+    ) -> Result<SeriesPicture, Error> {
+        let job = warm_job(model, &self.picture, layers, self.backend).await?;
+        let request = self.picture.asked;
+        Ok(SeriesPicture {
+            number,
+            metadata: ImageMetadata::of(Some(id), &job.job)
+                .named(identity.filter(|_| request.annotate)),
+            drawn: job.draw(turn).await?,
+            request,
+        })
+    }
+}
+
+/// Texts, each once, in their order.
+fn each_once(texts: impl Iterator<Item = String>) -> String {
+    let mut once: Vec<String> = Vec::new();
+    for text in texts {
+        if !once.contains(&text) {
+            once.push(text);
+        }
+    }
+    once.join("; ")
+}

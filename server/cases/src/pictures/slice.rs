@@ -1,0 +1,295 @@
+//! Pictures of slices with the contours of isosurfaces.
+
+use case::{CaseFacts, CaseId};
+use render::{
+    ColorMap, Projection, Scene, SliceConvention, SliceParameters, SlicePlane, SliceRequest, Window,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    ChosenLayers, DepthMm, LayerChoice, LayerRef, NumberList, Numbers, PictureLayers,
+    check_annotation, default_side, default_zoom, picture_size, window_of, window_of_numbers,
+};
+use crate::Cases;
+use crate::error::Error;
+
+/// A picture of a slice.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::IntoParams), into_params(parameter_in = Query))]
+#[serde(deny_unknown_fields)]
+pub struct SliceQuery {
+    /// The LPS coordinate across the plane, in mm; by default the middle of the grid.
+    pub position_mm: Option<f64>,
+    /// Depths in mm of the contours: at most 16, separated by commas.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "5,10"))]
+    pub depth_mm: NumberList,
+    /// Width in pixels.
+    #[serde(default = "default_side")]
+    #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
+    pub width: u32,
+    /// Height in pixels.
+    #[serde(default = "default_side")]
+    #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
+    pub height: u32,
+    /// 1 shows the slice at the scale of a render.
+    #[serde(default = "default_zoom")]
+    #[cfg_attr(feature = "openapi", param(minimum = 0.01, maximum = 100, default = 1))]
+    pub zoom: f64,
+    /// The shift of the slice to the right and up, in mm: `x,y`.
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "0,0"))]
+    pub pan: Option<Numbers<2>>,
+    /// Window centre and width, in intensities: `c,w`; by default from the case. As in DICOM (LINEAR), the ramp from
+    /// black to white is `w - 1` long and its middle is `c - 0.5`: 0 is black and 0.25 white in `0.625,1.25`. The width
+    /// is at least 1.
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "80,120"))]
+    pub window: Option<Numbers<2>>,
+    /// The colour map.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub colormap: ColorMap,
+    /// On which side of axial and coronal slices the patient's left is: at the right (radiological) or at the left.
+    #[serde(default, skip_serializing_if = "SliceConvention::is_default")]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub convention: SliceConvention,
+    /// Whether to draw the label, day and short id of the case, position, window, scale, depths of the contours,
+    /// directions and the notice into the picture.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", param(default = false))]
+    pub annotate: bool,
+    /// The layer to show instead of the intensities: the name of a map, or the name or id of an added layer. `window`
+    /// then refers to its values.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "FLAIR"))]
+    pub layer: Option<LayerRef>,
+    /// The layer to show in colours over the grey texture: the name of a map, or the name or id of an added layer.
+    /// Undefined parts are transparent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "blur"))]
+    pub overlay: Option<LayerRef>,
+    /// The values of the first and last colour of the overlay: `low,high`; by default from the layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "2.5,5"))]
+    pub overlay_window: Option<Numbers<2>>,
+    /// The colours of the overlay; by default from the layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub overlay_colormap: Option<ColorMap>,
+    /// Values of the overlay up to this are transparent; for diverging colours, magnitudes. Above it, the overlay fades
+    /// in over a tenth of its window. By default from the layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub overlay_threshold: Option<f64>,
+    /// The opacity of the overlay, 0 to 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 1))]
+    pub overlay_opacity: Option<f64>,
+    /// Whether the overlay is drawn as its edges alone: lines where its values rise steepest within its window. Its
+    /// colours, threshold and opacity do not matter then. A label map has no edges.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    #[cfg_attr(feature = "openapi", param(default = false))]
+    pub edges: bool,
+}
+
+impl Default for SliceQuery {
+    fn default() -> Self {
+        Self {
+            position_mm: None,
+            depth_mm: NumberList::default(),
+            width: default_side(),
+            height: default_side(),
+            zoom: default_zoom(),
+            pan: None,
+            window: None,
+            colormap: ColorMap::default(),
+            convention: SliceConvention::default(),
+            annotate: false,
+            layer: None,
+            overlay: None,
+            overlay_window: None,
+            overlay_colormap: None,
+            overlay_threshold: None,
+            overlay_opacity: None,
+            edges: false,
+        }
+    }
+}
+
+impl SliceQuery {
+    fn layers(&self) -> LayerChoice {
+        LayerChoice {
+            layer: self.layer.clone(),
+            overlay: self.overlay.clone(),
+            overlay_window: self.overlay_window,
+            overlay_colormap: self.overlay_colormap,
+            overlay_threshold: self.overlay_threshold,
+            overlay_opacity: self.overlay_opacity,
+        }
+    }
+
+    /// The checked values.
+    ///
+    /// # Errors
+    /// [`Error::Parameter`] for an invalid value.
+    pub fn checked(&self) -> Result<CheckedSlice, Error> {
+        if self.position_mm.is_some_and(|mm| !mm.is_finite()) {
+            let detail = "must be a finite number of mm";
+            return Err(Error::out_of_range("position_mm", detail));
+        }
+        for &depth_mm in &self.depth_mm.0 {
+            DepthMm::check_sign(depth_mm)?;
+        }
+        check_annotation(self.annotate, [self.width, self.height])?;
+        let layers = self.layers();
+        layers.check()?;
+        if self.edges && self.overlay.is_none() {
+            return Err(Error::out_of_range("edges", "needs `overlay`"));
+        }
+        let window = self.window.map(window_of_numbers).transpose()?;
+        let request = SliceRequest::new(SliceParameters {
+            plane: SlicePlane::Axial,
+            convention: self.convention,
+            position_mm: self.position_mm.unwrap_or(0.0),
+            depths_mm: self.depth_mm.0.clone(),
+            zoom: self.zoom,
+            pan_mm: self.pan.map_or([0.0; 2], |Numbers(pan)| pan),
+            size: picture_size(self.width, self.height)?,
+            window: window.unwrap_or_else(|| Window::between(0.0, 1.0)),
+            colormap: self.colormap,
+            has_edges: self.edges,
+        })?;
+        Ok(CheckedSlice {
+            asked: self.clone(),
+            position_mm: self.position_mm,
+            window,
+            layers,
+            request,
+        })
+    }
+}
+
+/// A checked request for a slice of any case.
+#[derive(Debug, Clone)]
+pub struct CheckedSlice {
+    /// The request.
+    pub asked: SliceQuery,
+    /// The position; by default the middle of the case.
+    position_mm: Option<f64>,
+    /// The window; by default from the layer or the case.
+    window: Option<Window>,
+    /// The layers.
+    layers: LayerChoice,
+    /// All other values, for the axial plane through the origin.
+    request: SliceRequest,
+}
+
+impl CheckedSlice {
+    /// The slice of a case.
+    fn of_case(
+        &self,
+        plane: SlicePlane,
+        facts: &CaseFacts,
+        layers: &PictureLayers,
+    ) -> SliceRequest {
+        let middle_mm = || middle_mm(facts, plane.axis());
+        let position_mm = self.position_mm.unwrap_or_else(middle_mm);
+        let usual = || layers.window.unwrap_or_else(|| window_of(facts));
+        let window = self.window.unwrap_or_else(usual);
+        let request = self.request.clone();
+        request.shown(plane, position_mm, window)
+    }
+}
+
+/// The coordinate of the middle of the working grid along a patient axis.
+fn middle_mm(facts: &CaseFacts, axis: usize) -> f64 {
+    let row = facts.patient_from_voxel[axis];
+    let centres = facts.grid_size.map(|side| (side - 1) as f64 / 2.0);
+    row[0] * centres[0] + row[1] * centres[1] + row[2] * centres[2] + row[3]
+}
+
+/// A slice of one case, with its layers.
+#[derive(Debug)]
+pub struct SlicePicture {
+    id: CaseId,
+    plane: SlicePlane,
+    slice: CheckedSlice,
+    layers: ChosenLayers,
+    /// What is written of the case into the picture, if it is annotated.
+    identity: Option<String>,
+}
+
+/// A drawn slice.
+#[derive(Debug)]
+pub struct DrawnSlice {
+    /// Its PNG file.
+    pub png: Vec<u8>,
+    /// Its projection.
+    pub projection: Projection,
+}
+
+impl SlicePicture {
+    /// Finds the layers of a slice of a case.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchLayer`], those of layers that are not ready, [`Error::Parameter`] for the edges of a label map, or an
+    /// error of the store.
+    pub async fn of(
+        cases: &Cases,
+        id: &CaseId,
+        plane: SlicePlane,
+        slice: CheckedSlice,
+    ) -> Result<Self, Error> {
+        let layers = slice.layers.of_case(&cases.library, id).await?;
+        if slice.asked.edges && layers.has_labels_above() {
+            let detail = "is not possible for a label map, because labels have no edges; choose another `overlay`";
+            return Err(Error::out_of_range("edges", detail));
+        }
+        Ok(Self {
+            identity: cases.identity(id, slice.asked.annotate).await?,
+            id: *id,
+            plane,
+            slice,
+            layers,
+        })
+    }
+
+    /// What is written of the case into the picture; `None` if it is not annotated.
+    pub fn identity(&self) -> Option<&str> {
+        self.identity.as_deref()
+    }
+
+    /// The versions of the layers; `None` if there are no layers.
+    pub fn version(&self) -> Option<String> {
+        self.layers.version()
+    }
+
+    /// Draws it.
+    ///
+    /// # Errors
+    /// As [`Cases::model`]; [`Error::Busy`] if too much work waits; those of the layers.
+    pub async fn draw(self, cases: &Cases) -> Result<DrawnSlice, Error> {
+        let facts = cases.ready(&self.id).await?;
+        let layers = self.layers.load(&cases.library, &self.id).await?;
+        let request = self.slice.of_case(self.plane, &facts, &layers);
+        let layers = layers.keyed;
+        let model = cases.model(&self.id).await?;
+        let volume = cases.whole_volume(&self.id).await?;
+        let draw = move || {
+            let scene = Scene {
+                volume: &volume,
+                ..model.scene().with_layers(layers.layers())
+            };
+            let mut frame = render::draw_slice(&scene, &request);
+            let projection = request.projection(&scene.bounds);
+            if let Some(identity) = &self.identity {
+                let named = Some(identity.as_str());
+                frame = render::annotate_slice(frame, &request, &projection, &scene.layers, named);
+            }
+            let case = self.id.to_string();
+            let mut texts = render::slice_texts(&case, &request, &scene.layers);
+            texts.retain(|(_, text)| !text.is_empty());
+            let png = render::encode_png(&frame, &texts)?;
+            Ok(DrawnSlice { png, projection })
+        };
+        cases.queue.run(draw).await?
+    }
+}

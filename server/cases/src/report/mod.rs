@@ -1,0 +1,182 @@
+//! The report of a reading: one HTML file with the findings of a case, their pictures and numbers. It needs no script and
+//! nothing from elsewhere.
+
+mod html;
+mod shots;
+mod words;
+
+use std::sync::Arc;
+
+use case::findings::Finding;
+use case::{Case, CaseFacts, CaseId, Layer, LayerKind, MapName, QualityState};
+use glam::DVec3;
+use pipeline::maps::NoMaps;
+use serde::{Deserialize, Serialize};
+
+pub use self::html::POLICY;
+pub use self::words::Language;
+
+use self::shots::{FindingPictures, Overview};
+use crate::library::LoadedMaps;
+use crate::pictures::{LayerRef, ready};
+use crate::profile::{PointProfile, profile};
+use crate::{Cases, Error};
+
+/// What a report shows.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::IntoParams), into_params(parameter_in = Query))]
+#[serde(deny_unknown_fields)]
+pub struct ReportQuery {
+    /// The language: `en` or `pt-BR`.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub language: Language,
+    /// Whether to name the patient and the study, if the case was created from DICOM. The report is patient data then.
+    #[serde(default)]
+    #[cfg_attr(feature = "openapi", param(default = false))]
+    pub patient: bool,
+}
+
+/// Everything that a report shows.
+struct Report {
+    case: Case,
+    facts: Arc<CaseFacts>,
+    query: ReportQuery,
+    /// Attributes of the patient and the study, for people; `None` unless requested.
+    patient: Option<Vec<(&'static str, String)>>,
+    maps: Result<Arc<LoadedMaps>, NoMaps>,
+    /// The acquired layer beside the anatomy, if there is one.
+    layer: Option<String>,
+    /// Those to look at, with their pictures and numbers, in the order of the list.
+    findings: Vec<ReportedFinding>,
+    dismissed: Vec<Finding>,
+    overview: Overview,
+}
+
+/// A finding with its pictures and numbers.
+struct ReportedFinding {
+    finding: Finding,
+    pictures: FindingPictures,
+    numbers: Option<Numbers>,
+}
+
+/// The values at a finding, and at its mirrored point if that is in the brain.
+struct Numbers {
+    own: PointProfile,
+    mirrored: Option<PointProfile>,
+}
+
+/// The attributes of a patient and a study that a report names.
+const PATIENT: [&str; 6] = [
+    "PatientName",
+    "PatientID",
+    "PatientBirthDate",
+    "PatientSex",
+    "StudyDate",
+    "AccessionNumber",
+];
+
+impl Cases {
+    /// The report of the reading of a ready case, as HTML.
+    ///
+    /// # Errors
+    /// As [`Cases::ready`]; [`Error::LayerNotReady`] while its maps are computed; [`Error::Busy`] if too much work waits.
+    pub async fn report(&self, id: &CaseId, query: ReportQuery) -> Result<String, Error> {
+        let facts = self.ready(id).await?;
+        let case = self.case(id).await?;
+        let maps = match self.library.maps(id).await?.found() {
+            Ok(maps) => Ok(maps),
+            Err(Error::MapsUndefined(reason)) => Err(reason),
+            Err(other) => return Err(other),
+        };
+        let layers = self.layers(id).await?;
+        let layer = beside(&layers).map(|layer| layer.name.clone());
+        let (dismissed, findings): (Vec<_>, Vec<_>) =
+            (self.findings(id).await?.list.into_iter()).partition(|finding| finding.is_dismissed);
+        let (pictures, overview) = shots::draw(
+            self,
+            id,
+            &facts,
+            (&findings, layer.as_deref(), maps.is_ok()),
+        )
+        .await?;
+        let mut reported = Vec::new();
+        for (finding, pictures) in findings.into_iter().zip(pictures) {
+            let numbers = self.numbers(id, &maps, &finding).await?;
+            reported.push(ReportedFinding {
+                finding,
+                pictures,
+                numbers,
+            });
+        }
+        let patient = match query.patient {
+            true => Some(self.patient(id).await?),
+            false => None,
+        };
+        let report = Report {
+            case,
+            facts,
+            query,
+            patient,
+            maps,
+            layer,
+            findings: reported,
+            dismissed,
+            overview,
+        };
+        Ok(report.html())
+    }
+
+    /// The values at a finding; `None` outside the envelope.
+    async fn numbers(
+        &self,
+        id: &CaseId,
+        maps: &Result<Arc<LoadedMaps>, NoMaps>,
+        finding: &Finding,
+    ) -> Result<Option<Numbers>, Error> {
+        let model = self.model(id).await?;
+        let maps = maps.clone();
+        let position = DVec3::from_array(finding.middle_in_patient());
+        let find = move || {
+            let maps = maps.as_ref().map(|maps| &**maps).map_err(Clone::clone);
+            profile(&model, maps, &[], position)
+        };
+        match self.queue.run(find).await? {
+            Ok(found) => Ok(Some(Numbers {
+                own: found.own,
+                mirrored: found.mirrored,
+            })),
+            Err(Error::Parameter { .. }) => Ok(None),
+            Err(other) => Err(other),
+        }
+    }
+
+    /// The attributes of the patient; none if the case was not created from DICOM.
+    async fn patient(&self, id: &CaseId) -> Result<Vec<(&'static str, String)>, Error> {
+        let Some(stored) = self.store().source_dicom(id).await? else {
+            return Ok(Vec::new());
+        };
+        let attributes = pipeline::attributes(&stored)?.attributes;
+        let value = |name: &&'static str| {
+            let found = attributes.iter().find(|(keyword, _)| keyword == name)?;
+            Some((*name, found.1.clone()))
+        };
+        Ok(PATIENT.iter().filter_map(value).collect())
+    }
+}
+
+/// The acquired layer to show beside the anatomy: a FLAIR before any other, and none that may lie elsewhere.
+fn beside(layers: &[Layer]) -> Option<&Layer> {
+    let is_usable = |layer: &&Layer| {
+        layer.parameters.kind == LayerKind::Mr
+            && ready(layer).is_ok_and(|facts| facts.placement.quality == QualityState::Ok)
+    };
+    let is_flair = |layer: &&Layer| layer.name.to_lowercase().contains("flair");
+    let usable = || layers.iter().filter(is_usable);
+    usable().find(is_flair).or_else(|| usable().next())
+}
+
+/// The map of the report.
+fn map_of_report() -> LayerRef {
+    MapName::Blur.into()
+}

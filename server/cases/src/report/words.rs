@@ -1,0 +1,227 @@
+//! The words of a report in each language.
+
+use case::findings::{Certainty, FindingKind};
+use case::{PatientSide, QualityState};
+use render::{NamedView, SlicePlane};
+use serde::{Deserialize, Serialize};
+
+/// A language of the report.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub enum Language {
+    /// English.
+    #[default]
+    #[serde(rename = "en")]
+    English,
+    /// Brazilian Portuguese.
+    #[serde(rename = "pt-BR")]
+    Portuguese,
+}
+
+impl Language {
+    /// The tag of the language (BCP 47).
+    pub fn tag(self) -> &'static str {
+        match self {
+            Self::English => "en",
+            Self::Portuguese => "pt-BR",
+        }
+    }
+
+    pub(super) fn words(self) -> &'static Words {
+        match self {
+            Self::English => &ENGLISH,
+            Self::Portuguese => &PORTUGUESE,
+        }
+    }
+}
+
+/// The words of a report.
+#[derive(Debug)]
+pub(super) struct Words {
+    pub(super) title: &'static str,
+    pub(super) notice: &'static str,
+    pub(super) made_by: &'static str,
+    pub(super) case: &'static str,
+    pub(super) patient: &'static str,
+    pub(super) not_from_dicom: &'static str,
+    pub(super) acquisition: &'static str,
+    pub(super) unknown: &'static str,
+    pub(super) voxels: &'static str,
+    pub(super) mask: &'static str,
+    states: [&'static str; 3],
+    pub(super) findings: &'static str,
+    pub(super) finding: &'static str,
+    pub(super) no_findings: &'static str,
+    pub(super) dismissed: &'static str,
+    pub(super) overview: &'static str,
+    pub(super) overview_of_map: &'static str,
+    pub(super) no_maps: &'static str,
+    pub(super) candidates: &'static str,
+    pub(super) candidates_note: &'static str,
+    pub(super) rank: &'static str,
+    pub(super) side: &'static str,
+    sides: [&'static str; 3],
+    pub(super) depth: &'static str,
+    pub(super) position: &'static str,
+    pub(super) score: &'static str,
+    pub(super) size: &'static str,
+    pub(super) kind: &'static str,
+    kinds: [&'static str; 4],
+    pub(super) certainty: &'static str,
+    certainties: [&'static str; 4],
+    pub(super) note: &'static str,
+    pub(super) author: &'static str,
+    pub(super) here: &'static str,
+    pub(super) other_side: &'static str,
+    pub(super) intensity: &'static str,
+    pub(super) blur: &'static str,
+    pub(super) sharpness: &'static str,
+    pub(super) anatomy: &'static str,
+    pub(super) map: &'static str,
+    pub(super) as_acquired: &'static str,
+    pub(super) flipped: &'static str,
+    views: [&'static str; 6],
+    planes: [&'static str; 3],
+    pub(super) left: &'static str,
+    pub(super) right: &'static str,
+}
+
+impl Words {
+    pub(super) fn state(&self, state: QualityState) -> &'static str {
+        self.states[state as usize]
+    }
+
+    pub(super) fn side(&self, side: PatientSide) -> &'static str {
+        self.sides[side as usize]
+    }
+
+    pub(super) fn kind(&self, kind: FindingKind) -> &'static str {
+        self.kinds[kind as usize]
+    }
+
+    pub(super) fn certainty(&self, certainty: Certainty) -> &'static str {
+        self.certainties[certainty as usize]
+    }
+
+    pub(super) fn view(&self, view: NamedView) -> &'static str {
+        self.views[view as usize]
+    }
+
+    pub(super) fn plane(&self, plane: SlicePlane) -> &'static str {
+        self.planes[plane as usize]
+    }
+}
+
+const ENGLISH: Words = Words {
+    title: "Report of a reading",
+    notice: render::RESEARCH_USE_NOTICE,
+    made_by: "Made by",
+    case: "Case",
+    patient: "Patient",
+    not_from_dicom: "The case was not created from DICOM: the patient is not known.",
+    acquisition: "Acquisition",
+    unknown: "unknown",
+    voxels: "voxels",
+    mask: "Brain mask",
+    states: ["nothing unusual", "CHECK IT", "NOT A BRAIN"],
+    findings: "Findings",
+    finding: "Finding",
+    no_findings: "Nothing was marked.",
+    dismissed: "Looked at and dismissed",
+    overview: "Overview",
+    overview_of_map: "Overview with the map of blur",
+    no_maps: "There are no maps of this case:",
+    candidates: "Places of the map",
+    candidates_note: "Places where the junction of grey and white matter is less sharp than around it and on the other side. \
+                      Most are normal.",
+    rank: "Rank",
+    side: "Side",
+    sides: ["left", "right", "middle"],
+    depth: "Depth",
+    position: "Position (LPS, mm)",
+    score: "Score (z)",
+    size: "Size",
+    kind: "Form",
+    kinds: ["point", "line", "polygon", "trajectory"],
+    certainty: "Certainty",
+    certainties: ["definite", "probable", "possible", "unlikely"],
+    note: "Note",
+    author: "By",
+    here: "Here",
+    other_side: "Other side",
+    intensity: "Intensity",
+    blur: "Blur (z)",
+    sharpness: "Sharpness (per mm)",
+    anatomy: "T1",
+    map: "map of blur",
+    as_acquired: "as acquired",
+    flipped: "flipped",
+    views: [
+        "from the left",
+        "from the right",
+        "from the front",
+        "from behind",
+        "from above",
+        "from below",
+    ],
+    planes: ["axial", "coronal", "sagittal"],
+    left: "Left",
+    right: "Right",
+};
+
+const PORTUGUESE: Words = Words {
+    title: "Relatório de leitura",
+    notice: "Somente para pesquisa. Não se destina a diagnóstico.",
+    made_by: "Feito por",
+    case: "Caso",
+    patient: "Paciente",
+    not_from_dicom: "O caso não foi criado a partir de DICOM: o paciente não é conhecido.",
+    acquisition: "Aquisição",
+    unknown: "desconhecida",
+    voxels: "voxels",
+    mask: "Máscara do encéfalo",
+    states: ["nada incomum", "VERIFIQUE", "NÃO É UM ENCÉFALO"],
+    findings: "Achados",
+    finding: "Achado",
+    no_findings: "Nada foi marcado.",
+    dismissed: "Examinados e descartados",
+    overview: "Visão geral",
+    overview_of_map: "Visão geral com o mapa de borramento",
+    no_maps: "Não há mapas deste caso:",
+    candidates: "Locais do mapa",
+    candidates_note: "Locais onde a junção entre as substâncias cinzenta e branca é menos nítida do que ao redor e do outro lado. \
+                      A maioria é normal.",
+    rank: "Posição",
+    side: "Lado",
+    sides: ["esquerdo", "direito", "meio"],
+    depth: "Profundidade",
+    position: "Coordenadas (LPS, mm)",
+    score: "Escore (z)",
+    size: "Tamanho",
+    kind: "Forma",
+    kinds: ["ponto", "linha", "polígono", "trajetória"],
+    certainty: "Certeza",
+    certainties: ["definido", "provável", "possível", "improvável"],
+    note: "Nota",
+    author: "Por",
+    here: "Aqui",
+    other_side: "Outro lado",
+    intensity: "Intensidade",
+    blur: "Borramento (z)",
+    sharpness: "Nitidez (por mm)",
+    anatomy: "T1",
+    map: "mapa de borramento",
+    as_acquired: "como adquirido",
+    flipped: "espelhado",
+    views: [
+        "visto da esquerda",
+        "visto da direita",
+        "visto de frente",
+        "visto de trás",
+        "visto de cima",
+        "visto de baixo",
+    ],
+    planes: ["axial", "coronal", "sagital"],
+    left: "Esquerda",
+    right: "Direita",
+};

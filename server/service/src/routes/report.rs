@@ -1,0 +1,69 @@
+//! The report of a reading.
+
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::Response;
+use bytes::Bytes;
+use cases::Cases;
+use cases::report::{POLICY, ReportQuery};
+
+use super::query::{ApiQuery, Asked, CasePath};
+use http_support::conditional::{EntityTag, Representation};
+use http_support::negotiate::{Coding, media_type};
+use http_support::problem::{AppError, Problem};
+
+const HTML: &str = "text/html; charset=utf-8";
+
+/// The client validates its copy before each use: readers change the findings.
+const REVALIDATE: HeaderValue = HeaderValue::from_static("private, no-cache");
+
+impl Asked for ReportQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
+        Ok(())
+    }
+}
+
+/// The report of a reading: one HTML file, to read, to print and to keep
+///
+/// For each finding that is not dismissed: the cut and the other side, flipped; three slices; values here and on the other side;
+/// what the reader wrote. Then the places of the map, an overview of six views at four depths, what is known of the acquisition,
+/// and what is wrong with the mask, on every page. The file needs no script and nothing from elsewhere, and its pictures are
+/// lossless. It names the patient only on request.
+#[utoipa::path(
+    get, path = "/v1/cases/{id}/report", tag = "findings",
+    params(("id" = String, Path, description = "The case"), ReportQuery),
+    responses(
+        (status = 200, description = "The report", body = String, content_type = "text/html"),
+        (status = 304, description = "The client already has this answer"),
+        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case or its maps are not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+    )
+)]
+pub async fn get_report(
+    State(cases): State<Cases>,
+    CasePath(id): CasePath,
+    ApiQuery { asked, .. }: ApiQuery<ReportQuery>,
+    request: HeaderMap,
+) -> Result<Response, AppError> {
+    media_type(&request, &["text/html"])?;
+    let body = Bytes::from(cases.report(&id, asked).await?);
+    let mut headers = HeaderMap::new();
+    headers.insert(
+        header::CONTENT_SECURITY_POLICY,
+        HeaderValue::from_static(POLICY),
+    );
+    Representation {
+        tag: EntityTag::of_bytes(&body, Coding::Identity),
+        media_type: HTML,
+        coding: Coding::Identity,
+        body,
+        headers,
+        vary: "accept",
+        cache_control: REVALIDATE,
+    }
+    .respond(&request)
+}
