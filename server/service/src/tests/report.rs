@@ -26,12 +26,8 @@ async fn the_report_shows_what_was_marked_and_runs_nothing() {
         finding("a", 25.0, "<script>alert(1)</script>"), finding("b", -25.0, "second"), dismissed,
     ] });
     let tag = [("if-match", none.header("etag"))];
-    let stored = server.ask(
-        Method::PUT,
-        &format!("{case}/findings"),
-        &tag,
-        list.to_string(),
-    );
+    let address = format!("{case}/findings");
+    let stored = server.ask(Method::PUT, &address, &tag, list.to_string());
     assert_eq!(stored.await.status, 200);
 
     let report = server.get(&format!("{case}/report")).await;
