@@ -93,14 +93,7 @@ fn assert_tells_nothing(answer: &Answer) {
         answer.headers,
         String::from_utf8_lossy(&answer.body)
     );
-    for secret in [
-        "Somebody",
-        "Secret",
-        "P-77",
-        "1.2.3.4",
-        "1.2.3.1",
-        "t1_mprage",
-    ] {
+    for secret in ["Somebody", "Secret", "P-77", "1.2.3.4", "1.2.3.1"] {
         assert!(!text.contains(secret), "{text}");
     }
 }

@@ -471,7 +471,7 @@ async fn an_annotated_picture_names_its_case_and_follows_its_label() {
     let server = without_graphics().await;
     let head = crate::head::plain_head().bytes();
     let labelled = async |name: &str| {
-        let parameters = format!(r#"{{"name": "{name}"}}"#);
+        let parameters = format!(r#"{{"name": "{name}", "keep_name": false}}"#);
         server
             .prepared(&[("volume", &head), ("parameters", parameters.as_bytes())])
             .await

@@ -266,7 +266,7 @@ async fn the_tag_of_a_list_follows_the_label_if_it_is_drawn() {
     let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
     let head = crate::head::plain_head().bytes();
     let tags_under = async |label: &str| {
-        let parameters = format!(r#"{{"name": "{label}"}}"#);
+        let parameters = format!(r#"{{"name": "{label}", "keep_name": false}}"#);
         let parts = [("volume", &head[..]), ("parameters", parameters.as_bytes())];
         let case = server.prepared(&parts).await;
         let mut tags = Vec::new();

@@ -425,18 +425,23 @@ impl Store {
         self.rows().close().await;
     }
 
-    /// Removes the objects that are no longer needed.
+    /// Removes the objects that are no longer needed. The operation completes even if the caller drops the future: a sweep
+    /// that stops half-way leaves tombstones, and nobody can write such an object again until their lease ends.
     ///
     /// # Errors
     /// If the rows or the objects cannot be written; what was not removed is found the next time.
     pub async fn collect(&self) -> Result<(), StoreError> {
-        loop {
-            let candidates = self.abandoned(REMOVALS_AT_ONCE).await?;
-            if candidates.is_empty() {
-                return Ok(());
+        let store = self.clone();
+        let collect = async move {
+            loop {
+                let candidates = store.abandoned(REMOVALS_AT_ONCE).await?;
+                if candidates.is_empty() {
+                    return Ok(());
+                }
+                store.remove_unneeded(&candidates).await?;
             }
-            self.remove_unneeded(&candidates).await?;
-        }
+        };
+        tokio::spawn(collect).await?
     }
 
     /// Removes the objects that are not in the rows at all.

@@ -137,7 +137,7 @@ async fn media_types_are_refused_where_the_description_says_so() {
             true => (406, "not-acceptable".to_owned()),
             false => (404, "no-such-case".to_owned()),
         };
-        let headers = [("accept", "text/html")];
+        let headers = [("accept", "text/x-nothing")];
         let answer = server.get_with(&of_nobody(path), &headers).await;
         assert_eq!(answer.refusal(), expected, "{path}");
     }
