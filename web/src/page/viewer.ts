@@ -148,6 +148,7 @@ export class Viewer {
       } else this.#notices.complain(error);
     }
     this.element.dataset.loaded = "true";
+    this.#onDemand.meetFindings();
     this.#onDemand.meetNeighbour(this.element);
     void this.#aids.load().catch(() => {});
     if (this.#wanted) this.#pick(this.#wanted.place, this.#wanted.state);
@@ -244,6 +245,8 @@ export class Viewer {
     return new OnDemand({
       shown: this.shown,
       onScreen: () => ({ state: this.#state, panes: this.#panes, surface: this.#surface, slices: this.#slices }),
+      actions: this.#actions(),
+      announce: this.#host.announce,
       goTo: (depth_mm) => this.#goToDepth(depth_mm),
       made: this.#host.made,
       address: () => {
