@@ -197,9 +197,9 @@ export async function makeVersion(
   return { created: (await response.json()) as Case, wasThere: response.status === 200 };
 }
 
-/** A file of a case, as bytes. */
-export async function getFile(path: string): Promise<Blob> {
-  return (await send(`v1/cases/${path}`)).blob();
+/** A file of a case, as bytes, of the media type that is wanted. */
+export async function getFile(path: string, accept = "*/*"): Promise<Blob> {
+  return (await send(`v1/cases/${path}`, { headers: { accept } })).blob();
 }
 
 /** Attributes of the DICOM files that a case was made of, by keyword: patient data, asked for only when wanted. */

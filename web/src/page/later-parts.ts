@@ -3,6 +3,7 @@
 export { askToken, confirmDelete, confirmRename, helpDialog, maskDialog } from "./dialogs.ts";
 export { captionOf, fileStem } from "./export.ts";
 export { exportSection } from "./export-section.ts";
+export { FindingsSection } from "./findings-section.ts";
 export { profileView } from "./chart.ts";
 export { measuredAt } from "./measured.ts";
 export { SlicePane } from "../panes/slices.ts";

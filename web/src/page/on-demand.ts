@@ -6,6 +6,7 @@ import type { Measured, Profile } from "../model/profile.ts";
 import { pictureBody } from "../model/series.ts";
 import type { Vec3 } from "../model/space.ts";
 import { type Key, t } from "../base/i18n.ts";
+import type { Actions } from "./actions.ts";
 import type { OnScreen } from "./export.ts";
 import { section } from "./fields.ts";
 import { later } from "./later.ts";
@@ -20,6 +21,8 @@ const BORDER_MM = 0.05;
 export interface OnDemandHost {
   readonly shown: ReadyCase;
   onScreen(): Omit<OnScreen, "shown">;
+  readonly actions: Pick<Actions, "change">;
+  readonly announce: (words: string) => void;
   readonly goTo: (depth_mm: number) => void;
   readonly made: (one: Case, wasThere: boolean) => void;
   /** The address of what is on the screen. */
@@ -34,6 +37,9 @@ export class OnDemand {
   #point: Vec3 | null = null;
   #measured: Measured | null = null;
   #asked = new AbortController();
+  /** The section of the findings, which is filled when the case is loaded. */
+  readonly findings = section(t("panel.findings"), true);
+  #findings: { dispose(): void } | null = null;
 
   constructor(host: OnDemandHost) {
     this.#host = host;
@@ -43,6 +49,7 @@ export class OnDemand {
   sections(sweep: Sweep): readonly HTMLElement[] {
     const host = this.#host;
     return [
+      this.findings,
       this.#section("panel.sweep", ({ SweepSection }) => {
         return new SweepSection(host.shown, sweep.choice, (choice) => sweep.choose(choice)).element;
       }),
@@ -79,7 +86,7 @@ export class OnDemand {
   #measure(point: Vec3, ask: Parts["measuredAt"]): void {
     this.#point = point;
     this.#measured = null;
-    this.dispose();
+    this.#asked.abort();
     // Outside the envelope, and on its border, nothing is measured.
     if (!(Number(this.#host.onScreen().surface.probe(point)?.depth_mm) > BORDER_MM)) return;
     const { signal } = (this.#asked = new AbortController());
@@ -96,6 +103,31 @@ export class OnDemand {
 
   dispose(): void {
     this.#asked.abort();
+    this.#findings?.dispose();
+  }
+
+  /** Shows what was marked before, and lets more be marked. */
+  meetFindings(): void {
+    const { shown, actions, announce } = this.#host;
+    const meet = ({ FindingsSection }: Parts): void => {
+      const { surface, slices } = this.#host.onScreen();
+      const section = new FindingsSection({
+        shown,
+        actions,
+        announce,
+        state: () => this.#host.onScreen().state,
+        depthAt: (position) => surface.probe(position)?.depth_mm ?? null,
+        draw: (findings) => {
+          for (const panes of [surface, slices]) panes.mark(findings);
+        },
+      });
+      this.#findings = section;
+      this.findings.querySelector(".group-body")?.replaceWith(section.element);
+      void section.load();
+    };
+    later()
+      .then(meet)
+      .catch(() => {});
   }
 
   /** Adds what there is for a case from DICOM; a server without a PACS has nothing. */

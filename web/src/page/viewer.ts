@@ -152,6 +152,7 @@ export class Viewer {
       } else this.#notices.complain(error);
     }
     this.element.dataset.loaded = "true";
+    this.#onDemand.meetFindings();
     this.#onDemand.meetNeighbour(this.element);
     void this.#aids.load().catch(() => {});
     if (this.#wanted) this.#pick(this.#wanted.place, this.#wanted.state);
@@ -331,6 +332,8 @@ export class Viewer {
         slices: this.#slices,
         closer: this.#closer,
       }),
+      actions: this.#actions(),
+      announce: this.#host.announce,
       goTo: (depth_mm) => this.#goToDepth(depth_mm),
       made: this.#host.made,
       address: () => {

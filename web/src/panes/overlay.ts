@@ -6,9 +6,11 @@ import { h, setText, tell } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { scaleBar } from "../base/readout.ts";
 import { type LayerOverlay, type LayerWords, isMap } from "../model/maps.ts";
+import type { Mark } from "../model/marks.ts";
 import type { Vec2 } from "../model/space.ts";
 import { type Colormap, type HalfLook, type Swipe, type ViewState, clamp, windowEnds } from "../model/state.ts";
 import { Cursor, type CursorLook } from "./cursor.ts";
+import { Marks } from "./marks.ts";
 
 export const SIDES = ["left", "right", "top", "bottom"] as const;
 
@@ -25,6 +27,7 @@ export class Overlay {
   readonly #scaleText = h("span", { class: "scale-text" });
   readonly #cursor = new Cursor();
   readonly #twin = new Cursor();
+  readonly #marks = new Marks();
   readonly #divider = h("div", {
     class: "divider",
     hidden: true,
@@ -43,6 +46,7 @@ export class Overlay {
       "div",
       { class: "overlay" },
       // Letters stand before its lines.
+      this.#marks.element,
       this.#cursor.element,
       this.#cursor.words,
       this.#twin.element,
@@ -92,6 +96,11 @@ export class Overlay {
   /** The marked point, or the pointer: see `Cursor`. */
   cursor(place: Vec2 | null, size: Vec2, look: CursorLook): void {
     this.#cursor.show(place, size, look);
+  }
+
+  /** The findings that lie here. */
+  marks(marks: readonly Mark[], size: Vec2): void {
+    this.#marks.show(marks, size);
   }
 
   /** Where the mirror image of the marked point is. */

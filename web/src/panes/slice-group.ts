@@ -2,6 +2,7 @@
 // first shown.
 
 import type { ReadyCase } from "../model/case.ts";
+import type { Finding } from "../model/findings.ts";
 import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import type { ViewState } from "../model/state.ts";
 import { h } from "../base/dom.ts";
@@ -22,6 +23,7 @@ export class SliceGroup {
   #isLoading = false;
   #state: ViewState | null = null;
   #layer: (() => SliceLayer) | null = null;
+  #findings: readonly Finding[] = [];
   #words = "";
   #isBare = false;
 
@@ -50,6 +52,12 @@ export class SliceGroup {
   lay(make: (() => SliceLayer) | null): void {
     this.#layer = make;
     for (const pane of this.#panes) pane.lay(make && make());
+  }
+
+  /** Shows findings on each slice. */
+  mark(findings: readonly Finding[]): void {
+    this.#findings = findings;
+    for (const pane of this.#panes) pane.mark(findings);
   }
 
   /** The slices as they lie, with so many pixels to a CSS pixel. */
@@ -94,6 +102,7 @@ export class SliceGroup {
       for (const pane of this.#panes) {
         if (this.#layer) pane.lay(this.#layer());
         pane.outline(!this.#isBare);
+        pane.mark(this.#findings);
         pane.show(state);
         pane.describe(this.#words);
       }

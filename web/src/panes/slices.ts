@@ -1,6 +1,7 @@
 // One slice with the outline of the cut, its cursor and its control.
 
 import type { ReadyCase } from "../model/case.ts";
+import { type Finding, sliceMarks } from "../model/findings.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
@@ -76,6 +77,7 @@ export class SlicePane {
   /** What the picture that is up shows. */
   #drawn: Seen | null = null;
   #outlined = true;
+  #findings: readonly Finding[] = [];
   #pointer: Vec2 | null = null;
 
   constructor(plane: Plane, shown: ReadyCase, listener: SliceListener, role: SliceRole | null = null) {
@@ -216,6 +218,12 @@ export class SlicePane {
     if (this.#state) this.show(this.#state);
   }
 
+  /** Shows the findings that lie in the slice. */
+  mark(findings: readonly Finding[]): void {
+    this.#findings = findings;
+    if (this.#state) this.show(this.#state);
+  }
+
   /** Whether the outlines are drawn. */
   outline(shown: boolean): void {
     this.#outlined = shown;
@@ -293,6 +301,9 @@ export class SlicePane {
     const kind = this.#role?.isOpposite ? "opposite" : "ticks";
     this.#overlay.cursor(cross, view.size, { kind, words, ring });
     this.#overlay.twin(twin, view.size);
+    const { axis } = PLANES[this.plane];
+    const inSlice = sliceMarks(this.#findings, axis, position_mm, (point) => slicePixel(view, sphere, point));
+    this.#overlay.marks(inSlice, view.size);
     this.#layer?.show(view, sphere, this.#outlined);
     this.#explain(state);
     this.#range.setAttribute("aria-valuetext", `${place} ${more}`);

@@ -14,6 +14,7 @@ import {
   wheelZoom,
   zoomAt,
 } from "../model/controls.ts";
+import { type Finding, surfaceMarks } from "../model/findings.ts";
 import { mirrorPlane, plainPlane, reflected, sideSeen } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
@@ -74,6 +75,7 @@ export class SurfacePane {
   /** Who draws it, and knows its points. */
   readonly surface: Surface;
   #drawn: ViewState | null = null;
+  #findings: readonly Finding[] = [];
   #ghost: Vec2 | null = null;
 
   /** `kept` draws the case already. */
@@ -213,10 +215,32 @@ export class SurfacePane {
     this.#listener.status(status);
   }
 
+  /** Shows findings on the surface. */
+  mark(findings: readonly Finding[]): void {
+    this.#findings = findings;
+    if (this.#drawn) this.#marks(this.#drawn);
+  }
+
+  /** The findings on the side of the head that each half shows. */
+  #marks(state: ViewState): void {
+    const sphere = this.#shown.envelope_sphere;
+    const size = this.size(state);
+    const mirror = isMirrored(state) ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
+    this.#overlay.marks(surfaceMarks(this.#findings, state.depth_mm, project(state, sphere, size)), size);
+    const other = surfaceMarks(this.#findings, state.depth_mm, project(mirror, sphere, size));
+    // The other half is flipped.
+    const flip = ([x, y]: Vec2): Vec2 => [isMirrored(state) ? size[0] - x : x, y];
+    this.#otherOverlay.marks(
+      isHalved(state) ? other.map((mark) => ({ ...mark, places: mark.places.map(flip) })) : [],
+      size,
+    );
+  }
+
   /** The cross on the picture that is up: beside the mirrored one at the same place of both halves. */
   #cross(): void {
     const state = this.#drawn;
     if (!state) return;
+    this.#marks(state);
     const size = this.size(state);
     const mirror = isMirrored(state);
     const position = this.#listener.state().crosshair_mm;
