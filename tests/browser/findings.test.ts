@@ -1,0 +1,104 @@
+// What a reader marks stays on the server, and nobody loses what another one wrote.
+
+import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
+import { after, before, test } from "node:test";
+
+import type { Browser, Page } from "playwright-core";
+
+import { violations } from "./axe.ts";
+import { brainMask, markedVolume } from "./phantom.ts";
+import { type Server, keep, launchBrowser, openPage, scratchFolder, skip, startServer, until } from "./support.ts";
+import { sendCase } from "./uploads.ts";
+
+let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let server: Server;
+let browser: Browser;
+let id: string;
+
+/** Where the bright ball is: on the patient's right, LPS mm. */
+const MARK = "-38,0,0";
+
+before(
+  async () => {
+    if (skip) return;
+    scratch = await scratchFolder();
+    server = await startServer({ command: "serve", data: scratch.folder });
+    id = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
+    browser = await launchBrowser();
+  },
+  { timeout: 600_000 },
+);
+
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+  await scratch?.clean();
+});
+
+interface Stored {
+  readonly label: string;
+  readonly note: string;
+  readonly side: string;
+  readonly certainty?: string;
+  readonly is_dismissed: boolean;
+}
+
+const address = (): URL => new URL(`v1/cases/${id}/findings`, server.address);
+
+async function stored(): Promise<readonly Stored[]> {
+  return ((await (await fetch(address())).json()) as { findings: readonly Stored[] }).findings;
+}
+
+/** Opens the case with the cross at the bright ball, and waits for what was marked before. */
+async function open(page: Page): Promise<void> {
+  await page.goto(new URL(`#${id}&r=mesh&d=12&l=slices&x=${MARK}`, server.address).href);
+  await page.waitForSelector(".findings", { state: "attached" });
+}
+
+const add = (page: Page): Promise<void> => page.getByRole("button", { name: "Mark the cross as a finding" }).click();
+
+test("a finding is kept on the server, with its side, and is there again", { skip }, async () => {
+  const { page, context, troubles } = await openPage(browser);
+  await open(page);
+  await add(page);
+  await page.locator(".finding-label").fill("<b>thick</b> gyrus");
+  await page.locator(".finding-note").fill("seen on the cut");
+  await page.locator(".findings select").selectOption("probable");
+  await until(stored, ([one]) => one?.note === "seen on the cut" && one.certainty === "probable");
+  const [one] = await stored();
+  assert.deepEqual([one?.label, one?.side], ["<b>thick</b> gyrus", "right"]);
+  await page.waitForSelector(".slice .finding-marks circle", { state: "attached" });
+  await keep(page, "findings");
+
+  await page.reload();
+  await page.waitForSelector(".finding-label");
+  assert.equal(await page.locator(".finding-label").inputValue(), "<b>thick</b> gyrus");
+  assert.match((await page.locator(".finding-name").textContent()) ?? "", /^1 · Right · /);
+  assert.deepEqual(await violations(page), []);
+
+  const download = page.waitForEvent("download");
+  await page.getByRole("button", { name: "Save the report" }).click();
+  const file = await (await download).path();
+  assert.match(await readFile(file, "utf8"), /&lt;b&gt;thick&lt;\/b&gt; gyrus/);
+
+  await page.getByRole("button", { name: /^Remove 1/ }).click();
+  await until(stored, (list) => list.length === 0);
+  await page.locator(".findings").locator("..").getByRole("button", { name: "Undo" }).click();
+  await until(stored, (list) => list.length === 1);
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
+
+test("two readers of a case lose nothing", { skip }, async () => {
+  const [first, second] = [await openPage(browser), await openPage(browser)];
+  for (const { page } of [first, second]) await open(page);
+  const before = (await stored()).length;
+  // The second page does not know what the first one writes meanwhile.
+  await add(first.page);
+  await until(stored, (list) => list.length === before + 1);
+  await add(second.page);
+  await until(stored, (list) => list.length === before + 2);
+  await second.page.waitForSelector(`.findings li:nth-child(${before + 2})`);
+  for (const { context } of [first, second]) await context.close();
+});
