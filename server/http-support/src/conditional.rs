@@ -19,7 +19,7 @@ const FORMAT_VERSION: u8 = 6;
 const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
 
 /// The client stores the answer and validates it before each use; it gets 304 if nothing has changed.
-const REVALIDATE: HeaderValue = HeaderValue::from_static("private, no-cache");
+pub const REVALIDATE: HeaderValue = HeaderValue::from_static("private, no-cache");
 
 /// The same for what holds nothing of a case.
 pub const PUBLIC_REVALIDATE: HeaderValue = HeaderValue::from_static("no-cache");

@@ -111,7 +111,7 @@ pub(super) async fn draw(
             };
             cuts.push([next(false)?, next(true)?]);
         }
-        let slices = slices(cases, id, finding, layer.as_ref()).await?;
+        let slices = slices(cases, id, facts, (finding, layer.as_ref())).await?;
         let view = view_of(facts, finding);
         pictures.push(FindingPictures { view, cuts, slices });
     }
@@ -205,10 +205,9 @@ async fn draw_surfaces(
 async fn slices(
     cases: &Cases,
     id: &CaseId,
-    finding: &Finding,
-    layer: Option<&LayerRef>,
+    facts: &CaseFacts,
+    (finding, layer): (&Finding, Option<&LayerRef>),
 ) -> Result<Vec<(SlicePlane, Vec<Shot>)>, Error> {
-    let facts = cases.ready(id).await?;
     let sphere = &facts.envelope_sphere;
     let at = DVec3::from_array(finding.middle_in_patient());
     let offset = at - DVec3::from_array(sphere.center_in_patient);

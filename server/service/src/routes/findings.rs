@@ -16,7 +16,7 @@ use utoipa::ToSchema;
 use super::candidates::quoted;
 use super::query::{ApiQuery, CasePath, NoQuery};
 use super::sent::json_body_within;
-use http_support::conditional::{EntityTag, Representation};
+use http_support::conditional::{EntityTag, REVALIDATE, Representation};
 use http_support::negotiate::{Coding, media_type};
 use http_support::problem::{AppError, Problem};
 
@@ -25,9 +25,6 @@ const CSV: &str = "text/csv";
 
 /// The longest list of findings, in bytes.
 pub(super) const MAX_BYTES: usize = 4 << 20;
-
-/// The client validates its copy before each use: readers change the findings.
-const REVALIDATE: HeaderValue = HeaderValue::from_static("private, no-cache");
 
 /// What readers have marked and written about a case.
 #[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]

@@ -8,14 +8,11 @@ use cases::Cases;
 use cases::report::{POLICY, ReportQuery};
 
 use super::query::{ApiQuery, Asked, CasePath};
-use http_support::conditional::{EntityTag, Representation};
+use http_support::conditional::{EntityTag, REVALIDATE, Representation};
 use http_support::negotiate::{Coding, media_type};
 use http_support::problem::{AppError, Problem};
 
 const HTML: &str = "text/html; charset=utf-8";
-
-/// The client validates its copy before each use: readers change the findings.
-const REVALIDATE: HeaderValue = HeaderValue::from_static("private, no-cache");
 
 impl Asked for ReportQuery {
     type Values = ();
