@@ -94,6 +94,15 @@ def stop(server):
     server.process.wait(60)
 
 
+def ended(server, within):
+    """Whether the server and its strace have ended, within so many seconds."""
+    try:
+        server.process.wait(within)
+    except subprocess.TimeoutExpired:
+        return False
+    return True
+
+
 def kill_below(server):
     """Ends whatever is left of a killed server and its strace."""
     if server.process.poll() is None:
@@ -117,7 +126,8 @@ def faults_after(call, number):
             known = course(server)
         except RuntimeError:
             pass  # It was killed while it started.
-        met = server.process.poll() is not None
+        # strace ends a moment after what it traces.
+        met = ended(server, 0 if "gone" in known.values() else 20)
         kill_below(server)
         server.before = []
         server.start()
