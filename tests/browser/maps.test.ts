@@ -331,8 +331,9 @@ test(
     assert.deepEqual(await letters.allInnerTexts(), ["L", "R", "A", "P", "S", "I"]);
     const tops = await letters.evaluateAll((all) => all.map((one) => one.getBoundingClientRect().top));
     assert.equal(new Set(tops).size, 1, "they are one row");
-    // A mark that is set elsewhere closes the place; its chart stands with the point again.
+    // A mark that is set elsewhere closes the place; its chart stands with the point again. The place itself is in the middle of its view.
     await page.keyboard.press("Enter");
+    await page.getByRole("button", { name: "Superior", exact: true }).click();
     await page.getByRole("button", { name: "Mark the centre" }).click();
     await why.waitFor({ state: "detached" });
     await page.locator(".place-chart .chart").waitFor({ state: "detached" });

@@ -53,7 +53,7 @@ export class FindingsSection {
       kept: (kept, problem) => this.#tell(kept, problem),
       doubled: (count) => tell(this.#status, t("findings.doubled", { count: number(count) })),
     });
-    this.#undo = button(t("findings.undo"), () => this.#goBack());
+    this.#undo = button(t("findings.undo"), () => this.#goBack(), { "aria-label": t("findings.undo-last") });
     this.#undo.disabled = true;
     const add = button(t("findings.add"), () => this.#add());
     const report = button(t("findings.report"), () => void this.#save("report"));

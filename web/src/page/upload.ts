@@ -211,7 +211,7 @@ function bodyOf(
   const parameters = {
     ...(Number.isFinite(radius_mm) && { closing_radius_mm: radius_mm }),
     ...(name && { name }),
-    ...(keepsName && { keep_name: true }),
+    keep_name: keepsName,
   };
   const body = new FormData();
   body.append("parameters", new Blob([JSON.stringify(parameters)], { type: "application/json" }));
