@@ -321,9 +321,13 @@ test(
     assert.equal((await fragment(page)).l, "slices");
     // The maps come first, then what is marked; the six views are a row of letters.
     const titles = await page.locator(".panel .group > summary").allInnerTexts();
-    assert.deepEqual(titles.slice(0, 5), [
+    assert.deepEqual(titles.slice(0, 9), [
       "Grey–white boundary",
       "Point and depth profile",
+      "Findings",
+      "Ruler",
+      "Looked at",
+      "Saved layouts",
       "Window",
       "Layers",
       "View",

@@ -158,6 +158,11 @@ export async function openPage(browser: Browser, options: BrowserContextOptions 
     for (const routed of [...context.pages(), context]) await routed.unrouteAll({ behavior: "ignoreErrors" });
     await close();
   };
+  // Every control can be reached at once, unless a test is about the tasks of the panel.
+  if (!options.storageState)
+    await context.addInitScript(() => {
+      localStorage["isocortex"] ??= JSON.stringify({ task: "all" });
+    });
   const page = await context.newPage();
   const troubles: string[] = [];
   // Playwright's init scripts are not the page's: the policy lets them be, and hears of all that is the page's.

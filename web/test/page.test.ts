@@ -211,6 +211,7 @@ test("preferences that are damaged are as at first", () => {
     knows_depth: false,
     linked_zoom: true,
     panel: true,
+    task: "read",
     list_width: 260,
   });
   for (const text of ["", "{", "[]", "null", "7", '{"theme":"pink","language":"xx","wheel":3}'])

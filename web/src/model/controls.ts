@@ -193,8 +193,11 @@ export type Command =
   | LayerCommand
   /** The next place of the list, or the one before. */
   | { readonly kind: "place"; readonly steps: number }
+  /** The saved layout of a number. */
+  | { readonly kind: "recall"; readonly number: number }
   | {
-      readonly kind: "help" | "play" | "timer" | "mark" | "closer" | "ruler" | "outline" | "undo" | "redo" | "patient";
+      readonly kind:
+        "help" | "play" | "timer" | "mark" | "closer" | "ruler" | "layouts" | "outline" | "undo" | "redo" | "patient";
     };
 
 /** A key, as a keyboard event has it. */
@@ -233,6 +236,7 @@ const PLAIN: Readonly<Record<string, Command>> = {
   w: { kind: "swap" },
   z: { kind: "closer" },
   k: { kind: "ruler" },
+  g: { kind: "layouts" },
   ",": { kind: "place", steps: -1 },
   ".": { kind: "place", steps: 1 },
   u: { kind: "map", name: "blur" },
@@ -275,6 +279,10 @@ function steppingOf({ key, shiftKey }: Key): Command | null {
   if (letter === "y" && !shiftKey) return { kind: "redo" };
   return letter === "z" ? { kind: shiftKey ? "redo" : "undo" } : null;
 }
+
+/** The command of a key after `g`: a saved layout; null: the key is its own. */
+export const recallOf = ({ key, ctrlKey, metaKey, altKey }: Key): Command | null =>
+  /^[1-9]$/.test(key) && !ctrlKey && !metaKey && !altKey ? { kind: "recall", number: Number(key) } : null;
 
 /** The colours with black and white changed over; of coloured maps, inverted grey. */
 export const invert = (state: ViewState): Change => ({ colormap: state.colormap === "inverted" ? "grey" : "inverted" });

@@ -5,7 +5,7 @@ import { AcquiredSlices } from "./acquired.ts";
 import type { Case } from "../model/case.ts";
 import { caseIdentity, caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
 import { CaseList } from "./cases.ts";
-import { commandOf } from "../model/controls.ts";
+import { commandOf, recallOf } from "../model/controls.ts";
 import { h, iconButton, setText, tell } from "../base/dom.ts";
 import { readAddress } from "../model/fragment.ts";
 import { LANGUAGES, isLanguage, learn, t } from "../base/i18n.ts";
@@ -74,6 +74,8 @@ class App {
   /** Why the case of the address cannot be shown; empty where it can. */
   #absence = "";
   #routed = 0;
+  /** Whether the next key may be the number of a saved layout. */
+  #awaitsNumber = false;
 
   /** `kept` is what draws a case already. */
   constructor(kept: Kept | null) {
@@ -394,7 +396,9 @@ class App {
     const typed = "input:not([type=range], [type=checkbox]), textarea";
     const ofField = event.target.closest(hasModifier ? typed : `${typed}, select`);
     if (!onPicture && (ofField || !(hasModifier || preferences.shortcuts))) return;
-    const command = commandOf(event);
+    const command = (this.#awaitsNumber && recallOf(event)) || commandOf(event);
+    // A key that is held with another one is not the one that was awaited.
+    if (event.key !== "Shift") this.#awaitsNumber = command?.kind === "layouts";
     if (!command) return;
     // A button or a link is worked by these; a page is scrolled.
     const ofControl =

@@ -8,12 +8,15 @@ import type { Marked } from "../model/marks.ts";
 import type { Measured, Profile } from "../model/profile.ts";
 import { pictureBody } from "../model/series.ts";
 import type { Vec3 } from "../model/space.ts";
+import type { ViewState } from "../model/state.ts";
 import { type Key, t } from "../base/i18n.ts";
 import type { Actions } from "./actions.ts";
 import type { OnScreen } from "./export.ts";
 import { section } from "./fields.ts";
+import type { ChecklistSection } from "./checklist-section.ts";
 import type { FindingsSection } from "./findings-section.ts";
 import { later } from "./later.ts";
+import type { LayoutsSection } from "./layouts-section.ts";
 import type { MeasuresSection } from "./measures-section.ts";
 import type { PointTool } from "../panes/point-tool.ts";
 import type { Sweep } from "./sweep.ts";
@@ -27,7 +30,7 @@ const BORDER_MM = 0.05;
 export interface OnDemandHost {
   readonly shown: ReadyCase;
   onScreen(): Omit<OnScreen, "shown">;
-  readonly actions: Pick<Actions, "change">;
+  readonly actions: Pick<Actions, "change" | "command">;
   readonly announce: (words: string) => void;
   readonly goTo: (depth_mm: number) => void;
   readonly made: (one: Case, wasThere: boolean) => void;
@@ -55,23 +58,30 @@ export class OnDemand {
   #isGone = false;
   #asked = new AbortController();
   /** The section of the findings, which is filled when the case is loaded. */
-  readonly findings = section(t("panel.findings"), true);
+  readonly #findingsPlace = section(t("panel.findings"), true);
   #findings: FindingsSection | null = null;
   /** The section of the ruler, which is filled at the same time. */
-  readonly measures = section(t("panel.measure"), false);
+  readonly #measuresPlace = section(t("panel.measure"), false);
   #measures: MeasuresSection | null = null;
+  readonly #checklistPlace = section(t("panel.checklist"), false);
+  #checklist: ChecklistSection | null = null;
+  readonly #layoutsPlace = section(t("panel.layouts"), false);
+  #layouts: LayoutsSection | null = null;
   #marked: AllMarked = { findings: [], measures: [] };
 
   constructor(host: OnDemandHost) {
     this.#host = host;
   }
 
+  /** The sections with what a reader writes down, which are filled when the case is loaded. */
+  get reading(): readonly HTMLElement[] {
+    return [this.#findingsPlace, this.#measuresPlace, this.#checklistPlace, this.#layoutsPlace];
+  }
+
   /** The sections of the panel that are filled when they are first opened. */
   sections(sweep: Sweep): readonly HTMLElement[] {
     const host = this.#host;
     return [
-      this.findings,
-      this.measures,
       this.#section("panel.sweep", ({ SweepSection }) => {
         return new SweepSection(host.shown, sweep.choice, (choice) => sweep.choose(choice)).element;
       }),
@@ -127,13 +137,13 @@ export class OnDemand {
     this.#asked.abort();
     this.#isGone = true;
     this.#findings?.dispose();
-    this.#measures?.dispose();
+    for (const part of [this.#measures, this.#checklist, this.#layouts]) part?.dispose();
   }
 
   /** Shows what was marked before, and lets more be marked and measured. */
   meetFindings(): void {
     const { shown, actions, announce, listed } = this.#host;
-    const meet = ({ FindingsSection, MeasuresSection }: Parts): void => {
+    const meet = ({ FindingsSection, MeasuresSection, ChecklistSection, LayoutsSection }: Parts): void => {
       if (this.#isGone) return;
       const { surface } = this.#host.onScreen();
       const common = {
@@ -155,8 +165,16 @@ export class OnDemand {
         draw: (marked) => this.#mark({ measures: marked }),
         keep: (finding) => findings.take(finding),
       });
-      this.findings.querySelector(".group-body")?.replaceWith(findings.element);
-      this.measures.querySelector(".group-body")?.replaceWith(this.#measures.element);
+      this.#checklist = new ChecklistSection(shown.id);
+      this.#checklist.show(common.state());
+      this.#layouts = new LayoutsSection({ ...common, actions });
+      for (const [place, { element }] of [
+        [this.#findingsPlace, findings],
+        [this.#measuresPlace, this.#measures],
+        [this.#checklistPlace, this.#checklist],
+        [this.#layoutsPlace, this.#layouts],
+      ] as const)
+        place.querySelector(".group-body")?.replaceWith(element);
       void findings.load();
     };
     this.#met ??= later().then(meet);
@@ -185,7 +203,19 @@ export class OnDemand {
     this.meetFindings();
     await this.#met?.catch((problem: unknown) => this.#host.complain(problem));
     this.#measures?.toggle();
-    if (this.tool) this.measures.setAttribute("open", "");
+    if (this.tool) this.#measuresPlace.setAttribute("open", "");
+  }
+
+  /** This is on the screen now. */
+  look(state: ViewState): void {
+    this.#checklist?.show(state);
+  }
+
+  /** Shows the saved layout of a number. */
+  async recall(at: number): Promise<void> {
+    this.meetFindings();
+    await this.#met?.catch((problem: unknown) => this.#host.complain(problem));
+    this.#layouts?.recall(at);
   }
 
   /** A place of the list becomes a finding, is dismissed, or neither. */

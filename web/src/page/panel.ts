@@ -39,14 +39,26 @@ import { PointSection } from "./point-section.ts";
 /** As the letters stand in the row. */
 const VIEW_ORDER: readonly ViewName[] = ["left", "right", "anterior", "posterior", "superior", "inferior"];
 
+/** What the panel has sections for; `all` shows those of every task. */
+export const TASKS = ["read", "layers", "case", "all"] as const;
+export type Task = (typeof TASKS)[number];
+
 /** Sections that others fill. */
 export interface PanelSections {
   readonly maps: HTMLElement;
   readonly layers: HTMLElement;
   /** More about drawing. */
   readonly drawing: readonly HTMLElement[];
-  /** Those at the end. */
+  /** What a reader writes down. */
+  readonly reading: readonly HTMLElement[];
+  /** About the case itself, and what leaves it. */
   readonly last: readonly HTMLElement[];
+}
+
+/** Says of which tasks a section is. */
+function of(tasks: string, element: HTMLElement): HTMLElement {
+  element.dataset.task = tasks;
+  return element;
 }
 
 /** The panel beside the picture. */
@@ -72,7 +84,10 @@ export class Panel {
   readonly #undo: HTMLButtonElement;
   readonly #redo: HTMLButtonElement;
 
-  constructor(shown: ReadyCase, actions: Actions, sections: PanelSections) {
+  readonly #tasks: HTMLElement;
+
+  /** `chosen` hears which task is chosen. */
+  constructor(shown: ReadyCase, actions: Actions, sections: PanelSections, chosen: (task: Task) => void) {
     this.#shown = shown;
     this.#windowShown = shown.intensity.window;
     this.#texture = shown;
@@ -149,50 +164,82 @@ export class Panel {
     this.#undo = iconButton("undo", t("undo"), () => actions.command({ kind: "undo" }));
     this.#redo = iconButton("redo", t("redo"), () => actions.command({ kind: "redo" }));
     this.point = new PointSection(actions);
+    this.#tasks = choiceOfButtons(
+      t("task.label"),
+      TASKS,
+      (task) => t(`task.${task}`),
+      (task) => {
+        this.choose(task);
+        chosen(task);
+      },
+    );
+    this.#tasks.classList.add("tasks");
     this.element = h(
       "aside",
       { class: "panel", "aria-label": t("panel.label") },
-      // In the order of a reading: where to look, what is there, how it is shown.
-      sections.maps,
-      section(t("panel.point"), true, ...this.point.parts),
-      section(
-        t("panel.window"),
-        true,
-        this.#presets,
-        line(t("window.center"), this.#window.center.range, this.#window.center.number),
-        line(t("window.width"), this.#window.width.range, this.#window.width.number),
-        line(
-          t("colormap.label"),
-          this.#colormap,
-          button(t("invert"), () => actions.command({ kind: "invert" })),
+      this.#tasks,
+      // In the order of a reading: where to look, what is there, what is written down, how it is shown.
+      of("read", sections.maps),
+      of("read", section(t("panel.point"), true, ...this.point.parts)),
+      ...sections.reading.map((one) => of("read", one)),
+      of(
+        "read layers",
+        section(
+          t("panel.window"),
+          true,
+          this.#presets,
+          line(t("window.center"), this.#window.center.range, this.#window.center.number),
+          line(t("window.width"), this.#window.width.range, this.#window.width.number),
+          line(
+            t("colormap.label"),
+            this.#colormap,
+            button(t("invert"), () => actions.command({ kind: "invert" })),
+          ),
         ),
       ),
-      sections.layers,
-      section(
-        t("panel.view"),
-        true,
-        this.#views,
-        this.#zoom.element,
-        this.#pads(),
-        row(
-          button(t("reset"), () => actions.command({ kind: "reset" })),
-          this.#undo,
-          this.#redo,
+      of("layers", sections.layers),
+      of(
+        "read",
+        section(
+          t("panel.view"),
+          true,
+          this.#views,
+          this.#zoom.element,
+          this.#pads(),
+          row(
+            button(t("reset"), () => actions.command({ kind: "reset" })),
+            this.#undo,
+            this.#redo,
+          ),
         ),
       ),
-      section(
-        t("panel.drawing"),
-        false,
-        line(t("way.label"), this.#way),
-        this.#light.element,
-        this.#slab.element,
-        ticked(this.#averages, t("averages.label")),
-        tall(t("convention.label"), this.#convention),
-        ...sections.drawing,
-        line(t("outlines.label"), this.#outlines, h("span", { class: "quiet" }, "mm")),
+      of(
+        "layers",
+        section(
+          t("panel.drawing"),
+          false,
+          line(t("way.label"), this.#way),
+          this.#light.element,
+          this.#slab.element,
+          ticked(this.#averages, t("averages.label")),
+          tall(t("convention.label"), this.#convention),
+          ...sections.drawing,
+          line(t("outlines.label"), this.#outlines, h("span", { class: "quiet" }, "mm")),
+        ),
       ),
-      ...sections.last,
+      ...sections.last.map((one) => of("case", one)),
     );
+  }
+
+  /** Shows the sections of a task. */
+  choose(task: Task): void {
+    this.element.dataset.task = task;
+    press(this.#tasks, task);
+  }
+
+  /** Brings a section of a task to where it can be seen. */
+  reach(task: Task): void {
+    if (this.element.dataset.task !== "all") this.choose(task);
   }
 
   show(state: ViewState): void {

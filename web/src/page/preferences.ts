@@ -1,6 +1,7 @@
 // What a user chose once: of the page alone, never of a case.
 
 import { type Language, isLanguage, languageFor } from "../base/i18n.ts";
+import { TASKS, type Task } from "./panel.ts";
 import { boundWidth } from "./resizer.ts";
 import { DRAG_DIRECTIONS, type DragDirection, WHEEL_USES, type WheelUse } from "../model/controls.ts";
 
@@ -17,6 +18,8 @@ export interface Preferences {
   readonly linked_zoom: boolean;
   /** Whether the panel beside the picture is shown. */
   readonly panel: boolean;
+  /** Whose sections the panel shows. */
+  readonly task: Task;
   /** Of the list, in CSS pixels. */
   readonly list_width: number;
 }
@@ -42,6 +45,7 @@ export function readPreferences(text: string | null, preferred: readonly string[
     knows_depth: stored.knows_depth === true,
     linked_zoom: stored.linked_zoom !== false,
     panel: stored.panel !== false,
+    task: TASKS.find((one) => one === stored.task) ?? "read",
     list_width: boundWidth(typeof stored.list_width === "number" ? stored.list_width : LIST_WIDTH),
   };
 }

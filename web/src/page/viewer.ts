@@ -99,12 +99,15 @@ export class Viewer {
       host.choose({ linked_zoom });
       if (linked_zoom) this.#slices.link();
     });
-    this.panel = new Panel(shown, actions, {
+    const sections = {
       maps: this.#aids.elements[0],
       layers: this.#aids.elements[1],
       drawing: [linking],
+      reading: this.#onDemand.reading,
       last: this.#onDemand.sections(this.#sweep),
-    });
+    };
+    this.panel = new Panel(shown, actions, sections, (task) => host.choose({ task }));
+    this.panel.choose(host.preferences().task);
     this.#slices = new SliceGroup(shown, { load: later, ...this.#sliceListener() });
     const swipe = ({ detail }: CustomEvent<number>): void => this.#change({ swipe: { share: detail } });
     const follow = ({ detail }: CustomEvent<Change>): void => actions.change(detail);
@@ -248,6 +251,7 @@ export class Viewer {
 
   /** A key that no control has taken, or a button. */
   command(command: Command): void {
+    if (command.kind === "nudge") this.panel.reach("layers");
     if (this.#aids.take(command)) return;
     switch (command.kind) {
       case "play":
@@ -268,7 +272,12 @@ export class Viewer {
       case "patient":
         document.body.classList.toggle("no-patient");
         return;
+      case "layouts":
+        return this.#host.announce(t("layouts.await"));
+      case "recall":
+        return void this.#onDemand.recall(command.number);
       case "ruler":
+        this.panel.reach("read");
         return void this.#onDemand.ruler();
       case "mark": {
         const [width, height] = this.#surface.size();
@@ -404,6 +413,7 @@ export class Viewer {
     this.panel.showHistory(this.#history);
     this.#depthBar.show(this.#state.depth_mm, this.#sweep.isRunning);
     this.#panes.dispatchEvent(new CustomEvent("view", { detail: this.#state }));
+    this.#onDemand.look(this.#state);
     this.#host.laid(this.#state);
     const isAll = Object.keys(change).length === 0;
     if (change.crosshair_mm !== undefined || change.depth_mm !== undefined || isAll) this.#showPoint();

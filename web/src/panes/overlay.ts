@@ -54,7 +54,7 @@ export class Overlay {
       ...this.#edges,
       h("div", { class: "pane-head" }, this.line, this.#case),
       h("div", { class: "scale" }, this.#scaleText, this.#scaleLine),
-      h("span", { class: "pane-notice" }, t("notice.short")),
+      h("span", { class: "pane-notice" }, t("notice.long")),
       this.#divider,
     );
     host.append(this.element);

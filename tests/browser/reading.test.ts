@@ -1,0 +1,176 @@
+// The frame of a reading: the tasks of the panel, what was looked at, and layouts that a reader has saved.
+
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+
+import type { Browser, Page } from "playwright-core";
+
+import { violations } from "./axe.ts";
+import { brainMask, markedVolume } from "./phantom.ts";
+import {
+  type Server,
+  fragment,
+  keep,
+  launchBrowser,
+  openPage,
+  scratchFolder,
+  shown,
+  skip,
+  startServer,
+  typeDepth,
+  until,
+} from "./support.ts";
+import { sendCase } from "./uploads.ts";
+
+let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let server: Server;
+let browser: Browser;
+let id: string;
+
+before(
+  async () => {
+    if (skip) return;
+    scratch = await scratchFolder();
+    server = await startServer({ command: "serve", data: scratch.folder });
+    id = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
+    browser = await launchBrowser();
+  },
+  { timeout: 600_000 },
+);
+
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+  await scratch?.clean();
+});
+
+const titles = (page: Page): Promise<string[]> => page.locator(".panel > .group:visible > summary").allInnerTexts();
+
+test("the panel shows the sections of a task, and remembers which", { skip, timeout: 300_000 }, async () => {
+  const none = { cookies: [], origins: [] };
+  const { page, context, troubles } = await openPage(browser, { storageState: none });
+  await page.goto(new URL(`#${id}&r=mesh`, server.address).href);
+  await shown(page);
+  const read = ["Grey–white boundary", "Point and depth profile", "Findings", "Ruler", "Looked at", "Saved layouts"];
+  assert.deepEqual(await titles(page), [...read, "Window", "View"]);
+  assert.deepEqual(await violations(page), []);
+  const tasks = page.locator(".tasks");
+  await tasks.getByRole("button", { name: "Layers" }).press("Enter");
+  assert.deepEqual(await titles(page), ["Window", "Layers", "Drawing"]);
+  // The ruler is where it can be read.
+  await page.focus("#surface");
+  await page.keyboard.press("k");
+  await page.waitForSelector("body[data-tool=length]");
+  assert.ok((await titles(page)).includes("Ruler"));
+  await page.keyboard.press("Escape");
+  await tasks.getByRole("button", { name: "Case" }).click();
+  const ofCase = await titles(page);
+  assert.ok(ofCase.includes("Save and share") && !ofCase.includes("Findings"), ofCase.join());
+  await page.reload();
+  await shown(page);
+  assert.deepEqual(await titles(page), ofCase);
+  // The picture says once what it is not for.
+  const notices = page.getByText("For research use only. Not for diagnosis.");
+  const seen = await notices.evaluateAll(
+    (all) => all.filter((one) => one.checkVisibility({ visibilityProperty: true })).length,
+  );
+  assert.equal(seen, 1);
+  await tasks.getByRole("button", { name: "Read" }).click();
+  for (const [width, theme] of [
+    [390, "dark"],
+    [820, "light"],
+    [1440, "light"],
+    [1440, "dark"],
+  ] as const) {
+    await page.setViewportSize({ width, height: 900 });
+    await page.reload();
+    await shown(page);
+    await page.evaluate((name) => (document.documentElement.dataset["theme"] = name), theme);
+    await keep(page, `reading-${width}-${theme}`);
+    assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), `${width} px`);
+    assert.deepEqual(await violations(page), []);
+  }
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
+
+test("what was looked at is counted, by view and depth", { skip, timeout: 300_000 }, async () => {
+  const { page, context, troubles } = await openPage(browser);
+  await page.goto(new URL(`#${id}&r=mesh&d=8`, server.address).href);
+  await shown(page);
+  await page.locator("summary", { hasText: "Looked at" }).click();
+  const cell = (view: number, band: number): Promise<string> =>
+    page.locator(".checklist tbody tr").nth(band).locator("td").nth(view).innerText();
+  const looked = await until(
+    () => cell(0, 1),
+    (words) => /^[2-9]\d* s$/.test(words),
+  );
+  assert.match(looked, /^\d+ s$/);
+  assert.deepEqual([await cell(1, 1), await cell(0, 3)], ["–", "–"]);
+  await page.focus("#surface");
+  await page.keyboard.press("Shift+R");
+  await typeDepth(page, 16);
+  assert.match(
+    await until(
+      () => cell(1, 3),
+      (words) => words !== "–",
+    ),
+    / s$/,
+  );
+  // It stays in the page.
+  assert.doesNotMatch(await page.evaluate(() => JSON.stringify({ ...localStorage })), /right|16/);
+  await page.getByRole("button", { name: "Begin again" }).click();
+  assert.equal(await cell(0, 1), "–");
+  assert.deepEqual(await violations(page), []);
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
+
+test(
+  "a layout is saved by name, and brought back by g and its number, also in another window",
+  { skip, timeout: 300_000 },
+  async () => {
+    const { page, context, troubles } = await openPage(browser);
+    await page.goto(new URL(`#${id}&d=12&l=both`, server.address).href);
+    await shown(page);
+    await page.locator("summary", { hasText: "Saved layouts" }).click();
+    const name = '\u202e<b onclick="x">mine';
+    await page.getByLabel("Name of the layout").fill(name);
+    await page.keyboard.press("Enter");
+    const saved = page.locator(".saved-layouts li");
+    assert.equal(await saved.count(), 1);
+    assert.equal(await saved.locator("button").first().innerText(), '<b onclick="x">mine');
+    const kept = await page.evaluate(() => localStorage["isocortex-layouts"] as string);
+    assert.ok(!kept.includes(id), "nothing of the case");
+
+    await page.locator('.layouts button[value="single"]').click();
+    await typeDepth(page, 5);
+    await page.focus("#surface");
+    // Without g a number is a preset of the window.
+    await page.keyboard.press("1");
+    assert.equal((await fragment(page)).d, "5");
+    await page.keyboard.press("g");
+    await page.keyboard.press("1");
+    const { d, l } = await until(
+      () => fragment(page),
+      (now) => now.d === "12",
+    );
+    assert.deepEqual([d, l], ["12", "both"]);
+    await page.keyboard.press("g");
+    await page.keyboard.press("9");
+    assert.equal(await page.textContent("#live"), "There is no saved layout 9.");
+    assert.deepEqual(await violations(page), []);
+
+    const other = await context.newPage();
+    await other.goto(new URL(`#${id}`, server.address).href);
+    await shown(other);
+    await other.locator("summary", { hasText: "Saved layouts" }).click();
+    await other
+      .locator(".saved-layouts li")
+      .getByRole("button", { name: /^Remove/ })
+      .click();
+    await page.waitForFunction(() => document.querySelectorAll(".saved-layouts li").length === 0);
+    assert.deepEqual(troubles, []);
+    await context.close();
+  },
+);

@@ -1,0 +1,59 @@
+// What of a head a reader has looked at, and for how long: pure.
+
+import { NAMED_VIEWS, VIEW_NAMES, type ViewName, towardsViewer } from "./camera.ts";
+import { dot } from "./space.ts";
+import { type ViewState, isMirrored } from "./state.ts";
+
+/** The depths at which the bands begin, in mm; the last one has no end. */
+export const BANDS_MM = [0, 6, 10, 15, 20] as const;
+export type Band = (typeof BANDS_MM)[number];
+
+/** A look that lasts longer without any change counts as one of so long: the reader may have left, in ms. */
+const LONGEST_MS = 60_000;
+/** What was passed by more quickly was not looked at, in ms. */
+const LEAST_MS = 1000;
+
+export const bandOf = (depth_mm: number): Band => BANDS_MM.findLast((from_mm) => depth_mm >= from_mm) ?? 0;
+
+/** The view that a state shows the most of. */
+function nearestView({ orientation }: Pick<ViewState, "orientation">): ViewName {
+  const towards = towardsViewer(orientation);
+  const turned = (name: ViewName): number => dot(towards, towardsViewer(NAMED_VIEWS[name]));
+  return VIEW_NAMES.reduce((best, name) => (turned(name) > turned(best) + 1e-6 ? name : best));
+}
+
+const OTHER: Readonly<Partial<Record<ViewName, ViewName>>> = { left: "right", right: "left" };
+
+/** The views that are on the screen: beside the mirrored half, the same of the other side. */
+export function viewsSeen(state: ViewState): readonly ViewName[] {
+  // The close-up shows slices alone.
+  if (state.layout === "closer") return [];
+  const view = nearestView(state);
+  const other = isMirrored(state) ? OTHER[view] : undefined;
+  return other ? [view, other] : [view];
+}
+
+/** How long each view was looked at in each band of depths. */
+export class Checklist {
+  readonly #ms = new Map<string, number>();
+  #shown: { readonly keys: readonly string[]; readonly since: number } | null = null;
+
+  /** This is on the screen from now on; null: nothing is. */
+  show(state: ViewState | null, now: number): void {
+    const { keys = [], since = now } = this.#shown ?? {};
+    const ms = Math.min(Math.max(now - since, 0), LONGEST_MS);
+    for (const key of keys) this.#ms.set(key, (this.#ms.get(key) ?? 0) + ms);
+    this.#shown = state && { keys: viewsSeen(state).map((view) => `${view} ${bandOf(state.depth_mm)}`), since: now };
+  }
+
+  /** For how long it was looked at, in s; 0 if it was only passed by. */
+  seconds(view: ViewName, band: Band): number {
+    const ms = this.#ms.get(`${view} ${band}`) ?? 0;
+    return ms < LEAST_MS ? 0 : Math.round(ms / 1000);
+  }
+
+  /** Nothing was looked at yet. */
+  clear(): void {
+    this.#ms.clear();
+  }
+}

@@ -1,0 +1,93 @@
+// The section of the panel that says what of the head was looked at, and for how long. It stays in the page.
+
+import { h, quiet, setText } from "../base/dom.ts";
+import { number, t } from "../base/i18n.ts";
+import { VIEW_NAMES } from "../model/camera.ts";
+import { BANDS_MM, Checklist } from "../model/checklist.ts";
+import type { ViewState } from "../model/state.ts";
+import { button, row } from "./fields.ts";
+
+/** How often what is shown is written anew, in ms. */
+const TICK_MS = 1000;
+/** A look of so many seconds fills a cell's bar. */
+const FULL_S = 30;
+
+/** What was looked at, by case, as long as the page is open. */
+const LISTS = new Map<string, Checklist>();
+
+export class ChecklistSection {
+  readonly element: HTMLElement;
+  readonly #list: Checklist;
+  readonly #cells: readonly { readonly cell: HTMLElement; write(): void }[];
+  readonly #timer: number;
+  #state: ViewState | null = null;
+  readonly #look = (): void => this.#list.show(document.hidden ? null : this.#state, performance.now());
+
+  constructor(id: string) {
+    this.#list = LISTS.get(id) ?? new Checklist();
+    LISTS.set(id, this.#list);
+    const rows = BANDS_MM.map((band, at) => {
+      const to = BANDS_MM[at + 1];
+      const depths = to === undefined ? `> ${number(band)} mm` : `${number(band)} – ${number(to)} mm`;
+      return { depths, cells: VIEW_NAMES.map((view) => this.#cell(view, band)) };
+    });
+    this.#cells = rows.flatMap(({ cells }) => cells);
+    const heads = VIEW_NAMES.map((view) => h("th", { scope: "col", title: t(`view.${view}`) }, t(`letter.${view}`)));
+    const clear = button(t("checklist.clear"), () => {
+      this.#list.clear();
+      this.#write();
+    });
+    this.element = h(
+      "div",
+      { class: "group-body" },
+      h(
+        "table",
+        { class: "checklist", "aria-label": t("panel.checklist") },
+        h("thead", {}, h("tr", {}, h("th", { scope: "col" }, t("places.depth")), ...heads)),
+        h(
+          "tbody",
+          {},
+          ...rows.map(({ depths, cells }) =>
+            h("tr", {}, h("th", { scope: "row" }, depths), ...cells.map(({ cell }) => cell)),
+          ),
+        ),
+      ),
+      quiet(t("checklist.about")),
+      row(clear),
+    );
+    document.addEventListener("visibilitychange", this.#look);
+    this.#timer = setInterval(() => this.#write(), TICK_MS) as unknown as number;
+    this.#write();
+  }
+
+  /** This is on the screen now. */
+  show(state: ViewState): void {
+    this.#state = state;
+    this.#look();
+  }
+
+  dispose(): void {
+    this.#state = null;
+    this.#look();
+    clearInterval(this.#timer);
+    document.removeEventListener("visibilitychange", this.#look);
+  }
+
+  #cell(...[view, band]: Parameters<Checklist["seconds"]>): { readonly cell: HTMLElement; write(): void } {
+    const cell = h("td", {});
+    const write = (): void => {
+      const seconds = this.#list.seconds(view, band);
+      setText(cell, seconds > 0 ? `${number(seconds)} s` : "–");
+      cell.classList.toggle("seen", seconds > 0);
+      cell.style.setProperty("--share", `${100 * Math.min(seconds / FULL_S, 1)}%`);
+    };
+    return { cell, write };
+  }
+
+  /** Nobody sees a section that is closed. */
+  #write(): void {
+    if (this.element.isConnected && this.element.offsetParent === null) return;
+    if (!document.hidden) this.#look();
+    for (const { write } of this.#cells) write();
+  }
+}

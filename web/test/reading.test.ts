@@ -1,0 +1,93 @@
+// The checklist and the saved layouts of a reader.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { NAMED_VIEWS } from "../src/model/camera.ts";
+import { Checklist, bandOf, viewsSeen } from "../src/model/checklist.ts";
+import { commandOf, recallOf } from "../src/model/controls.ts";
+import { firstOverlay } from "../src/model/maps.ts";
+import { boundName, readLayouts, recalled, savedAs } from "../src/model/saved-layouts.ts";
+import { type ViewState, firstState } from "../src/model/state.ts";
+import { SHOWN } from "./shown.ts";
+
+const first = firstState(SHOWN);
+
+test("the checklist counts the seconds for which each view was shown in each band of depths", () => {
+  const list = new Checklist();
+  const show = (change: Partial<ViewState> | null, seconds: number): void =>
+    list.show(change && { ...first, ...change }, 1000 * seconds);
+  show({ depth_mm: 5.9 }, 0);
+  show({ depth_mm: 6 }, 10);
+  show({ depth_mm: 12, orientation: NAMED_VIEWS.superior }, 14);
+  // What is only passed by does not count, nor what nobody looks at.
+  show({ depth_mm: 25 }, 20);
+  show(null, 20.4);
+  show({ depth_mm: 40 }, 100);
+  show(null, 1000);
+  assert.deepEqual(
+    ([0, 6, 10, 15, 20] as const).map((band) => list.seconds("left", band)),
+    [10, 4, 0, 0, 60],
+  );
+  assert.equal(list.seconds("superior", 10), 6);
+  assert.equal(list.seconds("right", 0), 0);
+  list.clear();
+  assert.equal(list.seconds("left", 0), 0);
+});
+
+test("beside the mirrored half both sides are looked at, in the close-up none", () => {
+  assert.deepEqual(viewsSeen(first), ["left"]);
+  assert.deepEqual(viewsSeen({ ...first, layout: "mirror" }), ["left", "right"]);
+  assert.deepEqual(viewsSeen({ ...first, layout: "both", orientation: NAMED_VIEWS.anterior }), ["anterior"]);
+  assert.deepEqual(viewsSeen({ ...first, layout: "closer" }), []);
+  assert.deepEqual([0, 5.99, 6, 19.9, 20, 50].map(bandOf), [0, 0, 6, 15, 20, 20]);
+});
+
+test("a saved layout brings back panes, depth, map and view, and holds nothing of a patient", () => {
+  const state: ViewState = {
+    ...first,
+    layout: "both",
+    depth_mm: 12,
+    overlay: { ...firstOverlay("blur"), threshold: 3 },
+    orientation: NAMED_VIEWS.left,
+    crosshair_mm: [1.234, 5.678, 9.1],
+    layer: { id: "fedcba9876543210fedcba9876543210" },
+  };
+  const [saved] = readLayouts(JSON.stringify([savedAs(" mine ", state)]));
+  assert.ok(saved);
+  assert.equal(saved.name, "mine");
+  assert.doesNotMatch(JSON.stringify(saved), /1\.234|fedcba|A case|01234567/);
+  const back = { ...first, ...recalled(saved, first, SHOWN) };
+  assert.deepEqual([back.layout, back.depth_mm, back.overlay?.name, back.overlay?.threshold], ["both", 12, "blur", 3]);
+  // A map that is off switches off what is on; a case that is not so deep is shown where it ends.
+  const off = savedAs("off", { ...first, depth_mm: 200 });
+  assert.deepEqual([recalled(off, state, SHOWN).overlay, recalled(off, state, SHOWN).depth_mm], [null, 41.23]);
+  // A layer that was added belongs to a patient.
+  assert.equal(savedAs("x", { ...state, overlay: { name: "f".repeat(32), threshold: null, opacity: 1 } }).map, "");
+});
+
+test("stored layouts that are damaged are left out, and names are one plain line", () => {
+  for (const text of [null, "", "null", "{}", "[1, null, {}]", '[{"name": "a", "layout": "none", "depth_mm": 1}]', "["])
+    assert.deepEqual(readLayouts(text), []);
+  const nan = '[{"name": "a", "layout": "both", "depth_mm": null}]';
+  assert.deepEqual(readLayouts(nan), []);
+  const many = Array.from({ length: 20 }, (_, at) => savedAs(`n${at}`, first));
+  assert.equal(readLayouts(JSON.stringify(many)).length, 9);
+  assert.equal(boundName(`\u202egnp.\u0007<b>\n${"x".repeat(60)}`), `gnp. <b> ${"x".repeat(31)}`);
+});
+
+test("g awaits a number; k takes the ruler", () => {
+  const key = (text: string) => ({
+    key: text,
+    code: "",
+    shiftKey: false,
+    altKey: false,
+    ctrlKey: false,
+    metaKey: false,
+  });
+  assert.deepEqual(commandOf(key("g")), { kind: "layouts" });
+  assert.deepEqual(commandOf(key("k")), { kind: "ruler" });
+  assert.deepEqual(recallOf(key("7")), { kind: "recall", number: 7 });
+  assert.equal(recallOf(key("0")), null);
+  assert.equal(recallOf({ ...key("7"), ctrlKey: true }), null);
+});
