@@ -9,6 +9,7 @@ import { violations } from "./axe.ts";
 import { brainMask, markedVolume } from "./phantom.ts";
 import {
   type Server,
+  brightest,
   fragment,
   keep,
   launchBrowser,
@@ -170,6 +171,47 @@ test(
       .getByRole("button", { name: /^Remove/ })
       .click();
     await page.waitForFunction(() => document.querySelectorAll(".saved-layouts li").length === 0);
+    assert.deepEqual(troubles, []);
+    await context.close();
+  },
+);
+
+test(
+  "where the pane is higher than wide, the mirrored halves lie one above the other: the right side is below, flipped",
+  { skip, timeout: 300_000 },
+  async () => {
+    const { page, context, troubles } = await openPage(browser, { viewport: { width: 600, height: 1100 } });
+    for (const way of ["mesh", "server"]) {
+      await page.goto(new URL(`?${way}#${id}&r=${way}&d=12&l=mirror&w=600,400`, server.address).href);
+      await shown(page);
+      await page.waitForSelector("#surface.stacked");
+      const box = await page.locator("#surface").boundingBox();
+      assert.ok(box && box.height > box.width, JSON.stringify(box));
+      // The bright ball is on the patient's right, in the middle of its half.
+      const clip = (top: number) => ({ x: box.x, y: box.y + top, width: box.width, height: box.height / 2 });
+      const lit = async (top: number) => brightest(page, await page.screenshot({ clip: clip(top) }), 230);
+      const below = await until(
+        () => lit(box.height / 2),
+        (found) => (found?.count ?? 0) > 500,
+      );
+      assert.ok(below && Math.abs(below.x - 0.5) < 0.05 && Math.abs(below.y - 0.5) < 0.05, JSON.stringify(below));
+      const above = await lit(0);
+      assert.ok((above?.count ?? 0) < below.count / 10, JSON.stringify(above));
+      await page.mouse.dblclick(box.x + below.x * box.width, box.y + box.height / 2 + below.y * (box.height / 2));
+      const { x = "" } = await until(
+        () => fragment(page),
+        (now) => now.x !== undefined,
+      );
+      // LPS counts to the left; the marked hemisphere is above now.
+      assert.ok(Number(x.split(",")[0]) < -30, x);
+      const badge = page.locator("#surface .overlay:not(.other) .badge");
+      const side = await until(
+        () => badge.innerText(),
+        (words) => /^Right/.test(words),
+      );
+      assert.match(side, /^Right/);
+      await keep(page, `stacked-${way}`);
+    }
     assert.deepEqual(troubles, []);
     await context.close();
   },

@@ -229,7 +229,7 @@ export class Painter {
     return this.#mesh !== null && (this.#shrinking !== null || this.#positioned?.depth_mm === depth_mm);
   }
 
-  /** Draws panes side by side into the canvas. */
+  /** Draws panes into the canvas. */
   draw(panes: readonly Pane[], way: Drawn, { share, depths }: Quality): void {
     const gl = this.#gl;
     const full: Vec2 = [gl.drawingBufferWidth, gl.drawingBufferHeight];
@@ -243,16 +243,16 @@ export class Painter {
       const [width, height] = scaled(pane.size, share);
       const maps = this.#takeUp(pane.look, [width, height]);
       if (way === "mesh") this.#drawDepths(pane.look.depth_mm, scaled([width, height], depths));
-      const left = Math.round(pane.left * share);
+      const [left, top] = [pane.left, pane.top].map((part) => Math.round(part * share)) as [number, number];
       gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
-      gl.viewport(left, size[1] - height, width, height);
+      gl.viewport(left, size[1] - top - height, width, height);
       // Software works out every pixel, lit or not.
       const extent = extentOf(pane.look, maps, [width, height]);
       gl.enable(gl.SCISSOR_TEST);
       const [first, end] = pane.clip.map((part) => Math.round(part * width)) as [number, number];
       const from = Math.max(extent.left, first);
       const across = Math.max(Math.min(extent.left + extent.size[0], end) - from, 0);
-      gl.scissor(left + from, size[1] - extent.top - extent.size[1], across, extent.size[1]);
+      gl.scissor(left + from, size[1] - top - extent.top - extent.size[1], across, extent.size[1]);
       this.#shade(way);
       gl.disable(gl.SCISSOR_TEST);
     }

@@ -17,6 +17,7 @@ export interface FieldMaps {
 export interface Pane {
   readonly look: Look;
   readonly left: number;
+  readonly top: number;
   readonly size: Vec2;
   /** From where to where it is drawn, in shares of its width. */
   readonly clip: readonly [number, number];

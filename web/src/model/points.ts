@@ -7,7 +7,7 @@ import { mirrorPlane, reflected } from "./midsagittal.ts";
 import { type Profile, profileAt } from "./profile.ts";
 import type { Sampler } from "./sampler.ts";
 import { type Vec2, type Vec3, dot, length, normalized, scale, subtract } from "./space.ts";
-import { type ViewState, isHalved, isMirrored } from "./state.ts";
+import { type ViewState, isHalved, isMirrored, isStacked, viewSize } from "./state.ts";
 
 /** The point of the surface that is seen at a place of the pane. */
 export interface Picked {
@@ -62,11 +62,13 @@ export class Points {
   /** What is seen at a place of a pane of `size`, of which each half can be a view; else null. */
   pick(state: ViewState, [x, y]: Vec2, pane: Vec2): Picked | null {
     const sphere = this.#case.envelope_sphere;
-    const size: Vec2 = isHalved(state) ? [pane[0] / 2, pane[1]] : pane;
-    const isOther = x >= size[0] && size !== pane;
+    const size = viewSize(state, pane);
+    const stacked = isStacked(state, pane);
+    const isOther = isHalved(state) && (stacked ? y >= size[1] : x >= size[0]);
+    const [column, row] = !isOther ? [x, y] : stacked ? [x, y - size[1]] : [x - size[0], y];
     const isMirror = isOther && isMirrored(state);
     const view = isMirror ? mirrored(state, mirrorPlane(this.#case), sphere) : state;
-    const place: Vec2 = isOther ? [isMirror ? 2 * size[0] - x : x - size[0], y] : [x, y];
+    const place: Vec2 = [isMirror ? size[0] - column : column, row];
     const reach_mm = sphere.radius_mm + MARGIN_MM;
     const from = project(view, sphere, size).positionOf([...place, reach_mm]);
     const direction = scale(towardsViewer(view.orientation), -1);

@@ -30,6 +30,13 @@ export const isMirrored = ({
 }): boolean => !beside && (layout === "mirror" || layout === "both");
 /** Whether the pane has two halves: the mirrored one is the right one, or each has layers of its own. */
 export const isHalved = (state: ViewState): boolean => state.beside !== null || isMirrored(state);
+/** Whether the halves of a pane lie one above the other: each is larger then, for the head fits its smaller side. */
+export const isStacked = (state: ViewState, [width, height]: Vec2): boolean => isHalved(state) && width < height;
+/** The size of the picture of one view in a pane: of one of its halves, where it has two. */
+export function viewSize(state: ViewState, [width, height]: Vec2): Vec2 {
+  if (!isHalved(state)) return [width, height];
+  return isStacked(state, [width, height]) ? [width, height / 2] : [width / 2, height];
+}
 export const hasSlices = ({ layout }: Pick<ViewState, "layout">): boolean => layout === "slices" || layout === "both";
 
 /** How axial and coronal slices are shown: the patient's right at the picture's left, or at its right. */

@@ -86,10 +86,8 @@ export class FindingsSection {
       kept: (kept, problem) => this.#tell(kept, problem),
       doubled: (count) => tell(this.#status, t("findings.doubled", { count: number(count) })),
     });
-    this.#undo = button(t("findings.undo"), () => this.#go(this.#done, this.#undone), {
-      "aria-label": t("findings.undo-last"),
-    });
-    this.#redo = button(t("redo"), () => this.#go(this.#undone, this.#done), { "aria-label": t("findings.redo-last") });
+    this.#undo = iconButton("undo", t("findings.undo-last"), () => this.#go(this.#done, this.#undone));
+    this.#redo = iconButton("redo", t("findings.redo-last"), () => this.#go(this.#undone, this.#done));
     for (const one of [this.#undo, this.#redo]) one.disabled = true;
     const add = button(t("findings.add"), () => this.#add());
     const report = button(t("findings.report"), () => void this.#save("report"));

@@ -16,6 +16,7 @@ import {
   leftOf,
   partsOf,
   slabOf,
+  viewSize,
 } from "../model/state.ts";
 import { colorRow } from "../gl/colors.ts";
 import type { Painter } from "../gl/painter.ts";
@@ -57,14 +58,15 @@ export function withLayers(state: ViewState, { intensity }: ReadyCase, isHere: (
 }
 
 /** The panes of a canvas of so many pixels. */
-export function panesOf(state: ViewState, [width, height]: Vec2): Pane[] {
-  const across = Math.floor(isHalved(state) ? width / 2 : width);
+export function panesOf(state: ViewState, canvas: Vec2): Pane[] {
+  const [across, down] = viewSize(state, canvas).map(Math.floor) as [number, number];
   const views = isHalved(state) ? [leftOf(state), state] : [state];
   return views.flatMap((view, at) =>
     partsOf(view).map(([part, clip]) => ({
       look: { ...lookOf(part), isMirrored: at > 0 && isMirrored(state) },
-      left: at * (width - across),
-      size: [across, height],
+      left: at * (canvas[0] - across),
+      top: at * (canvas[1] - down),
+      size: [across, down],
       clip,
     })),
   );

@@ -6,7 +6,7 @@ import type { ReadyCase } from "../model/case.ts";
 import { mirrorPlane } from "../model/midsagittal.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
 import type { Vec2 } from "../model/space.ts";
-import { type ViewState, isHalved, isMirrored, leftOf } from "../model/state.ts";
+import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
 import { h } from "../base/dom.ts";
 import { FollowingPicture, served } from "../base/picture.ts";
 import { troubleWords } from "../base/problem-words.ts";
@@ -63,11 +63,13 @@ export class StandIn {
     const size = this.#size(state, ratio, MOST_PIXELS);
     const views = this.#views(state);
     const pictures = await Promise.all(views.map((view) => served({ path: this.#path(view, size) })));
-    const canvas = h("canvas", { width: size[0] * views.length, height: size[1] });
+    const [right, down] = isStacked(state, this.#paneSize) ? [0, 1] : [1, 0];
+    const last = views.length - 1;
+    const canvas = h("canvas", { width: size[0] * (1 + last * right), height: size[1] * (1 + last * down) });
     const context = canvas.getContext("2d");
     for (const [at, picture] of pictures.entries()) {
-      if (at > 0 && isMirrored(state)) context?.setTransform(-1, 0, 0, 1, canvas.width + size[0], 0);
-      context?.drawImage(picture, at * size[0], 0);
+      if (at > 0 && isMirrored(state)) context?.setTransform(-1, 0, 0, 1, canvas.width + right * size[0], 0);
+      context?.drawImage(picture, at * right * size[0], at * down * size[1]);
     }
     return canvas;
   }
@@ -84,8 +86,11 @@ export class StandIn {
   }
 
   #size(state: ViewState, ratio: number, most: number): Vec2 {
-    const { clientWidth, clientHeight } = this.#box;
-    return pictureSize([clientWidth / this.#views(state).length, clientHeight], ratio, most);
+    return pictureSize(viewSize(state, this.#paneSize), ratio, most);
+  }
+
+  get #paneSize(): Vec2 {
+    return [this.#box.clientWidth, this.#box.clientHeight];
   }
 
   #begin(): void {
@@ -96,6 +101,7 @@ export class StandIn {
       const put = (image: HTMLImageElement, state: ViewState): void => {
         half.replaceChildren(image);
         this.#box.classList.toggle("halved", isHalved(state));
+        this.#box.classList.toggle("stacked", isStacked(state, this.#paneSize));
         this.#box.classList.toggle("mirrored", isMirrored(state));
         if (side === "whole") this.#listener.drawn(state);
       };

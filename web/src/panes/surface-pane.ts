@@ -18,7 +18,7 @@ import { type Marked, surfaceMarks } from "../model/marks.ts";
 import { mirrorPlane, plainPlane, reflected, sideSeen } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { type ViewState, isHalved, isMirrored, leftOf } from "../model/state.ts";
+import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
 import type { Block } from "../model/wire.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText } from "../base/dom.ts";
@@ -130,7 +130,11 @@ export class SurfacePane {
 
   /** The size of the picture of one view: beside the mirrored one a half of the pane. */
   size(state: ViewState = this.#listener.state()): Vec2 {
-    return [this.element.clientWidth / (isHalved(state) ? 2 : 1), this.element.clientHeight];
+    return viewSize(state, this.#whole);
+  }
+
+  get #whole(): Vec2 {
+    return [this.element.clientWidth, this.element.clientHeight];
   }
 
   /** What is seen at a place of the pane, or was in another state. */
@@ -179,6 +183,7 @@ export class SurfacePane {
       overlay.divide(state.swipe);
     }
     this.element.classList.toggle("halved", isHalved(state));
+    this.element.classList.toggle("stacked", isStacked(state, this.#whole));
     if (!beside) this.#leftBars.remove();
     else if (!this.#leftBars.isConnected) this.element.append(this.#leftBars);
     if (isMirrored(state)) this.#tellSides(state);
@@ -257,7 +262,9 @@ export class SurfacePane {
     const seen = sideSeen(towardsViewer(state.orientation), mirrorPlane(this.#shown));
     const isOther = mirror && seen !== "middle" && reflection[2] > own[2];
     const [x, y] = isOther ? reflection : own;
-    const kind = this.#isHidden(position, state, [isOther ? size[0] + x : x, y]) ? "hidden" : "mark";
+    const stacked = isStacked(state, this.#whole);
+    const place: Vec2 = !isOther ? [x, y] : stacked ? [x, size[1] + y] : [size[0] + x, y];
+    const kind = this.#isHidden(position, state, place, isOther) ? "hidden" : "mark";
     const words = (isMarked: boolean): string => (mirror ? t(isMarked ? "mark.marked" : "mark.opposite") : "");
     const place_mm = state.place_mm ?? 0;
     const ring = place_mm / 2 / project(state, this.#shown.envelope_sphere, size).mm_per_pixel;
@@ -268,10 +275,9 @@ export class SurfacePane {
   }
 
   /** Whether the surface lies before a position that is at a place of the pane. */
-  #isHidden(position: Vec3, state: ViewState, place: Vec2): boolean {
+  #isHidden(position: Vec3, state: ViewState, place: Vec2, isOther: boolean): boolean {
     const sphere = this.#shown.envelope_sphere;
     const size = this.size(state);
-    const isOther = isMirrored(state) && place[0] >= size[0];
     const view = isOther ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
     const { pixelOf } = project(view, sphere, size);
     const height_mm = pixelOf(position)[2];
@@ -301,9 +307,12 @@ export class SurfacePane {
 
   /** A place of the pane within its half. */
   #inHalf(place: Vec2): Vec2 {
-    const [width] = this.size();
-    const isOther = place[0] >= width && isHalved(this.#listener.state());
-    return [isOther ? place[0] - width : place[0], place[1]];
+    const [width, height] = this.size();
+    const state = this.#listener.state();
+    if (!isHalved(state)) return place;
+    const [x, y] = place;
+    if (isStacked(state, this.#whole)) return [x, y >= height ? y - height : y];
+    return [x >= width ? x - width : x, y];
   }
 
   #gestures(): GestureListener {
