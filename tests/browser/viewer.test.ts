@@ -475,7 +475,8 @@ test(
     await page.locator("#language").selectOption("pt-BR");
     await page.waitForSelector(".layouts >> text=Espelho");
     assert.equal(await page.locator("html").getAttribute("lang"), "pt-BR");
-    assert.equal(await text(".research"), "Somente para pesquisa. Não se destina a diagnóstico.");
+    const notice = page.locator("#surface .overlay:not(.other) .pane-notice");
+    assert.equal(await notice.innerText(), "Somente para pesquisa. Não se destina a diagnóstico.");
     for (const typed of ["14,5", "14.5"]) {
       await page.locator("#depth-number").fill(typed);
       await page.keyboard.press("Enter");
