@@ -1,4 +1,4 @@
-//! Checking, moving, backing up and restoring a store, by the commands of `docs/backup.md`.
+//! Checking, moving, backing up and restoring a store, by the commands of `docs/install.md`.
 
 use std::path::{Path, PathBuf};
 
