@@ -442,6 +442,36 @@ test(
     await fold.click();
     assert.deepEqual(await ranks(), ["1", "2"]);
 
+    // A place is dismissed, and stays so; or it is kept as a finding.
+    const judge = (name: string) => page.locator(".why").getByRole("button", { name });
+    await judge("Dismiss").click();
+    assert.equal(await places.nth(1).locator(".dot").getAttribute("aria-label"), "dismissed");
+    await page.keyboard.press(",");
+    await page.waitForSelector(".candidates tr:nth-child(1)[aria-current=true]");
+    await judge("Keep as a finding").click();
+    assert.equal(await places.nth(0).locator(".dot").getAttribute("aria-label"), "kept as a finding");
+    const findings = new URL(`v1/cases/${id}/findings`, server.address);
+    const stored = async (): Promise<readonly { from_map: string; is_dismissed: boolean }[]> =>
+      ((await (await fetch(findings)).json()) as { findings: { from_map: string; is_dismissed: boolean }[] }).findings;
+    assert.deepEqual(
+      (await until(stored, (list) => list.length === 2)).map(({ from_map, is_dismissed }) => [from_map, is_dismissed]),
+      [
+        ["blur", true],
+        ["blur", false],
+      ],
+    );
+    await page.reload();
+    await shown(page);
+    await ask.click();
+    const dots = (): Promise<(string | null)[]> =>
+      page.locator(".candidates tr.place:visible .dot").evaluateAll((all) => all.map((one) => one.ariaLabel));
+    const judged = ["kept as a finding", "dismissed"];
+    assert.deepEqual(await until(dots, (now) => now.join() === judged.join()), judged);
+    // The same button again takes the decision back.
+    await page.keyboard.press(".");
+    await judge("Dismiss").click();
+    assert.equal((await until(stored, (list) => list.length === 1)).length, 1);
+
     unusual = [];
     regions = { state: "review", reasons: ["the volume ends within the cerebellum"], reason_codes: ["cerebellum-cut"] };
     await page.reload();

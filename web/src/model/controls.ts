@@ -193,7 +193,9 @@ export type Command =
   | LayerCommand
   /** The next place of the list, or the one before. */
   | { readonly kind: "place"; readonly steps: number }
-  | { readonly kind: "help" | "play" | "timer" | "mark" | "closer" | "outline" | "undo" | "redo" | "patient" };
+  | {
+      readonly kind: "help" | "play" | "timer" | "mark" | "closer" | "ruler" | "outline" | "undo" | "redo" | "patient";
+    };
 
 /** A key, as a keyboard event has it. */
 export interface Key {
@@ -230,6 +232,7 @@ const PLAIN: Readonly<Record<string, Command>> = {
   d: { kind: "patient" },
   w: { kind: "swap" },
   z: { kind: "closer" },
+  k: { kind: "ruler" },
   ",": { kind: "place", steps: -1 },
   ".": { kind: "place", steps: 1 },
   u: { kind: "map", name: "blur" },

@@ -2,9 +2,8 @@
 
 import type { MapName } from "./maps.ts";
 import type { Side } from "./midsagittal.ts";
-import type { Projection } from "./camera.ts";
-import type { Mark } from "./marks.ts";
-import type { Vec2, Vec3 } from "./space.ts";
+import type { Marked } from "./marks.ts";
+import { type Vec3, length, subtract } from "./space.ts";
 
 export const CERTAINTIES = ["definite", "probable", "possible", "unlikely"] as const;
 export type Certainty = (typeof CERTAINTIES)[number];
@@ -33,17 +32,19 @@ export interface Finding {
 /** The colour of a finding that nobody has coloured. */
 export const FIRST_COLOUR = "#ffb000";
 
-/** A place that is marked as a finding. */
-export const findingAt = (position: Vec3, depth_mm: number, from_map: MapName | null): Finding => ({
+/** What is new about a finding. */
+export type NewFinding = Pick<Finding, "points_in_patient" | "depth_mm"> & Partial<Finding>;
+
+/** A finding that nobody has written about. */
+export const newFinding = (given: NewFinding): Finding => ({
   id: crypto.randomUUID(),
   kind: "point",
-  points_in_patient: [position],
-  depth_mm,
   label: "",
   note: "",
   colour: FIRST_COLOUR,
   is_dismissed: false,
-  ...(from_map && { from_map }),
+  ...given,
+  depth_mm: Math.max(0, Number(given.depth_mm.toFixed(2))) || 0,
 });
 
 /** The middle of what was marked. */
@@ -97,59 +98,46 @@ export function merged(base: readonly Finding[], mine: readonly Finding[], their
   return { list, doubled };
 }
 
-/** A finding of another depth than the one that is shown by more than this is drawn dashed, in mm. */
-const AWAY_MM = 1;
-/** A slice shows what lies so near to it, in mm; dashed, what does not lie in it. */
-const NEAR_MM = 4;
-
-type Placed = (finding: Finding, number: number) => Mark | null;
-
 /** Those that are not dismissed: they have numbers, from 1. */
 export const numbered = (findings: readonly Finding[]): readonly Finding[] =>
   findings.filter(({ is_dismissed }) => !is_dismissed);
 
-/** The marks of the findings that have a place in a picture. */
-const marksOf = (findings: readonly Finding[], placed: Placed): readonly Mark[] =>
-  numbered(findings).flatMap((finding, at) => placed(finding, at + 1) ?? []);
+/** Where a point is at another depth. */
+export type Slide = (position_in_patient: Vec3, depth_mm: number) => Vec3;
 
-/** The findings on the half of the head that faces the viewer. */
-export const surfaceMarks = (
+/** So near to its own depth a finding is where it was marked, in mm. */
+const OWN_MM = 0.005;
+
+/** The findings as they are drawn, but for those that are dismissed or hidden. */
+export const markedFindings = (
   findings: readonly Finding[],
-  depth_mm: number,
-  { pixelOf }: Pick<Projection, "pixelOf">,
-): readonly Mark[] =>
-  marksOf(findings, (finding, number) => {
-    if (pixelOf(middleOf(finding))[2] < 0) return null;
+  hidden: ReadonlySet<string>,
+  slide: Slide,
+): readonly Marked[] =>
+  numbered(findings).flatMap(({ id, kind, points_in_patient, depth_mm, colour }, at) => {
+    if (hidden.has(id)) return [];
+    // A way to a target is straight, whatever depth is shown.
+    const isWay = kind === "trajectory";
     return {
-      number,
-      places: finding.points_in_patient.map((point): Vec2 => {
-        const [x, y] = pixelOf(point);
-        return [x, y];
-      }),
-      isClosed: finding.kind === "polygon",
-      colour: finding.colour,
-      isAway: Math.abs(finding.depth_mm - depth_mm) > AWAY_MM,
+      words: String(at + 1),
+      points_in_patient,
+      isClosed: kind === "polygon",
+      colour,
+      depth_mm: isWay ? null : depth_mm,
+      isOnSurface: true,
+      pointsAt: (shown_mm) =>
+        isWay || Math.abs(shown_mm - depth_mm) < OWN_MM
+          ? points_in_patient
+          : points_in_patient.map((point) => slide(point, shown_mm)),
     };
   });
 
-/** The findings in a slice across an axis. */
-export const sliceMarks = (
-  findings: readonly Finding[],
-  axis: 0 | 1 | 2,
-  position_mm: number,
-  pixelOf: (point: Vec3) => Vec2,
-): readonly Mark[] =>
-  marksOf(findings, (finding, number) => {
-    const away = finding.points_in_patient.map((point) => Math.abs(point[axis] - position_mm));
-    const nearest = Math.min(...away);
-    if (nearest > NEAR_MM) return null;
-    const near = finding.points_in_patient.filter((_, at) => (away[at] ?? Infinity) <= NEAR_MM);
-    const isWhole = near.length === finding.points_in_patient.length;
-    return {
-      number,
-      places: near.map(pixelOf),
-      isClosed: finding.kind === "polygon" && isWhole,
-      colour: finding.colour,
-      isAway: nearest > AWAY_MM || !isWhole,
-    };
-  });
+/** So near to a place of the list a finding is of it, in mm. */
+const SAME_PLACE_MM = 0.5;
+
+/** The finding that was taken from a place of the list. */
+export const findingOfPlace = (findings: readonly Finding[], position_in_patient: Vec3): Finding | undefined =>
+  findings.find(
+    ({ kind, from_map, points_in_patient: [point] }) =>
+      kind === "point" && from_map && point && length(subtract(point, position_in_patient)) < SAME_PLACE_MM,
+  );

@@ -1,13 +1,100 @@
-// What is marked on a picture, at places of its pane.
+// What is marked in a head, and where it is in a picture: pure.
 
-import type { Vec2 } from "./space.ts";
+import type { Projection } from "./camera.ts";
+import { type Vec2, type Vec3, add, scale, subtract } from "./space.ts";
 
-/** A finding at places of a pane. */
-export interface Mark {
-  readonly number: number;
-  readonly places: readonly Vec2[];
+/** Something that a reader has marked or measured. */
+export interface Marked {
+  /** What stands beside it. */
+  readonly words: string;
+  readonly points_in_patient: readonly Vec3[];
   readonly isClosed: boolean;
   readonly colour: string;
-  /** It was marked at another depth than the one that is shown. */
+  /** The depth at which it was marked; null where it has none of its own, such as a way through several. */
+  readonly depth_mm: number | null;
+  /** Whether it is shown on the surface as well. */
+  readonly isOnSurface: boolean;
+  /** Its points on the surface at a depth. */
+  pointsAt(depth_mm: number): readonly Vec3[];
+}
+
+/** The same at places of a pane. */
+export interface Mark {
+  readonly words: string;
+  /** Its parts that are to be seen; a part of one place is a point. */
+  readonly parts: readonly (readonly Vec2[])[];
+  readonly colour: string;
+  /** It was marked at another depth than the one that is shown, or beside the slice. */
   readonly isAway: boolean;
+}
+
+/** A mark of another depth than the one that is shown by more than this is drawn dashed, in mm. */
+const AWAY_MM = 1;
+/** A slice shows what lies so near to it, in mm; dashed, what does not lie in it. */
+const NEAR_MM = 4;
+
+const closed = <T>(points: readonly T[], isClosed: boolean): readonly T[] =>
+  isClosed ? [...points, ...points.slice(0, 1)] : points;
+
+/** The marks on the half of the head that faces the viewer. */
+export function surfaceMarks(
+  all: readonly Marked[],
+  depth_mm: number,
+  { pixelOf }: Pick<Projection, "pixelOf">,
+): readonly Mark[] {
+  return all.flatMap((marked) => {
+    if (!marked.isOnSurface) return [];
+    const parts: Vec2[][] = [[]];
+    for (const point of closed(marked.pointsAt(depth_mm), marked.isClosed)) {
+      const [x, y, height_mm] = pixelOf(point);
+      if (height_mm >= 0 && Number.isFinite(x + y)) parts.at(-1)?.push([x, y]);
+      else if (parts.at(-1)?.length !== 0) parts.push([]);
+    }
+    const isAway = marked.depth_mm !== null && Math.abs(marked.depth_mm - depth_mm) > AWAY_MM;
+    return markOf(marked, parts, isAway);
+  });
+}
+
+/** The marks in a slice across an axis: of lines, what lies near to it. */
+export function sliceMarks(
+  all: readonly Marked[],
+  axis: 0 | 1 | 2,
+  position_mm: number,
+  pixelOf: (point: Vec3) => Vec2,
+): readonly Mark[] {
+  return all.flatMap((marked) => {
+    const points = closed(marked.points_in_patient, marked.isClosed);
+    const away = (point: Vec3): number => point[axis] - position_mm;
+    const lines = points.length === 1 ? points.map((point) => [point, point] as const) : pairs(points);
+    const near = lines.map(([from, to]) => cutOff(from, to, away(from), away(to))).filter((one) => one !== null);
+    const parts: Vec3[][] = [];
+    for (const [from, to] of near) {
+      if (parts.at(-1)?.at(-1) === from) parts.at(-1)?.push(to);
+      else parts.push(from === to ? [from] : [from, to]);
+    }
+    const crosses = lines.some(([from, to]) => away(from) * away(to) <= 0);
+    const isAway = !crosses && !points.some((point) => Math.abs(away(point)) <= AWAY_MM);
+    return markOf(
+      marked,
+      parts.map((part) => part.map(pixelOf)),
+      isAway,
+    );
+  });
+}
+
+function markOf({ words, colour }: Marked, parts: readonly (readonly Vec2[])[], isAway: boolean): readonly Mark[] {
+  const seen = parts.filter((part) => part.length > 0);
+  return seen.length > 0 ? [{ words, parts: seen, colour, isAway }] : [];
+}
+
+const pairs = (points: readonly Vec3[]): readonly (readonly [Vec3, Vec3])[] =>
+  points.slice(1).map((point, at) => [points[at] ?? point, point] as const);
+
+/** The part of a line that is near the slice; `a` and `b` are how far its ends are from it. */
+function cutOff(from: Vec3, to: Vec3, a: number, b: number): readonly [Vec3, Vec3] | null {
+  if (Math.min(Math.abs(a), Math.abs(b)) > NEAR_MM && a * b > 0) return null;
+  if (from === to) return [from, to];
+  const at = (away: number): Vec3 => add(from, scale(subtract(to, from), (away - a) / (b - a)));
+  const end = (point: Vec3, away: number): Vec3 => (Math.abs(away) <= NEAR_MM ? point : at(Math.sign(away) * NEAR_MM));
+  return [end(from, a), end(to, b)];
 }

@@ -45,18 +45,18 @@ const MARGIN_MM = 10;
 
 export class Points {
   readonly #case: ReadyCase;
-  readonly #depths: Depths;
+  readonly depths: Depths;
   readonly #volume: Sampler;
 
   constructor(shown: ReadyCase, depths: Depths, volume: Sampler) {
     this.#case = shown;
-    this.#depths = depths;
+    this.depths = depths;
     this.#volume = volume;
   }
 
   /** The same points with the intensities of another block. */
   within(volume: Sampler): Points {
-    return new Points(this.#case, this.#depths, volume);
+    return new Points(this.#case, this.depths, volume);
   }
 
   /** What is seen at a place of a pane of `size`, of which each half can be a view; else null. */
@@ -70,14 +70,14 @@ export class Points {
     const reach_mm = sphere.radius_mm + MARGIN_MM;
     const from = project(view, sphere, size).positionOf([...place, reach_mm]);
     const direction = scale(towardsViewer(view.orientation), -1);
-    const position = firstHit(this.#depths, { from, direction, reach_mm: 2 * reach_mm }, state.depth_mm);
+    const position = firstHit(this.depths, { from, direction, reach_mm: 2 * reach_mm }, state.depth_mm);
     if (!position || !isKnown(this.#case, position, state.depth_mm)) return null;
     const intensity = this.#volume.atPatient(position);
     return {
       position_in_patient: position,
       depth_mm: state.depth_mm,
       intensity: Number.isNaN(intensity) ? null : intensity,
-      normal_in_patient: scale(this.#depths.inwardAt(position), -1),
+      normal_in_patient: scale(this.depths.inwardAt(position), -1),
       isFlipped: isMirror,
     };
   }
@@ -86,17 +86,17 @@ export class Points {
   isInHead(position: Vec3): boolean {
     const inwards = subtract(this.#case.envelope_sphere.center_in_patient, position);
     const direction = normalized(inwards);
-    const border = firstHit(this.#depths, { from: position, direction, reach_mm: length(inwards) }, 0);
+    const border = firstHit(this.depths, { from: position, direction, reach_mm: length(inwards) }, 0);
     return border !== null && length(subtract(border, position)) <= HEAD_MM;
   }
 
   /** Null outside the envelope. */
   profile(position: Vec3): Profile | null {
-    if (this.#depths.depthAt(position) < -OUTSIDE_MM) return null;
+    if (this.depths.depthAt(position) < -OUTSIDE_MM) return null;
     const volume = {
       atPatient: (place: Vec3) => (Number.isNaN(this.#depthAt(place)) ? NaN : this.#volume.atPatient(place)),
     };
-    return profileAt(this.#depths, volume, position, reflected(position, mirrorPlane(this.#case)));
+    return profileAt(this.depths, volume, position, reflected(position, mirrorPlane(this.#case)));
   }
 
   probe(position: Vec3): Probed {
@@ -105,7 +105,7 @@ export class Points {
 
   /** The depth at a position; NaN where it is unknown. */
   #depthAt(position: Vec3): number {
-    const depth_mm = this.#depths.depthAt(position);
+    const depth_mm = this.depths.depthAt(position);
     return isKnown(this.#case, position, depth_mm) ? depth_mm : NaN;
   }
 }

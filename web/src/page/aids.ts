@@ -15,7 +15,8 @@ import {
   styleOfLayer,
 } from "../model/layers.ts";
 import type { Command, LayerCommand } from "../model/controls.ts";
-import { type LayerOverlay, isLayerId, isMap, toggled } from "../model/maps.ts";
+import type { Finding } from "../model/findings.ts";
+import { type Candidate, type LayerOverlay, isLayerId, isMap, toggled } from "../model/maps.ts";
 import { type HalfLook, type ViewState, bareOf, halfOf, layersOf } from "../model/state.ts";
 import type { Vec3 } from "../model/space.ts";
 import type { Block } from "../model/wire.ts";
@@ -36,6 +37,8 @@ export interface AidsListener {
   redraw(): void;
   announce(words: string): void;
   complain(problem: unknown): void;
+  /** A place of the list becomes a finding, is dismissed, or neither. */
+  judge(place: Candidate, judgement: "kept" | "dismissed" | null): void;
   /** The chart of the marked point stands here; null: where it usually does. */
   chart(place: HTMLElement | null): void;
 }
@@ -59,6 +62,7 @@ export class Aids {
   #state: ViewState | null = null;
   /** The window that each texture was left with, by the id of its layer. */
   readonly #windows = new Map<string, Window>();
+  #findings: readonly Finding[] = [];
   #isGone = false;
 
   constructor(shown: ReadyCase, listener: AidsListener) {
@@ -157,6 +161,12 @@ export class Aids {
     } catch (problem) {
       this.#listener.complain(problem);
     }
+  }
+
+  /** Shows which places are findings, or dismissed. */
+  judged(findings: readonly Finding[]): void {
+    this.#findings = findings;
+    this.#filled?.maps.judged(findings);
   }
 
   /** Follows a command if it is one about layers. */
@@ -288,7 +298,9 @@ export class Aids {
     const maps = new parts.MapsSection(this.#shown, layers, {
       ...actions,
       chart: (place) => this.#listener.chart(place),
+      judge: (place, judgement) => this.#listener.judge(place, judgement),
     });
+    maps.judged(this.#findings);
     const added = new parts.LayersSection(this.#shown, layers, {
       grey: (id) => this.grey(id),
       colours: (id) => this.colours(id),

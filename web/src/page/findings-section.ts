@@ -7,8 +7,21 @@ import { problemWords } from "../base/problem-words.ts";
 import { positionWords } from "../base/readout.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { broughtTo } from "../model/commands.ts";
-import { CERTAINTIES, type Finding, findingAt, middleOf, numbered } from "../model/findings.ts";
-import { isMap } from "../model/maps.ts";
+import {
+  CERTAINTIES,
+  type Finding,
+  type NewFinding,
+  findingOfPlace,
+  markedFindings,
+  merged,
+  middleOf,
+  newFinding,
+  numbered,
+} from "../model/findings.ts";
+import { Flows } from "../model/flow.ts";
+import type { Depths } from "../model/isosurface.ts";
+import { type Candidate, isMap } from "../model/maps.ts";
+import type { Marked } from "../model/marks.ts";
 import { mirrorPlane, sideOf } from "../model/midsagittal.ts";
 import type { ViewState } from "../model/state.ts";
 import type { Actions } from "./actions.ts";
@@ -23,10 +36,23 @@ export interface FindingsSectionHost {
   state(): ViewState;
   /** The depth of a place below the envelope, if it is known. */
   depthAt(position: readonly [number, number, number]): number | null;
+  /** The depth as a function of the position, once it is known. */
+  depths(): Depths | null;
   /** Draws the findings in the panes. */
-  draw(findings: readonly Finding[]): void;
+  draw(marked: readonly Marked[]): void;
+  /** The list has changed. */
+  listed(findings: readonly Finding[]): void;
   announce(words: string): void;
 }
+
+/** A change of the list. */
+interface Step {
+  readonly before: readonly Finding[];
+  readonly after: readonly Finding[];
+}
+
+/** So long ways through findings are walked at once, in ms. */
+const WALK_MS = 8;
 
 export class FindingsSection {
   readonly element: HTMLElement;
@@ -36,8 +62,15 @@ export class FindingsSection {
   readonly #list = h("ol", { class: "findings" });
   readonly #none = quiet(t("findings.none"));
   readonly #undo: HTMLButtonElement;
-  /** The lists before each step of this reader. */
-  #before: (readonly Finding[])[] = [];
+  readonly #redo: HTMLButtonElement;
+  readonly #all = h("input", { type: "checkbox", id: "findings-shown", checked: true, change: () => this.#draw() });
+  /** The lists before and after each step of this reader: those that can be undone, and those that were. */
+  #done: Step[] = [];
+  #undone: Step[] = [];
+  /** Those that are not drawn, as long as the page is open. */
+  readonly #hidden = new Set<string>();
+  #flows: Flows | null = null;
+  #walking = 0;
   readonly #leave = (event: Event): void => {
     if (!this.#sync.isKept) event.preventDefault();
   };
@@ -53,17 +86,21 @@ export class FindingsSection {
       kept: (kept, problem) => this.#tell(kept, problem),
       doubled: (count) => tell(this.#status, t("findings.doubled", { count: number(count) })),
     });
-    this.#undo = button(t("findings.undo"), () => this.#goBack(), { "aria-label": t("findings.undo-last") });
-    this.#undo.disabled = true;
+    this.#undo = button(t("findings.undo"), () => this.#go(this.#done, this.#undone), {
+      "aria-label": t("findings.undo-last"),
+    });
+    this.#redo = button(t("redo"), () => this.#go(this.#undone, this.#done), { "aria-label": t("findings.redo-last") });
+    for (const one of [this.#undo, this.#redo]) one.disabled = true;
     const add = button(t("findings.add"), () => this.#add());
     const report = button(t("findings.report"), () => void this.#save("report"));
     const table = button(t("findings.table"), () => void this.#save("findings"));
     this.element = h(
       "div",
       { class: "group-body" },
-      row(add, this.#undo),
+      row(add, this.#undo, this.#redo),
       this.#status,
       this.#none,
+      ticked(this.#all, t("findings.shown")),
       this.#list,
       row(report, table),
     );
@@ -81,6 +118,7 @@ export class FindingsSection {
   }
 
   dispose(): void {
+    clearTimeout(this.#walking);
     this.#sync.flush();
     removeEventListener("beforeunload", this.#leave);
     document.removeEventListener("visibilitychange", this.#back);
@@ -96,14 +134,18 @@ export class FindingsSection {
   }
 
   /** Changes the list in one step, which can be undone. */
-  #step(list: readonly Finding[]): void {
-    this.#before.push(this.#sync.list);
-    this.#sync.change(list);
+  #step(after: readonly Finding[]): void {
+    this.#done.push({ before: this.#sync.list, after });
+    this.#undone = [];
+    this.#sync.change(after);
   }
 
-  #goBack(): void {
-    const before = this.#before.pop();
-    if (before) this.#sync.change(before);
+  /** Takes the last step of a way back; what others have changed meanwhile stays. */
+  #go(way: Step[], back: Step[]): void {
+    const step = way.pop();
+    if (!step) return;
+    back.push({ before: step.after, after: step.before });
+    this.#sync.change(merged(step.after, step.before, this.#sync.list).list);
   }
 
   #change(id: string, change: Partial<Finding>): void {
@@ -111,21 +153,46 @@ export class FindingsSection {
   }
 
   #add(): void {
-    const { crosshair_mm, depth_mm, overlay } = this.#host.state();
+    const { crosshair_mm, overlay } = this.#host.state();
     if (!crosshair_mm) return tell(this.#status, t("findings.no-point"));
-    const map = overlay && isMap(overlay.name) ? overlay.name : null;
-    const at = this.#host.depthAt(crosshair_mm) ?? depth_mm;
-    const finding = findingAt(crosshair_mm, Math.max(0, Number(at.toFixed(2))), map);
+    const from_map = overlay && isMap(overlay.name) ? { from_map: overlay.name } : {};
+    this.take({ points_in_patient: [crosshair_mm], depth_mm: this.#depthAt(crosshair_mm), ...from_map });
+  }
+
+  #depthAt(position: readonly [number, number, number]): number {
+    return this.#host.depthAt(position) ?? this.#host.state().depth_mm;
+  }
+
+  /** Adds a finding, to be written about. */
+  take(given: NewFinding): void {
+    const finding = newFinding(given);
     this.#step([...this.#sync.list, finding]);
+    this.#host.announce(t("findings.taken"));
     this.#list.querySelector<HTMLInputElement>(`[data-id="${finding.id}"] .finding-label`)?.focus();
+  }
+
+  /** Adds a place of the list, or says whether it is dismissed; `null`: it is no finding any more. */
+  judge({ position_in_patient, depth_mm }: Candidate, judgement: "kept" | "dismissed" | null): void {
+    const before = findingOfPlace(this.#sync.list, position_in_patient);
+    const is_dismissed = judgement === "dismissed";
+    if (judgement === null) this.#step(this.#sync.list.filter((one) => one !== before));
+    else if (before) this.#change(before.id, { is_dismissed });
+    else {
+      const given = { points_in_patient: [position_in_patient], depth_mm, from_map: "blur", is_dismissed } as const;
+      this.#step([...this.#sync.list, newFinding(given)]);
+    }
+    this.#host.announce(t(judgement ? `places.${judgement}` : "findings.removed"));
   }
 
   // -- What is shown
 
   #show(list: readonly Finding[]): void {
-    this.#undo.disabled = this.#before.length === 0;
+    this.#undo.disabled = this.#done.length === 0;
+    this.#redo.disabled = this.#undone.length === 0;
     this.#none.hidden = list.length > 0;
-    this.#host.draw(list);
+    this.#all.closest("label")?.toggleAttribute("hidden", list.length === 0);
+    this.#draw();
+    this.#host.listed(list);
     // What is being typed into stays as it is.
     const items = new Map([...this.#list.children].map((item) => [(item as HTMLElement).dataset["id"], item]));
     const numbers = new Map(numbered(list).map((finding, at) => [finding.id, at + 1]));
@@ -138,12 +205,45 @@ export class FindingsSection {
     if (!isSame || next.length !== this.#list.children.length) this.#list.replaceChildren(...next);
   }
 
+  /** Draws the findings; their ways to other depths are walked a few at a time, and drawn when all are known. */
+  #draw(): void {
+    const { list } = this.#sync;
+    const hidden = this.#all.checked ? this.#hidden : new Set(list.map(({ id }) => id));
+    const slide = (position: readonly [number, number, number], depth_mm: number) =>
+      this.#flows?.has(position) ? this.#flows.at(position, depth_mm) : position;
+    this.#host.draw(markedFindings(list, hidden, slide));
+    this.#walk();
+  }
+
+  #walk(): void {
+    clearTimeout(this.#walking);
+    const depths = this.#host.depths();
+    if (!depths) return;
+    const flows = (this.#flows ??= new Flows(depths, this.#host.shown.max_depth_mm));
+    const unknown = this.#sync.list.flatMap((one) => one.points_in_patient).filter((point) => !flows.has(point));
+    if (unknown.length === 0) return;
+    const end = performance.now() + WALK_MS;
+    for (const point of unknown) {
+      flows.at(point, 0);
+      if (performance.now() > end) break;
+    }
+    this.#walking = setTimeout(() => {
+      if (unknown.every((point) => flows.has(point))) this.#draw();
+      else this.#walk();
+    }) as unknown as number;
+  }
+
+  /** The depth is known now. */
+  redraw(): void {
+    if (!this.#flows) this.#draw();
+  }
+
   #item(finding: Finding, at: number | undefined): HTMLElement {
     const { id } = finding;
     const { shown, actions } = this.#host;
     const middle = middleOf(finding);
     const side = finding.side ?? sideOf(middle, mirrorPlane(shown));
-    const name = t("findings.name", {
+    const name = t(`findings.${finding.kind === "point" ? "name" : finding.kind}`, {
       number: at === undefined ? t("findings.dismissed") : number(at),
       side: t(`side.${side}`),
       depth: number(finding.depth_mm, 1),
@@ -202,6 +302,15 @@ export class FindingsSection {
       checked: finding.is_dismissed,
       change: () => this.#change(id, { is_dismissed: dismissed.checked }),
     });
+    const seen = h("input", {
+      type: "checkbox",
+      checked: !this.#hidden.has(id),
+      change: () => {
+        if (seen.checked) this.#hidden.delete(id);
+        else this.#hidden.add(id);
+        this.#draw();
+      },
+    });
     return h(
       "li",
       { "data-id": id, class: finding.is_dismissed ? "dismissed" : null },
@@ -209,7 +318,7 @@ export class FindingsSection {
       label,
       tall(t("findings.certainty"), certainty),
       note,
-      line(t("findings.colour"), colour, ticked(dismissed, t("findings.dismiss"))),
+      line(t("findings.colour"), colour, ticked(dismissed, t("findings.dismiss")), ticked(seen, t("findings.drawn"))),
       quiet(positionWords(middle)),
     );
   }

@@ -12,6 +12,7 @@ export { CaseSection } from "./case-section.ts";
 export { Comparison } from "./comparison.ts";
 export { CaseLayers } from "./case-layers.ts";
 export { LayersSection } from "./layers-section.ts";
+export { MeasuresSection } from "./measures-section.ts";
 export { MapsSection } from "./maps-section.ts";
 export { meetNeighbour } from "../pacs/neighbour.ts";
 export { Nudge } from "./nudge.ts";

@@ -6,6 +6,7 @@ import { reasonIn } from "../base/case-words.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { broughtTo } from "../model/commands.ts";
+import type { Finding } from "../model/findings.ts";
 import type { JunctionBand, Layer } from "../model/layers.ts";
 import { type Candidate, type CandidateList, MAP_NAMES, type MapName, isMap } from "../model/maps.ts";
 import type { ViewState } from "../model/state.ts";
@@ -17,6 +18,8 @@ import { PlacesTable } from "./places-table.ts";
 interface MapsActions extends Actions {
   /** The chart of the marked point stands here; null: where it usually does. */
   chart(place: HTMLElement | null): void;
+  /** A place becomes a finding, is dismissed, or neither. */
+  judge(place: Candidate, judgement: "kept" | "dismissed" | null): void;
 }
 
 export class MapsSection {
@@ -64,6 +67,7 @@ export class MapsSection {
         this.#actions.change(broughtTo(position_in_patient, depth_mm, wanted, this.#shown), true);
       },
       sharpness: () => this.#layers.voxels("sharpness"),
+      judge: (place, judgement) => this.#actions.judge(place, judgement),
     });
     this.#ask = button(t("candidates.ask"), () => void this.#askForCandidates(), { "aria-describedby": "maps-status" });
     this.element = h(
@@ -162,6 +166,11 @@ export class MapsSection {
     const place = this.#markedPlace(this.#state) ?? null;
     this.#places.open(place);
     this.#actions.chart(place && this.#places.chart);
+  }
+
+  /** Shows which places are findings, or dismissed. */
+  judged(findings: readonly Finding[]): void {
+    this.#places.judged(findings);
   }
 
   /**

@@ -2,6 +2,9 @@
 // profile, files.
 
 import type { Case, ReadyCase } from "../model/case.ts";
+import type { Finding } from "../model/findings.ts";
+import type { Candidate } from "../model/maps.ts";
+import type { Marked } from "../model/marks.ts";
 import type { Measured, Profile } from "../model/profile.ts";
 import { pictureBody } from "../model/series.ts";
 import type { Vec3 } from "../model/space.ts";
@@ -9,7 +12,10 @@ import { type Key, t } from "../base/i18n.ts";
 import type { Actions } from "./actions.ts";
 import type { OnScreen } from "./export.ts";
 import { section } from "./fields.ts";
+import type { FindingsSection } from "./findings-section.ts";
 import { later } from "./later.ts";
+import type { MeasuresSection } from "./measures-section.ts";
+import type { PointTool } from "../panes/point-tool.ts";
 import type { Sweep } from "./sweep.ts";
 
 type Laid = Parameters<OnScreen["slices"]["lay"]>[0];
@@ -30,16 +36,31 @@ export interface OnDemandHost {
   /** The server has measured at the marked point. */
   measured(): void;
   complain(problem: unknown): void;
+  /** The findings are these now. */
+  listed(findings: readonly Finding[]): void;
+}
+
+/** What is marked in the panes. */
+interface AllMarked {
+  readonly findings: readonly Marked[];
+  readonly measures: readonly Marked[];
 }
 
 export class OnDemand {
   readonly #host: OnDemandHost;
   #point: Vec3 | null = null;
   #measured: Measured | null = null;
+  /** The sections of findings and of the ruler are being filled. */
+  #met: Promise<void> | null = null;
+  #isGone = false;
   #asked = new AbortController();
   /** The section of the findings, which is filled when the case is loaded. */
   readonly findings = section(t("panel.findings"), true);
-  #findings: { dispose(): void } | null = null;
+  #findings: FindingsSection | null = null;
+  /** The section of the ruler, which is filled at the same time. */
+  readonly measures = section(t("panel.measure"), false);
+  #measures: MeasuresSection | null = null;
+  #marked: AllMarked = { findings: [], measures: [] };
 
   constructor(host: OnDemandHost) {
     this.#host = host;
@@ -50,6 +71,7 @@ export class OnDemand {
     const host = this.#host;
     return [
       this.findings,
+      this.measures,
       this.#section("panel.sweep", ({ SweepSection }) => {
         return new SweepSection(host.shown, sweep.choice, (choice) => sweep.choose(choice)).element;
       }),
@@ -103,31 +125,77 @@ export class OnDemand {
 
   dispose(): void {
     this.#asked.abort();
+    this.#isGone = true;
     this.#findings?.dispose();
+    this.#measures?.dispose();
   }
 
-  /** Shows what was marked before, and lets more be marked. */
+  /** Shows what was marked before, and lets more be marked and measured. */
   meetFindings(): void {
-    const { shown, actions, announce } = this.#host;
-    const meet = ({ FindingsSection }: Parts): void => {
-      const { surface, slices } = this.#host.onScreen();
-      const section = new FindingsSection({
+    const { shown, actions, announce, listed } = this.#host;
+    const meet = ({ FindingsSection, MeasuresSection }: Parts): void => {
+      if (this.#isGone) return;
+      const { surface } = this.#host.onScreen();
+      const common = {
         shown,
-        actions,
         announce,
         state: () => this.#host.onScreen().state,
+        depths: () => surface.surface.depths,
+      };
+      const findings = new FindingsSection({
+        ...common,
+        actions,
+        listed,
         depthAt: (position) => surface.probe(position)?.depth_mm ?? null,
-        draw: (findings) => {
-          for (const panes of [surface, slices]) panes.mark(findings);
-        },
+        draw: (marked) => this.#mark({ findings: marked }),
       });
-      this.#findings = section;
-      this.findings.querySelector(".group-body")?.replaceWith(section.element);
-      void section.load();
+      this.#findings = findings;
+      this.#measures = new MeasuresSection({
+        ...common,
+        draw: (marked) => this.#mark({ measures: marked }),
+        keep: (finding) => findings.take(finding),
+      });
+      this.findings.querySelector(".group-body")?.replaceWith(findings.element);
+      this.measures.querySelector(".group-body")?.replaceWith(this.#measures.element);
+      void findings.load();
     };
-    later()
-      .then(meet)
-      .catch(() => {});
+    this.#met ??= later().then(meet);
+    this.#met.catch(() => (this.#met = null));
+  }
+
+  /** Draws what is marked in all panes. */
+  #mark(marked: Partial<AllMarked>): void {
+    this.#marked = { ...this.#marked, ...marked };
+    const { surface, slices, closer } = this.#host.onScreen();
+    for (const panes of [surface, slices, closer]) panes?.mark(this.marked);
+  }
+
+  /** All that is marked and measured. */
+  get marked(): readonly Marked[] {
+    return [...this.#marked.findings, ...this.#marked.measures];
+  }
+
+  /** What sets points, while a reader measures. */
+  get tool(): PointTool | null {
+    return this.#measures?.isOn ? this.#measures : null;
+  }
+
+  /** Takes the ruler up, or lays it down. */
+  async ruler(): Promise<void> {
+    this.meetFindings();
+    await this.#met?.catch((problem: unknown) => this.#host.complain(problem));
+    this.#measures?.toggle();
+    if (this.tool) this.measures.setAttribute("open", "");
+  }
+
+  /** A place of the list becomes a finding, is dismissed, or neither. */
+  judge(place: Candidate, judgement: "kept" | "dismissed" | null): void {
+    this.#findings?.judge(place, judgement);
+  }
+
+  /** More is known of the surface. */
+  surfaceKnown(): void {
+    this.#findings?.redraw();
   }
 
   /** Adds what there is for a case from DICOM; a server without a PACS has nothing. */

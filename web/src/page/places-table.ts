@@ -6,10 +6,11 @@ import { positionWords } from "../base/readout.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { type Candidate, standsOut } from "../model/maps.ts";
+import { type Finding, findingOfPlace } from "../model/findings.ts";
 import type { Layout } from "../model/state.ts";
 import { WHY_PARTS, type Why, whyAt } from "../model/why.ts";
 import type { Block } from "../model/wire.ts";
-import { button, line, row } from "./fields.ts";
+import { button, choiceOfButtons, line, press, row } from "./fields.ts";
 
 /** What opens beside the surface when a place is gone to. */
 const BESIDE = ["closer", "slices", "mirror", "both"] as const satisfies readonly Layout[];
@@ -17,10 +18,16 @@ const BESIDE = ["closer", "slices", "mirror", "both"] as const satisfies readonl
 const WIDEST_SCORE = 4;
 const COLUMNS = ["rank", "side", "depth", "score", "seen"] as const;
 
+/** What a reader decides about a place. */
+const JUDGEMENTS = ["kept", "dismissed"] as const;
+type Judgement = (typeof JUDGEMENTS)[number];
+
 export interface PlacesListener {
   /** A place is gone to, in a layout; null: in the one that is shown. */
   go(place: Candidate, layout: Layout | null): void;
   sharpness(): Promise<Block>;
+  /** A place becomes a finding, is dismissed, or neither. */
+  judge(place: Candidate, judgement: Judgement | null): void;
 }
 
 /** The places that were looked at, by case, as long as the page is open. */
@@ -40,6 +47,9 @@ export class PlacesTable {
   readonly chart = h("div", { class: "place-chart" });
   #places: readonly Candidate[] = [];
   #open: Candidate | null = null;
+  /** The findings of the case, those taken from places among them. */
+  #findings: readonly Finding[] = [];
+  #judging: HTMLElement | null = null;
 
   constructor(shown: ReadyCase, listener: PlacesListener) {
     this.#shown = shown;
@@ -138,11 +148,15 @@ export class PlacesTable {
 
   #mark(): void {
     const seen = SEEN.get(this.#shown.id);
+    if (this.#open && this.#judging) press(this.#judging, this.#judgementOf(this.#open));
     for (const [at, element] of this.#rows.entries()) {
       const place = this.#places[at];
       if (!place) continue;
       element.setAttribute("aria-current", String(place === this.#open));
-      const key = seen?.has(nameOf(place)) ? "places.looked-at" : "places.not-yet";
+      const judgement = this.#judgementOf(place);
+      const looked = seen?.has(nameOf(place)) ? "looked-at" : "not-yet";
+      const key = `places.${judgement ?? looked}` as const;
+      element.dataset.judgement = judgement ?? "";
       const dot = element.querySelector(".dot");
       dot?.setAttribute("aria-label", t(key));
       dot?.setAttribute("title", t(key));
@@ -153,10 +167,27 @@ export class PlacesTable {
     }
   }
 
+  #judgementOf(place: Candidate): Judgement | null {
+    const finding = findingOfPlace(this.#findings, place.position_in_patient);
+    return finding ? (finding.is_dismissed ? "dismissed" : "kept") : null;
+  }
+
+  /** Shows which places are findings, or dismissed. */
+  judged(findings: readonly Finding[]): void {
+    this.#findings = findings;
+    this.#mark();
+  }
+
   #details(place: Candidate): HTMLElement {
     const { position_in_patient, score, size_mm } = place;
     const facts = t("candidates.facts", { score: number(score, 1), size: number(size_mm, 1) });
     const bars = h("div", { class: "why-bars" });
+    this.#judging = choiceOfButtons(
+      t("places.decision"),
+      JUDGEMENTS,
+      (one) => t(one === "kept" ? "places.keep" : "places.dismiss"),
+      (one) => this.#listener.judge(place, this.#judgementOf(place) === one ? null : one),
+    );
     void this.#explain(place, bars);
     const goes = BESIDE.map((layout) =>
       button(t(layout === "closer" ? "closer.look" : `layout.${layout}`), () => this.#listener.go(place, layout)),
@@ -168,6 +199,7 @@ export class PlacesTable {
         "td",
         { colspan: COLUMNS.length },
         h("p", { class: "quiet" }, `${facts} · ${positionWords(position_in_patient)}`),
+        this.#judging,
         row(...goes),
         bars,
         this.chart,

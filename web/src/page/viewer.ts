@@ -20,7 +20,7 @@ import type { SliceListener } from "../panes/slice-parts.ts";
 import type { Surface, SurfaceStatus } from "../panes/surface.ts";
 import { SurfacePane, type SurfacePaneListener } from "../panes/surface-pane.ts";
 import type { Actions } from "./actions.ts";
-import { Aids } from "./aids.ts";
+import { Aids, type AidsListener } from "./aids.ts";
 import { AddressFollower } from "./address.ts";
 import { DepthBar, explanation } from "./depth-bar.ts";
 import { later } from "./later.ts";
@@ -93,7 +93,8 @@ export class Viewer {
     const redraw = (): void => this.#schedule();
     const complain = (problem: unknown): void => this.#notices.complain(problem);
     const chart = (place: HTMLElement | null): void => this.panel.point.stand(place);
-    this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain, chart });
+    const judge: AidsListener["judge"] = (place, judgement) => this.#onDemand.judge(place, judgement);
+    this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain, chart, judge });
     const linking = linkedZoom(host.preferences().linked_zoom, (linked_zoom) => {
       host.choose({ linked_zoom });
       if (linked_zoom) this.#slices.link();
@@ -203,6 +204,7 @@ export class Viewer {
       values: (position) => this.#valuesAt(position),
       window: (move) => this.#change(dragWindow(this.#state, this.shown, move, preferences().drag)),
       surface: () => this.#surface.surface,
+      tool: () => this.#onDemand.tool,
       hasOneZoom: () => preferences().linked_zoom,
       complain: (problem) => this.#notices.complain(problem),
     };
@@ -223,6 +225,7 @@ export class Viewer {
         window: (move, isRight) => this.#dragHalf(move, isRight),
       });
       this.#closer.outline(this.#panes.dataset.bare !== "true");
+      this.#closer.mark(this.#onDemand.marked);
       this.#panes.querySelector(".closer")?.replaceWith(this.#closer.element);
       this.#observer.observe(this.#closer.element);
     }
@@ -265,9 +268,14 @@ export class Viewer {
       case "patient":
         document.body.classList.toggle("no-patient");
         return;
+      case "ruler":
+        return void this.#onDemand.ruler();
       case "mark": {
         const [width, height] = this.#surface.size();
-        return this.#pick([width / 2, height / 2]);
+        const { tool } = this.#onDemand;
+        if (!tool) return this.#pick([width / 2, height / 2]);
+        const picked = this.#surface.pick([width / 2, height / 2]);
+        return picked ? tool.add(picked.position_in_patient, "surface") : this.#tellMissed("point.none");
       }
       case "help":
         return this.#host.help();
@@ -341,6 +349,7 @@ export class Viewer {
         return location.href;
       },
       measured: () => this.#showPoint(),
+      listed: (findings) => this.#aids.judged(findings),
       complain: (problem) => this.#notices.complain(problem),
     });
   }
@@ -352,6 +361,7 @@ export class Viewer {
       change: (change) => this.#change(change),
       command: (command) => this.command(command),
       pick: (place) => this.#pick(place),
+      tool: () => this.#onDemand.tool,
       layer: (name) => this.#aids.voxels(name),
       busy: (busy) => {
         this.#moving = busy;
@@ -440,6 +450,7 @@ export class Viewer {
     this.#notices.fallback(fallback);
     this.#notices.trouble(trouble);
     if (!this.#disposed) this.#schedule();
+    this.#onDemand?.surfaceKnown();
     // More may be known of the point than when it was marked.
     const { crosshair_mm } = this.#state;
     if (crosshair_mm && this.element.dataset.loaded) this.#tellPoint(crosshair_mm);

@@ -5,6 +5,7 @@ import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { mirrorPlane, reflected, sideOf } from "../model/midsagittal.ts";
+import type { Marked } from "../model/marks.ts";
 import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import { otherConvention } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
@@ -35,6 +36,7 @@ export class Closer {
   /** The mark and its mirror image: the same as long as the mark is the same. */
   #pair: readonly [Vec3, Vec3] | null = null;
   #isOutlined = true;
+  #marked: readonly Marked[] = [];
 
   constructor(shown: ReadyCase, listener: CloserListener) {
     this.#shown = shown;
@@ -55,6 +57,12 @@ export class Closer {
   outline(shown: boolean): void {
     this.#isOutlined = shown;
     for (const { pane } of this.#panes) pane.outline(shown);
+  }
+
+  /** Shows marks on each slice. */
+  mark(marked: readonly Marked[]): void {
+    this.#marked = marked;
+    for (const { pane } of this.#panes) pane.mark(marked);
   }
 
   /** The panes as they lie, with so many pixels to a CSS pixel. */
@@ -107,6 +115,7 @@ export class Closer {
     for (const one of this.#panes) {
       if (before.includes(one)) continue;
       one.pane.outline(this.#isOutlined);
+      one.pane.mark(this.#marked);
       if (zoom !== undefined) one.pane.zoomTo(zoom);
     }
   }

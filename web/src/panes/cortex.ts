@@ -1,7 +1,7 @@
 // The surface of a case in its pane: drawn here by WebGL where that can be, else by the server.
 
 import type { ReadyCase } from "../model/case.ts";
-import { depthsOf } from "../model/isosurface.ts";
+import { type Depths, depthsOf } from "../model/isosurface.ts";
 import { type Picked, Points, type Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import { pictureSize } from "../model/query.ts";
@@ -122,6 +122,10 @@ class Cortex implements Surface {
 
   probe(position_in_patient: Vec3): Probed | null {
     return this.#points?.probe(position_in_patient) ?? null;
+  }
+
+  get depths(): Depths | null {
+    return this.#points?.depths ?? null;
   }
 
   isInHead(position_in_patient: Vec3): boolean {

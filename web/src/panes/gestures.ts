@@ -15,6 +15,8 @@ export interface GestureListener {
   pinch(pinch: Pinch): void;
   /** The wheel, in pixels; `notches` are whole ones, for steps. Positive is towards the user. */
   wheel(pixels: number, notches: number, place: Vec2, event: WheelEvent): void;
+  /** A hand came down and left without moving. */
+  tap?(place: Vec2): void;
   pick(place: Vec2): void;
   /** A hand rests on the pane, or has left it: pictures in between may be coarse. */
   busy(busy: boolean): void;
@@ -25,11 +27,16 @@ const kindOf = (event: PointerEvent): DragKind => {
   return event.button === 1 || event.shiftKey ? "pan" : "turn";
 };
 
+/** A hand that moves by no more than this has not moved, in CSS pixels. */
+const STILL_PIXELS = 4;
+
 /** Listens to a pane; its places are CSS pixels from the pane's top left corner. */
 export function listen(pane: HTMLElement, listener: GestureListener): void {
   const touches = new Map<number, Vec2>();
   const notches = new Notches();
   let kind: DragKind = "turn";
+  /** Where the hand came down, as long as it has not moved, and is alone. */
+  let still: Vec2 | null = null;
 
   const placeOf = (event: MouseEvent): Vec2 => {
     const box = pane.getBoundingClientRect();
@@ -38,7 +45,9 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
   const end = (event: PointerEvent): void => {
     if (!touches.delete(event.pointerId)) return;
     if (event.type === "pointercancel") listener.cancel?.();
-    if (touches.size === 0) listener.busy(false);
+    if (touches.size > 0) return;
+    if (still && event.type === "pointerup" && kind === "turn") listener.tap?.(still);
+    listener.busy(false);
   };
 
   pane.addEventListener("pointerdown", (event) => {
@@ -48,10 +57,12 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
     pane.setPointerCapture(event.pointerId);
     if (touches.size === 0) {
       kind = kindOf(event);
+      still = placeOf(event);
       listener.busy(true);
       listener.press?.(kind, placeOf(event), event.pointerType === "touch");
     }
     touches.set(event.pointerId, placeOf(event));
+    if (touches.size > 1) still = null;
     pane.closest<HTMLElement>("[tabindex]")?.focus({ preventScroll: true });
     // Else the middle button scrolls the page.
     event.preventDefault();
@@ -60,6 +71,7 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
     const before = touches.get(event.pointerId);
     if (!before) return;
     const now = placeOf(event);
+    if (still && Math.hypot(now[0] - still[0], now[1] - still[1]) > STILL_PIXELS) still = null;
     touches.set(event.pointerId, now);
     const other = [...touches].find(([id]) => id !== event.pointerId)?.[1];
     if (other) listener.pinch({ from: [before, other], to: [now, other] });

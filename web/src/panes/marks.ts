@@ -1,4 +1,4 @@
-// The findings of a reader on a picture: a dot for a point, a line for all others, and their numbers.
+// What a reader has marked and measured, on a picture: a dot for a point, a line for all others, and words beside it.
 
 import { svg } from "../base/dom.ts";
 import type { Mark } from "../model/marks.ts";
@@ -9,29 +9,37 @@ const RADIUS = 7;
 
 export class Marks {
   readonly element = svg("svg", { class: "finding-marks", "aria-hidden": "true" });
-  #shown = "";
+  #size = "";
+  /** What each mark is drawn from: those that stay the same are not drawn again. */
+  #drawn: string[] = [];
 
   show(marks: readonly Mark[], [width, height]: Vec2): void {
-    const wanted = JSON.stringify([marks, width, height]);
-    if (wanted === this.#shown) return;
-    this.#shown = wanted;
-    this.element.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    this.element.replaceChildren(...marks.map(drawn));
+    const size = `0 0 ${width} ${height}`;
+    if (size !== this.#size) this.element.setAttribute("viewBox", (this.#size = size));
+    const { children } = this.element;
+    while (children.length > marks.length) this.element.lastChild?.remove();
+    const wanted = marks.map((mark) => JSON.stringify(mark));
+    for (const [at, mark] of marks.entries()) {
+      if (wanted[at] === this.#drawn[at] && at < children.length) continue;
+      const element = drawn(mark);
+      if (at < children.length) children[at]?.replaceWith(element);
+      else this.element.append(element);
+    }
+    this.#drawn = wanted;
   }
 }
 
-function drawn({ number, places, isClosed, colour, isAway }: Mark): SVGElement {
-  const [x, y] = places[0] ?? [0, 0];
-  const shape =
-    places.length === 1
-      ? svg("circle", { cx: x, cy: y, r: RADIUS })
-      : svg("path", {
-          d: `M${places.map((place) => place.map((part) => part.toFixed(1)).join(" ")).join("L")}${isClosed ? "Z" : ""}`,
-        });
+function drawn({ words, parts, colour, isAway }: Mark): SVGElement {
+  const [x, y] = parts[0]?.[0] ?? [0, 0];
+  const shapes = parts.map((places) => {
+    const [[cx, cy] = [0, 0]] = places;
+    if (places.length === 1) return svg("circle", { cx, cy, r: RADIUS });
+    return svg("path", { d: `M${places.map((place) => place.map((part) => part.toFixed(1)).join(" ")).join("L")}` });
+  });
   return svg(
     "g",
     { class: isAway ? "away" : null, stroke: colour },
-    shape,
-    svg("text", { x: x + RADIUS + 3, y: y - RADIUS, fill: colour }, String(number)),
+    ...shapes,
+    svg("text", { x: x + RADIUS + 3, y: y - RADIUS, fill: colour }, words),
   );
 }

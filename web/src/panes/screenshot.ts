@@ -28,7 +28,9 @@ export type Paint = (context: CanvasRenderingContext2D) => void;
 /** How the panes are painted as they stand. A browser may forget what was painted on a canvas some time before. */
 export async function panesPainter(panes: HTMLElement, pictures: readonly Placed[]): Promise<Paint> {
   const isShown = shownIn(panes);
-  const shown = [...panes.querySelectorAll<SVGSVGElement>("svg:is(.mask-outline, .cursor, .cube)")].filter(isShown);
+  const shown = [
+    ...panes.querySelectorAll<SVGSVGElement>("svg:is(.mask-outline, .finding-marks, .cursor, .cube)"),
+  ].filter(isShown);
   const drawings = await Promise.all(
     shown.map(async (drawing) => ({ ...within(panes, drawing), picture: await svgPicture(drawing) })),
   );

@@ -2,7 +2,7 @@
 // first shown.
 
 import type { ReadyCase } from "../model/case.ts";
-import type { Finding } from "../model/findings.ts";
+import type { Marked } from "../model/marks.ts";
 import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import type { ViewState } from "../model/state.ts";
 import { h } from "../base/dom.ts";
@@ -23,7 +23,7 @@ export class SliceGroup {
   #isLoading = false;
   #state: ViewState | null = null;
   #layer: (() => SliceLayer) | null = null;
-  #findings: readonly Finding[] = [];
+  #marked: readonly Marked[] = [];
   #words = "";
   #isBare = false;
 
@@ -54,10 +54,10 @@ export class SliceGroup {
     for (const pane of this.#panes) pane.lay(make && make());
   }
 
-  /** Shows findings on each slice. */
-  mark(findings: readonly Finding[]): void {
-    this.#findings = findings;
-    for (const pane of this.#panes) pane.mark(findings);
+  /** Shows marks on each slice. */
+  mark(marked: readonly Marked[]): void {
+    this.#marked = marked;
+    for (const pane of this.#panes) pane.mark(marked);
   }
 
   /** The slices as they lie, with so many pixels to a CSS pixel. */
@@ -102,7 +102,7 @@ export class SliceGroup {
       for (const pane of this.#panes) {
         if (this.#layer) pane.lay(this.#layer());
         pane.outline(!this.#isBare);
-        pane.mark(this.#findings);
+        pane.mark(this.#marked);
         pane.show(state);
         pane.describe(this.#words);
       }

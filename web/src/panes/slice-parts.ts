@@ -4,6 +4,7 @@ import type { Sphere } from "../model/case.ts";
 import type { Plane } from "../model/query.ts";
 import type { SliceView } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
+import type { PointTool } from "./point-tool.ts";
 import type { Surface } from "./surface.ts";
 
 /** Something that is drawn over a slice. */
@@ -43,6 +44,8 @@ export interface SliceListener {
   move(position_in_patient: Vec3, done: boolean): void;
   /** What would have been marked is beside the head. */
   missed(): void;
+  /** What sets points, while a reader measures. */
+  tool(): PointTool | null;
   /** The intensities at a position, of all volumes that are shown, in words. */
   values(position_in_patient: Vec3): string;
   complain(problem: unknown): void;

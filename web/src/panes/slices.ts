@@ -1,7 +1,6 @@
 // One slice with the outline of the cut, its cursor and its control.
 
 import type { ReadyCase } from "../model/case.ts";
-import { type Finding, sliceMarks } from "../model/findings.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
@@ -13,6 +12,7 @@ import { FollowingPicture, type Wish, served } from "../base/picture.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
 import { PLANES, type Plane, outlinesOf, pictureSize, sliceQuery } from "../model/query.ts";
 import { wheelZoom } from "../model/controls.ts";
+import { type Marked, sliceMarks } from "../model/marks.ts";
 import {
   CENTRED,
   followedSlice,
@@ -77,7 +77,7 @@ export class SlicePane {
   /** What the picture that is up shows. */
   #drawn: Seen | null = null;
   #outlined = true;
-  #findings: readonly Finding[] = [];
+  #marked: readonly Marked[] = [];
   #pointer: Vec2 | null = null;
 
   constructor(plane: Plane, shown: ReadyCase, listener: SliceListener, role: SliceRole | null = null) {
@@ -218,10 +218,10 @@ export class SlicePane {
     if (this.#state) this.show(this.#state);
   }
 
-  /** Shows the findings that lie in the slice. */
-  mark(findings: readonly Finding[]): void {
-    this.#findings = findings;
-    if (this.#state) this.show(this.#state);
+  /** Shows the marks that lie in the slice. */
+  mark(marked: readonly Marked[]): void {
+    this.#marked = marked;
+    if (this.#state) this.#write(this.#state, this.#view(this.#state));
   }
 
   /** Whether the outlines are drawn. */
@@ -302,7 +302,7 @@ export class SlicePane {
     this.#overlay.cursor(cross, view.size, { kind, words, ring });
     this.#overlay.twin(twin, view.size);
     const { axis } = PLANES[this.plane];
-    const inSlice = sliceMarks(this.#findings, axis, position_mm, (point) => slicePixel(view, sphere, point));
+    const inSlice = sliceMarks(this.#marked, axis, position_mm, (point) => slicePixel(view, sphere, point));
     this.#overlay.marks(inSlice, view.size);
     this.#layer?.show(view, sphere, this.#outlined);
     this.#explain(state);
@@ -403,6 +403,7 @@ export class SlicePane {
   #hover(event: PointerEvent | null): void {
     const box = this.#frame.getBoundingClientRect();
     this.#pointer = event && [event.clientX - box.left, event.clientY - box.top];
+    this.#listener.tool()?.hover(this.#pointer && this.#positionAt(this.#pointer));
     this.#sayHovered();
   }
 
@@ -428,8 +429,18 @@ export class SlicePane {
       if (marked) this.#move(marked, done);
       else if (done) this.#listener.missed();
     };
+    /** Points are set where the hand comes down, and where it leaves after a drag. */
+    const set = (place: Vec2): boolean => {
+      const tool = this.#listener.tool();
+      const position = tool && this.#positionAt(place);
+      if (position) tool.add(position, "slice");
+      return tool !== null;
+    };
+    let pulled: Vec2 | null = null;
     listen(this.#frame, {
       press: (kind, place, isFinger) => {
+        pulled = null;
+        if (kind === "turn" && set(place)) return;
         at = kind === "turn" ? place : null;
         marked = null;
         mayScroll = isFinger;
@@ -441,6 +452,11 @@ export class SlicePane {
         if (kind === "pan") {
           if (this.#state) this.#place(movedSlice(this.#view(this.#state), this.#shown, move));
           return;
+        }
+        const tool = this.#listener.tool();
+        if (tool) {
+          pulled = place;
+          return tool.hover(this.#positionAt(place));
         }
         at = place;
         // A finger that goes up or down may be taken away to scroll the page.
@@ -460,8 +476,12 @@ export class SlicePane {
           this.#step(-notches);
         }
       },
-      pick: () => this.#listener.enlarge(this.plane, true),
+      pick: () => {
+        if (!this.#listener.tool()) this.#listener.enlarge(this.plane, true);
+      },
       busy: (busy) => {
+        if (!busy && pulled) set(pulled);
+        pulled = null;
         if (!busy && at) cross(at, true);
         if (!busy) at = null;
       },
@@ -470,6 +490,12 @@ export class SlicePane {
     this.#frame.addEventListener("pointerleave", () => this.#hover(null));
     this.element.addEventListener("keydown", (event) => {
       if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
+      const tool = this.#listener.tool();
+      if (event.key === "Enter" && tool && this.#state) {
+        tool.add(this.#center(this.#state), "slice");
+        event.preventDefault();
+        return;
+      }
       if (event.key === "Home") {
         this.center();
         this.#listener.zoomed(this.plane, this.#placing.zoom);

@@ -14,7 +14,7 @@ import {
   wheelZoom,
   zoomAt,
 } from "../model/controls.ts";
-import { type Finding, surfaceMarks } from "../model/findings.ts";
+import { type Marked, surfaceMarks } from "../model/marks.ts";
 import { mirrorPlane, plainPlane, reflected, sideSeen } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
@@ -29,6 +29,7 @@ import { Cube } from "./cube.ts";
 import { type GestureListener, listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { ColourBar, Overlay, SIDES, lookWords } from "./overlay.ts";
+import type { PointTool } from "./point-tool.ts";
 import type { Surface, SurfaceOptions, SurfaceStatus } from "./surface.ts";
 
 /** A marked point that lies farther than this behind what is seen of the surface, or before it, is not on it. */
@@ -49,6 +50,8 @@ export interface SurfacePaneListener {
   change(change: Change): void;
   command(command: Command): void;
   pick(place: Vec2): void;
+  /** What sets points, while a reader measures. */
+  tool(): PointTool | null;
   /** The voxels of a layer. */
   layer(name: string): Promise<Block>;
   /** A hand rests on the pane, or has left it. */
@@ -75,7 +78,7 @@ export class SurfacePane {
   /** Who draws it, and knows its points. */
   readonly surface: Surface;
   #drawn: ViewState | null = null;
-  #findings: readonly Finding[] = [];
+  #marked: readonly Marked[] = [];
   #ghost: Vec2 | null = null;
 
   /** `kept` draws the case already. */
@@ -215,23 +218,23 @@ export class SurfacePane {
     this.#listener.status(status);
   }
 
-  /** Shows findings on the surface. */
-  mark(findings: readonly Finding[]): void {
-    this.#findings = findings;
+  /** Shows marks on the surface. */
+  mark(marked: readonly Marked[]): void {
+    this.#marked = marked;
     if (this.#drawn) this.#marks(this.#drawn);
   }
 
-  /** The findings on the side of the head that each half shows. */
+  /** The marks on the side of the head that each half shows. */
   #marks(state: ViewState): void {
     const sphere = this.#shown.envelope_sphere;
     const size = this.size(state);
     const mirror = isMirrored(state) ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
-    this.#overlay.marks(surfaceMarks(this.#findings, state.depth_mm, project(state, sphere, size)), size);
-    const other = surfaceMarks(this.#findings, state.depth_mm, project(mirror, sphere, size));
+    this.#overlay.marks(surfaceMarks(this.#marked, state.depth_mm, project(state, sphere, size)), size);
+    const other = isHalved(state) ? surfaceMarks(this.#marked, state.depth_mm, project(mirror, sphere, size)) : [];
     // The other half is flipped.
     const flip = ([x, y]: Vec2): Vec2 => [isMirrored(state) ? size[0] - x : x, y];
     this.#otherOverlay.marks(
-      isHalved(state) ? other.map((mark) => ({ ...mark, places: mark.places.map(flip) })) : [],
+      other.map((mark) => ({ ...mark, parts: mark.parts.map((part) => part.map(flip)) })),
       size,
     );
   }
@@ -282,10 +285,18 @@ export class SurfacePane {
 
   #hover(event: PointerEvent | null): void {
     const state = this.#listener.state();
+    const tool = this.#listener.tool();
+    if (tool) tool.hover(event && event.buttons === 0 ? (this.#at(event)?.position_in_patient ?? null) : null);
     if (!isHalved(state)) return;
     const box = this.element.getBoundingClientRect();
     this.#ghost = event && this.#inHalf([event.clientX - box.left, event.clientY - box.top]);
     if (!state.crosshair_mm) this.#cross();
+  }
+
+  /** What is seen where an event is. */
+  #at({ clientX, clientY }: MouseEvent): Picked | null {
+    const box = this.element.getBoundingClientRect();
+    return this.pick([clientX - box.left, clientY - box.top]);
   }
 
   /** A place of the pane within its half. */
@@ -296,7 +307,7 @@ export class SurfacePane {
   }
 
   #gestures(): GestureListener {
-    const { state, hands, change, command, pick, busy } = this.#listener;
+    const { state, hands, change, command, pick, tool, busy } = this.#listener;
     return {
       drag: (kind, move) => {
         if (kind === "turn") change(turn(state(), move, this.size()));
@@ -311,7 +322,13 @@ export class SurfacePane {
         if (!isDepth) change(zoomAt(state(), this.#shown, zoom, this.#inHalf(place), this.size()));
         else if (notches !== 0) command({ kind: "depth", steps: notches, fine: event.shiftKey });
       },
-      pick,
+      tap: (place) => {
+        const position = tool() && this.pick(place)?.position_in_patient;
+        if (position) tool()?.add(position, "surface");
+      },
+      pick: (place) => {
+        if (!tool()) pick(place);
+      },
       busy,
     };
   }

@@ -2,6 +2,7 @@
 // else of the page; what stands on the picture (letters, scale, cursor) the page puts there.
 
 import type { ReadyCase } from "../model/case.ts";
+import type { Depths } from "../model/isosurface.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import type { SliceView } from "../model/slice-geometry.ts";
@@ -64,6 +65,8 @@ export interface Surface {
   profile(position_in_patient: Vec3): Profile | null;
   /** The surface's depth and intensity at a position; null where nothing here knows (yet). */
   probe(position_in_patient: Vec3): Probed | null;
+  /** The depth as a function of the position; null where nothing here knows (yet). */
+  readonly depths: Depths | null;
   /** Whether a position is within the head; true where nothing here knows (yet). */
   isInHead(position_in_patient: Vec3): boolean;
   /** Whether the page draws slices of a state now. */

@@ -1,0 +1,77 @@
+// What a reader measures in the pictures: pure.
+
+import { areaVector, areaWithin, crossesItself, geodesic, lengthOf, type Isosurface } from "./geodesic.ts";
+import { type Vec3, dot, length, normalized, subtract } from "./space.ts";
+
+/** The tools of the ruler: a straight length, a line of several parts, an angle, an area, a way to a target. */
+export const TOOLS = ["length", "line", "angle", "area", "trajectory"] as const;
+export type Tool = (typeof TOOLS)[number];
+
+/** How many points a measure has: it is complete with the most. */
+export const POINTS: Readonly<Record<Tool, readonly [number, number]>> = {
+  length: [2, 2],
+  line: [2, Infinity],
+  angle: [3, 3],
+  area: [3, Infinity],
+  trajectory: [2, 2],
+};
+
+/** Where a point was set: in a slice, or on the surface at the depth that was shown. */
+export type Where = "slice" | "surface";
+
+export interface Measure {
+  readonly id: string;
+  readonly tool: Tool;
+  readonly points_in_patient: readonly Vec3[];
+  /** Where all of its points were set; a measure of points of both is straight. */
+  readonly where: Where | "both";
+  /** The depth of the surface that it was set on, or that was shown beside its slice. */
+  readonly depth_mm: number;
+}
+
+/** What a measure says; what it does not have is absent. */
+export interface Values {
+  /** Straight from point to point. */
+  readonly straight_mm?: number;
+  /** Along the surface from point to point. */
+  readonly along_mm?: number;
+  readonly angle_deg?: number;
+  readonly area_mm2?: number;
+  /** The line of an area crosses itself, so that it has none. */
+  readonly isCrossed?: boolean;
+  /** The line as it is drawn. */
+  readonly drawn: readonly Vec3[];
+}
+
+/** The angle at the second of three points; NaN where two of them are the same. */
+function angleAt([one, corner, other]: readonly Vec3[]): number {
+  if (!one || !corner || !other) return NaN;
+  const [to, from] = [subtract(one, corner), subtract(other, corner)];
+  if (length(to) === 0 || length(from) === 0) return NaN;
+  return (Math.acos(Math.min(Math.max(dot(normalized(to), normalized(from)), -1), 1)) * 180) / Math.PI;
+}
+
+/** The curves along the surface from point to point as one line. */
+function along(surface: Isosurface, points: readonly Vec3[], isClosed: boolean): readonly Vec3[] {
+  const ends = isClosed ? [...points, ...points.slice(0, 1)] : points;
+  return ends.flatMap((point, at) => {
+    const before = ends[at - 1];
+    if (!before) return [];
+    const curve = geodesic(surface, before, point);
+    return at === 1 ? curve : curve.slice(1);
+  });
+}
+
+/** The values of a measure; without a surface that is known, those of straight lines alone. */
+export function valuesOf({ tool, where, points_in_patient: points }: Measure, surface: Isosurface | null): Values {
+  if (tool === "angle") return { angle_deg: angleAt(points), drawn: points };
+  const isArea = tool === "area";
+  const straight_mm = lengthOf(points, isArea);
+  const isAlong = where === "surface" && tool !== "trajectory" && surface !== null;
+  const curve = isAlong ? along(surface, points, isArea) : null;
+  const lengths = { straight_mm, ...(curve && { along_mm: lengthOf(curve) }), drawn: curve ?? points };
+  if (!isArea || points.length < 3) return lengths;
+  if (crossesItself(points)) return { ...lengths, isCrossed: true };
+  const area_mm2 = isAlong ? areaWithin(surface, points) : length(areaVector(points));
+  return { ...lengths, area_mm2 };
+}

@@ -1,0 +1,236 @@
+// The section of the panel with the ruler: what is measured in the panes, until it is removed.
+
+import { h, iconButton, quiet, setText } from "../base/dom.ts";
+import { number, t } from "../base/i18n.ts";
+import type { ReadyCase } from "../model/case.ts";
+import type { NewFinding } from "../model/findings.ts";
+import type { Isosurface } from "../model/geodesic.ts";
+import type { Depths } from "../model/isosurface.ts";
+import type { Marked } from "../model/marks.ts";
+import { type Measure, POINTS, TOOLS, type Tool, type Values, type Where, valuesOf } from "../model/measure.ts";
+import { type Vec3, length, subtract } from "../model/space.ts";
+import type { ViewState } from "../model/state.ts";
+import type { PointTool } from "../panes/point-tool.ts";
+import { button, choiceOfButtons, press, row } from "./fields.ts";
+
+export interface MeasuresHost {
+  readonly shown: ReadyCase;
+  state(): ViewState;
+  depths(): Depths | null;
+  /** Draws the measures in the panes. */
+  draw(marked: readonly Marked[]): void;
+  /** A measure is to be a finding. */
+  keep(finding: NewFinding): void;
+  announce(words: string): void;
+}
+
+/** A point so near to the one before, in mm, is the same: it ends a line. */
+const SAME_MM = 0.05;
+const COLOUR = "#7dffa0";
+
+interface Measured {
+  readonly measure: Measure;
+  readonly values: Values;
+}
+
+export class MeasuresSection implements PointTool {
+  readonly element: HTMLElement;
+  readonly #host: MeasuresHost;
+  readonly #tools: HTMLElement;
+  readonly #hint = h("p", { class: "quiet", role: "status" });
+  readonly #list = h("ol", { class: "measures" });
+  readonly #clear: HTMLButtonElement;
+  #tool: Tool | null = null;
+  #measured: readonly Measured[] = [];
+  #points: readonly Vec3[] = [];
+  #places: readonly Where[] = [];
+  #hovered: Vec3 | null = null;
+  readonly #keys = (event: KeyboardEvent): void => this.#key(event);
+
+  constructor(host: MeasuresHost) {
+    this.#host = host;
+    this.#tools = choiceOfButtons(
+      t("panel.measure"),
+      TOOLS,
+      (tool) => t(`measure.${tool}`),
+      (tool) => this.choose(tool === this.#tool ? null : tool),
+    );
+    this.#clear = button(t("measure.clear"), () => this.#put([]));
+    this.element = h("div", { class: "group-body" }, this.#tools, this.#hint, this.#list, row(this.#clear));
+    this.#put([]);
+    this.#say();
+  }
+
+  get isOn(): boolean {
+    return this.#tool !== null;
+  }
+
+  /** Takes the ruler up, or lays it down. */
+  toggle(): void {
+    this.choose(this.isOn ? null : "length");
+    this.#host.announce(this.isOn ? (this.#hint.textContent ?? "") : t("measure.off"));
+  }
+
+  choose(tool: Tool | null): void {
+    this.#tool = tool;
+    [this.#points, this.#places, this.#hovered] = [[], [], null];
+    press(this.#tools, tool);
+    if (tool) document.body.dataset.tool = tool;
+    else delete document.body.dataset.tool;
+    // Before the panes hear of it: they have Escape of their own.
+    if (tool) addEventListener("keydown", this.#keys, true);
+    else removeEventListener("keydown", this.#keys, true);
+    this.#say();
+    this.#draw();
+  }
+
+  dispose(): void {
+    this.choose(null);
+  }
+
+  // -- What hands do
+
+  add(position: Vec3, where: Where): void {
+    const tool = this.#tool;
+    if (!tool || !position.every(Number.isFinite)) return;
+    const [least, most] = POINTS[tool];
+    const last = this.#points.at(-1);
+    if (last && length(subtract(position, last)) < SAME_MM) {
+      if (this.#points.length >= least) this.#finish(tool);
+      return;
+    }
+    this.#points = [...this.#points, position];
+    this.#places = [...this.#places, where];
+    if (this.#points.length === most) return this.#finish(tool);
+    this.#say();
+    this.#draw();
+  }
+
+  hover(position: Vec3 | null): void {
+    this.#hovered = position;
+    if (this.#points.length > 0) this.#draw();
+  }
+
+  /** Escape leaves what is begun, then the ruler; Backspace takes the last point back. */
+  #key(event: KeyboardEvent): void {
+    if (event.target instanceof Element && event.target.closest("input:not([type=range]), textarea, select, dialog"))
+      return;
+    if (event.key === "Escape") this.choose(this.#points.length > 0 ? this.#tool : null);
+    else if (event.key === "Backspace" && this.#points.length > 0) {
+      [this.#points, this.#places] = [this.#points.slice(0, -1), this.#places.slice(0, -1)];
+      this.#say();
+      this.#draw();
+    } else return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  #finish(tool: Tool): void {
+    const [first] = this.#places;
+    const where = this.#places.every((one) => one === first) ? (first ?? "slice") : "both";
+    const { depth_mm } = this.#host.state();
+    const measure: Measure = { id: crypto.randomUUID(), tool, points_in_patient: this.#points, where, depth_mm };
+    [this.#points, this.#places, this.#hovered] = [[], [], null];
+    const measured = { measure, values: valuesOf(measure, this.#surface(depth_mm)) };
+    this.#put([...this.#measured, measured]);
+    this.#say();
+    this.#host.announce(wordsOf(measured));
+  }
+
+  #surface(depth_mm: number): Isosurface | null {
+    const depths = this.#host.depths();
+    const center = this.#host.shown.envelope_sphere.center_in_patient;
+    return depths && { depths, depth_mm, center };
+  }
+
+  // -- What is shown
+
+  #say(): void {
+    const tool = this.#tool;
+    if (!tool) return setText(this.#hint, t("measure.hint"));
+    const [least, most] = POINTS[tool];
+    const set = this.#points.length;
+    const key = most === Infinity && set >= least ? "measure.end" : "measure.next";
+    setText(this.#hint, t(key, { tool: t(`measure.${tool}`), point: number(set + 1) }));
+  }
+
+  #put(measured: readonly Measured[]): void {
+    this.#measured = measured;
+    this.#clear.disabled = measured.length === 0;
+    this.#list.replaceChildren(...measured.map((one) => this.#item(one)));
+    this.#draw();
+  }
+
+  #item(measured: Measured): HTMLElement {
+    const { measure, values } = measured;
+    const words = wordsOf(measured);
+    const keep = button(t("measure.keep"), () => this.#host.keep(findingOf(measure, words)), {
+      "aria-label": `${words}: ${t("measure.keep")}`,
+    });
+    const remove = iconButton("trash", t("findings.remove", { name: words }), () =>
+      this.#put(this.#measured.filter((one) => one !== measured)),
+    );
+    const straight = values.along_mm === undefined ? null : quiet(t("measure.straight", lengthsOf(values)));
+    return h("li", { "data-tool": measure.tool }, h("span", { class: "value" }, words), straight, row(keep, remove));
+  }
+
+  /** What is measured, and what is being drawn up to the pointer. */
+  #draw(): void {
+    const done = this.#measured.map(({ measure, values }) => markedOf(measure, values, shortWords(measure, values)));
+    const tool = this.#tool;
+    const points = this.#hovered && this.#points.length > 0 ? [...this.#points, this.#hovered] : this.#points;
+    if (!tool || points.length === 0) return this.#host.draw(done);
+    const isOnSurface = this.#places[0] === "surface" || tool === "trajectory";
+    const [where, { depth_mm }] = [isOnSurface ? "both" : "slice", this.#host.state()] as const;
+    const growing: Measure = { id: "", tool, points_in_patient: points, where, depth_mm };
+    // A straight line follows the pointer at once.
+    const values = points.length > 1 ? valuesOf(growing, null) : { drawn: points };
+    const words = points.length >= POINTS[tool][0] ? shortWords(growing, values) : "";
+    this.#host.draw([...done, { ...markedOf(growing, values, words), depth_mm: null }]);
+  }
+}
+
+/** A measure as it is drawn: where it was set, whatever depth is shown. */
+function markedOf({ tool, where, depth_mm }: Measure, { drawn }: Values, words: string): Marked {
+  return {
+    words,
+    points_in_patient: drawn,
+    isClosed: tool === "area",
+    colour: COLOUR,
+    depth_mm: where === "surface" ? depth_mm : null,
+    isOnSurface: where !== "slice",
+    pointsAt: () => drawn,
+  };
+}
+
+const lengthsOf = ({ straight_mm = NaN, along_mm = NaN }: Values) => ({
+  straight: number(straight_mm, 1),
+  along: number(along_mm, 1),
+});
+
+/** What stands beside a measure in a pane. */
+function shortWords({ tool }: Measure, values: Values): string {
+  const { straight_mm = NaN, along_mm, angle_deg = NaN, area_mm2 = NaN } = values;
+  if (tool === "angle") return Number.isFinite(angle_deg) ? `${number(angle_deg, 1)}°` : "–";
+  if (tool === "area") return Number.isFinite(area_mm2) ? `${number(area_mm2)} mm²` : "–";
+  return `${number(along_mm ?? straight_mm, 1)} mm`;
+}
+
+/** A measure in words. */
+function wordsOf({ measure, values }: Measured): string {
+  const name = t(`measure.${measure.tool}`);
+  if (values.isCrossed) return t("measure.crossed", { name });
+  const isAlong = values.along_mm !== undefined;
+  const value = shortWords(measure, values);
+  if (measure.tool === "area") {
+    const around = number(values.along_mm ?? values.straight_mm ?? NaN, 1);
+    return t(isAlong ? "measure.area-along" : "measure.area-said", { name, value, around });
+  }
+  return t(isAlong ? "measure.said-along" : "measure.said", { name, value });
+}
+
+/** A measure as a finding, whose note says what was measured. */
+function findingOf({ tool, points_in_patient, depth_mm }: Measure, note: string): NewFinding {
+  const kind = tool === "area" ? "polygon" : tool === "trajectory" ? "trajectory" : "line";
+  return { kind, points_in_patient, depth_mm, note };
+}
