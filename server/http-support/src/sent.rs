@@ -160,12 +160,20 @@ pub fn json_body_within<T: for<'de> Deserialize<'de>>(
     let body = body.map_err(|_| AppError::TooLarge {
         limit_bytes: limit_bytes as u64,
     })?;
+    json_text(&body)
+}
+
+/// The value that a text describes in JSON.
+///
+/// # Errors
+/// If the text does not describe such a value.
+pub fn json_text<T: for<'de> Deserialize<'de>>(text: &[u8]) -> Result<T, AppError> {
     let refused = |parameter: String, detail: String| AppError::Query {
         kind: "body-unreadable",
         parameter: parameter.into(),
         detail,
     };
-    let json = json_value(&body).map_err(|detail| refused(".".to_owned(), detail))?;
+    let json = json_value(text).map_err(|detail| refused(".".to_owned(), detail))?;
     from_json(json).map_err(|(path, refusal)| refused(path, refusal.to_string()))
 }
 

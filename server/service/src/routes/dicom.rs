@@ -10,7 +10,7 @@ use imaging::dicom::Instance;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::fresh::fresh_json;
+use http_support::fresh::fresh_json;
 use http_support::problem::{AppError, Problem};
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 

@@ -128,23 +128,16 @@ fn known_tags(request: &HeaderMap) -> Option<Vec<&str>> {
 }
 
 fn precondition_required() -> AppError {
-    AppError::Beside {
-        status: StatusCode::PRECONDITION_REQUIRED,
-        kind: "if-match-missing",
-        detail: "send `If-Match` with the `ETag` of the findings that you have changed".to_owned(),
-        parameter: None,
-    }
+    AppError::new(
+        StatusCode::PRECONDITION_REQUIRED,
+        "if-match-missing",
+        "send `If-Match` with the `ETag` of the findings that you have changed",
+    )
 }
 
 fn changed(current: Findings) -> Response {
     let status = StatusCode::PRECONDITION_FAILED;
-    let problem = AppError::Beside {
-        status,
-        kind: "findings-changed",
-        detail: "somebody has changed the findings since you read them; merge your changes with them, and send them again"
-            .to_owned(),
-        parameter: None,
-    }
+    let problem = AppError::new(status, "findings-changed", "somebody has changed the findings since you read them; merge your changes with them, and send them again")
     .problem();
     let tag = EntityTag::from_digest(current.version.digest());
     let body = FindingsChanged {

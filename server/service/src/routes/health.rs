@@ -10,8 +10,8 @@ use cases::{Cases, Error};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::fresh::fresh_json;
 use cases::pictures::GraphicsState;
+use http_support::fresh::fresh_json;
 use http_support::metrics::{Metrics, OPEN_METRICS};
 use http_support::problem::{AppError, Problem};
 use http_support::query::{ApiQuery, NoQuery};

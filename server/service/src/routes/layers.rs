@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use storage::LayerChange;
 use utoipa::ToSchema;
 
-use super::fresh::fresh_json;
+use http_support::fresh::fresh_json;
 use http_support::problem::{AppError, Problem};
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 use http_support::sent::json_body;

@@ -8,7 +8,6 @@ pub mod dicom;
 pub mod documents;
 pub mod events;
 pub mod findings;
-mod fresh;
 pub(crate) mod guarded;
 pub mod health;
 pub mod layers;
