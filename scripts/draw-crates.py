@@ -47,9 +47,8 @@ class Place:
 PLACES = {
     "isocortex": Place(0, 0, 3, ("the program: commands and configuration", "serve, demo, prepare, render")),
     "service": Place(1, 1, 2, ("HTTP: routes, wire formats", "carries the page")),
-    "http-support": Place(2, 1, 2, ("problems, conditional requests, access", "limits on connections and bodies")),
-    "pacs": Place(1, 0, 1, ("what a PACS asks", "and sends")),
-    "dimse": Place(2, 0, 1, ("C-STORE, in both directions", "and C-ECHO")),
+    "http-support": Place(2, 0, 3, ("problems, conditional requests, access", "limits on connections and bodies")),
+    "pacs": Place(1, 0, 1, ("DICOMweb and C-STORE:", "what a PACS asks and sends")),
     "cases": Place(3, 0, 3, ("the application: library, workers, warm models, pictures", "errors without a protocol")),
     "shader-translate": Place(3, 4, 1, ("WGSL to the page's GLSL", "a developer's program")),
     "storage": Place(4, 0, 1, ("the store: rows, jobs, objects", "a folder; or PostgreSQL and a bucket")),

@@ -96,18 +96,13 @@ const LAYERS: &[Layer] = &[
     },
     Layer {
         name: "service",
-        needs: SERVICE_NEEDS,
-        never: &["clap"],
-    },
-    Layer {
-        name: "dimse",
-        needs: HTTP_SUPPORT_NEEDS,
+        needs: INTERFACE_NEEDS,
         never: &["clap"],
     },
     Layer {
         name: "pacs",
-        needs: PACS_NEEDS,
-        never: &["clap", "tower-http"],
+        needs: INTERFACE_NEEDS,
+        never: &["clap"],
     },
 ];
 
@@ -134,20 +129,7 @@ const HTTP_SUPPORT_NEEDS: &[&str] = &[
     "storage",
 ];
 
-const PACS_NEEDS: &[&str] = &[
-    "analysis",
-    "case",
-    "cases",
-    "dimse",
-    "extraction",
-    "geometry",
-    "imaging",
-    "pipeline",
-    "render",
-    "storage",
-];
-
-const SERVICE_NEEDS: &[&str] = &[
+const INTERFACE_NEEDS: &[&str] = &[
     "analysis",
     "case",
     "cases",
@@ -183,16 +165,7 @@ fn no_layer_needs_what_is_above_or_beside_it() {
         if !["http-support", "service", "pacs"].contains(&layer.name) {
             assert_needs_none_of(&package, &needed, PROTOCOLS);
         }
-        if ![
-            "storage",
-            "cases",
-            "dimse",
-            "http-support",
-            "service",
-            "pacs",
-        ]
-        .contains(&layer.name)
-        {
+        if !["storage", "cases", "http-support", "service", "pacs"].contains(&layer.name) {
             assert_needs_none_of(&package, &needed, FILES_AND_TASKS);
             assert_needs_none_of(&package, &needed, HTTP);
         }
@@ -205,7 +178,6 @@ fn the_program_stands_on_all_of_them() {
     for below in [
         "case",
         "cases",
-        "dimse",
         "geometry",
         "http-support",
         "imaging",

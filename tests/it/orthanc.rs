@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
+use ::pacs::dimse::{self, DimseOptions, Peer};
 use axum::body::Body;
 use axum::http::Request;
-use dimse::{DimseOptions, Peer};
 use isocortex::config::Node;
 use serde_json::{Value, json};
 use tokio::net::TcpListener;

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 
-use dimse::{DimseOptions, Peer};
+use ::pacs::dimse::{self, DimseOptions, Peer};
 
 use crate::dicom::{head_slices, reader};
 use crate::series_builder::{DataSet, Slice, Syntax, files};

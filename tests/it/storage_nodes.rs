@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
+use ::pacs::dimse::{self, ReloadedTls, TlsAuthority, TlsIdentity, listening_tls};
 use axum::body::Body;
 use axum::http::Request;
-use dimse::{ReloadedTls, TlsAuthority, TlsIdentity, listening_tls};
 use isocortex::config::{Config, Node};
 use serde_json::{Value, json};
 

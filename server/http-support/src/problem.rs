@@ -122,9 +122,9 @@ pub enum AppError {
     /// The address does not accept this method.
     #[error("this address does not accept this method; /docs lists the accepted methods")]
     MethodNotAllowed,
-    /// An error of a protocol beside this one.
+    /// An error of one interface alone.
     #[error("{detail}")]
-    Beside {
+    Other {
         /// The status.
         status: StatusCode,
         /// Last part of the problem's type.
@@ -205,6 +205,36 @@ fn named(parameter: &str) -> String {
 }
 
 impl AppError {
+    /// An error of one interface alone.
+    pub fn new(status: StatusCode, kind: &'static str, detail: impl Into<String>) -> Self {
+        Self::Other {
+            status,
+            kind,
+            detail: detail.into(),
+            parameter: None,
+        }
+    }
+
+    /// An invalid value of a key of the query; the rule says what it must be.
+    pub fn wrong_value(key: &str, rule: &str) -> Self {
+        Self::Other {
+            status: StatusCode::BAD_REQUEST,
+            kind: "query-value-out-of-range",
+            detail: format!("`{key}` must be {rule}"),
+            parameter: Some(key.to_owned()),
+        }
+    }
+
+    /// A request that is wrong.
+    pub fn bad_request(kind: &'static str, detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::BAD_REQUEST, kind, detail)
+    }
+
+    /// What does not exist.
+    pub fn not_found(kind: &'static str, detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::NOT_FOUND, kind, detail)
+    }
+
     /// A value of the query that is out of its range.
     pub fn out_of_range(parameter: &'static str, detail: impl Into<String>) -> Self {
         Self::Query {
@@ -240,7 +270,7 @@ impl AppError {
             Self::NotDicom => (StatusCode::NOT_FOUND, "not-dicom"),
             Self::NoSuchRoute => (StatusCode::NOT_FOUND, "no-such-address"),
             Self::MethodNotAllowed => (StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed"),
-            Self::Beside { status, kind, .. } => (*status, *kind),
+            Self::Other { status, kind, .. } => (*status, *kind),
             Self::TimedOut | Self::TooManyPictures { .. } => {
                 (StatusCode::SERVICE_UNAVAILABLE, "timed-out")
             }
@@ -260,7 +290,7 @@ impl AppError {
     fn parameter(&self) -> Option<String> {
         match self {
             Self::Query { parameter, .. } => Some(parameter.to_string()),
-            Self::Beside { parameter, .. } => parameter.clone(),
+            Self::Other { parameter, .. } => parameter.clone(),
             _ => None,
         }
     }

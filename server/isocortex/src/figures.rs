@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use dimse::{AssociationCounts, Rejection};
 use http_support::metrics::{Figure, Metrics};
 use pacs::Pacs;
+use pacs::dimse::{AssociationCounts, Rejection};
 use storage::{Store, failures};
 
 /// The clock ticks of `/proc` in a second, the same on every Linux.

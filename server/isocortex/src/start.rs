@@ -3,12 +3,11 @@
 use std::time::Duration;
 
 use axum::Router;
-use axum::response::IntoResponse as _;
 use cases::{Cases, Library};
-use http_support::problem::AppError;
-use pacs::{Pacs, Problems};
+use http_support::uploads::UploadLimits;
+use pacs::Pacs;
 use service::app::{Beside, app_beside};
-use service::state::{AppState, HttpOptions, UploadLimits};
+use service::state::{AppState, HttpOptions};
 
 use crate::config::{Config, ConfigError, DICOM_UNPACKING};
 
@@ -106,7 +105,7 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
 /// If a node in the configuration cannot be used.
 pub fn pacs(config: &Config, cases: &Cases) -> Result<Pacs, ConfigError> {
     let options = pacs::Options {
-        uploads: pacs::UploadLimits {
+        uploads: UploadLimits {
             max_bytes: config
                 .limits
                 .max_upload_bytes
@@ -120,19 +119,6 @@ pub fn pacs(config: &Config, cases: &Cases) -> Result<Pacs, ConfigError> {
         serves_source: config.pacs.keep_source,
         shows_patient: config.shows_patient()?,
         time_zone: config.pacs.time_zone()?,
-        place_for: http_support::listen::place_for,
-        problems: Problems {
-            of_cases: |error| AppError::from(error).into_response(),
-            other: |refusal| {
-                let error = AppError::Beside {
-                    status: refusal.status,
-                    kind: refusal.kind,
-                    detail: refusal.detail,
-                    parameter: refusal.parameter,
-                };
-                error.into_response()
-            },
-        },
     };
     Ok(Pacs::new(cases.clone(), options))
 }

@@ -12,9 +12,11 @@ use storage::arrivals::{
 };
 use utoipa::{IntoParams, ToSchema};
 
-use crate::error::{PacsError, ReasonView};
+use crate::error::ReasonView;
 use crate::retrievals::read_json;
-use crate::state::{Pacs, fresh_json};
+use crate::state::Pacs;
+use http_support::fresh::fresh_json;
+use http_support::problem::AppError;
 
 /// The largest number of series on a page.
 const MAX_PAGE: usize = 200;
@@ -185,17 +187,17 @@ fn value<T>(
     text: Option<String>,
     rule: &str,
     parse: impl Fn(&str) -> Option<T>,
-) -> Result<Option<T>, PacsError> {
+) -> Result<Option<T>, AppError> {
     // What the client wrote may be anything, so it is not repeated.
-    let parsed = text.map(|text| parse(&text).ok_or_else(|| PacsError::wrong_value(key, rule)));
+    let parsed = text.map(|text| parse(&text).ok_or_else(|| AppError::wrong_value(key, rule)));
     parsed.transpose()
 }
 
 impl PageQuery {
-    fn checked(self) -> Result<Checked, PacsError> {
+    fn checked(self) -> Result<Checked, AppError> {
         let limit = self.limit.unwrap_or(USUAL_PAGE);
         if !(1..=MAX_PAGE).contains(&limit) {
-            return Err(PacsError::wrong_value("limit", &format!("1 to {MAX_PAGE}")));
+            return Err(AppError::wrong_value("limit", &format!("1 to {MAX_PAGE}")));
         }
         let a_case = "the id of a case: 32 hexadecimal digits";
         let a_state = "`receiving`, `case`, `layer` or `nothing`";
@@ -236,17 +238,9 @@ impl PageQuery {
 pub(crate) async fn list_arrivals(
     State(pacs): State<Pacs>,
     query: Result<Query<PageQuery>, QueryRejection>,
-) -> Response {
-    let listed = list(&pacs, query).await;
-    pacs.answer(listed)
-}
-
-async fn list(
-    pacs: &Pacs,
-    query: Result<Query<PageQuery>, QueryRejection>,
-) -> Result<Response, PacsError> {
+) -> Result<Response, AppError> {
     let Query(query) = query.map_err(|_| {
-        PacsError::bad_request(
+        AppError::bad_request(
             "query-unreadable",
             "the query cannot be read; known keys: `state`, `case`, `text`, `since`, `until`, `limit` and `after`",
         )
@@ -272,23 +266,21 @@ async fn list(
         (status = 404, description = "No such arrival"),
     )
 )]
-pub(crate) async fn get_arrival(State(pacs): State<Pacs>, Path(id): Path<String>) -> Response {
-    let found = get(&pacs, &id).await;
-    pacs.answer(found)
-}
-
-async fn get(pacs: &Pacs, id: &str) -> Result<Response, PacsError> {
-    let view = ArrivalView::from(arrival(pacs, id).await?);
+pub(crate) async fn get_arrival(
+    State(pacs): State<Pacs>,
+    Path(id): Path<String>,
+) -> Result<Response, AppError> {
+    let view = ArrivalView::from(arrival(&pacs, &id).await?);
     Ok(fresh_json(StatusCode::OK, &view))
 }
 
-async fn arrival(pacs: &Pacs, id: &str) -> Result<Arrival, PacsError> {
+async fn arrival(pacs: &Pacs, id: &str) -> Result<Arrival, AppError> {
     let found = match is_id(id) {
         true => pacs.cases().store().arrival(id).await?,
         false => None,
     };
     found.ok_or_else(|| {
-        PacsError::not_found(
+        AppError::not_found(
             "no-such-arrival",
             "there is no arrival with this id; arrivals are forgotten after some days",
         )
@@ -315,16 +307,15 @@ pub(crate) async fn take_arrival(
     State(pacs): State<Pacs>,
     Path(id): Path<String>,
     request: Request,
-) -> Response {
-    let taken = take(&pacs, &id, request).await;
-    pacs.answer(taken)
+) -> Result<Response, AppError> {
+    take(&pacs, &id, request).await
 }
 
-async fn take(pacs: &Pacs, id: &str, request: Request) -> Result<Response, PacsError> {
-    let wanted: TakenView = read_json(request, "`as`: `case` or `layer`").await?;
+async fn take(pacs: &Pacs, id: &str, request: Request) -> Result<Response, AppError> {
+    let wanted: TakenView = read_json(request).await?;
     let wanted = Taken::from(wanted);
     let found = arrival(pacs, id).await?;
-    let conflict = |kind, detail| Err(PacsError::new(StatusCode::CONFLICT, kind, detail));
+    let conflict = |kind, detail| Err(AppError::new(StatusCode::CONFLICT, kind, detail));
     let status = found.status();
     let is_layer_again = status == ArrivalStatus::Layer && wanted.kind == TakenAs::Layer;
     if status == ArrivalStatus::Case || is_layer_again {
@@ -349,7 +340,7 @@ async fn take(pacs: &Pacs, id: &str, request: Request) -> Result<Response, PacsE
 }
 
 /// Whether the study of a series has a case that can have layers.
-async fn has_case(pacs: &Pacs, arrival: &Arrival) -> Result<bool, PacsError> {
+async fn has_case(pacs: &Pacs, arrival: &Arrival) -> Result<bool, AppError> {
     let study = SeriesQuery::Study(arrival.uids.study.clone(), None);
     let heads = pacs.cases().heads(&study).await?;
     Ok(heads

@@ -9,8 +9,8 @@ use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids, Uid};
 use storage::results::HeldResult;
 
 use crate::address::Named;
-use crate::error::PacsError;
 use crate::state::Pacs;
+use http_support::problem::AppError;
 
 /// Attributes of the patient and the study.
 const OF_STUDY: [&str; 15] = [
@@ -87,14 +87,14 @@ pub(crate) struct HeldStudy {
     pub(crate) series: Vec<HeldSeries>,
 }
 
-fn missing() -> PacsError {
+fn missing() -> AppError {
     let detail = "no case was made of this study, series or instance, or it was deleted";
-    PacsError::not_found("no-such-study", detail)
+    AppError::not_found("no-such-study", detail)
 }
 
 /// The answer to a request for images that are not kept.
-pub(crate) fn not_kept() -> PacsError {
-    PacsError::not_found(
+pub(crate) fn not_kept() -> AppError {
+    AppError::not_found(
         "images-not-kept",
         "the images are not kept here; set `keep_source = true` in `[pacs]` before they come, or retrieve them from the PACS",
     )
@@ -102,7 +102,7 @@ pub(crate) fn not_kept() -> PacsError {
 
 impl HeldStudy {
     /// The study with what the address names of it.
-    pub(crate) async fn named(pacs: &Pacs, named: &Named) -> Result<Self, PacsError> {
+    pub(crate) async fn named(pacs: &Pacs, named: &Named) -> Result<Self, AppError> {
         let uid = Uid::parse(&named.study).ok_or_else(missing)?;
         let mut study = Self::load(pacs, &uid).await?.ok_or_else(missing)?;
         let is_named = |uid: &Uid, named: &Option<String>| {
@@ -120,7 +120,7 @@ impl HeldStudy {
     }
 
     /// The files of those instances that may be retrieved; at least one.
-    pub(crate) fn objects(&self) -> Result<Vec<ObjectName>, PacsError> {
+    pub(crate) fn objects(&self) -> Result<Vec<ObjectName>, AppError> {
         let instances = self.series.iter().flat_map(|series| &series.instances);
         let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
         match objects.is_empty() {
@@ -130,7 +130,7 @@ impl HeldStudy {
     }
 
     /// A study; `None` if no case was made of it.
-    pub(crate) async fn load(pacs: &Pacs, uid: &Uid) -> Result<Option<Self>, PacsError> {
+    pub(crate) async fn load(pacs: &Pacs, uid: &Uid) -> Result<Option<Self>, AppError> {
         let store = pacs.cases().store();
         let mut cases = store
             .cases_of(&SeriesQuery::Study(uid.clone(), None))
@@ -159,7 +159,7 @@ impl HeldStudy {
         Ok(Some(study))
     }
 
-    async fn add_source(&mut self, pacs: &Pacs, case: CaseSeries) -> Result<(), PacsError> {
+    async fn add_source(&mut self, pacs: &Pacs, case: CaseSeries) -> Result<(), AppError> {
         let store = pacs.cases().store();
         let uid = case.uids.series.clone();
         let mut series = HeldSeries {
@@ -237,7 +237,7 @@ fn place(values: &mut Values, is_here: bool, address: &str) {
 }
 
 /// The files of a series, if they may be retrieved.
-async fn objects(pacs: &Pacs, uids: &SeriesUids) -> Result<HashMap<Uid, ObjectName>, PacsError> {
+async fn objects(pacs: &Pacs, uids: &SeriesUids) -> Result<HashMap<Uid, ObjectName>, AppError> {
     if !pacs.serves_source() {
         return Ok(HashMap::new());
     }

@@ -7,6 +7,7 @@ use utoipa::ToSchema;
 
 use crate::retrievals::{RetrievalView, queue, read_json};
 use crate::state::Pacs;
+use http_support::problem::AppError;
 
 /// A series that has come to Orthanc.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -39,12 +40,10 @@ pub(crate) struct StableSeries {
         (status = 422, description = "The node has no DICOMweb (`node-without-dicomweb`), or the server keeps no identity (`deidentified`)"),
     )
 )]
-pub(crate) async fn stable_series(State(pacs): State<Pacs>, request: Request) -> Response {
-    let queued = async {
-        let known = "`node`, `StudyInstanceUID` and `SeriesInstanceUID`";
-        let notice: StableSeries = read_json(request, known).await?;
-        queue(&pacs, &notice.node, &notice.study, &notice.series).await
-    };
-    let queued = queued.await;
-    pacs.answer(queued)
+pub(crate) async fn stable_series(
+    State(pacs): State<Pacs>,
+    request: Request,
+) -> Result<Response, AppError> {
+    let notice: StableSeries = read_json(request).await?;
+    queue(&pacs, &notice.node, &notice.study, &notice.series).await
 }

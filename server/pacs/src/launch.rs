@@ -14,9 +14,11 @@ use serde::{Deserialize, Serialize};
 use storage::arrivals::{AccessionNumber, ArrivalState, SeriesQuery, Uid};
 use utoipa::ToSchema;
 
-use crate::error::{PacsError, ReasonView};
+use crate::error::ReasonView;
 use crate::retrievals::read_json;
-use crate::state::{Pacs, fresh_json};
+use crate::state::Pacs;
+use http_support::fresh::fresh_json;
+use http_support::problem::AppError;
 
 /// The query of a launch address.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -96,18 +98,17 @@ pub(crate) struct CandidateView {
         (status = 400, description = "The query names no study"),
     )
 )]
-pub(crate) async fn find_launched(State(pacs): State<Pacs>, request: Request) -> Response {
-    let found = async {
-        let asked: LaunchRequest = read_json(request, "`query`").await?;
-        let view = find(&pacs, &Asked::parse(&asked.query)?).await?;
-        Ok::<_, PacsError>(fresh_json(StatusCode::OK, &view))
-    };
-    let found = found.await;
-    pacs.answer(found)
+pub(crate) async fn find_launched(
+    State(pacs): State<Pacs>,
+    request: Request,
+) -> Result<Response, AppError> {
+    let asked: LaunchRequest = read_json(request).await?;
+    let view = find(&pacs, &Asked::parse(&asked.query)?).await?;
+    Ok(fresh_json(StatusCode::OK, &view))
 }
 
-fn unreadable(detail: &'static str) -> PacsError {
-    PacsError::bad_request("launch-unreadable", detail)
+fn unreadable(detail: &'static str) -> AppError {
+    AppError::bad_request("launch-unreadable", detail)
 }
 
 /// The greatest number of studies that a query may name.
@@ -140,7 +141,7 @@ struct Asked {
 }
 
 impl Asked {
-    fn parse(query: &str) -> Result<Self, PacsError> {
+    fn parse(query: &str) -> Result<Self, AppError> {
         let pairs: Vec<(String, String)> = query
             .trim_start_matches('?')
             .split('&')
@@ -191,7 +192,7 @@ impl Asked {
         let mut queries: Vec<_> = studies
             .into_iter()
             .map(of_study)
-            .collect::<Result<_, PacsError>>()?;
+            .collect::<Result<_, AppError>>()?;
         if queries.is_empty() {
             let detail = "the address names no study; use `StudyInstanceUIDs`, `study`, `studyUID` or `accessionNumber`";
             let number = number.clone().ok_or_else(|| unreadable(detail))?;
@@ -274,7 +275,7 @@ fn decoded(value: &str) -> String {
     String::from_utf8_lossy(&bytes).into_owned()
 }
 
-async fn find(pacs: &Pacs, asked: &Asked) -> Result<LaunchView, PacsError> {
+async fn find(pacs: &Pacs, asked: &Asked) -> Result<LaunchView, AppError> {
     let mut heads = Vec::new();
     for query in &asked.queries {
         heads.extend(pacs.cases().heads(query).await?);
@@ -348,7 +349,7 @@ fn candidate(head: &Head, shows_patient: bool) -> CandidateView {
 }
 
 /// What there is of studies of which there is no case: of the first that is known at all.
-async fn coming(pacs: &Pacs, queries: &[SeriesQuery]) -> Result<LaunchView, PacsError> {
+async fn coming(pacs: &Pacs, queries: &[SeriesQuery]) -> Result<LaunchView, AppError> {
     let mut found = LaunchView {
         state: "absent",
         ..LaunchView::default()

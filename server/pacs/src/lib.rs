@@ -9,6 +9,7 @@ mod address;
 mod arrivals;
 mod background;
 mod described;
+pub mod dimse;
 mod error;
 mod fetch;
 mod held;
@@ -35,9 +36,8 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 pub use self::background::Background;
-pub use self::error::{Problems, Refusal};
 pub use self::node_tests::test_in_words;
-pub use self::state::{Options, Pacs, UploadLimits};
+pub use self::state::{Options, Pacs};
 
 /// The routes that need the token, and their description.
 pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {

@@ -6,9 +6,11 @@ use axum::response::Response;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::error::{PacsError, ReasonView};
+use crate::error::ReasonView;
 use crate::node::{Node, NodeError};
-use crate::state::{Pacs, fresh_json};
+use crate::state::Pacs;
+use http_support::fresh::fresh_json;
+use http_support::problem::AppError;
 
 /// What the services of a node answered.
 #[derive(Debug, Serialize, ToSchema)]
@@ -44,13 +46,11 @@ pub(crate) struct ServiceTest {
         (status = 404, description = "No node has this name"),
     )
 )]
-pub(crate) async fn test_node(State(pacs): State<Pacs>, Path(name): Path<String>) -> Response {
-    let tested = answer(&pacs, &name).await;
-    pacs.answer(tested)
-}
-
-async fn answer(pacs: &Pacs, name: &str) -> Result<Response, PacsError> {
-    let node = pacs.named_node(name)?;
+pub(crate) async fn test_node(
+    State(pacs): State<Pacs>,
+    Path(name): Path<String>,
+) -> Result<Response, AppError> {
+    let node = pacs.named_node(&name)?;
     let services = node.test().await;
     let has_answered = |(_, answer): &(_, Result<(), NodeError>)| match answer {
         Ok(()) => true,

@@ -10,9 +10,9 @@ use cases::MAX_INSTANCE_BYTES;
 use futures_util::future::poll_fn;
 use storage::{ObjectError, Spooled, Store, StoreError};
 
-use crate::error::PacsError;
 use crate::multipart::{MediaType, MultipartError, Parser, Piece};
-use crate::state::UploadLimits;
+use http_support::problem::AppError;
+use http_support::uploads::UploadLimits;
 
 /// Why no further part can be read.
 #[derive(Debug, thiserror::Error)]
@@ -35,7 +35,7 @@ impl From<ObjectError> for PartsError {
     }
 }
 
-impl From<PartsError> for PacsError {
+impl From<PartsError> for AppError {
     fn from(error: PartsError) -> Self {
         let detail = error.to_string();
         match error {

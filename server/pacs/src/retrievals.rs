@@ -5,14 +5,16 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseId, JobState};
 use serde::{Deserialize, Serialize};
-use serde_path_to_error::Segment;
 use storage::Job;
 use storage::arrivals::{SeriesQuery, SeriesUids, Uid, is_id};
 use utoipa::ToSchema;
 
-use crate::error::{PacsError, ReasonView};
+use crate::error::ReasonView;
 use crate::fetch::{FETCH, Received, Wanted};
-use crate::state::{Pacs, fresh_json};
+use crate::state::Pacs;
+use http_support::fresh::fresh_json;
+use http_support::problem::AppError;
+use http_support::sent::json_text;
 
 /// The largest body of a request.
 const MAX_BODY_BYTES: usize = 16 << 10;
@@ -68,39 +70,12 @@ pub(crate) struct RetrievalView {
 /// Reads a short JSON body.
 pub(crate) async fn read_json<T: serde::de::DeserializeOwned>(
     request: Request,
-    known: &str,
-) -> Result<T, PacsError> {
-    let unreadable = |what: &str| {
-        PacsError::bad_request(
-            "body-unreadable",
-            format!("the body {what}; send JSON with {known}"),
-        )
-    };
+) -> Result<T, AppError> {
     let body = axum::body::to_bytes(request.into_body(), MAX_BODY_BYTES).await;
-    let body = body.map_err(|_| unreadable("is too large or cut off"))?;
-    let mut json = serde_json::Deserializer::from_slice(&body);
-    let read = serde_path_to_error::deserialize(&mut json);
-    // The messages of the parser may repeat values, which may be anything.
-    let read = read.map_err(|error| match place(&error).as_str() {
-        "" => unreadable("cannot be read"),
-        place => unreadable(&format!("cannot be read at `{place}`")),
+    let body = body.map_err(|_| {
+        AppError::bad_request("body-unreadable", "the body is too large or cut off")
     })?;
-    json.end()
-        .map_err(|_| unreadable("goes on after its JSON"))?;
-    Ok(read)
-}
-
-/// Where a body cannot be read, in keys that we know. Those that we do not know may be anything.
-fn place(error: &serde_path_to_error::Error<serde_json::Error>) -> String {
-    let mut segments: Vec<_> = error.path().iter().collect();
-    if error.inner().to_string().starts_with("unknown field") {
-        segments.pop();
-    }
-    let keys = segments.iter().filter_map(|segment| match segment {
-        Segment::Map { key } => Some(key.as_str()),
-        _ => None,
-    });
-    keys.collect::<Vec<_>>().join(".")
+    json_text(&body)
 }
 
 /// Fetch a series
@@ -118,14 +93,12 @@ fn place(error: &serde_path_to_error::Error<serde_json::Error>) -> String {
         (status = 422, description = "The node has no DICOMweb (`node-without-dicomweb`), or the server keeps no identity (`deidentified`)"),
     )
 )]
-pub(crate) async fn create_retrieval(State(pacs): State<Pacs>, request: Request) -> Response {
-    let queued = async {
-        let known = "`node`, `study` and `series`";
-        let wanted: RetrievalRequest = read_json(request, known).await?;
-        queue(&pacs, &wanted.node, &wanted.study, &wanted.series).await
-    };
-    let queued = queued.await;
-    pacs.answer(queued)
+pub(crate) async fn create_retrieval(
+    State(pacs): State<Pacs>,
+    request: Request,
+) -> Result<Response, AppError> {
+    let wanted: RetrievalRequest = read_json(request).await?;
+    queue(&pacs, &wanted.node, &wanted.study, &wanted.series).await
 }
 
 /// Queues a retrieval and answers with its address.
@@ -134,11 +107,11 @@ pub(crate) async fn queue(
     node: &str,
     study: &str,
     series: &str,
-) -> Result<Response, PacsError> {
+) -> Result<Response, AppError> {
     pacs.needs_identity()?;
     let node = pacs.named_node(node)?;
     if node.web().is_none() {
-        return Err(PacsError::new(
+        return Err(AppError::new(
             StatusCode::UNPROCESSABLE_ENTITY,
             "node-without-dicomweb",
             "series are fetched by DICOMweb, and this node is only sent results; add its `url` to `pacs.nodes`",
@@ -147,7 +120,7 @@ pub(crate) async fn queue(
     // The UIDs are not repeated, because they may be anything.
     let uid = |text: &str, name: &str| {
         Uid::parse(text).ok_or_else(|| {
-            PacsError::bad_request(
+            AppError::bad_request(
                 "not-a-uid",
                 format!("`{name}` must be a UID: digits and points, at most 64"),
             )
@@ -187,28 +160,26 @@ pub(crate) async fn queue(
         (status = 404, description = "No such retrieval"),
     )
 )]
-pub(crate) async fn get_retrieval(State(pacs): State<Pacs>, Path(id): Path<String>) -> Response {
-    let found = get(&pacs, &id).await;
-    pacs.answer(found)
-}
-
-async fn get(pacs: &Pacs, id: &str) -> Result<Response, PacsError> {
+pub(crate) async fn get_retrieval(
+    State(pacs): State<Pacs>,
+    Path(id): Path<String>,
+) -> Result<Response, AppError> {
     let missing = || {
-        PacsError::not_found(
+        AppError::not_found(
             "no-such-retrieval",
             "there is no retrieval with this id; retrievals are forgotten after some days",
         )
     };
-    if !is_id(id) {
+    if !is_id(&id) {
         return Err(missing());
     }
-    let job = pacs.cases().store().job(id).await?;
+    let job = pacs.cases().store().job(&id).await?;
     let job = job.filter(|job| job.kind == FETCH.name());
-    let view = view(pacs, job.ok_or_else(missing)?).await?;
+    let view = view(&pacs, job.ok_or_else(missing)?).await?;
     Ok(fresh_json(StatusCode::OK, &view))
 }
 
-pub(crate) async fn view(pacs: &Pacs, job: Job) -> Result<RetrievalView, PacsError> {
+pub(crate) async fn view(pacs: &Pacs, job: Job) -> Result<RetrievalView, AppError> {
     let wanted = Wanted::of(&job.payload).ok_or(cases::Error::Internal)?;
     let uids = wanted.uids().ok_or(cases::Error::Internal)?;
     let query = SeriesQuery::Study(uids.study.clone(), Some(uids.series.clone()));

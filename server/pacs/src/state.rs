@@ -2,32 +2,17 @@
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
-use axum::Json;
 use axum::extract::Request;
-use axum::http::{HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse as _, Response};
+use axum::http::StatusCode;
 use cases::Cases;
 use cases::places::{Place, Places};
+use http_support::listen::place_for;
+use http_support::problem::AppError;
+use http_support::uploads::UploadLimits;
 use jiff::tz::TimeZone;
-use serde::Serialize;
 
-use crate::error::{PacsError, Problems};
 use crate::node::Node;
-
-/// What a request with images may take.
-#[derive(Debug, Clone, Copy)]
-pub struct UploadLimits {
-    /// The largest body, in bytes.
-    pub max_bytes: u64,
-    /// Requests at a time.
-    pub at_a_time: usize,
-    /// Time within which the next bytes must come.
-    pub idle: Duration,
-    /// Time for a whole request.
-    pub whole: Duration,
-}
 
 /// The options of the neighbour of a PACS.
 #[derive(Debug)]
@@ -44,10 +29,6 @@ pub struct Options {
     pub shows_patient: bool,
     /// The zone of the scanners' dates and times, if it is known.
     pub time_zone: Option<TimeZone>,
-    /// How a request gets a place.
-    pub place_for: fn(&Request, &Places) -> Option<Place>,
-    /// How errors become answers.
-    pub problems: Problems,
 }
 
 /// What the requests share. Cheap to clone.
@@ -109,10 +90,10 @@ impl Pacs {
     }
 
     /// Refuses what needs the identity of a patient, if none is kept.
-    pub(crate) fn needs_identity(&self) -> Result<(), PacsError> {
+    pub(crate) fn needs_identity(&self) -> Result<(), AppError> {
         match self.cases().deidentifies() {
             false => Ok(()),
-            true => Err(PacsError::new(
+            true => Err(AppError::new(
                 StatusCode::UNPROCESSABLE_ENTITY,
                 "deidentified",
                 "this server keeps no identity of patients (`deidentify` in `[pacs]`), so it fetches nothing by UIDs and makes no results for a PACS",
@@ -142,9 +123,9 @@ impl Pacs {
     }
 
     /// The node that a request names. The name is not repeated, because it may be anything.
-    pub(crate) fn named_node(&self, name: &str) -> Result<&Node, PacsError> {
+    pub(crate) fn named_node(&self, name: &str) -> Result<&Node, AppError> {
         self.node(name).ok_or_else(|| {
-            PacsError::not_found(
+            AppError::not_found(
                 "no-such-node",
                 "no node of the configuration has this name; add it to `pacs.nodes`",
             )
@@ -152,21 +133,8 @@ impl Pacs {
     }
 
     /// Room for one more request with images, until it is dropped. One client may take a quarter of it.
-    pub(crate) fn room(&self, request: &Request) -> Result<Place, PacsError> {
-        let place = (self.inner.options.place_for)(request, &self.inner.room);
+    pub(crate) fn room(&self, request: &Request) -> Result<Place, AppError> {
+        let place = place_for(request, &self.inner.room);
         place.ok_or_else(|| cases::Error::Busy.into())
     }
-
-    /// The answer to a request.
-    pub(crate) fn answer(&self, result: Result<Response, PacsError>) -> Response {
-        result.unwrap_or_else(|error| error.answer(self.inner.options.problems))
-    }
-}
-
-/// JSON that no cache may keep.
-pub(crate) fn fresh_json(status: StatusCode, body: &impl Serialize) -> Response {
-    let mut response = (status, Json(body)).into_response();
-    let headers = response.headers_mut();
-    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    response
 }

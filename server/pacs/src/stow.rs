@@ -12,10 +12,11 @@ use storage::Spooled;
 use storage::arrivals::{ArrivalSource, Uid};
 
 use crate::address::StudyPath;
-use crate::error::PacsError;
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
-use crate::state::{Pacs, fresh_json};
+use crate::state::Pacs;
+use http_support::fresh::fresh_json;
+use http_support::problem::AppError;
 
 const DICOM: &str = "application/dicom";
 pub(crate) const DICOM_JSON: &str = "application/dicom+json";
@@ -62,9 +63,11 @@ pub(crate) enum FailureReason {
         (status = 507, description = "The disk of the store is full or failed"),
     )
 )]
-pub(crate) async fn store_study(State(pacs): State<Pacs>, request: Request) -> Response {
-    let stored = store(&pacs, None, request).await;
-    pacs.answer(stored)
+pub(crate) async fn store_study(
+    State(pacs): State<Pacs>,
+    request: Request,
+) -> Result<Response, AppError> {
+    store(&pacs, None, request).await
 }
 
 /// Store images of a study
@@ -91,18 +94,17 @@ pub(crate) async fn store_in_study(
     State(pacs): State<Pacs>,
     Path(path): Path<StudyPath>,
     request: Request,
-) -> Response {
-    let stored = match Uid::parse(&path.study) {
+) -> Result<Response, AppError> {
+    match Uid::parse(&path.study) {
         Some(study) => store(&pacs, Some(study), request).await,
-        None => Err(PacsError::not_found(
+        None => Err(AppError::not_found(
             "not-a-uid",
             "the address has no Study Instance UID: digits and points, at most 64",
         )),
-    };
-    pacs.answer(stored)
+    }
 }
 
-async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Response, PacsError> {
+async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Response, AppError> {
     let boundary = boundary(request.headers())?;
     refuse_other_answers(request.headers())?;
     let limits = pacs.limits();
@@ -122,7 +124,7 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
     while let Some(kind) = parts.next().await? {
         if images.report.count() == MAX_INSTANCES {
             let detail = format!("the request has more than {MAX_INSTANCES} parts; send fewer");
-            return Err(PacsError::new(
+            return Err(AppError::new(
                 StatusCode::PAYLOAD_TOO_LARGE,
                 "too-many-files",
                 detail,
@@ -141,12 +143,12 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
     images.finish().await
 }
 
-fn boundary(headers: &HeaderMap) -> Result<String, PacsError> {
+fn boundary(headers: &HeaderMap) -> Result<String, AppError> {
     let kind = headers.get(header::CONTENT_TYPE);
     let kind = kind.and_then(|kind| MediaType::parse(kind.to_str().ok()?));
     let boundary = kind.as_ref().and_then(|kind| kind.boundary_of(DICOM));
     boundary.map(str::to_owned).ok_or_else(|| {
-        PacsError::new(
+        AppError::new(
             StatusCode::UNSUPPORTED_MEDIA_TYPE,
             "unsupported-media-type",
             "send the images as multipart/related; type=\"application/dicom\"; boundary=…",
@@ -155,7 +157,7 @@ fn boundary(headers: &HeaderMap) -> Result<String, PacsError> {
 }
 
 /// Refuses a request that accepts no DICOM JSON.
-pub(crate) fn refuse_other_answers(headers: &HeaderMap) -> Result<(), PacsError> {
+pub(crate) fn refuse_other_answers(headers: &HeaderMap) -> Result<(), AppError> {
     let accepted = headers.get_all(header::ACCEPT).iter();
     let mut accepted = accepted
         .filter_map(|value| value.to_str().ok())
@@ -166,7 +168,7 @@ pub(crate) fn refuse_other_answers(headers: &HeaderMap) -> Result<(), PacsError>
     if accepted.peek().is_none() || accepted.any(|kind| ours.contains(&kind)) {
         return Ok(());
     }
-    Err(PacsError::new(
+    Err(AppError::new(
         StatusCode::NOT_ACCEPTABLE,
         "not-acceptable",
         format!("none of the accepted media types is available; available types: {DICOM_JSON}"),
@@ -183,7 +185,7 @@ struct Images<'a> {
 }
 
 impl Images<'_> {
-    async fn add(&mut self, file: Spooled) -> Result<(), PacsError> {
+    async fn add(&mut self, file: Spooled) -> Result<(), AppError> {
         let identity = match self.pacs.cases().headers.read(&file).await {
             Ok(identity) => identity,
             Err(Error::Failure(_)) => {
@@ -212,7 +214,7 @@ impl Images<'_> {
         Ok(())
     }
 
-    async fn flush(&mut self) -> Result<(), PacsError> {
+    async fn flush(&mut self) -> Result<(), AppError> {
         let batch = std::mem::take(&mut self.batch);
         if batch.is_empty() {
             return Ok(());
@@ -244,10 +246,10 @@ impl Images<'_> {
         self.report.unknown(reason);
     }
 
-    async fn finish(mut self) -> Result<Response, PacsError> {
+    async fn finish(mut self) -> Result<Response, AppError> {
         self.flush().await?;
         if self.report.count() == 0 {
-            return Err(PacsError::bad_request(
+            return Err(AppError::bad_request(
                 "no-images",
                 "the request has no parts; send each DICOM file as a part",
             ));

@@ -10,11 +10,12 @@ use storage::JobQuery;
 use storage::arrivals::{ArrivalCursor, TransferQuery};
 use utoipa::{IntoParams, ToSchema};
 
-use crate::error::PacsError;
 use crate::fetch::{FETCH, Wanted};
 use crate::results::ResultView;
 use crate::retrievals::{self, RetrievalView};
-use crate::state::{Pacs, fresh_json};
+use crate::state::Pacs;
+use http_support::fresh::fresh_json;
+use http_support::problem::AppError;
 
 /// The largest number of entries on a page.
 const MAX_PAGE: usize = 200;
@@ -66,15 +67,15 @@ struct Checked {
     limit: usize,
 }
 
-fn checked(asked: Asked) -> Result<Checked, PacsError> {
+fn checked(asked: Asked) -> Result<Checked, AppError> {
     let Query(asked) = asked.map_err(|_| {
-        PacsError::bad_request(
+        AppError::bad_request(
             "query-unreadable",
             "the query cannot be read; known keys: `case`, `state`, `limit` and `after`",
         )
     })?;
     // What the client wrote may be anything, so it is not repeated.
-    let wrong = PacsError::wrong_value;
+    let wrong = AppError::wrong_value;
     let case = asked.case.map(|text| {
         CaseId::parse(&text).ok_or_else(|| wrong("case", "the id of a case: 32 hexadecimal digits"))
     });
@@ -109,12 +110,14 @@ fn checked(asked: Asked) -> Result<Checked, PacsError> {
         (status = 400, description = "A key of the query is unknown or its value invalid"),
     )
 )]
-pub(crate) async fn list_results(State(pacs): State<Pacs>, asked: Asked) -> Response {
-    let listed = results(&pacs, asked).await;
-    pacs.answer(listed)
+pub(crate) async fn list_results(
+    State(pacs): State<Pacs>,
+    asked: Asked,
+) -> Result<Response, AppError> {
+    results(&pacs, asked).await
 }
 
-async fn results(pacs: &Pacs, asked: Asked) -> Result<Response, PacsError> {
+async fn results(pacs: &Pacs, asked: Asked) -> Result<Response, AppError> {
     let asked = checked(asked)?;
     let store = pacs.cases().store();
     let (results, next) = store
@@ -137,12 +140,14 @@ async fn results(pacs: &Pacs, asked: Asked) -> Result<Response, PacsError> {
         (status = 400, description = "A key of the query is unknown or its value invalid"),
     )
 )]
-pub(crate) async fn list_retrievals(State(pacs): State<Pacs>, asked: Asked) -> Response {
-    let listed = retrieved(&pacs, asked).await;
-    pacs.answer(listed)
+pub(crate) async fn list_retrievals(
+    State(pacs): State<Pacs>,
+    asked: Asked,
+) -> Result<Response, AppError> {
+    retrieved(&pacs, asked).await
 }
 
-async fn retrieved(pacs: &Pacs, asked: Asked) -> Result<Response, PacsError> {
+async fn retrieved(pacs: &Pacs, asked: Asked) -> Result<Response, AppError> {
     let asked = checked(asked)?;
     let store = pacs.cases().store();
     let mut page = RetrievalList {

@@ -14,6 +14,7 @@ use http_support::listen::place_for;
 use http_support::metrics::Metrics;
 use http_support::origins::Origins;
 use http_support::problem::AppError;
+use http_support::uploads::UploadLimits;
 
 /// What HTTP may ask of the server, and who may ask.
 #[derive(Debug, Clone)]
@@ -28,19 +29,6 @@ pub struct HttpOptions {
     pub answer_timeout: Duration,
     /// Origins in whose frames the page may stand, beside its own.
     pub frame_ancestors: Origins,
-}
-
-/// What uploads may take.
-#[derive(Debug, Clone, Copy)]
-pub struct UploadLimits {
-    /// The largest accepted upload, in bytes.
-    pub max_bytes: u64,
-    /// Uploads at a time.
-    pub at_a_time: usize,
-    /// Time within which the next bytes of an upload must come.
-    pub idle: Duration,
-    /// Time for a whole upload.
-    pub whole: Duration,
 }
 
 /// Everything that handlers share. Cheap to clone.

@@ -16,10 +16,10 @@ use cases::Cases;
 use cases::arrivals::ArrivalReader;
 use cases::jobs::Workers;
 use cases::pictures::GpuUse;
-use dimse::ReloadedTls;
 use http_support::auth::Access;
 use http_support::listen;
 use pacs::Background;
+use pacs::dimse::{self, ReloadedTls};
 use service::state::AppState;
 
 /// The variable for the token. There is no flag, because everyone on a machine can see command lines.

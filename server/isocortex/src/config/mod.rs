@@ -172,7 +172,7 @@ pub enum ConfigError {
     DimseTls,
     /// A file for TLS of DIMSE is invalid.
     #[error("TLS of DIMSE: {0}")]
-    BadTls(#[from] dimse::BadTls),
+    BadTls(#[from] ::pacs::dimse::BadTls),
     /// A limit of zero.
     #[error("`{key}` must be at least 1")]
     Zero {

@@ -4,12 +4,12 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use ::pacs::dimse::{
+    self, DimseOptions, ListeningTls, PeerAddress, ReloadedTls, StorageNode, TlsAuthority,
+    TlsIdentity, connecting_tls, is_aet, listening_tls,
+};
 use ::pacs::node::{self, Credentials, WebNode};
 use cases::arrivals::{ArrivalOptions, SeriesRule};
-use dimse::{
-    DimseOptions, ListeningTls, PeerAddress, ReloadedTls, StorageNode, TlsAuthority, TlsIdentity,
-    connecting_tls, is_aet, listening_tls,
-};
 use jiff::tz::{Offset, TimeZone};
 use serde::Deserialize;
 

@@ -5,8 +5,8 @@
 
 mod web;
 
+use crate::dimse::{BadStorageNode, NotStored, StorageNode};
 use bytes::Bytes;
-use dimse::{BadStorageNode, NotStored, StorageNode};
 use storage::arrivals::Uid;
 
 pub use self::web::{Credentials, WebNode};

@@ -6,8 +6,8 @@ use imaging::dicom::{Attribute, attribute};
 use utoipa::openapi::schema::Type;
 
 use super::matching::{EMPTY, is_moment, matches};
-use crate::error::PacsError;
 use crate::held::Values;
+use http_support::problem::AppError;
 
 /// The number of results on a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,14 +79,14 @@ pub(crate) struct SearchKeys {
 
 impl SearchKeys {
     /// Reads the keys of a query.
-    pub(crate) fn read(pairs: &[(String, String)], size: PageSize) -> Result<Self, PacsError> {
+    pub(crate) fn read(pairs: &[(String, String)], size: PageSize) -> Result<Self, AppError> {
         let mut keys = Self {
             limit: size.usual,
             ..Self::default()
         };
         if pairs.len() > MAX_KEYS {
             let detail = format!("the query has more than {MAX_KEYS} keys");
-            return Err(PacsError::bad_request("query-value-out-of-range", detail));
+            return Err(AppError::bad_request("query-value-out-of-range", detail));
         }
         for (name, value) in pairs {
             match name.to_ascii_lowercase().as_str() {
@@ -110,7 +110,7 @@ impl SearchKeys {
         Ok(keys)
     }
 
-    fn include(&mut self, value: &str) -> Result<(), PacsError> {
+    fn include(&mut self, value: &str) -> Result<(), AppError> {
         for name in value.split(',').map(str::trim) {
             if name.eq_ignore_ascii_case("all") {
                 self.is_all_included = true;
@@ -123,17 +123,17 @@ impl SearchKeys {
                 None if is_private(first) => {}
                 None => {
                     let rule = "a list of attributes by keyword or tag, or `all`";
-                    return Err(PacsError::wrong_value("includefield", rule));
+                    return Err(AppError::wrong_value("includefield", rule));
                 }
             }
         }
         Ok(())
     }
 
-    fn want(&mut self, name: &str, value: &str) -> Result<(), PacsError> {
+    fn want(&mut self, name: &str, value: &str) -> Result<(), AppError> {
         // What the client wrote may be patient data, so it is not repeated.
         let unknown = || {
-            PacsError::bad_request(
+            AppError::bad_request(
                 "query-unreadable",
                 format!(
                     "a key of the query is neither an attribute of DICOM, by keyword or tag, nor one of {}",
@@ -159,7 +159,7 @@ impl SearchKeys {
                 "DA" => "a date as YYYYMMDD, or a range of dates as YYYYMMDD-YYYYMMDD",
                 _ => "a time as HHMMSS, or a range of times as HHMMSS-HHMMSS",
             };
-            return Err(PacsError::wrong_value(known.keyword, rule));
+            return Err(AppError::wrong_value(known.keyword, rule));
         }
         self.included.insert(known.name());
         self.wanted.push((known, value.to_owned()));
@@ -193,18 +193,18 @@ impl SearchKeys {
     }
 }
 
-fn count(name: &str, value: &str) -> Result<usize, PacsError> {
+fn count(name: &str, value: &str) -> Result<usize, AppError> {
     let number = value
         .parse()
         .ok()
         .filter(|&number: &usize| number <= i32::MAX as usize);
     let name = name.to_ascii_lowercase();
-    number.ok_or_else(|| PacsError::wrong_value(&name, "a whole number of at least 0"))
+    number.ok_or_else(|| AppError::wrong_value(&name, "a whole number of at least 0"))
 }
 
-fn truth(name: &str, value: &str) -> Result<bool, PacsError> {
+fn truth(name: &str, value: &str) -> Result<bool, AppError> {
     let truth = value.parse();
-    truth.map_err(|_| PacsError::wrong_value(name, "true or false"))
+    truth.map_err(|_| AppError::wrong_value(name, "true or false"))
 }
 
 /// Whether a text is the tag of a private attribute, which is never known.
@@ -220,7 +220,7 @@ fn is_private(text: &str) -> bool {
 mod tests {
     use super::*;
 
-    fn read(pairs: &[(&str, &str)]) -> Result<SearchKeys, PacsError> {
+    fn read(pairs: &[(&str, &str)]) -> Result<SearchKeys, AppError> {
         let pairs: Vec<_> = pairs
             .iter()
             .map(|&(name, value)| (name.to_owned(), value.to_owned()))

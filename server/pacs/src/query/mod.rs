@@ -17,10 +17,11 @@ use utoipa::openapi::schema::Type;
 use self::keys::{CONTROLS, PageSize, SearchKeys};
 use crate::address::{Named, SeriesPath, StudyPath};
 use crate::described::query_key;
-use crate::error::PacsError;
 use crate::held::{HeldStudy, Values};
-use crate::state::{Pacs, fresh_json};
+use crate::state::Pacs;
 use crate::stow::{DICOM_JSON, refuse_other_answers};
+use http_support::fresh::fresh_json;
+use http_support::problem::AppError;
 
 /// The most studies that a search looks at.
 const MAX_STUDIES: usize = 2000;
@@ -142,9 +143,13 @@ type Pairs = Result<Query<Vec<(String, String)>>, QueryRejection>;
         (status = 413, description = "The search is too broad"),
     )
 )]
-pub(crate) async fn studies(State(pacs): State<Pacs>, keys: Pairs, headers: HeaderMap) -> Response {
+pub(crate) async fn studies(
+    State(pacs): State<Pacs>,
+    keys: Pairs,
+    headers: HeaderMap,
+) -> Result<Response, AppError> {
     let scope = Scope::everywhere(Level::Study);
-    pacs.answer(search(&pacs, scope, keys, &headers).await)
+    search(&pacs, scope, keys, &headers).await
 }
 
 /// Search for series
@@ -165,9 +170,9 @@ pub(crate) async fn all_series(
     State(pacs): State<Pacs>,
     keys: Pairs,
     headers: HeaderMap,
-) -> Response {
+) -> Result<Response, AppError> {
     let scope = Scope::everywhere(Level::Series);
-    pacs.answer(search(&pacs, scope, keys, &headers).await)
+    search(&pacs, scope, keys, &headers).await
 }
 
 /// Search for instances
@@ -188,9 +193,9 @@ pub(crate) async fn all_instances(
     State(pacs): State<Pacs>,
     keys: Pairs,
     headers: HeaderMap,
-) -> Response {
+) -> Result<Response, AppError> {
     let scope = Scope::everywhere(Level::Instance);
-    pacs.answer(search(&pacs, scope, keys, &headers).await)
+    search(&pacs, scope, keys, &headers).await
 }
 
 /// Search for the series of a study
@@ -212,9 +217,9 @@ pub(crate) async fn series_of_study(
     Path(path): Path<StudyPath>,
     keys: Pairs,
     headers: HeaderMap,
-) -> Response {
+) -> Result<Response, AppError> {
     let scope = Scope::within(path.into(), Level::Series);
-    pacs.answer(search(&pacs, scope, keys, &headers).await)
+    search(&pacs, scope, keys, &headers).await
 }
 
 /// Search for the instances of a study
@@ -236,9 +241,9 @@ pub(crate) async fn instances_of_study(
     Path(path): Path<StudyPath>,
     keys: Pairs,
     headers: HeaderMap,
-) -> Response {
+) -> Result<Response, AppError> {
     let scope = Scope::within(path.into(), Level::Instance);
-    pacs.answer(search(&pacs, scope, keys, &headers).await)
+    search(&pacs, scope, keys, &headers).await
 }
 
 /// Search for the instances of a series
@@ -260,9 +265,9 @@ pub(crate) async fn instances_of_series(
     Path(path): Path<SeriesPath>,
     keys: Pairs,
     headers: HeaderMap,
-) -> Response {
+) -> Result<Response, AppError> {
     let scope = Scope::within(path.into(), Level::Instance);
-    pacs.answer(search(&pacs, scope, keys, &headers).await)
+    search(&pacs, scope, keys, &headers).await
 }
 
 /// Where a search looks.
@@ -371,9 +376,9 @@ async fn search(
     scope: Scope,
     pairs: Pairs,
     headers: &HeaderMap,
-) -> Result<Response, PacsError> {
+) -> Result<Response, AppError> {
     let Query(pairs) = pairs.map_err(|_| {
-        PacsError::bad_request(
+        AppError::bad_request(
             "query-unreadable",
             "the query of the address cannot be read",
         )
@@ -448,7 +453,7 @@ struct Found {
     are_more: bool,
 }
 
-async fn find(pacs: &Pacs, scope: &Scope, keys: &SearchKeys) -> Result<Found, PacsError> {
+async fn find(pacs: &Pacs, scope: &Scope, keys: &SearchKeys) -> Result<Found, AppError> {
     let mut found = Found {
         records: Vec::new(),
         are_more: false,
@@ -487,7 +492,7 @@ struct Studies {
 }
 
 impl Studies {
-    async fn begin(pacs: &Pacs, scope: &Scope, keys: &SearchKeys) -> Result<Self, PacsError> {
+    async fn begin(pacs: &Pacs, scope: &Scope, keys: &SearchKeys) -> Result<Self, AppError> {
         let named = match (&scope.study, keys.value("StudyInstanceUID")) {
             (Some(study), _) => Some(study.as_str()),
             (None, named) => named,
@@ -524,7 +529,7 @@ impl Studies {
         })
     }
 
-    async fn next(&mut self, pacs: &Pacs) -> Result<Option<Uid>, PacsError> {
+    async fn next(&mut self, pacs: &Pacs) -> Result<Option<Uid>, AppError> {
         if self.waiting.is_empty()
             && let Some(offset) = self.offset
         {
@@ -535,7 +540,7 @@ impl Studies {
         let next = self.waiting.pop_front();
         self.seen += usize::from(next.is_some());
         if self.seen > MAX_STUDIES {
-            return Err(PacsError::new(
+            return Err(AppError::new(
                 StatusCode::PAYLOAD_TOO_LARGE,
                 "search-too-broad",
                 format!(

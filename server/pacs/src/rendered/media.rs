@@ -2,8 +2,8 @@
 
 use axum::http::{HeaderMap, StatusCode, header};
 
-use crate::error::PacsError;
 use crate::multipart::MediaType;
+use http_support::problem::AppError;
 
 /// The kind of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,7 +44,7 @@ pub(crate) fn accepted(
     query: Option<&str>,
     headers: &HeaderMap,
     are_several: bool,
-) -> Result<Answer, PacsError> {
+) -> Result<Answer, AppError> {
     let ranges = match query {
         Some(text) => parsed(ranges(text)),
         None => accepted_ranges(headers),
@@ -57,7 +57,7 @@ pub(crate) fn accepted(
     answers.sort_by(|(a, _), (b, _)| b.total_cmp(a));
     match answers.first() {
         Some(&(quality, answer)) if quality > 0.0 => Ok(answer),
-        _ => Err(PacsError::new(
+        _ => Err(AppError::new(
             StatusCode::NOT_ACCEPTABLE,
             "not-acceptable",
             "none of the accepted media types is available; available types: image/jpeg, image/png, and for several pictures multipart/related of these",

@@ -26,9 +26,9 @@ use self::query::{RenderedParams, RenderedQuery, Shown, USUAL_QUALITY};
 use self::stored::Pixels;
 use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
 use crate::described::query_key;
-use crate::error::PacsError;
 use crate::held::HeldStudy;
 use crate::state::Pacs;
+use http_support::problem::AppError;
 
 /// Width and height of a picture, if none are requested.
 const USUAL_SIDE: u32 = 512;
@@ -63,9 +63,8 @@ pub(crate) async fn of_study(
     Path(path): Path<StudyPath>,
     keys: Keys,
     headers: HeaderMap,
-) -> Response {
-    let picture = render(&pacs, path.into(), keys, &headers, USUAL_SIDE).await;
-    pacs.answer(picture)
+) -> Result<Response, AppError> {
+    render(&pacs, path.into(), keys, &headers, USUAL_SIDE).await
 }
 
 /// Volume rendering of a series
@@ -88,9 +87,8 @@ pub(crate) async fn of_series(
     Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
-) -> Response {
-    let picture = render(&pacs, path.into(), keys, &headers, USUAL_SIDE).await;
-    pacs.answer(picture)
+) -> Result<Response, AppError> {
+    render(&pacs, path.into(), keys, &headers, USUAL_SIDE).await
 }
 
 /// Picture of a series
@@ -113,9 +111,8 @@ pub(crate) async fn picture_of_series(
     Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
-) -> Response {
-    let picture = of_series_or_result(&pacs, path.into(), keys, &headers, None).await;
-    pacs.answer(picture)
+) -> Result<Response, AppError> {
+    of_series_or_result(&pacs, path.into(), keys, &headers, None).await
 }
 
 /// Thumbnail of a series
@@ -138,10 +135,9 @@ pub(crate) async fn thumbnail_of_series(
     Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
-) -> Response {
+) -> Result<Response, AppError> {
     let side = Some(THUMBNAIL_SIDE);
-    let picture = of_series_or_result(&pacs, path.into(), keys, &headers, side).await;
-    pacs.answer(picture)
+    of_series_or_result(&pacs, path.into(), keys, &headers, side).await
 }
 
 /// Picture of an instance
@@ -164,9 +160,8 @@ pub(crate) async fn picture_of_instance(
     Path(path): Path<InstancePath>,
     keys: Keys,
     headers: HeaderMap,
-) -> Response {
-    let picture = of_stored(&pacs, &path.into(), 0, keys, &headers, None).await;
-    pacs.answer(picture)
+) -> Result<Response, AppError> {
+    of_stored(&pacs, &path.into(), 0, keys, &headers, None).await
 }
 
 /// Thumbnail of an instance
@@ -188,10 +183,9 @@ pub(crate) async fn thumbnail_of_instance(
     Path(path): Path<InstancePath>,
     keys: Keys,
     headers: HeaderMap,
-) -> Response {
+) -> Result<Response, AppError> {
     let side = Some(THUMBNAIL_SIDE);
-    let picture = of_stored(&pacs, &path.into(), 0, keys, &headers, side).await;
-    pacs.answer(picture)
+    of_stored(&pacs, &path.into(), 0, keys, &headers, side).await
 }
 
 /// Picture of a frame
@@ -213,20 +207,19 @@ pub(crate) async fn picture_of_frame(
     Path(path): Path<FramesPath>,
     keys: Keys,
     headers: HeaderMap,
-) -> Response {
+) -> Result<Response, AppError> {
     let (named, frames) = path.parts();
     let number = frames
         .parse::<usize>()
         .ok()
         .and_then(|number| number.checked_sub(1));
-    let picture = match number {
+    match number {
         Some(number) => of_stored(&pacs, &named, number, keys, &headers, None).await,
         None => {
             let detail = "name one frame by its number, from 1";
-            Err(PacsError::bad_request("query-value-out-of-range", detail))
+            Err(AppError::bad_request("query-value-out-of-range", detail))
         }
-    };
-    pacs.answer(picture)
+    }
 }
 
 /// The keys of a picture of a stored instance, for the description.
@@ -252,7 +245,7 @@ async fn of_series_or_result(
     keys: Keys,
     headers: &HeaderMap,
     side: Option<u32>,
-) -> Result<Response, PacsError> {
+) -> Result<Response, AppError> {
     if let Some(study) = Uid::parse(&named.study) {
         let results = pacs.cases().store().results_of(&study, false).await?;
         let is_named = |result: &&HeldResult| {
@@ -273,18 +266,18 @@ async fn of_stored(
     keys: Keys,
     headers: &HeaderMap,
     side: Option<u32>,
-) -> Result<Response, PacsError> {
+) -> Result<Response, AppError> {
     let keys = read_keys(keys)?;
     if keys.keys().any(|key| key != "accept" && key != "quality") {
         let detail = "a key of the query is unknown; known keys: accept, quality";
-        return Err(PacsError::bad_request("query-unknown-key", detail));
+        return Err(AppError::bad_request("query-unknown-key", detail));
     }
     let quality = keys.get("quality").map(|text| {
         let quality = text
             .parse()
             .ok()
             .filter(|quality| (1..=100).contains(quality));
-        quality.ok_or_else(|| PacsError::wrong_value("quality", "1 to 100"))
+        quality.ok_or_else(|| AppError::wrong_value("quality", "1 to 100"))
     });
     let quality = quality.transpose()?.unwrap_or(USUAL_QUALITY);
     let answer = accepted(keys.get("accept").map(String::as_str), headers, false)?;
@@ -294,12 +287,12 @@ async fn of_stored(
     let pixels = metadata.as_ref().and_then(|all| Pixels::read(all.first()?));
     let pixels = pixels.ok_or_else(|| {
         let detail = "the instance has no pixels that can be drawn, or they are lost";
-        PacsError::not_found("no-such-frame", detail)
+        AppError::not_found("no-such-frame", detail)
     })?;
     let frames = cases.stored_frames(object, vec![frame]).await?;
     let bytes = frames.and_then(|frames| frames.into_iter().next().flatten());
     let bytes = bytes.ok_or_else(|| {
-        PacsError::not_found("no-such-frame", "the instance has no frame of this number")
+        AppError::not_found("no-such-frame", "the instance has no frame of this number")
     })?;
     let draw = move || {
         let picture = pixels.picture(&bytes, side)?;
@@ -307,17 +300,17 @@ async fn of_stored(
             Kind::Png => render::encode_png(&picture, &[]),
             Kind::Jpeg => render::encode_jpeg(&picture, quality),
         };
-        drawn.map_err(|error| PacsError::from(Error::from(error)))
+        drawn.map_err(|error| AppError::from(Error::from(error)))
     };
     let picture = tokio::task::spawn_blocking(draw).await;
-    let picture = picture.map_err(|_| PacsError::from(Error::Internal))??;
+    let picture = picture.map_err(|_| AppError::from(Error::Internal))??;
     Ok(answered(&answer, vec![picture]))
 }
 
 /// The keys of a query, each once.
-fn read_keys(keys: Keys) -> Result<BTreeMap<String, String>, PacsError> {
+fn read_keys(keys: Keys) -> Result<BTreeMap<String, String>, AppError> {
     let unreadable = || {
-        PacsError::bad_request(
+        AppError::bad_request(
             "query-unreadable",
             "the query cannot be read; each key may be given once",
         )
@@ -337,7 +330,7 @@ async fn render(
     keys: Keys,
     headers: &HeaderMap,
     side: u32,
-) -> Result<Response, PacsError> {
+) -> Result<Response, AppError> {
     let keys = read_keys(keys)?;
     let asked = RenderedQuery::read(&keys)?;
     let cases = pacs.cases();
@@ -355,10 +348,10 @@ async fn render(
 }
 
 /// The preferred case of a study or a series, as a link opens it.
-async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, PacsError> {
+async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, AppError> {
     let missing = || {
         let detail = "there is no case of this study or series";
-        PacsError::not_found("no-such-study", detail)
+        AppError::not_found("no-such-study", detail)
     };
     let uid = |text: &str| Uid::parse(text).ok_or_else(missing);
     let series = named.series.as_deref().map(uid);

@@ -14,7 +14,7 @@ use utoipa::openapi::path::{Parameter, ParameterIn};
 use utoipa::openapi::schema::Type;
 
 use crate::described::query_key;
-use crate::error::PacsError;
+use http_support::problem::AppError;
 
 /// The depth if none is requested, in mm: cuts are orthogonal to most sulci there.
 const USUAL_DEPTH_MM: f32 = 8.0;
@@ -159,8 +159,8 @@ pub(crate) struct Shown {
     pub(crate) pictures: Vec<CheckedPicture>,
 }
 
-fn wrong(key: &str, rule: &str) -> PacsError {
-    PacsError::wrong_value(key, rule)
+fn wrong(key: &str, rule: &str) -> AppError {
+    AppError::wrong_value(key, rule)
 }
 
 fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
@@ -177,7 +177,7 @@ fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
 
 impl<'a> RenderedQuery<'a> {
     /// Checks the keys.
-    pub(crate) fn read(keys: &'a BTreeMap<String, String>) -> Result<Self, PacsError> {
+    pub(crate) fn read(keys: &'a BTreeMap<String, String>) -> Result<Self, AppError> {
         // An unknown key may be a misspelt one, without which the picture would be another.
         let known = KEYS.map(|(name, _)| name);
         if keys.keys().any(|key| !known.contains(&&**key)) {
@@ -185,7 +185,7 @@ impl<'a> RenderedQuery<'a> {
                 "a key of the query is unknown; known keys: {}",
                 known.join(", ")
             );
-            return Err(PacsError::bad_request("query-unknown-key", detail));
+            return Err(AppError::bad_request("query-unknown-key", detail));
         }
         let metadata = keys.get("renderedvolumetricmetadata").map(String::as_str);
         if !matches!(metadata, None | Some("yes" | "no")) {
@@ -212,7 +212,7 @@ impl<'a> RenderedQuery<'a> {
         &self,
         key: &str,
         accepted: std::ops::RangeInclusive<f64>,
-    ) -> Result<Option<f64>, PacsError> {
+    ) -> Result<Option<f64>, AppError> {
         let Some(text) = self.text(key) else {
             return Ok(None);
         };
@@ -222,7 +222,7 @@ impl<'a> RenderedQuery<'a> {
     }
 
     /// A value from a fixed set of words.
-    fn word<T: for<'de> serde::Deserialize<'de>>(&self, key: &str) -> Result<Option<T>, PacsError> {
+    fn word<T: for<'de> serde::Deserialize<'de>>(&self, key: &str) -> Result<Option<T>, AppError> {
         let Some(text) = self.text(key) else {
             return Ok(None);
         };
@@ -232,7 +232,7 @@ impl<'a> RenderedQuery<'a> {
     }
 
     /// What is drawn of a case; `side` is the width and height if none are requested.
-    pub(crate) fn shown(&self, facts: &CaseFacts, side: u32) -> Result<Shown, PacsError> {
+    pub(crate) fn shown(&self, facts: &CaseFacts, side: u32) -> Result<Shown, AppError> {
         match self.text("renderingmethod") {
             None | Some("volume_rendered") => {}
             Some(_) => return Err(wrong("renderingmethod", "`volume_rendered`")),
@@ -264,7 +264,7 @@ impl<'a> RenderedQuery<'a> {
             let detail = format!(
                 "the pictures have more than {MAX_TOTAL_PIXELS} pixels; request smaller or fewer ones"
             );
-            return Err(PacsError::bad_request("query-value-out-of-range", detail));
+            return Err(AppError::bad_request("query-value-out-of-range", detail));
         }
         Ok(Shown {
             viewpoint,
@@ -277,7 +277,7 @@ impl<'a> RenderedQuery<'a> {
         })
     }
 
-    fn viewpoint(&self, sphere: &SphereFacts) -> Result<Viewpoint, PacsError> {
+    fn viewpoint(&self, sphere: &SphereFacts) -> Result<Viewpoint, AppError> {
         let explicit = ["viewpointposition", "viewpointlookat", "viewpointup"];
         let given = explicit.map(|key| self.text(key));
         if given.iter().all(Option::is_none) {
@@ -316,7 +316,7 @@ impl<'a> RenderedQuery<'a> {
         })
     }
 
-    fn window(&self, facts: &CaseFacts) -> Result<AskedWindow, PacsError> {
+    fn window(&self, facts: &CaseFacts) -> Result<AskedWindow, AppError> {
         match self.text("window") {
             Some(text) => given_window(text),
             None => {
@@ -330,7 +330,7 @@ impl<'a> RenderedQuery<'a> {
         }
     }
 
-    fn swivel(&self) -> Result<Option<Swivel>, PacsError> {
+    fn swivel(&self) -> Result<Option<Swivel>, AppError> {
         let step = self.number("animationstepsize", 0.1..=360.0)?;
         let rate = self.number("animationrate", 0.1..=100.0)?;
         let Some(range_degrees) = self.number("swivelrange", 0.1..=360.0)? else {
@@ -355,7 +355,7 @@ impl<'a> RenderedQuery<'a> {
         viewpoint: Viewpoint,
         window: AskedWindow,
         [width, height]: [u32; 2],
-    ) -> Result<PictureRequest, PacsError> {
+    ) -> Result<PictureRequest, AppError> {
         let usual = PictureRequest::default();
         let (orientation, pan) = camera(viewpoint, facts.envelope_sphere.center_in_patient)?;
         let shown_window = self.shows_intensities(window)?;
@@ -395,7 +395,7 @@ impl<'a> RenderedQuery<'a> {
     }
 
     /// The window for the renderer; `None`, the window of the layer, if a layer is shown and no window is requested.
-    fn shows_intensities(&self, window: AskedWindow) -> Result<Option<Numbers<2>>, PacsError> {
+    fn shows_intensities(&self, window: AskedWindow) -> Result<Option<Numbers<2>>, AppError> {
         if self.text("window").is_none() && self.text("layer").is_some() {
             return Ok(None);
         }
@@ -421,7 +421,7 @@ impl<'a> RenderedQuery<'a> {
 }
 
 /// Centre, width and, if given, function.
-fn given_window(text: &str) -> Result<AskedWindow, PacsError> {
+fn given_window(text: &str) -> Result<AskedWindow, AppError> {
     let rule = "centre,width,function with the function linear, linear-exact or sigmoid";
     let (values, function) = text.rsplit_once(',').ok_or_else(|| wrong("window", rule))?;
     let (values, function) = match function {
@@ -441,7 +441,7 @@ fn given_window(text: &str) -> Result<AskedWindow, PacsError> {
 
 /// The quaternion x,y,z,w from patient to view space, and the shift of the head to the right and up in mm, of a
 /// viewpoint.
-fn camera(viewpoint: Viewpoint, centre: [f64; 3]) -> Result<([f64; 4], [f64; 2]), PacsError> {
+fn camera(viewpoint: Viewpoint, centre: [f64; 3]) -> Result<([f64; 4], [f64; 2]), AppError> {
     let Viewpoint {
         position,
         look_at,
@@ -465,7 +465,7 @@ fn camera(viewpoint: Viewpoint, centre: [f64; 3]) -> Result<([f64; 4], [f64; 2])
 
 impl Swivel {
     /// The pictures of a turn around the vertical axis of the picture: all around, or from one side to the other.
-    fn pictures(&self, first: &PictureRequest) -> Result<Vec<CheckedPicture>, PacsError> {
+    fn pictures(&self, first: &PictureRequest) -> Result<Vec<CheckedPicture>, AppError> {
         let steps = (self.range_degrees / self.step_degrees).round().max(1.0) as usize;
         let is_full = self.range_degrees >= 360.0;
         let count = if is_full { steps } else { steps + 1 };
@@ -496,7 +496,7 @@ impl Swivel {
     }
 }
 
-fn checked(picture: &PictureRequest) -> Result<CheckedPicture, PacsError> {
+fn checked(picture: &PictureRequest) -> Result<CheckedPicture, AppError> {
     Ok(picture.checked()?)
 }
 

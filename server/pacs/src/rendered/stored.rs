@@ -3,7 +3,7 @@
 
 use serde_json::Value;
 
-use crate::error::PacsError;
+use http_support::problem::AppError;
 
 /// How the samples of a frame are stored (PS3.3 C.7.6.3), as far as pictures need it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,9 +74,9 @@ impl Pixels {
         &self,
         frame: &[u8],
         most: Option<u32>,
-    ) -> Result<render::Frame, PacsError> {
+    ) -> Result<render::Frame, AppError> {
         let unreadable =
-            || PacsError::not_found("no-such-frame", "the frame is damaged or cannot be drawn");
+            || AppError::not_found("no-such-frame", "the frame is damaged or cannot be drawn");
         let (width, height) = (self.width as usize, self.height as usize);
         let count = width.checked_mul(height).ok_or_else(unreadable)?;
         let channels = if self.samples == Samples::Rgb { 3 } else { 1 };

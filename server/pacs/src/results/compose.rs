@@ -20,8 +20,8 @@ use storage::results::ResultSeries;
 use super::draw::Drawing;
 use super::moment::Moment;
 use super::request::{KeyObjectPlan, Layout, MaskPlan, Plan, ResultRequest, Title, What};
-use crate::error::PacsError;
 use crate::state::Pacs;
+use http_support::problem::AppError;
 
 /// A part of every UID. Raise it if the same request gives another object.
 const FORMAT: &str = "isocortex result 2";
@@ -66,7 +66,7 @@ impl Composer {
         id: CaseId,
         asked: &ResultRequest,
         plan: Plan,
-    ) -> Result<Self, PacsError> {
+    ) -> Result<Self, AppError> {
         let cases = pacs.cases();
         let facts = cases.ready(&id).await?;
         let case = cases.case(&id).await?;
@@ -163,9 +163,9 @@ impl Composer {
     ///
     /// # Errors
     /// `not-acceptable`, if it has none.
-    pub(crate) async fn preview(self, cases: &Cases) -> Result<Bytes, PacsError> {
+    pub(crate) async fn preview(self, cases: &Cases) -> Result<Bytes, AppError> {
         let Content::Pictures(drawing) = self.content else {
-            return Err(PacsError::new(
+            return Err(AppError::new(
                 StatusCode::NOT_ACCEPTABLE,
                 "not-acceptable",
                 "only a `view`, a `sheet` and a `cine` have a picture; available type: application/dicom",
@@ -182,7 +182,7 @@ impl Composer {
     }
 
     /// Draws or reads the pixels, and writes the object.
-    pub(crate) async fn file(self, cases: &Cases) -> Result<Bytes, PacsError> {
+    pub(crate) async fn file(self, cases: &Cases) -> Result<Bytes, AppError> {
         let instance_uid = self.instance().as_str().to_owned();
         let series_uid = self.series_uid();
         let Self {
@@ -262,7 +262,7 @@ async fn listed(
     source: &Attributes,
     study: &Uid,
     plan: &KeyObjectPlan,
-) -> Result<Vec<Listed>, PacsError> {
+) -> Result<Vec<Listed>, AppError> {
     let is_rejection = plan.title.is_rejection();
     let results = cases.store().results_of(study, is_rejection).await?;
     let of_source = |uid: &Uid| {
@@ -297,33 +297,33 @@ async fn listed(
     })
 }
 
-fn refuse(kind: &'static str, detail: &str) -> PacsError {
-    PacsError::new(StatusCode::UNPROCESSABLE_ENTITY, kind, detail)
+fn refuse(kind: &'static str, detail: &str) -> AppError {
+    AppError::new(StatusCode::UNPROCESSABLE_ENTITY, kind, detail)
 }
 
-fn superseded() -> PacsError {
-    PacsError::new(
+fn superseded() -> AppError {
+    AppError::new(
         StatusCode::CONFLICT,
         "superseded",
         "the patient or the study of this case was corrected since, or the PACS has rejected its images; use the case of the corrected images",
     )
 }
 
-fn no_patient() -> PacsError {
+fn no_patient() -> AppError {
     refuse(
         "no-patient",
         "the case was not created from DICOM, so its patient and study are not known; name them in `study`",
     )
 }
 
-fn no_frame_of_reference() -> PacsError {
+fn no_frame_of_reference() -> AppError {
     refuse(
         "no-frame-of-reference",
         "the source of the case has no Frame of Reference UID, so a segmentation has no place; request a `view`, a `sheet` or a `cine`",
     )
 }
 
-fn unwritable(error: WriteError) -> PacsError {
+fn unwritable(error: WriteError) -> AppError {
     match error {
         WriteError::NoStudy => no_patient(),
         WriteError::NoFrameOfReference => no_frame_of_reference(),
@@ -333,14 +333,10 @@ fn unwritable(error: WriteError) -> PacsError {
 }
 
 /// The patient, the study and the images of the source, or what the request names.
-async fn source(
-    cases: &Cases,
-    id: &CaseId,
-    asked: &ResultRequest,
-) -> Result<Attributes, PacsError> {
+async fn source(cases: &Cases, id: &CaseId, asked: &ResultRequest) -> Result<Attributes, AppError> {
     let stored = cases.store().source_dicom(id).await?;
     match (stored, &asked.study) {
-        (Some(_), Some(_)) => Err(PacsError::bad_request(
+        (Some(_), Some(_)) => Err(AppError::bad_request(
             "study-known",
             "the case was created from DICOM, so its study is known; omit `study`",
         )),

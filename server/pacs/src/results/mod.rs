@@ -18,12 +18,14 @@ use utoipa::ToSchema;
 
 use self::compose::Composer;
 use self::request::ResultRequest;
-use crate::error::{PacsError, ReasonView};
+use crate::error::ReasonView;
 use crate::node::Node;
 use crate::rendered::media::accepted_ranges;
 use crate::retrievals::read_json;
 use crate::send::SEND;
-use crate::state::{Pacs, fresh_json};
+use crate::state::Pacs;
+use http_support::fresh::fresh_json;
+use http_support::problem::AppError;
 
 /// Seconds to wait before the first request for the state.
 const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
@@ -105,22 +107,16 @@ pub(crate) async fn create_result(
     State(pacs): State<Pacs>,
     Path(id): Path<String>,
     request: Request,
-) -> Response {
-    let made = create(&pacs, &id, request).await;
-    pacs.answer(made)
-}
-
-async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, PacsError> {
-    let no_case = || PacsError::from(cases::Error::NoSuchCase);
-    let id = CaseId::parse(id).ok_or_else(no_case)?;
+) -> Result<Response, AppError> {
+    let no_case = || AppError::from(cases::Error::NoSuchCase);
+    let id = CaseId::parse(&id).ok_or_else(no_case)?;
     let is_preview = wants_picture(request.headers())?;
-    let known = "`what`, `render`, `sheet`, `cine`, `key_object`, `node` and `study`";
-    let asked: ResultRequest = read_json(request, known).await?;
+    let asked: ResultRequest = read_json(request).await?;
     pacs.needs_identity()?;
     let node = asked.node.as_deref().map(|name| pacs.named_node(name));
     let node = node.transpose()?;
     let plan = asked.plan()?;
-    let composer = Composer::begin(pacs, id, &asked, plan).await?;
+    let composer = Composer::begin(&pacs, id, &asked, plan).await?;
     if is_preview {
         return Ok(picture(composer.preview(pacs.cases()).await?));
     }
@@ -131,7 +127,7 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
     let store = pacs.cases().store();
     let instance = composer.instance();
     if store.are_withdrawn(std::slice::from_ref(&instance)).await? == [true] {
-        return Err(PacsError::new(
+        return Err(AppError::new(
             StatusCode::CONFLICT,
             "withdrawn",
             "this result was withdrawn by a rejection note, and a PACS would not accept it again; request another picture",
@@ -150,7 +146,7 @@ async fn create(pacs: &Pacs, id: &str, request: Request) -> Result<Response, Pac
         Some(file) => file,
         None => composer.file(pacs.cases()).await?,
     };
-    let queued = queue(pacs, id, node, (study, series, instance), file).await?;
+    let queued = queue(&pacs, id, node, (study, series, instance), file).await?;
     store.withdraw(&withdrawn).await?;
     let address = format!("/v1/dicom-results/{}", queued.id);
     let mut response = fresh_json(StatusCode::ACCEPTED, &ResultView::from(queued));
@@ -168,7 +164,7 @@ async fn queue(
     node: &Node,
     (study, series, instance): (Uid, ResultSeries, Uid),
     file: Bytes,
-) -> Result<SentResult, PacsError> {
+) -> Result<SentResult, AppError> {
     let new = NewResult {
         case,
         node: node.name().to_owned(),
@@ -186,7 +182,7 @@ async fn queue(
 }
 
 /// Whether the client accepts PNG rather than an object.
-fn wants_picture(headers: &HeaderMap) -> Result<bool, PacsError> {
+fn wants_picture(headers: &HeaderMap) -> Result<bool, AppError> {
     let ranges = accepted_ranges(headers);
     let accepts = |kinds: &[&str]| ranges.iter().any(|range| kinds.contains(&&*range.essence));
     // The answer to a request that names a node is JSON.
@@ -202,7 +198,7 @@ fn wants_picture(headers: &HeaderMap) -> Result<bool, PacsError> {
     if accepts(&["image/png", "image/*"]) {
         return Ok(true);
     }
-    Err(PacsError::new(
+    Err(AppError::new(
         StatusCode::NOT_ACCEPTABLE,
         "not-acceptable",
         "none of the accepted media types is available; available types: application/dicom, image/png",
@@ -241,22 +237,20 @@ fn object(name: &str, file: Bytes) -> Response {
         (status = 404, description = "No such result"),
     )
 )]
-pub(crate) async fn get_result(State(pacs): State<Pacs>, Path(id): Path<String>) -> Response {
-    let found = get(&pacs, &id).await;
-    pacs.answer(found)
-}
-
-async fn get(pacs: &Pacs, id: &str) -> Result<Response, PacsError> {
+pub(crate) async fn get_result(
+    State(pacs): State<Pacs>,
+    Path(id): Path<String>,
+) -> Result<Response, AppError> {
     let missing = || {
-        PacsError::not_found(
+        AppError::not_found(
             "no-such-result",
             "there is no result with this id; results are forgotten after some days",
         )
     };
-    if !is_id(id) {
+    if !is_id(&id) {
         return Err(missing());
     }
-    let result = pacs.cases().store().result(id).await?;
+    let result = pacs.cases().store().result(&id).await?;
     let view = ResultView::from(result.ok_or_else(missing)?);
     Ok(fresh_json(StatusCode::OK, &view))
 }

@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use storage::arrivals::Uid;
 use utoipa::ToSchema;
 
-use crate::error::PacsError;
+use http_support::problem::AppError;
 
 /// The most pictures in an object.
 const MAX_PICTURES: usize = 256;
@@ -145,7 +145,7 @@ impl Title {
 }
 
 impl KeyObjectRequest {
-    fn plan(&self) -> Result<KeyObjectPlan, PacsError> {
+    fn plan(&self) -> Result<KeyObjectPlan, AppError> {
         let rule = format!("`key_object.instances` must be 1 to {MAX_LISTED} SOP Instance UIDs");
         if !(1..=MAX_LISTED).contains(&self.instances.len()) {
             return Err(out_of_range(rule));
@@ -262,10 +262,10 @@ pub(crate) struct StudyRequest {
 
 impl StudyRequest {
     /// The attributes as those of a source without images.
-    pub(crate) fn attributes(&self) -> Result<Attributes, PacsError> {
+    pub(crate) fn attributes(&self) -> Result<Attributes, AppError> {
         let wrong = |name: &str, rule: &str| {
             let detail = format!("`study.{name}` must be {rule}");
-            PacsError::bad_request("body-value-out-of-range", detail)
+            AppError::bad_request("body-value-out-of-range", detail)
         };
         let study = Uid::parse(&self.study_instance_uid);
         if !study.is_some_and(|uid| uid.is_strict()) {
@@ -366,19 +366,19 @@ pub(crate) enum Layout {
     Cine { frame_time_ms: u16 },
 }
 
-fn out_of_range(detail: impl Into<String>) -> PacsError {
-    PacsError::bad_request("body-value-out-of-range", detail)
+fn out_of_range(detail: impl Into<String>) -> AppError {
+    AppError::bad_request("body-value-out-of-range", detail)
 }
 
 /// Checks a picture of the body.
-fn checked(picture: &PictureRequest) -> Result<CheckedPicture, PacsError> {
+fn checked(picture: &PictureRequest) -> Result<CheckedPicture, AppError> {
     picture.checked().map_err(|error| match error {
         Error::Parameter { kind, name, detail } => {
             let hint = match name.as_ref() {
                 "annotate" => ", or `false`: results are annotated by default",
                 _ => "",
             };
-            PacsError::bad_request(kind, format!("`render.{name}` {detail}{hint}"))
+            AppError::bad_request(kind, format!("`render.{name}` {detail}{hint}"))
         }
         other => other.into(),
     })
@@ -386,7 +386,7 @@ fn checked(picture: &PictureRequest) -> Result<CheckedPicture, PacsError> {
 
 impl ResultRequest {
     /// Checks the whole request.
-    pub(crate) fn plan(&self) -> Result<Plan, PacsError> {
+    pub(crate) fn plan(&self) -> Result<Plan, AppError> {
         let is_for = |what, name: &str, is_given: bool| match is_given && self.what != what {
             true => Err(out_of_range(format!(
                 "`{name}` is only accepted with that value of `what`"
@@ -430,7 +430,7 @@ impl ResultRequest {
 }
 
 impl SheetRequest {
-    fn plan(&self, render: &PictureRequest) -> Result<(Vec<CheckedPicture>, Layout), PacsError> {
+    fn plan(&self, render: &PictureRequest) -> Result<(Vec<CheckedPicture>, Layout), AppError> {
         if render.view.is_some() || render.orientation.is_some() || render.depth_mm != 0.0 {
             return Err(out_of_range(
                 "`sheet` determines the depths and views; omit `depth_mm`, `view` and `orientation` of `render`",
@@ -463,7 +463,7 @@ impl SheetRequest {
 }
 
 impl CineRequest {
-    fn plan(&self, render: &PictureRequest) -> Result<(Vec<CheckedPicture>, Layout), PacsError> {
+    fn plan(&self, render: &PictureRequest) -> Result<(Vec<CheckedPicture>, Layout), AppError> {
         if !(2..=MAX_PICTURES as u32).contains(&self.frames) {
             return Err(out_of_range("`cine.frames` must be 2 to 256"));
         }
@@ -479,7 +479,7 @@ impl CineRequest {
         Ok((pictures, Layout::Cine { frame_time_ms }))
     }
 
-    fn turn(&self, render: &PictureRequest) -> Result<Vec<CheckedPicture>, PacsError> {
+    fn turn(&self, render: &PictureRequest) -> Result<Vec<CheckedPicture>, AppError> {
         let turned = |frame| checked(&render.turned(frame, self.frames)?);
         (0..self.frames).map(turned).collect()
     }
@@ -488,7 +488,7 @@ impl CineRequest {
         &self,
         [from_mm, to_mm]: [f32; 2],
         render: &PictureRequest,
-    ) -> Result<Vec<CheckedPicture>, PacsError> {
+    ) -> Result<Vec<CheckedPicture>, AppError> {
         if render.depth_mm != 0.0 {
             return Err(out_of_range(
                 "`cine.depths_mm` determines the depths; omit `depth_mm` of `render`",
@@ -515,7 +515,7 @@ impl CineRequest {
 mod tests {
     use super::*;
 
-    fn plan(body: &str) -> Result<Plan, PacsError> {
+    fn plan(body: &str) -> Result<Plan, AppError> {
         serde_json::from_str::<ResultRequest>(body).unwrap().plan()
     }
 

@@ -2,8 +2,8 @@
 
 use axum::http::{HeaderMap, StatusCode};
 
-use crate::error::PacsError;
 use crate::rendered::media::accepted_ranges;
+use http_support::problem::AppError;
 
 /// A file.
 pub(crate) const DICOM: &str = "application/dicom";
@@ -25,7 +25,7 @@ pub(crate) struct Accepted {
 
 impl Accepted {
     /// What is accepted of a kind. Only one file may be sent without parts.
-    pub(crate) fn read(headers: &HeaderMap, kind: &str, is_one: bool) -> Result<Self, PacsError> {
+    pub(crate) fn read(headers: &HeaderMap, kind: &str, is_one: bool) -> Result<Self, AppError> {
         let mut syntaxes = Vec::new();
         let is_any = |kind: &str| matches!(kind, "*/*" | "application/*");
         let (mut parts, mut single) = (false, false);
@@ -52,7 +52,7 @@ impl Accepted {
             .any(|syntax| syntax == "*" || syntax == EXPLICIT);
         // A file may be stored in another accepted syntax, but whether it is cannot be promised.
         if !is_possible {
-            return Err(PacsError::new(
+            return Err(AppError::new(
                 StatusCode::NOT_ACCEPTABLE,
                 "not-acceptable",
                 format!(

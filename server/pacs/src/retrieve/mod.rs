@@ -13,10 +13,11 @@ use serde_json::{Map, Value};
 
 use self::media::{Accepted, DICOM, FRAME};
 use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
-use crate::error::PacsError;
 use crate::held::{HeldInstance, HeldSeries, HeldStudy, Values, not_kept};
-use crate::state::{Pacs, fresh_json};
+use crate::state::Pacs;
 use crate::stow::{DICOM_JSON, refuse_other_answers};
+use http_support::fresh::fresh_json;
+use http_support::problem::AppError;
 
 /// The most frames of a request.
 const MAX_FRAMES: usize = 64;
@@ -39,8 +40,8 @@ pub(crate) async fn study(
     State(pacs): State<Pacs>,
     Path(path): Path<StudyPath>,
     headers: HeaderMap,
-) -> Response {
-    pacs.answer(files(&pacs, path.into(), &headers).await)
+) -> Result<Response, AppError> {
+    files(&pacs, path.into(), &headers).await
 }
 
 /// Retrieve a series
@@ -58,8 +59,8 @@ pub(crate) async fn series(
     State(pacs): State<Pacs>,
     Path(path): Path<SeriesPath>,
     headers: HeaderMap,
-) -> Response {
-    pacs.answer(files(&pacs, path.into(), &headers).await)
+) -> Result<Response, AppError> {
+    files(&pacs, path.into(), &headers).await
 }
 
 /// Retrieve an instance
@@ -79,8 +80,8 @@ pub(crate) async fn instance(
     State(pacs): State<Pacs>,
     Path(path): Path<InstancePath>,
     headers: HeaderMap,
-) -> Response {
-    pacs.answer(files(&pacs, path.into(), &headers).await)
+) -> Result<Response, AppError> {
+    files(&pacs, path.into(), &headers).await
 }
 
 /// Retrieve the attributes of a study
@@ -100,8 +101,8 @@ pub(crate) async fn study_metadata(
     State(pacs): State<Pacs>,
     Path(path): Path<StudyPath>,
     headers: HeaderMap,
-) -> Response {
-    pacs.answer(metadata(&pacs, path.into(), &headers).await)
+) -> Result<Response, AppError> {
+    metadata(&pacs, path.into(), &headers).await
 }
 
 /// Retrieve the attributes of a series
@@ -119,8 +120,8 @@ pub(crate) async fn series_metadata(
     State(pacs): State<Pacs>,
     Path(path): Path<SeriesPath>,
     headers: HeaderMap,
-) -> Response {
-    pacs.answer(metadata(&pacs, path.into(), &headers).await)
+) -> Result<Response, AppError> {
+    metadata(&pacs, path.into(), &headers).await
 }
 
 /// Retrieve the attributes of an instance
@@ -138,8 +139,8 @@ pub(crate) async fn instance_metadata(
     State(pacs): State<Pacs>,
     Path(path): Path<InstancePath>,
     headers: HeaderMap,
-) -> Response {
-    pacs.answer(metadata(&pacs, path.into(), &headers).await)
+) -> Result<Response, AppError> {
+    metadata(&pacs, path.into(), &headers).await
 }
 
 /// Retrieve frames
@@ -161,12 +162,12 @@ pub(crate) async fn frames(
     State(pacs): State<Pacs>,
     Path(path): Path<FramesPath>,
     headers: HeaderMap,
-) -> Response {
+) -> Result<Response, AppError> {
     let (named, numbers) = path.parts();
-    pacs.answer(pixels(&pacs, named, &numbers, &headers).await)
+    pixels(&pacs, named, &numbers, &headers).await
 }
 
-async fn files(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Response, PacsError> {
+async fn files(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Response, AppError> {
     let accepted = Accepted::read(headers, DICOM, named.instance.is_some())?;
     let objects = HeldStudy::named(pacs, &named).await?.objects()?;
     let syntaxes = accepted.syntaxes;
@@ -212,7 +213,7 @@ fn streamed(files: StoredFiles, boundary: String) -> Body {
     Body::from_stream(parts)
 }
 
-async fn metadata(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Response, PacsError> {
+async fn metadata(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Response, AppError> {
     refuse_other_answers(headers)?;
     let study = HeldStudy::named(pacs, &named).await?;
     let instances = study.series.iter().flat_map(|series| &series.instances);
@@ -257,14 +258,14 @@ async fn pixels(
     named: Named,
     numbers: &str,
     headers: &HeaderMap,
-) -> Result<Response, PacsError> {
+) -> Result<Response, AppError> {
     let numbers = numbers_of(numbers)?;
     let accepted = Accepted::read(headers, FRAME, numbers.len() == 1)?;
     let object = HeldStudy::named(pacs, &named).await?.objects()?[0];
     let frames = pacs.cases().stored_frames(object, numbers).await?;
     let frames: Option<Vec<Bytes>> = frames.ok_or_else(not_kept)?.into_iter().collect();
     let frames = frames.ok_or_else(|| {
-        PacsError::not_found("no-such-frame", "the instance has no frame of this number")
+        AppError::not_found("no-such-frame", "the instance has no frame of this number")
     })?;
     if !accepted.is_multipart
         && let [frame] = &frames[..]
@@ -286,7 +287,7 @@ async fn pixels(
 }
 
 /// Numbers from 1 in a list, as numbers from 0.
-fn numbers_of(text: &str) -> Result<Vec<usize>, PacsError> {
+fn numbers_of(text: &str) -> Result<Vec<usize>, AppError> {
     let numbers = text
         .split(',')
         .map(|number| number.trim().parse::<usize>().ok()?.checked_sub(1));
@@ -295,7 +296,7 @@ fn numbers_of(text: &str) -> Result<Vec<usize>, PacsError> {
     numbers.ok_or_else(|| {
         let detail =
             format!("the frames must be numbers from 1, with commas, at most {MAX_FRAMES}");
-        PacsError::bad_request("query-value-out-of-range", detail)
+        AppError::bad_request("query-value-out-of-range", detail)
     })
 }
 

@@ -14,11 +14,11 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::candidates::quoted;
-use super::query::{ApiQuery, CasePath, NoQuery};
-use super::sent::json_body_within;
 use http_support::conditional::{EntityTag, REVALIDATE, Representation};
 use http_support::negotiate::{Coding, media_type};
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, CasePath, NoQuery};
+use http_support::sent::json_body_within;
 
 const JSON: &str = "application/json";
 const CSV: &str = "text/csv";
@@ -128,23 +128,16 @@ fn known_tags(request: &HeaderMap) -> Option<Vec<&str>> {
 }
 
 fn precondition_required() -> AppError {
-    AppError::Beside {
-        status: StatusCode::PRECONDITION_REQUIRED,
-        kind: "if-match-missing",
-        detail: "send `If-Match` with the `ETag` of the findings that you have changed".to_owned(),
-        parameter: None,
-    }
+    AppError::new(
+        StatusCode::PRECONDITION_REQUIRED,
+        "if-match-missing",
+        "send `If-Match` with the `ETag` of the findings that you have changed",
+    )
 }
 
 fn changed(current: Findings) -> Response {
     let status = StatusCode::PRECONDITION_FAILED;
-    let problem = AppError::Beside {
-        status,
-        kind: "findings-changed",
-        detail: "somebody has changed the findings since you read them; merge your changes with them, and send them again"
-            .to_owned(),
-        parameter: None,
-    }
+    let problem = AppError::new(status, "findings-changed", "somebody has changed the findings since you read them; merge your changes with them, and send them again")
     .problem();
     let tag = EntityTag::from_digest(current.version.digest());
     let body = FindingsChanged {

@@ -8,19 +8,15 @@ pub mod dicom;
 pub mod documents;
 pub mod events;
 pub mod findings;
-mod fresh;
 pub(crate) mod guarded;
 pub mod health;
 pub mod layers;
 pub mod masks;
 pub mod mesh;
-pub mod query;
-mod refusals;
 pub mod registration;
 pub mod render;
 pub mod renders;
 pub mod report;
-mod sent;
 pub mod slices;
 pub mod textures;
 pub mod upload;
@@ -43,6 +39,7 @@ use crate::state::{AnswerTimeout, AppState, Uploads};
 use http_support::auth::{self, Access};
 use http_support::conditional;
 use http_support::problem::AppError;
+use http_support::sent::MAX_BODY_BYTES;
 
 /// The header with the quality of the mask behind an answer.
 const QUALITY: HeaderName = HeaderName::from_static("x-isocortex-quality");
@@ -121,7 +118,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .merge(
             OpenApiRouter::new()
                 .routes(routes!(renders::create_renders))
-                .layer(DefaultBodyLimit::max(sent::MAX_BODY_BYTES)),
+                .layer(DefaultBodyLimit::max(MAX_BODY_BYTES)),
         )
         .route_layer(middleware::from_fn_with_state(
             state.cases.clone(),

@@ -19,8 +19,9 @@ use tempfile::TempDir;
 use tower::ServiceExt as _;
 
 use crate::app::app;
-use crate::state::{AppState, HttpOptions, UploadLimits};
+use crate::state::{AppState, HttpOptions};
 use http_support::auth::Access;
+use http_support::uploads::UploadLimits;
 
 /// The largest upload that is accepted here.
 pub(super) const MAX_UPLOAD_BYTES: u64 = 4 << 20;

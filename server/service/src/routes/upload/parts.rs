@@ -10,10 +10,11 @@ use storage::{Spooled, Store, StoreError};
 use tempfile::TempDir;
 use tokio::io::AsyncWriteExt as _;
 
-use crate::state::{UploadLimits, Uploads};
+use crate::state::Uploads;
 use http_support::metrics::Metrics;
 use http_support::pace::is_too_slow;
 use http_support::problem::AppError;
+use http_support::uploads::UploadLimits;
 
 /// The greatest number of parts `dicom`; a series has a few hundred.
 const MAX_DICOM_PARTS: usize = 20_000;

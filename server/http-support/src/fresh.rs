@@ -6,7 +6,7 @@ use axum::response::{IntoResponse as _, Response};
 use serde::Serialize;
 
 /// JSON that no cache may keep.
-pub(crate) fn fresh_json(status: StatusCode, body: &impl Serialize) -> Response {
+pub fn fresh_json(status: StatusCode, body: &impl Serialize) -> Response {
     let mut response = (status, Json(body)).into_response();
     response
         .headers_mut()

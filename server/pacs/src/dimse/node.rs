@@ -12,13 +12,13 @@ use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::rustls::pki_types::ServerName;
 
-use crate::command::{self, VERIFICATION, echo_request, status_of_response, store_request};
-use crate::head::FileHead;
-use crate::negotiate::{EXPLICIT, IMPLICIT, request_to_store};
-use crate::options::is_aet;
-use crate::outcome::{NotStored, is_stored, rejected};
-use crate::tls::ConnectingTls;
-use crate::wire::{Wire, WireError, fragments, peer_max_length};
+use crate::dimse::command::{self, VERIFICATION, echo_request, status_of_response, store_request};
+use crate::dimse::head::FileHead;
+use crate::dimse::negotiate::{EXPLICIT, IMPLICIT, request_to_store};
+use crate::dimse::options::is_aet;
+use crate::dimse::outcome::{NotStored, is_stored, rejected};
+use crate::dimse::tls::ConnectingTls;
+use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
 
 /// How long to wait for a connection.
 const CONNECT: Duration = Duration::from_secs(10);
@@ -283,7 +283,7 @@ async fn release<S: AsyncRead + AsyncWrite + Unpin>(wire: &mut Wire<S>) -> Resul
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::command::{Request, Status};
+    use crate::dimse::command::{Request, Status};
     use dicom_ul::pdu::{
         AssociationRJ, AssociationRJResult, AssociationRJServiceProviderPresentationReason,
         AssociationRJServiceUserReason, AssociationRJSource, AssociationRQ,
@@ -444,7 +444,7 @@ mod tests {
         let (sent, received) = sent_to(Node::Stores(IMPLICIT, Status::Success)).await;
         assert_eq!(sent, Ok(()));
         assert!(received != object.data_set());
-        let head = crate::head::file_head(&object.head.object, IMPLICIT);
+        let head = crate::dimse::head::file_head(&object.head.object, IMPLICIT);
         let again = imaging::dicom::explicit_file(&[head, received].concat()).unwrap();
         let again = Object::read(again.into()).unwrap();
         assert!(again.data_set() == object.data_set());

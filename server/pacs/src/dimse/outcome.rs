@@ -6,7 +6,7 @@ use dicom_ul::pdu::{
     AssociationRJ, AssociationRJResult, AssociationRJServiceUserReason, AssociationRJSource,
 };
 
-use crate::wire::WireError;
+use crate::dimse::wire::WireError;
 
 const SUCCESS: u16 = 0x0000;
 

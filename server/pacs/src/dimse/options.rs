@@ -3,9 +3,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::counts::AssociationCounts;
-use crate::peers::Peer;
-use crate::tls::ReloadedTls;
+use crate::dimse::counts::AssociationCounts;
+use crate::dimse::peers::Peer;
+use crate::dimse::tls::ReloadedTls;
 
 /// Whether a text is an application entity title (PS3.5 §6.2).
 pub fn is_aet(text: &str) -> bool {

@@ -1,6 +1,6 @@
 //! The head of a file (PS3.10 §7.1), which a data set lacks on the way.
 
-use crate::command::{ObjectName, padded, uid};
+use crate::dimse::command::{ObjectName, padded, uid};
 
 const PREAMBLE: usize = 128;
 

@@ -1,6 +1,6 @@
 //! The negotiation of an association (PS3.8 §7.1, §9.3).
 
-use crate::options::DimseOptions;
+use crate::dimse::options::DimseOptions;
 use dicom_ul::pdu::{
     AssociationAC, AssociationRJ, AssociationRJResult,
     AssociationRJServiceProviderPresentationReason, AssociationRJServiceUserReason,
@@ -10,9 +10,9 @@ use dicom_ul::pdu::{
 use imaging::dicom::write::{IMPLEMENTATION_CLASS_UID, IMPLEMENTATION_VERSION_NAME};
 use imaging::dicom::{IMAGE_CLASSES, TRANSFER_SYNTAXES};
 
-use crate::command::VERIFICATION;
-use crate::counts::Rejection;
-use crate::wire::MAX_PDU_LENGTH;
+use crate::dimse::command::VERIFICATION;
+use crate::dimse::counts::Rejection;
+use crate::dimse::wire::MAX_PDU_LENGTH;
 
 /// The context of all DICOM applications (PS3.7 A.2.1).
 const APPLICATION_CONTEXT: &str = "1.2.840.10008.3.1.1.1";

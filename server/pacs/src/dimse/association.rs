@@ -10,12 +10,12 @@ use storage::arrivals::ArrivalSource;
 use storage::{Spool, Spooled};
 use tokio::io::{AsyncRead, AsyncWrite};
 
-use crate::command::{self, Request, Status};
-use crate::counts::{AssociationCounts, Rejection};
-use crate::head::file_head;
-use crate::negotiate::{Accepted, Context, negotiate, rejection};
-use crate::options::{DimseOptions, is_aet};
-use crate::wire::{Wire, WireError, fragments, peer_max_length};
+use crate::dimse::command::{self, Request, Status};
+use crate::dimse::counts::{AssociationCounts, Rejection};
+use crate::dimse::head::file_head;
+use crate::dimse::negotiate::{Accepted, Context, negotiate, rejection};
+use crate::dimse::options::{DimseOptions, is_aet};
+use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
 
 /// Why an association ends early. It contains nothing that a peer has sent.
 #[derive(Debug, thiserror::Error)]

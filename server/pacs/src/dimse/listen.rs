@@ -10,11 +10,11 @@ use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
 
-use crate::association::{Abort, Caller, associate, reject_for_now};
-use crate::counts::Rejection;
-use crate::options::DimseOptions;
-use crate::peers::Peers;
-use crate::wire::{Connection, WireError};
+use crate::dimse::association::{Abort, Caller, associate, reject_for_now};
+use crate::dimse::counts::Rejection;
+use crate::dimse::options::DimseOptions;
+use crate::dimse::peers::Peers;
+use crate::dimse::wire::{Connection, WireError};
 
 /// As many connections beyond the limit of associations are told so at a time; more are closed.
 const MAX_REFUSALS: usize = 16;
