@@ -27,7 +27,7 @@ pub struct Refusal {
     pub kind: &'static str,
     /// What is wrong, in one sentence.
     pub detail: String,
-    /// The key of the query with the error.
+    /// The key of the query, or the place in the body, with the error.
     pub parameter: Option<String>,
 }
 
@@ -52,12 +52,28 @@ impl PacsError {
 
     /// An invalid value of a key of the query; the rule says what it must be.
     pub(crate) fn wrong_value(key: &str, rule: &str) -> Self {
-        Self::Request(Refusal {
-            status: StatusCode::BAD_REQUEST,
-            kind: "query-value-out-of-range",
-            detail: format!("`{key}` must be {rule}"),
-            parameter: Some(key.to_owned()),
-        })
+        Self::bad_request(
+            "query-value-out-of-range",
+            format!("`{key}` must be {rule}"),
+        )
+        .at(key)
+    }
+
+    /// An invalid value in the body, at a place such as `cine.frames`; the rule says what it must be.
+    pub(crate) fn wrong_in_body(place: &str, rule: &str) -> Self {
+        let detail = format!("`{place}` must be {rule}");
+        Self::bad_request("body-value-out-of-range", detail).at(place)
+    }
+
+    /// The same with the key of the query, or the place in the body, with the error.
+    pub(crate) fn at(self, place: &str) -> Self {
+        match self {
+            Self::Request(refusal) => Self::Request(Refusal {
+                parameter: Some(place.to_owned()),
+                ..refusal
+            }),
+            of_cases => of_cases,
+        }
     }
 
     pub(crate) fn bad_request(kind: &'static str, detail: impl Into<String>) -> Self {
