@@ -173,6 +173,16 @@ test("a launch that fits several studies asks which one; its query leaves the ad
   ]);
   assert.deepEqual(await violations(page), []);
   await keep(page, "launch");
+  // A page that does not load leaves no token behind.
+  await page.route(`${origin}/`, (route) => route.fulfill({ status: 502, body: "" }));
+  await choices.first().click();
+  const said = page.locator("#message");
+  await until(
+    async () => said.innerText(),
+    (words) => words.includes("502"),
+  );
+  assert.equal(await page.evaluate(() => sessionStorage.length), 0);
+  await page.unroute(`${origin}/`);
   await choices.first().click();
   await shown(page);
   assert.ok(page.url().includes(`#${id}`));

@@ -400,3 +400,63 @@ async fn an_image_that_comes_under_another_study_supersedes_the_case_of_its_own(
         (&json!("nothing"), &json!("moved"))
     );
 }
+
+/// The head as a FLAIR of the same study, brighter by some steps.
+fn flair(steps: u16) -> Vec<Vec<u8>> {
+    let of = |slice: Slice| Slice {
+        description: "FLAIR",
+        sop_uid: format!("1.2.3.77.{}", slice.instance),
+        series_uid: "1.2.3.77".to_owned(),
+        series_number: 7,
+        samples: slice.samples.iter().map(|value| value + steps).collect(),
+        ..slice
+    };
+    let slices: Vec<_> = head_slices().into_iter().map(of).collect();
+    files(&slices, Syntax::Explicit)
+}
+
+#[tokio::test]
+async fn a_layer_of_a_corrected_series_makes_room_for_the_corrected_one() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let t1 = files(&head_slices(), Syntax::Explicit);
+    assert_eq!(neighbour.store(&t1).await.status, 200);
+    let case = neighbour.settled().await["case"].clone();
+    let address = format!("/v1/cases/{}/layers", case.as_str().unwrap());
+    let layers = async || {
+        let layers = server.get(&address).await.json();
+        let layers = layers["layers"].as_array().unwrap().clone();
+        // Beside the maps.
+        let flair = |layer: &&Value| layer["name"].as_str().unwrap().starts_with("FLAIR");
+        let flairs = layers.iter().filter(flair);
+        flairs.map(|layer| layer["id"].clone()).collect::<Vec<_>>()
+    };
+    let until_other_than = async |before: &[Value]| {
+        for _ in 0..600 {
+            let now = layers().await;
+            if now.len() == 1 && now != before {
+                return now;
+            }
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        panic!(
+            "no other layer came: {}",
+            server.get("/v1/arrivals").await.json()
+        );
+    };
+    // Of late images, the layer is made again, and the one of fewer images goes.
+    let all = flair(0);
+    let (late, early) = all.split_last().unwrap();
+    assert_eq!(neighbour.store(early).await.status, 200);
+    let first = until_other_than(&[]).await;
+    assert_eq!(
+        neighbour.store(std::slice::from_ref(late)).await.status,
+        200
+    );
+    let second = until_other_than(&first).await;
+    // What was corrected is not shown from the first image on.
+    assert_eq!(neighbour.store(&flair(9)[..1]).await.status, 202);
+    assert_eq!(layers().await, [] as [Value; 0]);
+    assert_eq!(neighbour.store(&flair(9)[1..]).await.status, 202);
+    until_other_than(&second).await;
+}

@@ -511,6 +511,28 @@ async fn a_case_without_a_patient_is_refused_unless_the_request_names_the_study(
         assert_eq!(refused.problem(), kind, "{body}");
         assert!(!String::from_utf8_lossy(&refused.body).contains("Smith"));
     }
+    for (body, parameter) in [
+        (
+            json!({"what": "view", "render": {"zoom": 0}}),
+            "render.zoom",
+        ),
+        (json!({"what": "mask", "render": {}}), "render"),
+        (
+            json!({"what": "cine", "cine": {"frames": 1}}),
+            "cine.frames",
+        ),
+        (
+            json!({"what": "key-object", "key_object": {"instances": []}}),
+            "key_object.instances",
+        ),
+        (
+            json!({"what": "view", "study": {"StudyInstanceUID": "Smith", "PatientID": "P"}}),
+            "study.StudyInstanceUID",
+        ),
+    ] {
+        let refused = result(&server, &case, &body).await.json();
+        assert_eq!(refused["parameter"], parameter, "{body}");
+    }
     let unknown = "/v1/cases/00000000000000000000000000000000";
     let refused = result(&server, unknown, &json!({"what": "view"})).await;
     assert_eq!(refused.problem(), "no-such-case");

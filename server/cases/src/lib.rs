@@ -21,6 +21,7 @@ pub mod models;
 pub mod pictures;
 pub mod places;
 pub mod profile;
+pub mod ready;
 pub mod registration;
 pub mod report;
 mod room;

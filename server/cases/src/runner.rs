@@ -119,8 +119,11 @@ impl From<StoreError> for Failed {
             error = &error as &dyn std::error::Error,
             "a job was interrupted by a failure of the store"
         );
-        // Messages of the store may contain paths.
-        let detail = "the store failed; the log of the server has the details";
+        // Most messages of the store may contain paths.
+        let detail = match &error {
+            StoreError::ClocksDiffer(_) => error.to_string(),
+            _ => "the store failed; the log of the server has the details".to_owned(),
+        };
         Self::ForNow(Failure::new(FailureKind::Internal, STORE_FAILED, detail))
     }
 }

@@ -217,11 +217,32 @@ impl AppError {
 
     /// An invalid value of a key of the query; the rule says what it must be.
     pub fn wrong_value(key: &str, rule: &str) -> Self {
-        Self::Other {
-            status: StatusCode::BAD_REQUEST,
-            kind: "query-value-out-of-range",
-            detail: format!("`{key}` must be {rule}"),
-            parameter: Some(key.to_owned()),
+        let detail = format!("`{key}` must be {rule}");
+        Self::bad_request("query-value-out-of-range", detail).at(key)
+    }
+
+    /// An invalid value in the body, at a place such as `cine.frames`; the rule says what it must be.
+    pub fn wrong_in_body(place: &str, rule: &str) -> Self {
+        let detail = format!("`{place}` must be {rule}");
+        Self::bad_request("body-value-out-of-range", detail).at(place)
+    }
+
+    /// The same with the key of the query, or the place in the body, with the error.
+    #[must_use]
+    pub fn at(self, place: &str) -> Self {
+        match self {
+            Self::Other {
+                status,
+                kind,
+                detail,
+                ..
+            } => Self::Other {
+                status,
+                kind,
+                detail,
+                parameter: Some(place.to_owned()),
+            },
+            other => other,
         }
     }
 

@@ -6,9 +6,9 @@ use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
 use cases::Error;
+use cases::ready::check_ready;
 use http_support::metrics::{Metrics, OPEN_METRICS};
 use http_support::problem::AppError;
-use service::routes::health::READY_WITHIN;
 use storage::Store;
 
 use crate::figures;
@@ -26,16 +26,7 @@ pub(crate) fn routes(store: Store) -> Router {
 }
 
 async fn readyz(State(store): State<Store>) -> Result<Response, AppError> {
-    let checked = tokio::time::timeout(READY_WITHIN, store.check()).await;
-    checked
-        .map_err(|_elapsed| Error::Unavailable)?
-        .map_err(|error| {
-            tracing::warn!(%error, "the store is not ready");
-            match Error::from(error) {
-                unwritable @ (Error::StorageFull | Error::StorageFailed(_)) => unwritable,
-                _ => Error::Unavailable,
-            }
-        })?;
+    check_ready(&store).await?;
     Ok((StatusCode::OK, "ok\n").into_response())
 }
 

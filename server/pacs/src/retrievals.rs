@@ -124,6 +124,7 @@ pub(crate) async fn queue(
                 "not-a-uid",
                 format!("`{name}` must be a UID: digits and points, at most 64"),
             )
+            .at(name)
         })
     };
     let uids = SeriesUids {

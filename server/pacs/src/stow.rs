@@ -7,6 +7,7 @@ use axum::response::Response;
 use cases::Error;
 use cases::arrivals::Reception;
 use cases::dicom::InstanceIdentity;
+use cases::ready::check_before_upload;
 use serde_json::{Value, json};
 use storage::Spooled;
 use storage::arrivals::{ArrivalSource, Uid};
@@ -114,6 +115,7 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
         return Err(PartsError::TooLarge(limits.max_bytes).into());
     }
     let _room = pacs.room(&request)?;
+    check_before_upload(pacs.cases().store()).await?;
     let mut images = Images {
         pacs,
         study,

@@ -88,8 +88,8 @@ impl Store {
         Ok(copied)
     }
 
-    /// Copies every series that came from a PACS with its images, and every result, after the cases; adds to `copied`.
-    /// Results that wait to be sent wait there too. Retrievals are not copied.
+    /// Copies every series that came from a PACS with its images, every result, and what was withdrawn, after the cases;
+    /// adds to `copied`. Results that wait to be sent wait there too. Retrievals are not copied.
     ///
     /// # Errors
     /// If a store cannot be reached.
@@ -114,6 +114,15 @@ impl Store {
                 Some(next) => after = Some(next),
                 None => break,
             }
+        }
+        let mut last = None;
+        loop {
+            let page = self.withdrawn(last.as_ref(), ROWS_AT_ONCE).await?;
+            let Some((uid, _)) = page.last() else {
+                break;
+            };
+            last = Some(uid.clone());
+            other.adopt_withdrawn(&page).await?;
         }
         let (every, mut after) = (TransferQuery::default(), None);
         loop {
@@ -140,8 +149,14 @@ impl Store {
         copied: &mut Copied,
     ) -> Result<Vec<ObjectName>, StoreError> {
         let images = self.images_of(&arrival.uids).await?;
+        // An earlier copy may have what was corrected or rejected since.
+        other.keep_images(&arrival.uids, &images).await?;
         let mut lost = Vec::new();
-        for some in images.chunks(IMAGES_AT_ONCE) {
+        // A series of which nothing is left has no chunk, but a reason.
+        let chunks = images.len().div_ceil(IMAGES_AT_ONCE).max(1);
+        for number in 0..chunks {
+            let end = images.len().min((number + 1) * IMAGES_AT_ONCE);
+            let some = &images[number * IMAGES_AT_ONCE..end];
             let names: HashSet<_> = some.iter().map(|(_, name)| *name).collect();
             let mut pinned = other.pin(names).await?;
             let mut whole = Vec::new();
@@ -167,7 +182,7 @@ impl Store {
             }
             copied.for_pacs.images += whole.len() as u64;
         }
-        copied.for_pacs.series += u64::from(!images.is_empty());
+        copied.for_pacs.series += 1;
         if !lost.is_empty() {
             // The series may have been deleted a moment ago.
             let images = self.images_of(&arrival.uids).await?;
@@ -226,8 +241,10 @@ impl Store {
         if other.adopt(&case, &pinned).await? {
             copied.cases += 1;
         }
-        if let Some(series) = self.series_of(id).await? {
-            other.index_series(&series).await?;
+        if let Some(series) = self.series_of(id).await?
+            && other.series_of(id).await?.as_ref() != Some(&series)
+        {
+            other.adopt_index(&series).await?;
         }
         let findings = self.findings(id).await?;
         if findings != other.findings(id).await? {

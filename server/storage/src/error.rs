@@ -18,6 +18,9 @@ const UNWRITABLE: [&str; 7] = ["8", "778", "1034", "1290", "1546", "2570", "5803
 /// made a transaction wait for too long.
 const AWAY: [&str; 6] = ["57P01", "57P02", "57P03", "53300", "25006", "55P03"];
 
+/// S3's code for a request that was signed at another time than it came; its message has the code.
+const CLOCKS_DIFFER: &str = "RequestTimeTooSkewed";
+
 /// The reason why an operation of the store failed. The sentences may be shown to clients; the sources are for the log.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -69,6 +72,11 @@ pub enum StoreError {
     /// The findings of a case differ from what was written.
     #[error("the findings of a case are damaged; restore them from a backup")]
     DamagedFindings(case::CaseId),
+    /// The object store refuses what this machine signs, because their clocks differ.
+    #[error(
+        "the object store refuses the requests of this machine because their clocks differ; set the clock of this machine"
+    )]
+    ClocksDiffer(#[source] Box<dyn std::error::Error + Send + Sync>),
     /// The objects cannot be read or written.
     #[error("the object store failed")]
     Objects(#[source] Box<dyn std::error::Error + Send + Sync>),
@@ -84,6 +92,7 @@ impl StoreError {
     /// Whether the database or the object store is unreachable at the moment.
     pub fn is_away(&self) -> bool {
         let cause = match self {
+            Self::ClocksDiffer(_) => return true,
             Self::Rows(cause) | Self::Objects(cause) => cause,
             _ => return false,
         };
@@ -120,6 +129,12 @@ impl StoreError {
     fn reasons(&self) -> impl Iterator<Item = &(dyn Error + 'static)> {
         std::iter::successors(Some(self as &dyn Error), |&error| error.source())
     }
+}
+
+/// Whether the message of an error or of one of its sources has a text.
+fn has_text(error: &(dyn Error + 'static), text: &str) -> bool {
+    std::iter::successors(Some(error), |&error| error.source())
+        .any(|error| error.to_string().contains(text))
 }
 
 /// Whether a database reported one of these codes.
@@ -175,6 +190,9 @@ impl From<ObjectError> for StoreError {
     fn from(error: ObjectError) -> Self {
         OBJECT_FAILURES.fetch_add(1, Ordering::Relaxed);
         match error {
+            ObjectError::Store(source) if has_text(&*source, CLOCKS_DIFFER) => {
+                Self::ClocksDiffer(source)
+            }
             ObjectError::Store(source) => Self::Objects(source),
             ObjectError::Disk(source) => Self::Disk(source),
             ObjectError::Stopped(source) => Self::Stopped(source),

@@ -420,6 +420,14 @@ impl Store {
         Ok(())
     }
 
+    /// Checks that the objects are reachable.
+    ///
+    /// # Errors
+    /// If they are not.
+    pub async fn check_objects(&self) -> Result<(), StoreError> {
+        Ok(self.inner.objects.check().await?)
+    }
+
     /// Finishes all work before the process ends. The rows must not be used afterwards.
     pub async fn close(&self) {
         self.rows().close().await;

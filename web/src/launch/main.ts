@@ -130,14 +130,22 @@ class Launch {
     }
   }
 
-  /** Opens a case; the page takes the token from here, and asks nobody a second time. */
-  #open(id: string): void {
+  /**
+   * Opens a case; the page takes the token from here, and asks nobody a second time. A page that does not load would
+   * leave it there until the tab is closed, so look first.
+   */
+  async #open(id: string): Promise<void> {
+    try {
+      await send("./", { cache: "no-cache" });
+    } catch (problem) {
+      return setText(this.#message, problemWords(problem));
+    }
     handOver();
     location.replace(`./#${id}`);
   }
 
   #choose(candidates: readonly Candidate[]): void {
-    const buttons = candidates.map((one) => h("button", { click: () => this.#open(one.case) }, wordsOf(one)));
+    const buttons = candidates.map((one) => h("button", { click: () => void this.#open(one.case) }, wordsOf(one)));
     this.#actions.replaceChildren(...buttons);
     buttons[0]?.focus();
   }

@@ -75,7 +75,8 @@ impl Cases {
     /// Adds images to their series, and returns what became of each. Afterwards they are durable.
     ///
     /// An image that is known and has other contents takes the place of the one that is stored, and its series is read
-    /// again. If its patient or its study has changed, the cases of the series are superseded.
+    /// again. If its patient or its study has changed, the cases of the series are superseded. A layer of the series is
+    /// removed until the series is complete again.
     ///
     /// # Errors
     /// An error of the store, such as [`Error::StorageFull`]; nothing is acknowledged then.
@@ -103,6 +104,9 @@ impl Cases {
         let (images, receptions) = self.compare(images, source).await?;
         let received = self.store().receive(images, source).await?;
         for arrival in received.corrected {
+            if let Some(corrected) = self.store().arrival(&arrival).await? {
+                self.remove_layers_of(&corrected.uids).await?;
+            }
             tracing::warn!(
                 arrival,
                 "images of a series that are known have come with other contents, which count from now on"

@@ -1,6 +1,6 @@
 //! Rejection notes of the PACS (IHE RAD, Imaging Object Change Management).
 
-use case::{CaseId, Failure, Layer, ObjectKind};
+use case::{CaseId, Failure, Layer, LayerId, ObjectKind};
 use storage::arrivals::{ArrivalSource, REJECTED, Rejection, SeriesQuery, SeriesUids};
 use storage::{StoreError, Unreadable};
 
@@ -32,14 +32,25 @@ impl Cases {
     }
 
     /// Removes the layers that are of a series from the cases of its study.
-    async fn remove_layers_of(&self, uids: &SeriesUids) -> Result<(), Error> {
-        let store = self.store();
+    pub(super) async fn remove_layers_of(&self, uids: &SeriesUids) -> Result<(), StoreError> {
         let study = SeriesQuery::Study(uids.study.clone(), None);
-        for series in store.cases_of(&study).await? {
-            for layer in store.layers(&series.case).await? {
-                if self.is_layer_of(&series.case, &layer, uids).await? {
-                    store.delete_layer(&series.case, &layer.id).await?;
-                }
+        for series in self.store().cases_of(&study).await? {
+            self.remove_other_layers_of(uids, &series.case, None)
+                .await?;
+        }
+        Ok(())
+    }
+
+    /// Removes the layers that are of a series from a case, all but one.
+    pub(crate) async fn remove_other_layers_of(
+        &self,
+        uids: &SeriesUids,
+        case: &CaseId,
+        kept: Option<&LayerId>,
+    ) -> Result<(), StoreError> {
+        for layer in self.store().layers(case).await? {
+            if kept != Some(&layer.id) && self.is_layer_of(case, &layer, uids).await? {
+                self.store().delete_layer(case, &layer.id).await?;
             }
         }
         Ok(())

@@ -182,7 +182,12 @@ impl Cases {
             client: None,
         };
         let outcome = match self.add_layer_of(new, false).await {
-            Ok(_) => Outcome::Layer(case),
+            Ok(added) => {
+                // Of fewer images than have come since.
+                let kept = Some(&added.layer.id);
+                self.remove_other_layers_of(&due.uids, &case, kept).await?;
+                Outcome::Layer(case)
+            }
             Err(Error::TooManyLayers { .. }) => Outcome::Nothing(Failure::unusable(
                 "too-many-layers",
                 "the case of the study has as many layers as it may have",

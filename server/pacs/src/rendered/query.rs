@@ -264,7 +264,7 @@ impl<'a> RenderedQuery<'a> {
             let detail = format!(
                 "the pictures have more than {MAX_TOTAL_PIXELS} pixels; request smaller or fewer ones"
             );
-            return Err(AppError::bad_request("query-value-out-of-range", detail));
+            return Err(AppError::bad_request("query-value-out-of-range", detail).at("viewport"));
         }
         Ok(Shown {
             viewpoint,

@@ -146,14 +146,17 @@ impl Title {
 
 impl KeyObjectRequest {
     fn plan(&self) -> Result<KeyObjectPlan, AppError> {
-        let rule = format!("`key_object.instances` must be 1 to {MAX_LISTED} SOP Instance UIDs");
+        let wrong = || {
+            let rule = format!("1 to {MAX_LISTED} SOP Instance UIDs");
+            AppError::wrong_in_body("key_object.instances", &rule)
+        };
         if !(1..=MAX_LISTED).contains(&self.instances.len()) {
-            return Err(out_of_range(rule));
+            return Err(wrong());
         }
         let instances = self.instances.iter().map(|uid| Uid::parse(uid));
         let instances: Option<Vec<_>> = instances.collect();
         let mut seen = std::collections::HashSet::new();
-        let mut instances = instances.ok_or_else(|| out_of_range(rule))?;
+        let mut instances = instances.ok_or_else(wrong)?;
         instances.retain(|uid| seen.insert(uid.clone()));
         Ok(KeyObjectPlan {
             instances,
@@ -263,10 +266,8 @@ pub(crate) struct StudyRequest {
 impl StudyRequest {
     /// The attributes as those of a source without images.
     pub(crate) fn attributes(&self) -> Result<Attributes, AppError> {
-        let wrong = |name: &str, rule: &str| {
-            let detail = format!("`study.{name}` must be {rule}");
-            AppError::bad_request("body-value-out-of-range", detail)
-        };
+        let wrong =
+            |name: &str, rule: &str| AppError::wrong_in_body(&format!("study.{name}"), rule);
         let study = Uid::parse(&self.study_instance_uid);
         if !study.is_some_and(|uid| uid.is_strict()) {
             let rule = "a UID: numbers without leading zeros and points between them, at most 64 characters";
@@ -366,8 +367,9 @@ pub(crate) enum Layout {
     Cine { frame_time_ms: u16 },
 }
 
-fn out_of_range(detail: impl Into<String>) -> AppError {
-    AppError::bad_request("body-value-out-of-range", detail)
+/// An error at a place of the body.
+fn out_of_range(place: &str, detail: impl Into<String>) -> AppError {
+    AppError::bad_request("body-value-out-of-range", detail).at(place)
 }
 
 /// Checks a picture of the body.
@@ -378,7 +380,8 @@ fn checked(picture: &PictureRequest) -> Result<CheckedPicture, AppError> {
                 "annotate" => ", or `false`: results are annotated by default",
                 _ => "",
             };
-            AppError::bad_request(kind, format!("`render.{name}` {detail}{hint}"))
+            let place = format!("render.{name}");
+            AppError::bad_request(kind, format!("`{place}` {detail}{hint}")).at(&place)
         }
         other => other.into(),
     })
@@ -388,9 +391,10 @@ impl ResultRequest {
     /// Checks the whole request.
     pub(crate) fn plan(&self) -> Result<Plan, AppError> {
         let is_for = |what, name: &str, is_given: bool| match is_given && self.what != what {
-            true => Err(out_of_range(format!(
-                "`{name}` is only accepted with that value of `what`"
-            ))),
+            true => Err(out_of_range(
+                name,
+                format!("`{name}` is only accepted with that value of `what`"),
+            )),
             false => Ok(()),
         };
         is_for(What::Sheet, "sheet", self.sheet.is_some())?;
@@ -403,6 +407,7 @@ impl ResultRequest {
         let (pictures, layout) = match self.what {
             What::Envelope | What::Mask | What::KeyObject if self.render.is_some() => {
                 return Err(out_of_range(
+                    "render",
                     "`render` is only accepted with `view`, `sheet` and `cine`",
                 ));
             }
@@ -410,7 +415,8 @@ impl ResultRequest {
             What::Mask => return Ok(Plan::Mask(MaskPlan::Brain)),
             What::KeyObject => {
                 let list = self.key_object.as_ref();
-                let list = list.ok_or_else(|| out_of_range("`key_object` is required"))?;
+                let list =
+                    list.ok_or_else(|| out_of_range("key_object", "`key_object` is required"))?;
                 return Ok(Plan::KeyObject(list.plan()?));
             }
             What::View => (vec![checked(&render)?], Layout::One),
@@ -423,7 +429,7 @@ impl ResultRequest {
         if pixels > MAX_TOTAL_PIXELS {
             let detail =
                 format!("the pictures have {pixels} pixels; the limit is {MAX_TOTAL_PIXELS}");
-            return Err(out_of_range(detail));
+            return Err(out_of_range("render", detail));
         }
         Ok(Plan::Pictures(PicturePlan { pictures, layout }))
     }
@@ -433,12 +439,13 @@ impl SheetRequest {
     fn plan(&self, render: &PictureRequest) -> Result<(Vec<CheckedPicture>, Layout), AppError> {
         if render.view.is_some() || render.orientation.is_some() || render.depth_mm != 0.0 {
             return Err(out_of_range(
+                "render",
                 "`sheet` determines the depths and views; omit `depth_mm`, `view` and `orientation` of `render`",
             ));
         }
         let count = self.depths_mm.len() * self.views.len();
         if !(1..=MAX_PICTURES).contains(&count) {
-            return Err(out_of_range("`sheet` must have 1 to 256 pictures"));
+            return Err(out_of_range("sheet", "`sheet` must have 1 to 256 pictures"));
         }
         let mut pictures = Vec::with_capacity(count);
         for &depth_mm in &self.depths_mm {
@@ -455,8 +462,8 @@ impl SheetRequest {
         let columns = self.views.iter().map(|view| view.name().to_owned());
         let cell = picture_size(render.width, render.height)?;
         let plan = SheetPlan::new(cell, rows.collect(), columns.collect());
-        let plan =
-            plan.map_err(|error| out_of_range(format!("`sheet` is not possible: {error}")))?;
+        let plan = plan
+            .map_err(|error| out_of_range("sheet", format!("`sheet` is not possible: {error}")))?;
         let columns = self.views.len();
         Ok((pictures, Layout::Sheet { plan, columns }))
     }
@@ -465,10 +472,13 @@ impl SheetRequest {
 impl CineRequest {
     fn plan(&self, render: &PictureRequest) -> Result<(Vec<CheckedPicture>, Layout), AppError> {
         if !(2..=MAX_PICTURES as u32).contains(&self.frames) {
-            return Err(out_of_range("`cine.frames` must be 2 to 256"));
+            return Err(AppError::wrong_in_body("cine.frames", "2 to 256"));
         }
         if !(10..=10_000).contains(&self.frame_time_ms) {
-            return Err(out_of_range("`cine.frame_time_ms` must be 10 to 10000"));
+            return Err(AppError::wrong_in_body(
+                "cine.frame_time_ms",
+                "10 to 10000",
+            ));
         }
         checked(render)?;
         let pictures = match self.depths_mm {
@@ -491,14 +501,14 @@ impl CineRequest {
     ) -> Result<Vec<CheckedPicture>, AppError> {
         if render.depth_mm != 0.0 {
             return Err(out_of_range(
+                "render.depth_mm",
                 "`cine.depths_mm` determines the depths; omit `depth_mm` of `render`",
             ));
         }
         let accepted = 0.0..=MAX_DEPTH_MM;
         if !accepted.contains(&from_mm) || !accepted.contains(&to_mm) {
-            return Err(out_of_range(
-                "`cine.depths_mm` must be two depths of 0 to 1000 mm",
-            ));
+            let rule = "two depths of 0 to 1000 mm";
+            return Err(AppError::wrong_in_body("cine.depths_mm", rule));
         }
         let at = |frame: u32| {
             let share = frame as f32 / (self.frames - 1) as f32;

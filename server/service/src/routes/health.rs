@@ -1,11 +1,10 @@
 //! The server's own state.
 
-use std::time::Duration;
-
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use cases::ready::check_ready;
 use cases::{Cases, Error};
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -15,9 +14,6 @@ use http_support::fresh::fresh_json;
 use http_support::metrics::{Metrics, OPEN_METRICS};
 use http_support::problem::{AppError, Problem};
 use http_support::query::{ApiQuery, NoQuery};
-
-/// How long the store may take to answer: probes usually wait for a second or two.
-pub const READY_WITHIN: Duration = Duration::from_secs(3);
 
 /// The state of the process.
 #[derive(Debug, Serialize, ToSchema)]
@@ -57,18 +53,7 @@ pub async fn readyz(
     State(cases): State<Cases>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    let checked = tokio::time::timeout(READY_WITHIN, cases.store().check()).await;
-    let checked = checked.map_err(|_elapsed| {
-        tracing::warn!("the store does not answer in time");
-        Error::Unavailable
-    })?;
-    checked.map_err(|error| {
-        tracing::warn!(%error, "the store is not ready");
-        match Error::from(error) {
-            unwritable @ (Error::StorageFull | Error::StorageFailed(_)) => unwritable,
-            _ => Error::Unavailable,
-        }
-    })?;
+    check_ready(cases.store()).await?;
     Ok(fresh_json(StatusCode::OK, &Health { status: "ok" }))
 }
 

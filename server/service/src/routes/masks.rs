@@ -249,7 +249,7 @@ pub async fn put_mask(
     let client = Peer::of(&request);
     let _room = uploads.begin(&request)?;
     let case = cases.case(&id).await?;
-    let body = Incoming::begin(cases.store(), &uploads);
+    let body = Incoming::begin(cases.store(), &uploads).await?;
     let body = body.spool(request.into_body().into_data_stream()).await?;
     let version = query.values.version(id, case.parameters, body)?;
     Ok(submitted(

@@ -195,10 +195,13 @@ CREATE INDEX arrival_instances_by_digest ON arrival_instances (digest);
 -- An image that is known may come again under another study or series.
 CREATE INDEX arrival_instances_by_uid ON arrival_instances (sop_instance_uid);
 
--- Instances that a rejection note has withdrawn for good: images that are not received again, and results of ours.
+-- Instances that a rejection note has withdrawn: for a year, images that are not received again, and results of ours.
 CREATE TABLE rejections (
-    sop_instance_uid TEXT COLLATE "C" NOT NULL PRIMARY KEY
+    sop_instance_uid TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    rejected_at      BIGINT NOT NULL
 );
+
+CREATE INDEX rejections_by_age ON rejections (rejected_at);
 
 -- The series that cases were made of, for requests that name one.
 CREATE TABLE case_series (

@@ -22,6 +22,8 @@ const TERMS: DueTerms = DueTerms {
     patience: Duration::from_secs(200),
 };
 
+const DAY: u64 = 24 * 3600;
+
 fn uid(text: &str) -> Uid {
     Uid::parse(text).unwrap()
 }
@@ -309,6 +311,16 @@ pub(crate) async fn images_that_are_rejected_are_forgotten_and_their_cases_super
     let asked = [instance(1, 1), instance(1, 2), instance(2, 1)];
     let are = store.are_withdrawn(&asked).await.unwrap();
     assert_eq!(are, [false, true, true], "what may return is not held back");
+    // It is remembered for a year from the latest note.
+    subject.pass(200 * DAY);
+    reject(false, 2, &[instance(2, 1)]).await;
+    store.forget(TERMS.stable, false).await.unwrap();
+    let are = store.are_withdrawn(&asked).await.unwrap();
+    assert_eq!(are, [false, true, true]);
+    subject.pass(200 * DAY);
+    store.forget(TERMS.stable, false).await.unwrap();
+    let are = store.are_withdrawn(&asked).await.unwrap();
+    assert_eq!(are, [false, false, true]);
     // A note of others changes nothing but that.
     receive(store, &[image(3, 1)]).await;
     let others = reject(false, 3, &[instance(3, 2)]).await;

@@ -205,7 +205,39 @@ fn silent(elapsed: tokio::time::error::Elapsed) -> HttpError {
 
 #[cfg(test)]
 mod tests {
+    use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
+
+    use crate::StoreError;
+
     use super::*;
+
+    #[tokio::test]
+    async fn a_bucket_that_refuses_our_clock_is_told_from_one_that_is_away() {
+        let bucket = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = bucket.local_addr().unwrap();
+        let refuse = async {
+            let reason = "<Error><Code>RequestTimeTooSkewed</Code></Error>";
+            let length = reason.len();
+            let head =
+                "HTTP/1.1 403 Forbidden\r\nconnection: close\r\ncontent-type: application/xml";
+            let answer = format!("{head}\r\ncontent-length: {length}\r\n\r\n{reason}");
+            let (mut asked, _) = bucket.accept().await.unwrap();
+            let _request = asked.read(&mut [0; 4096]).await.unwrap();
+            asked.write_all(answer.as_bytes()).await.unwrap();
+        };
+        let variables = [
+            ("AWS_ENDPOINT_URL", format!("http://{address}")),
+            ("AWS_ACCESS_KEY_ID", "A".to_owned()),
+            ("AWS_SECRET_ACCESS_KEY", "B".to_owned()),
+        ];
+        let variables = variables.map(|(name, value)| (name.to_owned(), value));
+        let objects = Objects::in_bucket_with("heads", "", &variables.into()).unwrap();
+        let (checked, ()) = tokio::join!(objects.check(), refuse);
+        let error = StoreError::from(checked.unwrap_err());
+        assert!(matches!(error, StoreError::ClocksDiffer(_)), "{error:?}");
+        assert!(error.is_away());
+        assert!(error.to_string().contains("set the clock"), "{error}");
+    }
 
     #[test]
     fn credentials_are_those_of_the_profile() {

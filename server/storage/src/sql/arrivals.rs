@@ -272,15 +272,21 @@ pub(super) async fn reject(
     Ok(())
 }
 
-/// Notes that instances are withdrawn for good.
+/// Notes that instances are withdrawn. One that was withdrawn before keeps the later time.
 pub(super) async fn withdraw(
     connection: &mut Connection,
     instances: &[Uid],
+    at: i64,
 ) -> Result<(), StoreError> {
     for instance in instances {
         connection
-            .query("INSERT INTO rejections (sop_instance_uid) VALUES ($1) ON CONFLICT DO NOTHING")
+            .query(
+                "INSERT INTO rejections (sop_instance_uid, rejected_at) VALUES ($1, $2)
+                 ON CONFLICT (sop_instance_uid) DO UPDATE SET rejected_at = excluded.rejected_at
+                 WHERE rejections.rejected_at < excluded.rejected_at",
+            )
             .bind(instance.as_str())
+            .bind(at)
             .execute()
             .await?;
     }
@@ -297,6 +303,42 @@ pub(super) async fn is_withdrawn(
         .fetch_optional()
         .await?;
     Ok(row.is_some())
+}
+
+/// The next instances that are withdrawn, by UID, and when each was.
+pub(super) async fn withdrawn(
+    connection: &mut Connection,
+    after: Option<&Uid>,
+    limit: usize,
+) -> Result<Vec<(Uid, Timestamp)>, StoreError> {
+    let rows = connection
+        .query(
+            "SELECT sop_instance_uid, rejected_at FROM rejections WHERE sop_instance_uid > $1
+             ORDER BY sop_instance_uid LIMIT $2",
+        )
+        .bind(after.map_or("", Uid::as_str))
+        .bind(count(limit))
+        .fetch_all()
+        .await?;
+    let read = |row: &Row| {
+        let uid: String = row.get("sop_instance_uid")?;
+        let uid = Uid::parse(&uid).ok_or_else(|| unreadable("UID"))?;
+        Ok((uid, read_time(row, "rejected_at")?))
+    };
+    rows.iter().map(read).collect()
+}
+
+/// Forgets what was withdrawn until a time.
+pub(super) async fn forget_withdrawn(
+    connection: &mut Connection,
+    before: i64,
+) -> Result<(), StoreError> {
+    connection
+        .query("DELETE FROM rejections WHERE rejected_at <= $1")
+        .bind(before)
+        .execute()
+        .await?;
+    Ok(())
 }
 
 /// The image that is there already.
@@ -401,8 +443,8 @@ pub(super) async fn adopt(
     connection
         .query(
             "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
-                    label = $7, taken = $8, refused = $9
-             WHERE study_uid = $10 AND series_uid = $11",
+                    label = $7, taken = $8, refused = $9, superseded = $10, ignored = $11
+             WHERE study_uid = $12 AND series_uid = $13",
         )
         .bind(state.name())
         .bind(reason.transpose()?)
@@ -413,11 +455,49 @@ pub(super) async fn adopt(
         .bind(&arrival.label)
         .bind(taken.transpose()?)
         .bind(refused.transpose()?)
+        .bind(count(arrival.superseded))
+        .bind(count(arrival.ignored))
         .bind(arrival.uids.study.as_str())
         .bind(arrival.uids.series.as_str())
         .execute()
         .await?;
     Ok(())
+}
+
+/// Forgets the images of a series that are not among these.
+pub(super) async fn keep(
+    connection: &mut Connection,
+    uids: &SeriesUids,
+    kept: &[(Uid, ObjectName)],
+    now: i64,
+) -> Result<(), StoreError> {
+    let mut forgotten = Vec::new();
+    for image in images_of(connection, uids).await? {
+        if kept.contains(&image) {
+            continue;
+        }
+        connection
+            .query(
+                "DELETE FROM arrival_instances WHERE sop_instance_uid = $1
+                 AND arrival_id = (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3)",
+            )
+            .bind(image.0.as_str())
+            .bind(uids.study.as_str())
+            .bind(uids.series.as_str())
+            .execute()
+            .await?;
+        forgotten.push(image.1);
+    }
+    connection
+        .query(
+            "UPDATE arrivals SET instances = instances - $1 WHERE study_uid = $2 AND series_uid = $3",
+        )
+        .bind(count(forgotten.len()))
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
+        .execute()
+        .await?;
+    pins::abandon(connection, forgotten, now).await
 }
 
 pub(super) async fn expect(
@@ -792,6 +872,21 @@ pub(super) async fn index(
                 .map(AccessionNumber::as_str),
         )
         .bind(i64::from(series.is_superseded))
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Makes the index of a case's series as it is in another store.
+pub(super) async fn adopt_index(
+    connection: &mut Connection,
+    series: &CaseSeries,
+) -> Result<(), StoreError> {
+    index(connection, series).await?;
+    connection
+        .query("UPDATE case_series SET superseded = $1 WHERE case_id = $2")
+        .bind(i64::from(series.is_superseded))
+        .bind(series.case.to_string())
         .execute()
         .await?;
     Ok(())

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use jiff::Timestamp;
+
 use super::connection::{Connection, Row, microseconds};
 use super::{arrivals, jobs, pins, results};
 use crate::arrivals::{
@@ -12,6 +14,10 @@ use crate::jobs::{Claim, NewJob};
 use crate::rows::{DueSeries, Known, Pinned, Referred, RowCounts};
 use crate::{ForPacs, ObjectName, Store, StoreError};
 use case::{CaseId, Failure, JobKind, ObjectKind};
+
+/// How long to remember what rejection notes have withdrawn: a PACS that sends the images again does so within days, and
+/// UIDs should not stay for ever.
+const REJECTIONS_KEPT: Duration = Duration::from_secs(365 * 24 * 3600);
 
 /// The next objects of a kind that has rows of its own, by digest; none of another kind.
 pub(super) async fn objects(
@@ -115,7 +121,7 @@ impl Store {
             let of = (uids, source);
             arrivals::reject(&mut transaction, of, instances, reason, now).await?;
             if !rejection.may_return {
-                arrivals::withdraw(&mut transaction, instances).await?;
+                arrivals::withdraw(&mut transaction, instances, now).await?;
             }
         }
         transaction.commit().await?;
@@ -173,7 +179,8 @@ impl Store {
     }
 
     /// Forgets settled series for which nothing has come for this long, and results whose sending ended that long ago, and
-    /// removes the objects that nobody needs then. With `keep_cases`, the series of cases stay.
+    /// removes the objects that nobody needs then. With `keep_cases`, the series of cases stay. What was withdrawn is
+    /// remembered for a year.
     ///
     /// # Errors
     /// If the rows or the objects cannot be written.
@@ -182,21 +189,45 @@ impl Store {
         let before = now - microseconds(unchanged);
         arrivals::forget(&mut transaction, before, keep_cases, now).await?;
         results::forget(&mut transaction, before, now).await?;
+        let long_ago = now - microseconds(REJECTIONS_KEPT.max(unchanged));
+        arrivals::forget_withdrawn(&mut transaction, long_ago).await?;
         transaction.commit().await?;
         self.collect().await
     }
 
-    /// Notes that results are withdrawn for good.
+    /// Notes that results are withdrawn.
     ///
     /// # Errors
     /// If the rows cannot be written.
     pub async fn withdraw(&self, instances: &[Uid]) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
-        arrivals::withdraw(&mut transaction, instances).await?;
+        let (mut transaction, now) = self.rows().write().await?;
+        arrivals::withdraw(&mut transaction, instances, now).await?;
         transaction.commit().await
     }
 
-    /// Whether each instance was withdrawn for good.
+    /// At most `limit` withdrawn instances after one, by UID, and when each was withdrawn.
+    pub(crate) async fn withdrawn(
+        &self,
+        after: Option<&Uid>,
+        limit: usize,
+    ) -> Result<Vec<(Uid, Timestamp)>, StoreError> {
+        arrivals::withdrawn(&mut self.rows().connect().await?, after, limit).await
+    }
+
+    /// Notes that instances were withdrawn at these times in another store.
+    pub(crate) async fn adopt_withdrawn(
+        &self,
+        withdrawn: &[(Uid, Timestamp)],
+    ) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        for (instance, at) in withdrawn {
+            let instance = std::slice::from_ref(instance);
+            arrivals::withdraw(&mut transaction, instance, at.as_microsecond()).await?;
+        }
+        transaction.commit().await
+    }
+
+    /// Whether each instance was withdrawn.
     ///
     /// # Errors
     /// If the rows cannot be read.
@@ -224,6 +255,17 @@ impl Store {
         arrivals::adopt(&mut transaction, arrival, images, now).await?;
         transaction.commit().await?;
         Ok(true)
+    }
+
+    /// Forgets the images of a series that are not among these.
+    pub(crate) async fn keep_images(
+        &self,
+        uids: &SeriesUids,
+        kept: &[(Uid, ObjectName)],
+    ) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        arrivals::keep(&mut transaction, uids, kept, now).await?;
+        transaction.commit().await
     }
 
     /// Notes how many images a series has, according to its sender; nothing if none of them has come.
@@ -350,6 +392,13 @@ impl Store {
     pub async fn index_series(&self, series: &CaseSeries) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
         arrivals::index(&mut transaction, series).await?;
+        transaction.commit().await
+    }
+
+    /// Makes the index of a case's series as it is in another store; nothing if there is no such case.
+    pub(crate) async fn adopt_index(&self, series: &CaseSeries) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        arrivals::adopt_index(&mut transaction, series).await?;
         transaction.commit().await
     }
 

@@ -22,6 +22,9 @@ const CONNECTIONS: u32 = 8;
 /// How long to wait for a connection: short, so that callers learn soon that the database is unreachable.
 const ACQUIRE_TIMEOUT: Duration = Duration::from_secs(5);
 
+/// How long an open connection may be silent while nobody else is answered.
+const SILENT_FOR: Duration = Duration::from_secs(2);
+
 /// How long to wait after a failed connection before the next attempt.
 const AWAY_FOR: Duration = Duration::from_secs(1);
 
@@ -59,6 +62,7 @@ pub(super) async fn open(options: PgConnectOptions) -> Result<Connections, Store
     Ok(Connections {
         pool,
         away_until: Arc::default(),
+        reached_at: Arc::new(Mutex::new(Instant::now())),
     })
 }
 
@@ -91,6 +95,8 @@ pub(super) struct Connections {
     pool: PgPool,
     /// Until when nobody else tries. Held for moments.
     away_until: Arc<Mutex<Option<Instant>>>,
+    /// When it was reached last. Held for moments.
+    reached_at: Arc<Mutex<Instant>>,
 }
 
 impl Connections {
@@ -100,7 +106,27 @@ impl Connections {
     }
 
     pub(super) async fn acquire(&self) -> Result<PoolConnection<Postgres>, sqlx::Error> {
-        self.reached_by(self.pool.acquire()).await
+        self.reached_by(self.answered(self.pool.acquire())).await
+    }
+
+    /// Gives up early if the database hangs: there are open connections, and none is answered.
+    async fn answered<T>(
+        &self,
+        attempt: impl Future<Output = Result<T, sqlx::Error>>,
+    ) -> Result<T, sqlx::Error> {
+        if self.pool.num_idle() == 0 {
+            return attempt.await;
+        }
+        let mut attempt = std::pin::pin!(attempt);
+        loop {
+            let begun = Instant::now();
+            match tokio::time::timeout(SILENT_FOR, &mut attempt).await {
+                Ok(ended) => return ended,
+                // Others are answered: it waits for its turn.
+                Err(_) if *lock(&self.reached_at) >= begun => {}
+                Err(_) => return Err(sqlx::Error::PoolTimedOut),
+            }
+        }
     }
 
     /// A writing transaction, once all others have ended.
@@ -121,6 +147,9 @@ impl Connections {
             }
         }
         let reached = attempt.await;
+        if reached.is_ok() {
+            *lock(&self.reached_at) = Instant::now();
+        }
         let is_away = matches!(reached, Err(sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut));
         *lock(&self.away_until) = is_away.then(|| Instant::now() + AWAY_FOR);
         reached
@@ -340,6 +369,51 @@ mod tests {
                 .insert_case(&new_case(&there, "a").await)
                 .await
                 .unwrap();
+        }
+    }
+
+    async fn until(raised: &mut tokio::sync::watch::Receiver<bool>) {
+        drop(raised.wait_for(|is_raised| *is_raised).await);
+    }
+
+    /// A way to a database that can be made to hang: what is sent is swallowed from then on.
+    async fn hanging_way(to: std::path::PathBuf) -> (u16, tokio::sync::watch::Sender<bool>) {
+        let here = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let port = here.local_addr().unwrap().port();
+        let (hangs, seen) = tokio::sync::watch::channel(false);
+        tokio::spawn(async move {
+            while let Ok((mut client, _)) = here.accept().await {
+                let (mut seen, to) = (seen.clone(), to.clone());
+                tokio::spawn(async move {
+                    let mut server = tokio::net::UnixStream::connect(to).await.unwrap();
+                    tokio::select! {
+                        _ = tokio::io::copy_bidirectional(&mut client, &mut server) => {}
+                        () = until(&mut seen) => std::future::pending().await,
+                    }
+                });
+            }
+        });
+        (port, hangs)
+    }
+
+    #[tokio::test]
+    async fn a_database_that_hangs_is_away_after_two_seconds_and_then_at_once() {
+        let Some(server) = PostgresServer::start().await else {
+            return;
+        };
+        let address = server.database().await;
+        let options: PgConnectOptions = address.parse().unwrap();
+        let socket = format!(".s.PGSQL.{}", options.get_port());
+        let (port, hangs) = hanging_way(options.get_socket().unwrap().join(socket)).await;
+        let name = options.get_database().unwrap();
+        let store = store_at(&format!("postgres://postgres@127.0.0.1:{port}/{name}")).await;
+        store.rows().check().await.unwrap();
+        hangs.send_replace(true);
+        for longest in [ACQUIRE_TIMEOUT - Duration::from_secs(1), AWAY_FOR] {
+            let begun = Instant::now();
+            let error = store.cases(None, 1).await.unwrap_err();
+            assert!(error.is_away(), "{error:?}");
+            assert!(begun.elapsed() < longest, "{:?}", begun.elapsed());
         }
     }
 

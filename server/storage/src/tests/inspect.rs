@@ -2,12 +2,12 @@
 
 use super::*;
 use crate::arrivals::{
-    AccessionNumber, ArrivalSource, ArrivalState, DueTerms, NewInstance, Outcome, SeriesQuery,
-    SeriesUids, TransferQuery, Uid,
+    AccessionNumber, ArrivalSource, ArrivalState, DueTerms, NewInstance, Outcome, REJECTED,
+    Rejection, SeriesQuery, SeriesUids, TransferQuery, Uid,
 };
 use crate::results::{NewResult, ResultSeries};
 use crate::{CopyStep, ForPacs, frame};
-use case::{JobKind, JobState};
+use case::{Failure, JobKind, JobState};
 
 fn closer() -> Parameters {
     Parameters {
@@ -323,6 +323,40 @@ async fn a_copy_has_the_images_and_the_results_of_a_pacs() {
     for name in images {
         to.objects().get(&name).await.unwrap();
     }
+}
+
+#[tokio::test]
+async fn a_copy_follows_what_was_corrected_and_rejected_since() {
+    let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let (from, to) = (store(&here).await, store(&there).await);
+    let (case, ..) = a_kept_series(&from).await;
+    copied(&from, &to).await;
+    copied_for_pacs(&from, &to).await;
+    let study = SeriesQuery::Study(uid("1.2"), None);
+    let arrival = from.arrivals_of(&study).await.unwrap().remove(0);
+    let images = from.images_of(&arrival.uids).await.unwrap();
+    let reason = Failure::unusable(REJECTED, "it was rejected");
+    let reject = async |may_return, instances: Vec<Uid>| {
+        let rejection = Rejection {
+            may_return,
+            series: vec![(arrival.uids.clone(), instances)],
+        };
+        let rejected = from.reject(&rejection, ArrivalSource::Stow, &reason);
+        rejected.await.unwrap();
+        copied(&from, &to).await;
+        copied_for_pacs(&from, &to).await;
+    };
+    let first = images[0].0.clone();
+    reject(false, vec![first.clone()]).await;
+    assert!(to.series_of(&case).await.unwrap().unwrap().is_superseded);
+    assert_eq!(to.images_of(&arrival.uids).await.unwrap(), images[1..]);
+    assert_eq!(to.are_withdrawn(&[first]).await.unwrap(), [true]);
+    // Of a series without images, the reason is left.
+    reject(true, images.iter().map(|(uid, _)| uid.clone()).collect()).await;
+    let left = from.arrivals_of(&study).await.unwrap();
+    assert_eq!(left[0].reason.as_ref(), Some(&reason));
+    assert_eq!(to.arrivals_of(&study).await.unwrap(), left);
+    assert_eq!(inspected(&to).await.1, []);
 }
 
 #[tokio::test]

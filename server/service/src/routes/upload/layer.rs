@@ -96,7 +96,7 @@ pub async fn create_layer(
     refuse_early(request.headers(), uploads.limits.max_bytes)?;
     let client = Peer::of(&request);
     let _room = uploads.begin(&request)?;
-    let incoming = Incoming::begin(cases.store(), &uploads);
+    let incoming = Incoming::begin(cases.store(), &uploads).await?;
     let Received {
         volume,
         labels,

@@ -83,7 +83,7 @@ pub async fn create_case(
     refuse_early(request.headers(), uploads.limits.max_bytes)?;
     let client = Peer::of(&request);
     let _room = uploads.begin(&request)?;
-    let incoming = Incoming::begin(cases.store(), &uploads);
+    let incoming = Incoming::begin(cases.store(), &uploads).await?;
     let Form { volume, mask, sent } = Form::read(&incoming, request).await?;
     // Before the DICOM files are read, which takes long.
     sent.parameters.check()?;

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use axum::extract::multipart::{Field, MultipartError};
 use axum::http::StatusCode;
 use bytes::Bytes;
+use cases::ready::check_before_upload;
 use futures_util::{Stream, StreamExt as _};
 use storage::{Spooled, Store, StoreError};
 use tempfile::TempDir;
@@ -74,13 +75,20 @@ fn stalled(detail: String) -> AppError {
 
 impl<'a> Incoming<'a> {
     /// One that begins now.
-    pub(in crate::routes) fn begin(store: &'a Store, uploads: &'a Uploads) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// [`cases::Error::Unavailable`] if the object store does not answer.
+    pub(in crate::routes) async fn begin(
+        store: &'a Store,
+        uploads: &'a Uploads,
+    ) -> Result<Self, AppError> {
+        check_before_upload(store).await?;
+        Ok(Self {
             store,
             metrics: &uploads.metrics,
             limits: uploads.limits,
             end: Instant::now() + uploads.limits.whole,
-        }
+        })
     }
 
     /// Waits for the next piece, within the time limits.
