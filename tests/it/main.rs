@@ -35,6 +35,7 @@ mod restart;
 mod results;
 mod retrievals;
 mod scenes;
+mod scopes;
 #[path = "../../server/imaging/tests/it/series_builder.rs"]
 #[allow(dead_code, reason = "the tests of another crate use more of it")]
 mod series_builder;

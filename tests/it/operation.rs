@@ -111,6 +111,48 @@ const OLD: &str = "0123456789abcdef";
 const NEW: &str = "fedcba9876543210";
 
 #[test]
+fn a_named_token_opens_once_it_is_in_the_file_and_no_longer_once_it_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let [data, tokens] = ["data", "tokens.toml"].map(|name| folder.path().join(name));
+    let add = |name: &str| {
+        let mut command = Command::new(program());
+        command.args(["token", "new", name, "--role", "viewer", "--file"]);
+        let made = command.arg(&tokens).output().unwrap();
+        String::from_utf8(made.stdout).unwrap().trim().to_owned()
+    };
+    let first = add("first");
+    let mut server = Logged::start(&[
+        "serve",
+        "--listen",
+        "127.0.0.1:0",
+        "--gpu",
+        "off",
+        "--data",
+        data.to_str().unwrap(),
+        "--tokens-file",
+        tokens.to_str().unwrap(),
+    ]);
+    let line = server.until("listening");
+    let address = line["address"].as_str().unwrap().to_owned();
+    let status = |token: &str| get(&address, "/v1/cases", token).0;
+    assert_eq!(status(&first), 200);
+    let with_first = std::fs::read_to_string(&tokens).unwrap();
+
+    let second = add("second");
+    server.until("the tokens and the certificates were read again");
+    assert_eq!([status(&first), status(&second)], [200, 200]);
+
+    std::fs::write(&tokens, "nonsense").unwrap();
+    server.until("the tokens and the certificates stay as they were");
+    assert_eq!([status(&first), status(&second)], [200, 200]);
+
+    std::fs::write(&tokens, with_first).unwrap();
+    server.until("the tokens and the certificates were read again");
+    assert_eq!([status(&first), status(&second)], [200, 401]);
+    server.end();
+}
+
+#[test]
 fn a_signal_reads_the_token_again_and_every_line_of_the_log_is_json() {
     let folder = tempfile::tempdir().unwrap();
     let [data, token] = ["data", "token"].map(|name| folder.path().join(name));
@@ -134,13 +176,13 @@ fn a_signal_reads_the_token_again_and_every_line_of_the_log_is_json() {
     std::fs::write(&token, NEW).unwrap();
     assert_eq!(status(OLD), 200, "nobody has said so");
     server.signal("-HUP");
-    server.until("the token and the certificates were read again");
+    server.until("the tokens and the certificates were read again");
     assert_eq!(status(NEW), 200);
     assert_eq!(status(OLD), 401);
 
     std::fs::write(&token, "short").unwrap();
     server.signal("-HUP");
-    let refused = server.until("the token and the certificates stay as they were");
+    let refused = server.until("the tokens and the certificates stay as they were");
     assert!(refused["error"].as_str().unwrap().contains("at least 16"));
     assert_eq!(status(NEW), 200);
 

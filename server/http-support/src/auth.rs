@@ -3,7 +3,7 @@
 use std::net::IpAddr;
 use std::sync::{Arc, PoisonError, RwLock};
 
-use axum::extract::{Request, State};
+use axum::extract::{MatchedPath, Request, State};
 use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderValue, Method, Uri, header};
 use axum::middleware::Next;
@@ -16,6 +16,8 @@ use crate::guesses::Guesses;
 use crate::listen::Peer;
 use crate::origins::Origins;
 use crate::problem::AppError;
+use crate::scopes::ScopeTable;
+use crate::tokens::{Holder, Mismatch, NamedToken, Tokens};
 
 /// The fewest characters of a bearer token: 16 random ones cannot be guessed.
 pub const MIN_TOKEN_LENGTH: usize = 16;
@@ -33,8 +35,8 @@ const BASIC: HeaderValue = HeaderValue::from_static("Basic realm=\"isocortex\", 
 /// resolves to 127.0.0.1.
 #[derive(Debug, Clone, Default)]
 pub struct Access {
-    /// A digest, so that tokens of any length are compared in constant time. All clones share it, because it can be replaced.
-    token: Arc<RwLock<Option<blake3::Hash>>>,
+    /// `None` if none is required. All clones share them, because they can be replaced.
+    tokens: Arc<RwLock<Option<Tokens>>>,
     guesses: Arc<Guesses>,
     origins: Origins,
 }
@@ -50,19 +52,20 @@ impl Access {
         Self::default()
     }
 
-    /// Everyone with the token has access.
+    /// Everyone with the token has access to everything.
     ///
     /// # Errors
     /// If the token is too short, or cannot be sent in a header.
     pub fn with_token(token: &str) -> Result<Self, BadToken> {
-        let sendable = token.bytes().all(|byte| byte.is_ascii_graphic());
-        if token.len() < MIN_TOKEN_LENGTH || !sendable {
-            return Err(BadToken);
-        }
-        Ok(Self {
-            token: Arc::new(RwLock::new(Some(blake3::hash(token.as_bytes())))),
+        Ok(Self::with_tokens(vec![unnamed(token)?]))
+    }
+
+    /// Everyone with one of the tokens has the access that its scopes give.
+    pub fn with_tokens(tokens: Vec<NamedToken>) -> Self {
+        Self {
+            tokens: Arc::new(RwLock::new(Some(Tokens::new(tokens)))),
             ..Self::default()
-        })
+        }
     }
 
     /// The same, for pages of other origins too.
@@ -76,34 +79,36 @@ impl Access {
         &self.origins
     }
 
-    /// Accepts the token of other rules from now on, and the one of before no longer. Whether a token is required stays as
+    /// Accepts the tokens of other rules from now on, and those of before no longer. Whether a token is required stays as
     /// it was.
-    pub fn replace_token(&self, other: &Self) {
-        let token = other.token();
-        if self.wants_token() && token.is_some() {
-            *self.token.write().unwrap_or_else(PoisonError::into_inner) = token;
+    pub fn replace_tokens(&self, other: &Self) {
+        let tokens = other.read(Option::clone);
+        if self.wants_token() && tokens.is_some() {
+            *self.tokens.write().unwrap_or_else(PoisonError::into_inner) = tokens;
         }
     }
 
-    fn token(&self) -> Option<blake3::Hash> {
-        *self.token.read().unwrap_or_else(PoisonError::into_inner)
+    fn read<T>(&self, look: impl FnOnce(&Option<Tokens>) -> T) -> T {
+        look(&self.tokens.read().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Whether a token is required.
     pub fn wants_token(&self) -> bool {
-        self.token().is_some()
+        self.read(Option::is_some)
     }
 
-    fn check_token(&self, headers: &HeaderMap) -> Result<(), AppError> {
-        let Some(expected) = self.token() else {
-            return Ok(());
-        };
-        let given = given_token(headers).ok_or(AppError::Unauthorized)?;
-        if blake3::hash(&given) == expected {
-            Ok(())
-        } else {
-            Err(AppError::Unauthorized)
-        }
+    /// Who sends a request: the holder of its token, and everybody if none is required.
+    fn check_token(&self, headers: &HeaderMap) -> Result<Holder, AppError> {
+        self.read(|tokens| {
+            let Some(tokens) = tokens else {
+                return Ok(Holder::of_everything());
+            };
+            let given = given_token(headers).ok_or(AppError::Unauthorized)?;
+            tokens.holder(&given).cloned().map_err(|why| match why {
+                Mismatch::Unknown => AppError::Unauthorized,
+                Mismatch::Ended => AppError::TokenEnded,
+            })
+        })
     }
 
     fn check_host(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), AppError> {
@@ -122,6 +127,22 @@ impl Access {
             Err(AppError::WrongHost)
         }
     }
+}
+
+/// A token without a name, which opens everything.
+///
+/// # Errors
+/// If it is too short, or cannot be sent in a header.
+pub fn unnamed(token: &str) -> Result<NamedToken, BadToken> {
+    let sendable = token.bytes().all(|byte| byte.is_ascii_graphic());
+    if token.len() < MIN_TOKEN_LENGTH || !sendable {
+        return Err(BadToken);
+    }
+    Ok(NamedToken {
+        holder: Holder::of_everything(),
+        digest: blake3::hash(token.as_bytes()),
+        ends: None,
+    })
 }
 
 /// The token in a request: a bearer token, or the password of `Basic`, which is all that some programs can send.
@@ -213,30 +234,51 @@ pub async fn guard_origin(
     Ok(next.run(request).await)
 }
 
-/// Rejects requests without the token, if one is configured. A right token makes the connection that of a client.
+/// The guard of routes: who may ask, and for what.
+#[derive(Debug, Clone)]
+pub struct Guard {
+    /// The access rules.
+    pub access: Access,
+    /// What each route needs.
+    pub scopes: ScopeTable,
+}
+
+/// Rejects requests without a token, if one is required, and those whose token lacks the scope of the route. A right token
+/// makes the connection that of a client.
 ///
 /// A right token is always right, so that nobody behind the address of a guesser is shut out: no answer waits, and tokens
-/// are too long to be guessed at any rate.
+/// are too long to be guessed at any rate. Handlers find the [`Holder`] in the extensions of the request.
 ///
 /// # Errors
-/// [`AppError::Unauthorized`]; [`AppError::TooManyGuesses`] for one wrong token too soon after others; [`Error::Busy`] if
-/// there are too many clients.
+/// [`AppError::Unauthorized`], [`AppError::TokenEnded`]; [`AppError::MissingScope`];
+/// [`AppError::TooManyGuesses`] for one wrong token too soon after others; [`cases::Error::Busy`] if there are too many clients.
 pub async fn require_token(
-    State(access): State<Access>,
-    request: Request,
+    State(Guard { access, scopes }): State<Guard>,
+    mut request: Request,
     next: Next,
 ) -> Result<Response, AppError> {
     let connection = request.extensions().get::<Arc<Connection>>();
-    let Err(refusal) = access.check_token(request.headers()) else {
-        return match connection.map_or(Ok(()), |connection| connection.admit()) {
-            Ok(()) => Ok(next.run(request).await),
-            Err(busy) => Ok(closing(AppError::from(busy).into_response())),
-        };
+    let refusal = match access.check_token(request.headers()) {
+        Ok(holder) => {
+            if let Some(Err(busy)) = connection.map(|connection| connection.admit()) {
+                return Ok(closing(AppError::from(busy).into_response()));
+            }
+            let path = request.extensions().get::<MatchedPath>();
+            let scope = scopes.needed(request.method(), path.map_or("", MatchedPath::as_str));
+            if !holder.scopes.contains(&scope) {
+                return Err(AppError::MissingScope { holder, scope });
+            }
+            request.extensions_mut().insert(holder);
+            return Ok(next.run(request).await);
+        }
+        Err(refusal) => refusal,
     };
-    // A request without a token is not a guess.
-    let wait = match given_token(request.headers()) {
-        Some(_) => access.guesses.record(Peer::of(&request)),
-        None => None,
+    // A request without a token is not a guess, nor is a token that was right.
+    let is_guess =
+        matches!(refusal, AppError::Unauthorized) && given_token(request.headers()).is_some();
+    let wait = match is_guess {
+        true => access.guesses.record(Peer::of(&request)),
+        false => None,
     };
     let Some(wait) = wait else {
         let mut response = refusal.into_response();
@@ -276,9 +318,9 @@ mod tests {
             let header = with_header(header::AUTHORIZATION, &format!("Bearer {token}"));
             clone.check_token(&header).is_ok()
         };
-        access.replace_token(&Access::with_token("fedcba9876543210").unwrap());
+        access.replace_tokens(&Access::with_token("fedcba9876543210").unwrap());
         assert!(opens("fedcba9876543210") && !opens("0123456789abcdef"));
-        access.replace_token(&Access::of_this_machine());
+        access.replace_tokens(&Access::of_this_machine());
         assert!(opens("fedcba9876543210") && !opens(""));
     }
 

@@ -16,6 +16,8 @@ pub mod pace;
 pub mod problem;
 pub mod query;
 pub mod refusals;
+pub mod scopes;
 pub mod sent;
+pub mod tokens;
 mod unstalled;
 pub mod uploads;

@@ -15,6 +15,9 @@ use serde::Serialize;
 use storage::{ObjectError, StoreError};
 use utoipa::ToSchema;
 
+use crate::scopes::Scope;
+use crate::tokens::Holder;
+
 /// The prefix of every `type`.
 const TYPE_PREFIX: &str = "urn:isocortex:problem:";
 
@@ -104,6 +107,17 @@ pub enum AppError {
     /// The bearer token is missing or wrong.
     #[error("authentication required: send `Authorization: Bearer …`")]
     Unauthorized,
+    /// The token was right and has ended.
+    #[error("your token has ended; ask the administrator of this server for a new one")]
+    TokenEnded,
+    /// The token does not permit this.
+    #[error("the token `{}` may not do this: it lacks the scope `{scope}`", .holder.name)]
+    MissingScope {
+        /// Who asks.
+        holder: Holder,
+        /// What the route needs.
+        scope: Scope,
+    },
     /// An address sends one wrong token after the other.
     #[error("too many wrong tokens came from your address; send the right one, or wait {} s", .wait.as_secs_f64().ceil())]
     TooManyGuesses {
@@ -285,6 +299,8 @@ impl AppError {
                 (StatusCode::RANGE_NOT_SATISFIABLE, "range-not-satisfiable")
             }
             Self::Unauthorized => (StatusCode::UNAUTHORIZED, "unauthorized"),
+            Self::TokenEnded => (StatusCode::UNAUTHORIZED, "token-ended"),
+            Self::MissingScope { .. } => (StatusCode::FORBIDDEN, "missing-scope"),
             Self::TooManyGuesses { .. } => (StatusCode::TOO_MANY_REQUESTS, "too-many-guesses"),
             Self::CrossSite => (StatusCode::FORBIDDEN, "cross-site"),
             Self::WrongHost => (StatusCode::MISDIRECTED_REQUEST, "wrong-host"),
@@ -392,6 +408,21 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
             header::WWW_AUTHENTICATE,
             HeaderValue::from_static("Bearer realm=\"isocortex\""),
         )),
+        AppError::TokenEnded => Some((
+            header::WWW_AUTHENTICATE,
+            HeaderValue::from_static(
+                "Bearer realm=\"isocortex\", error=\"invalid_token\", error_description=\"the token has ended\"",
+            ),
+        )),
+        AppError::MissingScope { scope, .. } => {
+            let challenge = format!(
+                "Bearer realm=\"isocortex\", error=\"insufficient_scope\", scope=\"{scope}\""
+            );
+            Some((
+                header::WWW_AUTHENTICATE,
+                HeaderValue::from_str(&challenge).ok()?,
+            ))
+        }
         AppError::RangeNotSatisfiable { length } => {
             let value = HeaderValue::from_str(&format!("bytes */{length}")).ok()?;
             Some((header::CONTENT_RANGE, value))

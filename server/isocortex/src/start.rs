@@ -43,9 +43,11 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     let nodes = config.pacs.nodes()?;
     let dimse = config.pacs.dimse()?;
     let mut checked = Checked::default();
-    let guard = match access.wants_token() {
-        true => "with a token",
-        false => "without a token, for this machine alone",
+    let named = config.named_tokens()?.len();
+    let guard = match (access.wants_token(), named) {
+        (true, 0) => "with a token".to_owned(),
+        (true, named) => format!("with {named} named tokens"),
+        (false, _) => "without a token, for this machine alone".to_owned(),
     };
     let mut say = |line: String| checked.lines.push(line);
     say(format!("listens on http://{} {guard}", config.http.listen));
@@ -128,6 +130,7 @@ pub fn router(state: &AppState, pacs: &Pacs) -> Router {
     let (guarded, description) = pacs::guarded_routes(pacs);
     let beside = Beside {
         guarded,
+        scopes: pacs::SCOPES,
         description,
     };
     app_beside(state.clone(), beside)

@@ -31,7 +31,9 @@ mod stow;
 mod transfers;
 
 use axum::Router;
+use axum::http::Method;
 use axum::routing::get;
+use http_support::scopes::{Row, Scope};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -39,7 +41,20 @@ pub use self::background::Background;
 pub use self::node_tests::test_in_words;
 pub use self::state::{Options, Pacs};
 
-/// The routes that need the token, and their description.
+/// What a token must permit, for each route that is more than looking.
+pub const SCOPES: &[Row] = &[
+    (Method::POST, "/dicomweb/studies", Scope::DicomStore),
+    (Method::POST, "/dicomweb/studies/{study}", Scope::DicomStore),
+    (Method::POST, "/hooks/orthanc", Scope::DicomStore),
+    (Method::POST, "/v1/arrivals/{id}", Scope::Write),
+    (Method::POST, "/v1/retrievals", Scope::Write),
+    (Method::POST, "/v1/cases/{id}/dicom-results", Scope::Results),
+    // The identifiers of a study are in its body, not in an address.
+    (Method::POST, "/v1/launch", Scope::Read),
+    (Method::POST, "/v1/pacs/nodes/{name}/test", Scope::Admin),
+];
+
+/// The routes that need a token, and their description.
 pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
     let (routes, description) = OpenApiRouter::new()
         .routes(routes!(stow::store_study))

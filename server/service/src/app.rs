@@ -14,11 +14,12 @@ use utoipa::openapi::OpenApi;
 
 use crate::routes;
 use crate::state::{AppState, FrameAncestors};
-use http_support::auth::{self, Access};
+use http_support::auth::{self, Access, Guard};
 use http_support::logs::{self, MakeId, REQUEST_ID};
 use http_support::metrics::Metrics;
 use http_support::origins;
 use http_support::problem::AppError;
+use http_support::scopes::{Row, ScopeTable};
 
 /// What the page may load, and in whose frames it may stand: its own, and those of the configuration.
 const CONTENT_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
@@ -44,8 +45,10 @@ const SECURITY_HEADERS: [(HeaderName, &str); 5] = [
 
 /// Routes of another protocol, which stand beside those of the service and behind the same guards.
 pub struct Beside {
-    /// Those that need the token.
+    /// Those that need a token.
     pub guarded: Router,
+    /// What the token must permit, for those that are more than looking.
+    pub scopes: &'static [Row],
     /// Their description.
     pub description: OpenApi,
 }
@@ -61,7 +64,11 @@ pub fn app_beside(state: AppState, beside: Beside) -> Router {
     let (routes, openapi) = routes::all(&state);
     let mut description = beside.description;
     routes::guarded::describe(&mut description);
-    let guard = middleware::from_fn_with_state(Access::from_ref(&state), auth::require_token);
+    let guard = Guard {
+        access: Access::from_ref(&state),
+        scopes: ScopeTable::new(beside.scopes),
+    };
+    let guard = middleware::from_fn_with_state(guard, auth::require_token);
     let guarded = beside.guarded.route_layer(guard);
     let routes = routes.merge(guarded.with_state(()));
     finish(state, routes, &openapi.merge_from(description))

@@ -14,6 +14,7 @@ mod render;
 mod serve;
 mod status;
 mod test_node;
+mod token;
 mod work;
 
 use std::fs::File;
@@ -76,6 +77,8 @@ enum Command {
     Demo(demo::DemoArgs),
     /// Check a configuration without starting anything.
     CheckConfig(check_config::CheckConfigArgs),
+    /// Make tokens with names and scopes.
+    Token(token::TokenArgs),
     /// Ask a node of the PACS whether it answers.
     TestNode(test_node::TestNodeArgs),
     /// Read everything in a store, and report or repair what is wrong.
@@ -208,6 +211,7 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Serve(args) => serve::run(&args),
         Command::Work(args) => work::run(&args),
         Command::CheckConfig(args) => check_config::run(&args),
+        Command::Token(args) => token::run(&args),
         Command::TestNode(args) => test_node::run(&args),
         Command::CheckStore(args) => check_store::run(&args),
         Command::RemoveExpired(args) => remove_expired::run(&args),

@@ -39,6 +39,9 @@ pub(super) struct ServeArgs {
     /// A file with the bearer token.
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_TOKEN_FILE")]
     pub(super) token_file: Option<PathBuf>,
+    /// A file with named tokens and their scopes, which `isocortex token new` writes.
+    #[arg(long, value_name = "FILE", env = "ISOCORTEX_TOKENS_FILE")]
+    pub(super) tokens_file: Option<PathBuf>,
     /// The proxies that name the client in `X-Forwarded-For`: addresses or networks such as 10.0.0.0/8.
     #[arg(
         long,
@@ -72,6 +75,9 @@ impl ServeArgs {
             config.http.token = None;
             config.http.token_file = Some(path.clone());
         }
+        if let Some(path) = &self.tokens_file {
+            config.http.tokens_file = Some(path.clone());
+        }
         Ok(config)
     }
 }
@@ -97,11 +103,16 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
     })
 }
 
-/// What is read again at SIGHUP: the token, and the certificates of the listener for C-STORE.
+/// How often the file of the named tokens is looked at.
+const LOOK_EVERY: Duration = Duration::from_secs(2);
+
+/// What is read again at SIGHUP: the tokens, and the certificates of the listener for C-STORE. Named tokens are also read
+/// again when their file changes.
 #[derive(Debug, Clone)]
 struct Reload {
     access: Access,
     tls: Option<ReloadedTls>,
+    tokens_file: Option<PathBuf>,
 }
 
 impl Reload {
@@ -112,15 +123,36 @@ impl Reload {
         let Ok(mut signals) = signal(SignalKind::hangup()) else {
             return;
         };
-        while signals.recv().await.is_some() {
+        let mut looks = tokio::time::interval(LOOK_EVERY);
+        let mut seen = self.look();
+        loop {
+            tokio::select! {
+                signal = signals.recv() => if signal.is_none() { return },
+                _ = looks.tick() => {
+                    let now = self.look();
+                    // A file that is gone for a moment, while it is replaced, changes nothing.
+                    if now.is_none() || now == seen {
+                        continue;
+                    }
+                    seen = now;
+                }
+            }
             match self.now(&args) {
-                Ok(()) => tracing::info!("the token and the certificates were read again"),
+                Ok(()) => tracing::info!("the tokens and the certificates were read again"),
                 Err(error) => tracing::error!(
                     error = error.message,
-                    "the token and the certificates stay as they were"
+                    "the tokens and the certificates stay as they were"
                 ),
             }
         }
+    }
+
+    /// What tells one state of the file of the named tokens from another.
+    #[cfg(unix)]
+    fn look(&self) -> Option<(u64, std::time::SystemTime, u64)> {
+        use std::os::unix::fs::MetadataExt as _;
+        let metadata = std::fs::metadata(self.tokens_file.as_ref()?).ok()?;
+        Some((metadata.len(), metadata.modified().ok()?, metadata.ino()))
     }
 
     #[cfg(not(unix))]
@@ -130,7 +162,7 @@ impl Reload {
         let config = args.config()?;
         let access = config.access()?;
         let tls = config.pacs.dimse.tls()?;
-        self.access.replace_token(&access);
+        self.access.replace_tokens(&access);
         if let (Some(current), Some(tls)) = (&self.tls, tls) {
             current.replace(tls);
         }
@@ -166,6 +198,7 @@ impl Server {
         let mut reload = Reload {
             access: state.access().clone(),
             tls: None,
+            tokens_file: config.http.tokens_file.clone(),
         };
         let dimse = match config.pacs.dimse()? {
             Some((listen, options)) => {

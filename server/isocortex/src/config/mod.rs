@@ -3,6 +3,7 @@
 
 mod pacs;
 mod sections;
+mod tokens;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -10,10 +11,11 @@ use std::time::Duration;
 
 use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
-use http_support::auth::{Access, BadToken};
+use http_support::auth::{Access, BadToken, unnamed};
 use http_support::listen::ConnectionLimits;
 use http_support::origins::{NotAnOrigin, Origins};
 use http_support::pace::LeastRate;
+use http_support::tokens::NamedToken;
 use pipeline::HeadLimits;
 use serde::Deserialize;
 use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
@@ -24,6 +26,7 @@ pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::sections::{
     DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Render, Secret, Storage,
 };
+pub(crate) use self::tokens::check_name as check_token_name;
 
 /// The limit for unpacked DICOM files, relative to the limit for an upload.
 pub(crate) const DICOM_UNPACKING: u64 = 4;
@@ -106,6 +109,14 @@ pub enum ConfigError {
     /// The token is too weak.
     #[error(transparent)]
     Token(#[from] BadToken),
+    /// The file of the named tokens is wrong.
+    #[error("cannot use the tokens in {}: {why}", .path.display())]
+    Tokens {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, in one sentence.
+        why: String,
+    },
     /// A token in two places.
     #[error("set the token in `http.token` or in `http.token_file`, not in both")]
     TwoTokens,
@@ -203,14 +214,16 @@ impl Config {
     /// # Errors
     /// If the token cannot be read or is too weak, or if there is none and the server would listen on the network.
     pub fn access(&self) -> Result<Access, ConfigError> {
-        let access = match self.token_text()? {
-            Some(token) => Access::with_token(token.trim())?,
-            None if self.http.listen.ip().is_loopback() => Access::of_this_machine(),
-            None => {
-                return Err(ConfigError::OpenToStrangers {
-                    listen: self.http.listen,
-                });
-            }
+        let mut tokens = self.named_tokens()?;
+        if let Some(token) = self.token_text()? {
+            tokens.push(unnamed(token.trim())?);
+        }
+        let listen = self.http.listen;
+        let wants_token = !tokens.is_empty() || self.http.tokens_file.is_some();
+        let access = match wants_token {
+            true => Access::with_tokens(tokens),
+            false if listen.ip().is_loopback() => Access::of_this_machine(),
+            false => return Err(ConfigError::OpenToStrangers { listen }),
         };
         let [allowed, _] = self.origins()?;
         Ok(access.with_origins(allowed))
@@ -240,6 +253,24 @@ impl Config {
             Some(shows) => Ok(shows),
             None => Ok(self.access()?.wants_token()),
         }
+    }
+
+    /// The tokens of `http.tokens_file`.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or one of them is described wrongly.
+    pub fn named_tokens(&self) -> Result<Vec<NamedToken>, ConfigError> {
+        let Some(path) = &self.http.tokens_file else {
+            return Ok(Vec::new());
+        };
+        let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
+            path: path.clone(),
+            source,
+        })?;
+        tokens::parse(&text).map_err(|why| ConfigError::Tokens {
+            path: path.clone(),
+            why,
+        })
     }
 
     fn token_text(&self) -> Result<Option<String>, ConfigError> {

@@ -22,6 +22,8 @@ pub struct Http {
     pub token: Option<Secret>,
     /// A file with the token, instead of `token`.
     pub token_file: Option<PathBuf>,
+    /// A file with named tokens, beside the token or instead of it.
+    pub tokens_file: Option<PathBuf>,
     /// The origins of pages on other hosts that may read answers, such as a viewer.
     pub allowed_origins: Vec<String>,
     /// The origins in whose frames the page may stand, such as a PACS.
@@ -58,6 +60,7 @@ impl Default for Http {
             listen: DEFAULT_LISTEN,
             token: None,
             token_file: None,
+            tokens_file: None,
             allowed_origins: Vec::new(),
             frame_ancestors: Vec::new(),
             max_connections: 512,

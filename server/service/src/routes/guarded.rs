@@ -62,7 +62,12 @@ fn guard(operation: &mut Operation) {
         // Without a configured token, the server requires none.
         SecurityRequirement::default(),
     ]);
-    add(operation, "401", "A token is required");
+    add(
+        operation,
+        "401",
+        "A token is required, or the token has ended",
+    );
+    add(operation, "403", "The token lacks a scope");
     add(
         operation,
         "429",

@@ -17,6 +17,7 @@ pub mod registration;
 pub mod render;
 pub mod renders;
 pub mod report;
+pub(crate) mod scopes;
 pub mod slices;
 pub mod textures;
 pub mod upload;
@@ -36,9 +37,10 @@ use ::render::RESEARCH_USE_NOTICE;
 use case::CaseId;
 
 use crate::state::{AnswerTimeout, AppState, Uploads};
-use http_support::auth::{self, Access};
+use http_support::auth::{self, Access, Guard};
 use http_support::conditional;
 use http_support::problem::AppError;
+use http_support::scopes::ScopeTable;
 use http_support::sent::MAX_BODY_BYTES;
 
 /// The header with the quality of the mask behind an answer.
@@ -142,7 +144,10 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
     let guarded = answers
         .merge(streams)
         .route_layer(middleware::from_fn_with_state(
-            Access::from_ref(state),
+            Guard {
+                access: Access::from_ref(state),
+                scopes: ScopeTable::new(scopes::SCOPES),
+            },
             auth::require_token,
         ));
     let open = OpenApiRouter::new()

@@ -1,0 +1,101 @@
+//! Named tokens: who a request is from, what it may do, and until when.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use crate::scopes::Scope;
+
+/// A token that is known by its digest. The token itself is nowhere but with its holder: it is random and long, so its
+/// plain digest tells nothing of it.
+#[derive(Debug, Clone)]
+pub struct NamedToken {
+    /// Who holds it.
+    pub holder: Holder,
+    /// The BLAKE3 digest of its characters.
+    pub digest: blake3::Hash,
+    /// When it ends; `None`: never.
+    pub ends: Option<SystemTime>,
+}
+
+/// Who holds a token, and what it may be used for. Handlers find it in the extensions of a request.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Holder {
+    /// The name of the token.
+    pub name: Arc<str>,
+    /// What it may be used for.
+    pub scopes: BTreeSet<Scope>,
+}
+
+impl Holder {
+    /// The holder of a token without a name, who may do everything.
+    pub(crate) fn of_everything() -> Self {
+        Self {
+            name: "token".into(),
+            scopes: Scope::ALL.into(),
+        }
+    }
+}
+
+/// Why a token does not open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Mismatch {
+    /// Nobody has it.
+    Unknown,
+    /// It has ended.
+    Ended,
+}
+
+/// All tokens that open.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Tokens(Vec<NamedToken>);
+
+impl Tokens {
+    pub(crate) fn new(tokens: Vec<NamedToken>) -> Self {
+        Self(tokens)
+    }
+
+    /// Who holds the given token. Digests are compared in constant time.
+    pub(crate) fn holder(&self, given: &[u8]) -> Result<&Holder, Mismatch> {
+        let digest = blake3::hash(given);
+        let found = self.0.iter().find(|token| token.digest == digest);
+        let token = found.ok_or(Mismatch::Unknown)?;
+        match token.ends {
+            Some(end) if SystemTime::now() >= end => Err(Mismatch::Ended),
+            _ => Ok(&token.holder),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    fn token(name: &str, text: &str, ends: Option<SystemTime>) -> NamedToken {
+        NamedToken {
+            holder: Holder {
+                name: name.into(),
+                scopes: [Scope::Read].into(),
+            },
+            digest: blake3::hash(text.as_bytes()),
+            ends,
+        }
+    }
+
+    #[test]
+    fn a_token_tells_its_holder_until_it_ends() {
+        let now = SystemTime::now();
+        let tokens = Tokens::new(vec![
+            token("reader", "a", None),
+            token("guest", "b", Some(now - Duration::from_secs(1))),
+            token("locum", "c", Some(now + Duration::from_secs(3600))),
+        ]);
+        assert_eq!(&*tokens.holder(b"a").unwrap().name, "reader");
+        assert_eq!(tokens.holder(b"b"), Err(Mismatch::Ended));
+        assert_eq!(&*tokens.holder(b"c").unwrap().name, "locum");
+        assert_eq!(tokens.holder(b"d"), Err(Mismatch::Unknown));
+        assert_eq!(Tokens::default().holder(b"a"), Err(Mismatch::Unknown));
+    }
+}
