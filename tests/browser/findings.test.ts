@@ -68,7 +68,7 @@ test("a finding is kept on the server, with its side, and is there again", { ski
   await until(stored, ([one]) => one?.note === "seen on the cut" && one.certainty === "probable");
   const [one] = await stored();
   assert.deepEqual([one?.label, one?.side], ["<b>thick</b> gyrus", "right"]);
-  await page.waitForSelector(".slice .finding-marks circle", { state: "attached" });
+  await page.waitForSelector(".slice .finding-marks path.casing[d*=a]", { state: "attached" });
   await keep(page, "findings");
 
   await page.reload();

@@ -132,6 +132,14 @@ test(
     await page.mouse.move(...at(10, 50), { steps: 3 });
     await page.mouse.up();
     within(valueOf(await last(page)), 50);
+    assert.equal(await page.locator(".measures li").count(), 2);
+    // A hand that trembles sets one point.
+    await page.mouse.move(...at(-20, -20));
+    await page.mouse.down();
+    await page.mouse.move(at(-20, -20)[0] + 2, at(-20, -20)[1] + 1);
+    await page.mouse.up();
+    assert.equal(await page.locator(".measures li").count(), 2);
+    await page.keyboard.press("Escape");
     assert.match(new URL(page.url()).hash, /x=0,0,0/);
 
     await page.getByRole("button", { name: "Angle", exact: true }).click();
@@ -259,7 +267,8 @@ test(
     await page.keyboard.press("Escape");
     // Where its second point is, from the middle of the pane.
     const end = async (): Promise<readonly [number, number]> => {
-      const d = (await page.locator("#surface .overlay:not(.other) .finding-marks path").getAttribute("d")) ?? "";
+      const d =
+        (await page.locator("#surface .overlay:not(.other) .finding-marks path:not(.casing)").getAttribute("d")) ?? "";
       const [px = NaN, py = NaN] = (d.split("L").at(-1) ?? "").split(" ").map(Number);
       return [px - box.width / 2, py - box.height / 2];
     };

@@ -161,7 +161,8 @@ export async function openPage(browser: Browser, options: BrowserContextOptions 
   // Every control can be reached at once, unless a test is about the tasks of the panel.
   if (!options.storageState)
     await context.addInitScript(() => {
-      localStorage["isocortex"] ??= JSON.stringify({ task: "all" });
+      // Documents of their own origin, such as saved files, have none.
+      if (origin !== "null") localStorage["isocortex"] ??= JSON.stringify({ task: "all" });
     });
   const page = await context.newPage();
   const troubles: string[] = [];

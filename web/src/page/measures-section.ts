@@ -33,6 +33,9 @@ interface Measured {
   readonly values: Values;
 }
 
+/** What was measured, by case, as long as the page is open. */
+const MEASURED = new Map<string, readonly Measured[]>();
+
 export class MeasuresSection implements PointTool {
   readonly element: HTMLElement;
   readonly #host: MeasuresHost;
@@ -57,7 +60,7 @@ export class MeasuresSection implements PointTool {
     );
     this.#clear = button(t("measure.clear"), () => this.#put([]));
     this.element = h("div", { class: "group-body" }, this.#tools, this.#hint, this.#list, row(this.#clear));
-    this.#put([]);
+    this.#put(MEASURED.get(host.shown.id) ?? []);
     this.#say();
   }
 
@@ -156,6 +159,7 @@ export class MeasuresSection implements PointTool {
 
   #put(measured: readonly Measured[]): void {
     this.#measured = measured;
+    MEASURED.set(this.#host.shown.id, measured);
     this.#clear.disabled = measured.length === 0;
     this.#list.replaceChildren(...measured.map((one) => this.#item(one)));
     this.#draw();

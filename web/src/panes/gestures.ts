@@ -28,7 +28,7 @@ const kindOf = (event: PointerEvent): DragKind => {
 };
 
 /** A hand that moves by no more than this has not moved, in CSS pixels. */
-const STILL_PIXELS = 4;
+export const STILL_PIXELS = 4;
 
 /** Listens to a pane; its places are CSS pixels from the pane's top left corner. */
 export function listen(pane: HTMLElement, listener: GestureListener): void {

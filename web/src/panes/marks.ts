@@ -10,36 +10,52 @@ const RADIUS = 7;
 export class Marks {
   readonly element = svg("svg", { class: "finding-marks", "aria-hidden": "true" });
   #size = "";
-  /** What each mark is drawn from: those that stay the same are not drawn again. */
-  #drawn: string[] = [];
+  readonly #drawn: DrawnMark[] = [];
 
   show(marks: readonly Mark[], [width, height]: Vec2): void {
     const size = `0 0 ${width} ${height}`;
     if (size !== this.#size) this.element.setAttribute("viewBox", (this.#size = size));
-    const { children } = this.element;
-    while (children.length > marks.length) this.element.lastChild?.remove();
-    const wanted = marks.map((mark) => JSON.stringify(mark));
+    for (const { element } of this.#drawn.splice(marks.length)) element.remove();
     for (const [at, mark] of marks.entries()) {
-      if (wanted[at] === this.#drawn[at] && at < children.length) continue;
-      const element = drawn(mark);
-      if (at < children.length) children[at]?.replaceWith(element);
-      else this.element.append(element);
+      const drawn = (this.#drawn[at] ??= new DrawnMark());
+      if (!drawn.element.parentNode) this.element.append(drawn.element);
+      drawn.show(mark);
     }
-    this.#drawn = wanted;
   }
 }
 
-function drawn({ words, parts, colour, isAway }: Mark): SVGElement {
-  const [x, y] = parts[0]?.[0] ?? [0, 0];
-  const shapes = parts.map((places) => {
-    const [[cx, cy] = [0, 0]] = places;
-    if (places.length === 1) return svg("circle", { cx, cy, r: RADIUS });
-    return svg("path", { d: `M${places.map((place) => place.map((part) => part.toFixed(1)).join(" ")).join("L")}` });
-  });
-  return svg(
-    "g",
-    { class: isAway ? "away" : null, stroke: colour },
-    ...shapes,
-    svg("text", { x: x + RADIUS + 3, y: y - RADIUS, fill: colour }, words),
-  );
+/** A mark on the picture: its shapes stay, and are moved when the picture turns. */
+class DrawnMark {
+  readonly #line = svg("path");
+  /** Dark below the line, so that it is seen on white: a filter of all marks would cost more than the picture. */
+  readonly #casing = svg("path", { class: "casing" });
+  readonly #words = svg("text");
+  readonly element = svg("g", {}, this.#casing, this.#line, this.#words);
+  #shown = "";
+  #look = "";
+
+  show({ words, parts, colour, isAway }: Mark): void {
+    const [x, y] = parts[0]?.[0] ?? [0, 0];
+    const d = parts.map((places) => (places.length === 1 ? dot(places[0]) : line(places))).join("");
+    if (d !== this.#shown) {
+      this.#shown = d;
+      for (const path of [this.#casing, this.#line]) path.setAttribute("d", d);
+      this.#words.setAttribute("x", (x + RADIUS + 3).toFixed(1));
+      this.#words.setAttribute("y", (y - RADIUS).toFixed(1));
+    }
+    const look = [words, colour, isAway].join("\n");
+    if (look === this.#look) return;
+    this.#look = look;
+    this.element.setAttribute("class", isAway ? "away" : "");
+    this.element.setAttribute("stroke", colour);
+    this.#words.setAttribute("fill", colour);
+    this.#words.textContent = words;
+  }
 }
+
+const line = (places: readonly Vec2[]): string =>
+  `M${places.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`).join("L")}`;
+
+/** A circle around a place. */
+const dot = ([x, y]: Vec2 = [0, 0]): string =>
+  `M${(x - RADIUS).toFixed(1)} ${y.toFixed(1)}a${RADIUS} ${RADIUS} 0 1 0 ${2 * RADIUS} 0a${RADIUS} ${RADIUS} 0 1 0 ${-2 * RADIUS} 0`;

@@ -5,7 +5,7 @@ import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText, setValue } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { coordinate, depthAtWords, positionWords } from "../base/readout.ts";
-import { listen } from "./gestures.ts";
+import { STILL_PIXELS, listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { Overlay, overlayWords, titleWords } from "./overlay.ts";
 import { FollowingPicture, type Wish, served } from "../base/picture.ts";
@@ -429,24 +429,30 @@ export class SlicePane {
       if (marked) this.#move(marked, done);
       else if (done) this.#listener.missed();
     };
-    /** Points are set where the hand comes down, and where it leaves after a drag. */
+    /** Points are set where a mouse comes down, and where it or a finger leaves after a drag: fingers also scroll. */
     const set = (place: Vec2): boolean => {
       const tool = this.#listener.tool();
       const position = tool && this.#positionAt(place);
       if (position) tool.add(position, "slice");
       return tool !== null;
     };
+    let pressed: Vec2 = [0, 0];
     let pulled: Vec2 | null = null;
     listen(this.#frame, {
       press: (kind, place, isFinger) => {
+        pressed = place;
         pulled = null;
-        if (kind === "turn" && set(place)) return;
+        if (kind === "turn" && this.#listener.tool()) {
+          if (isFinger) pulled = place;
+          else set(place);
+          return;
+        }
         at = kind === "turn" ? place : null;
         marked = null;
         mayScroll = isFinger;
         if (at && !isFinger) cross(at, false);
       },
-      cancel: () => (at = null),
+      cancel: () => (at = pulled = null),
       drag: (kind, move, place) => {
         if (kind === "window") return this.#listener.window(move);
         if (kind === "pan") {
@@ -455,7 +461,8 @@ export class SlicePane {
         }
         const tool = this.#listener.tool();
         if (tool) {
-          pulled = place;
+          // A hand that clicks may tremble.
+          if (Math.hypot(place[0] - pressed[0], place[1] - pressed[1]) > STILL_PIXELS) pulled = place;
           return tool.hover(this.#positionAt(place));
         }
         at = place;
@@ -464,7 +471,7 @@ export class SlicePane {
         if (!mayScroll) cross(place, false);
       },
       pinch: (fingers) => {
-        at = null;
+        at = pulled = null;
         if (this.#state) this.#place(pinchedSlice(this.#view(this.#state), this.#shown, fingers));
       },
       wheel: (pixels, notches, place, event) => {
