@@ -475,10 +475,7 @@ impl CineRequest {
             return Err(AppError::wrong_in_body("cine.frames", "2 to 256"));
         }
         if !(10..=10_000).contains(&self.frame_time_ms) {
-            return Err(AppError::wrong_in_body(
-                "cine.frame_time_ms",
-                "10 to 10000",
-            ));
+            return Err(AppError::wrong_in_body("cine.frame_time_ms", "10 to 10000"));
         }
         checked(render)?;
         let pictures = match self.depths_mm {
