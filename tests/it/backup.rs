@@ -57,13 +57,7 @@ async fn a_store_is_moved_checked_repaired_and_restored() {
     let picture = |data: &str| {
         let output = path("picture.png");
         done(&[
-            "render",
-            &id,
-            "depth_mm=8",
-            "--data",
-            data,
-            "--output",
-            &output,
+            "render", &id, "--depth", "8", "--data", data, "--output", &output,
         ]);
         std::fs::read(output).unwrap()
     };

@@ -43,7 +43,7 @@ Examples:
   isocortex prepare head.nii.gz --mask brain.nii.gz --data /srv/isocortex
   isocortex prepare head.nii.gz --layer flair.nii.gz --data /srv/isocortex
   isocortex prepare dicom-folder --mask brain.nii.gz --series 3
-  isocortex render head.nii.gz --mask brain.nii.gz --output left.png depth_mm=8 view=left
+  isocortex render head.nii.gz --mask brain.nii.gz --depth 8 --view left --output left.png
 
 Exit status:
    0  done

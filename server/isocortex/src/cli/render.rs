@@ -7,8 +7,7 @@ use case::CaseId;
 use cases::jobs::Workers;
 use cases::pictures::{GpuUse, GraphicsOptions, PictureRequest, PictureSeries, SeriesPicture};
 use cases::{Cases, Error, Library, Preparation};
-use clap::Args;
-use http_support::refusals::Refusal;
+use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use http_support::{query, sent};
 use pipeline::Limits;
 use render::choice::Renderer;
@@ -23,14 +22,10 @@ use crate::config::Config;
 ///
 /// A depth beyond the deepest point is drawn at the deepest point.
 #[derive(Debug, Args)]
-#[command(after_help = keys_in_words())]
 pub(super) struct RenderArgs {
     /// The id of a case in the store, a NIfTI volume, or DICOM (a folder, a zip, one file).
     #[arg(value_name = "CASE|VOLUME")]
     input: PathBuf,
-    /// The picture: the keys of `GET /v1/cases/{id}/render`, such as depth_mm=8 view=left.
-    #[arg(value_name = "KEY=VALUE", value_parser = pair)]
-    picture: Vec<(String, String)>,
     #[command(flatten)]
     options: VolumeOptions,
     /// The directory of the store, for a case. [default: isocortex-data]
@@ -42,35 +37,63 @@ pub(super) struct RenderArgs {
     /// Whether a GPU may draw.
     #[arg(long, value_parser = choices::gpu_use(), env = "ISOCORTEX_GPU", default_value = "auto")]
     gpu: GpuUse,
+    #[command(flatten)]
+    picture: PictureKeys,
 }
 
-fn pair(text: &str) -> Result<(String, String), &'static str> {
-    let (key, value) = text.split_once('=').ok_or("write a key as KEY=VALUE")?;
-    Ok((key.to_owned(), value.to_owned()))
+/// The keys of `GET /v1/cases/{id}/render` that are given, each as an option: `--depth 8` is `depth_mm=8`.
+#[derive(Debug)]
+struct PictureKeys(Vec<(String, String)>);
+
+/// The option of a key.
+fn option_of(key: &str) -> String {
+    let of_length = key.strip_suffix("_mm").unwrap_or(key);
+    of_length.replace('_', "-")
 }
 
-/// The keys of a picture, for `--help`.
-fn keys_in_words() -> String {
-    let keys = query::keys::<PictureRequest>();
-    let width = keys.iter().map(|(key, _)| key.len()).max().unwrap_or(0);
-    let lines = keys.iter().map(|(key, words)| {
-        let words = words.replace('\n', " ");
-        format!("  {key:width$}  {words}")
-    });
-    let lines: Vec<_> = lines.collect();
-    format!("Keys of the picture:\n{}", lines.join("\n"))
+impl Args for PictureKeys {
+    fn augment_args(command: Command) -> Command {
+        let keys = query::keys::<PictureRequest>().into_iter();
+        let options = keys.map(|(key, words)| {
+            let words = words.replace('\n', " ");
+            let option = Arg::new(&key).long(option_of(&key)).help(words);
+            let option = option.value_name("VALUE").allow_hyphen_values(true);
+            match &*key {
+                "annotate" => option.num_args(0..=1).default_missing_value("true"),
+                _ => option,
+            }
+        });
+        command.next_help_heading("Picture").args(options)
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for PictureKeys {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let keys = query::keys::<PictureRequest>().into_iter();
+        let given = keys.filter_map(|(key, _)| {
+            let value = matches.get_one::<String>(&key)?.clone();
+            Some((key, value))
+        });
+        Ok(Self(given.collect()))
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
 }
 
 impl RenderArgs {
     fn request(&self) -> Result<PictureRequest, CliError> {
-        let pairs = self.picture.iter();
+        let pairs = self.picture.0.iter();
         let pairs = pairs.map(|(key, value)| (Cow::from(key), Cow::from(value)));
         sent::from_pairs(pairs).map_err(|error| {
-            let subject = match error.inner() {
-                Refusal::UnknownKey { .. } | Refusal::KeyTwice { .. } => "the picture".to_owned(),
-                _ => format!("`{}`", error.path()),
-            };
-            CliError::new(ExitStatus::Usage, format!("{subject} {}", error.inner()))
+            let option = option_of(&error.path().to_string());
+            CliError::new(ExitStatus::Usage, format!("`--{option}` {}", error.inner()))
         })
     }
 }
@@ -167,37 +190,42 @@ mod tests {
 
     #[test]
     fn the_command_line_knows_every_key_of_the_interface() {
-        let keys = [
-            "depth_mm=8",
-            "orientation=-0.5,0,0,1",
-            "window=80,0.5",
-            "window_function=sigmoid",
-            "annotate=true",
+        let options = [
+            "--depth",
+            "8",
+            "--orientation",
+            "-0.5,0,0,1",
+            "--window=80,0.5",
+            "--window-function",
+            "sigmoid",
+            "--annotate",
         ];
         let over_http =
             "depth_mm=8&orientation=-0.5,0,0,1&window=80,0.5&window_function=sigmoid&annotate=true";
         let over_http = query::parse::<PictureRequest>(over_http).unwrap();
-        assert_eq!(request(&keys).unwrap(), over_http.asked);
-        let help = keys_in_words();
+        assert_eq!(request(&options).unwrap(), over_http.asked);
+        let command = PictureKeys::augment_args(Command::new("render"));
+        let known: Vec<_> = command
+            .get_arguments()
+            .map(|known| known.get_id().as_str())
+            .collect();
         let all = serde_json::to_value(over_http.asked).unwrap();
         for key in all.as_object().unwrap().keys() {
-            assert!(help.contains(&format!("\n  {key} ")), "{key}");
+            assert!(known.contains(&&**key), "{key}");
         }
     }
 
     #[test]
     fn a_wrong_picture_is_refused_in_words() {
-        for (key, words) in [
-            ("depth_mm=deep", "`depth_mm` must be a number"),
-            ("view=above", "`view` must be one of `left`,"),
-            (
-                "deep=8",
-                "the picture has an unknown key; known: `depth_mm`",
-            ),
+        for (option, value, words) in [
+            ("--depth", "deep", "`--depth` must be a number"),
+            ("--view", "above", "`--view` must be one of `left`,"),
         ] {
-            let error = request(&[key]).unwrap_err();
+            let error = request(&[option, value]).unwrap_err();
             assert_eq!(error.status, ExitStatus::Usage);
             assert!(error.message.starts_with(words), "{}", error.message);
         }
+        let line = ["render", "head.nii", "-o", "a.png", "--deep", "8"];
+        assert!(Line::try_parse_from(line).is_err());
     }
 }
