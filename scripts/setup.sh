@@ -47,6 +47,9 @@ dicom_tools() {
   target/python/bin/python -c 'import highdicom' 2>/dev/null ||
     { python3 -m venv target/python && target/python/bin/pip install --quiet highdicom; } >/dev/null 2>&1 ||
     say "a test reads our segmentations with the Python package highdicom, which is not to be had here; it is skipped."
+  target/python/bin/python -c 'import sqlalchemy, pynetdicom' 2>/dev/null ||
+    { python3 -m venv target/python && target/python/bin/pip install --quiet pynetdicom sqlalchemy; } >/dev/null 2>&1 ||
+    say "a test works with the archive of the Python package pynetdicom, which is not to be had here; it is skipped."
   target/python/bin/python -c 'import openapi_spec_validator, prometheus_client' 2>/dev/null ||
     { python3 -m venv target/python && target/python/bin/pip install --quiet openapi-spec-validator prometheus-client; } >/dev/null 2>&1 ||
     say "tests check the description of the interface and the metrics with the Python packages openapi-spec-validator and prometheus-client, which are not to be had here; they are skipped."

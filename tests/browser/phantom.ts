@@ -65,7 +65,10 @@ function element(tag: number, vr: string, value: string | Buffer): Buffer {
 const short = (value: number): Buffer => Buffer.from(Uint16Array.of(value).buffer);
 
 /** The marked head as a series of DICOM files, one for each slice, with a patient. */
-export function markedSeries(patient: { readonly name: string; readonly id: string }): Buffer[] {
+export function markedSeries(
+  patient: { readonly name: string; readonly id: string },
+  { description = "t1 phantom", study = "1.2.3" } = {},
+): Buffer[] {
   const [columns, rows, slices] = SIZE;
   const at = (index: number, axis: 0 | 1 | 2): number => (index - (SIZE[axis] - 1) / 2) * EDGE_MM;
   return Array.from({ length: slices }, (_, slice) => {
@@ -77,7 +80,7 @@ export function markedSeries(patient: { readonly name: string; readonly id: stri
         const value = isMark(right, front, up) ? 1000 : 300 + 20 * Math.sin((right + front + up) / 9);
         pixels.writeUInt16LE(isBrain(right, front, up) ? Math.round(value) : 0, 2 * (y * columns + x));
       }
-    const instance = `1.2.3.4.${slice + 1}`;
+    const instance = `${study}.4.${slice + 1}`;
     const meta = [
       element(0x00020001, "OB", Buffer.from([0, 1])),
       element(0x00020002, "UI", "1.2.840.10008.5.1.4.1.1.4"),
@@ -96,14 +99,14 @@ export function markedSeries(patient: { readonly name: string; readonly id: stri
       element(0x00080018, "UI", instance),
       element(0x00080020, "DA", "20261101"),
       element(0x00080060, "CS", "MR"),
-      element(0x0008103e, "LO", "t1 phantom"),
+      element(0x0008103e, "LO", description),
       element(0x00100010, "PN", patient.name),
       element(0x00100020, "LO", patient.id),
       element(0x00100030, "DA", "19670312"),
       element(0x00100040, "CS", "F"),
       element(0x00180050, "DS", String(EDGE_MM)),
-      element(0x0020000d, "UI", "1.2.3"),
-      element(0x0020000e, "UI", "1.2.3.4"),
+      element(0x0020000d, "UI", study),
+      element(0x0020000e, "UI", `${study}.4`),
       element(0x00200011, "IS", "4"),
       element(0x00200013, "IS", String(slice + 1)),
       element(0x00200032, "DS", `${at(0, 0)}\\${at(0, 1)}\\${at(slice, 2)}`),

@@ -13,7 +13,7 @@ use crate::series_builder::{Slice, Syntax, files};
 use crate::server::{Answer, Server};
 
 /// The files of [`identified_head`] with another patient.
-fn corrected_head() -> Vec<Vec<u8>> {
+pub(crate) fn corrected_head() -> Vec<Vec<u8>> {
     let texts = [
         ([0x10, 0x0010], "PN", "Right^Patient"),
         ([0x10, 0x0020], "LO", "PAT-RIGHT"),
@@ -132,6 +132,13 @@ async fn a_corrected_patient_makes_a_new_case_and_nothing_more_is_sent_of_the_ol
     let made = result(server, &new, &view).await;
     let has = |text: &str| memchr::memmem::find(&made.body, text.as_bytes()).is_some();
     assert!(has("PAT-RIGHT") && !has("P-77"));
+    // A viewer sees one patient in the study: results of the wrong one are not beside the corrected images.
+    let series = server.get("/dicomweb/studies/1.2.3/series").await.json();
+    let modalities = series.as_array().unwrap().iter();
+    let modalities: Vec<_> = modalities
+        .map(|each| &each["00080060"]["Value"][0])
+        .collect();
+    assert_eq!(modalities, ["MR"]);
     // One line for the series, which names nobody.
     let text = lines.text();
     assert_eq!(text.matches("have come with other contents").count(), 1);

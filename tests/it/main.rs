@@ -2,6 +2,7 @@
 
 mod agreement;
 mod apart;
+mod archives;
 mod attacks;
 mod backup;
 mod command_line;

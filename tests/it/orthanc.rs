@@ -344,7 +344,8 @@ async fn orthanc_stores_results_once_and_shows_them() {
     .await;
     let case = identified_case(&neighbour).await;
     let server = &neighbour.server;
-    let render = json!({"depth_mm": 5, "width": 200, "height": 160});
+    // Results are annotated by default, pictures are not.
+    let render = json!({"depth_mm": 5, "width": 200, "height": 160, "annotate": false});
     let turn = json!({"frames": 4});
     let bodies = [
         json!({"what": "view", "render": render, "node": "orthanc"}),

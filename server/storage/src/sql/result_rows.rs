@@ -72,17 +72,17 @@ impl Store {
         results::of_instance(&mut self.rows().connect().await?, instance).await
     }
 
-    /// The results of a study, each once, in the order of their series; those that were withdrawn only if they are
-    /// asked for.
+    /// The results of a study, each once, in the order of their series. With `with_invalid`, also those that were
+    /// withdrawn, and those of superseded cases.
     ///
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn results_of(
         &self,
         study: &Uid,
-        with_withdrawn: bool,
+        with_invalid: bool,
     ) -> Result<Vec<HeldResult>, StoreError> {
         let mut connection = self.rows().connect().await?;
-        results::of_study(&mut connection, study, with_withdrawn).await
+        results::of_study(&mut connection, study, with_invalid).await
     }
 }

@@ -177,16 +177,18 @@ pub(super) async fn of_instance(
 pub(super) async fn of_study(
     connection: &mut Connection,
     study: &Uid,
-    with_withdrawn: bool,
+    with_invalid: bool,
 ) -> Result<Vec<HeldResult>, StoreError> {
     let rows = connection
         .query(
             "SELECT sop_instance_uid, sop_class_uid, series_uid, series_number, series_description, digest FROM results
-             WHERE study_uid = $1 AND ($2 = 1 OR sop_instance_uid NOT IN (SELECT sop_instance_uid FROM rejections))
+             WHERE study_uid = $1
+               AND ($2 = 1 OR sop_instance_uid NOT IN (SELECT sop_instance_uid FROM rejections)
+                              AND case_id NOT IN (SELECT case_id FROM case_series WHERE superseded = 1))
              ORDER BY series_number, sop_instance_uid, created_at, id",
         )
         .bind(study.as_str())
-        .bind(i64::from(with_withdrawn))
+        .bind(i64::from(with_invalid))
         .fetch_all()
         .await?;
     let mut held = rows.iter().map(read_held).collect::<Result<Vec<_>, _>>()?;
