@@ -25,4 +25,4 @@ pub use self::request::{
     picture_size, window_of, window_of_numbers,
 };
 pub use self::series::{PictureSeries, SeriesPicture};
-pub use self::slice::{CheckedSlice, DrawnSlice, SlicePicture, SliceQuery};
+pub use self::slice::{CheckedSlice, DrawnSlice, SlicePicture, SliceQuery, encode_slice};

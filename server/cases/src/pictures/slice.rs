@@ -2,7 +2,8 @@
 
 use case::{CaseFacts, CaseId};
 use render::{
-    ColorMap, Projection, Scene, SliceConvention, SliceParameters, SlicePlane, SliceRequest, Window,
+    ColorMap, Frame, Layers, Projection, Scene, SliceConvention, SliceParameters, SlicePlane,
+    SliceRequest, Window,
 };
 use serde::{Deserialize, Serialize};
 
@@ -278,18 +279,31 @@ impl SlicePicture {
                 volume: &volume,
                 ..model.scene().with_layers(layers.layers())
             };
-            let mut frame = render::draw_slice(&scene, &request);
+            let frame = render::draw_slice(&scene, &request);
             let projection = request.projection(&scene.bounds);
-            if let Some(identity) = &self.identity {
-                let named = Some(identity.as_str());
-                frame = render::annotate_slice(frame, &request, &projection, &scene.layers, named);
-            }
-            let case = self.id.to_string();
-            let mut texts = render::slice_texts(&case, &request, &scene.layers);
-            texts.retain(|(_, text)| !text.is_empty());
-            let png = render::encode_png(&frame, &texts)?;
+            let slice = (&request, &projection, &scene.layers);
+            let png = encode_slice(frame, slice, &self.id, self.identity.as_deref())?;
             Ok(DrawnSlice { png, projection })
         };
         cases.queue.run(draw).await?
     }
+}
+
+/// The file of a slice; with the line about its case, annotated.
+///
+/// # Errors
+/// If it cannot be encoded.
+pub fn encode_slice(
+    frame: Frame,
+    (request, projection, layers): (&SliceRequest, &Projection, &Layers<'_>),
+    id: &CaseId,
+    identity: Option<&str>,
+) -> Result<Vec<u8>, Error> {
+    let frame = match identity {
+        Some(_) => render::annotate_slice(frame, request, projection, layers, identity),
+        None => frame,
+    };
+    let mut texts = render::slice_texts(&id.to_string(), request, layers);
+    texts.retain(|(_, text)| !text.is_empty());
+    Ok(render::encode_png(&frame, &texts)?)
 }

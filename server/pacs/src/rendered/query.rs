@@ -7,14 +7,13 @@ use cases::Error;
 use cases::pictures::{CheckedPicture, Numbers, PictureRequest, window_of};
 use glam::{DMat3, DQuat, DVec3};
 use render::WindowFunction;
-use serde::de::IntoDeserializer as _;
-use serde::de::value::StrDeserializer;
 use utoipa::IntoParams;
 use utoipa::openapi::path::{Parameter, ParameterIn};
 use utoipa::openapi::schema::Type;
 
 use crate::described::query_key;
 use http_support::problem::AppError;
+use http_support::sent::from_pairs;
 
 /// The depth if none is requested, in mm: cuts are orthogonal to most sulci there.
 const USUAL_DEPTH_MM: f32 = 8.0;
@@ -37,6 +36,9 @@ const MAX_TOTAL_PIXELS: usize = 1 << 25;
 /// Directions are equal if they differ by less, so that a viewpoint that was computed gives the same picture as the
 /// direction from which it was computed.
 const DIRECTION_STEP: f64 = 1e-9;
+
+/// What our own keys mean that go to the request for a picture as they are.
+const AS_OF_RENDER: &str = "As of `GET /v1/cases/{id}/render`";
 
 /// The keys of the standard, and our own, with what they mean.
 pub(crate) const KEYS: [(&str, &str); 25] = [
@@ -76,16 +78,16 @@ pub(crate) const KEYS: [(&str, &str); 25] = [
         "`yes` for the values of the view instead of a picture",
     ),
     ("depth_mm", "Depth below the envelope, in mm; 8 by default"),
-    ("renderer", "As of `GET /v1/cases/{id}/render`"),
-    ("colormap", "As of `GET /v1/cases/{id}/render`"),
-    ("slab_mm", "As of `GET /v1/cases/{id}/render`"),
-    ("ambient", "As of `GET /v1/cases/{id}/render`"),
-    ("layer", "As of `GET /v1/cases/{id}/render`"),
-    ("overlay", "As of `GET /v1/cases/{id}/render`"),
-    ("overlay_window", "As of `GET /v1/cases/{id}/render`"),
-    ("overlay_colormap", "As of `GET /v1/cases/{id}/render`"),
-    ("overlay_threshold", "As of `GET /v1/cases/{id}/render`"),
-    ("overlay_opacity", "As of `GET /v1/cases/{id}/render`"),
+    ("renderer", AS_OF_RENDER),
+    ("colormap", AS_OF_RENDER),
+    ("slab_mm", AS_OF_RENDER),
+    ("ambient", AS_OF_RENDER),
+    ("layer", AS_OF_RENDER),
+    ("overlay", AS_OF_RENDER),
+    ("overlay_window", AS_OF_RENDER),
+    ("overlay_colormap", AS_OF_RENDER),
+    ("overlay_threshold", AS_OF_RENDER),
+    ("overlay_opacity", AS_OF_RENDER),
 ];
 
 /// The keys, for the description.
@@ -221,14 +223,15 @@ impl<'a> RenderedQuery<'a> {
         number.map(Some).ok_or_else(|| wrong(key, &rule))
     }
 
-    /// A value from a fixed set of words.
-    fn word<T: for<'de> serde::Deserialize<'de>>(&self, key: &str) -> Result<Option<T>, AppError> {
-        let Some(text) = self.text(key) else {
-            return Ok(None);
-        };
-        let words: StrDeserializer<'_, serde::de::value::Error> = text.into_deserializer();
-        let read = T::deserialize(words).map_err(|_| wrong(key, "one of its values; see `/docs`"));
-        read.map(Some)
+    /// The values of our own keys that mean the same as for every picture.
+    fn own(&self) -> Result<PictureRequest, AppError> {
+        let own = KEYS.iter().filter(|(_, words)| *words == AS_OF_RENDER);
+        let pairs = own.filter_map(|(key, _)| Some(((*key).into(), self.text(key)?.into())));
+        from_pairs(pairs).map_err(|error| AppError::Query {
+            kind: "query-value-out-of-range",
+            parameter: error.path().to_string().into(),
+            detail: error.into_inner().to_string(),
+        })
     }
 
     /// What is drawn of a case; `side` is the width and height if none are requested.
@@ -356,7 +359,6 @@ impl<'a> RenderedQuery<'a> {
         window: AskedWindow,
         [width, height]: [u32; 2],
     ) -> Result<PictureRequest, AppError> {
-        let usual = PictureRequest::default();
         let (orientation, pan) = camera(viewpoint, facts.envelope_sphere.center_in_patient)?;
         let shown_window = self.shows_intensities(window)?;
         let depth_mm = self.number("depth_mm", 0.0..=1000.0)?;
@@ -380,17 +382,7 @@ impl<'a> RenderedQuery<'a> {
             width,
             height,
             annotate: annotation.transpose()?.unwrap_or(false),
-            renderer: self.word("renderer")?.unwrap_or(usual.renderer),
-            colormap: self.word("colormap")?.unwrap_or(usual.colormap),
-            slab_mm: self.number("slab_mm", 0.0..=20.0)?.unwrap_or(usual.slab_mm),
-            ambient: self.number("ambient", 0.0..=1.0)?.unwrap_or(usual.ambient),
-            layer: self.word("layer")?,
-            overlay: self.word("overlay")?,
-            overlay_window: self.word("overlay_window")?,
-            overlay_colormap: self.word("overlay_colormap")?,
-            overlay_threshold: self.number("overlay_threshold", -1e9..=1e9)?,
-            overlay_opacity: self.number("overlay_opacity", 0.0..=1.0)?,
-            ..usual
+            ..self.own()?
         })
     }
 

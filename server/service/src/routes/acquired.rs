@@ -4,6 +4,7 @@ use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
+use case::CaseId;
 use geometry::{BoundingSphere, Volume};
 use render::{Layers, SliceConvention, SliceParameters, SlicePlane, SliceRequest, Window};
 use serde::{Deserialize, Serialize};
@@ -13,11 +14,12 @@ use super::render::PNG;
 use super::slices::plane_of;
 use cases::Cases;
 use cases::pictures::{
-    Numbers, check_annotation, default_side, default_zoom, picture_size, window_of_numbers,
+    Numbers, check_annotation, default_side, default_zoom, encode_slice, picture_size,
+    window_of_numbers,
 };
 use http_support::conditional::{Format, Question};
 use http_support::negotiate::media_type;
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath};
 
 /// A picture of a slice of what was acquired.
@@ -104,12 +106,10 @@ impl Asked for AcquiredQuery {
     ),
     responses(
         (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case or plane", body = Problem, content_type = "application/problem+json"),
-        (status = 406, description = "PNG is not accepted", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "The upload is lost", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case or plane"),
+        (status = 406, description = "PNG is not accepted"),
+        (status = 422, description = "The upload is lost"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_acquired(
@@ -130,10 +130,10 @@ pub async fn get_acquired(
     let named = cases.identity(&id, asked.annotate).await?;
     let work = async || {
         let volume = cases.acquired_volume(&id).await?;
-        let (case, named) = (id.to_string(), named.clone());
+        let named = named.clone();
         let picture = cases
             .queue
-            .run(move || draw(&volume, (&case, plane, values), named.as_deref()));
+            .run(move || draw(&volume, (&id, plane, values), named.as_deref()));
         Ok(Bytes::from(picture.await??).into())
     };
     let format = Format::of(PNG).variant(plane.name()).named(named.clone());
@@ -143,7 +143,7 @@ pub async fn get_acquired(
 /// Draws a slice; with `named`, annotated.
 fn draw(
     volume: &Volume,
-    (case, plane, values): (&str, SlicePlane, AcquiredValues),
+    (case, plane, values): (&CaseId, SlicePlane, AcquiredValues),
     named: Option<&str>,
 ) -> Result<Vec<u8>, AppError> {
     let bounds = BoundingSphere::of_grid(volume.grid());
@@ -155,13 +155,8 @@ fn draw(
         Window::between(low, high)
     });
     let request = values.request.shown(plane, position_mm, window);
-    let layers = Layers::default();
-    let mut frame = render::draw_acquired_slice(volume, &bounds, &request);
-    if named.is_some() {
-        let projection = request.projection(&bounds);
-        frame = render::annotate_slice(frame, &request, &projection, &layers, named);
-    }
-    let mut texts = render::slice_texts(case, &request, &layers);
-    texts.retain(|(_, text)| !text.is_empty());
-    Ok(render::encode_png(&frame, &texts)?)
+    let frame = render::draw_acquired_slice(volume, &bounds, &request);
+    let projection = request.projection(&bounds);
+    let slice = (&request, &projection, &Layers::default());
+    Ok(encode_slice(frame, slice, case, named)?)
 }

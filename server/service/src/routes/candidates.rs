@@ -17,7 +17,7 @@ use cases::profile::{PointProfile, Profile, profile};
 use cases::{Cases, Error};
 use http_support::conditional::{Format, Question};
 use http_support::negotiate::media_type;
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath};
 use pipeline::maps::{BORDERLINE_FROM, MAPS_FORMAT, UNUSUAL_ABOVE};
 
@@ -96,11 +96,8 @@ pub struct ScoreLimits {
     params(("id" = String, Path, description = "The case"), CandidatesQuery),
     responses(
         (status = 200, description = "The places, highest first", content((CandidateList = "application/json"), (String = "text/csv"))),
-        (status = 304, description = "The client already has this answer"),
-        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 406, description = "Neither JSON nor CSV is accepted", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case or its maps are not ready, or the maps are undefined", body = Problem, content_type = "application/problem+json"),
+        (status = 406, description = "Neither JSON nor CSV is accepted"),
+        (status = 409, description = "The case or its maps are not ready, or the maps are undefined"),
     )
 )]
 pub async fn get_candidates(
@@ -213,12 +210,10 @@ impl Asked for ProfileQuery {
     params(("id" = String, Path, description = "The case"), ProfileQuery),
     responses(
         (status = 200, description = "The profiles; without maps, the values of maps are null", content((Profile = "application/json"), (String = "text/csv"))),
-        (status = 304, description = "The client already has this answer"),
-        (status = 400, description = "A key or value of the query is invalid, or the point is outside the envelope", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 406, description = "Neither JSON nor CSV is accepted", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case or its maps are not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "A key or value of the query is invalid, or the point is outside the envelope"),
+        (status = 406, description = "Neither JSON nor CSV is accepted"),
+        (status = 409, description = "The case or its maps are not ready"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_profile(

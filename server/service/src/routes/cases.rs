@@ -438,8 +438,6 @@ impl Asked for ListQuery {
     get, path = "/v1/cases", tag = "cases", params(ListQuery),
     responses(
         (status = 200, description = "A page of the list", body = CasePage),
-        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn list_cases(
@@ -461,8 +459,6 @@ pub async fn list_cases(
     params(("id" = String, Path, description = "The case")),
     responses(
         (status = 200, description = "The case", body = CaseView),
-        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_case(
@@ -502,10 +498,8 @@ pub struct CasePatch {
     request_body = CasePatch,
     responses(
         (status = 200, description = "The case as it is now", body = CaseView),
-        (status = 400, description = "The body is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "The label cannot be used", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The body is invalid"),
+        (status = 422, description = "The label cannot be used"),
     )
 )]
 pub async fn patch_case(
@@ -534,8 +528,6 @@ pub async fn patch_case(
     params(("id" = String, Path, description = "The case")),
     responses(
         (status = 204, description = "The case was deleted"),
-        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn delete_case(

@@ -11,7 +11,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use http_support::fresh::fresh_json;
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 
 /// Attributes of the DICOM files of a volume. This is patient data.
@@ -55,8 +55,7 @@ impl From<Instance> for InstanceView {
     params(("id" = String, Path, description = "The case")),
     responses(
         (status = 200, description = "The attributes", body = DicomView),
-        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case, or it was not created from DICOM", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case, or it was not created from DICOM"),
     )
 )]
 pub async fn get_dicom(

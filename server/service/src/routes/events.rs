@@ -14,7 +14,7 @@ use super::cases::CaseView;
 use crate::state::{EventStreams, Stopping};
 use cases::places::Place;
 use http_support::listen::ClientAddress;
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 use storage::Watch;
 
@@ -30,9 +30,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
     params(("id" = String, Path, description = "The case")),
     responses(
         (status = 200, description = "Events `case` and `gone`", body = String, content_type = "text/event-stream"),
-        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too many streams of events at a time", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too many streams of events at a time"),
     )
 )]
 pub async fn get_events(

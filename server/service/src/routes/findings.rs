@@ -52,8 +52,6 @@ pub struct FindingsChanged {
     params(("id" = String, Path, description = "The case, in any state")),
     responses(
         (status = 200, description = "The findings; an empty list if there are none", content((FindingList = "application/json"), (String = "text/csv")), headers(("ETag" = String, description = "For `If-Match` and `If-None-Match`"))),
-        (status = 304, description = "The client already has this answer"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
     )
 )]
 pub async fn get_findings(
@@ -89,12 +87,11 @@ pub async fn get_findings(
     request_body = FindingList,
     responses(
         (status = 200, description = "The findings as they are now", body = FindingList, headers(("ETag" = String, description = "The new one"))),
-        (status = 400, description = "The body is invalid; `parameter` states where", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The body is invalid; `parameter` states where"),
+        (status = 409, description = "The case is not ready"),
         (status = 412, description = "Somebody has changed the findings; the answer has them as they are", body = FindingsChanged, content_type = "application/problem+json", headers(("ETag" = String, description = "The current one"))),
-        (status = 413, description = "The body is larger than 4 MiB", body = Problem, content_type = "application/problem+json"),
-        (status = 428, description = "`If-Match` is missing", body = Problem, content_type = "application/problem+json"),
+        (status = 413, description = "The body is larger than 4 MiB"),
+        (status = 428, description = "`If-Match` is missing"),
     )
 )]
 pub async fn put_findings(

@@ -1,6 +1,6 @@
 //! The common part of the descriptions of all guarded routes.
 
-use utoipa::openapi::path::Operation;
+use utoipa::openapi::path::{Operation, ParameterIn};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{Components, Content, OpenApi, Ref, RefOr, ResponseBuilder};
 
@@ -30,9 +30,18 @@ pub(crate) fn describe(api: &mut OpenApi) {
     for (path, item) in &mut api.paths.paths {
         let reads = [&mut item.get, &mut item.head];
         for operation in reads.into_iter().flatten() {
-            guard(operation);
+            guard(operation, path);
+            if has_keys(operation) {
+                add(operation, "400", "A key or value of the query is invalid");
+            }
             if path.contains("{id}/") && is_negotiated(operation) {
                 add(operation, "406", "No accepted media type is available");
+                let unchanged =
+                    ResponseBuilder::new().description("The client already has this answer");
+                let responses = &mut operation.responses.responses;
+                responses
+                    .entry("304".to_owned())
+                    .or_insert_with(|| unchanged.build().into());
             }
         }
         let writes = [
@@ -41,7 +50,9 @@ pub(crate) fn describe(api: &mut OpenApi) {
             &mut item.patch,
             &mut item.delete,
         ];
-        writes.into_iter().flatten().for_each(guard);
+        for operation in writes.into_iter().flatten() {
+            guard(operation, path);
+        }
     }
 }
 
@@ -54,7 +65,15 @@ fn is_negotiated(operation: &Operation) -> bool {
     }
 }
 
-fn guard(operation: &mut Operation) {
+/// Whether the query has keys.
+fn has_keys(operation: &Operation) -> bool {
+    let parameters = operation.parameters.iter().flatten();
+    parameters.into_iter().any(
+        |parameter| matches!(parameter, RefOr::T(key) if key.parameter_in == ParameterIn::Query),
+    )
+}
+
+fn guard(operation: &mut Operation, path: &str) {
     let nothing: [&str; 0] = [];
     operation.security = Some(vec![
         SecurityRequirement::new(BEARER, nothing),
@@ -73,6 +92,9 @@ fn guard(operation: &mut Operation) {
         "429",
         "Too many wrong tokens came from the address of the client",
     );
+    if path.starts_with("/v1/cases/{id}") {
+        add(operation, "404", "No such case");
+    }
     for (status, answer) in &mut operation.responses.responses {
         let is_error = status.starts_with(['4', '5']);
         if let RefOr::T(answer) = answer

@@ -18,7 +18,7 @@ use storage::LayerChange;
 use utoipa::ToSchema;
 
 use http_support::fresh::fresh_json;
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 use http_support::sent::json_body;
 
@@ -47,8 +47,7 @@ pub struct LayerList {
     params(("id" = String, Path, description = "The case")),
     responses(
         (status = 200, description = "The layers", body = LayerList),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "The case could not be prepared", body = Problem, content_type = "application/problem+json"),
+        (status = 422, description = "The case could not be prepared"),
     )
 )]
 pub async fn list_layers(
@@ -87,8 +86,8 @@ pub async fn list_layers(
     ),
     responses(
         (status = 200, description = "The layer", body = LayerView),
-        (status = 404, description = "No such case or layer", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case or layer"),
+        (status = 409, description = "The case is not ready"),
     )
 )]
 pub async fn get_layer(
@@ -131,10 +130,10 @@ pub struct LayerPatch {
     request_body = LayerPatch,
     responses(
         (status = 200, description = "The layer as it is now", body = LayerView),
-        (status = 400, description = "The body is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case or added layer", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "Another layer of the case has the name", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "The name cannot be used", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The body is invalid"),
+        (status = 404, description = "No such case or added layer"),
+        (status = 409, description = "Another layer of the case has the name"),
+        (status = 422, description = "The name cannot be used"),
     )
 )]
 pub async fn patch_layer(
@@ -165,7 +164,7 @@ pub async fn patch_layer(
     ),
     responses(
         (status = 204, description = "It is removed"),
-        (status = 404, description = "No such case or added layer", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case or added layer"),
     )
 )]
 pub async fn delete_layer(

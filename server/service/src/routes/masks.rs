@@ -21,7 +21,7 @@ use cases::pictures::window_of;
 use http_support::conditional::{self, Content, Format, Question};
 use http_support::listen::Peer;
 use http_support::negotiate::{GZIP, media_type};
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath, NoQuery};
 use pipeline::codec::{decode_brain, decode_envelope};
 use storage::{NewMask, Spooled, Version};
@@ -37,11 +37,9 @@ use storage::{NewMask, Spooled, Version};
     responses(
         (status = 200, description = "The mask: 1 in the brain, otherwise 0, in 8 bits (.nii.gz)", body = Vec<u8>, content_type = "application/gzip"),
         (status = 206, description = "The requested range"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready"),
+        (status = 416, description = "The range begins beyond the end"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_mask(
@@ -68,11 +66,9 @@ pub async fn get_mask(
     responses(
         (status = 200, description = "The envelope: 1 inside, otherwise 0, in 8 bits (.nii.gz)", body = Vec<u8>, content_type = "application/gzip"),
         (status = 206, description = "The requested range"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready"),
+        (status = 416, description = "The range begins beyond the end"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_envelope(
@@ -222,14 +218,13 @@ impl VersionQuery {
             ("Location" = String, description = "The address of the case"), ("Retry-After" = u32, description = "Seconds to wait before the first request for its state"),
         )),
         (status = 200, description = "The version already exists", body = CaseView),
-        (status = 400, description = "A key or value of the query is invalid, or the body stalled", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "The body is too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "The body is not a NIfTI file", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "The mask or a parameter cannot be used", body = Problem, content_type = "application/problem+json"),
-        (status = 501, description = "The request needs the network, whose weights are not installed (`network-missing`)", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too many cases are waiting", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "A key or value of the query is invalid, or the body stalled"),
+        (status = 413, description = "The body is too large"),
+        (status = 415, description = "The body is not a NIfTI file"),
+        (status = 422, description = "The mask or a parameter cannot be used"),
+        (status = 501, description = "The request needs the network, whose weights are not installed (`network-missing`)"),
+        (status = 503, description = "Too many cases are waiting"),
+        (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored"),
     )
 )]
 pub async fn put_mask(
@@ -267,12 +262,10 @@ pub async fn put_mask(
     params(("id" = String, Path, description = "The case")),
     responses(
         (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 406, description = "PNG is not accepted", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 500, description = "The stored upload is damaged", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 406, description = "PNG is not accepted"),
+        (status = 409, description = "The case is not ready"),
+        (status = 500, description = "The stored upload is damaged"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_quality(

@@ -20,7 +20,7 @@ use cases::models::PathKind;
 use cases::pictures::{DepthMm, default_count, mesh_size};
 use http_support::conditional::{self, Content, Format, Question};
 use http_support::negotiate::media_type;
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath};
 
 const POSITIONS: &str = "application/octet-stream";
@@ -151,12 +151,8 @@ impl Asked for PathsQuery {
             (Vec<u8> = "application/octet-stream"), (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "model/stl"),
             (String = "model/obj"), (Vec<u8> = "application/ply"),
         )),
-        (status = 304, description = "The client already has this answer"),
-        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 406, description = "No accepted media type is available", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_mesh(
@@ -251,10 +247,7 @@ fn encode_file(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
     params(("id" = String, Path, description = "The case"), TrianglesQuery),
     responses(
         (status = 200, description = "The triangles", body = Vec<u8>, content_type = "application/octet-stream"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready"),
     )
 )]
 pub async fn get_triangles(
@@ -294,11 +287,8 @@ pub async fn get_triangles(
     params(("id" = String, Path, description = "The case"), PathsQuery),
     responses(
         (status = 200, description = "The table of positions by depth", body = Vec<u8>, content_type = "application/vnd.isocortex.paths"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_paths(

@@ -11,7 +11,7 @@ use case::CaseId;
 use cases::registration::CaseRegistration;
 use cases::{Cases, Error};
 use http_support::conditional::{Format, Question};
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath};
 
 /// The query for a registration.
@@ -43,11 +43,10 @@ impl Asked for RegistrationQuery {
     responses(
         (status = 200, description = "The transform, and whether it can be trusted", body = CaseRegistration),
         (status = 304, description = "The client already has this answer"),
-        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "One of the cases does not exist", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "One of the cases is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "One of the cases could not be prepared", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "One of the cases does not exist"),
+        (status = 409, description = "One of the cases is not ready"),
+        (status = 422, description = "One of the cases could not be prepared"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_registration(

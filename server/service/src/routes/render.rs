@@ -17,7 +17,7 @@ use super::depth_headers;
 use crate::wire;
 use http_support::conditional::{self, Content, Format, Question};
 use http_support::negotiate::media_type;
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath};
 
 /// The media type of every picture.
@@ -48,12 +48,8 @@ const MAX_POSITIONS: usize = 1 << 22;
             ("X-Isocortex-Depth-Mm" = f32, description = "The depth of this picture"),
             ("X-Isocortex-Depth-Clamped" = bool, description = "Whether the requested depth exceeded the maximum"),
         )),
-        (status = 304, description = "The client already has this answer"),
-        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 406, description = "No accepted media type is available", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_render(

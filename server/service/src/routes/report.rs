@@ -9,7 +9,7 @@ use cases::report::{POLICY, ReportQuery};
 
 use http_support::conditional::{EntityTag, REVALIDATE, Representation};
 use http_support::negotiate::{Coding, media_type};
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath};
 
 const HTML: &str = "text/html; charset=utf-8";
@@ -25,11 +25,8 @@ const HTML: &str = "text/html; charset=utf-8";
     params(("id" = String, Path, description = "The case"), ReportQuery),
     responses(
         (status = 200, description = "The report", body = String, content_type = "text/html"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case or its maps are not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case or its maps are not ready"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_report(

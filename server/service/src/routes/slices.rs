@@ -11,7 +11,7 @@ use cases::Cases;
 use cases::pictures::{SlicePicture, SliceQuery};
 use http_support::conditional::Question;
 use http_support::negotiate::media_type;
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath};
 
 /// A slice through the whole acquired volume, with the contours of isosurfaces
@@ -24,12 +24,10 @@ use http_support::query::{ApiQuery, CasePath};
     ),
     responses(
         (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case or plane", body = Problem, content_type = "application/problem+json"),
-        (status = 406, description = "PNG is not accepted", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case or plane"),
+        (status = 406, description = "PNG is not accepted"),
+        (status = 409, description = "The case is not ready"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_slice(

@@ -15,7 +15,7 @@ use cases::Cases;
 use cases::pictures::check_count;
 use http_support::conditional::{self, Content, Format, Question};
 use http_support::negotiate::{Coding, media_type};
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath};
 
 pub(super) const MEDIA_TYPE: &str = "application/octet-stream";
@@ -103,12 +103,9 @@ impl Asked for DistanceQuery {
             ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
         )),
         (status = 206, description = "The requested range"),
-        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready"),
+        (status = 416, description = "The range begins beyond the end"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_volume(
@@ -163,12 +160,9 @@ pub async fn get_volume(
             ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
         )),
         (status = 206, description = "The requested range"),
-        (status = 400, description = "A key or value of the query is invalid", body = Problem, content_type = "application/problem+json"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 409, description = "The case is not ready"),
+        (status = 416, description = "The range begins beyond the end"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_distance(

@@ -14,7 +14,7 @@ use super::{LayerView, layer_of};
 use crate::routes::events::stream_of;
 use crate::state::EventStreams;
 use http_support::listen::ClientAddress;
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 
 /// The state of an added layer
@@ -29,9 +29,8 @@ use http_support::query::{ApiQuery, CasePath, NoQuery};
     ),
     responses(
         (status = 200, description = "Events `layer` and `gone`", body = String, content_type = "text/event-stream"),
-        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too many streams of events at a time", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case or added layer", body = Problem, content_type = "application/problem+json"),
+        (status = 503, description = "Too many streams of events at a time"),
+        (status = 404, description = "No such case or added layer"),
     )
 )]
 pub async fn get_layer_events(

@@ -18,7 +18,7 @@ use crate::routes::textures::{MEDIA_TYPE, layout};
 use crate::wire;
 use http_support::conditional::{self, Content, Format, Question};
 use http_support::negotiate::{GZIP, media_type};
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 
 /// The layer that the path names.
@@ -60,11 +60,10 @@ fn variant(layer: &ChosenLayer) -> String {
             ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm of the case"),
         )),
         (status = 206, description = "The requested range"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 404, description = "No such case or layer", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case or the layer is not ready, or the layer is undefined", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case or layer"),
+        (status = 409, description = "The case or the layer is not ready, or the layer is undefined"),
+        (status = 416, description = "The range begins beyond the end"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_layer_volume(
@@ -129,11 +128,10 @@ pub async fn get_layer_volume(
     responses(
         (status = 200, description = "The layer (.nii.gz)", body = Vec<u8>, content_type = "application/gzip"),
         (status = 206, description = "The requested range"),
-        (status = 304, description = "The client already has this answer"),
-        (status = 404, description = "No such case or layer", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case or the layer is not ready, or the layer is undefined", body = Problem, content_type = "application/problem+json"),
-        (status = 416, description = "The range begins beyond the end", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
+        (status = 404, description = "No such case or layer"),
+        (status = 409, description = "The case or the layer is not ready, or the layer is undefined"),
+        (status = 416, description = "The range begins beyond the end"),
+        (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub async fn get_layer_nifti(

@@ -16,7 +16,7 @@ use self::plan::{FileKind, parse};
 use super::render::{PNG, with_version};
 use http_support::conditional::{self, EntityTag};
 use http_support::negotiate::{Coding, media_type};
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 use http_support::sent::MAX_BODY_BYTES;
 
@@ -37,12 +37,11 @@ const ZIP: &str = "application/zip";
             ("X-Isocortex-Renderer" = String, description = "The renderers and devices, each once: `splat on cpu; trace on cpu`"),
             ("ETag" = String, description = "Equal for equal pictures"),
         )),
-        (status = 400, description = "The body is invalid; `parameter` is the path of the error", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 406, description = "The media type is not accepted", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case is not ready", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "The body is too long", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting, or the pictures took too long", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The body is invalid; `parameter` is the path of the error"),
+        (status = 406, description = "The media type is not accepted"),
+        (status = 409, description = "The case is not ready"),
+        (status = 413, description = "The body is too long"),
+        (status = 503, description = "Too much work is waiting, or the pictures took too long"),
     )
 )]
 pub async fn create_renders(

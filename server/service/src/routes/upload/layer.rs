@@ -20,7 +20,7 @@ use http_support::conditional;
 use http_support::form_body::HeaderBudget;
 use http_support::fresh::fresh_json;
 use http_support::listen::Peer;
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 use http_support::sent::from_json;
 
@@ -74,15 +74,13 @@ struct SentParameters {
             ("Location" = String, description = "The address of the layer"), ("Retry-After" = u32, description = "Seconds to wait before the first request for its state"),
         )),
         (status = 200, description = "The layer already exists", body = LayerView),
-        (status = 400, description = "The form cannot be read", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
-        (status = 404, description = "No such case", body = Problem, content_type = "application/problem+json"),
-        (status = 409, description = "The case has too many layers, or another layer has the name", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "The body is too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "The body is not a form, or its volume is neither NIfTI nor DICOM", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "The volume cannot be used", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too much work is waiting", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The form cannot be read"),
+        (status = 409, description = "The case has too many layers, or another layer has the name"),
+        (status = 413, description = "The body is too large"),
+        (status = 415, description = "The body is not a form, or its volume is neither NIfTI nor DICOM"),
+        (status = 422, description = "The volume cannot be used"),
+        (status = 503, description = "Too much work is waiting"),
+        (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored"),
     )
 )]
 pub async fn create_layer(

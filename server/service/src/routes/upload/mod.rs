@@ -19,7 +19,7 @@ use crate::state::Uploads;
 use http_support::conditional;
 use http_support::fresh::fresh_json;
 use http_support::listen::Peer;
-use http_support::problem::{AppError, Problem};
+use http_support::problem::AppError;
 use http_support::query::{ApiQuery, NoQuery};
 
 pub(super) use self::parts::Incoming;
@@ -64,14 +64,13 @@ pub struct UploadForm {
             ("Location" = String, description = "The address of the case"), ("Retry-After" = u32, description = "Seconds to wait before the first request for its state"),
         )),
         (status = 200, description = "The case already exists", body = CaseView),
-        (status = 400, description = "The form cannot be read", body = Problem, content_type = "application/problem+json"),
-        (status = 401, description = "A token is required", body = Problem, content_type = "application/problem+json"),
-        (status = 413, description = "The body is too large", body = Problem, content_type = "application/problem+json"),
-        (status = 415, description = "The body is not a form", body = Problem, content_type = "application/problem+json"),
-        (status = 422, description = "The volume or mask cannot be used", body = Problem, content_type = "application/problem+json"),
-        (status = 501, description = "The request needs the network, whose weights are not installed (`network-missing`)", body = Problem, content_type = "application/problem+json"),
-        (status = 503, description = "Too many cases are waiting", body = Problem, content_type = "application/problem+json"),
-        (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored", body = Problem, content_type = "application/problem+json"),
+        (status = 400, description = "The form cannot be read"),
+        (status = 413, description = "The body is too large"),
+        (status = 415, description = "The body is not a form"),
+        (status = 422, description = "The volume or mask cannot be used"),
+        (status = 501, description = "The request needs the network, whose weights are not installed (`network-missing`)"),
+        (status = 503, description = "Too many cases are waiting"),
+        (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored"),
     )
 )]
 pub async fn create_case(
