@@ -387,7 +387,7 @@ fn scale_bar(canvas: &mut Canvas, mm_per_pixel: f64, [width, foot, margin]: [i32
 }
 
 /// The letters of the patient's directions to the left, to the right, up and down in a picture.
-pub(crate) fn edge_letters(orientation: DQuat) -> [String; 4] {
+pub fn edge_letters(orientation: DQuat) -> [String; 4] {
     let patient_from_view = orientation.inverse();
     [-DVec3::X, DVec3::X, DVec3::Y, -DVec3::Y]
         .map(|direction| letters(patient_from_view * direction))
