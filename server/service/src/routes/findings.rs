@@ -108,6 +108,7 @@ pub async fn get_findings(
         (status = 409, description = "The case is not ready, or the report is about another patient or another frame of reference (`findings-elsewhere`)", body = Problem, content_type = "application/problem+json"),
         (status = 412, description = "Somebody has changed the findings; the answer has them as they are", body = FindingsChanged, content_type = "application/problem+json", headers(("ETag" = String, description = "The current one"))),
         (status = 413, description = "The body is larger than 4 MiB", body = Problem, content_type = "application/problem+json"),
+        (status = 415, description = "The body should be a DICOM file, and is none", body = Problem, content_type = "application/problem+json"),
         (status = 422, description = "The report is damaged, or is another object", body = Problem, content_type = "application/problem+json"),
         (status = 428, description = "`If-Match` is missing", body = Problem, content_type = "application/problem+json"),
     )

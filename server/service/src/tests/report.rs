@@ -43,7 +43,7 @@ async fn the_report_shows_what_was_marked_and_runs_nothing() {
     for forbidden in ["<script", "<img src=x", "http://", "https://", "src=\"/"] {
         assert!(!html.contains(forbidden), "{forbidden}");
     }
-    assert_eq!(html.matches("class=\"finding\"").count(), 2);
+    assert_eq!(html.matches("class=\"page finding\"").count(), 2);
     assert!(html.contains("<strong>left</strong>") && html.contains("<strong>right</strong>"));
     assert!(html.contains("left, as acquired") && html.contains("right, flipped"));
     assert!(html.contains("Looked at and dismissed") && html.contains("nothing here"));
