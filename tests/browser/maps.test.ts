@@ -243,13 +243,14 @@ test(
     await shown(page);
     await seen(page, "blur");
     await page.getByRole("button", { name: "List places to look at" }).click();
+    await page.locator(".places .fold").click();
     await page.waitForSelector(".candidates tr.place");
     const { candidates } = (await (
       await fetch(new URL(`v1/cases/${id}/candidates?limit=20`, server.address))
     ).json()) as { candidates: { position_in_patient: number[]; depth_mm: number; side: string; score: number }[] };
     assert.equal(await page.locator(".candidates tr.place").count(), candidates.length);
     assert.equal(await page.locator(".candidates-warning summary").innerText(), "Most of these places are normal.");
-    assert.doesNotMatch((await page.textContent(".panel")) ?? "", /lesion|detect/i);
+    assert.doesNotMatch((await page.textContent(".places")) ?? "", /lesion|detect/i);
     const rows = await page.locator(".candidates tr.place").evaluateAll((all) => all.map((one) => one.clientHeight));
     assert.ok(
       rows.every((height) => height <= 32),
@@ -398,6 +399,76 @@ test(
     await page.waitForFunction(() => document.querySelector(".maps-status")?.textContent?.includes("no máximo 2 mm"));
     await shown(page);
     assert.equal(await page.locator("#surface").getAttribute("data-overlay"), "");
+    assert.deepEqual(troubles, []);
+    await page.context().close();
+  },
+);
+
+test(
+  "places that stand out come first, the others are folded; where none does, the page says what that means",
+  { skip, timeout: 600_000 },
+  async (context) => {
+    if (!has_maps) return context.skip("the head has no maps");
+    const { page, troubles } = await opened("");
+    let unusual = ["yes", "borderline"];
+    let regions: object = { state: "ok", reasons: [], reason_codes: [] };
+    await page.route(/\/candidates\?/, async (route) => {
+      const response = await route.fetch();
+      const answer = (await response.json()) as { candidates: object[] };
+      const candidates = answer.candidates.map((one, at) => ({ ...one, unusual: unusual[at] ?? "no" }));
+      const json = { ...answer, candidates, regions, nothing_stands_out: unusual.length === 0 };
+      await route.fulfill({ response, json });
+    });
+    await shown(page);
+    const ask = page.getByRole("button", { name: "List places to look at" });
+    const places = page.locator(".candidates tr.place");
+    const ranks = (): Promise<string[]> => page.locator(".candidates tr.place:visible .candidate").allInnerTexts();
+    await ask.click();
+    await places.first().waitFor();
+    assert.deepEqual(await ranks(), ["1", "2"]);
+    assert.match(await places.nth(0).innerText(), / z, high/);
+    assert.match(await places.nth(1).innerText(), / z, borderline/);
+    assert.equal(await page.locator(".nothing").isVisible(), false);
+    assert.equal(await page.locator(".regions-doubt").isVisible(), false);
+    // Keys stay among those that stand out.
+    for (const key of [".", ".", "."]) await page.keyboard.press(key);
+    await page.waitForSelector(".candidates tr:nth-child(2)[aria-current=true]");
+    const fold = page.locator(".places .fold");
+    const all = await places.count();
+    assert.equal(await fold.innerText(), `Show ${all - 2} places that do not stand out`);
+    await fold.press("Enter");
+    assert.equal((await ranks()).length, all);
+    assert.equal(await fold.getAttribute("aria-expanded"), "true");
+    await fold.click();
+    assert.deepEqual(await ranks(), ["1", "2"]);
+
+    unusual = [];
+    regions = { state: "review", reasons: ["the volume ends within the cerebellum"], reason_codes: ["cerebellum-cut"] };
+    await page.reload();
+    await shown(page);
+    await page.getByRole("button", { name: "Remove the mark" }).click();
+    await ask.click();
+    await page.locator(".nothing:visible").waitFor();
+    assert.match(await page.locator(".nothing").innerText(), /^Nothing stands out\. This does not exclude a lesion: /);
+    assert.equal(
+      await page.locator(".regions-doubt").innerText(),
+      "The regions of the brain are in doubt: The volume ends within the cerebellum. " +
+        "Places in the cerebellum and the brain stem are listed as well.",
+    );
+    assert.deepEqual(await ranks(), []);
+    await page.focus("#surface");
+    await page.keyboard.press(".");
+    await until(
+      () => page.textContent("#live"),
+      (words) => /Nothing stands out/.test(words ?? ""),
+    );
+    assert.match((await page.textContent("#live")) ?? "", /Nothing stands out/);
+    assert.deepEqual(await violations(page), []);
+    await keep(page, "nothing-stands-out");
+    await page.locator("#language").selectOption("pt-BR");
+    await page.getByRole("button", { name: "Listar" }).click();
+    await page.locator(".nothing:visible").waitFor();
+    assert.match(await page.locator(".regions-doubt").innerText(), /O volume termina dentro do cerebelo\./);
     assert.deepEqual(troubles, []);
     await page.context().close();
   },

@@ -68,7 +68,7 @@ def main():
         report.expect(f"{container['name']} writes to /data and /tmp alone", hardened and writable == {"/data", "/tmp"}, writable)
 
     # What the page says to do must name what the files use.
-    with open(os.path.join(ROOT, "docs", "kubernetes.md")) as file:
+    with open(os.path.join(ROOT, "docs", "install.md")) as file:
         page = file.read()
     with open(os.path.join(DOCKER, "Caddyfile")) as file:
         caddyfile = file.read()

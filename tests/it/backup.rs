@@ -1,4 +1,4 @@
-//! Checking, moving, backing up and restoring a store, by the commands of `docs/backup.md`.
+//! Checking, moving, backing up and restoring a store, by the commands of `docs/install.md`.
 
 use std::path::{Path, PathBuf};
 
@@ -57,7 +57,13 @@ async fn a_store_is_moved_checked_repaired_and_restored() {
     let picture = |data: &str| {
         let output = path("picture.png");
         done(&[
-            "render", &id, "--depth", "8", "--data", data, "--output", &output,
+            "render",
+            &id,
+            "depth_mm=8",
+            "--data",
+            data,
+            "--output",
+            &output,
         ]);
         std::fs::read(output).unwrap()
     };

@@ -59,7 +59,32 @@ fn layers_are_prepared_with_their_case_and_wrong_ones_are_named() {
     let id = written.lines().next().unwrap().to_owned();
     let picture = path("picture.png");
     let drawn = done(&[
-        "render", &id, "--data", &data, "--layer", "T2", "--output", &picture,
+        "render", &id, "layer=T2", "--data", &data, "--output", &picture,
     ]);
     assert!(std::fs::metadata(&picture).unwrap().len() > 1000, "{drawn}");
+}
+
+#[test]
+fn a_volume_and_its_case_look_the_same_and_wrong_keys_are_named() {
+    let root = tempfile::tempdir().unwrap();
+    let path = |name: &str| root.path().join(name).display().to_string();
+    let (head, data) = (path("head.nii"), path("data"));
+    std::fs::write(&head, plain_head().bytes()).unwrap();
+    let id = done(&["prepare", &head, "--data", &data]);
+    let id = id.lines().next().unwrap().to_owned();
+    let keys = ["renderer=mesh", "depth_mm=6", "width=96", "height=96"];
+    let drawn = |input: &str, name: &str| {
+        let (output, first) = (path(name), ["render", input, "--data", &data, "-o"]);
+        done(&[&first[..], &[&output], &keys].concat());
+        let file = std::fs::read(output).unwrap();
+        image::load_from_memory(&file).unwrap().into_rgba8()
+    };
+    assert_eq!(drawn(&head, "volume.png"), drawn(&id, "case.png"));
+    let (status, written) = run(&["render", &head, "-o", &path("none.png"), "deep=8"]);
+    assert_eq!(status, Some(2), "{written}");
+    assert!(
+        written.contains("the picture has an unknown key; known: `depth_mm`"),
+        "{written}"
+    );
+    assert!(!std::fs::exists(path("none.png")).unwrap());
 }

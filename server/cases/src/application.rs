@@ -194,7 +194,7 @@ impl Cases {
     }
 
     /// The application on a library.
-    pub(crate) fn on(library: Library, options: &Options) -> Self {
+    pub fn on(library: Library, options: &Options) -> Self {
         let remembered = Arc::<Remembered>::default();
         let weak = Arc::downgrade(&remembered);
         library.store().on_delete(move |id| {

@@ -13,4 +13,7 @@ pub mod negotiate;
 pub mod origins;
 pub mod pace;
 pub mod problem;
+pub mod query;
+pub mod refusals;
+pub mod sent;
 mod unstalled;

@@ -2,7 +2,7 @@
 
 import type { Case, ProblemBody } from "../model/case.ts";
 import type { Layer, LayerList } from "../model/layers.ts";
-import type { Candidate } from "../model/maps.ts";
+import type { CandidateList } from "../model/maps.ts";
 import { wait } from "./patience.ts";
 
 let token = "";
@@ -152,9 +152,9 @@ export async function deleteCase(id: string): Promise<void> {
 }
 
 /** The places of a case at which the junction is blurred most, the highest score first; `limit` of them at most. */
-export async function getCandidates(id: string, limit: number): Promise<readonly Candidate[]> {
+export async function getCandidates(id: string, limit: number): Promise<CandidateList> {
   const answer = await send(`v1/cases/${id}/candidates?limit=${limit}`, { cache: "no-cache" });
-  return ((await answer.json()) as { candidates: readonly Candidate[] }).candidates;
+  return answer.json() as Promise<CandidateList>;
 }
 
 /** The layers of a case: its maps, then those that were added, in their order. */

@@ -175,6 +175,9 @@ export function overlayPairs(overlay: LayerOverlay): readonly (readonly [string,
   return pairs.flatMap(([key, text]) => (text ? [[key, text] as const] : []));
 }
 
+/** Whether the score of a place is higher than those of heads without a lesion. */
+export type Unusual = "yes" | "borderline" | "no";
+
 /** A place that the server lists: see `candidates`. */
 export interface Candidate {
   readonly position_in_patient: readonly [number, number, number];
@@ -182,4 +185,21 @@ export interface Candidate {
   readonly side: Side;
   readonly score: number;
   readonly size_mm: number;
+  readonly unusual: Unusual;
 }
+
+/** The places that the server lists, the highest score first. */
+export interface CandidateList {
+  readonly candidates: readonly Candidate[];
+  /** Whether no place of the cerebrum has an unusual score, or a borderline one. */
+  readonly nothing_stands_out: boolean;
+  /** `review`: the cerebrum is not told from the rest of the brain. */
+  readonly regions: {
+    readonly state: "ok" | "review";
+    readonly reasons: readonly string[];
+    readonly reason_codes: readonly string[];
+  };
+}
+
+/** Whether a place is shown before the others are asked for. */
+export const standsOut = ({ unusual }: Candidate): boolean => unusual !== "no";

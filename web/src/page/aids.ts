@@ -152,7 +152,8 @@ export class Aids {
   /** Goes to another place of the list. */
   async step(steps: number): Promise<void> {
     try {
-      await (await this.load()).maps.step(steps);
+      const words = await (await this.load()).maps.step(steps);
+      if (words) this.#listener.announce(words);
     } catch (problem) {
       this.#listener.complain(problem);
     }

@@ -3,7 +3,7 @@
 import { wait } from "../base/patience.ts";
 import { Problem, getCandidates, listLayers, send } from "../base/api.ts";
 import { type Layer, type LayerList, isBusy, isReady } from "../model/layers.ts";
-import type { Candidate } from "../model/maps.ts";
+import type { CandidateList } from "../model/maps.ts";
 import { layerSampler } from "../model/sampler.ts";
 import type { Vec3 } from "../model/space.ts";
 import { type Block, decodeVolume, readLayout } from "../model/wire.ts";
@@ -79,7 +79,7 @@ export class CaseLayers {
     return this.ready(name)?.kind === "labels" ? undefined : value;
   }
 
-  candidates(): Promise<readonly Candidate[]> {
+  candidates(): Promise<CandidateList> {
     return patiently(() => getCandidates(this.#id, CANDIDATES), this.#gone.signal);
   }
 

@@ -7,7 +7,7 @@ import { problemWords } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { broughtTo } from "../model/commands.ts";
 import type { JunctionBand, Layer } from "../model/layers.ts";
-import { type Candidate, MAP_NAMES, type MapName, isMap } from "../model/maps.ts";
+import { type Candidate, type CandidateList, MAP_NAMES, type MapName, isMap } from "../model/maps.ts";
 import type { ViewState } from "../model/state.ts";
 import type { Actions } from "./actions.ts";
 import type { CaseLayers } from "./case-layers.ts";
@@ -36,6 +36,9 @@ export class MapsSection {
     h("summary", {}, t("candidates.normal")),
     h("p", { class: "quiet" }, t("candidates.warning")),
   );
+  /** That nothing stands out, or that the regions are in doubt. */
+  readonly #nothing = h("p", { class: "nothing", id: "nothing-stands-out", role: "status", hidden: true });
+  readonly #doubt = h("p", { class: "quiet regions-doubt", hidden: true });
   readonly #places: PlacesTable;
   /** How much of the junction the cuts meet slantwise, by depth. */
   readonly #slant = h("div", { class: "group-part slant", hidden: true });
@@ -71,6 +74,8 @@ export class MapsSection {
       this.slot,
       row(this.#ask),
       this.#status,
+      this.#nothing,
+      this.#doubt,
       this.#warning,
       this.#places.element,
       this.#slant,
@@ -141,8 +146,11 @@ export class MapsSection {
     this.#ask.disabled = !this.#isKnown;
   }
 
-  #put(candidates: readonly Candidate[]): void {
+  #put({ candidates, nothing_stands_out, regions }: CandidateList): void {
     this.#say(candidates.length === 0 ? t("candidates.none") : "");
+    tell(this.#nothing, nothing_stands_out ? t("candidates.nothing") : "");
+    const [reason = "", code = ""] = [regions.reasons[0], regions.reason_codes[0]];
+    tell(this.#doubt, regions.state === "review" ? t("regions.doubt", { reason: reasonIn(reason, code) }) : "");
     this.#candidates = candidates;
     this.#warning.hidden = candidates.length === 0;
     this.#places.fill(candidates);
@@ -156,10 +164,14 @@ export class MapsSection {
     this.#actions.chart(place && this.#places.chart);
   }
 
-  /** Goes to the next place or to the one before; the first time, to the first. */
-  async step(steps: number): Promise<void> {
+  /**
+   * Goes to the next place or to the one before; the first time, to the first. Resolves to what there is to say where
+   * there is none.
+   */
+  async step(steps: number): Promise<string> {
     if (!this.#places.isFilled) await this.#askForCandidates();
-    this.#places.step(steps);
+    const isGone = this.#places.step(steps);
+    return isGone ? "" : (this.#nothing.textContent ?? "");
   }
 
   /** The listed place at the marked point. */

@@ -1,11 +1,11 @@
 // The places of the list as a table: a row for each, and below the open one what is known of it.
 
-import { h } from "../base/dom.ts";
+import { h, setText } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
 import type { ReadyCase } from "../model/case.ts";
-import type { Candidate } from "../model/maps.ts";
+import { type Candidate, standsOut } from "../model/maps.ts";
 import type { Layout } from "../model/state.ts";
 import { WHY_PARTS, type Why, whyAt } from "../model/why.ts";
 import type { Block } from "../model/wire.ts";
@@ -29,6 +29,10 @@ const nameOf = (place: Candidate): string => place.position_in_patient.map((part
 
 export class PlacesTable {
   readonly element: HTMLElement;
+  readonly #table: HTMLElement;
+  /** Shows the places that do not stand out, or folds them again. */
+  readonly #fold = button("", () => this.#unfold(!this.#isUnfolded), { class: "fold" });
+  #isUnfolded = false;
   readonly #shown: ReadyCase;
   readonly #listener: PlacesListener;
   readonly #body = h("tbody", { keydown: (event: KeyboardEvent) => this.#walk(event) });
@@ -41,12 +45,13 @@ export class PlacesTable {
     this.#shown = shown;
     this.#listener = listener;
     const heads = COLUMNS.map((name) => h("th", { scope: "col" }, t(`places.${name}`)));
-    this.element = h(
+    this.#table = h(
       "table",
-      { class: "candidates", "aria-label": t("candidates.ask"), hidden: true },
+      { class: "candidates", "aria-label": t("candidates.ask") },
       h("thead", {}, h("tr", {}, ...heads)),
       this.#body,
     );
+    this.element = h("div", { class: "places", hidden: true }, this.#table, this.#fold);
   }
 
   get isFilled(): boolean {
@@ -58,16 +63,36 @@ export class PlacesTable {
     this.#open = null;
     this.element.hidden = places.length === 0;
     this.#body.replaceChildren(...places.map((place, at) => this.#row(place, at)));
-    this.#mark();
+    this.#fold.hidden = places.every(standsOut);
+    this.#unfold(false);
   }
 
-  /** The place so many rows further; without an open one the first. */
-  step(steps: number): void {
-    const at = this.#open ? this.#places.indexOf(this.#open) + steps : 0;
-    const place = this.#places[Math.min(Math.max(at, 0), this.#places.length - 1)];
-    if (!place) return;
+  /** Goes to the place so many shown rows further; without an open one to the first. Whether there is one. */
+  step(steps: number): boolean {
+    const shown = this.#shownPlaces;
+    const at = this.#open ? shown.indexOf(this.#open) + steps : 0;
+    const place = shown[Math.min(Math.max(at, 0), shown.length - 1)];
+    if (!place) return false;
     this.#listener.go(place, null);
     this.#rowOf(place)?.scrollIntoView({ block: "nearest" });
+    return true;
+  }
+
+  get #shownPlaces(): readonly Candidate[] {
+    return this.#isUnfolded ? this.#places : this.#places.filter(standsOut);
+  }
+
+  #unfold(isUnfolded: boolean): void {
+    this.#isUnfolded = isUnfolded;
+    const shown = this.#shownPlaces;
+    this.#table.hidden = shown.length === 0;
+    for (const [at, element] of this.#rows.entries()) element.hidden = !shown.includes(this.#places[at] as Candidate);
+    const why = this.#body.querySelector<HTMLElement>(".why");
+    if (why) why.hidden = this.#open !== null && !shown.includes(this.#open);
+    const count = number(this.#places.filter((place) => !standsOut(place)).length);
+    this.#fold.setAttribute("aria-expanded", String(isUnfolded));
+    setText(this.#fold, t(isUnfolded ? "places.fold" : "places.unfold", { count }));
+    this.#mark();
   }
 
   /** Opens the row of a place, or none. */
@@ -76,6 +101,8 @@ export class PlacesTable {
     this.#open = place;
     this.#body.querySelector(".why")?.remove();
     if (place) {
+      // What is gone to is shown.
+      if (!this.#shownPlaces.includes(place)) this.#unfold(true);
       const seen = SEEN.get(this.#shown.id) ?? new Set();
       SEEN.set(this.#shown.id, seen.add(nameOf(place)));
       this.#rowOf(place)?.after(this.#details(place));
@@ -92,7 +119,7 @@ export class PlacesTable {
   }
 
   #row(place: Candidate, at: number): HTMLElement {
-    const { side, depth_mm, score } = place;
+    const { side, depth_mm, score, unusual } = place;
     const words = t("candidates.place", { rank: number(at + 1), side: t(`side.${side}`), depth: number(depth_mm, 1) });
     const go = (): void => this.#listener.go(place, null);
     const bar = h("span", { class: "score-bar", "aria-hidden": "true" });
@@ -104,7 +131,7 @@ export class PlacesTable {
       h("td", {}, h("button", { class: "candidate", "aria-label": words, "aria-keyshortcuts": ", ." }, number(at + 1))),
       h("td", {}, t(`side.${side}`)),
       h("td", {}, `${number(depth_mm, 1)} mm`),
-      h("td", { class: "score" }, bar, h("span", {}, `${number(score, 1)} z`)),
+      h("td", { class: "score" }, bar, h("span", {}, t(`unusual.${unusual}`, { score: number(score, 1) }))),
       h("td", {}, h("span", { class: "dot", role: "img" })),
     );
   }
@@ -122,7 +149,7 @@ export class PlacesTable {
       dot?.classList.toggle("filled", seen?.has(nameOf(place)));
       // The table is one stop of the tabulator.
       const button = element.querySelector("button");
-      if (button) button.tabIndex = place === (this.#open ?? this.#places[0]) ? 0 : -1;
+      if (button) button.tabIndex = place === (this.#open ?? this.#shownPlaces[0]) ? 0 : -1;
     }
   }
 
@@ -162,11 +189,12 @@ export class PlacesTable {
   /** Arrows go from row to row. */
   #walk(event: KeyboardEvent): void {
     const steps = { ArrowDown: 1, ArrowUp: -1 }[event.key];
-    const at = this.#rows.findIndex((one) => one.contains(document.activeElement));
+    const rows = this.#rows.filter((one) => !one.hidden);
+    const at = rows.findIndex((one) => one.contains(document.activeElement));
     if (steps === undefined || at < 0 || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
     event.stopPropagation();
-    this.#rows[Math.min(Math.max(at + steps, 0), this.#rows.length - 1)]?.querySelector("button")?.focus();
+    rows[Math.min(Math.max(at + steps, 0), rows.length - 1)]?.querySelector("button")?.focus();
   }
 }
 

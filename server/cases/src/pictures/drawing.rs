@@ -1,9 +1,6 @@
 //! Drawing of pictures.
 
-use case::CaseFacts;
-use geometry::ShrunkMesh;
 use render::choice::Renderer;
-use render::gpu::KeyedModel;
 use render::{Hits, RenderBackend, RenderError, RenderJob, RenderedFrame, SizedMesh, Wanted};
 
 use super::PictureLayers;
@@ -33,41 +30,6 @@ pub struct PictureJob {
     pub backend: RenderBackend,
 }
 
-impl CheckedPicture {
-    /// The job of drawing it for a case, with the layers that it asks for and a backend. If the backend draws a mesh,
-    /// `shrink` makes it at that depth, in mm.
-    ///
-    /// # Errors
-    /// Those of `shrink`.
-    pub async fn job(
-        &self,
-        case: KeyedModel,
-        facts: &CaseFacts,
-        layers: PictureLayers,
-        backend: RenderBackend,
-        shrink: impl AsyncFnOnce(f32) -> Result<ShrunkMesh, Error>,
-    ) -> Result<PictureJob, Error> {
-        let mesh = if backend.needs_mesh() {
-            Some(SizedMesh {
-                size: self.mesh,
-                mesh: shrink(self.depth.shown_in(facts).mm).await?,
-            })
-        } else {
-            None
-        };
-        Ok(PictureJob {
-            job: RenderJob {
-                case,
-                request: self.of_case(facts, &layers),
-                mesh,
-                layers: layers.keyed,
-            },
-            asked: self.asked.renderer,
-            backend,
-        })
-    }
-}
-
 /// The job of drawing a picture of a loaded case. Call it in a turn, because the vertices of a mesh may have to walk
 /// first.
 ///
@@ -79,13 +41,27 @@ pub async fn warm_job(
     layers: PictureLayers,
     backend: RenderBackend,
 ) -> Result<PictureJob, Error> {
-    let shrink = async |depth_mm| {
-        let mesh = warm.shrink(picture.mesh, picture.asked.paths, depth_mm);
-        Ok(mesh.await?)
+    let mesh = match backend.needs_mesh() {
+        true => {
+            let depth_mm = picture.depth.shown_in(&warm.facts).mm;
+            let mesh = warm.shrink(picture.mesh, picture.asked.paths, depth_mm);
+            Some(SizedMesh {
+                size: picture.mesh,
+                mesh: mesh.await?,
+            })
+        }
+        false => None,
     };
-    picture
-        .job(warm.keyed(), &warm.facts, layers, backend, shrink)
-        .await
+    Ok(PictureJob {
+        job: RenderJob {
+            case: warm.keyed(),
+            request: picture.of_case(&warm.facts, &layers),
+            mesh,
+            layers: layers.keyed,
+        },
+        asked: picture.asked.renderer,
+        backend,
+    })
 }
 
 /// A finished picture.

@@ -265,7 +265,7 @@ impl LayerChoice {
     ///
     /// # Errors
     /// As [`LayerChoice::of_case`].
-    pub fn among(&self, layers: &[Layer]) -> Result<ChosenLayers, Error> {
+    fn among(&self, layers: &[Layer]) -> Result<ChosenLayers, Error> {
         let chosen =
             |name: &Option<LayerRef>| name.as_ref().map(|name| name.of(layers)).transpose();
         let (base, overlay) = (chosen(&self.layer)?, chosen(&self.overlay)?);
@@ -325,20 +325,6 @@ impl ChosenLayers {
         };
         let base = load(&self.base).await?;
         let overlay = load(&self.overlay).await?;
-        self.with(base, overlay)
-    }
-
-    /// The layers of a case whose maps are loaded.
-    ///
-    /// # Errors
-    /// [`Error::NoSuchLayer`] if one is not a map.
-    pub fn of_maps(&self, maps: &LoadedMaps) -> Result<PictureLayers, Error> {
-        let keyed = |chosen: &Option<ChosenLayer>| match chosen {
-            Some(ChosenLayer::Map(name)) => Ok(Some(maps.keyed(*name))),
-            Some(ChosenLayer::Layer(_)) => Err(Error::NoSuchLayer),
-            None => Ok(None),
-        };
-        let (base, overlay) = (keyed(&self.base)?, keyed(&self.overlay)?);
         self.with(base, overlay)
     }
 

@@ -16,6 +16,8 @@ use crate::{Cases, models::WarmModel};
 pub struct PictureSeries {
     id: CaseId,
     pictures: Vec<Planned>,
+    /// Whether the pictures name their case.
+    is_named: bool,
     /// What is written of the case into annotated pictures.
     identity: Option<String>,
 }
@@ -78,6 +80,7 @@ impl PictureSeries {
         Ok(Self {
             id: *id,
             pictures: planned,
+            is_named: true,
             identity: cases.identity(id, is_annotated).await?,
         })
     }
@@ -117,6 +120,16 @@ impl PictureSeries {
         self
     }
 
+    /// The same series of a case that nobody can ask for later: its pictures do not name it.
+    #[must_use]
+    pub fn unnamed(self) -> Self {
+        Self {
+            is_named: false,
+            identity: None,
+            ..self
+        }
+    }
+
     /// Draws each picture and passes it to `add`, which runs in the same turn. The pictures share one place in the queue;
     /// between them others get their turn, and the work ends if the future is dropped.
     ///
@@ -133,8 +146,8 @@ impl PictureSeries {
         for (number, planned) in self.pictures.into_iter().enumerate() {
             let turn = queued.turn().await?;
             let loaded = planned.layers.load(&cases.library, &self.id).await?;
-            let named = self.identity.clone();
-            let picture = planned.draw(&self.id, number, &model, (loaded, named), &turn);
+            let named = (self.is_named.then_some(&self.id), self.identity.clone());
+            let picture = planned.draw(named, number, &model, loaded, &turn);
             let (picture, add) = (picture.await?, add.clone());
             let add_it = move || add(&mut kept, picture).map(|()| kept);
             kept = turn.run(add_it).await??;
@@ -146,18 +159,17 @@ impl PictureSeries {
 impl Planned {
     async fn draw(
         self,
-        id: &CaseId,
+        (id, identity): (Option<&CaseId>, Option<String>),
         number: usize,
         model: &WarmModel,
-        (layers, identity): (PictureLayers, Option<String>),
+        layers: PictureLayers,
         turn: &Turn,
     ) -> Result<SeriesPicture, Error> {
         let job = warm_job(model, &self.picture, layers, self.backend).await?;
         let request = self.picture.asked;
         Ok(SeriesPicture {
             number,
-            metadata: ImageMetadata::of(Some(id), &job.job)
-                .named(identity.filter(|_| request.annotate)),
+            metadata: ImageMetadata::of(id, &job.job).named(identity.filter(|_| request.annotate)),
             drawn: job.draw(turn).await?,
             request,
         })

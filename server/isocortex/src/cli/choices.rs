@@ -1,11 +1,8 @@
 //! The values of options on the command line, each with a description for `--help`.
 
 use case::{LayerKind, MaskKind, MaskSource};
-use cases::models::PathKind;
 use cases::pictures::GpuUse;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use render::choice::Renderer;
-use render::{Background, ColorMap, NamedView};
 
 use crate::logs::LogFormat;
 
@@ -88,58 +85,6 @@ pub(super) fn log_format() -> impl TypedValueParser<Value = LogFormat> {
     ])
 }
 
-/// The named view.
-pub(super) fn view() -> impl TypedValueParser<Value = NamedView> {
-    one_of(&[
-        (NamedView::Left, "left", "The patient's left side"),
-        (NamedView::Right, "right", "The patient's right side"),
-        (NamedView::Anterior, "anterior", "Facing the patient"),
-        (NamedView::Posterior, "posterior", "From behind"),
-        (NamedView::Superior, "superior", "From above"),
-        (NamedView::Inferior, "inferior", "From below"),
-    ])
-}
-
-/// Which renderer draws.
-pub(super) fn renderer() -> impl TypedValueParser<Value = Renderer> {
-    one_of(&[
-        (Renderer::Auto, "auto", "The exact isosurface, as `trace`"),
-        (
-            Renderer::Splat,
-            "splat",
-            "The voxels of a thin shell, on the CPU (section 3.3 of the paper)",
-        ),
-        (Renderer::Mesh, "mesh", "The facets of the mesh"),
-        (
-            Renderer::Trace,
-            "trace",
-            "Sphere tracing of the distance map",
-        ),
-    ])
-}
-
-/// The colour map.
-pub(super) fn colormap() -> impl TypedValueParser<Value = ColorMap> {
-    one_of(&[
-        (ColorMap::Grey, "grey", "Black to white"),
-        (ColorMap::Inverted, "inverted", "White to black"),
-        (ColorMap::Hot, "hot", "Black, red, yellow, white"),
-        (ColorMap::Viridis, "viridis", "Dark blue, green, yellow"),
-        (ColorMap::Bone, "bone", "Grey with a tinge of blue"),
-        (
-            ColorMap::VermilionYellow,
-            "vermilion-yellow",
-            "Vermilion to yellow, for overlays of one side",
-        ),
-        (
-            ColorMap::BlueOrange,
-            "blue-orange",
-            "Sky blue through grey to orange, for overlays of two signs",
-        ),
-        (ColorMap::Labels, "labels", "Colours in turn, for labels"),
-    ])
-}
-
 /// What a layer is.
 pub(super) fn layer_kind() -> impl TypedValueParser<Value = LayerKind> {
     one_of(&[
@@ -155,30 +100,6 @@ pub(super) fn layer_kind() -> impl TypedValueParser<Value = LayerKind> {
             LayerKind::Labels,
             "labels",
             "Whole numbers that name regions; 0 is none",
-        ),
-    ])
-}
-
-/// The background.
-pub(super) fn background() -> impl TypedValueParser<Value = Background> {
-    one_of(&[
-        (Background::Black, "black", "Opaque black"),
-        (Background::Transparent, "transparent", "Nothing"),
-    ])
-}
-
-/// The paths of the vertices of a mesh.
-pub(super) fn paths() -> impl TypedValueParser<Value = PathKind> {
-    one_of(&[
-        (
-            PathKind::Forest,
-            "forest",
-            "The optimal paths of the second transform, as in the paper",
-        ),
-        (
-            PathKind::Flow,
-            "flow",
-            "The gradient of the distance map: the shortest way to a depth",
         ),
     ])
 }
@@ -201,15 +122,9 @@ mod tests {
 
     #[test]
     fn the_words_of_the_command_line_are_those_of_the_interface() {
-        for view in NamedView::ALL {
-            assert_eq!(read(super::view(), view.name()), Some(view));
-        }
-        for map in ColorMap::ALL {
-            assert_eq!(read(colormap(), map.name()), Some(map));
-        }
         for kind in LayerKind::ALL {
             assert_eq!(read(layer_kind(), kind.name()), Some(kind));
         }
-        assert_eq!(read(super::view(), "above"), None);
+        assert_eq!(read(layer_kind(), "above"), None);
     }
 }

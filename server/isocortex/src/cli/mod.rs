@@ -1,6 +1,5 @@
 //! The command line.
 
-mod case_file;
 mod check_config;
 mod check_store;
 mod choices;
@@ -43,7 +42,7 @@ Examples:
   isocortex prepare head.nii.gz --mask brain.nii.gz --data /srv/isocortex
   isocortex prepare head.nii.gz --layer flair.nii.gz --data /srv/isocortex
   isocortex prepare dicom-folder --mask brain.nii.gz --series 3
-  isocortex render head.nii.gz --mask brain.nii.gz --depth 8 --view left --output left.png
+  isocortex render head.nii.gz --mask brain.nii.gz --output left.png depth_mm=8 view=left
 
 Exit status:
    0  done
@@ -85,9 +84,9 @@ enum Command {
     RemoveExpired(remove_expired::RemoveExpiredArgs),
     /// Copy every case of a store into another one.
     MigrateStore(migrate_store::MigrateStoreArgs),
-    /// Prepare a volume into the store, or into one file.
+    /// Prepare a volume into the store.
     Prepare(prepare::PrepareArgs),
-    /// Draw the cut of a case, a volume or a prepared file as PNG.
+    /// Draw the cut of a case or a volume as PNG.
     Render(render::RenderArgs),
     /// Replaced by the program `isocortex-bench`.
     #[command(hide = true, disable_help_flag = true)]

@@ -1,7 +1,6 @@
 //! `isocortex prepare`.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use clap::Args;
@@ -10,32 +9,24 @@ use imaging::sniff;
 use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
-use super::{
-    MAX_DICOM_BYTES, VolumeOptions, case_file, check_output, head_of, read_input, write_output,
-};
-use case::{CaseFacts, CaseId, CaseState, Parameters};
+use super::{MAX_DICOM_BYTES, VolumeOptions, head_of, read_input};
+use case::{CaseId, CaseState, Parameters};
 use cases::Library;
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::Workers;
-use pipeline::{Limits, Pipeline, Prepared, Source};
+use pipeline::{Limits, Pipeline, Source};
 use storage::Store;
 
 /// The time for the worker to finish.
-const GRACE: Duration = Duration::from_secs(5);
+pub(super) const GRACE: Duration = Duration::from_secs(5);
 
-/// Prepare a volume into the store, or into one file
-///
-/// With --data, it becomes a case in that store, and its id is printed. With --output, everything is written to one
-/// file, which `isocortex render` reads.
+/// Prepare a volume into the store, and print the id of its case
 #[derive(Debug, Args)]
 pub(super) struct PrepareArgs {
     /// An MR volume: NIfTI-1 or NIfTI-2, .nii or .nii.gz; or DICOM: a folder, a zip, or one file.
     volume: PathBuf,
     #[command(flatten)]
     options: VolumeOptions,
-    /// The file to write, instead of a case in the store.
-    #[arg(long, value_name = "FILE", conflicts_with = "data")]
-    output: Option<PathBuf>,
     /// The directory of the store. [default: isocortex-data]
     #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
     data: Option<PathBuf>,
@@ -48,27 +39,14 @@ pub(super) struct PrepareArgs {
 
 /// Prepares a volume.
 pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
-    args.output.as_deref().map_or(Ok(()), check_output)?;
     let source = super::block_on(source(&args.volume, &args.options))?;
     let parameters = args.options.parameters(args.name.clone())?;
     let pipeline = args.options.pipeline()?;
     let layers = args.layers.layers()?;
-    match &args.output {
-        Some(_) if !layers.is_empty() => Err(CliError::new(
-            ExitStatus::Usage,
-            "--layer needs a store: omit --output",
-        )),
-        Some(output) => {
-            let prepared = prepare_here(&source, &parameters, &pipeline)?;
-            write_output(output, &case_file::write(prepared)?)
-        }
-        None => {
-            super::keep_files_private();
-            let data = args.data.clone();
-            let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
-            super::block_on(into_store(&data, (source, parameters), layers, pipeline))
-        }
-    }
+    super::keep_files_private();
+    let data = args.data.clone();
+    let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
+    super::block_on(into_store(&data, (source, parameters), layers, pipeline))
 }
 
 /// Reads the files of an input. DICOM files, recognised by content, become a volume.
@@ -119,23 +97,12 @@ fn tell(choice: &Choice) {
     }
 }
 
-/// Prepares an input in this process, showing the progress.
-pub(super) fn prepare_here(
-    source: &Source,
-    parameters: &Parameters,
-    pipeline: &Pipeline,
-) -> Result<Prepared, CliError> {
-    let display = ProgressDisplay::new();
-    let observe = |progress| display.show(progress);
-    let never = AtomicBool::new(false);
-    let limits = Limits::default();
-    let prepared = pipeline.prepare(source, parameters, &limits, &observe, &never)?;
-    warn_of_doubts(&prepared.facts);
-    Ok(prepared)
-}
-
 /// Reports doubts about the mask and about the plane between the hemispheres on standard error.
-fn warn_of_doubts(facts: &CaseFacts) {
+pub(super) async fn warn_of_doubts(store: &Store, id: &CaseId) -> Result<(), CliError> {
+    let case = store.case(id).await?;
+    let Some(facts) = case.and_then(|case| case.facts) else {
+        return Ok(());
+    };
     if facts.midsagittal.is_doubtful() {
         let correlation = facts.midsagittal.correlation;
         eprintln!(
@@ -147,6 +114,7 @@ fn warn_of_doubts(facts: &CaseFacts) {
             eprintln!("isocortex: {}: {reason}", quality.state.name());
         }
     }
+    Ok(())
 }
 
 async fn into_store(
@@ -167,11 +135,7 @@ async fn into_store(
     let prepared = prepare.await;
     workers.shut_down(GRACE).await;
     prepared?;
-    if let Some(case) = store.case(&id).await?
-        && let Some(facts) = &case.facts
-    {
-        warn_of_doubts(facts);
-    }
+    warn_of_doubts(&store, &id).await?;
     println!("{id}");
     Ok(())
 }

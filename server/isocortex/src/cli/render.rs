@@ -1,36 +1,36 @@
 //! `isocortex render`.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use case::CaseId;
-use cases::models::{Models, PathKind};
-use cases::pictures::{
-    CheckedPicture, GpuUse, Graphics, GraphicsOptions, ImageMetadata, LayerRef, Numbers,
-    PictureJob, PictureLayers, PictureRequest, backend_for, default_picture_count, encode,
-    warm_job,
-};
-use cases::{ConcurrencyLimit, Error, Library, Preparation};
+use cases::jobs::Workers;
+use cases::pictures::{GpuUse, GraphicsOptions, PictureRequest, PictureSeries, SeriesPicture};
+use cases::{Cases, Error, Library, Preparation};
 use clap::Args;
+use http_support::refusals::Refusal;
+use http_support::{query, sent};
 use pipeline::Limits;
 use render::choice::Renderer;
-use render::{Background, ColorMap, NamedView};
 use storage::{Location, Store};
 
-use super::case_file::{self, LocalCase};
-use super::prepare::{prepare_here, source};
+use super::prepare::{GRACE, source, wait_until_ready, warn_of_doubts};
 use super::status::{CliError, ExitStatus};
-use super::{VolumeOptions, check_output, choices, head_of, read_input, write_output};
+use super::{VolumeOptions, check_output, choices, write_output};
 use crate::config::Config;
 
-/// Draw the cut of a case, a volume or a prepared file as PNG
+/// Draw the cut of a case or a volume as PNG
 ///
 /// A depth beyond the deepest point is drawn at the deepest point.
 #[derive(Debug, Args)]
+#[command(after_help = keys_in_words())]
 pub(super) struct RenderArgs {
-    /// The id of a case in the store, a NIfTI volume, DICOM (a folder, a zip, one file), or a file from `isocortex
-    /// prepare --output`.
+    /// The id of a case in the store, a NIfTI volume, or DICOM (a folder, a zip, one file).
     #[arg(value_name = "CASE|VOLUME")]
     input: PathBuf,
+    /// The picture: the keys of `GET /v1/cases/{id}/render`, such as depth_mm=8 view=left.
+    #[arg(value_name = "KEY=VALUE", value_parser = pair)]
+    picture: Vec<(String, String)>,
     #[command(flatten)]
     options: VolumeOptions,
     /// The directory of the store, for a case. [default: isocortex-data]
@@ -42,149 +42,78 @@ pub(super) struct RenderArgs {
     /// Whether a GPU may draw.
     #[arg(long, value_parser = choices::gpu_use(), env = "ISOCORTEX_GPU", default_value = "auto")]
     gpu: GpuUse,
-    #[command(flatten)]
-    picture: PictureArgs,
 }
 
-/// The picture, with the values of the HTTP interface.
-#[derive(Debug, Args)]
-struct PictureArgs {
-    /// Depth below the envelope, in mm.
-    #[arg(long, value_name = "MM", default_value_t = 0.0)]
-    depth: f32,
-    /// The view. [default: left]
-    #[arg(long, value_parser = choices::view())]
-    view: Option<NamedView>,
-    /// The quaternion x,y,z,w from patient to view space, instead of --view.
-    #[arg(
-        long,
-        value_name = "X,Y,Z,W",
-        conflicts_with = "view",
-        allow_hyphen_values = true
-    )]
-    orientation: Option<Numbers<4>>,
-    /// The renderer.
-    #[arg(long, value_parser = choices::renderer(), default_value = "auto")]
-    renderer: Renderer,
-    /// Width in pixels.
-    #[arg(long, default_value_t = 512)]
-    width: u32,
-    /// Height in pixels.
-    #[arg(long, default_value_t = 512)]
-    height: u32,
-    /// 1 fits the head into the picture.
-    #[arg(long, default_value_t = 1.0)]
-    zoom: f64,
-    /// Moves the head to the right and up, in mm.
-    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
-    pan: Option<Numbers<2>>,
-    /// Window centre and width, in intensities: as in DICOM, the ramp from black to white is W - 1 long about C - 0.5.
-    /// [default: that of the case]
-    #[arg(long, value_name = "C,W", allow_hyphen_values = true)]
-    window: Option<Numbers<2>>,
-    /// The colour map.
-    #[arg(long, value_parser = choices::colormap(), default_value = "grey")]
-    colormap: ColorMap,
-    /// Average intensities over this depth to either side, in mm.
-    #[arg(long, value_name = "MM", default_value_t = 0.0)]
-    slab: f64,
-    /// The fraction of ambient light, 0 to 1; 1 turns the shading off.
-    #[arg(long, default_value_t = 0.3)]
-    ambient: f64,
-    /// The background.
-    #[arg(long, value_parser = choices::background(), default_value = "black")]
-    background: Background,
-    /// Number of contours of the mesh, for the renderer mesh.
-    #[arg(long, default_value_t = default_picture_count())]
-    contours: usize,
-    /// Number of points on each contour of the mesh, for the renderer mesh.
-    #[arg(long, default_value_t = default_picture_count())]
-    points: usize,
-    /// The paths of the vertices, for the renderer mesh.
-    #[arg(long, value_parser = choices::paths(), default_value = "flow")]
-    paths: PathKind,
-    /// Write the label, day and short id of the case, depth, window, scale, directions and the notice into the picture.
-    #[arg(long)]
-    annotate: bool,
-    /// The layer to show instead of the intensities: a map (blur, sharpness, asymmetry, intensity-asymmetry, junction),
-    /// or the name or id of a layer of the case.
-    #[arg(long, value_name = "NAME")]
-    layer: Option<LayerRef>,
-    /// The layer to show in colours over the texture: a map, or the name or id of a layer of the case.
-    #[arg(long, value_name = "NAME")]
-    overlay: Option<LayerRef>,
-    /// The values of the first and last colour of the overlay. [default: from the layer]
-    #[arg(
-        long,
-        value_name = "LOW,HIGH",
-        requires = "overlay",
-        allow_hyphen_values = true
-    )]
-    overlay_window: Option<Numbers<2>>,
-    /// The colours of the overlay. [default: from the layer]
-    #[arg(long, value_parser = choices::colormap(), requires = "overlay")]
-    overlay_colormap: Option<ColorMap>,
-    /// Values of the overlay up to this are transparent; for diverging colours, magnitudes. [default: from the layer]
-    #[arg(
-        long,
-        value_name = "VALUE",
-        requires = "overlay",
-        allow_hyphen_values = true
-    )]
-    overlay_threshold: Option<f64>,
-    /// The opacity of the overlay, 0 to 1. [default: from the layer]
-    #[arg(long, value_name = "SHARE", requires = "overlay")]
-    overlay_opacity: Option<f64>,
+fn pair(text: &str) -> Result<(String, String), &'static str> {
+    let (key, value) = text.split_once('=').ok_or("write a key as KEY=VALUE")?;
+    Ok((key.to_owned(), value.to_owned()))
 }
 
-impl PictureArgs {
-    fn checked(&self) -> Result<CheckedPicture, Error> {
-        let request = PictureRequest {
-            depth_mm: self.depth,
-            view: self.view,
-            orientation: self.orientation,
-            renderer: self.renderer,
-            width: self.width,
-            height: self.height,
-            zoom: self.zoom,
-            pan: self.pan,
-            window: self.window,
-            window_function: None,
-            colormap: self.colormap,
-            slab_mm: self.slab,
-            ambient: self.ambient,
-            background: self.background,
-            contours: self.contours,
-            points: self.points,
-            paths: self.paths,
-            annotate: self.annotate,
-            layer: self.layer.clone(),
-            overlay: self.overlay.clone(),
-            overlay_window: self.overlay_window,
-            overlay_colormap: self.overlay_colormap,
-            overlay_threshold: self.overlay_threshold,
-            overlay_opacity: self.overlay_opacity,
-        };
-        request.checked()
+/// The keys of a picture, for `--help`.
+fn keys_in_words() -> String {
+    let keys = query::keys::<PictureRequest>();
+    let width = keys.iter().map(|(key, _)| key.len()).max().unwrap_or(0);
+    let lines = keys.iter().map(|(key, words)| {
+        let words = words.replace('\n', " ");
+        format!("  {key:width$}  {words}")
+    });
+    let lines: Vec<_> = lines.collect();
+    format!("Keys of the picture:\n{}", lines.join("\n"))
+}
+
+impl RenderArgs {
+    fn request(&self) -> Result<PictureRequest, CliError> {
+        let pairs = self.picture.iter();
+        let pairs = pairs.map(|(key, value)| (Cow::from(key), Cow::from(value)));
+        sent::from_pairs(pairs).map_err(|error| {
+            let subject = match error.inner() {
+                Refusal::UnknownKey { .. } | Refusal::KeyTwice { .. } => "the picture".to_owned(),
+                _ => format!("`{}`", error.path()),
+            };
+            CliError::new(ExitStatus::Usage, format!("{subject} {}", error.inner()))
+        })
     }
 }
 
 /// Draws one picture.
 pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
-    let picture = args.picture.checked()?;
+    let picture = args.request()?.checked()?;
     check_output(&args.output)?;
     let png = super::block_on(async {
-        // The search runs while the case is read; splatting needs no GPU.
-        let use_of = if picture.asked.renderer == Renderer::Splat {
-            GpuUse::Off
-        } else {
-            args.gpu
+        // Splatting needs no GPU.
+        let use_of = match picture.asked.renderer {
+            Renderer::Splat => GpuUse::Off,
+            _ => args.gpu,
         };
-        let graphics = Graphics::start(GraphicsOptions::of_one(use_of));
-        match case_id(&args.input) {
-            Some(id) => of_case(args, id, &picture, &graphics).await,
-            None => of_file(args, &picture, &graphics).await,
+        let layers = picture.asked.layers();
+        let named = case_id(&args.input);
+        let (store, id) = match named {
+            Some(id) => (open(args).await?, id),
+            None => prepared(args).await?,
+        };
+        let library = match layers.is_any() {
+            true => Library::with_maps(store, Preparation::default(), Limits::default(), u64::MAX),
+            false => Library::of(store),
+        };
+        let options = cases::Options {
+            graphics: GraphicsOptions::of_one(use_of),
+            model_cache_bytes: u64::MAX,
+            ..Config::default().cases()?
+        };
+        let cases = Cases::on(library, &options);
+        cases.ready(&id).await?;
+        if layers.of_case(&cases.library, &id).await?.has_maps() {
+            cases.library.maps_now(&id).await?;
         }
+        let mut series = PictureSeries::of(&cases, &id, [picture]).await?;
+        if named.is_none() {
+            series = series.unnamed();
+        }
+        let keep = |png: &mut Vec<u8>, picture: SeriesPicture| {
+            *png = picture.encoded()?.png;
+            Ok::<_, Error>(())
+        };
+        Ok(series.draw_each(&cases, Vec::new(), keep).await?)
     })?;
     write_output(&args.output, &png)
 }
@@ -195,83 +124,80 @@ fn case_id(input: &Path) -> Option<CaseId> {
     (!input.exists()).then_some(id)
 }
 
-async fn of_case(
-    args: &RenderArgs,
-    id: CaseId,
-    picture: &CheckedPicture,
-    graphics: &Graphics,
-) -> Result<Vec<u8>, CliError> {
+/// The store with the case.
+async fn open(args: &RenderArgs) -> Result<Store, CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| Config::default().storage.data);
     Location::from(&*data).must_exist().await?;
-    let store = Store::open(&data).await?;
-    let choice = picture.asked.layers();
-    let library = if choice.is_any() {
-        Library::with_maps(store, Preparation::default(), Limits::default(), u64::MAX)
-    } else {
-        Library::of(store)
-    };
-    let model = Models::new(library.clone(), u64::MAX).get(&id).await?;
-    let model = model.ok_or_else(|| {
-        CliError::new(
-            ExitStatus::NoInput,
-            "the store has no ready case with this id",
-        )
-    })?;
-    let chosen = choice.of_case(&library, &id).await?;
-    if chosen.has_maps() {
-        library.maps_now(&id).await?;
+    Ok(Store::open(&data).await?)
+}
+
+/// The case of a volume, in a store in memory.
+async fn prepared(args: &RenderArgs) -> Result<(Store, CaseId), CliError> {
+    let source = source(&args.input, &args.options).await?;
+    let parameters = args.options.parameters(None)?;
+    let store = Store::in_memory(storage::Options::default()).await?;
+    let pipeline = args.options.pipeline()?;
+    let library = Library::new(store.clone(), pipeline.into(), Limits::default());
+    let workers = Workers::start(library.clone(), 1);
+    let id = library.submit(source, parameters).await?.case.id;
+    let ready = wait_until_ready(&store, &id).await;
+    workers.shut_down(GRACE).await;
+    ready?;
+    warn_of_doubts(&store, &id).await?;
+    Ok((store, id))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        render: RenderArgs,
     }
-    let layers = chosen.load(&library, &id).await?;
-    let backend = backend_for(picture.asked.renderer, graphics).await;
-    let job = warm_job(&model, picture, layers, backend).await?;
-    let case = library.store().case(&id).await?;
-    let is_named = picture.asked.annotate;
-    let named = case.filter(|_| is_named).map(|case| case.identity());
-    let metadata = ImageMetadata::of(Some(&id), &job.job).named(named);
-    drawn(job, metadata, is_named).await
-}
 
-async fn drawn(
-    job: PictureJob,
-    metadata: ImageMetadata,
-    annotate: bool,
-) -> Result<Vec<u8>, CliError> {
-    let turn = ConcurrencyLimit::new(1, 0).turn().await?;
-    let drawn = job.draw(&turn).await?;
-    Ok(encode(drawn, &metadata, annotate)?.png)
-}
+    fn request(keys: &[&str]) -> Result<PictureRequest, CliError> {
+        let line = [&["render", "head.nii", "-o", "a.png"], keys].concat();
+        Line::try_parse_from(line).unwrap().render.request()
+    }
 
-async fn of_file(
-    args: &RenderArgs,
-    picture: &CheckedPicture,
-    graphics: &Graphics,
-) -> Result<Vec<u8>, CliError> {
-    let is_case = head_of(&args.input)?.starts_with(case_file::MAGIC);
-    let case = if is_case {
-        case_file::read(&read_input(&args.input)?)?
-    } else {
-        let source = source(&args.input, &args.options).await?;
-        let parameters = args.options.parameters(None)?;
-        LocalCase::of(prepare_here(
-            &source,
-            &parameters,
-            &args.options.pipeline()?,
-        )?)
-    };
-    let choice = picture.asked.layers();
-    let layers = if choice.is_any() {
-        choice.among(&[])?.of_maps(&case.maps()?)?
-    } else {
-        PictureLayers::default()
-    };
-    let backend = backend_for(picture.asked.renderer, graphics).await;
-    let shrink = async |depth_mm| {
-        let shrunk = case.shrink(picture.mesh, picture.asked.paths, depth_mm);
-        Ok(shrunk?)
-    };
-    let job = picture.job(case.keyed(), &case.facts, layers, backend, shrink);
-    let job = job.await?;
-    let metadata = ImageMetadata::of(None, &job.job);
-    drawn(job, metadata, picture.asked.annotate).await
+    #[test]
+    fn the_command_line_knows_every_key_of_the_interface() {
+        let keys = [
+            "depth_mm=8",
+            "orientation=-0.5,0,0,1",
+            "window=80,0.5",
+            "window_function=sigmoid",
+            "annotate=true",
+        ];
+        let over_http =
+            "depth_mm=8&orientation=-0.5,0,0,1&window=80,0.5&window_function=sigmoid&annotate=true";
+        let over_http = query::parse::<PictureRequest>(over_http).unwrap();
+        assert_eq!(request(&keys).unwrap(), over_http.asked);
+        let help = keys_in_words();
+        let all = serde_json::to_value(over_http.asked).unwrap();
+        for key in all.as_object().unwrap().keys() {
+            assert!(help.contains(&format!("\n  {key} ")), "{key}");
+        }
+    }
+
+    #[test]
+    fn a_wrong_picture_is_refused_in_words() {
+        for (key, words) in [
+            ("depth_mm=deep", "`depth_mm` must be a number"),
+            ("view=above", "`view` must be one of `left`,"),
+            (
+                "deep=8",
+                "the picture has an unknown key; known: `depth_mm`",
+            ),
+        ] {
+            let error = request(&[key]).unwrap_err();
+            assert_eq!(error.status, ExitStatus::Usage);
+            assert!(error.message.starts_with(words), "{}", error.message);
+        }
+    }
 }

@@ -9,7 +9,6 @@ use render::{Layers, SliceConvention, SliceParameters, SlicePlane, SliceRequest,
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
-use super::query::{ApiQuery, Asked, CasePath};
 use super::render::PNG;
 use super::slices::plane_of;
 use cases::Cases;
@@ -19,6 +18,7 @@ use cases::pictures::{
 use http_support::conditional::{Format, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, Asked, CasePath};
 
 /// A picture of a slice of what was acquired.
 #[derive(Debug, Clone, Serialize, Deserialize, IntoParams)]

@@ -10,7 +10,6 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use super::query::{ApiQuery, Asked, CasePath};
 use case::{CandidateFacts, RegionFacts, Unusual};
 use cases::library::{LoadedMaps, MapsState};
 use cases::pictures::{MAPS_OFF, Numbers, check_count, maps_of, ready};
@@ -19,6 +18,7 @@ use cases::{Cases, Error};
 use http_support::conditional::{Format, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, Asked, CasePath};
 use pipeline::maps::{BORDERLINE_FROM, MAPS_FORMAT, UNUSUAL_ABOVE};
 
 const JSON: &str = "application/json";

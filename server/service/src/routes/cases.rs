@@ -11,13 +11,13 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::fresh::fresh_json;
 use super::layers::MapsView;
-use super::query::{ApiQuery, Asked, CasePath, NoQuery};
-use super::sent::json_body;
 use case::Quality;
 use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, ImageRun, MaskKind, Parameters};
 use cases::dicom::Choice;
 use cases::pictures::{check_count, window_of};
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, Asked, CasePath, NoQuery};
+use http_support::sent::json_body;
 use storage::Cursor;
 
 /// The largest number of cases on a page.

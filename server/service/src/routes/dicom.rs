@@ -11,8 +11,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::fresh::fresh_json;
-use super::query::{ApiQuery, CasePath, NoQuery};
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, CasePath, NoQuery};
 
 /// Attributes of the DICOM files of a volume. This is patient data.
 #[derive(Debug, Clone, Serialize, ToSchema)]

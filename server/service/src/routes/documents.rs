@@ -11,13 +11,13 @@ use bytes::Bytes;
 use serde::Deserialize;
 use utoipa::openapi::OpenApi;
 
-use super::query::{ApiQuery, Asked, NoQuery};
 use crate::state::AppState;
 use http_support::conditional::{
     EntityTag, PUBLIC_IMMUTABLE, PUBLIC_REVALIDATE, Representation, coding_among,
 };
 use http_support::negotiate::Coding;
 use http_support::problem::AppError;
+use http_support::query::{ApiQuery, Asked, NoQuery};
 
 mod manual;
 

@@ -11,11 +11,11 @@ use cases::Cases;
 use futures_util::stream::{self, Stream, StreamExt};
 
 use super::cases::CaseView;
-use super::query::{ApiQuery, CasePath, NoQuery};
 use crate::state::{EventStreams, Stopping};
 use cases::places::Place;
 use http_support::listen::ClientAddress;
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, CasePath, NoQuery};
 use storage::Watch;
 
 /// A comment is sent after this time without an event, so that no proxy closes the connection.

@@ -11,10 +11,10 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::fresh::fresh_json;
-use super::query::{ApiQuery, NoQuery};
 use cases::pictures::GraphicsState;
 use http_support::metrics::{Metrics, OPEN_METRICS};
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, NoQuery};
 
 /// How long the store may take to answer: probes usually wait for a second or two.
 pub const READY_WITHIN: Duration = Duration::from_secs(3);

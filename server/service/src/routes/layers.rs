@@ -18,9 +18,9 @@ use storage::LayerChange;
 use utoipa::ToSchema;
 
 use super::fresh::fresh_json;
-use super::query::{ApiQuery, CasePath, NoQuery};
-use super::sent::json_body;
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, CasePath, NoQuery};
+use http_support::sent::json_body;
 
 pub use self::events::{__path_get_layer_events, get_layer_events};
 pub use self::view::{LayerGrid, LayerState, LayerView, MapsStateName, MapsView};

@@ -13,7 +13,6 @@ use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::cases::CaseView;
-use super::query::{ApiQuery, Asked, CasePath, NoQuery};
 use super::render::PNG;
 use super::upload::{Incoming, is_form, refuse_too_large, submitted};
 use crate::state::Uploads;
@@ -23,6 +22,7 @@ use http_support::conditional::{self, Content, Format, Question};
 use http_support::listen::Peer;
 use http_support::negotiate::{GZIP, media_type};
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, Asked, CasePath, NoQuery};
 use pipeline::codec::{decode_brain, decode_envelope};
 use storage::{NewMask, Spooled, Version};
 

@@ -13,7 +13,6 @@ use utoipa::IntoParams;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::depth_headers;
-use super::query::{ApiQuery, Asked, CasePath};
 use crate::wire;
 use case::CaseFacts;
 use cases::Cases;
@@ -22,6 +21,7 @@ use cases::pictures::{DepthMm, default_count, mesh_size};
 use http_support::conditional::{self, Content, Format, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, Asked, CasePath};
 
 const POSITIONS: &str = "application/octet-stream";
 const GLTF: &str = "model/gltf-binary";

@@ -14,13 +14,10 @@ pub mod health;
 pub mod layers;
 pub mod masks;
 pub mod mesh;
-pub mod query;
-mod refusals;
 pub mod registration;
 pub mod render;
 pub mod renders;
 pub mod report;
-mod sent;
 pub mod slices;
 pub mod textures;
 pub mod upload;
@@ -43,6 +40,7 @@ use crate::state::{AnswerTimeout, AppState, Uploads};
 use http_support::auth::{self, Access};
 use http_support::conditional;
 use http_support::problem::AppError;
+use http_support::sent::MAX_BODY_BYTES;
 
 /// The header with the quality of the mask behind an answer.
 const QUALITY: HeaderName = HeaderName::from_static("x-isocortex-quality");
@@ -121,7 +119,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .merge(
             OpenApiRouter::new()
                 .routes(routes!(renders::create_renders))
-                .layer(DefaultBodyLimit::max(sent::MAX_BODY_BYTES)),
+                .layer(DefaultBodyLimit::max(MAX_BODY_BYTES)),
         )
         .route_layer(middleware::from_fn_with_state(
             state.cases.clone(),

@@ -7,12 +7,12 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
-use super::query::{ApiQuery, Asked, CasePath};
 use case::CaseId;
 use cases::registration::CaseRegistration;
 use cases::{Cases, Error};
 use http_support::conditional::{Format, Question};
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, Asked, CasePath};
 
 /// The query for a registration.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]

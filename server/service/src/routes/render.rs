@@ -14,11 +14,11 @@ use cases::{Cases, Error};
 use render::RenderBackend;
 
 use super::depth_headers;
-use super::query::{ApiQuery, Asked, CasePath};
 use crate::wire;
 use http_support::conditional::{self, Content, Format, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, CasePath};
 
 /// The media type of every picture.
 pub(crate) const PNG: &str = "image/png";
@@ -28,14 +28,6 @@ const POSITIONS: &str = "application/octet-stream";
 
 /// The largest number of pixels whose positions are sent in one answer, which then has 48 MiB.
 const MAX_POSITIONS: usize = 1 << 22;
-
-impl Asked for PictureRequest {
-    type Values = CheckedPicture;
-
-    fn checked(&self) -> Result<CheckedPicture, AppError> {
-        Ok(PictureRequest::checked(self)?)
-    }
-}
 
 /// A picture of the isosurface at a depth, or the positions of its pixels
 ///

@@ -7,20 +7,12 @@ use bytes::Bytes;
 use cases::Cases;
 use cases::report::{POLICY, ReportQuery};
 
-use super::query::{ApiQuery, Asked, CasePath};
 use http_support::conditional::{EntityTag, REVALIDATE, Representation};
 use http_support::negotiate::{Coding, media_type};
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, CasePath};
 
 const HTML: &str = "text/html; charset=utf-8";
-
-impl Asked for ReportQuery {
-    type Values = ();
-
-    fn checked(&self) -> Result<(), AppError> {
-        Ok(())
-    }
-}
 
 /// The report of a reading: one HTML file, to read, to print and to keep
 ///

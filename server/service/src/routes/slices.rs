@@ -6,21 +6,13 @@ use axum::response::Response;
 use bytes::Bytes;
 use render::SlicePlane;
 
-use super::query::{ApiQuery, Asked, CasePath};
 use super::render::{PNG, format_with_layers};
 use cases::Cases;
-use cases::pictures::{CheckedSlice, SlicePicture, SliceQuery};
+use cases::pictures::{SlicePicture, SliceQuery};
 use http_support::conditional::Question;
 use http_support::negotiate::media_type;
 use http_support::problem::{AppError, Problem};
-
-impl Asked for SliceQuery {
-    type Values = CheckedSlice;
-
-    fn checked(&self) -> Result<CheckedSlice, AppError> {
-        Ok(SliceQuery::checked(self)?)
-    }
-}
+use http_support::query::{ApiQuery, CasePath};
 
 /// A slice through the whole acquired volume, with the contours of isosurfaces
 #[utoipa::path(

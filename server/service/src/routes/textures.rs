@@ -10,13 +10,13 @@ use utoipa::IntoParams;
 use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use super::bodies::{Bodies, BodyKey, BodyKind, Extent};
-use super::query::{ApiQuery, Asked, CasePath};
 use crate::wire::{self, Texture, Voxels};
 use cases::Cases;
 use cases::pictures::check_count;
 use http_support::conditional::{self, Content, Format, Question};
 use http_support::negotiate::{Coding, media_type};
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, Asked, CasePath};
 
 pub(super) const MEDIA_TYPE: &str = "application/octet-stream";
 

@@ -12,10 +12,10 @@ use storage::Watch;
 
 use super::{LayerView, layer_of};
 use crate::routes::events::stream_of;
-use crate::routes::query::{ApiQuery, CasePath, NoQuery};
 use crate::state::EventStreams;
 use http_support::listen::ClientAddress;
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, CasePath, NoQuery};
 
 /// The state of an added layer
 ///

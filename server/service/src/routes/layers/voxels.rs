@@ -14,12 +14,12 @@ use render::LayerValues;
 
 use super::{layer_of, map_of};
 use crate::routes::bodies::{Bodies, BodyKey, BodyKind};
-use crate::routes::query::{ApiQuery, CasePath, NoQuery};
 use crate::routes::textures::{MEDIA_TYPE, layout};
 use crate::wire;
 use http_support::conditional::{self, Content, Format, Question};
 use http_support::negotiate::{GZIP, media_type};
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, CasePath, NoQuery};
 
 /// The layer that the path names.
 async fn chosen(cases: &Cases, id: &CaseId, path: &RawPathParams) -> Result<ChosenLayer, AppError> {

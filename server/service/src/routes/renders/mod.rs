@@ -13,12 +13,12 @@ use cases::pictures::{PictureRequest, PictureSeries};
 
 use self::files::File;
 use self::plan::{FileKind, parse};
-use super::query::{ApiQuery, CasePath, NoQuery};
 use super::render::{PNG, with_version};
-use super::sent::MAX_BODY_BYTES;
 use http_support::conditional::{self, EntityTag};
 use http_support::negotiate::{Coding, media_type};
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, CasePath, NoQuery};
+use http_support::sent::MAX_BODY_BYTES;
 
 pub use self::plan::{RendersBody, Sweep, Swivel};
 

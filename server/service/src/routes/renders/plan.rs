@@ -6,9 +6,9 @@ use render::SheetPlan;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::super::refusals::Refusal;
-use super::super::sent::{from_json, json_value};
 use http_support::problem::AppError;
+use http_support::refusals::Refusal;
+use http_support::sent::{from_json, json_value};
 
 /// The most pictures in one answer.
 const MAX_PICTURES: usize = 256;

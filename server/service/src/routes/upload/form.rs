@@ -9,10 +9,10 @@ use serde_json::{Map, Value};
 use storage::Spooled;
 use tempfile::TempDir;
 
-use super::super::sent::{from_json, json_value};
 use super::parts::{DicomParts, Incoming};
 use http_support::form_body::HeaderBudget;
 use http_support::problem::AppError;
+use http_support::sent::{from_json, json_value};
 
 /// The most bytes of the part `parameters`.
 const MAX_PARAMETERS_BYTES: usize = 64 << 10;

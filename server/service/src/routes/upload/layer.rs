@@ -16,13 +16,13 @@ use super::parts::{DicomParts, Incoming};
 use super::{RETRY_SECONDS, refuse_early};
 use crate::routes::fresh::fresh_json;
 use crate::routes::layers::{LayerView, address_of};
-use crate::routes::query::{ApiQuery, CasePath, NoQuery};
-use crate::routes::sent::from_json;
 use crate::state::Uploads;
 use http_support::conditional;
 use http_support::form_body::HeaderBudget;
 use http_support::listen::Peer;
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, CasePath, NoQuery};
+use http_support::sent::from_json;
 
 /// The most bytes of the names of labels.
 const MAX_LABELS_BYTES: usize = 256 << 10;

@@ -16,11 +16,11 @@ use utoipa::ToSchema;
 use self::form::Form;
 use super::cases::{CaseView, address_of};
 use super::fresh::fresh_json;
-use super::query::{ApiQuery, NoQuery};
 use crate::state::Uploads;
 use http_support::conditional;
 use http_support::listen::Peer;
 use http_support::problem::{AppError, Problem};
+use http_support::query::{ApiQuery, NoQuery};
 
 pub(super) use self::parts::Incoming;
 

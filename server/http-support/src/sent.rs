@@ -11,18 +11,28 @@ use serde::{Deserialize, forward_to_deserialize_any};
 use serde_json::{Map, Value};
 use serde_path_to_error::{Error, Segment};
 
-use super::refusals::Refusal;
-use http_support::problem::AppError;
+use crate::problem::AppError;
+use crate::refusals::Refusal;
 
 /// The longest body that is JSON.
-pub(super) const MAX_BODY_BYTES: usize = 1 << 20;
+pub const MAX_BODY_BYTES: usize = 1 << 20;
 
 /// Parses a query.
 ///
 /// # Errors
 /// The refusal, with the key.
-pub(super) fn from_query<'de, T: Deserialize<'de>>(query: &'de str) -> Result<T, Error<Refusal>> {
-    let pairs = form_urlencoded::parse(query.as_bytes());
+pub fn from_query<'de, T: Deserialize<'de>>(query: &'de str) -> Result<T, Error<Refusal>> {
+    from_pairs(form_urlencoded::parse(query.as_bytes()))
+}
+
+/// Parses the keys and values of a query.
+///
+/// # Errors
+/// The refusal, with the key.
+pub fn from_pairs<'de, T: Deserialize<'de>>(
+    pairs: impl IntoIterator<Item = (Cow<'de, str>, Cow<'de, str>)>,
+) -> Result<T, Error<Refusal>> {
+    let pairs = pairs.into_iter();
     let pairs = pairs.map(|(key, value)| (key, Sent::Text(value)));
     serde_path_to_error::deserialize(MapDeserializer::new(pairs))
 }
@@ -31,9 +41,7 @@ pub(super) fn from_query<'de, T: Deserialize<'de>>(query: &'de str) -> Result<T,
 ///
 /// # Errors
 /// The refusal, with the path of the value; `.` is the whole. An unknown key is not part of the path.
-pub(super) fn from_json<T: for<'de> Deserialize<'de>>(
-    value: Value,
-) -> Result<T, (String, Refusal)> {
+pub fn from_json<T: for<'de> Deserialize<'de>>(value: Value) -> Result<T, (String, Refusal)> {
     serde_path_to_error::deserialize(Sent::Json(value)).map_err(|error| {
         let path = error.path().to_string();
         let known_part = match (error.inner(), error.path().iter().next_back()) {
@@ -55,7 +63,7 @@ pub(super) fn from_json<T: for<'de> Deserialize<'de>>(
 ///
 /// # Errors
 /// What is wrong: a sentence that begins with its verb.
-pub(super) fn json_value(text: &[u8]) -> Result<Value, String> {
+pub fn json_value(text: &[u8]) -> Result<Value, String> {
     let Unambiguous(value) = serde_json::from_slice(text).map_err(|error| {
         if error.is_data() {
             error.to_string()
@@ -135,7 +143,7 @@ impl<'de> Visitor<'de> for UnambiguousVisitor {
 ///
 /// # Errors
 /// If the body is too large, or does not describe such a value.
-pub(super) fn json_body<T: for<'de> Deserialize<'de>>(
+pub fn json_body<T: for<'de> Deserialize<'de>>(
     body: Result<Bytes, BytesRejection>,
 ) -> Result<T, AppError> {
     json_body_within(MAX_BODY_BYTES, body)
@@ -145,7 +153,7 @@ pub(super) fn json_body<T: for<'de> Deserialize<'de>>(
 ///
 /// # Errors
 /// As [`json_body`].
-pub(super) fn json_body_within<T: for<'de> Deserialize<'de>>(
+pub fn json_body_within<T: for<'de> Deserialize<'de>>(
     limit_bytes: usize,
     body: Result<Bytes, BytesRejection>,
 ) -> Result<T, AppError> {

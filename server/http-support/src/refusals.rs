@@ -7,7 +7,7 @@ use serde::de::{Expected, Unexpected};
 
 /// The reason why a value cannot be read: a sentence that begins with its verb.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub(super) enum Refusal {
+pub enum Refusal {
     /// A key is unknown.
     #[error("has an unknown key; {}", known_keys(known))]
     UnknownKey { known: &'static [&'static str] },
@@ -27,14 +27,14 @@ pub(super) enum Refusal {
 
 impl Refusal {
     /// A value that is not as expected.
-    pub(super) fn unless(expected: &dyn fmt::Display) -> Self {
+    pub fn unless(expected: &dyn fmt::Display) -> Self {
         Self::Unexpected {
             expected: expected.to_string(),
         }
     }
 
     /// A value that is none of these names.
-    pub(super) fn unless_one_of(names: &[&str]) -> Self {
+    pub fn unless_one_of(names: &[&str]) -> Self {
         let before = if names.len() > 2 { "one of " } else { "" };
         Self::unless(&format!("{before}{}", listed(names)))
     }
@@ -81,7 +81,7 @@ impl serde::de::Error for Refusal {
 }
 
 /// The known keys, in words.
-pub(super) fn known_keys(known: &[&str]) -> String {
+pub fn known_keys(known: &[&str]) -> String {
     match known {
         [] => "none is known".to_owned(),
         _ => format!("known: {}", listed(known)),

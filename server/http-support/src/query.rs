@@ -5,11 +5,15 @@ use axum::http::request::Parts;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_path_to_error::Error;
+use utoipa::IntoParams;
+use utoipa::openapi::path::ParameterIn;
 
-use super::refusals::{Refusal, known_keys};
-use super::sent::from_query;
+use crate::problem::AppError;
+use crate::refusals::{Refusal, known_keys};
+use crate::sent::from_query;
 use case::CaseId;
-use http_support::problem::AppError;
+use cases::pictures::{CheckedPicture, CheckedSlice, PictureRequest, SliceQuery};
+use cases::report::ReportQuery;
 
 /// The case in the path.
 #[derive(Debug, Clone, Copy)]
@@ -87,6 +91,37 @@ fn unreadable(error: Error<Refusal>) -> AppError {
         kind,
         parameter,
         detail,
+    }
+}
+
+/// The keys of a query, each with its description.
+pub fn keys<T: IntoParams>() -> Vec<(String, String)> {
+    let keys = T::into_params(|| Some(ParameterIn::Query)).into_iter();
+    keys.map(|key| (key.name, key.description.unwrap_or_default()))
+        .collect()
+}
+
+impl Asked for PictureRequest {
+    type Values = CheckedPicture;
+
+    fn checked(&self) -> Result<CheckedPicture, AppError> {
+        Ok(PictureRequest::checked(self)?)
+    }
+}
+
+impl Asked for SliceQuery {
+    type Values = CheckedSlice;
+
+    fn checked(&self) -> Result<CheckedSlice, AppError> {
+        Ok(SliceQuery::checked(self)?)
+    }
+}
+
+impl Asked for ReportQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
+        Ok(())
     }
 }
 
