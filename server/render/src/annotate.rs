@@ -75,12 +75,15 @@ pub fn annotate_slice(
 ) -> Frame {
     let parameters = request.parameters();
     let (plane, position_mm) = (parameters.plane, parameters.position_mm);
-    let place = format!(
-        "{} {} {} mm",
-        plane.name(),
-        letter_at(plane, position_mm),
-        short(position_mm.abs())
-    );
+    let place = match parameters.oblique {
+        Some(oblique) => oblique.angles(),
+        None => format!(
+            "{} {} {} mm",
+            plane.name(),
+            letter_at(plane, position_mm),
+            short(position_mm.abs())
+        ),
+    };
     let mut canvas = canvas_of(frame);
     let lines = lines(place, parameters.window, layers);
     let corner = Corner::new(&canvas, named, lines);

@@ -75,8 +75,8 @@ pub use quality::draw_quality_sheet;
 pub use scene::{Background, RenderParameters, RenderRequest, Scene};
 pub use sheet::{Sheet, SheetPlan};
 pub use slice::{
-    MAX_CONTOURS, SliceConvention, SliceParameters, SlicePlane, SliceRequest, draw_acquired_slice,
-    draw_slice,
+    MAX_CONTOURS, Oblique, SliceConvention, SliceParameters, SlicePlane, SliceRequest,
+    draw_acquired_slice, draw_slice,
 };
 pub use splat::{draw_splat, draw_splat_while, splat_hits};
 pub use state::{sheet_texts, slice_texts, state_texts};

@@ -224,9 +224,9 @@ impl Report {
             }
             @for number in 0..of_slices {
                 div.row {
-                    @for (plane, shots) in &pictures.slices {
+                    @for (through, shots) in &pictures.slices {
                         @let shot = &shots[number];
-                        (picture(words, shot, &format!("{}, {}", self.what(words, shot.shows), words.plane(*plane))))
+                        (picture(words, shot, &format!("{}, {}", self.what(words, shot.shows), words.through(through))))
                     }
                 }
             }

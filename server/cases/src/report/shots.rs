@@ -10,7 +10,8 @@ use render::{NamedView, Projection, SlicePlane, edge_letters};
 
 use super::map_of_report;
 use crate::pictures::{
-    LayerRef, Numbers, PictureRequest, PictureSeries, SeriesPicture, SlicePicture, SliceQuery,
+    LayerRef, Numbers, PictureRequest, PictureSeries, SeriesPicture, SliceKind, SlicePicture,
+    SliceQuery,
 };
 use crate::{Cases, Error};
 
@@ -56,8 +57,16 @@ pub(super) struct FindingPictures {
     pub(super) view: NamedView,
     /// The cut, each time the own side and then the other side, flipped.
     pub(super) cuts: Vec<[Shot; 2]>,
-    /// Slices through it, each time one plane.
-    pub(super) slices: Vec<(SlicePlane, Vec<Shot>)>,
+    /// Slices through it, each time one plane: the standard ones, and the one across the sulcus.
+    pub(super) slices: Vec<(Through, Vec<Shot>)>,
+}
+
+/// The plane of a slice.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Through {
+    Standard(SlicePlane),
+    /// Across the sulcus, with its angles.
+    Sulcus(String),
 }
 
 /// The six views at each depth, as one row a depth.
@@ -207,47 +216,69 @@ async fn draw_surfaces(
     series.draw_each(cases, Vec::new(), add).await
 }
 
-/// The three slices through a finding, of the anatomy and of the layer.
+/// The slices through a finding, of the anatomy and of the layer.
 async fn slices(
     cases: &Cases,
     id: &CaseId,
     facts: &CaseFacts,
     (finding, layer): (&Finding, Option<&LayerRef>),
-) -> Result<Vec<(SlicePlane, Vec<Shot>)>, Error> {
+) -> Result<Vec<(Through, Vec<Shot>)>, Error> {
     let sphere = &facts.envelope_sphere;
     let at = DVec3::from_array(finding.middle_in_patient());
     let offset = at - DVec3::from_array(sphere.center_in_patient);
     let mut slices = Vec::new();
-    for plane in SlicePlane::ALL {
+    let kinds = SlicePlane::ALL.map(SliceKind::Standard);
+    for kind in kinds.into_iter().chain([SliceKind::Oblique]) {
+        let mut through = Through::Sulcus(String::new());
         let mut shots = Vec::new();
         for layer in std::iter::once(None).chain(layer.cloned().map(Some)) {
             let shows = match layer {
                 None => Shows::Anatomy,
                 Some(_) => Shows::Layer,
             };
+            let place = match kind {
+                SliceKind::Standard(plane) => SliceQuery {
+                    position_mm: Some(at[plane.axis()]),
+                    pan: Some(pan_of(plane, offset)),
+                    ..SliceQuery::default()
+                },
+                SliceKind::Oblique => SliceQuery {
+                    position: Some(Numbers(at.to_array())),
+                    ..SliceQuery::default()
+                },
+            };
             let query = SliceQuery {
-                position_mm: Some(at[plane.axis()]),
                 width: SLICE_SIDE,
                 height: SLICE_SIDE,
                 zoom: 2.0 * sphere.radius_mm / SLICE_MM,
-                pan: Some(pan_of(plane, offset)),
                 layer,
-                ..SliceQuery::default()
+                ..place
             };
-            let picture = SlicePicture::of(cases, id, plane, query.checked()?).await?;
+            let picture = SlicePicture::of(cases, id, kind, query.checked()?).await?;
             let drawn = picture.draw(cases).await?;
             let [x, y, _] = drawn
                 .projection
                 .frame_from_patient()
                 .transform_point3(at)
                 .to_array();
-            let view = plane.view(render::SliceConvention::default());
+            let convention = render::SliceConvention::default();
+            let orientation = match (kind, drawn.oblique) {
+                (SliceKind::Standard(plane), _) => {
+                    through = Through::Standard(plane);
+                    plane.view(convention).orientation()
+                }
+                (SliceKind::Oblique, oblique) => {
+                    let oblique = oblique.ok_or(Error::Internal)?;
+                    through = Through::Sulcus(oblique.angles());
+                    oblique.orientation(convention)
+                }
+            };
             shots.push(Shot {
                 mark: Some([x, y]),
-                ..plain(drawn.png, SLICE_SIDE, shows, view.orientation())
+                ..plain(drawn.png, SLICE_SIDE, shows, orientation)
             });
         }
-        slices.push((plane, shots));
+        slices.push((through, shots));
     }
     Ok(slices)
 }

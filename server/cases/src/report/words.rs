@@ -1,8 +1,9 @@
 //! The words of a report in each language.
 
+use super::shots::Through;
 use case::findings::{Certainty, FindingKind};
 use case::{PatientSide, QualityState};
-use render::{NamedView, SlicePlane};
+use render::NamedView;
 use serde::{Deserialize, Serialize};
 
 /// A language of the report.
@@ -83,6 +84,7 @@ pub(super) struct Words {
     pub(super) flipped: &'static str,
     views: [&'static str; 6],
     planes: [&'static str; 3],
+    across: &'static str,
     /// The letters for left and right.
     sides_in_pictures: [char; 2],
 }
@@ -119,8 +121,11 @@ impl Words {
         letters.chars().map(letter).collect()
     }
 
-    pub(super) fn plane(&self, plane: SlicePlane) -> &'static str {
-        self.planes[plane as usize]
+    pub(super) fn through(&self, through: &Through) -> String {
+        match through {
+            Through::Standard(plane) => self.planes[*plane as usize].to_owned(),
+            Through::Sulcus(angles) => format!("{} ({angles})", self.across),
+        }
     }
 }
 
@@ -178,6 +183,7 @@ const ENGLISH: Words = Words {
         "from below",
     ],
     planes: ["axial", "coronal", "sagittal"],
+    across: "across the sulcus",
     sides_in_pictures: ['L', 'R'],
 };
 
@@ -235,5 +241,6 @@ const PORTUGUESE: Words = Words {
         "visto de baixo",
     ],
     planes: ["axial", "coronal", "sagital"],
+    across: "através do sulco",
     sides_in_pictures: ['E', 'D'],
 };

@@ -56,14 +56,14 @@ async fn the_report_shows_what_was_marked_and_runs_nothing() {
         html.matches("scale(-1 1)").count(),
         html.matches(", flipped</figcaption>").count()
     );
-    // Each finding has its cut, the other side and three slices; the overview has six views at four depths.
+    // Each finding has its cut, the other side, three slices and the one across the sulcus; the overview has six views at four depths.
     let maps = if html.contains("There are no maps") {
         0
     } else {
         1
     };
     let pictures = html.matches("<image").count();
-    assert_eq!(pictures, 2 * (2 + 2 * maps + 3) + 24 * (1 + maps));
+    assert_eq!(pictures, 2 * (2 + 2 * maps + 4) + 24 * (1 + maps));
     assert!(html.len() < 3_000_000, "{}", html.len());
     let known = [("if-none-match", report.header("etag"))];
     assert_eq!(
