@@ -7,11 +7,17 @@ use glam::{DMat3, DVec3};
 /// How far from a finding a voxel's centre belongs to it, in mm: half a brush of 3 mm.
 pub const BRUSH_RADIUS_MM: f64 = 1.5;
 
+/// The distance between neighbouring dabs of the brush, in mm: so little that their balls make a tube.
+const STEP_MM: f64 = 0.5;
+
+/// The most corners of a polygon that decide what is within it; of more, some in even steps. Its outline has them all.
+const MAX_CORNERS: usize = 256;
+
 /// The voxels of a finding on a block of a grid; `None` if it has none.
 ///
 /// They are the voxels whose centre lies within [`BRUSH_RADIUS_MM`] of its points and of the lines between them; of a polygon
-/// also those within it. What is within a polygon is decided in its mean plane, and its height above that plane is
-/// that of its corners, the near ones most. The voxel nearest to each point is always one of them.
+/// also those within it. What is within a polygon is decided in its mean plane, and its height above that plane is that of its
+/// corners, the near ones most. The voxel nearest to each point is always one of them.
 pub fn voxels_of(finding: &Finding, grid: &Grid) -> Option<Mask> {
     let points: Vec<DVec3> = finding
         .points_in_patient
@@ -20,21 +26,31 @@ pub fn voxels_of(finding: &Finding, grid: &Grid) -> Option<Mask> {
         .collect();
     let (first, size) = block_around(&points, grid)?;
     let block = grid.block(first.map(|index| index as i64), size).ok()?;
-    let mut voxels = vec![false; block.voxel_count()];
-    let shape = Shape::of(finding.kind, &points);
-    for (index, voxel) in voxels.iter_mut().enumerate() {
-        let at = DVec3::from_array(block.voxel(index).map(|index| index as f64));
-        *voxel = shape.has(block.patient_from_voxel().transform_point3(at));
-    }
-    for &point in &points {
-        let at = block.voxel_from_patient().transform_point3(point).round();
-        let is_in = |axis: usize| at[axis] >= 0.0 && at[axis] < size[axis] as f64;
-        if (0..3).all(is_in) {
-            voxels[block.index(at.to_array().map(|index| index as usize))] = true;
+    let mut canvas = Canvas {
+        voxels: vec![false; block.voxel_count()],
+        block,
+    };
+    let is_closed = finding.kind == FindingKind::Polygon;
+    let next = points.iter().skip(1).chain(is_closed.then(|| &points[0]));
+    for (from, to) in points.iter().zip(next) {
+        let steps = (from.distance(*to) / STEP_MM).ceil().max(1.0);
+        for step in 0..=steps as u32 {
+            canvas.dab(from.lerp(*to, f64::from(step) / steps));
         }
     }
-    let is_any = voxels.contains(&true);
-    Mask::new(block, voxels).ok().filter(|_| is_any)
+    for &point in &points {
+        canvas.dab(point);
+        if let Some((index, _)) = canvas.holding(point) {
+            canvas.voxels[index] = true;
+        }
+    }
+    if is_closed {
+        canvas.fill(&points);
+    }
+    let is_any = canvas.voxels.contains(&true);
+    Mask::new(canvas.block, canvas.voxels)
+        .ok()
+        .filter(|_| is_any)
 }
 
 /// The first voxel and the size of the block that holds the points and the brush around them; `None` outside the grid.
@@ -53,79 +69,112 @@ fn block_around(points: &[DVec3], grid: &Grid) -> Option<([usize; 3], [usize; 3]
     (!extent.contains(&0)).then_some((low, extent))
 }
 
-/// What the voxels of a finding are near to.
-struct Shape<'p> {
-    points: &'p [DVec3],
-    is_closed: bool,
-    /// The points of a polygon in its mean plane, with their heights above it, and what turns the patient into that
-    /// plane.
-    area: Option<(DMat3, Vec<DVec3>)>,
+/// A block that is painted.
+struct Canvas {
+    block: Grid,
+    voxels: Vec<bool>,
 }
 
-impl<'p> Shape<'p> {
-    fn of(kind: FindingKind, points: &'p [DVec3]) -> Self {
-        let is_closed = kind == FindingKind::Polygon;
-        let area = is_closed.then(|| {
-            let plane_from_patient = plane(points);
-            let corners = points.iter().map(|&point| plane_from_patient * point);
-            (plane_from_patient, corners.collect())
-        });
-        Self {
-            points,
-            is_closed,
-            area,
+impl Canvas {
+    /// Paints the voxels whose centre the brush covers.
+    fn dab(&mut self, at: DVec3) {
+        let spacing = DVec3::from_array(self.block.spacing_mm());
+        let reach = DVec3::splat(BRUSH_RADIUS_MM) / spacing;
+        let middle = self.block.voxel_from_patient().transform_point3(at);
+        let last = self.block.size().map(|size| size as f64 - 1.0);
+        let from = (middle - reach).ceil().max(DVec3::ZERO).to_array();
+        let to = (middle + reach)
+            .floor()
+            .min(DVec3::from_array(last))
+            .to_array();
+        let range = |axis: usize| from[axis] as i64..=to[axis] as i64;
+        for z in range(2) {
+            for y in range(1) {
+                for x in range(0) {
+                    let voxel = [x, y, z].map(|index| index as usize);
+                    let centre = DVec3::from_array(voxel.map(|index| index as f64));
+                    let centre = self.block.patient_from_voxel().transform_point3(centre);
+                    if centre.distance(at) <= BRUSH_RADIUS_MM {
+                        self.voxels[self.block.index(voxel)] = true;
+                    }
+                }
+            }
         }
     }
 
-    fn has(&self, at: DVec3) -> bool {
-        self.is_near_its_lines(at) || self.is_within(at)
+    /// The voxel that holds a point, and its centre in the patient; `None` outside the block.
+    fn holding(&self, at: DVec3) -> Option<(usize, DVec3)> {
+        let voxel = self.block.voxel_from_patient().transform_point3(at).round();
+        let size = self.block.size();
+        let is_in = |axis: usize| voxel[axis] >= 0.0 && voxel[axis] < size[axis] as f64;
+        (0..3).all(is_in).then(|| {
+            let index = self
+                .block
+                .index(voxel.to_array().map(|index| index as usize));
+            (
+                index,
+                self.block.patient_from_voxel().transform_point3(voxel),
+            )
+        })
     }
 
-    fn is_near_its_lines(&self, at: DVec3) -> bool {
-        let ends = match self.is_closed {
-            true => self.points.len(),
-            false => self.points.len().saturating_sub(1),
-        };
-        let next = |number: usize| self.points[(number + 1) % self.points.len()];
-        let near = |from: DVec3, to: DVec3| distance(at, from, to) <= BRUSH_RADIUS_MM;
-        match self.points {
-            [point] => near(*point, *point),
-            points => (0..ends).any(|number| near(points[number], next(number))),
+    /// Paints what is within a polygon, as thick as the brush.
+    fn fill(&mut self, points: &[DVec3]) {
+        let plane_from_patient = plane(points);
+        let patient_from_plane = plane_from_patient.transpose();
+        let stride = points.len().div_ceil(MAX_CORNERS);
+        let corners = points.iter().step_by(stride);
+        let corners: Vec<_> = corners.map(|&point| plane_from_patient * point).collect();
+        let least = corners.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+        let most = corners
+            .iter()
+            .copied()
+            .fold(DVec3::NEG_INFINITY, DVec3::max);
+        // No voxel is passed over.
+        let edges = self.block.spacing_mm();
+        let step = edges
+            .into_iter()
+            .fold(STEP_MM, |step, edge| step.min(edge / 2.0));
+        let steps = |length: f64| (length / step).ceil() as u32;
+        let across = steps(2.0 * BRUSH_RADIUS_MM);
+        for row in 0..=steps(most.y - least.y) {
+            for column in 0..=steps(most.x - least.x) {
+                let x = least.x + f64::from(column) * step;
+                let y = least.y + f64::from(row) * step;
+                let Some(height) = height_within(&corners, x, y) else {
+                    continue;
+                };
+                for level in 0..=across {
+                    let off = (f64::from(level) / f64::from(across) - 0.5) * 2.0 * BRUSH_RADIUS_MM;
+                    let at = patient_from_plane * DVec3::new(x, y, height + off);
+                    if let Some((index, centre)) = self.holding(at)
+                        && ((plane_from_patient * centre).z - height).abs() <= BRUSH_RADIUS_MM
+                    {
+                        self.voxels[index] = true;
+                    }
+                }
+            }
         }
-    }
-
-    fn is_within(&self, at: DVec3) -> bool {
-        let Some((plane_from_patient, corners)) = &self.area else {
-            return false;
-        };
-        let at = *plane_from_patient * at;
-        let is_crossed = |number: &usize| {
-            let [a, b] = [corners[*number], corners[(*number + 1) % corners.len()]];
-            (a.y > at.y) != (b.y > at.y) && at.x < a.x + (at.y - a.y) / (b.y - a.y) * (b.x - a.x)
-        };
-        let crossings = (0..corners.len()).filter(is_crossed).count();
-        if crossings.is_multiple_of(2) {
-            return false;
-        }
-        let (mut weights, mut heights) = (0.0, 0.0);
-        for corner in corners {
-            let weight = 1.0 / ((*corner - at).truncate().length_squared() + 1e-6);
-            weights += weight;
-            heights += weight * corner.z;
-        }
-        (at.z - heights / weights).abs() <= BRUSH_RADIUS_MM
     }
 }
 
-/// The distance of a point from a line between two others, in mm.
-fn distance(at: DVec3, from: DVec3, to: DVec3) -> f64 {
-    let along = to - from;
-    let length = along.length_squared();
-    let share = match length > 0.0 {
-        true => ((at - from).dot(along) / length).clamp(0.0, 1.0),
-        false => 0.0,
+/// The height of a polygon above a point of its plane; `None` outside it.
+fn height_within(corners: &[DVec3], x: f64, y: f64) -> Option<f64> {
+    let next = corners.iter().cycle().skip(1);
+    let is_crossed = |(a, b): &(&DVec3, &DVec3)| {
+        (a.y > y) != (b.y > y) && x < a.x + (y - a.y) / (b.y - a.y) * (b.x - a.x)
     };
-    at.distance(from + along * share)
+    let crossings = corners.iter().zip(next).filter(is_crossed).count();
+    if crossings.is_multiple_of(2) {
+        return None;
+    }
+    let (mut weights, mut heights) = (0.0, 0.0);
+    for corner in corners {
+        let weight = 1.0 / ((corner.x - x).powi(2) + (corner.y - y).powi(2) + 1e-6);
+        weights += weight;
+        heights += weight * corner.z;
+    }
+    Some(heights / weights)
 }
 
 /// A rotation whose third axis is the normal of a polygon, by Newell's method.
@@ -214,6 +263,32 @@ mod tests {
         bent[0][2] += 4.0;
         bent[2][2] += 4.0;
         assert!(voxels_of(&finding("polygon", &bent.map(at)), &grid()).is_some());
+    }
+
+    #[test]
+    fn a_long_finding_takes_no_longer_than_a_reader_waits() {
+        // To and fro through a whole head.
+        let affine = DAffine3::from_translation(DVec3::splat(-128.0));
+        let grid = Grid::new([256; 3], affine).unwrap();
+        let points: Vec<_> = (0..2_000)
+            .map(|number| {
+                let turn = f64::from(number) * 2.4;
+                DVec3::new(
+                    100.0 * turn.cos(),
+                    100.0 * turn.sin(),
+                    f64::from(number % 200) - 100.0,
+                )
+            })
+            .collect();
+        for kind in ["line", "polygon"] {
+            let start = std::time::Instant::now();
+            assert!(voxels_of(&finding(kind, &points), &grid).is_some());
+            assert!(
+                start.elapsed().as_secs() < 20,
+                "{kind}: {:?}",
+                start.elapsed()
+            );
+        }
     }
 
     #[test]
