@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use dimse::{DimseOptions, Peer};
+use pacs::dimse::{DimseOptions, Peer};
 use serde_json::{Value, json};
 
 use crate::corrections::corrected_head;

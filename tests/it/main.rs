@@ -11,6 +11,7 @@ mod dicom;
 mod dicomweb;
 mod extraction;
 mod faults;
+mod findings;
 mod golden;
 mod head;
 mod heads;

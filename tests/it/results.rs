@@ -19,7 +19,7 @@ use crate::head::{mask_of, plain_head};
 use crate::pacs::{Neighbour, with_texts};
 use crate::server::{Answer, Server};
 
-const IDENTITY: [([u16; 2], &str, &str); 10] = [
+pub(crate) const IDENTITY: [([u16; 2], &str, &str); 10] = [
     ([0x08, 0x0005], "CS", "ISO_IR 192"),
     ([0x08, 0x0020], "DA", "20261101"),
     ([0x08, 0x0030], "TM", "101112"),
@@ -144,7 +144,7 @@ fn printed(program: &str, arguments: &[&Path]) -> Option<String> {
 }
 
 /// What dciodvfy finds wrong with a file; nothing, loudly, if it is not installed.
-fn errors_in(file: &Path) -> Vec<String> {
+pub(crate) fn errors_in(file: &Path) -> Vec<String> {
     let report = printed("dciodvfy", &[Path::new("-new"), file]).unwrap_or_default();
     let lines = report.lines().filter(|line| line.contains("Error"));
     lines.map(str::to_owned).collect()

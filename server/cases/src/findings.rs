@@ -2,13 +2,18 @@
 
 use std::collections::HashMap;
 
+use bytes::Bytes;
 use case::findings::{Finding, FindingRefused, check};
-use case::{CaseFacts, CaseId};
+use case::{CaseFacts, CaseId, MapName};
+use geometry::Grid;
 use glam::{DAffine3, DVec3};
+use imaging::dicom::{Attributes, Mark, MarkedPatient};
 use jiff::Timestamp;
+use pipeline::findings::voxels_of;
 use pipeline::maps::{mirror_plane, side_at};
 use storage::{FindingsVersion, Replaced, StoreError, StoredFindings};
 
+use crate::arrivals::OF_PATIENT;
 use crate::{Cases, Error};
 
 /// The findings of a case.
@@ -37,6 +42,8 @@ pub enum NotReplaced {
     Changed(Findings),
     /// One of them is wrong.
     Refused(FindingRefused),
+    /// A report is of another patient, or of another frame of reference: a sentence.
+    Elsewhere(&'static str),
     /// Another error.
     Other(Error),
 }
@@ -100,6 +107,133 @@ impl Cases {
             Replaced::NoSuchCase => Err(Error::NoSuchCase.into()),
         }
     }
+}
+
+impl Cases {
+    /// The findings of a ready case that are not dismissed, as labels on the grid of the acquired volume, as `.nii.gz`.
+    ///
+    /// A label is the number of its finding in the list, from 1. Where two overlap, the later one is seen.
+    ///
+    /// # Errors
+    /// As [`Cases::ready`]; [`Error::Busy`] if too much work waits.
+    pub async fn finding_labels(&self, id: &CaseId) -> Result<Vec<u8>, Error> {
+        let facts = self.ready(id).await?;
+        let list = self.findings(id).await?.list;
+        let draw = move || {
+            let affine = pipeline::affine_of(&facts.native_patient_from_voxel);
+            let grid = Grid::new(facts.native_size, affine).map_err(|_| Error::Internal)?;
+            let mut labels = vec![0; grid.voxel_count()];
+            let numbered = (1..)
+                .zip(&list)
+                .filter(|(_, finding)| !finding.is_dismissed);
+            let mut names = Vec::new();
+            for (number, finding) in numbered {
+                names.push((number, name_of(finding)));
+                paint(&mut labels, &grid, number, finding);
+            }
+            imaging::nifti::write_labels(&grid, &labels, &names).map_err(|_| Error::Internal)
+        };
+        self.queue.run(draw).await?
+    }
+
+    /// The findings of a DICOM measurement report that this program wrote about the patient of a case.
+    ///
+    /// # Errors
+    /// [`NotReplaced::Elsewhere`] if it is about another patient or place; a failure that states what is wrong with the file.
+    pub async fn findings_of_report(
+        &self,
+        id: &CaseId,
+        file: Bytes,
+    ) -> Result<Vec<Finding>, NotReplaced> {
+        let source = self.store().source_dicom(id).await?;
+        let source = source.ok_or(NotReplaced::Elsewhere(
+            "the case was not created from DICOM, so its patient is not known; send the findings as JSON",
+        ))?;
+        let source = pipeline::attributes(&source).map_err(Error::from)?;
+        let file = self.store().spool_all(file).await?;
+        let MarkedPatient {
+            patient,
+            frame_of_reference,
+            marks,
+        } = self.headers.read_marks(&file).await?;
+        let of_case = |keyword: &str| value(&source, keyword);
+        let known = OF_PATIENT.map(of_case);
+        if known[0].is_empty() || known != patient.each_ref().map(String::as_str) {
+            return Err(NotReplaced::Elsewhere(
+                "the report is about another patient than the case",
+            ));
+        }
+        if !marks.is_empty() && frame_of_reference != of_case("FrameOfReferenceUID") {
+            return Err(NotReplaced::Elsewhere(
+                "the findings of the report lie in another frame of reference than the case",
+            ));
+        }
+        let numbered = marks.into_iter().enumerate();
+        let findings = numbered.map(|(number, mark)| of_mark(mark, number));
+        findings
+            .collect::<Result<_, _>>()
+            .map_err(NotReplaced::Refused)
+    }
+}
+
+/// The value of an attribute of the source; empty if it has none.
+fn value<'a>(source: &'a Attributes, keyword: &str) -> &'a str {
+    let found = source.attributes.iter().find(|(name, _)| name == keyword);
+    found.map_or("", |(_, value)| value.trim())
+}
+
+/// The name of a label: what the reader called it, or its id.
+fn name_of(finding: &Finding) -> &str {
+    match &*finding.label {
+        "" => &finding.id,
+        label => label,
+    }
+}
+
+fn paint(labels: &mut [u16], grid: &Grid, number: u16, finding: &Finding) {
+    let Some(mask) = voxels_of(finding, grid) else {
+        return;
+    };
+    // A block of the grid has the same voxels, shifted.
+    let grid_from_block = grid.voxel_from_patient() * mask.grid().patient_from_voxel();
+    let first = grid_from_block.translation.round().to_array();
+    let first = first.map(|index| index as usize);
+    for (index, _) in mask.voxels().iter().enumerate().filter(|(_, is)| **is) {
+        let voxel = mask.grid().voxel(index);
+        labels[grid.index([0, 1, 2].map(|axis| first[axis] + voxel[axis]))] = number;
+    }
+}
+
+/// The finding that a report states.
+fn of_mark(mark: Mark, number: usize) -> Result<Finding, FindingRefused> {
+    let unknown = |member: &str| FindingRefused {
+        path: format!("findings[{number}].{member}"),
+        detail: "is a word that this version does not know".to_owned(),
+    };
+    let word = |text: &str| serde_json::Value::String(text.to_owned());
+    let kind = serde_json::from_value(word(&mark.kind)).map_err(|_| unknown("kind"))?;
+    let certainty = mark.certainty.as_deref().map(word);
+    let certainty = certainty.map(serde_json::from_value).transpose();
+    let from_map = mark.from_map.as_deref().map(|name| {
+        let known = MapName::from_name(name);
+        known.ok_or_else(|| unknown("from_map"))
+    });
+    Ok(Finding {
+        id: mark.id,
+        kind,
+        points_in_patient: mark.points_in_patient,
+        depth_mm: mark.depth_mm,
+        label: mark.label,
+        note: mark.note,
+        certainty: certainty.map_err(|_| unknown("certainty"))?,
+        colour: mark.colour,
+        from_map: from_map.transpose()?,
+        is_dismissed: mark.is_dismissed,
+        author: mark.author,
+        side: None,
+        created_at: None,
+        changed_at: None,
+    })
 }
 
 /// Where the findings of a case may lie.

@@ -10,6 +10,7 @@ pub mod codec;
 mod cuts;
 mod extractor;
 mod failure;
+pub mod findings;
 mod head_limits;
 pub mod layers;
 pub mod maps;

@@ -75,12 +75,15 @@ pub fn annotate_slice(
 ) -> Frame {
     let parameters = request.parameters();
     let (plane, position_mm) = (parameters.plane, parameters.position_mm);
-    let place = format!(
-        "{} {} {} mm",
-        plane.name(),
-        letter_at(plane, position_mm),
-        short(position_mm.abs())
-    );
+    let place = match parameters.oblique {
+        Some(oblique) => oblique.angles(),
+        None => format!(
+            "{} {} {} mm",
+            plane.name(),
+            letter_at(plane, position_mm),
+            short(position_mm.abs())
+        ),
+    };
     let mut canvas = canvas_of(frame);
     let lines = lines(place, parameters.window, layers);
     let corner = Corner::new(&canvas, named, lines);
@@ -387,7 +390,7 @@ fn scale_bar(canvas: &mut Canvas, mm_per_pixel: f64, [width, foot, margin]: [i32
 }
 
 /// The letters of the patient's directions to the left, to the right, up and down in a picture.
-pub(crate) fn edge_letters(orientation: DQuat) -> [String; 4] {
+pub fn edge_letters(orientation: DQuat) -> [String; 4] {
     let patient_from_view = orientation.inverse();
     [-DVec3::X, DVec3::X, DVec3::Y, -DVec3::Y]
         .map(|direction| letters(patient_from_view * direction))

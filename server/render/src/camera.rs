@@ -155,6 +155,14 @@ impl Camera {
         }
     }
 
+    /// The same with a unit quaternion from patient to view space.
+    pub(crate) fn oriented(self, orientation: DQuat) -> Self {
+        Self {
+            orientation,
+            ..self
+        }
+    }
+
     /// The unit quaternion from patient to view space.
     pub fn orientation(&self) -> DQuat {
         self.orientation

@@ -54,7 +54,7 @@ mod surface;
 mod trace;
 mod window;
 
-pub use annotate::{MIN_ANNOTATED_SIDE, annotate, annotate_slice, mark_sides};
+pub use annotate::{MIN_ANNOTATED_SIDE, annotate, annotate_slice, edge_letters, mark_sides};
 pub use apng::AnimatedPng;
 pub use backend::{RenderBackend, RenderJob, SizedMesh};
 pub use camera::{Camera, NamedView, Projection};
@@ -75,8 +75,8 @@ pub use quality::draw_quality_sheet;
 pub use scene::{Background, RenderParameters, RenderRequest, Scene};
 pub use sheet::{Sheet, SheetPlan};
 pub use slice::{
-    MAX_CONTOURS, SliceConvention, SliceParameters, SlicePlane, SliceRequest, draw_acquired_slice,
-    draw_slice,
+    MAX_CONTOURS, Oblique, SliceConvention, SliceParameters, SlicePlane, SliceRequest,
+    draw_acquired_slice, draw_slice,
 };
 pub use splat::{draw_splat, draw_splat_while, splat_hits};
 pub use state::{sheet_texts, slice_texts, state_texts};

@@ -1,6 +1,6 @@
 //! The state of a picture, stored in its file.
 
-use glam::DQuat;
+use glam::{DQuat, DVec3};
 
 use crate::annotate::edge_letters;
 use crate::{Background, Camera, Layers, RenderRequest, SliceRequest, Window, WindowFunction};
@@ -57,14 +57,25 @@ pub fn slice_texts(
 ) -> Vec<(&'static str, String)> {
     let parameters = request.parameters();
     let depths: Vec<_> = parameters.depths_mm.iter().map(f64::to_string).collect();
-    let mut texts = vec![
-        ("Software", SOFTWARE.to_owned()),
-        ("case", case.to_owned()),
-        ("plane", parameters.plane.name().to_owned()),
-        ("position_mm", parameters.position_mm.to_string()),
+    let mut texts = vec![("Software", SOFTWARE.to_owned()), ("case", case.to_owned())];
+    match parameters.oblique {
+        Some(oblique) => {
+            let numbers = |vector: DVec3| vector.to_array().map(|each| each.to_string()).join(",");
+            texts.extend([
+                ("plane", "oblique".to_owned()),
+                ("position", numbers(oblique.centre_in_patient())),
+                ("normal", numbers(oblique.normal())),
+            ]);
+        }
+        None => texts.extend([
+            ("plane", parameters.plane.name().to_owned()),
+            ("position_mm", parameters.position_mm.to_string()),
+        ]),
+    }
+    texts.extend([
         ("depth_mm", depths.join(",")),
         ("convention", convention(request.camera().orientation())),
-    ];
+    ]);
     texts.extend(camera_texts(request.camera()));
     texts.extend([
         ("window", window_text(parameters.window)),

@@ -41,7 +41,7 @@ impl SeriesOfUpload {
 }
 
 /// Attributes that tell two patients apart. A name that is written in another way is still the same patient's.
-const OF_PATIENT: [&str; 3] = ["PatientID", "IssuerOfPatientID", "PatientBirthDate"];
+pub(crate) const OF_PATIENT: [&str; 3] = ["PatientID", "IssuerOfPatientID", "PatientBirthDate"];
 
 /// The patient in the stored attributes of a source.
 fn patient_in(stored: &[u8]) -> Option<[Option<String>; 3]> {

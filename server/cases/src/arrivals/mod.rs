@@ -21,7 +21,7 @@ use crate::dicom::InstanceIdentity;
 use crate::error::Error;
 
 pub use self::heads::Head;
-pub(crate) use self::index::SeriesOfUpload;
+pub(crate) use self::index::{OF_PATIENT, SeriesOfUpload};
 pub use crate::jobs::ArrivalReader;
 
 /// Which series become cases.

@@ -53,7 +53,8 @@ fn exit_code(ended: io::Result<()>) -> ExitCode {
 fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
     match read_order()? {
         Order::Series(order) => read_series(&order, instead),
-        Order::Header(order) => answer(&read_header(&order)?),
+        Order::Header(order) => answer(&read_header(&order, header)?),
+        Order::Marks(order) => answer(&read_header(&order, |file, _, _| dicom::marks(file))?),
         Order::Stored(order) => read_stored(&order),
         Order::Prepare(order) => crate::apart::prepare(&order),
         Order::Confine => {
@@ -119,7 +120,11 @@ fn read_series(order: &SeriesOrder, instead: Option<Instead<'_>>) -> io::Result<
     outcome_file.write_all(&serde_json::to_vec(&outcome)?)
 }
 
-fn read_header(order: &HeaderOrder) -> io::Result<Stated> {
+/// What `read` finds in a file, given its bytes, the room before an output, and that output.
+fn read_header<T>(
+    order: &HeaderOrder,
+    read: impl Fn(&[u8], u64, Option<&mut File>) -> Result<T, DicomError>,
+) -> io::Result<Stated<T>> {
     limit_this_process(order.memory_bytes, 0, order.seconds)?;
     let mut file = File::open(&order.file)?;
     file.seek(io::SeekFrom::Start(order.start))?;
@@ -134,10 +139,10 @@ fn read_header(order: &HeaderOrder) -> io::Result<Stated> {
         None => None,
     };
     confine(&Needs::default());
-    let read = read_file(file, order.max_file_bytes)
-        .and_then(|file| header(&file, order.start, output.as_mut()));
-    Ok(match read {
-        Ok(identity) => Stated::Read(identity),
+    let found = read_file(file, order.max_file_bytes)
+        .and_then(|file| read(&file, order.start, output.as_mut()));
+    Ok(match found {
+        Ok(found) => Stated::Read(found),
         Err(error) => Stated::Refused(refusal(&error)),
     })
 }

@@ -7,7 +7,8 @@ use std::process::Stdio;
 use std::time::Duration;
 
 use case::{Failure, Parameters};
-use imaging::dicom::Identity;
+use imaging::dicom::{Identity, MarkedPatient};
+use serde::de::DeserializeOwned;
 use storage::Spooled;
 use storage::arrivals::{AccessionNumber, Rejection, SeriesUids, Uid};
 
@@ -151,7 +152,15 @@ impl HeaderReader {
     /// A [`Failure`] that states what is wrong with the file, or that its process died; [`Error::Busy`] if too many
     /// wait; [`Error::Internal`], logged, if the process cannot be started.
     pub async fn read(&self, file: &Spooled) -> Result<InstanceIdentity, Error> {
-        self.ask(file, None).await
+        self.identity(file, None).await
+    }
+
+    /// The findings of a measurement report.
+    ///
+    /// # Errors
+    /// As [`HeaderReader::read`].
+    pub(crate) async fn read_marks(&self, file: &Spooled) -> Result<MarkedPatient, Error> {
+        self.ask(file, None, Order::Marks).await
     }
 
     /// Writes a file without the identity of the patient, as an upload is spooled.
@@ -159,18 +168,32 @@ impl HeaderReader {
     /// # Errors
     /// As [`HeaderReader::read`].
     pub(crate) async fn deidentify(&self, file: &Spooled, output: &Path) -> Result<(), Error> {
-        self.ask(file, Some(output)).await?;
+        self.identity(file, Some(output)).await?;
         // Pixels that were compressed may be larger than before.
         let largest = self.max_file_bytes.saturating_mul(UNPACKING);
         Ok(check_file(output, Spooled::START + largest)?)
     }
 
-    async fn ask(&self, file: &Spooled, output: Option<&Path>) -> Result<InstanceIdentity, Error> {
+    async fn identity(
+        &self,
+        file: &Spooled,
+        output: Option<&Path>,
+    ) -> Result<InstanceIdentity, Error> {
+        let identity = self.ask(file, output, Order::Header).await?;
+        InstanceIdentity::checked(identity).ok_or_else(|| bad_uid().into())
+    }
+
+    async fn ask<T: DeserializeOwned>(
+        &self,
+        file: &Spooled,
+        output: Option<&Path>,
+        order: fn(HeaderOrder) -> Order,
+    ) -> Result<T, Error> {
         let _turn = self.limit.turn().await?;
         let memory_bytes = PROGRAM_BYTES + (UNPACKING + 4) * file.len();
         let _memory = self.memory.take(memory_bytes).await?;
         let absolute = |path: &Path| std::path::absolute(path).map_err(cannot_run);
-        let order = Order::Header(HeaderOrder {
+        let order = order(HeaderOrder {
             file: absolute(file.path())?,
             start: Spooled::START,
             output: output.map(absolute).transpose()?,
@@ -185,9 +208,7 @@ impl HeaderReader {
             return Err(died().into());
         };
         match stated {
-            Stated::Read(identity) => {
-                InstanceIdentity::checked(identity).ok_or_else(|| bad_uid().into())
-            }
+            Stated::Read(found) => Ok(found),
             Stated::Refused(failure) => Err(checked_failure(failure).into()),
         }
     }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use imaging::dicom::{Attributes, Difference, Identity, SeriesSummary};
+use imaging::dicom::{Attributes, Difference, SeriesSummary};
 use serde::{Deserialize, Serialize};
 
 use case::Failure;
@@ -23,6 +23,8 @@ pub(super) enum Order {
     Series(SeriesOrder),
     /// Read the header of a file; a [`Stated`] on the standard output answers it.
     Header(HeaderOrder),
+    /// Read the findings of a measurement report; a [`Stated`] on the standard output answers it.
+    Marks(HeaderOrder),
     /// Read stored files for a client that retrieves them.
     Stored(StoredOrder),
     /// Prepare a case.
@@ -77,7 +79,7 @@ pub(super) enum StoredOutcome {
     Refused(Failure),
 }
 
-/// Which header to read.
+/// Which file to read the header of.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct HeaderOrder {
@@ -97,8 +99,8 @@ pub(super) struct HeaderOrder {
 /// The answer about a file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub(super) enum Stated {
-    Read(Identity),
+pub(super) enum Stated<T> {
+    Read(T),
     Refused(Failure),
 }
 

@@ -41,8 +41,9 @@ const BYTES_PER_VOXEL: u64 = 8;
 /// The largest outcome: identifiers of some thousand slices.
 const MAX_OUTCOME_BYTES: u64 = 16 << 20;
 
-/// The longest answer on the standard output of a child, in bytes: that about a rejection note of 5,000 instances.
-const MAX_ANSWER_BYTES: u64 = 512 << 10;
+/// The longest answer on the standard output of a child, in bytes: that about a measurement report of 20,000 points with long
+/// notes.
+const MAX_ANSWER_BYTES: u64 = 16 << 20;
 
 /// The longest name and detail of a failure, in bytes.
 const MAX_TEXT: [usize; 2] = [64, 4096];

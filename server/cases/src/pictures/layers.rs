@@ -52,6 +52,12 @@ impl From<MapName> for LayerRef {
     }
 }
 
+impl From<case::LayerId> for LayerRef {
+    fn from(id: case::LayerId) -> Self {
+        Self(id.to_string())
+    }
+}
+
 impl fmt::Display for LayerRef {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(&self.0)

@@ -1,5 +1,6 @@
 //! Pictures of cases: requests, drawing and encoding.
 
+mod across;
 mod depth;
 mod drawing;
 mod encoding;
@@ -25,4 +26,6 @@ pub use self::request::{
     picture_size, window_of, window_of_numbers,
 };
 pub use self::series::{PictureSeries, SeriesPicture};
-pub use self::slice::{CheckedSlice, DrawnSlice, SlicePicture, SliceQuery, encode_slice};
+pub use self::slice::{
+    CheckedSlice, DrawnSlice, SliceKind, SlicePicture, SliceQuery, encode_slice,
+};

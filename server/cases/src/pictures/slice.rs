@@ -1,12 +1,15 @@
 //! Pictures of slices with the contours of isosurfaces.
 
-use case::{CaseFacts, CaseId};
+use case::{CaseFacts, CaseId, MapName};
+use geometry::DeformableModel;
+use glam::DVec3;
 use render::{
-    ColorMap, Frame, Layers, Projection, Scene, SliceConvention, SliceParameters, SlicePlane,
-    SliceRequest, Window,
+    ColorMap, Frame, KeyedLayers, Layer, Layers, Oblique, Projection, Scene, SliceConvention,
+    SliceParameters, SlicePlane, SliceRequest, Window,
 };
 use serde::{Deserialize, Serialize};
 
+use super::across::across_the_sulcus;
 use super::{
     ChosenLayers, DepthMm, LayerChoice, LayerRef, NumberList, Numbers, PictureLayers,
     check_annotation, default_side, default_zoom, picture_size, window_of, window_of_numbers,
@@ -19,8 +22,20 @@ use crate::error::Error;
 #[cfg_attr(feature = "openapi", derive(utoipa::IntoParams), into_params(parameter_in = Query))]
 #[serde(deny_unknown_fields)]
 pub struct SliceQuery {
-    /// The LPS coordinate across the plane, in mm; by default the middle of the grid.
+    /// The LPS coordinate across the plane, in mm; by default the middle of the grid. Not for `oblique`.
     pub position_mm: Option<f64>,
+    /// A point of an oblique plane (LPS mm), which is shown in the middle: `x,y,z`. Required for `oblique`, and only for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "-38,-20,30"))]
+    pub position: Option<Numbers<3>>,
+    /// The direction across an oblique plane (LPS): `x,y,z`. By default the plane is the one across the sulcus: it holds the normal
+    /// of the surface below the envelope and the steepest direction of the map `blur`; of the intensities if the case has no maps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "0,1,0"))]
+    pub normal: Option<Numbers<3>>,
+    /// Turns the plane across the sulcus about the normal of the surface, in degrees. Not with `normal`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub turn_deg: Option<f64>,
     /// Depths in mm of the contours: at most 16, separated by commas.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "5,10"))]
@@ -95,6 +110,9 @@ impl Default for SliceQuery {
     fn default() -> Self {
         Self {
             position_mm: None,
+            position: None,
+            normal: None,
+            turn_deg: None,
             depth_mm: NumberList::default(),
             width: default_side(),
             height: default_side(),
@@ -139,6 +157,7 @@ impl SliceQuery {
         for &depth_mm in &self.depth_mm.0 {
             DepthMm::check_sign(depth_mm)?;
         }
+        let oblique = self.oblique()?;
         check_annotation(self.annotate, [self.width, self.height])?;
         let layers = self.layers();
         layers.check()?;
@@ -150,6 +169,7 @@ impl SliceQuery {
             plane: SlicePlane::Axial,
             convention: self.convention,
             position_mm: self.position_mm.unwrap_or(0.0),
+            oblique: None,
             depths_mm: self.depth_mm.0.clone(),
             zoom: self.zoom,
             pan_mm: self.pan.map_or([0.0; 2], |Numbers(pan)| pan),
@@ -161,10 +181,82 @@ impl SliceQuery {
         Ok(CheckedSlice {
             asked: self.clone(),
             position_mm: self.position_mm,
+            oblique,
             window,
             layers,
             request,
         })
+    }
+
+    /// The oblique plane; `None` if none is described.
+    fn oblique(&self) -> Result<Option<ObliquePlane>, Error> {
+        let turn_deg = self.turn_deg.unwrap_or(0.0);
+        if !turn_deg.is_finite() {
+            return Err(Error::out_of_range(
+                "turn_deg",
+                "must be a finite number of degrees",
+            ));
+        }
+        let Some(Numbers(position)) = self.position else {
+            return match (self.normal, self.turn_deg) {
+                (None, None) => Ok(None),
+                (Some(_), _) => Err(Error::out_of_range("normal", "needs `position`")),
+                (None, Some(_)) => Err(Error::out_of_range("turn_deg", "needs `position`")),
+            };
+        };
+        // Any normal will do to check the position.
+        let normal = self
+            .normal
+            .map_or([1.0, 0.0, 0.0], |Numbers(normal)| normal);
+        let plane = Oblique::new(position, normal)?;
+        Ok(Some(match (self.normal, self.turn_deg) {
+            (Some(_), None) => ObliquePlane::Given(plane),
+            (Some(_), Some(_)) => {
+                let detail = "turns the plane across the sulcus; omit it or `normal`";
+                return Err(Error::out_of_range("turn_deg", detail));
+            }
+            (None, _) => ObliquePlane::AcrossTheSulcus {
+                position: plane.centre_in_patient(),
+                turn_deg,
+            },
+        }))
+    }
+}
+
+/// A plane in any direction.
+#[derive(Debug, Clone, Copy)]
+enum ObliquePlane {
+    Given(Oblique),
+    AcrossTheSulcus { position: DVec3, turn_deg: f64 },
+}
+
+/// Which slice is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SliceKind {
+    /// Across an axis of the patient.
+    Standard(SlicePlane),
+    /// In any direction.
+    Oblique,
+}
+
+impl SliceKind {
+    /// The name in the interfaces.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Standard(plane) => plane.name(),
+            Self::Oblique => "oblique",
+        }
+    }
+}
+
+impl std::str::FromStr for SliceKind {
+    type Err = render::RenderError;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        match name {
+            "oblique" => Ok(Self::Oblique),
+            name => name.parse().map(Self::Standard),
+        }
     }
 }
 
@@ -175,6 +267,8 @@ pub struct CheckedSlice {
     pub asked: SliceQuery,
     /// The position; by default the middle of the case.
     position_mm: Option<f64>,
+    /// The oblique plane, if it is one.
+    oblique: Option<ObliquePlane>,
     /// The window; by default from the layer or the case.
     window: Option<Window>,
     /// The layers.
@@ -184,19 +278,64 @@ pub struct CheckedSlice {
 }
 
 impl CheckedSlice {
+    /// Whether the keys are those of a kind of slice.
+    fn check_kind(&self, kind: SliceKind) -> Result<(), Error> {
+        let refused = |name, detail: &str| Err(Error::out_of_range(name, detail));
+        match kind {
+            SliceKind::Standard(_) if self.oblique.is_some() => refused(
+                "position",
+                "is accepted for `oblique` only; set `position_mm`",
+            ),
+            SliceKind::Oblique if self.oblique.is_none() => refused(
+                "position",
+                "is required for `oblique`: LPS coordinates in mm",
+            ),
+            SliceKind::Oblique if self.position_mm.is_some() => refused(
+                "position_mm",
+                "is not accepted for `oblique`; set `position`",
+            ),
+            _ => Ok(()),
+        }
+    }
+
     /// The slice of a case.
     fn of_case(
         &self,
-        plane: SlicePlane,
+        kind: SliceKind,
         facts: &CaseFacts,
-        layers: &PictureLayers,
+        (layers, steepness): (&PictureLayers, Option<&Layer>),
+        model: &DeformableModel,
     ) -> SliceRequest {
+        let plane = match kind {
+            SliceKind::Standard(plane) => plane,
+            SliceKind::Oblique => SlicePlane::Axial,
+        };
         let middle_mm = || middle_mm(facts, plane.axis());
         let position_mm = self.position_mm.unwrap_or_else(middle_mm);
         let usual = || layers.window.unwrap_or_else(|| window_of(facts));
         let window = self.window.unwrap_or_else(usual);
-        let request = self.request.clone();
-        request.shown(plane, position_mm, window)
+        let request = self.request.clone().shown(plane, position_mm, window);
+        match self.oblique {
+            None => request,
+            Some(ObliquePlane::Given(oblique)) => request.across(oblique),
+            Some(ObliquePlane::AcrossTheSulcus { position, turn_deg }) => {
+                request.across(across_the_sulcus(model, steepness, position, turn_deg))
+            }
+        }
+    }
+}
+
+/// The map whose steepest direction a plane holds, and its version; `None` if the case has no maps.
+async fn steepness(cases: &Cases, id: &CaseId) -> Result<Option<(KeyedLayers, String)>, Error> {
+    let blur = LayerChoice {
+        layer: Some(LayerRef::from(MapName::Blur)),
+        ..LayerChoice::default()
+    };
+    let chosen = blur.of_case(&cases.library, id).await?;
+    match chosen.load(&cases.library, id).await {
+        Ok(layers) => Ok(Some((layers.keyed, chosen.version().unwrap_or_default()))),
+        Err(Error::MapsUndefined(_)) => Ok(None),
+        Err(other) => Err(other),
     }
 }
 
@@ -211,9 +350,11 @@ fn middle_mm(facts: &CaseFacts, axis: usize) -> f64 {
 #[derive(Debug)]
 pub struct SlicePicture {
     id: CaseId,
-    plane: SlicePlane,
+    kind: SliceKind,
     slice: CheckedSlice,
     layers: ChosenLayers,
+    /// The map whose steepest direction the plane holds, if that is not given.
+    steepness: Option<(KeyedLayers, String)>,
     /// What is written of the case into the picture, if it is annotated.
     identity: Option<String>,
 }
@@ -225,6 +366,8 @@ pub struct DrawnSlice {
     pub png: Vec<u8>,
     /// Its projection.
     pub projection: Projection,
+    /// Its plane, if that is oblique.
+    pub oblique: Option<Oblique>,
 }
 
 impl SlicePicture {
@@ -236,20 +379,26 @@ impl SlicePicture {
     pub async fn of(
         cases: &Cases,
         id: &CaseId,
-        plane: SlicePlane,
+        kind: SliceKind,
         slice: CheckedSlice,
     ) -> Result<Self, Error> {
+        slice.check_kind(kind)?;
         let layers = slice.layers.of_case(&cases.library, id).await?;
         if slice.asked.edges && layers.has_labels_above() {
             let detail = "is not possible for a label map, because labels have no edges; choose another `overlay`";
             return Err(Error::out_of_range("edges", detail));
         }
+        let steepness = match slice.oblique {
+            Some(ObliquePlane::AcrossTheSulcus { .. }) => steepness(cases, id).await?,
+            Some(ObliquePlane::Given(_)) | None => None,
+        };
         Ok(Self {
             identity: cases.identity(id, slice.asked.annotate).await?,
             id: *id,
-            plane,
+            kind,
             slice,
             layers,
+            steepness,
         })
     }
 
@@ -260,7 +409,9 @@ impl SlicePicture {
 
     /// The versions of the layers; `None` if there are no layers.
     pub fn version(&self) -> Option<String> {
-        self.layers.version()
+        let steepness = self.steepness.as_ref().map(|(_, version)| version.clone());
+        let versions: Vec<_> = self.layers.version().into_iter().chain(steepness).collect();
+        (!versions.is_empty()).then(|| versions.join(", "))
     }
 
     /// Draws it.
@@ -270,9 +421,13 @@ impl SlicePicture {
     pub async fn draw(self, cases: &Cases) -> Result<DrawnSlice, Error> {
         let facts = cases.ready(&self.id).await?;
         let layers = self.layers.load(&cases.library, &self.id).await?;
-        let request = self.slice.of_case(self.plane, &facts, &layers);
-        let layers = layers.keyed;
         let model = cases.model(&self.id).await?;
+        let steepness = self
+            .steepness
+            .as_ref()
+            .and_then(|(map, _)| map.layers().base);
+        let request = (self.slice).of_case(self.kind, &facts, (&layers, steepness), model.model());
+        let layers = layers.keyed;
         let volume = cases.whole_volume(&self.id).await?;
         let draw = move || {
             let scene = Scene {
@@ -283,7 +438,11 @@ impl SlicePicture {
             let projection = request.projection(&scene.bounds);
             let slice = (&request, &projection, &scene.layers);
             let png = encode_slice(frame, slice, &self.id, self.identity.as_deref())?;
-            Ok(DrawnSlice { png, projection })
+            Ok(DrawnSlice {
+                png,
+                projection,
+                oblique: request.parameters().oblique,
+            })
         };
         cases.queue.run(draw).await?
     }

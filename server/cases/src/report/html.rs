@@ -5,7 +5,7 @@ use base64::engine::general_purpose::STANDARD;
 use case::findings::Finding;
 use case::{CandidateFacts, PatientSide, QualityState};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use render::{NamedView, SlicePlane};
+use render::NamedView;
 
 use super::shots::{DEPTHS_MM, FindingPictures, Shot, Shows};
 use super::words::Words;
@@ -17,6 +17,9 @@ const STYLE: &str = include_str!("report.css");
 
 /// What the file may load: nothing but the pictures in it.
 pub const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'";
+
+/// The height of a letter in a picture, as a part of its side.
+const LETTER_SIZE: f64 = 0.07;
 
 /// The most places of the map in the table.
 const MAX_CANDIDATES: usize = 20;
@@ -40,19 +43,17 @@ impl Report {
                     h1 { (words.title) }
                     p.notice { (words.notice) }
                     (self.about(words))
-                    h2 { (words.findings) }
-                    @if self.findings.is_empty() { p { (words.no_findings) } }
+                    (self.summary(words))
+                    (self.places(words))
                     @for (number, finding) in (1..).zip(&self.findings) {
                         (self.finding(words, number, finding))
                     }
-                    @if !self.dismissed.is_empty() {
-                        h3 { (words.dismissed) }
-                        ul { @for finding in &self.dismissed { li { (line_about(words, finding)) } } }
-                    }
-                    (self.places(words))
-                    (overview(words, words.overview, &self.overview.anatomy))
-                    @if !self.overview.map.is_empty() {
-                        (overview(words, words.overview_of_map, &self.overview.map))
+                    section.page {
+                        (self.warning_line(words))
+                        (overview(words, words.overview, &self.overview.anatomy))
+                        @if !self.overview.map.is_empty() {
+                            (overview(words, words.overview_of_map, &self.overview.map))
+                        }
                     }
                 }
             }
@@ -62,29 +63,34 @@ impl Report {
 
     /// The words in the margins of every printed page.
     fn margins(&self, words: &Words) -> String {
-        let state = self.facts.quality.as_ref().map(|quality| quality.state);
-        let warning = match state {
-            Some(state @ (QualityState::Review | QualityState::Failed)) => {
-                format!("{}: {}", words.mask, words.state(state))
-            }
-            _ => String::new(),
-        };
         format!(
             "@page {{ @top-left {{ content: {} }} @top-right {{ content: {} }} @bottom-left {{ content: {} }} }}",
             css_text(&format!("Isocortex · {}", self.case.identity())),
-            css_text(&warning),
+            css_text(&self.doubt(words).unwrap_or_default()),
             css_text(words.notice),
         )
     }
 
+    /// The verdict on a mask that is not sound.
+    fn doubt(&self, words: &Words) -> Option<String> {
+        match self.facts.quality.as_ref()?.state {
+            QualityState::Ok => None,
+            state => Some(format!("{}: {}", words.mask, words.state(state))),
+        }
+    }
+
+    /// The verdict again, at the head of a page: not every browser prints the margins of pages.
+    fn warning_line(&self, words: &Words) -> Markup {
+        html! { @if let Some(doubt) = self.doubt(words) { p.warning { strong { (doubt) } } } }
+    }
+
     /// What is wrong with the mask, where something is.
     fn warning(&self, words: &Words) -> Markup {
-        let quality = self.facts.quality.as_ref();
-        let doubted = quality.filter(|quality| quality.state != QualityState::Ok);
+        let doubted = self.doubt(words).zip(self.facts.quality.as_ref());
         html! {
-            @if let Some(quality) = doubted {
+            @if let Some((doubt, quality)) = doubted {
                 div.warning {
-                    strong { (words.mask) ": " (words.state(quality.state)) }
+                    strong { (doubt) }
                     @for reason in &quality.reasons { p { (reason) } }
                 }
             }
@@ -116,13 +122,46 @@ impl Report {
                     td {
                         (sequence.unwrap_or(words.unknown)) " · " (x) " × " (y) " × " (z) " " (words.voxels) ", "
                         (spacing.join(" × ")) " mm"
-                        @if let Some(layer) = &self.layer { " · " bdi { (layer) } }
+                        @if let Some(layer) = &self.layer {
+                            " · " bdi { (layer.name) }
+                            @if layer.may_lie_elsewhere { " (" (words.may_lie_elsewhere) ")" }
+                        }
                     }
                 }
                 @if let Some(quality) = quality {
                     tr { th { (words.mask) } td { (words.state(quality.state)) } }
                 }
                 tr { th { (words.made_by) } td { "Isocortex " (env!("CARGO_PKG_VERSION")) } }
+            }
+        }
+    }
+
+    /// The findings on one page: those to look at, and those that were dismissed.
+    fn summary(&self, words: &Words) -> Markup {
+        html! {
+            h2 { (words.findings) }
+            @if self.findings.is_empty() { p { (words.no_findings) } }
+            @else {
+                table.numbers {
+                    thead {
+                        tr {
+                            th {} th { (words.side) } th { (words.depth) } th { (words.position) } th { (words.certainty) }
+                            th { (words.label) }
+                        }
+                    }
+                    @for (number, ReportedFinding { finding, .. }) in (1..).zip(&self.findings) {
+                        tr {
+                            td { (number) } td { (side_of(words, finding)) } td.number { (format!("{:.1} mm", finding.depth_mm)) }
+                            td.number { (position(finding.middle_in_patient())) }
+                            td { @if let Some(certainty) = finding.certainty { (words.certainty(certainty)) } }
+                            td.text { bdi { (finding.label) } }
+                        }
+                    }
+                }
+            }
+            @if !self.dismissed.is_empty() {
+                h3 { (words.dismissed) }
+                ul { @for finding in &self.dismissed { li { (line_about(words, finding)) } } }
             }
         }
     }
@@ -134,32 +173,34 @@ impl Report {
             numbers,
         } = reported;
         html! {
-            section.finding {
-                h3 { (words.finding) " " (number) ": " bdi { (finding.label) } }
-                table.about {
-                    tr { th { (words.side) } td { strong { (side_of(words, finding)) } } }
-                    tr { th { (words.depth) } td { (format!("{:.1} mm", finding.depth_mm)) } }
-                    tr { th { (words.position) } td { (position(finding.middle_in_patient())) } }
-                    tr { th { (words.kind) } td { (words.kind(finding.kind)) } }
-                    @if let Some(certainty) = finding.certainty {
-                        tr { th { (words.certainty) } td { (words.certainty(certainty)) } }
-                    }
-                    @if !finding.note.is_empty() {
-                        tr { th { (words.note) } td.text { bdi { (finding.note) } } }
-                    }
-                    @if let Some(author) = &finding.author {
-                        tr {
-                            th { (words.author) }
-                            td { bdi { (author) } @if let Some(time) = &finding.changed_at { ", " (time) } }
+            section.page.finding {
+                (self.warning_line(words))
+                h2 { (words.finding) " " (number) ": " bdi { (finding.label) } }
+                div.facts {
+                    table.about {
+                        tr { th { (words.side) } td { strong { (side_of(words, finding)) } } }
+                        tr { th { (words.depth) } td { (format!("{:.1} mm", finding.depth_mm)) } }
+                        tr { th { (words.position) } td { (position(finding.middle_in_patient())) } }
+                        tr { th { (words.kind) } td { (words.kind(finding.kind)) } }
+                        @if let Some(certainty) = finding.certainty {
+                            tr { th { (words.certainty) } td { (words.certainty(certainty)) } }
+                        }
+                        @if let Some(author) = &finding.author {
+                            tr {
+                                th { (words.author) }
+                                td { bdi { (author) } @if let Some(time) = &finding.changed_at { ", " (minute(time)) } }
+                            }
                         }
                     }
+                    @if let Some(numbers) = numbers { (table_of(words, numbers)) }
                 }
-                @if let Some(numbers) = numbers { (table_of(words, numbers)) }
+                @if !finding.note.is_empty() { p.text { bdi { (finding.note) } } }
                 (self.pictures(words, finding, pictures))
             }
         }
     }
 
+    /// Rows of pictures: the cuts, the same of the other side below them, and the slices.
     fn pictures(&self, words: &Words, finding: &Finding, pictures: &FindingPictures) -> Markup {
         let own = side_of(words, finding);
         let opposite = match finding.side {
@@ -168,20 +209,24 @@ impl Report {
             _ => words.other_side,
         };
         let view = words.view(pictures.view);
+        let depth = format!("{:.1} mm", finding.depth_mm);
+        let of_slices = pictures.slices.first().map_or(0, |(_, shots)| shots.len());
         html! {
-            div.pictures {
-                @for [here, other] in &pictures.cuts {
-                    @let what = self.what(words, here.shows);
-                    div.pair {
-                        (picture(here, &format!("{what}, {:.1} mm, {view}: {own}, {}", finding.depth_mm, words.as_acquired)))
-                        (picture(other, &format!("{what}, {:.1} mm: {opposite}, {}", finding.depth_mm, words.flipped)))
-                    }
+            div.row {
+                @for [here, _] in &pictures.cuts {
+                    (picture(words, here, &format!("{}, {depth}, {view}: {own}, {}", self.what(words, here.shows), words.as_acquired)))
                 }
             }
-            div.pictures {
-                @for (plane, shots) in &pictures.slices {
-                    @for shot in shots {
-                        (slice(words, *plane, shot, &self.what(words, shot.shows)))
+            div.row {
+                @for [_, other] in &pictures.cuts {
+                    (picture(words, other, &format!("{}, {depth}: {opposite}, {}", self.what(words, other.shows), words.flipped)))
+                }
+            }
+            @for number in 0..of_slices {
+                div.row {
+                    @for (through, shots) in &pictures.slices {
+                        @let shot = &shots[number];
+                        (picture(words, shot, &format!("{}, {}", self.what(words, shot.shows), words.through(through))))
                     }
                 }
             }
@@ -192,7 +237,7 @@ impl Report {
     fn what(&self, words: &Words, shows: Shows) -> String {
         match (shows, &self.layer) {
             (Shows::Anatomy, _) | (Shows::Layer, None) => words.anatomy.to_owned(),
-            (Shows::Layer, Some(name)) => name.clone(),
+            (Shows::Layer, Some(layer)) => layer.name.clone(),
             (Shows::Map, _) => format!("{}, {}", words.anatomy, words.map),
         }
     }
@@ -206,9 +251,11 @@ impl Report {
                 Ok(maps) => {
                     p { (words.candidates_note) }
                     table.numbers {
-                        tr {
-                            th { (words.rank) } th { (words.side) } th { (words.depth) } th { (words.position) }
-                            th { (words.score) } th { (words.size) }
+                        thead {
+                            tr {
+                                th { (words.rank) } th { (words.side) } th { (words.depth) } th { (words.position) }
+                                th { (words.score) } th { (words.size) }
+                            }
                         }
                         @for (rank, candidate) in (1..).zip(maps.candidates.iter().take(MAX_CANDIDATES)) {
                             (row_of(words, rank, candidate))
@@ -242,6 +289,12 @@ fn side_of(words: &Words, finding: &Finding) -> &'static str {
     finding.side.map_or(words.unknown, |side| words.side(side))
 }
 
+/// A time (RFC 3339, UTC) to the minute.
+fn minute(time: &str) -> String {
+    let [day, clock] = [time.get(..10), time.get(11..16)].map(Option::unwrap_or_default);
+    format!("{day} {clock} UTC")
+}
+
 fn position([x, y, z]: [f64; 3]) -> String {
     format!("{x:.1}, {y:.1}, {z:.1}")
 }
@@ -267,7 +320,7 @@ fn table_of(words: &Words, numbers: &Numbers) -> Markup {
 
 fn overview(words: &Words, title: &str, rows: &[Vec<Shot>]) -> Markup {
     html! {
-        section.overview {
+        div.overview {
             h2 { (title) }
             table {
                 tr { th {} @for view in NamedView::ALL { th { (words.view(view)) } } }
@@ -275,7 +328,7 @@ fn overview(words: &Words, title: &str, rows: &[Vec<Shot>]) -> Markup {
                     tr {
                         th { (depth_mm) " mm" }
                         @for (shot, view) in row.iter().zip(NamedView::ALL) {
-                            td { (picture(shot, &format!("{depth_mm} mm, {}", words.view(view)))) (letters(words, sides_of(view))) }
+                            td { (drawing(words, shot, &format!("{depth_mm} mm, {}", words.view(view)))) }
                         }
                     }
                 }
@@ -284,53 +337,37 @@ fn overview(words: &Words, title: &str, rows: &[Vec<Shot>]) -> Markup {
     }
 }
 
-/// The sides of the patient at the left and the right of a picture; `None` if it is seen from the side.
-fn sides_of(view: NamedView) -> Option<[PatientSide; 2]> {
-    let left_first = [PatientSide::Left, PatientSide::Right];
-    let right_first = [PatientSide::Right, PatientSide::Left];
-    match view {
-        NamedView::Left | NamedView::Right => None,
-        NamedView::Anterior | NamedView::Inferior => Some(right_first),
-        NamedView::Posterior | NamedView::Superior => Some(left_first),
-    }
+/// A picture above what it shows.
+fn picture(words: &Words, shot: &Shot, caption: &str) -> Markup {
+    html! { figure { (drawing(words, shot, caption)) figcaption { (caption) } } }
 }
 
-fn slice(words: &Words, plane: SlicePlane, shot: &Shot, what: &str) -> Markup {
-    let view = plane.view(render::SliceConvention::default());
-    html! {
-        div.slice { (picture(shot, &format!("{what}, {}", words.plane(plane)))) (letters(words, sides_of(view))) }
-    }
-}
-
-/// The letters of the sides under a picture.
-fn letters(words: &Words, sides: Option<[PatientSide; 2]>) -> Markup {
-    let letter = |side| match side {
-        PatientSide::Left => words.left,
-        _ => words.right,
-    };
-    html! {
-        @if let Some(sides) = sides {
-            span.letters { @for side in sides { b title=(letter(side)) { (letter(side).get(..1).unwrap_or_default()) } } }
-        }
-    }
-}
-
-/// A picture with its marks.
-fn picture(shot: &Shot, words: &str) -> Markup {
+/// A picture with its marks and the patient's directions at its edges. It is one drawing, which no printer divides.
+fn drawing(words: &Words, shot: &Shot, name: &str) -> Markup {
     let png = format!("data:image/png;base64,{}", STANDARD.encode(&shot.png));
     let side = shot.side;
+    let end = f64::from(side);
+    // Letters are as large on paper in a small picture as in a large one.
+    let (margin, middle) = (end * LETTER_SIZE * 0.75, end / 2.0);
+    let places = [
+        [margin, middle],
+        [end - margin, middle],
+        [middle, margin],
+        [middle, end - margin],
+    ];
+    let flip = format!("translate({side} 0) scale(-1 1)");
     html! {
-        figure {
-            div.picture {
-                img class=[shot.is_flipped.then_some("flipped")] src=(png) alt=(words) width=(side) height=(side);
-                @if shot.mark.is_some() || !shot.outline.is_empty() {
-                    svg viewBox={ "0 0 " (side) " " (side) } aria-hidden="true" {
-                        @if let Some(at) = shot.mark { path d=(ticks(at)) {} }
-                        @if !shot.outline.is_empty() { path d=(outline(shot)) {} }
-                    }
+        svg viewBox={ "0 0 " (side) " " (side) } role="img" aria-label=(name) {
+            image href=(png) width=(side) height=(side) transform=[shot.is_flipped.then_some(flip)] {}
+            @for class in ["halo", "mark"] {
+                @if let Some(at) = shot.mark { path class=(class) d=(ticks(at)) {} }
+                @if !shot.outline.is_empty() { path class=(class) d=(outline(shot)) {} }
+            }
+            @for (letters, [x, y]) in shot.directions.iter().zip(places) {
+                text x=(format!("{x:.1}")) y=(format!("{y:.1}")) font-size=(format!("{:.1}", end * LETTER_SIZE)) {
+                    (words.directions(letters))
                 }
             }
-            figcaption { (words) }
         }
     }
 }

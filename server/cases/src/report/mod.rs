@@ -46,11 +46,18 @@ struct Report {
     patient: Option<Vec<(&'static str, String)>>,
     maps: Result<Arc<LoadedMaps>, NoMaps>,
     /// The acquired layer beside the anatomy, if there is one.
-    layer: Option<String>,
+    layer: Option<ShownLayer>,
     /// Those to look at, with their pictures and numbers, in the order of the list.
     findings: Vec<ReportedFinding>,
     dismissed: Vec<Finding>,
     overview: Overview,
+}
+
+/// The acquired layer of a report.
+struct ShownLayer {
+    name: String,
+    /// Whether nobody has checked that it lies where the anatomy does.
+    may_lie_elsewhere: bool,
 }
 
 /// A finding with its pictures and numbers.
@@ -90,14 +97,19 @@ impl Cases {
             Err(other) => return Err(other),
         };
         let layers = self.layers(id).await?;
-        let layer = beside(&layers).map(|layer| layer.name.clone());
+        let layer = beside(&layers);
+        let reference = layer.map(|(layer, _)| LayerRef::from(layer.id));
+        let layer = layer.map(|(layer, quality)| ShownLayer {
+            name: layer.name.clone(),
+            may_lie_elsewhere: quality != QualityState::Ok,
+        });
         let (dismissed, findings): (Vec<_>, Vec<_>) =
             (self.findings(id).await?.list.into_iter()).partition(|finding| finding.is_dismissed);
         let (pictures, overview) = shots::draw(
             self,
             id,
             &facts,
-            (&findings, layer.as_deref(), maps.is_ok()),
+            (&findings, reference.as_ref(), maps.is_ok()),
         )
         .await?;
         let mut reported = Vec::new();
@@ -165,15 +177,19 @@ impl Cases {
     }
 }
 
-/// The acquired layer to show beside the anatomy: a FLAIR before any other, and none that may lie elsewhere.
-fn beside(layers: &[Layer]) -> Option<&Layer> {
-    let is_usable = |layer: &&Layer| {
-        layer.parameters.kind == LayerKind::Mr
-            && ready(layer).is_ok_and(|facts| facts.placement.quality == QualityState::Ok)
+/// The acquired layer to show beside the anatomy, and how far its place can be trusted: a FLAIR before any other, one whose place
+/// was checked before one whose was not, and none that certainly lies elsewhere.
+fn beside(layers: &[Layer]) -> Option<(&Layer, QualityState)> {
+    let usable = layers.iter().filter_map(|layer| {
+        let quality = ready(layer).ok()?.placement.quality;
+        let is_usable = layer.parameters.kind == LayerKind::Mr && quality != QualityState::Failed;
+        is_usable.then_some((layer, quality))
+    });
+    let order = |(layer, quality): &(&Layer, QualityState)| {
+        let is_flair = layer.name.to_lowercase().contains("flair");
+        (!is_flair, *quality != QualityState::Ok)
     };
-    let is_flair = |layer: &&Layer| layer.name.to_lowercase().contains("flair");
-    let usable = || layers.iter().filter(is_usable);
-    usable().find(is_flair).or_else(|| usable().next())
+    usable.min_by_key(order)
 }
 
 /// The map of the report.

@@ -6,16 +6,17 @@ use case::findings::{Finding, FindingKind};
 use case::{CaseFacts, CaseId};
 use glam::{DMat3, DQuat, DVec3};
 use pipeline::maps::mirror_plane;
-use render::{NamedView, Projection, SlicePlane};
+use render::{NamedView, Projection, SlicePlane, edge_letters};
 
 use super::map_of_report;
 use crate::pictures::{
-    LayerRef, Numbers, PictureRequest, PictureSeries, SeriesPicture, SlicePicture, SliceQuery,
+    LayerRef, Numbers, PictureRequest, PictureSeries, SeriesPicture, SliceKind, SlicePicture,
+    SliceQuery,
 };
 use crate::{Cases, Error};
 
 /// The side of a picture of a finding, of a slice and of a picture of the overview, in pixels.
-const CUT_SIDE: u32 = 300;
+const CUT_SIDE: u32 = 264;
 const SLICE_SIDE: u32 = 240;
 const OVERVIEW_SIDE: u32 = 120;
 
@@ -38,6 +39,8 @@ pub(super) struct Shot {
     pub(super) is_closed: bool,
     /// Whether it is shown flipped, left to right.
     pub(super) is_flipped: bool,
+    /// The patient's directions at the left, right, upper and lower edge of the picture as it is shown.
+    pub(super) directions: [String; 4],
     pub(super) shows: Shows,
 }
 
@@ -54,8 +57,16 @@ pub(super) struct FindingPictures {
     pub(super) view: NamedView,
     /// The cut, each time the own side and then the other side, flipped.
     pub(super) cuts: Vec<[Shot; 2]>,
-    /// Slices through it, each time one plane.
-    pub(super) slices: Vec<(SlicePlane, Vec<Shot>)>,
+    /// Slices through it, each time one plane: the standard ones, and the one across the sulcus.
+    pub(super) slices: Vec<(Through, Vec<Shot>)>,
+}
+
+/// The plane of a slice.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Through {
+    Standard(SlicePlane),
+    /// Across the sulcus, with its angles.
+    Sulcus(String),
 }
 
 /// The six views at each depth, as one row a depth.
@@ -70,17 +81,15 @@ pub(super) async fn draw(
     cases: &Cases,
     id: &CaseId,
     facts: &Arc<CaseFacts>,
-    (findings, layer, has_maps): (&[Finding], Option<&str>, bool),
+    (findings, layer, has_maps): (&[Finding], Option<&LayerRef>, bool),
 ) -> Result<(Vec<FindingPictures>, Overview), Error> {
-    let layer = layer.map(str::parse::<LayerRef>).transpose();
-    let layer = layer.map_err(|_| Error::Internal)?;
     let shown = || {
-        let layer = layer.as_ref().map(|_| Shows::Layer);
+        let layer = layer.map(|_| Shows::Layer);
         let map = has_maps.then_some(Shows::Map);
         [Some(Shows::Anatomy), layer, map].into_iter().flatten()
     };
     let with = |request: PictureRequest, shows: Shows| PictureRequest {
-        layer: layer.clone().filter(|_| shows == Shows::Layer),
+        layer: layer.filter(|_| shows == Shows::Layer).cloned(),
         overlay: (shows == Shows::Map).then(map_of_report),
         ..request
     };
@@ -111,14 +120,14 @@ pub(super) async fn draw(
             };
             cuts.push([next(false)?, next(true)?]);
         }
-        let slices = slices(cases, id, facts, (finding, layer.as_ref())).await?;
+        let slices = slices(cases, id, facts, (finding, layer)).await?;
         let view = view_of(facts, finding);
         pictures.push(FindingPictures { view, cuts, slices });
     }
     let mut rows = |shows| -> Vec<Vec<Shot>> {
         let mut row = || -> Vec<Shot> {
-            let some = drawn.by_ref().take(NamedView::ALL.len());
-            some.map(|(png, _)| plain(png, OVERVIEW_SIDE, shows))
+            let some = drawn.by_ref().zip(NamedView::ALL);
+            some.map(|((png, _), view)| plain(png, OVERVIEW_SIDE, shows, view.orientation()))
                 .collect()
         };
         let rows: Vec<_> = DEPTHS_MM.iter().map(|_| row()).collect();
@@ -142,12 +151,10 @@ fn view_of(facts: &CaseFacts, finding: &Finding) -> NamedView {
     best.unwrap_or(NamedView::Left)
 }
 
-/// A finding on the surface at its depth, and the mirrored place as the mirror image of that picture, which is flipped when it is
-/// shown.
-fn cut_and_mirror(facts: &CaseFacts, finding: &Finding) -> [PictureRequest; 2] {
+/// From where a finding is seen, and from where its mirrored place looks like the mirror image of that picture.
+fn orientations(facts: &CaseFacts, finding: &Finding) -> [DQuat; 2] {
     let plane = mirror_plane(facts);
     let own = view_of(facts, finding).orientation();
-    let at = DVec3::from_array(finding.middle_in_patient());
     // Rows of the rotation into view space are its axes in the patient: right, up, towards the viewer.
     let axes = DMat3::from_quat(own).transpose();
     let mirrored = |axis: DVec3| plane.reflected(axis) - plane.reflected(DVec3::ZERO);
@@ -156,8 +163,16 @@ fn cut_and_mirror(facts: &CaseFacts, finding: &Finding) -> [PictureRequest; 2] {
         mirrored(axes.y_axis),
         mirrored(axes.z_axis),
     );
-    let other = DQuat::from_mat3(&flipped.transpose());
-    [(own, at), (other, plane.reflected(at))].map(|(orientation, at)| {
+    [own, DQuat::from_mat3(&flipped.transpose())]
+}
+
+/// A finding on the surface at its depth, and the mirrored place as the mirror image of that picture, which is flipped when it is
+/// shown.
+fn cut_and_mirror(facts: &CaseFacts, finding: &Finding) -> [PictureRequest; 2] {
+    let [own, other] = orientations(facts, finding);
+    let at = DVec3::from_array(finding.middle_in_patient());
+    let opposite = mirror_plane(facts).reflected(at);
+    [(own, at), (other, opposite)].map(|(orientation, at)| {
         let sphere = &facts.envelope_sphere;
         let centre = DVec3::from_array(sphere.center_in_patient);
         let offset = orientation * (at - centre);
@@ -201,46 +216,69 @@ async fn draw_surfaces(
     series.draw_each(cases, Vec::new(), add).await
 }
 
-/// The three slices through a finding, of the anatomy and of the layer.
+/// The slices through a finding, of the anatomy and of the layer.
 async fn slices(
     cases: &Cases,
     id: &CaseId,
     facts: &CaseFacts,
     (finding, layer): (&Finding, Option<&LayerRef>),
-) -> Result<Vec<(SlicePlane, Vec<Shot>)>, Error> {
+) -> Result<Vec<(Through, Vec<Shot>)>, Error> {
     let sphere = &facts.envelope_sphere;
     let at = DVec3::from_array(finding.middle_in_patient());
     let offset = at - DVec3::from_array(sphere.center_in_patient);
     let mut slices = Vec::new();
-    for plane in SlicePlane::ALL {
+    let kinds = SlicePlane::ALL.map(SliceKind::Standard);
+    for kind in kinds.into_iter().chain([SliceKind::Oblique]) {
+        let mut through = Through::Sulcus(String::new());
         let mut shots = Vec::new();
         for layer in std::iter::once(None).chain(layer.cloned().map(Some)) {
             let shows = match layer {
                 None => Shows::Anatomy,
                 Some(_) => Shows::Layer,
             };
+            let place = match kind {
+                SliceKind::Standard(plane) => SliceQuery {
+                    position_mm: Some(at[plane.axis()]),
+                    pan: Some(pan_of(plane, offset)),
+                    ..SliceQuery::default()
+                },
+                SliceKind::Oblique => SliceQuery {
+                    position: Some(Numbers(at.to_array())),
+                    ..SliceQuery::default()
+                },
+            };
             let query = SliceQuery {
-                position_mm: Some(at[plane.axis()]),
                 width: SLICE_SIDE,
                 height: SLICE_SIDE,
                 zoom: 2.0 * sphere.radius_mm / SLICE_MM,
-                pan: Some(pan_of(plane, offset)),
                 layer,
-                ..SliceQuery::default()
+                ..place
             };
-            let picture = SlicePicture::of(cases, id, plane, query.checked()?).await?;
+            let picture = SlicePicture::of(cases, id, kind, query.checked()?).await?;
             let drawn = picture.draw(cases).await?;
             let [x, y, _] = drawn
                 .projection
                 .frame_from_patient()
                 .transform_point3(at)
                 .to_array();
+            let convention = render::SliceConvention::default();
+            let orientation = match (kind, drawn.oblique) {
+                (SliceKind::Standard(plane), _) => {
+                    through = Through::Standard(plane);
+                    plane.view(convention).orientation()
+                }
+                (SliceKind::Oblique, oblique) => {
+                    let oblique = oblique.ok_or(Error::Internal)?;
+                    through = Through::Sulcus(oblique.angles());
+                    oblique.orientation(convention)
+                }
+            };
             shots.push(Shot {
                 mark: Some([x, y]),
-                ..plain(drawn.png, SLICE_SIDE, shows)
+                ..plain(drawn.png, SLICE_SIDE, shows, orientation)
             });
         }
-        slices.push((plane, shots));
+        slices.push((through, shots));
     }
     Ok(slices)
 }
@@ -252,8 +290,9 @@ fn pan_of(plane: SlicePlane, offset: DVec3) -> Numbers<2> {
     Numbers([-shown.x, -shown.y])
 }
 
-fn plain(png: Vec<u8>, side: u32, shows: Shows) -> Shot {
+fn plain(png: Vec<u8>, side: u32, shows: Shows, orientation: DQuat) -> Shot {
     Shot {
+        directions: edge_letters(orientation),
         png,
         side,
         mark: None,
@@ -300,12 +339,19 @@ fn marked(
             .map(|&point| pixel(point))
             .collect(),
     };
+    let [own, other] = orientations(facts, finding);
+    let plain = plain(png, CUT_SIDE, shows, if is_flipped { other } else { own });
+    let [left, right, up, down] = plain.directions;
     Shot {
         mark: Some(pixel(finding.middle_in_patient())),
         outline,
         is_closed: finding.kind == FindingKind::Polygon,
         is_flipped,
-        ..plain(png, CUT_SIDE, shows)
+        directions: match is_flipped {
+            true => [right, left, up, down],
+            false => [left, right, up, down],
+        },
+        ..plain
     }
 }
 
@@ -361,12 +407,33 @@ mod tests {
             };
             let (here, there) = (shot(&own, false), shot(&other, true));
             let [x, y] = here.mark.unwrap();
-            assert!((x - 150.0).hypot(y - 150.0) < 1e-6, "{x}, {y}");
+            assert!((x - 132.0).hypot(y - 132.0) < 1e-6, "{x}, {y}");
             for (one, mirrored) in here.outline.iter().zip(&there.outline) {
                 let apart = (one[0] - mirrored[0]).hypot(one[1] - mirrored[1]);
                 assert!(apart < 1e-6, "{one:?} {mirrored:?}");
             }
             assert!(there.is_flipped && !here.is_flipped);
+        }
+    }
+
+    #[test]
+    fn the_directions_are_those_of_the_picture_as_it_is_shown() {
+        let mut facts = facts();
+        facts.midsagittal.normal = [1.0, 0.0, 0.0];
+        for (at, expected) in [
+            ([60.0, -5.0, 30.0], ["APSI", "APSI"]),
+            ([-60.0, -5.0, 30.0], ["PASI", "PASI"]),
+            // Seen from above: the other side is on the left of the picture as it is shown, where its letter must be.
+            ([10.0, 5.0, 110.0], ["LRAP", "RLAP"]),
+        ] {
+            let finding = finding(at);
+            let [own, other] = projections(&facts, &finding);
+            let letters = [(own, false), (other, true)].map(|(projection, is_flipped)| {
+                let picture = (Vec::new(), &projection);
+                let shot = marked(&facts, &finding, picture, (Shows::Anatomy, is_flipped));
+                shot.directions.concat()
+            });
+            assert_eq!(letters, expected, "{at:?}");
         }
     }
 

@@ -1,8 +1,9 @@
 //! The words of a report in each language.
 
+use super::shots::Through;
 use case::findings::{Certainty, FindingKind};
 use case::{PatientSide, QualityState};
-use render::{NamedView, SlicePlane};
+use render::NamedView;
 use serde::{Deserialize, Serialize};
 
 /// A language of the report.
@@ -69,7 +70,8 @@ pub(super) struct Words {
     kinds: [&'static str; 4],
     pub(super) certainty: &'static str,
     certainties: [&'static str; 4],
-    pub(super) note: &'static str,
+    pub(super) label: &'static str,
+    pub(super) may_lie_elsewhere: &'static str,
     pub(super) author: &'static str,
     pub(super) here: &'static str,
     pub(super) other_side: &'static str,
@@ -82,8 +84,9 @@ pub(super) struct Words {
     pub(super) flipped: &'static str,
     views: [&'static str; 6],
     planes: [&'static str; 3],
-    pub(super) left: &'static str,
-    pub(super) right: &'static str,
+    across: &'static str,
+    /// The letters for left and right.
+    sides_in_pictures: [char; 2],
 }
 
 impl Words {
@@ -107,8 +110,22 @@ impl Words {
         self.views[view as usize]
     }
 
-    pub(super) fn plane(&self, plane: SlicePlane) -> &'static str {
-        self.planes[plane as usize]
+    /// Letters of the patient's directions; those of anterior, posterior, superior and inferior are the same in all languages.
+    pub(super) fn directions(&self, letters: &str) -> String {
+        let [left, right] = self.sides_in_pictures;
+        let letter = |letter| match letter {
+            'L' => left,
+            'R' => right,
+            other => other,
+        };
+        letters.chars().map(letter).collect()
+    }
+
+    pub(super) fn through(&self, through: &Through) -> String {
+        match through {
+            Through::Standard(plane) => self.planes[*plane as usize].to_owned(),
+            Through::Sulcus(angles) => format!("{} ({angles})", self.across),
+        }
     }
 }
 
@@ -145,7 +162,8 @@ const ENGLISH: Words = Words {
     kinds: ["point", "line", "polygon", "trajectory"],
     certainty: "Certainty",
     certainties: ["definite", "probable", "possible", "unlikely"],
-    note: "Note",
+    label: "Label",
+    may_lie_elsewhere: "its place was not checked",
     author: "By",
     here: "Here",
     other_side: "Other side",
@@ -165,8 +183,8 @@ const ENGLISH: Words = Words {
         "from below",
     ],
     planes: ["axial", "coronal", "sagittal"],
-    left: "Left",
-    right: "Right",
+    across: "across the sulcus",
+    sides_in_pictures: ['L', 'R'],
 };
 
 const PORTUGUESE: Words = Words {
@@ -202,7 +220,8 @@ const PORTUGUESE: Words = Words {
     kinds: ["ponto", "linha", "polígono", "trajetória"],
     certainty: "Certeza",
     certainties: ["definido", "provável", "possível", "improvável"],
-    note: "Nota",
+    label: "Rótulo",
+    may_lie_elsewhere: "posição não verificada",
     author: "Por",
     here: "Aqui",
     other_side: "Outro lado",
@@ -222,6 +241,6 @@ const PORTUGUESE: Words = Words {
         "visto de baixo",
     ],
     planes: ["axial", "coronal", "sagital"],
-    left: "Esquerda",
-    right: "Direita",
+    across: "através do sulco",
+    sides_in_pictures: ['E', 'D'],
 };

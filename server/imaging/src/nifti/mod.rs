@@ -28,4 +28,4 @@ pub use mask::read_mask;
 pub use stored::{read_grid, read_volume};
 pub use values::{Values, is_in_scanner_space, read_values};
 pub(crate) use write::write_samples;
-pub use write::{write_depth_map, write_mask, write_numbers, write_volume};
+pub use write::{write_depth_map, write_labels, write_mask, write_numbers, write_volume};

@@ -27,6 +27,9 @@ const FLOAT32: (i16, i16) = (16, 4);
 const INT16: (i16, i16) = (4, 2);
 const UINT16: (i16, i16) = (512, 2);
 
+/// The code of an extension that is text.
+const COMMENT: i32 = 6;
+
 const UNSCALED: Rescale = Rescale {
     slope: 1.0,
     intercept: 0.0,
@@ -129,9 +132,44 @@ pub fn write_depth_map(grid: &Grid, depths_mm: &[Option<f32>]) -> Result<Vec<u8>
     })
 }
 
+/// Labels as `.nii.gz` in 16 bits, 0 where there is none, with their names in a comment (an extension with code 6): a number, a
+/// space and a name on each line. A line feed in a name is written as a space.
+///
+/// # Errors
+/// If a side has more than 32,767 voxels.
+///
+/// # Panics
+/// If there is not one label for each voxel of the grid.
+pub fn write_labels(
+    grid: &Grid,
+    labels: &[u16],
+    names: &[(u16, &str)],
+) -> Result<Vec<u8>, ImagingError> {
+    assert_eq!(labels.len(), grid.voxel_count(), "one label for each voxel");
+    let names = names
+        .iter()
+        .map(|(number, name)| format!("{number} {}\n", name.replace('\n', " ")));
+    let comment = names.collect::<String>();
+    let mut start = header(grid, UINT16, UNSCALED)?.to_vec();
+    if !comment.is_empty() {
+        // Size and code, then the comment, which zeros fill up to a multiple of 16 bytes.
+        let size = (8 + comment.len()).next_multiple_of(16);
+        let offset = (VOX_OFFSET + size) as f32;
+        start[108..112].copy_from_slice(&offset.to_le_bytes());
+        start[348] = 1;
+        start.extend((size as i32).to_le_bytes());
+        start.extend(COMMENT.to_le_bytes());
+        start.extend(comment.bytes());
+        start.resize(VOX_OFFSET + size, 0);
+    }
+    pack(&start, labels, |label, bytes| {
+        bytes.extend_from_slice(&label.to_le_bytes());
+    })
+}
+
 /// Header and encoded values in one gzip member without a name or time.
 fn pack<T: Copy>(
-    header: &[u8; VOX_OFFSET],
+    header: &[u8],
     values: &[T],
     encode: impl Fn(T, &mut Vec<u8>),
 ) -> Result<Vec<u8>, ImagingError> {

@@ -4,22 +4,27 @@ use std::sync::Arc;
 
 use axum::body::Bytes;
 use axum::http::StatusCode;
-use case::{Case, CaseFacts, CaseId, MaskMethod, ObjectKind, QualityState};
+use case::findings::Finding;
+use case::{Case, CaseFacts, CaseId, MaskMethod, ObjectKind, PatientSide, QualityState};
 use cases::pictures::{PictureRequest, window_of};
 use cases::{Cases, Error};
 use geometry::{Grid, Mask};
 use imaging::dicom::write::{
-    self, Algorithm, Head, KeyObjectTitle, Listed, Segment, WriteError, uid_of,
+    self, Algorithm, Head, KeyObjectTitle, Listed, Property, Segment, WriteError, uid_of,
 };
-use imaging::dicom::{Attributes, Instance};
+use imaging::dicom::{Attributes, Instance, Mark, Side};
+use jiff::Timestamp;
 use pipeline::codec::{decode_brain, decode_envelope};
+use pipeline::findings::voxels_of;
 use render::{Frame, FrameSize, PixelFormat, WindowFunction, encode_png};
 use storage::arrivals::Uid;
 use storage::results::ResultSeries;
 
 use super::draw::Drawing;
 use super::moment::Moment;
-use super::request::{KeyObjectPlan, Layout, MaskPlan, Plan, ResultRequest, Title, What};
+use super::request::{
+    FindingsPlan, KeyObjectPlan, Layout, MaskPlan, Plan, ResultRequest, Title, What,
+};
 use crate::state::Pacs;
 use http_support::problem::AppError;
 
@@ -54,6 +59,7 @@ enum Content {
     Pictures(Drawing),
     Mask(MaskPlan),
     KeyObject(KeyObjectTitle, Vec<Listed>),
+    Findings(FindingsPlan, Vec<Finding>),
 }
 
 impl Composer {
@@ -93,12 +99,21 @@ impl Composer {
                 let listed = listed(cases, &source, &study, &plan).await?;
                 Content::KeyObject(key_object_title(plan.title), listed)
             }
+            Plan::Findings(plan) => {
+                value(&source, "FrameOfReferenceUID").ok_or_else(no_frame_of_reference)?;
+                Content::Findings(plan, findings(cases, &id, plan).await?)
+            }
         };
         let made_by = match &content {
             Content::Pictures(drawing) => drawing.made_by(),
             Content::Mask(_) | Content::KeyObject(..) => String::new(),
+            Content::Findings(_, findings) => serde_json::to_string(findings).unwrap_or_default(),
         };
-        let moment = Moment::of(case.created_at, &source, pacs.time_zone());
+        let made_at = match &content {
+            Content::Findings(_, findings) => last_change(findings).unwrap_or(case.created_at),
+            _ => case.created_at,
+        };
+        let moment = Moment::of(made_at, &source, pacs.time_zone());
         Ok(Self {
             digest: digest(
                 &case,
@@ -139,7 +154,8 @@ impl Composer {
     pub(crate) fn series(&self) -> ResultSeries {
         let uid = |text: &str| Uid::parse(text).expect("digits and points are a UID");
         let class = match &self.content {
-            Content::Mask(_) => write::SEGMENTATION,
+            Content::Mask(_) | Content::Findings(FindingsPlan::Segments, _) => write::SEGMENTATION,
+            Content::Findings(FindingsPlan::Report, _) => write::MEASUREMENT_REPORT,
             Content::KeyObject(..) => write::KEY_OBJECT,
             Content::Pictures(drawing) => match drawing.plan().layout {
                 Layout::Cine { .. } => write::CINE,
@@ -203,6 +219,7 @@ impl Composer {
             }
             Content::Mask(plan) => Pixels::Mask(mask(cases, &id, plan).await?, plan),
             Content::KeyObject(title, listed) => Pixels::None(title, listed),
+            Content::Findings(plan, findings) => Pixels::Findings(plan, findings),
         };
         let quality = facts.quality.as_ref();
         // A brain without its skull shows no face, as long as the mask is one of a brain.
@@ -227,7 +244,14 @@ impl Composer {
             match pixels {
                 Pixels::Pictures(pictures, _) => write::pictures(&head, pictures),
                 Pixels::None(title, listed) => write::key_object(&head, title, &listed),
-                Pixels::Mask(mask, plan) => segmentation(&head, &mask, plan, &facts, method),
+                Pixels::Mask(mask, plan) => segmentation(&head, mask, plan, &facts, method),
+                Pixels::Findings(FindingsPlan::Report, findings) => {
+                    let marks: Vec<_> = findings.iter().map(|each| mark(&source, each)).collect();
+                    write::measurement_report(&head, &marks)
+                }
+                Pixels::Findings(FindingsPlan::Segments, findings) => {
+                    segments(&head, &findings, &facts)
+                }
             }
         };
         let written = cases.queue.run(work).await?;
@@ -241,6 +265,96 @@ enum Pixels {
     Mask(Mask, MaskPlan),
     /// A list of objects has none.
     None(KeyObjectTitle, Vec<Listed>),
+    /// They are drawn when they are written.
+    Findings(FindingsPlan, Vec<Finding>),
+}
+
+/// The findings of a result: all for a report, and those to look at for segments.
+async fn findings(
+    cases: &Cases,
+    id: &CaseId,
+    plan: FindingsPlan,
+) -> Result<Vec<Finding>, AppError> {
+    let mut list = cases.findings(id).await?.list;
+    if plan == FindingsPlan::Segments {
+        list.retain(|finding| !finding.is_dismissed);
+    }
+    if list.is_empty() {
+        return Err(refuse(
+            "no-findings",
+            "the case has no findings, or only dismissed ones; mark something first",
+        ));
+    }
+    Ok(list)
+}
+
+/// When one of the findings was last changed.
+fn last_change(findings: &[Finding]) -> Option<Timestamp> {
+    let times = findings
+        .iter()
+        .filter_map(|finding| finding.changed_at.as_deref());
+    times.filter_map(|time| time.parse().ok()).max()
+}
+
+/// A finding as a report states it.
+fn mark(source: &Attributes, finding: &Finding) -> Mark {
+    let parts = [
+        "isocortex finding",
+        value(source, "FrameOfReferenceUID").unwrap_or_default(),
+        &finding.id,
+        finding.created_at.as_deref().unwrap_or_default(),
+    ];
+    Mark {
+        id: finding.id.clone(),
+        // The same in each report about it, whatever changes about it.
+        tracking_uid: uid_of(&hash_of(&parts)),
+        kind: finding.kind.name().to_owned(),
+        points_in_patient: finding.points_in_patient.clone(),
+        depth_mm: finding.depth_mm,
+        side: match finding.side {
+            Some(PatientSide::Left) => Some(Side::Left),
+            Some(PatientSide::Right) => Some(Side::Right),
+            Some(PatientSide::Middle) | None => None,
+        },
+        label: finding.label.clone(),
+        note: finding.note.clone(),
+        certainty: finding
+            .certainty
+            .map(|certainty| certainty.name().to_owned()),
+        colour: finding.colour.clone(),
+        from_map: finding.from_map.map(|map| map.name().to_owned()),
+        is_dismissed: finding.is_dismissed,
+        author: finding.author.clone(),
+    }
+}
+
+/// Findings as segments.
+fn segments(
+    head: &Head<'_>,
+    findings: &[Finding],
+    facts: &CaseFacts,
+) -> Result<Vec<u8>, WriteError> {
+    let affine = pipeline::affine_of(&facts.native_patient_from_voxel);
+    let native = Grid::new(facts.native_size, affine).map_err(|_| WriteError::Size)?;
+    let segment = |finding: &Finding| {
+        let label = match &*finding.label {
+            "" => &finding.id,
+            label => label,
+        };
+        let segment = Segment {
+            label: label.to_owned(),
+            description: "Marked by a reader; research use only".to_owned(),
+            algorithm: Algorithm::Manual,
+            property: Property::SelectedRegion,
+        };
+        Some((segment, voxels_of(finding, &native)?))
+    };
+    let found: Vec<_> = findings.iter().filter_map(segment).collect();
+    let about = write::About {
+        content_label: "FINDINGS",
+        description: "Findings of a reader; research use only",
+    };
+    write::segmentation(head, &about, &found, &native, &slices(head.source, facts))
 }
 
 fn key_object_title(title: Title) -> KeyObjectTitle {
@@ -319,7 +433,7 @@ fn no_patient() -> AppError {
 fn no_frame_of_reference() -> AppError {
     refuse(
         "no-frame-of-reference",
-        "the source of the case has no Frame of Reference UID, so a segmentation has no place; request a `view`, a `sheet` or a `cine`",
+        "the source of the case has no Frame of Reference UID, so segments and findings have no place; request a `view`, a `sheet` or a `cine`",
     )
 }
 
@@ -327,7 +441,10 @@ fn unwritable(error: WriteError) -> AppError {
     match error {
         WriteError::NoStudy => no_patient(),
         WriteError::NoFrameOfReference => no_frame_of_reference(),
-        WriteError::Empty => refuse("mask-empty", "the mask has no voxel in the source"),
+        WriteError::Empty => refuse(
+            "mask-empty",
+            "the mask, or what was marked, has no voxel in the source",
+        ),
         WriteError::Size | WriteError::Encoding => Error::Internal.into(),
     }
 }
@@ -380,16 +497,19 @@ pub(super) fn value<'a>(source: &'a Attributes, keyword: &str) -> Option<&'a str
 
 /// Equal requests about equal cases have equal digests.
 fn digest(case: &Case, asked: &ResultRequest, source: &Attributes, made_by: &str) -> blake3::Hash {
+    hash_of(&[
+        FORMAT,
+        env!("CARGO_PKG_VERSION"),
+        &case.id.to_string(),
+        &case.created_at.to_string(),
+        made_by,
+        &serde_json::to_string(asked).unwrap_or_default(),
+        &serde_json::to_string(source).unwrap_or_default(),
+    ])
+}
+
+fn hash_of(parts: &[&str]) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
-    let parts = [
-        FORMAT.to_owned(),
-        env!("CARGO_PKG_VERSION").to_owned(),
-        case.id.to_string(),
-        case.created_at.to_string(),
-        made_by.to_owned(),
-        serde_json::to_string(asked).unwrap_or_default(),
-        serde_json::to_string(source).unwrap_or_default(),
-    ];
     for part in parts {
         // With their lengths, no two lists of parts give the same bytes.
         hasher.update(&(part.len() as u64).to_le_bytes());
@@ -404,6 +524,8 @@ fn title(content: &Content, what: What) -> String {
         Content::Mask(MaskPlan::Brain) => "brain mask".to_owned(),
         Content::Mask(MaskPlan::Envelope) => "brain envelope".to_owned(),
         Content::KeyObject(_, listed) => format!("list of {}", listed.len()),
+        Content::Findings(FindingsPlan::Report, _) => "findings".to_owned(),
+        Content::Findings(FindingsPlan::Segments, _) => "findings as segments".to_owned(),
         Content::Pictures(drawing) => {
             let [first, last] = ends(drawing);
             let [from, to] = [first, last].map(|picture| picture.depth_mm);
@@ -427,7 +549,7 @@ fn title(content: &Content, what: What) -> String {
 fn series_number(content: &Content, what: What) -> u32 {
     let depth_mm = match content {
         Content::Pictures(drawing) => ends(drawing)[0].depth_mm.round().clamp(0.0, 99.0),
-        Content::Mask(_) | Content::KeyObject(..) => 0.0,
+        Content::Mask(_) | Content::KeyObject(..) | Content::Findings(..) => 0.0,
     };
     FIRST_SERIES + 100 * what as u32 + depth_mm as u32
 }
@@ -441,6 +563,9 @@ fn ends(drawing: &Drawing) -> [&PictureRequest; 2] {
 /// How the pixels were made.
 fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
     let radius = case.parameters.closing_radius_mm;
+    if matches!(content, Content::Findings(..)) {
+        return format!("Places that a reader has marked, with a brush of 3 mm. {COMMENT}");
+    }
     let Content::Pictures(drawing) = content else {
         // A list has no derivation.
         return format!(
@@ -520,26 +645,29 @@ async fn mask(cases: &Cases, id: &CaseId, plan: MaskPlan) -> Result<Mask, Error>
 
 fn segmentation(
     head: &Head<'_>,
-    mask: &Mask,
+    mask: Mask,
     plan: MaskPlan,
     facts: &CaseFacts,
     method: Option<MaskMethod>,
 ) -> Result<Vec<u8>, WriteError> {
     let affine = pipeline::affine_of(&facts.native_patient_from_voxel);
     let native = Grid::new(facts.native_size, affine).map_err(|_| WriteError::Size)?;
+    let (content_label, label, description) = match plan {
+        MaskPlan::Brain => ("BRAIN", "Brain", "Brain mask; research use only"),
+        MaskPlan::Envelope => (
+            "ENVELOPE",
+            "Brain envelope",
+            "Brain mask, closed over the sulci; research use only",
+        ),
+    };
+    let about = write::About {
+        content_label,
+        description,
+    };
     let segment = Segment {
-        content_label: match plan {
-            MaskPlan::Brain => "BRAIN",
-            MaskPlan::Envelope => "ENVELOPE",
-        },
-        label: match plan {
-            MaskPlan::Brain => "Brain",
-            MaskPlan::Envelope => "Brain envelope",
-        },
-        description: match plan {
-            MaskPlan::Brain => "Brain mask; research use only",
-            MaskPlan::Envelope => "Brain mask, closed over the sulci; research use only",
-        },
+        label: label.to_owned(),
+        description: description.to_owned(),
+        property: Property::Brain,
         algorithm: match method {
             Some(MaskMethod::Network) => Algorithm::Automatic("Isocortex, deepbet network"),
             Some(MaskMethod::TreePruning) => Algorithm::Automatic("Isocortex, tree pruning"),
@@ -550,7 +678,7 @@ fn segmentation(
         },
     };
     let slices = slices(head.source, facts);
-    write::segmentation(head, &segment, mask, &native, &slices)
+    write::segmentation(head, &about, &[(segment, mask)], &native, &slices)
 }
 
 /// The image of each slice; `None` for an interpolated one.

@@ -40,6 +40,11 @@ pub(crate) enum What {
     /// A list of images of the source and of results.
     #[serde(rename = "key-object")]
     KeyObject,
+    /// What readers have marked and written, as a measurement report.
+    Findings,
+    /// What readers have marked, as segments; what they have dismissed is left out.
+    #[serde(rename = "finding-segments")]
+    FindingSegments,
 }
 
 impl What {
@@ -51,6 +56,8 @@ impl What {
             Self::Envelope => "envelope",
             Self::Mask => "mask",
             Self::KeyObject => "key-object",
+            Self::Findings => "findings",
+            Self::FindingSegments => "finding-segments",
         }
     }
 }
@@ -331,6 +338,15 @@ pub(crate) enum Plan {
     Mask(MaskPlan),
     /// A list.
     KeyObject(KeyObjectPlan),
+    /// What readers have marked.
+    Findings(FindingsPlan),
+}
+
+/// How findings become an object.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum FindingsPlan {
+    Report,
+    Segments,
 }
 
 /// A checked list.
@@ -405,7 +421,13 @@ impl ResultRequest {
             ..PictureRequest::default()
         });
         let (pictures, layout) = match self.what {
-            What::Envelope | What::Mask | What::KeyObject if self.render.is_some() => {
+            What::Envelope
+            | What::Mask
+            | What::KeyObject
+            | What::Findings
+            | What::FindingSegments
+                if self.render.is_some() =>
+            {
                 return Err(out_of_range(
                     "render",
                     "`render` is only accepted with `view`, `sheet` and `cine`",
@@ -413,6 +435,8 @@ impl ResultRequest {
             }
             What::Envelope => return Ok(Plan::Mask(MaskPlan::Envelope)),
             What::Mask => return Ok(Plan::Mask(MaskPlan::Brain)),
+            What::Findings => return Ok(Plan::Findings(FindingsPlan::Report)),
+            What::FindingSegments => return Ok(Plan::Findings(FindingsPlan::Segments)),
             What::KeyObject => {
                 let list = self.key_object.as_ref();
                 let list =
@@ -529,7 +553,9 @@ mod tests {
     fn pictures(body: &str) -> PicturePlan {
         match plan(body).unwrap() {
             Plan::Pictures(plan) => plan,
-            Plan::Mask(_) | Plan::KeyObject(_) => panic!("pictures are expected"),
+            Plan::Mask(_) | Plan::KeyObject(_) | Plan::Findings(_) => {
+                panic!("pictures are expected")
+            }
         }
     }
 

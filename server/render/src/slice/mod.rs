@@ -2,6 +2,7 @@
 
 mod contour;
 mod edges;
+mod oblique;
 #[cfg(test)]
 mod tests;
 
@@ -23,6 +24,7 @@ pub(crate) use edges::COLOR as EDGE_COLOR;
 use edges::Edges;
 #[cfg(test)]
 pub(crate) use edges::{FULL_RISE, HALF_WIDTH, LEAST_RISE, RISE_REACH};
+pub use oblique::Oblique;
 
 /// The largest number of contours in a picture.
 pub const MAX_CONTOURS: usize = 16;
@@ -125,6 +127,8 @@ pub struct SliceParameters {
     pub convention: SliceConvention,
     /// The LPS coordinate in mm across the plane (S of an axial slice, P of a coronal, L of a sagittal one).
     pub position_mm: f64,
+    /// Another plane instead, in any direction.
+    pub oblique: Option<Oblique>,
     /// Depths of the isosurfaces whose contours are drawn, each 0 to 1000 mm, at most [`MAX_CONTOURS`].
     pub depths_mm: Vec<f64>,
     /// 1 shows the slice at the scale at which a [`Camera`] of zoom 1 shows the head.
@@ -148,6 +152,7 @@ impl SliceParameters {
             plane,
             convention: SliceConvention::default(),
             position_mm,
+            oblique: None,
             depths_mm: Vec::new(),
             zoom: 1.0,
             pan_mm: [0.0; 2],
@@ -192,7 +197,12 @@ impl SliceRequest {
         let camera = Camera::named(parameters.plane.view(parameters.convention))
             .with_zoom(parameters.zoom)?
             .with_pan_mm(parameters.pan_mm)?;
-        Ok(Self { parameters, camera })
+        let oblique = parameters.oblique;
+        let request = Self { parameters, camera };
+        Ok(match oblique {
+            Some(oblique) => request.across(oblique),
+            None => request,
+        })
     }
 
     /// The request with another plane, position within ±10,000 mm, and window.
@@ -211,6 +221,19 @@ impl SliceRequest {
         }
     }
 
+    /// The request with a plane in any direction.
+    #[must_use]
+    pub fn across(self, oblique: Oblique) -> Self {
+        let orientation = oblique.orientation(self.parameters.convention);
+        Self {
+            camera: self.camera.oriented(orientation),
+            parameters: SliceParameters {
+                oblique: Some(oblique),
+                ..self.parameters
+            },
+        }
+    }
+
     /// The checked parameters.
     pub fn parameters(&self) -> &SliceParameters {
         &self.parameters
@@ -224,7 +247,12 @@ impl SliceRequest {
     /// The projection of the slice, whose pixels are at frame-space z 0.
     pub fn projection(&self, bounds: &BoundingSphere) -> Projection {
         let mut centre_in_patient = bounds.centre_in_patient;
-        centre_in_patient[self.parameters.plane.axis()] = self.parameters.position_mm;
+        match self.parameters.oblique {
+            Some(oblique) => centre_in_patient = oblique.centre_in_patient(),
+            None => {
+                centre_in_patient[self.parameters.plane.axis()] = self.parameters.position_mm;
+            }
+        }
         let target = BoundingSphere {
             centre_in_patient,
             ..*bounds

@@ -334,3 +334,68 @@ fn a_rise_that_is_slight_in_the_window_is_no_edge() {
         Vec::<[f64; 2]>::new()
     );
 }
+
+/// A ball painted on the patient's left, seen in planes of many directions: it is where the projection and the letters say.
+#[test]
+fn a_ball_on_the_left_is_where_the_letters_of_an_oblique_slice_say() {
+    let ball = DVec3::new(14.0, -4.0, 6.0);
+    let grid = Grid::aligned([61; 3], [1.0; 3], DVec3::splat(-30.0)).unwrap();
+    let envelope = phantom::envelope(&grid, |position| position.length() <= 25.0);
+    let painted = |position: DVec3| 10 + 240 * u16::from(position.distance(ball) <= 4.0);
+    let model = phantom::model(phantom::volume(grid, painted), envelope).model;
+    let scene = Scene {
+        bounds: BoundingSphere {
+            centre_in_patient: DVec3::ZERO,
+            radius_mm: 40.0,
+        },
+        ..Scene::from(&model)
+    };
+    let mut seen = [0; 2];
+    for convention in [SliceConvention::Radiological, SliceConvention::Neurological] {
+        for number in 0..24 {
+            // Planes that hold the middle of the ball, turned about its direction from the origin.
+            let (sin, cos) = (f64::from(number) * 7.5).to_radians().sin_cos();
+            let (x, y) = ball.normalize().any_orthonormal_pair();
+            let oblique = Oblique::new([0.0; 3], (x * cos + y * sin).to_array()).unwrap();
+            let parameters = SliceParameters {
+                convention,
+                oblique: Some(oblique),
+                ..parameters(SlicePlane::Axial, 0.0)
+            };
+            let request = SliceRequest::new(parameters).unwrap();
+            let frame = draw_slice(&scene, &request);
+            let bright: Vec<_> = (0..160 * 160)
+                .filter(|&at| frame.bytes()[at] > 128)
+                .collect();
+            let mean = |of: fn(usize) -> usize| {
+                bright.iter().map(|&at| of(at) as f64 + 0.5).sum::<f64>() / bright.len() as f64
+            };
+            let [column, row] = [mean(|at| at % 160), mean(|at| at / 160)];
+            let projection = request.projection(&scene.bounds);
+            let expected = projection.frame_from_patient().transform_point3(ball);
+            assert!(
+                (column - expected.x).hypot(row - expected.y) < 0.5,
+                "{column} {row} {expected}"
+            );
+            assert!(expected.z.abs() < 1e-9);
+            // The edge with an L is the one that the ball is nearer to.
+            let letters = crate::edge_letters(request.camera().orientation());
+            let towards = [80.0 - column, column - 80.0, 80.0 - row, row - 80.0];
+            for (letters, towards) in letters.iter().zip(towards) {
+                if letters.starts_with('L') {
+                    assert!(towards > 0.0, "{letters} {towards}");
+                    seen[usize::from(convention == SliceConvention::Neurological)] += 1;
+                } else if letters.starts_with('R') {
+                    assert!(towards < 0.0, "{letters} {towards}");
+                }
+            }
+            let at_right = letters[1].starts_with('L');
+            let at_left = letters[0].starts_with('L');
+            match convention {
+                SliceConvention::Radiological => assert!(!at_left, "{letters:?}"),
+                SliceConvention::Neurological => assert!(!at_right, "{letters:?}"),
+            }
+        }
+    }
+    assert!(seen.iter().all(|&count| count > 12), "{seen:?}");
+}

@@ -15,13 +15,14 @@ use utoipa::ToSchema;
 
 use super::candidates::quoted;
 use http_support::conditional::{EntityTag, REVALIDATE, Representation};
-use http_support::negotiate::{Coding, media_type};
+use http_support::negotiate::{Coding, GZIP, media_type};
 use http_support::problem::{AppError, Problem};
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 use http_support::sent::json_body_within;
 
 const JSON: &str = "application/json";
 const CSV: &str = "text/csv";
+const DICOM: &str = "application/dicom";
 
 /// The longest list of findings, in bytes.
 pub(super) const MAX_BYTES: usize = 4 << 20;
@@ -45,13 +46,16 @@ pub struct FindingsChanged {
 
 /// What readers have marked and written
 ///
-/// As JSON, or with `Accept: text/csv` as CSV with a row for each point. Findings lie in the patient: they are at the
-/// same place in every picture of the case. The `ETag` of the JSON is what a change must name.
+/// As JSON, or with `Accept: text/csv` as CSV with a row for each point, or with `Accept: application/gzip` as labels: a
+/// gzipped NIfTI-1 file on the grid of the acquired volume, of what was not dismissed. A label is the number of its finding in
+/// the list, from 1, and covers what a brush of 3 mm would; a comment in the file has the names. Findings lie in the patient:
+/// they are at the same place in every picture of the case. The `ETag` of the JSON is what a change must name.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/findings", tag = "findings",
     params(("id" = String, Path, description = "The case, in any state")),
     responses(
-        (status = 200, description = "The findings; an empty list if there are none", content((FindingList = "application/json"), (String = "text/csv")), headers(("ETag" = String, description = "For `If-Match` and `If-None-Match`"))),
+        (status = 200, description = "The findings; an empty list if there are none", content((FindingList = "application/json"), (String = "text/csv"), (Vec<u8> = "application/gzip")), headers(("ETag" = String, description = "For `If-Match` and `If-None-Match`"))),
+        (status = 409, description = "The case is not ready, so labels have no grid"),
     )
 )]
 pub async fn get_findings(
@@ -60,7 +64,7 @@ pub async fn get_findings(
     _no_query: ApiQuery<NoQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
-    let kind = media_type(&request, &[JSON, CSV])?;
+    let kind = media_type(&request, &[JSON, CSV, GZIP])?;
     let findings = cases.findings(&id).await?;
     match kind {
         CSV => {
@@ -68,13 +72,22 @@ pub async fn get_findings(
             let tag = EntityTag::of_bytes(&body, Coding::Identity);
             represented(tag, CSV, body).respond(&request)
         }
+        GZIP => {
+            let body = Bytes::from(cases.finding_labels(&id).await?);
+            let tag = EntityTag::of_bytes(&body, Coding::Identity);
+            let mut labels = represented(tag, GZIP, body);
+            let name = HeaderValue::from_static("attachment; filename=\"findings.nii.gz\"");
+            labels.headers.insert(header::CONTENT_DISPOSITION, name);
+            labels.respond(&request)
+        }
         _ => as_json(findings)?.respond(&request),
     }
 }
 
 /// Replace what readers have marked and written
 ///
-/// The body is the whole list. `If-Match` must have the `ETag` of the list that the client has changed, so that nobody
+/// The body is the whole list, or with `Content-Type: application/dicom` a measurement report that this program has made of
+/// findings of the same patient (`POST …/dicom-results`). `If-Match` must have the `ETag` of the list that the client has changed, so that nobody
 /// undoes what somebody else wrote meanwhile: the answer is then 412, with the findings as they are. A new case has the
 /// empty list, with an `ETag` as well. An answer with 200 has the stored list, with the sides and times that the server
 /// adds, and comes after they are durable. A version of the case begins with a copy; from then on each has its own.
@@ -84,13 +97,15 @@ pub async fn get_findings(
         ("id" = String, Path, description = "The case"),
         ("If-Match" = String, Header, description = "The `ETag` of the list that was changed"),
     ),
-    request_body = FindingList,
+    request_body(content((FindingList = "application/json"), (Vec<u8> = "application/dicom"))),
     responses(
         (status = 200, description = "The findings as they are now", body = FindingList, headers(("ETag" = String, description = "The new one"))),
         (status = 400, description = "The body is invalid; `parameter` states where"),
-        (status = 409, description = "The case is not ready"),
+        (status = 409, description = "The case is not ready, or the report is about another patient or another frame of reference (`findings-elsewhere`)"),
         (status = 412, description = "Somebody has changed the findings; the answer has them as they are", body = FindingsChanged, content_type = "application/problem+json", headers(("ETag" = String, description = "The current one"))),
         (status = 413, description = "The body is larger than 4 MiB"),
+        (status = 415, description = "The body should be a DICOM file, and is none"),
+        (status = 422, description = "The report is damaged, or is another object"),
         (status = 428, description = "`If-Match` is missing"),
     )
 )]
@@ -103,8 +118,19 @@ pub async fn put_findings(
 ) -> Result<Response, AppError> {
     cases.ready(&id).await?;
     let known = known_tags(&request).ok_or_else(precondition_required)?;
-    let FindingList { findings } = json_body_within(MAX_BYTES, body)?;
-    match cases.replace_findings(&id, &known, findings).await {
+    let replaced = if is_dicom(&request) {
+        let file = body.map_err(|_| AppError::TooLarge {
+            limit_bytes: MAX_BYTES as u64,
+        })?;
+        match cases.findings_of_report(&id, file).await {
+            Ok(findings) => cases.replace_findings(&id, &known, findings).await,
+            Err(refused) => Err(refused),
+        }
+    } else {
+        let FindingList { findings } = json_body_within(MAX_BYTES, body)?;
+        cases.replace_findings(&id, &known, findings).await
+    };
+    match replaced {
         Ok(stored) => as_json(stored)?.respond(&HeaderMap::new()),
         Err(NotReplaced::Changed(current)) => Ok(changed(current)),
         Err(NotReplaced::Refused(refused)) => Err(AppError::Query {
@@ -112,8 +138,21 @@ pub async fn put_findings(
             parameter: refused.path.into(),
             detail: refused.detail,
         }),
+        Err(NotReplaced::Elsewhere(detail)) => Err(AppError::new(
+            StatusCode::CONFLICT,
+            "findings-elsewhere",
+            detail,
+        )),
         Err(NotReplaced::Other(error)) => Err(error.into()),
     }
+}
+
+/// Whether the body is a DICOM file.
+fn is_dicom(request: &HeaderMap) -> bool {
+    let kind = request.get(header::CONTENT_TYPE);
+    let kind = kind.and_then(|kind| kind.to_str().ok()).unwrap_or_default();
+    let essence = kind.split(';').next().unwrap_or_default();
+    essence.trim().eq_ignore_ascii_case(DICOM)
 }
 
 /// The strong tags of `If-Match`; `None` if there are none.

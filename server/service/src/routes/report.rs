@@ -16,7 +16,7 @@ const HTML: &str = "text/html; charset=utf-8";
 
 /// The report of a reading: one HTML file, to read, to print and to keep
 ///
-/// For each finding that is not dismissed: the cut and the other side, flipped; three slices; values here and on the other side;
+/// For each finding that is not dismissed: the cut and the other side, flipped; three slices and the one across the sulcus; values here and on the other side;
 /// what the reader wrote. Then the places of the map, an overview of six views at four depths, what is known of the acquisition,
 /// and what is wrong with the mask, on every page. The file needs no script and nothing from elsewhere, and its pictures are
 /// lossless. It names the patient only on request.

@@ -8,18 +8,23 @@ use render::SlicePlane;
 
 use super::render::{PNG, format_with_layers};
 use cases::Cases;
-use cases::pictures::{SlicePicture, SliceQuery};
+use cases::pictures::{SliceKind, SlicePicture, SliceQuery};
 use http_support::conditional::Question;
 use http_support::negotiate::media_type;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath};
 
 /// A slice through the whole acquired volume, with the contours of isosurfaces
+///
+/// `oblique` is a plane through `position` in any direction, by default the one across the sulcus there. It is sampled from the
+/// voxels as they were acquired, like the others. Superior is up, anterior within 30° of an axial plane; the patient's left is
+/// where the convention has it, and anterior at the left if the plane is nearer to a sagittal one. An annotated one states its
+/// angles: `cor > sag 32° > ax 10°` is a coronal plane turned by 32° to the sagittal and by 10° to the axial one.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/slices/{plane}", tag = "pictures",
     params(
         ("id" = String, Path, description = "The case"),
-        ("plane" = inline(SlicePlane), Path, description = "The orientation of the slice"),
+        ("plane" = String, Path, description = "`axial`, `coronal`, `sagittal` or `oblique`"),
         SliceQuery,
     ),
     responses(
@@ -38,15 +43,15 @@ pub async fn get_slice(
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;
-    let plane = plane_of(&path)?;
+    let kind: SliceKind = named(&path)?;
     let question = Question {
         id,
         route: "slices",
         query: &asked,
         request: &request,
     };
-    let slice = SlicePicture::of(&cases, &id, plane, values).await?;
-    let format = format_with_layers(plane.name().to_owned(), slice.version());
+    let slice = SlicePicture::of(&cases, &id, kind, values).await?;
+    let format = format_with_layers(kind.name().to_owned(), slice.version());
     let format = format.named(slice.identity().map(str::to_owned));
     let work = async |_| Ok(Bytes::from(slice.draw(&cases).await?.png).into());
     question.answer(&cases, format, work).await
@@ -54,6 +59,10 @@ pub async fn get_slice(
 
 /// The plane that a path names.
 pub(super) fn plane_of(path: &RawPathParams) -> Result<SlicePlane, AppError> {
+    named(path)
+}
+
+fn named<T: std::str::FromStr>(path: &RawPathParams) -> Result<T, AppError> {
     let plane = path.iter().find(|(name, _)| *name == "plane");
     plane
         .and_then(|(_, text)| text.parse().ok())

@@ -12,7 +12,7 @@ use flate2::read::GzDecoder;
 use super::server::Server;
 
 /// Every route that never changes, the media type of its answer, and on which header of the request it depends.
-const ROUTES: [(&str, &str, &str); 12] = [
+const ROUTES: [(&str, &str, &str); 13] = [
     ("mesh?depth_mm=8", "application/octet-stream", "accept"),
     (
         "mesh/triangles",
@@ -37,6 +37,11 @@ const ROUTES: [(&str, &str, &str); 12] = [
         "accept",
     ),
     ("slices/axial?width=64&height=64", "image/png", "accept"),
+    (
+        "slices/oblique?position=0,0,0&width=64&height=64",
+        "image/png",
+        "accept",
+    ),
     ("acquired/axial?width=64&height=64", "image/png", "accept"),
     ("mask", "application/gzip", "accept"),
     ("envelope", "application/gzip", "accept"),

@@ -84,7 +84,7 @@ fn text_of(png: &[u8], keyword: &str) -> Option<String> {
 }
 
 /// The bytes of the pixels of a PNG file.
-fn pixels(png: &[u8]) -> Vec<u8> {
+pub(super) fn pixels(png: &[u8]) -> Vec<u8> {
     let mut reader = png::Decoder::new(std::io::Cursor::new(png))
         .read_info()
         .unwrap();

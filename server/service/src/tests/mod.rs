@@ -8,5 +8,6 @@ mod refusals;
 mod registration;
 mod report;
 mod server;
+mod slices;
 mod uploads;
 mod versions;

@@ -43,18 +43,27 @@ async fn the_report_shows_what_was_marked_and_runs_nothing() {
     for forbidden in ["<script", "<img src=x", "http://", "https://", "src=\"/"] {
         assert!(!html.contains(forbidden), "{forbidden}");
     }
-    assert_eq!(html.matches("class=\"finding\"").count(), 2);
+    assert_eq!(html.matches("class=\"page finding\"").count(), 2);
     assert!(html.contains("<strong>left</strong>") && html.contains("<strong>right</strong>"));
     assert!(html.contains("left, as acquired") && html.contains("right, flipped"));
     assert!(html.contains("Looked at and dismissed") && html.contains("nothing here"));
-    // Each finding has its cut, the other side and three slices; the overview has six views at four depths.
+    // What is flipped says so by its letters: a letter for each edge of each picture.
+    assert_eq!(
+        html.matches("</text>").count(),
+        4 * html.matches("<image").count()
+    );
+    assert_eq!(
+        html.matches("scale(-1 1)").count(),
+        html.matches(", flipped</figcaption>").count()
+    );
+    // Each finding has its cut, the other side, three slices and the one across the sulcus; the overview has six views at four depths.
     let maps = if html.contains("There are no maps") {
         0
     } else {
         1
     };
-    let pictures = html.matches("<img").count();
-    assert_eq!(pictures, 2 * (2 + 2 * maps + 3) + 24 * (1 + maps));
+    let pictures = html.matches("<image").count();
+    assert_eq!(pictures, 2 * (2 + 2 * maps + 4) + 24 * (1 + maps));
     assert!(html.len() < 3_000_000, "{}", html.len());
     let known = [("if-none-match", report.header("etag"))];
     assert_eq!(

@@ -38,7 +38,7 @@ const COPIED: [(&str, Tag, VR, bool); 15] = [
 ];
 
 /// The source of a derived image.
-const SOURCE_OF_PROCESSING: Code = Code {
+const SOURCE_OF_PROCESSING: Code<'_> = Code {
     value: "121322",
     scheme: "DCM",
     meaning: "Source image for image processing operation",
@@ -281,6 +281,6 @@ fn yes_or_no(is: bool) -> &'static str {
 }
 
 /// The first characters of a text.
-fn cut(text: &str, most: usize) -> String {
+pub(super) fn cut(text: &str, most: usize) -> String {
     text.chars().take(most).collect()
 }

@@ -14,10 +14,10 @@ pub(super) struct Item(InMemDicomObject);
 
 /// A coded concept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Code {
-    pub(super) value: &'static str,
-    pub(super) scheme: &'static str,
-    pub(super) meaning: &'static str,
+pub(in crate::dicom) struct Code<'a> {
+    pub(in crate::dicom) value: &'a str,
+    pub(in crate::dicom) scheme: &'a str,
+    pub(in crate::dicom) meaning: &'a str,
 }
 
 impl Item {
@@ -42,6 +42,11 @@ impl Item {
     /// Adds integers of 32 bits.
     pub(super) fn longs(&mut self, tag: Tag, values: &[u32]) -> &mut Self {
         self.put(tag, VR::UL, PrimitiveValue::U32(values.into()))
+    }
+
+    /// Adds floating point numbers of 32 bits.
+    pub(super) fn floats(&mut self, tag: Tag, values: &[f32]) -> &mut Self {
+        self.put(tag, VR::FL, PrimitiveValue::F32(values.into()))
     }
 
     /// Adds decimal strings.
@@ -69,8 +74,8 @@ impl Item {
     }
 
     /// Adds a sequence of coded concepts.
-    pub(super) fn codes(&mut self, tag: Tag, codes: &[Code]) -> &mut Self {
-        let coded = |code: &Code| {
+    pub(super) fn codes(&mut self, tag: Tag, codes: &[Code<'_>]) -> &mut Self {
+        let coded = |code: &Code<'_>| {
             let mut item = Self::new();
             item.text(tags::CODE_VALUE, VR::SH, code.value)
                 .text(tags::CODING_SCHEME_DESIGNATOR, VR::SH, code.scheme)

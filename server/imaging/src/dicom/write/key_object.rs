@@ -28,7 +28,7 @@ pub enum KeyObjectTitle {
 }
 
 impl KeyObjectTitle {
-    fn code(self) -> Code {
+    fn code(self) -> Code<'static> {
         let (value, meaning) = match self {
             Self::OfInterest => ("113000", "Of Interest"),
             Self::ForSurgery => ("113003", "For Surgery"),
@@ -133,7 +133,7 @@ pub fn key_object(
 }
 
 /// The objects of each series, in the order in which the series come first.
-fn of_each_series(listed: &[Listed]) -> Vec<Item> {
+pub(super) fn of_each_series(listed: &[Listed]) -> Vec<Item> {
     let mut series: Vec<(&str, Vec<Item>)> = Vec::new();
     for each in listed {
         let known = series.iter_mut().find(|(uid, _)| *uid == each.series_uid);

@@ -1,14 +1,15 @@
-//! Results as DICOM objects: Secondary Capture, Multi-frame True Color Secondary Capture, Segmentation, and Key Object
-//! Selection.
+//! Results as DICOM objects: Secondary Capture, Multi-frame True Color Secondary Capture, Segmentation, Key Object
+//! Selection, and Comprehensive 3D SR.
 //!
 //! Patient and study are those of the source. Texts are written in UTF-8, the transfer syntax is Explicit VR Little
 //! Endian without compression, and the same values give the same bytes.
 //!
-//! Source: the DICOM standard, part 3, A.8.1, A.8.5, A.35.4 and A.51, at <https://www.dicomstandard.org>.
+//! Source: the DICOM standard, part 3, A.8.1, A.8.5, A.35.4, A.35.13 and A.51, at <https://www.dicomstandard.org>.
 
 mod common;
 mod item;
 mod key_object;
+mod measurement_report;
 mod pictures;
 mod segmentation;
 mod syntax;
@@ -16,9 +17,11 @@ mod uid;
 
 pub(in crate::dicom) use common::file_meta;
 pub use common::{Head, IMPLEMENTATION_CLASS_UID, IMPLEMENTATION_VERSION_NAME, WriteError};
+pub(in crate::dicom) use item::Code;
 pub use key_object::{KeyObjectTitle, Listed, key_object};
+pub use measurement_report::measurement_report;
 pub use pictures::{Cine, Laterality, Pictures, pictures};
-pub use segmentation::{Algorithm, Segment, segmentation};
+pub use segmentation::{About, Algorithm, Property, Segment, segmentation};
 pub use syntax::implicit_file;
 pub use uid::uid_of;
 
@@ -31,6 +34,9 @@ pub const CINE: &str =
 
 /// The class of a segmentation.
 pub const SEGMENTATION: &str = dicom_dictionary_std::uids::SEGMENTATION_STORAGE;
+
+/// The class of a measurement report.
+pub const MEASUREMENT_REPORT: &str = dicom_dictionary_std::uids::COMPREHENSIVE3_DSR_STORAGE;
 
 /// The class of a list of objects.
 pub const KEY_OBJECT: &str = dicom_dictionary_std::uids::KEY_OBJECT_SELECTION_DOCUMENT_STORAGE;

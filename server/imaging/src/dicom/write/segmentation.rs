@@ -7,30 +7,45 @@ use dicom_dictionary_std::{tags, uids};
 use geometry::{Grid, Mask};
 use glam::DVec3;
 
-use super::common::{Head, WriteError, file, reference, source_image};
+use super::common::{Head, WriteError, cut, file, reference, source_image};
 use super::item::{Code, Item};
 use super::uid::uid_of;
 use crate::dicom::Instance;
 
 const CLASS: &str = uids::SEGMENTATION_STORAGE;
 
-const SEGMENTATION: Code = Code {
+const SEGMENTATION: Code<'_> = Code {
     value: "113076",
     scheme: "DCM",
     meaning: "Segmentation",
 };
 
-const ANATOMICAL_STRUCTURE: Code = Code {
+const ANATOMICAL_STRUCTURE: Code<'_> = Code {
     value: "123037004",
     scheme: "SCT",
     meaning: "Anatomical Structure",
 };
 
-const BRAIN: Code = Code {
+const BRAIN: Code<'_> = Code {
     value: "12738006",
     scheme: "SCT",
     meaning: "Brain",
 };
+
+const SPATIAL_CONCEPT: Code<'_> = Code {
+    value: "309825002",
+    scheme: "SCT",
+    meaning: "Spatial and Relational Concept",
+};
+
+const SELECTED_REGION: Code<'_> = Code {
+    value: "111099",
+    scheme: "DCM",
+    meaning: "Selected region",
+};
+
+/// The most characters of the label of a segment.
+const MAX_LABEL: usize = 64;
 
 /// Who found a segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,32 +54,52 @@ pub enum Algorithm<'a> {
     Automatic(&'a str),
     /// A program, from a mask that somebody supplied.
     Semiautomatic(&'a str),
+    /// A person.
+    Manual,
+}
+
+/// What a segment shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Property {
+    /// The brain.
+    Brain,
+    /// A region that somebody has selected, whatever it is.
+    SelectedRegion,
+}
+
+/// What a segmentation is about.
+#[derive(Debug, Clone, Copy)]
+pub struct About<'a> {
+    /// Its name for programs: at most 16 capitals, digits and underscores.
+    pub content_label: &'a str,
+    /// What it is; at most 64 characters.
+    pub description: &'a str,
 }
 
 /// What a mask is.
 #[derive(Debug, Clone)]
 pub struct Segment<'a> {
-    /// Its name for programs: at most 16 capitals, digits and underscores.
-    pub content_label: &'a str,
-    /// Its name for people; at most 64 characters.
-    pub label: &'a str,
+    /// Its name for people, of which 64 characters are written.
+    pub label: String,
     /// What it is; at most 64 characters.
-    pub description: &'a str,
+    pub description: String,
     /// Who found it.
     pub algorithm: Algorithm<'a>,
+    /// What it shows.
+    pub property: Property,
 }
 
-/// A binary Segmentation with a frame for each slice of `native` in which the mask has a voxel.
+/// A binary Segmentation with a frame for each slice of `native` in which a mask has a voxel, segment after segment.
 ///
-/// A voxel of `native` belongs to the segment if its centre lies in a voxel of the mask. `slices` names the image of each
+/// A voxel of `native` belongs to a segment if its centre lies in a voxel of the mask. `slices` names the image of each
 /// slice, in the order of the third axis of `native`; `None` if a slice has none.
 ///
 /// # Errors
-/// If the source has no study or no frame of reference, or the mask has no voxel in `native`.
+/// If the source has no study or no frame of reference, or the masks have no voxel in `native`.
 pub fn segmentation(
     head: &Head<'_>,
-    segment: &Segment<'_>,
-    mask: &Mask,
+    about: &About<'_>,
+    segments: &[(Segment<'_>, Mask)],
     native: &Grid,
     slices: &[Option<&Instance>],
 ) -> Result<Vec<u8>, WriteError> {
@@ -75,7 +110,7 @@ pub fn segmentation(
     let [Ok(rows), Ok(columns)] = sides else {
         return Err(WriteError::Size);
     };
-    let found = frames(mask, native);
+    let found = frames(segments.iter().map(|(_, mask)| mask), native);
     if found.slices.is_empty() {
         return Err(WriteError::Empty);
     }
@@ -89,8 +124,8 @@ pub fn segmentation(
         )
         .text(tags::DEVICE_SERIAL_NUMBER, VR::LO, "0")
         .text(tags::SEGMENTATION_TYPE, VR::CS, "BINARY")
-        .text(tags::CONTENT_LABEL, VR::CS, segment.content_label)
-        .text(tags::CONTENT_DESCRIPTION, VR::LO, segment.description)
+        .text(tags::CONTENT_LABEL, VR::CS, about.content_label)
+        .text(tags::CONTENT_DESCRIPTION, VR::LO, about.description)
         .text(tags::CONTENT_CREATOR_NAME, VR::PN, "")
         .codes(tags::DERIVATION_CODE_SEQUENCE, &[SEGMENTATION])
         .shorts(tags::SAMPLES_PER_PIXEL, &[1])
@@ -106,69 +141,85 @@ pub fn segmentation(
         .shorts(tags::BITS_STORED, &[1])
         .shorts(tags::HIGH_BIT, &[0])
         .shorts(tags::PIXEL_REPRESENTATION, &[0])
-        .items(tags::SEGMENT_SEQUENCE, [described(segment)]);
+        .items(
+            tags::SEGMENT_SEQUENCE,
+            (1..)
+                .zip(segments)
+                .map(|(number, (segment, _))| described(number, segment)),
+        );
     put_dimensions(&mut item, head);
     put_series(&mut item, head, slices, &found);
     item.items(
         tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE,
         [shared_groups(native)],
     );
-    let numbered = found.slices.iter().zip(1..);
-    let of_frames = numbered.map(|(&slice, number)| {
+    // Frames at the same place have the same index of place.
+    let mut places: Vec<_> = found.slices.iter().map(|&(_, slice)| slice).collect();
+    places.sort_unstable();
+    places.dedup();
+    let of_frames = found.slices.iter().map(|&(segment, slice)| {
         let instance = slices.get(slice).copied().flatten();
-        frame_groups(native, slice, number, instance)
+        let place = places.partition_point(|&other| other < slice) as u32 + 1;
+        frame_groups(native, slice, [segment, place], instance)
     });
     item.items(tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE, of_frames);
     item.pixels(found.bits);
     file(item, CLASS, head.instance_uid)
 }
 
-/// The slices that have a voxel of the mask, and their voxels.
+/// The slices that have a voxel of a mask, and their voxels.
+#[derive(Default)]
 struct Frames {
-    slices: Vec<usize>,
+    /// The number of the segment, from 1, and of the slice.
+    slices: Vec<(u32, usize)>,
     /// One bit for each pixel, frame after frame without gaps, the first one lowest; an even number of bytes.
     bits: Vec<u8>,
 }
 
-fn frames(mask: &Mask, native: &Grid) -> Frames {
-    let [columns, rows, _] = native.size();
-    let mask_from_native = mask.grid().voxel_from_patient() * native.patient_from_voxel();
-    let size = mask.grid().size();
-    let is_inside = |voxel: [usize; 3]| {
-        let voxel = DVec3::from_array(voxel.map(|index| index as f64));
-        let at = mask_from_native.transform_point3(voxel).round().to_array();
-        let within = |axis: usize| at[axis] >= 0.0 && at[axis] < size[axis] as f64;
-        (0..3).all(within) && mask.voxels()[mask.grid().index(at.map(|index| index as usize))]
-    };
-    let mut found = Frames {
-        slices: Vec::new(),
-        bits: Vec::new(),
-    };
-    let per_slice = columns * rows;
-    let [x, y, z] = ranges(mask, native);
-    for slice in z {
-        let first = found.slices.len() * per_slice;
-        let kept = found.bits.len();
-        found.bits.resize((first + per_slice).div_ceil(8), 0);
-        let mut is_empty = true;
-        for row in y.clone() {
-            for column in x.clone() {
-                if is_inside([column, row, slice]) {
-                    let bit = first + row * columns + column;
-                    found.bits[bit / 8] |= 1 << (bit % 8);
-                    is_empty = false;
-                }
-            }
-        }
-        match is_empty {
-            true => found.bits.truncate(kept),
-            false => found.slices.push(slice),
-        }
+fn frames<'m>(masks: impl Iterator<Item = &'m Mask>, native: &Grid) -> Frames {
+    let mut found = Frames::default();
+    for (segment, mask) in (1..).zip(masks) {
+        found.add(segment, mask, native);
     }
     if found.bits.len() % 2 == 1 {
         found.bits.push(0);
     }
     found
+}
+
+impl Frames {
+    fn add(&mut self, segment: u32, mask: &Mask, native: &Grid) {
+        let [columns, rows, _] = native.size();
+        let mask_from_native = mask.grid().voxel_from_patient() * native.patient_from_voxel();
+        let size = mask.grid().size();
+        let is_inside = |voxel: [usize; 3]| {
+            let voxel = DVec3::from_array(voxel.map(|index| index as f64));
+            let at = mask_from_native.transform_point3(voxel).round().to_array();
+            let within = |axis: usize| at[axis] >= 0.0 && at[axis] < size[axis] as f64;
+            (0..3).all(within) && mask.voxels()[mask.grid().index(at.map(|index| index as usize))]
+        };
+        let per_slice = columns * rows;
+        let [x, y, z] = ranges(mask, native);
+        for slice in z {
+            let first = self.slices.len() * per_slice;
+            let kept = self.bits.len();
+            self.bits.resize((first + per_slice).div_ceil(8), 0);
+            let mut is_empty = true;
+            for row in y.clone() {
+                for column in x.clone() {
+                    if is_inside([column, row, slice]) {
+                        let bit = first + row * columns + column;
+                        self.bits[bit / 8] |= 1 << (bit % 8);
+                        is_empty = false;
+                    }
+                }
+            }
+            match is_empty {
+                true => self.bits.truncate(kept),
+                false => self.slices.push((segment, slice)),
+            }
+        }
+    }
 }
 
 /// Ranges of columns, rows and slices outside of which the mask has no voxel.
@@ -198,22 +249,28 @@ fn ranges(mask: &Mask, native: &Grid) -> [Range<usize>; 3] {
     })
 }
 
-fn described(segment: &Segment<'_>) -> Item {
+fn described(number: u16, segment: &Segment<'_>) -> Item {
     let (kind, name) = match segment.algorithm {
-        Algorithm::Automatic(name) => ("AUTOMATIC", name),
-        Algorithm::Semiautomatic(name) => ("SEMIAUTOMATIC", name),
+        Algorithm::Automatic(name) => ("AUTOMATIC", Some(name)),
+        Algorithm::Semiautomatic(name) => ("SEMIAUTOMATIC", Some(name)),
+        Algorithm::Manual => ("MANUAL", None),
     };
+    let (category, property) = match segment.property {
+        Property::Brain => (ANATOMICAL_STRUCTURE, BRAIN),
+        Property::SelectedRegion => (SPATIAL_CONCEPT, SELECTED_REGION),
+    };
+    // A backslash would separate two values.
+    let label = segment.label.replace('\\', "/");
     let mut item = Item::new();
-    item.shorts(tags::SEGMENT_NUMBER, &[1])
-        .text(tags::SEGMENT_LABEL, VR::LO, segment.label)
-        .text(tags::SEGMENT_DESCRIPTION, VR::ST, segment.description)
+    item.shorts(tags::SEGMENT_NUMBER, &[number])
+        .text(tags::SEGMENT_LABEL, VR::LO, &cut(&label, MAX_LABEL))
+        .text(tags::SEGMENT_DESCRIPTION, VR::ST, &segment.description)
         .text(tags::SEGMENT_ALGORITHM_TYPE, VR::CS, kind)
-        .text(tags::SEGMENT_ALGORITHM_NAME, VR::LO, name)
-        .codes(
-            tags::SEGMENTED_PROPERTY_CATEGORY_CODE_SEQUENCE,
-            &[ANATOMICAL_STRUCTURE],
-        )
-        .codes(tags::SEGMENTED_PROPERTY_TYPE_CODE_SEQUENCE, &[BRAIN]);
+        .codes(tags::SEGMENTED_PROPERTY_CATEGORY_CODE_SEQUENCE, &[category])
+        .codes(tags::SEGMENTED_PROPERTY_TYPE_CODE_SEQUENCE, &[property]);
+    if let Some(name) = name {
+        item.text(tags::SEGMENT_ALGORITHM_NAME, VR::LO, name);
+    }
     item
 }
 
@@ -250,7 +307,7 @@ fn put_dimensions(item: &mut Item, head: &Head<'_>) {
 fn put_series(item: &mut Item, head: &Head<'_>, slices: &[Option<&Instance>], found: &Frames) {
     let mut seen = std::collections::HashSet::new();
     let used = found.slices.iter();
-    let used = used.filter_map(|&slice| slices.get(slice).copied().flatten());
+    let used = used.filter_map(|&(_, slice)| slices.get(slice).copied().flatten());
     let used = used.filter(|instance| seen.insert(&instance.sop_instance_uid));
     let references: Vec<_> = used.map(reference).collect();
     let series = head.of_source("SeriesInstanceUID");
@@ -283,21 +340,26 @@ fn shared_groups(native: &Grid) -> Item {
     groups
 }
 
-/// The position of a frame, from 1, and the image that it lies on.
-fn frame_groups(native: &Grid, slice: usize, number: u32, instance: Option<&Instance>) -> Item {
+/// The segment and the place of a frame, each from 1, and the image that it lies on.
+fn frame_groups(
+    native: &Grid,
+    slice: usize,
+    [segment, place]: [u32; 2],
+    instance: Option<&Instance>,
+) -> Item {
     let position = native
         .patient_from_voxel()
         .transform_point3(DVec3::new(0.0, 0.0, slice as f64));
     let mut content = Item::new();
-    content.longs(tags::DIMENSION_INDEX_VALUES, &[1, number]);
-    let mut place = Item::new();
-    place.reals(tags::IMAGE_POSITION_PATIENT, &position.to_array());
+    content.longs(tags::DIMENSION_INDEX_VALUES, &[segment, place]);
+    let mut position_item = Item::new();
+    position_item.reals(tags::IMAGE_POSITION_PATIENT, &position.to_array());
     let mut identity = Item::new();
-    identity.shorts(tags::REFERENCED_SEGMENT_NUMBER, &[1]);
+    identity.shorts(tags::REFERENCED_SEGMENT_NUMBER, &[segment as u16]);
     let mut groups = Item::new();
     groups
         .items(tags::FRAME_CONTENT_SEQUENCE, [content])
-        .items(tags::PLANE_POSITION_SEQUENCE, [place])
+        .items(tags::PLANE_POSITION_SEQUENCE, [position_item])
         .items(tags::SEGMENT_IDENTIFICATION_SEQUENCE, [identity]);
     if let Some(instance) = instance {
         let mut source = source_image(instance, instance.frame);

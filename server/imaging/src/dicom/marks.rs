@@ -1,0 +1,392 @@
+//! What readers have marked, as a measurement report states it.
+
+use dicom_core::Tag;
+use dicom_dictionary_std::{tags, uids};
+use dicom_object::InMemDicomObject;
+use serde::{Deserialize, Serialize};
+
+use super::DicomError;
+use super::header::parse;
+use super::numbers::text;
+use super::scan::scan;
+use crate::{Format, sniff};
+
+/// The most findings and points that are read.
+const MAX_MARKS: usize = 1_000;
+const MAX_POINTS: usize = 20_001;
+
+const WANTED: [Tag; 20] = [
+    tags::SPECIFIC_CHARACTER_SET,
+    tags::SOP_CLASS_UID,
+    tags::PATIENT_ID,
+    tags::ISSUER_OF_PATIENT_ID,
+    tags::PATIENT_BIRTH_DATE,
+    tags::STUDY_INSTANCE_UID,
+    tags::CODE_VALUE,
+    tags::CODING_SCHEME_DESIGNATOR,
+    tags::RELATIONSHIP_TYPE,
+    tags::VALUE_TYPE,
+    tags::CONCEPT_NAME_CODE_SEQUENCE,
+    tags::CONCEPT_CODE_SEQUENCE,
+    tags::TEXT_VALUE,
+    tags::UID,
+    tags::MEASURED_VALUE_SEQUENCE,
+    tags::NUMERIC_VALUE,
+    tags::CONTENT_SEQUENCE,
+    tags::GRAPHIC_DATA,
+    tags::GRAPHIC_TYPE,
+    tags::REFERENCED_FRAME_OF_REFERENCE_UID,
+];
+
+/// A side of the patient.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Side {
+    /// The left.
+    Left,
+    /// The right.
+    Right,
+}
+
+/// Something that a reader has marked. The words of its members are not checked here.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mark {
+    /// Its id among the findings of its case.
+    pub id: String,
+    /// Its UID wherever it is written down.
+    pub tracking_uid: String,
+    /// `point`, `line`, `polygon` or `trajectory`.
+    pub kind: String,
+    /// LPS mm.
+    pub points_in_patient: Vec<[f64; 3]>,
+    /// The depth below the envelope.
+    pub depth_mm: f64,
+    /// Its side; `None` in the middle.
+    pub side: Option<Side>,
+    /// A line of text.
+    pub label: String,
+    /// Text.
+    pub note: String,
+    /// `definite`, `probable`, `possible` or `unlikely`.
+    pub certainty: Option<String>,
+    /// `#` and six hexadecimal digits.
+    pub colour: String,
+    /// The name of a map.
+    pub from_map: Option<String>,
+    /// Whether it was found to be normal.
+    pub is_dismissed: bool,
+    /// Who wrote it.
+    pub author: Option<String>,
+}
+
+/// The findings of a measurement report that this program wrote. The patient must not reach a log, an error or an address.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MarkedPatient {
+    /// The patient's id, its issuer, and the date of birth; empty if they are not stated.
+    pub patient: [String; 3],
+    /// The frame of reference of the points.
+    pub frame_of_reference: String,
+    /// In the order of the report.
+    pub marks: Vec<Mark>,
+}
+
+/// Reads a measurement report of this program.
+///
+/// # Errors
+/// If it is not DICOM, is damaged, or is another object.
+pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
+    if sniff(file) != Format::Dicom {
+        return Err(DicomError::NoDicom { files: 1 });
+    }
+    let mut wanted = WANTED;
+    wanted.sort_unstable();
+    let report = parse(&scan(file, &wanted)?)?;
+    let is_report = text(&report, tags::SOP_CLASS_UID).as_deref()
+        == Some(uids::COMPREHENSIVE3_DSR_STORAGE)
+        && is_named(&report, code::IMAGING_MEASUREMENT_REPORT);
+    if !is_report {
+        return Err(not_ours());
+    }
+    let measurements = item_named(&report, code::IMAGING_MEASUREMENTS).ok_or_else(not_ours)?;
+    let groups = content(measurements)
+        .iter()
+        .filter(|item| is_named(item, code::MEASUREMENT_GROUP));
+    let mut found = MarkedPatient {
+        patient: [
+            tags::PATIENT_ID,
+            tags::ISSUER_OF_PATIENT_ID,
+            tags::PATIENT_BIRTH_DATE,
+        ]
+        .map(|tag| text(&report, tag).unwrap_or_default()),
+        frame_of_reference: String::new(),
+        marks: Vec::new(),
+    };
+    let mut points = 0;
+    for group in groups {
+        let (mark, frame_of_reference) = mark(group).ok_or_else(not_ours)?;
+        points += mark.points_in_patient.len();
+        let is_first = found.marks.is_empty();
+        if found.marks.len() == MAX_MARKS || points > MAX_POINTS {
+            return Err(DicomError::Damaged {
+                what: "it has more than 1,000 findings or 20,000 points",
+            });
+        }
+        if !is_first && frame_of_reference != found.frame_of_reference {
+            return Err(DicomError::Damaged {
+                what: "its findings lie in several frames of reference",
+            });
+        }
+        found.frame_of_reference = frame_of_reference;
+        found.marks.push(mark);
+    }
+    Ok(found)
+}
+
+fn not_ours() -> DicomError {
+    DicomError::Damaged {
+        what: "it is not a measurement report with findings of this program",
+    }
+}
+
+/// A finding and its frame of reference; `None` if something is missing.
+fn mark(group: &InMemDicomObject) -> Option<(Mark, String)> {
+    let text_of = |name| {
+        let value = item_named(group, name)?.get(tags::TEXT_VALUE)?;
+        // A note has lines.
+        Some(
+            value
+                .to_str()
+                .ok()?
+                .trim_end_matches(['\0', ' '])
+                .to_owned(),
+        )
+    };
+    let word_of = |name| {
+        let item = item_named(group, name)?;
+        let value = items(item, tags::CONCEPT_CODE_SEQUENCE).first()?;
+        text(value, tags::CODE_VALUE)
+    };
+    let region = item_named(group, code::IMAGE_REGION)?;
+    let kind = word_of(code::KIND)?;
+    let numbers = region.element(tags::GRAPHIC_DATA).ok()?;
+    let numbers = numbers.to_multi_float64().ok()?;
+    let (points, []) = numbers.as_chunks::<3>() else {
+        return None;
+    };
+    let mut points = points.to_vec();
+    // A polygon is closed.
+    if kind == "polygon" && points.len() > 1 && points.first() == points.last() {
+        points.pop();
+    }
+    let depth = item_named(group, code::DEPTH)?;
+    let depth = items(depth, tags::MEASURED_VALUE_SEQUENCE).first()?;
+    let mark = Mark {
+        id: text_of(code::TRACKING_IDENTIFIER)?,
+        tracking_uid: text(item_named(group, code::TRACKING_UID)?, tags::UID)?,
+        kind,
+        points_in_patient: points,
+        depth_mm: text(depth, tags::NUMERIC_VALUE)?.parse().ok()?,
+        side: side(group),
+        label: text_of(code::LABEL).unwrap_or_default(),
+        note: text_of(code::COMMENT).unwrap_or_default(),
+        certainty: word_of(code::CERTAINTY),
+        colour: text_of(code::COLOUR)?,
+        from_map: text_of(code::MAP),
+        is_dismissed: word_of(code::STATE).as_deref() == Some(code::DISMISSED),
+        author: text_of(code::AUTHOR),
+    };
+    let frame_of_reference = text(region, tags::REFERENCED_FRAME_OF_REFERENCE_UID)?;
+    Some((mark, frame_of_reference))
+}
+
+fn side(group: &InMemDicomObject) -> Option<Side> {
+    let laterality = item_named(item_named(group, code::FINDING_SITE)?, code::LATERALITY)?;
+    let value = items(laterality, tags::CONCEPT_CODE_SEQUENCE).first()?;
+    let value = text(value, tags::CODE_VALUE)?;
+    [(code::LEFT, Side::Left), (code::RIGHT, Side::Right)]
+        .into_iter()
+        .find_map(|(code, side)| (code.value == value).then_some(side))
+}
+
+fn items(object: &InMemDicomObject, tag: Tag) -> &[InMemDicomObject] {
+    let found = object.get(tag).and_then(|element| element.items());
+    found.unwrap_or_default()
+}
+
+fn content(object: &InMemDicomObject) -> &[InMemDicomObject] {
+    items(object, tags::CONTENT_SEQUENCE)
+}
+
+fn item_named(object: &InMemDicomObject, name: code::Code) -> Option<&InMemDicomObject> {
+    content(object).iter().find(|item| is_named(item, name))
+}
+
+fn is_named(object: &InMemDicomObject, name: code::Code) -> bool {
+    let found = items(object, tags::CONCEPT_NAME_CODE_SEQUENCE).first();
+    found.is_some_and(|found| {
+        let is = |tag, value| text(found, tag).as_deref() == Some(value);
+        is(tags::CODE_VALUE, name.value) && is(tags::CODING_SCHEME_DESIGNATOR, name.scheme)
+    })
+}
+
+/// The codes of a report.
+pub(super) mod code {
+    /// A coded concept of these.
+    pub(in crate::dicom) type Code = crate::dicom::write::Code<'static>;
+
+    /// The scheme of the codes that no standard has.
+    pub(in crate::dicom) const SCHEME: &str = "99ISOCORTEX";
+
+    /// The value of [`STATE`] of a finding that was found to be normal.
+    pub(in crate::dicom) const DISMISSED: &str = "dismissed";
+
+    macro_rules! codes {
+        ($($name:ident $scheme:literal $value:literal $meaning:literal)*) => { $(
+            pub(in crate::dicom) const $name: Code = Code { value: $value, scheme: $scheme, meaning: $meaning };
+        )* };
+    }
+
+    codes! {
+        IMAGING_MEASUREMENT_REPORT "DCM" "126000" "Imaging Measurement Report"
+        IMAGING_MEASUREMENTS "DCM" "126010" "Imaging Measurements"
+        MEASUREMENT_GROUP "DCM" "125007" "Measurement Group"
+        LANGUAGE "DCM" "121049" "Language of Content Item and Descendants"
+        ENGLISH "RFC5646" "en-US" "English (United States)"
+        OBSERVER_TYPE "DCM" "121005" "Observer Type"
+        DEVICE "DCM" "121007" "Device"
+        DEVICE_OBSERVER_UID "DCM" "121012" "Device Observer UID"
+        PROCEDURE_REPORTED "DCM" "121058" "Procedure reported"
+        MR "LN" "25056-3" "MRI unspecified body region"
+        TRACKING_IDENTIFIER "DCM" "112039" "Tracking Identifier"
+        TRACKING_UID "DCM" "112040" "Tracking Unique Identifier"
+        FINDING_SITE "SCT" "363698007" "Finding Site"
+        BRAIN "SCT" "12738006" "Brain"
+        LATERALITY "SCT" "272741003" "Laterality"
+        LEFT "SCT" "7771000" "Left"
+        RIGHT "SCT" "24028007" "Right"
+        IMAGE_REGION "DCM" "111030" "Image Region"
+        COMMENT "DCM" "121106" "Comment"
+        MILLIMETRES "UCUM" "mm" "mm"
+        DEPTH "99ISOCORTEX" "depth" "Depth below the envelope of the brain"
+        KIND "99ISOCORTEX" "form" "Form of a finding"
+        LABEL "99ISOCORTEX" "label" "Label"
+        COLOUR "99ISOCORTEX" "colour" "Colour"
+        MAP "99ISOCORTEX" "map" "Map in whose list it was found"
+        AUTHOR "99ISOCORTEX" "author" "Author, as stated by the client"
+        CERTAINTY "99ISOCORTEX" "certainty" "Certainty that it is abnormal"
+        STATE "99ISOCORTEX" "state" "State"
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dicom::Attributes;
+    use crate::dicom::write::{Head, WriteError, measurement_report};
+
+    fn source() -> Attributes {
+        let texts = [
+            ("StudyInstanceUID", "1.2"),
+            ("FrameOfReferenceUID", "1.3"),
+            ("PatientID", "P-1"),
+            ("PatientBirthDate", "19670312"),
+        ];
+        Attributes {
+            attributes: texts
+                .map(|(name, text)| (name.to_owned(), text.to_owned()))
+                .to_vec(),
+            ..Attributes::default()
+        }
+    }
+
+    fn written(source: &Attributes, marks: &[Mark]) -> Result<Vec<u8>, WriteError> {
+        let head = Head {
+            source,
+            series_uid: "2.25.1",
+            instance_uid: "2.25.2",
+            series_number: 9700,
+            series_description: "findings",
+            derivation: "",
+            comment: "research use only",
+            version: "1",
+            date: "20261124",
+            time: "101112",
+            offset: None,
+            is_annotated: false,
+            is_recognizable: None,
+        };
+        measurement_report(&head, marks)
+    }
+
+    fn mark(kind: &str, points: &[[f64; 3]]) -> Mark {
+        Mark {
+            id: "a-1".to_owned(),
+            tracking_uid: "2.25.3".to_owned(),
+            kind: kind.to_owned(),
+            points_in_patient: points.to_vec(),
+            depth_mm: 12.75,
+            side: Some(Side::Right),
+            label: "ü \\ <b>".to_owned(),
+            note: "one\ntwo".to_owned(),
+            certainty: Some("unlikely".to_owned()),
+            colour: "#0a0b0c".to_owned(),
+            from_map: Some("blur".to_owned()),
+            is_dismissed: true,
+            author: Some("somebody".to_owned()),
+        }
+    }
+
+    #[test]
+    fn a_report_is_read_as_it_was_written() {
+        let bent = [
+            [0.0, 0.0, 1.0],
+            [9.0, 0.0, 2.5],
+            [9.0, 9.0, 1.0],
+            [0.0, 9.0, 2.5],
+        ];
+        let bare = Mark {
+            side: None,
+            label: String::new(),
+            note: String::new(),
+            certainty: None,
+            from_map: None,
+            is_dismissed: false,
+            author: None,
+            ..mark("trajectory", &bent[..2])
+        };
+        let all = [
+            mark("point", &bent[..1]),
+            mark("polygon", &bent),
+            mark("line", &bent),
+            bare,
+        ];
+        let read = marks(&written(&source(), &all).unwrap()).unwrap();
+        assert_eq!(read.marks, all);
+        assert_eq!(read.frame_of_reference, "1.3");
+        assert_eq!(read.patient, ["P-1", "", "19670312"]);
+    }
+
+    #[test]
+    fn what_cannot_be_placed_is_not_written_and_what_is_damaged_is_not_read() {
+        let mut elsewhere = source();
+        elsewhere
+            .attributes
+            .retain(|(name, _)| name != "FrameOfReferenceUID");
+        let one = [mark("point", &[[1.0; 3]])];
+        assert_eq!(
+            written(&elsewhere, &one),
+            Err(WriteError::NoFrameOfReference)
+        );
+        assert_eq!(written(&source(), &[]), Err(WriteError::Empty));
+        let file = written(&source(), &one).unwrap();
+        for end in (0..file.len()).step_by(7) {
+            assert!(marks(&file[..end]).is_err(), "{end}");
+        }
+        for at in (132..file.len()).step_by(3) {
+            let mut flipped = file.clone();
+            flipped[at] ^= 0x41;
+            let _ = marks(&flipped);
+        }
+    }
+}

@@ -1,0 +1,284 @@
+//! Findings as a measurement report: places in the patient with what a reader wrote about them (PS3.16 TID 1500).
+
+use std::collections::HashSet;
+
+use dicom_core::VR;
+use dicom_dictionary_std::{tags, uids};
+use glam::DVec3;
+
+use super::common::{Head, IMPLEMENTATION_CLASS_UID, WriteError, file};
+use super::item::{Code, Item};
+use super::key_object::{Listed, of_each_series};
+use crate::dicom::marks::{Mark, Side, code};
+
+const CLASS: &str = uids::COMPREHENSIVE3_DSR_STORAGE;
+
+/// How far a point may lie from the plane of a polygon, in mm: SCOORD3D polygons must be coplanar (PS3.3 C.18.9.1.2).
+const COPLANAR_MM: f64 = 1e-3;
+
+/// A Comprehensive 3D SR with a measurement group for each finding (PS3.3 A.35.13, PS3.16 TID 1500 and 1410).
+///
+/// Coordinates have 32 bits. A polygon that is not plane is a closed polyline.
+///
+/// # Errors
+/// If there is no finding, and if the source has no study or no frame of reference.
+pub fn measurement_report(head: &Head<'_>, marks: &[Mark]) -> Result<Vec<u8>, WriteError> {
+    let study = head.of_source("StudyInstanceUID");
+    let study = study.ok_or(WriteError::NoStudy)?;
+    let frame_of_reference = head.of_source("FrameOfReferenceUID");
+    let frame_of_reference = frame_of_reference.ok_or(WriteError::NoFrameOfReference)?;
+    if marks.is_empty() {
+        return Err(WriteError::Empty);
+    }
+    let mut item = head.begin_document(CLASS, "SR")?;
+    let mut scheme = Item::new();
+    scheme
+        .text(tags::CODING_SCHEME_DESIGNATOR, VR::SH, code::SCHEME)
+        .text(tags::CODING_SCHEME_NAME, VR::ST, "Codes of Isocortex")
+        .text(
+            tags::CODING_SCHEME_RESPONSIBLE_ORGANIZATION,
+            VR::ST,
+            "Isocortex",
+        );
+    item.items(tags::CODING_SCHEME_IDENTIFICATION_SEQUENCE, [scheme])
+        .text(tags::DEVICE_SERIAL_NUMBER, VR::LO, "0")
+        .items(tags::REFERENCED_PERFORMED_PROCEDURE_STEP_SEQUENCE, [])
+        .items(tags::PERFORMED_PROCEDURE_CODE_SEQUENCE, [])
+        .text(tags::COMPLETION_FLAG, VR::CS, "PARTIAL")
+        .text(
+            tags::COMPLETION_FLAG_DESCRIPTION,
+            VR::LO,
+            &super::common::cut(head.comment, 64),
+        )
+        .text(tags::VERIFICATION_FLAG, VR::CS, "UNVERIFIED");
+    if let Some(evidence) = evidence(head, study) {
+        item.items(
+            tags::CURRENT_REQUESTED_PROCEDURE_EVIDENCE_SEQUENCE,
+            [evidence],
+        );
+    }
+    let groups = marks.iter().map(|mark| group(mark, frame_of_reference));
+    let measurements = container(
+        "CONTAINS",
+        code::IMAGING_MEASUREMENTS,
+        None,
+        groups.collect(),
+    );
+    let language = coded("HAS CONCEPT MOD", code::LANGUAGE, code::ENGLISH);
+    let observer = coded("HAS OBS CONTEXT", code::OBSERVER_TYPE, code::DEVICE);
+    let mut device = content("HAS OBS CONTEXT", "UIDREF", code::DEVICE_OBSERVER_UID);
+    device.text(tags::UID, VR::UI, IMPLEMENTATION_CLASS_UID);
+    let procedure = coded("HAS CONCEPT MOD", code::PROCEDURE_REPORTED, code::MR);
+    item.text(tags::VALUE_TYPE, VR::CS, "CONTAINER")
+        .codes(
+            tags::CONCEPT_NAME_CODE_SEQUENCE,
+            &[code::IMAGING_MEASUREMENT_REPORT],
+        )
+        .text(tags::CONTINUITY_OF_CONTENT, VR::CS, "SEPARATE")
+        .items(tags::CONTENT_TEMPLATE_SEQUENCE, [template("1500")])
+        .items(
+            tags::CONTENT_SEQUENCE,
+            [language, observer, device, procedure, measurements],
+        );
+    file(item, CLASS, head.instance_uid)
+}
+
+/// The images of the source, each once; `None` if they are not known.
+fn evidence(head: &Head<'_>, study: &str) -> Option<Item> {
+    let series = head.of_source("SeriesInstanceUID")?;
+    let mut seen = HashSet::new();
+    let images = head.source.instances.iter();
+    let images = images.filter(|image| seen.insert(&image.sop_instance_uid));
+    let listed: Vec<_> = images
+        .map(|image| Listed {
+            series_uid: series.to_owned(),
+            sop_class_uid: image.sop_class_uid.clone(),
+            sop_instance_uid: image.sop_instance_uid.clone(),
+        })
+        .collect();
+    let mut evidence = Item::new();
+    evidence
+        .text(tags::STUDY_INSTANCE_UID, VR::UI, study)
+        .items(tags::REFERENCED_SERIES_SEQUENCE, of_each_series(&listed));
+    (!listed.is_empty()).then_some(evidence)
+}
+
+/// The measurement group of a finding.
+fn group(mark: &Mark, frame_of_reference: &str) -> Item {
+    let mut uid = content("HAS OBS CONTEXT", "UIDREF", code::TRACKING_UID);
+    uid.text(tags::UID, VR::UI, &mark.tracking_uid);
+    let mut items = vec![
+        text("HAS OBS CONTEXT", code::TRACKING_IDENTIFIER, &mark.id),
+        uid,
+        site(mark.side),
+        region(mark, frame_of_reference),
+        depth(mark.depth_mm),
+        word(code::KIND, &mark.kind),
+    ];
+    let written = [
+        (code::LABEL, Some(&mark.label)),
+        (code::COMMENT, Some(&mark.note)),
+        (code::COLOUR, Some(&mark.colour)),
+        (code::MAP, mark.from_map.as_ref()),
+        (code::AUTHOR, mark.author.as_ref()),
+    ];
+    for (name, value) in written {
+        if let Some(value) = value.filter(|value| !value.is_empty()) {
+            items.push(text("CONTAINS", name, value));
+        }
+    }
+    if let Some(certainty) = &mark.certainty {
+        items.push(word(code::CERTAINTY, certainty));
+    }
+    if mark.is_dismissed {
+        items.push(word(code::STATE, code::DISMISSED));
+    }
+    container("CONTAINS", code::MEASUREMENT_GROUP, Some("1410"), items)
+}
+
+/// Where it is: the brain, and its side if that is left or right.
+fn site(side: Option<Side>) -> Item {
+    let mut site = coded("HAS CONCEPT MOD", code::FINDING_SITE, code::BRAIN);
+    if let Some(side) = side {
+        let side = match side {
+            Side::Left => code::LEFT,
+            Side::Right => code::RIGHT,
+        };
+        let side = coded("HAS CONCEPT MOD", code::LATERALITY, side);
+        site.items(tags::CONTENT_SEQUENCE, [side]);
+    }
+    site
+}
+
+/// Its points in the patient.
+fn region(mark: &Mark, frame_of_reference: &str) -> Item {
+    let mut points = mark.points_in_patient.clone();
+    let graphic = match (&*mark.kind, points.len()) {
+        (_, 1) => "POINT",
+        ("polygon", _) => {
+            points.extend(points.first().copied());
+            if is_plane(&points) {
+                "POLYGON"
+            } else {
+                "POLYLINE"
+            }
+        }
+        _ => "POLYLINE",
+    };
+    let mut region = content("CONTAINS", "SCOORD3D", code::IMAGE_REGION);
+    let numbers: Vec<f32> = points.concat().iter().map(|&mm| mm as f32).collect();
+    region
+        .text(tags::GRAPHIC_TYPE, VR::CS, graphic)
+        .floats(tags::GRAPHIC_DATA, &numbers)
+        .text(
+            tags::REFERENCED_FRAME_OF_REFERENCE_UID,
+            VR::UI,
+            frame_of_reference,
+        );
+    region
+}
+
+/// Whether points lie in one plane.
+fn is_plane(points: &[[f64; 3]]) -> bool {
+    let from_first: Vec<DVec3> = points
+        .iter()
+        .map(|&point| DVec3::from_array(point) - DVec3::from_array(points[0]))
+        .collect();
+    let far = |a: &&DVec3, b: &&DVec3| a.length_squared().total_cmp(&b.length_squared());
+    let Some(&along) = from_first.iter().max_by(far) else {
+        return true;
+    };
+    let across: Vec<DVec3> = from_first.iter().map(|to| to.cross(along)).collect();
+    let normal = across.iter().max_by(far).copied().unwrap_or_default();
+    let normal = normal.normalize_or_zero();
+    let mut off = from_first.iter().map(|to| to.dot(normal).abs());
+    off.all(|mm| mm <= COPLANAR_MM)
+}
+
+fn depth(depth_mm: f64) -> Item {
+    let mut measured = Item::new();
+    measured
+        .reals(tags::NUMERIC_VALUE, &[depth_mm])
+        .codes(tags::MEASUREMENT_UNITS_CODE_SEQUENCE, &[code::MILLIMETRES]);
+    let mut item = content("CONTAINS", "NUM", code::DEPTH);
+    item.items(tags::MEASURED_VALUE_SEQUENCE, [measured]);
+    item
+}
+
+fn container(
+    relation: &str,
+    name: Code<'_>,
+    template_number: Option<&str>,
+    items: Vec<Item>,
+) -> Item {
+    let mut item = content(relation, "CONTAINER", name);
+    item.text(tags::CONTINUITY_OF_CONTENT, VR::CS, "SEPARATE")
+        .items(tags::CONTENT_SEQUENCE, items);
+    if let Some(number) = template_number {
+        item.items(tags::CONTENT_TEMPLATE_SEQUENCE, [template(number)]);
+    }
+    item
+}
+
+fn template(number: &str) -> Item {
+    let mut template = Item::new();
+    template.text(tags::MAPPING_RESOURCE, VR::CS, "DCMR").text(
+        tags::TEMPLATE_IDENTIFIER,
+        VR::CS,
+        number,
+    );
+    template
+}
+
+/// A word of ours: its value is its meaning.
+fn word(name: Code<'_>, value: &str) -> Item {
+    let value = Code {
+        value,
+        scheme: code::SCHEME,
+        meaning: value,
+    };
+    coded("CONTAINS", name, value)
+}
+
+fn coded(relation: &str, name: Code<'_>, value: Code<'_>) -> Item {
+    let mut item = content(relation, "CODE", name);
+    item.codes(tags::CONCEPT_CODE_SEQUENCE, &[value]);
+    item
+}
+
+fn text(relation: &str, name: Code<'_>, value: &str) -> Item {
+    let mut item = content(relation, "TEXT", name);
+    item.text(tags::TEXT_VALUE, VR::UT, value);
+    item
+}
+
+/// A content item without its value.
+fn content(relation: &str, value_type: &str, name: Code<'_>) -> Item {
+    let mut item = Item::new();
+    item.text(tags::RELATIONSHIP_TYPE, VR::CS, relation)
+        .text(tags::VALUE_TYPE, VR::CS, value_type)
+        .codes(tags::CONCEPT_NAME_CODE_SEQUENCE, &[name]);
+    item
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_polygon_is_plane_or_not() {
+        let square = [
+            [0.0, 0.0, 1.0],
+            [9.0, 0.0, 1.0],
+            [9.0, 9.0, 1.0],
+            [0.0, 9.0, 1.0],
+        ];
+        assert!(is_plane(&square));
+        let mut bent = square;
+        bent[2][2] = 1.01;
+        assert!(!is_plane(&bent));
+        assert!(is_plane(&bent[..3]));
+        // Points on one line lie in a plane.
+        assert!(is_plane(&[[0.0; 3], [1.0; 3], [2.0; 3], [3.0; 3]]));
+    }
+}

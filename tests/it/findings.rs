@@ -1,0 +1,310 @@
+//! Findings handed on: as a measurement report, as segments and as labels, the same for every program that reads them.
+
+use std::path::Path;
+use std::process::Command;
+
+use axum::body::Body;
+use axum::http::{Method, Request};
+use serde_json::{Value, json};
+
+use crate::dicom::head_slices;
+use crate::pacs::{Neighbour, with_texts};
+use crate::results::{IDENTITY, errors_in, identified_case, identified_head, python_with, result};
+use crate::server::{Answer, Server};
+
+/// Findings of each kind around the middle of a case. The second polygon is not plane.
+async fn mark(server: &Server, case: &str) -> Value {
+    let centre = server.get(case).await.json()["envelope_sphere"]["center_in_patient"].clone();
+    let at = |offset: [f64; 3]| {
+        let of_axis = |axis: usize| centre[axis].as_f64().unwrap() + offset[axis];
+        json!([of_axis(0), of_axis(1), of_axis(2)])
+    };
+    let finding = |id: &str, kind: &str, points: &[[f64; 3]]| {
+        let points: Vec<_> = points.iter().map(|&point| at(point)).collect();
+        json!({"id": id, "kind": kind, "points_in_patient": points, "depth_mm": 6.25, "label": "", "note": "",
+               "colour": "#ffb000", "is_dismissed": false})
+    };
+    let mut list = vec![
+        finding("a", "point", &[[12.3, 4.5, -6.7]]),
+        finding(
+            "b",
+            "line",
+            &[[-14.0, 0.0, 5.0], [-14.0, 6.0, 8.0], [-12.0, 9.0, 9.0]],
+        ),
+        finding(
+            "c",
+            "polygon",
+            &[
+                [9.0, -9.0, 3.0],
+                [9.0, 9.0, 3.0],
+                [17.0, 9.0, 3.0],
+                [17.0, -9.0, 3.0],
+            ],
+        ),
+        finding(
+            "d",
+            "polygon",
+            &[
+                [-9.0, -9.0, 3.0],
+                [-9.0, 9.0, 6.0],
+                [-17.0, 9.0, 3.0],
+                [-17.0, -9.0, 6.0],
+            ],
+        ),
+        finding("e", "trajectory", &[[0.0, 0.0, 22.0], [3.0, 4.0, 5.0]]),
+        finding("f", "point", &[[-12.3, 4.5, -6.7]]),
+    ];
+    list[0]["label"] = json!("Borrão à esquerda \\ 灰白质");
+    list[0]["note"] = json!("First line.\nSecond <b>line</b>, 20 % \\ \"quoted\".");
+    list[0]["certainty"] = json!("probable");
+    list[0]["from_map"] = json!("intensity-asymmetry");
+    list[0]["author"] = json!("Dr. Ana Müller");
+    list[2]["label"] = json!("Thick?");
+    list[2]["colour"] = json!("#00ff7f");
+    list[5]["is_dismissed"] = json!(true);
+    let body = json!({ "findings": list }).to_string().into_bytes();
+    let stored = put(server, case, "application/json", body).await;
+    assert_eq!(stored.status, 200, "{stored:?}");
+    stored.json()
+}
+
+/// Replaces the findings that are there.
+async fn put(server: &Server, case: &str, kind: &str, body: Vec<u8>) -> Answer {
+    let address = format!("{case}/findings");
+    let tag = server.get(&address).await.header("etag").to_owned();
+    let request = Request::builder().method(Method::PUT).uri(address);
+    let request = request.header("if-match", tag).header("content-type", kind);
+    server.send(request.body(Body::from(body)).unwrap()).await
+}
+
+/// What the reader wrote; points to the precision of a report.
+fn of_reader(list: &Value) -> Value {
+    let mut list = list["findings"].clone();
+    for finding in list.as_array_mut().unwrap() {
+        let finding = finding.as_object_mut().unwrap();
+        for of_server in ["created_at", "changed_at"] {
+            finding.remove(of_server);
+        }
+        for point in finding["points_in_patient"].as_array_mut().unwrap() {
+            for mm in point.as_array_mut().unwrap() {
+                *mm = json!(mm.as_f64().unwrap() as f32);
+            }
+        }
+    }
+    list
+}
+
+async fn made(server: &Server, case: &str, what: &str, folder: &Path) -> Vec<u8> {
+    let answer = result(server, case, &json!({ "what": what })).await;
+    assert_eq!(answer.status, 200, "{what}: {answer:?}");
+    let again = result(server, case, &json!({ "what": what })).await;
+    assert_eq!(answer.body, again.body, "{what} is the same each time");
+    let file = folder.join(format!("{what}.dcm"));
+    std::fs::write(&file, &answer.body).unwrap();
+    assert_eq!(errors_in(&file), Vec::<String>::new(), "{what}");
+    answer.body.to_vec()
+}
+
+#[tokio::test]
+async fn a_report_of_findings_is_valid_and_comes_back_as_it_was() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let case = identified_case(&neighbour).await;
+    let server = &neighbour.server;
+    let folder = tempfile::tempdir().unwrap();
+    for what in ["findings", "finding-segments"] {
+        let refused = result(server, &case, &json!({ "what": what })).await;
+        assert_eq!(refused.problem(), "no-findings", "{what}");
+    }
+    let stored = mark(server, &case).await;
+    let report = made(server, &case, "findings", folder.path()).await;
+
+    let emptied = put(
+        server,
+        &case,
+        "application/json",
+        b"{\"findings\": []}".to_vec(),
+    )
+    .await;
+    assert_eq!(emptied.json()["findings"], json!([]));
+    let restored = put(server, &case, "application/dicom", report.clone()).await;
+    assert_eq!(restored.status, 200, "{restored:?}");
+    assert_eq!(of_reader(&restored.json()), of_reader(&stored));
+
+    // Neither another object nor half of one is a report, and nothing changes.
+    let slice = identified_head().remove(0);
+    for (file, status, kind) in [
+        (slice, 422, "dicom-damaged"),
+        (report[..report.len() / 2].to_vec(), 422, "dicom-damaged"),
+        (b"{\"findings\": []}".to_vec(), 415, "dicom-none"),
+    ] {
+        let refused = put(server, &case, "application/dicom", file).await;
+        assert_eq!(refused.status, status, "{refused:?}");
+        assert_eq!(refused.problem(), kind);
+    }
+    let kept = server.get(&format!("{case}/findings")).await.json();
+    assert_eq!(of_reader(&kept), of_reader(&stored));
+
+    // Another patient, or the same patient in another examination.
+    for (texts, words) in [
+        (
+            [
+                ([0x10, 0x0020], "LO", "P-78"),
+                ([0x20, 0x0052], "UI", "1.2.3.9"),
+            ],
+            "another patient",
+        ),
+        (
+            [
+                ([0x10, 0x0020], "LO", "P-77"),
+                ([0x20, 0x0052], "UI", "1.2.3.8"),
+            ],
+            "frame of reference",
+        ),
+    ] {
+        let other = Neighbour::start(|_| {}).await;
+        let texts = [&IDENTITY[..], &texts].concat();
+        let slices = head_slices();
+        let files: Vec<_> = slices
+            .iter()
+            .map(|slice| with_texts(slice, &texts))
+            .collect();
+        assert_eq!(other.store(&files).await.status, 200);
+        let arrival = other.settled().await;
+        let elsewhere = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
+        other.server.until_ready(&elsewhere).await;
+        let refused = put(
+            &other.server,
+            &elsewhere,
+            "application/dicom",
+            report.clone(),
+        )
+        .await;
+        assert_eq!(refused.status, 409, "{refused:?}");
+        assert_eq!(refused.problem(), "findings-elsewhere");
+        let detail = refused.json()["detail"].as_str().unwrap().to_owned();
+        assert!(
+            detail.contains(words) && !detail.contains("P-7"),
+            "{detail}"
+        );
+    }
+}
+
+#[tokio::test]
+async fn other_programs_read_the_same_values_and_voxels() {
+    let Some(python) = python_with("highdicom") else {
+        return;
+    };
+    let neighbour = Neighbour::start(|_| {}).await;
+    let case = identified_case(&neighbour).await;
+    let server = &neighbour.server;
+    let folder = tempfile::tempdir().unwrap();
+    let stored = mark(server, &case).await;
+    std::fs::write(folder.path().join("findings.json"), stored.to_string()).unwrap();
+    made(server, &case, "findings", folder.path()).await;
+    made(server, &case, "finding-segments", folder.path()).await;
+    let accept = [("accept", "application/gzip")];
+    let labels = server.get_with(&format!("{case}/findings"), &accept).await;
+    assert_eq!(labels.status, 200, "{labels:?}");
+    std::fs::write(folder.path().join("labels.nii.gz"), &labels.body).unwrap();
+    for (number, file) in identified_head().iter().enumerate() {
+        let path = folder.path().join(format!("slice-{number}.dcm"));
+        std::fs::write(path, file).unwrap();
+    }
+    let script = r#"
+import glob, gzip, json, struct, sys, warnings, numpy, pydicom, highdicom
+warnings.simplefilter("ignore")
+folder = sys.argv[1]
+wanted = json.load(open(folder + "/findings.json"))["findings"]
+wanted_middle = numpy.mean([wanted[i]["points_in_patient"][0][0] for i in (0, 5)])
+
+report = highdicom.sr.srread(folder + "/findings.dcm")
+groups = report.content.get_planar_roi_measurement_groups()
+assert len(groups) == len(wanted), len(groups)
+uids = set()
+for group, finding in zip(groups, wanted):
+    def values(name):
+        return [i for i in group[0].ContentSequence if i.ConceptNameCodeSequence[0].CodeValue == name]
+    def text(name):
+        return "".join(i.TextValue for i in values(name))
+    def word(name):
+        return "".join(i.ConceptCodeSequence[0].CodeValue for i in values(name))
+    assert group.tracking_identifier == finding["id"]
+    uids.add(group.tracking_uid)
+    region = group.roi
+    points = numpy.array(finding["points_in_patient"], numpy.float32)
+    closed = numpy.vstack([points, points[:1]])
+    kind = finding["kind"]
+    graphic = {"a": "POINT", "b": "POLYLINE", "c": "POLYGON", "d": "POLYLINE", "e": "POLYLINE", "f": "POINT"}[finding["id"]]
+    assert region.graphic_type.value == graphic, (finding["id"], region.graphic_type)
+    assert numpy.array_equal(region.value.astype(numpy.float32), closed if kind == "polygon" else points), region.value
+    assert region.frame_of_reference_uid == "1.2.3.9"
+    assert word("form") == kind and text("label") == finding["label"] and text("121106") == finding["note"], group
+    assert word("certainty") == finding.get("certainty", "") and text("author") == finding.get("author", "")
+    assert text("map") == finding.get("from_map", "") and text("colour") == finding["colour"]
+    assert (word("state") == "dismissed") == finding["is_dismissed"]
+    measured = values("depth")[0].MeasuredValueSequence[0]
+    assert measured.NumericValue == finding["depth_mm"] and measured.MeasurementUnitsCodeSequence[0].CodeValue == "mm"
+    side = [m.ConceptCodeSequence[0].CodeMeaning for s in values("363698007") for m in s.get("ContentSequence", [])]
+    assert side == ([] if finding["side"] == "middle" else [finding["side"].capitalize()]), (side, finding["side"])
+assert len(uids) == len(wanted)
+
+seg = highdicom.seg.segread(folder + "/finding-segments.dcm")
+names = [s.SegmentLabel for s in seg.SegmentSequence]
+assert len(names) == 5 and names[1] == "b" and names[2] == "Thick?", names
+assert {s.SegmentAlgorithmType for s in seg.SegmentSequence} == {"MANUAL"}
+slices = {s.SOPInstanceUID: s for s in map(pydicom.dcmread, glob.glob(folder + "/slice-*.dcm"))}
+uids = sorted(slices, key=lambda uid: slices[uid].ImagePositionPatient[2])
+planes = seg.get_pixels_by_source_instance(uids, ignore_spatial_locations=True, assert_missing_frames_are_empty=True)
+
+raw = gzip.open(folder + "/labels.nii.gz").read()
+offset = int(struct.unpack("<f", raw[108:112])[0])
+assert raw[348] == 1 and offset % 16 == 0
+size, code = struct.unpack("<2i", raw[352:360])
+comment = raw[360:352 + size].rstrip(b"\0").decode()
+assert code == 6 and offset == 352 + size and comment.splitlines()[1:3] == ["2 b", "3 Thick?"], comment
+x, y, z = struct.unpack("<3h", raw[42:48])
+labels = numpy.frombuffer(raw[offset:], "<u2").reshape(z, y, x)
+srow = numpy.vstack([numpy.frombuffer(raw[280:328], "<f4").reshape(3, 4), [0, 0, 0, 1]])
+affine = numpy.diag([-1, -1, 1, 1]) @ srow
+assert set(numpy.unique(labels)) == {0, 1, 2, 3, 4, 5}
+# The frames have the voxels of the labels, each at its place in the patient, whatever the order of slices and rows.
+def places(mask, to_patient):
+    index = numpy.argwhere(mask)[:, ::-1]
+    points = (to_patient @ numpy.c_[index, numpy.ones(len(index))].T).T[:, :3]
+    return {tuple(p) for p in numpy.round(points, 2) + 0.0}
+frames = {}
+for number in range(1, 6):
+    frames[number] = of_frames = set()
+    for k, uid in enumerate(uids):
+        s = slices[uid]
+        o = numpy.array(s.ImageOrientationPatient, float)
+        m = numpy.eye(4)
+        m[:3, 0] = o[:3] * s.PixelSpacing[1]
+        m[:3, 1] = o[3:] * s.PixelSpacing[0]
+        m[:3, 3] = s.ImagePositionPatient
+        of_frames |= places(planes[k, :, :, number - 1][None] > 0, m)
+    for point in wanted[number - 1]["points_in_patient"]:
+        near = min(numpy.linalg.norm(numpy.array(p) - point) for p in of_frames)
+        # The voxel that holds the point: no further than half its diagonal.
+        assert near <= numpy.linalg.norm(affine[:3, :3].sum(axis=1)) / 2 + 0.02, (number, near)
+    # What was marked on the left is on the left: x grows to the patient's left.
+    side = numpy.mean([p[0] for p in of_frames]) - wanted_middle
+    assert wanted[number - 1]["side"] == "middle" or (wanted[number - 1]["side"] == "left") == (side > 0), number
+for number in range(1, 6):
+    # Where findings overlap, the later label is seen.
+    later = set().union(*(frames[n] for n in frames if n > number))
+    assert places(labels == number, affine) == frames[number] - later, number
+print("compared", len(groups))
+"#;
+    let output = Command::new(python)
+        .args(["-c", script])
+        .arg(folder.path())
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert!(String::from_utf8_lossy(&output.stdout).contains("compared 6"));
+}
