@@ -115,7 +115,7 @@ async fn addresses_and_methods_that_there_are_not() {
         let answer = server.ask(method, address, &[], Body::empty()).await;
         assert_eq!(answer.refusal(), (status, kind.to_owned()), "{address}");
     }
-    let plane = format!("{NOBODY}/slices/oblique");
+    let plane = format!("{NOBODY}/slices/diagonal");
     assert_eq!(
         server.get(&plane).await.refusal(),
         (404, "no-such-address".to_owned())
