@@ -144,8 +144,6 @@ test("two halves show two layers, which keys choose and the address brings back"
 
 test("a point that is marked in either half is marked in both, and slices show the right half", { skip }, async () => {
   const { page, troubles, context } = await openPage(browser);
-  // So wide that the halves stand side by side.
-  await page.setViewportSize({ width: 1440, height: 700 });
   await page.goto(
     `${new URL("/", server.address)}#${id}&r=mesh&d=12&v=left&l=slices&y=${pet}&t=1&ty=${flair}&tw=600,700`,
   );

@@ -407,8 +407,6 @@ test(
 test("the mirrored half is the mirror image of the other hemisphere", { skip, timeout: 600_000 }, async () => {
   const { page, close } = await loadedPage();
   await bare(page);
-  const [width, height] = await canvasSize(page);
-  const half = Math.floor(width / 2);
   const shown = (await (await fetch(new URL(`v1/cases/${id}`, server.address))).json()) as Pick<
     ReadyCase,
     "midsagittal" | "envelope_sphere"
@@ -426,6 +424,9 @@ test("the mirrored half is the mirror image of the other hemisphere", { skip, ti
     ["mesh", "mesh"],
   ] as const) {
     await show(page, `#${id}&r=${way}&d=10&v=left&l=mirror`, way);
+    // The pane of two halves is higher where the window is narrow.
+    const [width, height] = await canvasSize(page);
+    const half = Math.floor(width / 2);
     const left = await agreement(page, await rendered("left", 10, renderer, [half, height]), {
       left: 0,
       width: half,

@@ -30,8 +30,11 @@ export const isMirrored = ({
 }): boolean => !beside && (layout === "mirror" || layout === "both");
 /** Whether the pane has two halves: the mirrored one is the right one, or each has layers of its own. */
 export const isHalved = (state: ViewState): boolean => state.beside !== null || isMirrored(state);
-/** Whether the halves of a pane lie one above the other: each is larger then, for the head fits its smaller side. */
-export const isStacked = (state: ViewState, [width, height]: Vec2): boolean => isHalved(state) && width < height;
+/**
+ * Whether the mirrored half lies below the other one: each is larger then, for the head fits its smaller side. Halves with
+ * layers of their own are the left one and the right one, by name.
+ */
+export const isStacked = (state: ViewState, [width, height]: Vec2): boolean => isMirrored(state) && width < height;
 /** The size of the picture of one view in a pane: of one of its halves, where it has two. */
 export function viewSize(state: ViewState, [width, height]: Vec2): Vec2 {
   if (!isHalved(state)) return [width, height];
