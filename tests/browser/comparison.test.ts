@@ -135,6 +135,8 @@ test("a line divides surface and slices: the case on its left, the layer on its 
   const { page, troubles, context } = await openPage(browser);
   await page.goto(`${new URL("/", server.address)}#${id}&l=slices&r=mesh&d=12`);
   await shown(page);
+  // A notice that comes or goes meanwhile would change the size of the panes.
+  await page.evaluate(() => document.styleSheets[0]?.insertRule(".notice-line { display: none !important }"));
   // The page draws the slices that are wanted once it has the whole volume.
   await page.waitForSelector("canvas.cortex[data-whole=true]", { state: "attached" });
   for (const convention of ["", "&c=n"]) {

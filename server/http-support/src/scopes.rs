@@ -1,9 +1,7 @@
 //! What a token may be used for.
 
-use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
-use std::sync::Arc;
 
 use axum::http::Method;
 
@@ -108,32 +106,18 @@ pub type Row = (Method, &'static str, Scope);
 
 /// The scope of each route that changes something. What is only read needs [`Scope::Read`], and what is in no row needs
 /// [`Scope::Admin`].
-#[derive(Debug, Clone)]
-pub struct ScopeTable(Arc<HashMap<(Method, &'static str), Scope>>);
+#[derive(Debug, Clone, Copy)]
+pub struct ScopeTable(pub &'static [Row]);
 
 impl ScopeTable {
-    /// A table of rows.
-    pub fn new(rows: &[Row]) -> Self {
-        let rows = rows.iter().cloned();
-        Self(Arc::new(
-            rows.map(|(method, path, scope)| ((method, path), scope))
-                .collect(),
-        ))
-    }
-
     /// The scope that a request needs. `path` is the template of its route.
     pub fn needed(&self, method: &Method, path: &str) -> Scope {
-        let row = (self.0.iter()).find(|((of, template), _)| of == method && *template == path);
+        let row = (self.0.iter()).find(|(of, template, _)| of == method && *template == path);
         match row {
-            Some((_, scope)) => *scope,
+            Some((.., scope)) => *scope,
             None if method.is_safe() => Scope::Read,
             None => Scope::Admin,
         }
-    }
-
-    /// Whether a row says what a request needs.
-    pub fn has(&self, method: &Method, path: &str) -> bool {
-        (self.0.keys()).any(|(of, template)| of == method && *template == path)
     }
 }
 
@@ -156,7 +140,8 @@ mod tests {
 
     #[test]
     fn what_no_row_names_is_for_nobody_but_the_administrator() {
-        let table = ScopeTable::new(&[(Method::POST, "/a", Scope::Results)]);
+        const ROWS: &[Row] = &[(Method::POST, "/a", Scope::Results)];
+        let table = ScopeTable(ROWS);
         assert_eq!(table.needed(&Method::POST, "/a"), Scope::Results);
         assert_eq!(table.needed(&Method::GET, "/a"), Scope::Read);
         assert_eq!(table.needed(&Method::HEAD, "/b"), Scope::Read);

@@ -66,7 +66,7 @@ pub fn app_beside(state: AppState, beside: Beside) -> Router {
     routes::guarded::describe(&mut description);
     let guard = Guard {
         access: Access::from_ref(&state),
-        scopes: ScopeTable::new(beside.scopes),
+        scopes: ScopeTable(beside.scopes),
     };
     let guard = middleware::from_fn_with_state(guard, auth::require_token);
     let guarded = beside.guarded.route_layer(guard);

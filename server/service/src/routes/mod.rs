@@ -146,7 +146,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .route_layer(middleware::from_fn_with_state(
             Guard {
                 access: Access::from_ref(state),
-                scopes: ScopeTable::new(scopes::SCOPES),
+                scopes: ScopeTable(scopes::SCOPES),
             },
             auth::require_token,
         ));
