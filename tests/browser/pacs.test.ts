@@ -186,7 +186,9 @@ test("a launch that fits several studies asks which one; its query leaves the ad
   await choices.first().click();
   await shown(page);
   assert.ok(page.url().includes(`#${id}`));
-  assert.deepEqual(watched.troubles, []);
+  // The browser's own line about the page that did not load.
+  const others = watched.troubles.filter((trouble) => !trouble.includes("502 (Bad Gateway)"));
+  assert.deepEqual(others, []);
   await watched.context.close();
 });
 
