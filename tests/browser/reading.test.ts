@@ -182,7 +182,9 @@ test(
   async () => {
     const { page, context, troubles } = await openPage(browser, { viewport: { width: 600, height: 1100 } });
     for (const way of ["mesh", "server"]) {
-      await page.goto(new URL(`?${way}#${id}&r=${way}&d=12&l=mirror&w=600,400`, server.address).href);
+      // Another fragment alone would not load the page anew.
+      await page.goto("about:blank");
+      await page.goto(new URL(`#${id}&r=${way}&d=12&l=mirror&w=600,400`, server.address).href);
       await shown(page);
       await page.waitForSelector("#surface.stacked");
       const box = await page.locator("#surface").boundingBox();

@@ -51,8 +51,14 @@ test("a double click marks a point: slices, numbers and the depth profile follow
       Math.abs(Number(document.querySelector<HTMLElement>(".slice.sagittal")?.dataset.position) - position) < 0.2,
     left,
   );
-  for (const plane of ["axial", "coronal", "sagittal"]) {
-    assert.equal(await page.locator(`.slice.${plane} .cursor line`).count(), 4, plane);
+  // The cross comes with the picture of its position.
+  for (const plane of PLANES) {
+    const ticks = page.locator(`.slice.${plane} .cursor line`);
+    const count = await until(
+      () => ticks.count(),
+      (found) => found > 0,
+    );
+    assert.equal(count, 4, plane);
   }
   // Both curves, and the same as a table.
   for (const curve of ["own", "other"]) {
@@ -242,6 +248,7 @@ test("the cross on a slice is that of the picture below it, which may come late"
   const marked = (await fragment(page)).x?.split(",")[2];
   await page.waitForSelector(`.slice.axial[data-position^="${Math.trunc(Number(marked))}."]`);
   const cross = (): Promise<unknown> => page.locator(".slice.axial .cursor.ticks").boundingBox();
+  await page.waitForSelector(".slice.axial .cursor.ticks");
   const before = await cross();
   let release = (): void => {};
   const held = new Promise<void>((resolve) => (release = resolve));
