@@ -6,6 +6,7 @@ mod paper;
 mod step;
 mod study;
 mod study_progress;
+mod trial;
 
 use std::path::Path;
 use std::process::ExitCode;

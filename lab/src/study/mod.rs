@@ -18,14 +18,16 @@ mod stored;
 mod tests;
 
 pub use heads::{Finished, MaskFrom, StudyFolders, StudyHead};
+pub(crate) use hotelling::area;
 pub use hotelling::{CHANNELS, Outputs};
 pub use known::KnownPlace;
 pub use lesion::{Effect, Lesion};
 pub use observer::View;
 pub use places::Place;
 pub use report::{Criteria, Report, Verdict};
+pub(crate) use report::{Interval, bootstrap_over};
 pub use run::{HeadResult, Sighting, Sign, StudyParameters, Trial, run_head};
-pub use search::{HIT_MM, Mark, false_marks_above};
+pub use search::{HIT_MM, Mark, Touch, false_marks_above, false_marks_before_hit};
 
 use geometry::Volume;
 
