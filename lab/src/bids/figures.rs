@@ -340,3 +340,90 @@ pub(super) fn difference(
         share(&each.collect::<Vec<_>>(), seed)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lesion(false_marks: Option<usize>, hit_score: Option<f32>) -> JudgedLesion {
+        JudgedLesion {
+            false_marks,
+            hit_score,
+            mirrored: None,
+            random: vec![Some(0), None, None, Some(7)],
+        }
+    }
+
+    fn head(lesions: Vec<JudgedLesion>, scores: &[f32]) -> JudgedHead {
+        JudgedHead {
+            lesions,
+            scores: scores.to_vec(),
+            false_scores: scores[1..].to_vec(),
+        }
+    }
+
+    #[test]
+    fn shares_thresholds_and_areas_are_those_on_paper() {
+        let heads = [
+            head(vec![lesion(Some(0), Some(3.0))], &[3.0, 1.0]),
+            head(
+                vec![lesion(Some(4), Some(1.5)), lesion(None, None)],
+                &[2.5, 1.5],
+            ),
+        ];
+        let tag = |value: &str| vec![("side".to_owned(), value.to_owned())];
+        let strata = [vec![tag("left")], vec![tag("right"), tag("left")]];
+        let patients: Vec<JudgedPatient<'_>> = heads
+            .iter()
+            .zip(&strata)
+            .map(|(head, strata)| JudgedPatient { head, strata })
+            .collect();
+        let sound = [head(vec![], &[2.0, 1.8]), head(vec![], &[2.75, 0.5])];
+        let controls: Vec<&JudgedHead> = sound.iter().collect();
+        let figures = Figures::of("own", &patients, &controls, 1, (&[("limit", 2.6)], 1));
+        let value = |row: &Shares| row.found.map(|share| share.value);
+        assert_eq!(value(&figures.shares[0]), [1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0]);
+        assert_eq!(value(&figures.shares[1]), [0.5, 1.0, 1.0]);
+        assert_eq!(value(&figures.shares[2]), [0.25, 0.5, 0.5]);
+        assert_eq!(value(&figures.chance[0]), [0.0; 3]);
+        assert_eq!(value(&figures.chance[1]), [0.25, 0.25, 0.5]);
+        let [left, right] = figures.strata[0].1.as_slice() else {
+            panic!("{:?}", figures.strata);
+        };
+        assert_eq!((left.lesions, left.patients), (2, 2));
+        assert_eq!((value(left)[1], value(right)[1]), (0.5, 1.0));
+        // 3.0 exceeds both, 2.5 one of two.
+        assert_eq!(figures.area.map(|area| area.value), Some(0.75));
+        let above: Vec<f32> = figures.thresholds.iter().map(|at| at.above).collect();
+        assert_eq!(above, [2.0, 1.8, f32::NEG_INFINITY, 2.6]);
+        let limit = &figures.thresholds[3];
+        assert_eq!(
+            limit.controls_without_marks.map(|share| share.value),
+            Some(0.5)
+        );
+        assert_eq!(
+            limit.lesions_found.map(|share| share.value),
+            Some(1.0 / 3.0)
+        );
+        assert_eq!(limit.marks_per_control, Some(0.5));
+        let half = &figures.thresholds[0];
+        assert_eq!(half.marks_per_control, Some(0.5));
+    }
+
+    #[test]
+    fn intervals_are_drawn_from_patients_not_from_lesions() {
+        let many = vec![lesion(Some(0), Some(1.0)); 20];
+        let heads = [
+            head(many, &[1.0]),
+            head(vec![lesion(None, None); 20], &[1.0]),
+        ];
+        let patients: Vec<JudgedPatient<'_>> = heads
+            .iter()
+            .map(|head| JudgedPatient { head, strata: &[] })
+            .collect();
+        let figures = Figures::of("own", &patients, &[], 0, (&[], 1));
+        let share = figures.shares[0].found[0];
+        assert_eq!((share.value, share.low, share.high), (0.5, 0.0, 1.0));
+        assert!(figures.area.is_none());
+    }
+}

@@ -7,6 +7,7 @@ mod freeze;
 mod head;
 mod judge;
 mod participants;
+mod repeat;
 mod report;
 mod truth;
 
@@ -34,6 +35,7 @@ use crate::study::Interval;
 
 pub use self::folder::Truths;
 pub use self::participants::Choice;
+pub use self::repeat::{Pair, Repeated, pairs};
 pub use self::report::TrialReport;
 pub use self::truth::Rules;
 
@@ -135,7 +137,7 @@ pub fn run(
     let mut selection = parameters.select()?;
     let made_with = MadeWith::network(parameters.network.as_deref())?;
     let frozen = parameters.frozen(&selection, &made_with)?;
-    let pipeline = parameters.pipeline()?;
+    let pipeline = pipeline(parameters.network.as_deref(), parameters.jobs)?;
     let finder = Finder {
         pipeline: &pipeline,
         made_with: &made_with,
@@ -165,6 +167,25 @@ pub fn run(
     written("report.html", report.html().as_bytes())?;
     written("report.json", format!("{:#}\n", report.json()).as_bytes())?;
     Ok(report)
+}
+
+/// Prepares heads as cases are, several at the same time, with the weights of a network or by tree pruning.
+///
+/// # Errors
+/// If the weights cannot be used.
+pub fn pipeline(network: Option<&Path>, jobs: usize) -> Result<Pipeline, BenchError> {
+    let extractor = match network {
+        None => Extractor::default(),
+        Some(path) => Extractor::open(Some(path)).map_err(|error| match error {
+            NoNetwork::Unreadable { path, source } => BenchError::Unreadable {
+                path,
+                reason: source,
+            },
+            error @ NoNetwork::Unusable { .. } => BenchError::Usage(error.to_string()),
+        })?,
+    };
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    Ok(Pipeline::new(extractor).with_threads((cores / jobs.max(1)).max(1)))
 }
 
 /// The result of each head, in order; the reason if a file of it cannot be read.
@@ -346,22 +367,6 @@ fn remarks(name: &str, head: &Judgeable) -> Vec<Remark> {
 }
 
 impl TrialParameters {
-    fn pipeline(&self) -> Result<Pipeline, BenchError> {
-        let extractor = match &self.network {
-            None => Extractor::default(),
-            Some(path) => Extractor::open(Some(path)).map_err(|error| match error {
-                NoNetwork::Unreadable { path, source } => BenchError::Unreadable {
-                    path,
-                    reason: source,
-                },
-                error @ NoNetwork::Unusable { .. } => BenchError::Usage(error.to_string()),
-            })?,
-        };
-        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        let threads = (cores / self.jobs.max(1)).max(1);
-        Ok(Pipeline::new(extractor).with_threads(threads))
-    }
-
     /// Chooses the heads.
     fn select(&self) -> Result<Selection, BenchError> {
         let files = heads(&self.bids, &self.truths)?;
