@@ -194,28 +194,47 @@ pub fn froc(heads: &[HeadResult]) -> String {
         .collect();
     let line = |view: View| {
         let place = View::ALL.iter().position(|other| *other == view)?;
+        let above = lesions.iter().map(|trial| {
+            let seen = trial.sightings.get(place);
+            seen.and_then(|seen| seen.false_marks)
+        });
+        Some((view.name().to_owned(), above.collect()))
+    };
+    false_mark_curves(
+        format!(
+            "Found of {} synthetic lesions, one at a time",
+            lesions.len()
+        ),
+        "share of lesions found by a model observer",
+        FROC_VIEWS.into_iter().filter_map(line),
+    )
+}
+
+/// Curves as SVG: the share of lesions that are found over the number of false marks per head. A curve is its name with the number of
+/// false marks above each lesion, `None` if it is not found.
+pub(crate) fn false_mark_curves(
+    title: String,
+    y: &'static str,
+    curves: impl IntoIterator<Item = (String, Vec<Option<usize>>)>,
+) -> String {
+    let line = |(name, lesions): (String, Vec<Option<usize>>)| {
         let found = |most: usize| {
-            let hits = lesions.iter().filter(|trial| {
-                let seen = trial.sightings.get(place);
-                seen.and_then(|seen| seen.false_marks)
-                    .is_some_and(|marks| marks < most)
-            });
+            let hits = lesions
+                .iter()
+                .filter(|above| above.is_some_and(|above| above < most));
             (
                 most as f64,
                 hits.count() as f64 / lesions.len().max(1) as f64,
             )
         };
-        Some(Series::line(view.name(), FALSE_MARKS.map(found).to_vec()))
+        Series::line(name, FALSE_MARKS.map(found).to_vec())
     };
     let plot = Plot {
-        title: format!(
-            "Found of {} synthetic lesions, one at a time",
-            lesions.len()
-        ),
+        title,
         x: "fewer false marks per head than",
-        y: "share of lesions found by a model observer",
+        y,
         is_log: false,
-        series: FROC_VIEWS.into_iter().filter_map(line).collect(),
+        series: curves.into_iter().map(line).collect(),
     };
     plot.svg()
 }

@@ -3,9 +3,11 @@
 mod agreement;
 mod head;
 mod paper;
+mod reproducibility;
 mod step;
 mod study;
 mod study_progress;
+mod trial;
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -27,6 +29,7 @@ enum Command {
     Agreement(agreement::AgreementArgs),
     Step(step::StepArgs),
     Study(study::StudyArgs),
+    Reproducibility(reproducibility::ReproducibilityArgs),
 }
 
 /// The output of a report.
@@ -47,6 +50,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Agreement(args) => agreement::run(&args),
         Command::Step(args) => step::run(&args),
         Command::Study(args) => study::run(&args),
+        Command::Reproducibility(args) => reproducibility::run(&args),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -10,6 +10,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::study_progress::StudyProgress;
+use super::trial::TrialArgs;
 use super::{create, write};
 
 /// Put synthetic lesions into heads, and count which model observers find them
@@ -17,7 +18,7 @@ use super::{create, write};
 /// The observers are programs, not radiologists: the result only shows what is easier for a model observer. The table
 /// contains the hits with fewer than 1, 5 and 20 false marks per head for slices, isosurfaces and maps, followed by the
 /// criteria that were fixed beforehand. Without --head, the synthetic head is used; this only shows that the program
-/// works.
+/// works. With --bids, real lesions are searched for instead.
 #[derive(Debug, Args)]
 pub(super) struct StudyArgs {
     /// A head: NAME=VOLUME,MASK or NAME=VOLUME, followed by ",tuned" if parameters were chosen on it. A volume is a NIfTI
@@ -61,6 +62,8 @@ pub(super) struct StudyArgs {
     /// Print JSON instead of a table.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    trial: TrialArgs,
 }
 
 /// The radius or the blur of a lesion, in mm.
@@ -106,6 +109,10 @@ fn head(text: &str) -> Result<StudyHead, String> {
 
 /// Runs and prints.
 pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
+    if let Some(bids) = &args.trial.bids {
+        let network = args.network.as_deref();
+        return args.trial.run(bids, (&args.results, network), args.json);
+    }
     let mut parameters = if args.quick {
         StudyParameters::QUICK
     } else {

@@ -221,8 +221,8 @@ fn for_cube(reach: [i64; 3], mut visit: impl FnMut([i64; 3])) {
 }
 
 /// Intensities between voxels, and the remaining fraction of the variance of the noise.
-struct Sampler<'a> {
-    volume: &'a Volume,
+pub(super) struct Sampler<'a> {
+    pub(super) volume: &'a Volume,
 }
 
 impl Sampler<'_> {
@@ -234,7 +234,7 @@ impl Sampler<'_> {
     }
 
     /// The Catmull–Rom cubic, which blurs less than linear interpolation.
-    fn at(&self, place: DVec3) -> (f64, f64) {
+    pub(super) fn at(&self, place: DVec3) -> (f64, f64) {
         let base = place.floor();
         let weights = (place - base).to_array().map(|part| {
             let (squared, cubed) = (part * part, part * part * part);

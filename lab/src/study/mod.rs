@@ -11,6 +11,7 @@ mod places;
 mod random;
 mod region;
 mod report;
+mod resampled;
 mod run;
 mod search;
 mod stored;
@@ -18,14 +19,17 @@ mod stored;
 mod tests;
 
 pub use heads::{Finished, MaskFrom, StudyFolders, StudyHead};
+pub(crate) use hotelling::area;
 pub use hotelling::{CHANNELS, Outputs};
 pub use known::KnownPlace;
 pub use lesion::{Effect, Lesion};
 pub use observer::View;
 pub use places::Place;
 pub use report::{Criteria, Report, Verdict};
+pub(crate) use report::{Interval, bootstrap_over};
+pub(crate) use resampled::half_a_voxel_further;
 pub use run::{HeadResult, Sighting, Sign, StudyParameters, Trial, run_head};
-pub use search::{HIT_MM, Mark, false_marks_above};
+pub use search::{HIT_MM, Mark, Touch, false_marks_above, false_marks_before_hit};
 
 use geometry::Volume;
 

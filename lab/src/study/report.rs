@@ -62,11 +62,11 @@ pub struct Report {
 }
 
 /// A fraction of trials with its 95 % interval.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Interval {
-    value: f64,
-    low: f64,
-    high: f64,
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Interval {
+    pub(crate) value: f64,
+    pub(crate) low: f64,
+    pub(crate) high: f64,
 }
 
 impl Report {
@@ -321,15 +321,28 @@ fn hits(trials: &[&Trial], view: View, false_marks: usize) -> f64 {
 
 /// A mean with its 95 % interval.
 fn bootstrap(values: &[f64], seed: u64) -> Interval {
+    bootstrap_over([values.len()], seed, |[drawn]| {
+        mean(drawn.iter().map(|&number| values[number]))
+    })
+}
+
+/// A statistic of groups of this many members, with its 95 % interval. Each sample draws as many members of each group, by
+/// number, with replacement.
+pub(crate) fn bootstrap_over<const GROUPS: usize>(
+    counts: [usize; GROUPS],
+    seed: u64,
+    statistic: impl Fn([&[usize]; GROUPS]) -> f64,
+) -> Interval {
+    let of = |groups: [Vec<usize>; GROUPS]| statistic(groups.each_ref().map(Vec::as_slice));
     let mut random = Random::new(seed);
-    let mut means: Vec<f64> = (0..ROUNDS)
-        .map(|_| mean((0..values.len()).map(|_| values[random.below(values.len())])))
+    let mut samples: Vec<f64> = (0..ROUNDS)
+        .map(|_| of(counts.map(|count| (0..count).map(|_| random.below(count)).collect())))
         .collect();
-    means.sort_by(f64::total_cmp);
+    samples.sort_by(f64::total_cmp);
     Interval {
-        value: mean(values.iter().copied()),
-        low: means[ROUNDS * 25 / 1000],
-        high: means[ROUNDS * 975 / 1000 - 1],
+        value: of(counts.map(|count| (0..count).collect())),
+        low: samples[ROUNDS * 25 / 1000],
+        high: samples[ROUNDS * 975 / 1000 - 1],
     }
 }
 

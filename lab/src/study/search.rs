@@ -14,14 +14,39 @@ pub struct Mark {
     pub score: f32,
 }
 
+/// What a mark is to a lesion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Touch {
+    /// It finds the lesion.
+    Hit,
+    /// It is too near to be false, and too far to find the lesion.
+    Near,
+    /// It is false.
+    False,
+}
+
+/// The number of false marks before the first hit; `None` if there is none.
+pub fn false_marks_before_hit(touches: impl IntoIterator<Item = Touch>) -> Option<usize> {
+    let mut before = 0;
+    for touch in touches {
+        match touch {
+            Touch::Hit => return Some(before),
+            Touch::Near => {}
+            Touch::False => before += 1,
+        }
+    }
+    None
+}
+
 /// The number of false marks above the highest mark that hits a lesion; `None` if no mark hits it.
 ///
 /// Marks are in descending order. Marks within the radius of the lesion plus a margin are not false.
 pub fn false_marks_above(marks: &[Mark], centre: DVec3, radius_mm: f64) -> Option<usize> {
-    let hit = marks
-        .iter()
-        .position(|mark| mark.position_in_patient.distance(centre) <= HIT_MM)?;
-    let is_false =
-        |mark: &&Mark| mark.position_in_patient.distance(centre) > HIT_MM + radius_mm / 2.0;
-    Some(marks[..hit].iter().filter(is_false).count())
+    false_marks_before_hit(marks.iter().map(
+        |mark| match mark.position_in_patient.distance(centre) {
+            distance if distance <= HIT_MM => Touch::Hit,
+            distance if distance <= HIT_MM + radius_mm / 2.0 => Touch::Near,
+            _ => Touch::False,
+        },
+    ))
 }
