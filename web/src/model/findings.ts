@@ -4,6 +4,7 @@ import type { MapName } from "./maps.ts";
 import type { Side } from "./midsagittal.ts";
 import type { Marked } from "./marks.ts";
 import { type Vec3, length, subtract } from "./space.ts";
+import { plainLine, plainText } from "./text.ts";
 
 export const CERTAINTIES = ["definite", "probable", "possible", "unlikely"] as const;
 export type Certainty = (typeof CERTAINTIES)[number];
@@ -46,6 +47,21 @@ export const newFinding = (given: NewFinding): Finding => ({
   ...given,
   depth_mm: Math.max(0, Number(given.depth_mm.toFixed(2))) || 0,
 });
+
+/** The longest label and note that the server accepts. */
+export const LONGEST_LABEL = 200;
+export const LONGEST_NOTE = 10_000;
+
+/** What a reader wrote, as the server accepts it. */
+export function plainFinding(finding: Finding): Finding {
+  const { author } = finding;
+  return {
+    ...finding,
+    label: plainLine(finding.label, LONGEST_LABEL),
+    note: plainText(finding.note, LONGEST_NOTE),
+    ...(author !== undefined && { author: plainLine(author, LONGEST_LABEL) }),
+  };
+}
 
 /** The middle of what was marked. */
 export function middleOf({ points_in_patient }: Finding): Vec3 {

@@ -10,6 +10,8 @@ import { broughtTo } from "../model/commands.ts";
 import {
   CERTAINTIES,
   type Finding,
+  LONGEST_LABEL,
+  LONGEST_NOTE,
   type NewFinding,
   findingOfPlace,
   markedFindings,
@@ -17,6 +19,7 @@ import {
   middleOf,
   newFinding,
   numbered,
+  plainFinding,
 } from "../model/findings.ts";
 import { Flows } from "../model/flow.ts";
 import type { Depths } from "../model/isosurface.ts";
@@ -24,6 +27,7 @@ import { type Candidate, isMap } from "../model/maps.ts";
 import type { Marked } from "../model/marks.ts";
 import { mirrorPlane, sideOf } from "../model/midsagittal.ts";
 import type { ViewState } from "../model/state.ts";
+import { plainLine, plainText } from "../model/text.ts";
 import type { Actions } from "./actions.ts";
 import { fileStem } from "./export.ts";
 import { button, choice, line, row, tall, ticked } from "./fields.ts";
@@ -71,11 +75,15 @@ export class FindingsSection {
   readonly #hidden = new Set<string>();
   #flows: Flows | null = null;
   #walking = 0;
+  /** Whether what is stored could not be read, which is said. */
+  #isUnread = false;
   readonly #leave = (event: Event): void => {
     if (!this.#sync.isKept) event.preventDefault();
   };
-  readonly #back = (): void => {
+  readonly #turn = (): void => {
     if (!document.hidden) void this.load();
+    // Nothing may be left of a page in the background.
+    else this.#sync.flush().catch(() => {});
   };
 
   constructor(host: FindingsSectionHost) {
@@ -103,23 +111,26 @@ export class FindingsSection {
       row(report, table),
     );
     addEventListener("beforeunload", this.#leave);
-    document.addEventListener("visibilitychange", this.#back);
+    document.addEventListener("visibilitychange", this.#turn);
   }
 
   /** Reads what is stored. */
   async load(): Promise<void> {
     try {
       await this.#sync.load();
+      if (this.#isUnread) tell(this.#status, "");
+      this.#isUnread = false;
     } catch (problem) {
+      this.#isUnread = true;
       tell(this.#status, problemWords(problem));
     }
   }
 
   dispose(): void {
     clearTimeout(this.#walking);
-    this.#sync.flush();
+    this.#sync.flush().catch(() => {});
     removeEventListener("beforeunload", this.#leave);
-    document.removeEventListener("visibilitychange", this.#back);
+    document.removeEventListener("visibilitychange", this.#turn);
   }
 
   // -- What is stored
@@ -132,7 +143,9 @@ export class FindingsSection {
   }
 
   /** Changes the list in one step, which can be undone. */
-  #step(after: readonly Finding[]): void {
+  #step(list: readonly Finding[]): void {
+    const before = new Set(this.#sync.list);
+    const after = list.map((one) => (before.has(one) ? one : plainFinding(one)));
     this.#done.push({ before: this.#sync.list, after });
     this.#undone = [];
     this.#sync.change(after);
@@ -258,21 +271,21 @@ export class FindingsSection {
     const label = h("input", {
       type: "text",
       class: "finding-label",
-      maxlength: 200,
+      maxlength: LONGEST_LABEL,
       value: finding.label,
       dir: "auto",
       placeholder: t("findings.label"),
       "aria-label": `${name}: ${t("findings.label")}`,
-      change: () => this.#change(id, { label: label.value.trim() }),
+      change: () => this.#change(id, { label: (label.value = plainLine(label.value, LONGEST_LABEL)) }),
     });
     const note = h("textarea", {
       class: "finding-note",
       rows: 2,
-      maxlength: 10_000,
+      maxlength: LONGEST_NOTE,
       dir: "auto",
       placeholder: t("findings.note"),
       "aria-label": `${name}: ${t("findings.note")}`,
-      change: () => this.#change(id, { note: note.value }),
+      change: () => this.#change(id, { note: (note.value = plainText(note.value, LONGEST_NOTE)) }),
     });
     note.value = finding.note;
     const certainty = choice(
@@ -328,7 +341,12 @@ export class FindingsSection {
     const { shown } = this.#host;
     tell(this.#status, t("export.working"));
     try {
-      if (!this.#sync.isKept) this.#sync.flush();
+      // A file without the last sentence would look as if it were complete: then there is none.
+      await this.#sync.flush();
+    } catch (problem) {
+      return tell(this.#status, t("findings.unsaved", { why: problemWords(problem) }));
+    }
+    try {
       const isReport = what === "report";
       const path = isReport ? `${shown.id}/report?language=${spoken()}` : `${shown.id}/findings`;
       const file = await getFile(path, isReport ? "text/html" : "text/csv");
