@@ -3,7 +3,15 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { type Finding, areSame, merged, newFinding, plainFinding } from "../src/model/findings.ts";
+import {
+  type Finding,
+  areSame,
+  joined,
+  merged,
+  newFinding,
+  plainFinding,
+  readFindings,
+} from "../src/model/findings.ts";
 import { plainLine, plainText } from "../src/model/text.ts";
 import { FindingsSync, type Kept } from "../src/page/findings-sync.ts";
 
@@ -241,4 +249,46 @@ test("what the server refuses stays in the page, and is not sent again until it 
   sync.change([b]);
   await sync.flush();
   assert.deepEqual(notes(server.list), ["b:"]);
+});
+
+test("a file of findings is taken by the server or not at all, and what it replaces stays", async () => {
+  await sync.load();
+  sync.change([a]);
+  // A list of a file comes in the place of what is stored, and is joined with what was there.
+  const before = [a];
+  await sync.take(JSON.stringify({ findings: [b] }), "application/dicom", (given) => joined(before, given));
+  assert.deepEqual(
+    [notes(sync.list), notes(server.list)],
+    [
+      ["a:", "b:"],
+      ["a:", "b:"],
+    ],
+  );
+  // What is refused leaves the list as it is, and does not block it.
+  server.fails.push(400);
+  await assert.rejects(sync.take("{}", "application/json", (given) => given));
+  sync.change([...sync.list, finding("c")]);
+  await sync.flush();
+  assert.deepEqual(notes(server.list), ["a:", "b:", "c:"]);
+});
+
+test("findings of a file are added once, and none takes the place of another one", () => {
+  const rounded = finding("a", { points_in_patient: [[1.0002, 2, 3]], side: "left" });
+  const other = finding("a", { note: "of another reader" });
+  assert.deepEqual(joined([a], [rounded]), [a]);
+  const list = joined([a], [other, b]);
+  assert.deepEqual(
+    list.map(({ note }) => note),
+    ["", "of another reader", ""],
+  );
+  assert.equal(new Set(list.map(({ id }) => id)).size, 3);
+  // What the server added is not the file's to say.
+  const text = JSON.stringify({ findings: [{ ...a, side: "left", created_at: "x" }] });
+  assert.deepEqual(readFindings(text), [a]);
+  const bare = { id: "a", kind: "point", points_in_patient: [[1, 2, 3]], depth_mm: 8 };
+  assert.deepEqual(readFindings(JSON.stringify({ findings: [bare] })), [a]);
+  for (const wrong of ["", "[]", "null", "{}", '{"findings": [1]}', '{"findings": [{}]}', '{"findings": {}}'])
+    assert.equal(readFindings(wrong), null, wrong);
+  for (const change of [{ kind: "x" }, { points_in_patient: [] }, { points_in_patient: [[1, 2]] }, { note: 5 }])
+    assert.equal(readFindings(JSON.stringify({ findings: [{ ...bare, ...change }] })), null);
 });

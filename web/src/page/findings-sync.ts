@@ -73,13 +73,19 @@ export class FindingsSync {
     while (!this.isKept);
   }
 
-  /** Replaces what is stored by what a file has, and joins it with what was there: the list is both then. */
-  async take(file: Blob, type: string, join: (given: readonly Finding[]) => readonly Finding[]): Promise<void> {
+  /** Sends what a file has in the place of the list, and takes what is made of the answer as the list. */
+  async take(
+    body: string | Blob,
+    type: string,
+    made: (stored: readonly Finding[]) => readonly Finding[],
+  ): Promise<void> {
     await this.flush();
     await this.#inTurn(async () => {
-      const stored = await this.#put(file, type);
+      const before = this.#list;
+      const stored = await this.#put(body, type);
       this.#stored = stored;
-      this.change(join(stored.list));
+      // What has been changed here meanwhile stays.
+      this.change(merged(before, this.#list, made(stored.list)).list);
     });
     await this.flush();
   }

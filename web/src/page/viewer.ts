@@ -358,6 +358,7 @@ export class Viewer {
         return location.href;
       },
       measured: () => this.#showPoint(),
+      reader: { get: () => this.#host.preferences().reader, set: (reader) => this.#host.choose({ reader }) },
       listed: (findings) => this.#aids.judged(findings),
       complain: (problem) => this.#notices.complain(problem),
     });
