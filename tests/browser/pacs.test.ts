@@ -237,6 +237,42 @@ test("a launch that fits several studies asks which one; its query leaves the ad
   await watched.context.close();
 });
 
+test("a launch that opens one of several heads says so, and leads back to the choice", { skip }, async () => {
+  const watched = await openPage(browser);
+  const { page } = watched;
+  const asked: unknown[] = [];
+  const candidate = { state: "ready", is_derived: false, has_contrast: false, voxel_mm: [1, 1, 1.25] };
+  await page.route("**/v1/launch", (route) => {
+    asked.push(route.request().postDataJSON());
+    const candidates = [
+      { ...candidate, case: id, study_date: "20261101", series: "4 MR" },
+      { ...candidate, case: "0".repeat(32), study_date: "20261101", series: "5 MR" },
+    ];
+    return route.fulfill({ json: { state: "ready", case: id, candidates, ignored: [], nodes: [] } });
+  });
+  const { origin } = new URL(server.address);
+  await page.goto(`${origin}/launch?study=1.2.3.4`);
+  const line = page.locator(".others");
+  await line.waitFor();
+  assert.match(await line.innerText(), /^This study has one other head\.\s+Choose another head/);
+  await keep(page, "launch-others");
+  assert.deepEqual(await violations(page), []);
+  // The study is in no address, and not left behind.
+  assert.ok(page.url().startsWith(`${origin}/#${id}`));
+  assert.doesNotMatch(await page.evaluate(() => JSON.stringify({ ...sessionStorage })), /1\.2\.3\.4/);
+  await line.getByRole("link").click();
+  const choices = page.locator("#actions button");
+  await choices.nth(1).waitFor();
+  assert.equal(page.url(), `${origin}/launch`);
+  assert.deepEqual(asked, [{ query: "?study=1.2.3.4" }, { query: "?study=1.2.3.4" }]);
+  await choices.first().click();
+  await shown(page);
+  // It was chosen: there is nothing to say.
+  assert.ok(await line.isHidden());
+  assert.deepEqual(watched.troubles, []);
+  await watched.context.close();
+});
+
 test("what came is listed and filtered, and a refused series is taken as a case", { skip }, async () => {
   const watched = await openPage(browser);
   const { page } = watched;
