@@ -39,6 +39,7 @@ after(async () => {
 interface Stored {
   readonly label: string;
   readonly note: string;
+  readonly author?: string;
   readonly side: string;
   readonly certainty?: string;
   readonly is_dismissed: boolean;
@@ -56,18 +57,26 @@ async function open(page: Page): Promise<void> {
   await page.waitForSelector(".findings", { state: "attached" });
 }
 
+/** The path of the file that a button saves. */
+async function saved(page: Page, name: string): Promise<string> {
+  const download = page.waitForEvent("download");
+  await page.getByRole("button", { name }).click();
+  return (await download).path();
+}
+
 const add = (page: Page): Promise<void> => page.getByRole("button", { name: "Mark the cross as a finding" }).click();
 
 test("a finding is kept on the server, with its side, and is there again", { skip }, async () => {
   const { page, context, troubles } = await openPage(browser);
   await open(page);
+  await page.locator("#reader").fill("Dr. A");
   await add(page);
-  await page.locator(".finding-label").fill("<b>thick</b> gyrus");
+  await page.locator(".finding-label").fill("<b>thick</b>\tgyrus");
   await page.locator(".finding-note").fill("seen on the cut");
   await page.locator(".findings select").selectOption("probable");
   await until(stored, ([one]) => one?.note === "seen on the cut" && one.certainty === "probable");
   const [one] = await stored();
-  assert.deepEqual([one?.label, one?.side], ["<b>thick</b> gyrus", "right"]);
+  assert.deepEqual([one?.label, one?.side, one?.author], ["<b>thick</b> gyrus", "right", "Dr. A"]);
   await page.waitForSelector(".slice .finding-marks path.casing[d*=a]", { state: "attached" });
   await keep(page, "findings");
 
@@ -77,15 +86,27 @@ test("a finding is kept on the server, with its side, and is there again", { ski
   assert.match((await page.locator(".finding-name").textContent()) ?? "", /^1 · Right · /);
   assert.deepEqual(await violations(page), []);
 
-  const download = page.waitForEvent("download");
-  await page.getByRole("button", { name: "Save the report" }).click();
-  const file = await (await download).path();
-  assert.match(await readFile(file, "utf8"), /&lt;b&gt;thick&lt;\/b&gt; gyrus/);
+  // The last sentence is in the report, although the server has not had it before.
+  await page.locator(".finding-note").fill("the last sentence");
+  const report = await saved(page, "Save the report");
+  assert.match(await readFile(report, "utf8"), /&lt;b&gt;thick&lt;\/b&gt; gyrus[^]*the last sentence/);
+  await page.locator("#findings-format").selectOption({ label: "JSON" });
+  const list = await saved(page, "Save the findings");
 
   await page.getByRole("button", { name: /^Remove 1/ }).click();
-  await until(stored, (list) => list.length === 0);
+  await until(stored, (now) => now.length === 0);
   await page.locator(".findings").locator("..").getByRole("button", { name: "Undo" }).click();
-  await until(stored, (list) => list.length === 1);
+  await until(stored, (now) => now.length === 1);
+  // What is in the list is not added again; what is not, is.
+  await page.locator("#findings-file").setInputFiles(list);
+  await page.getByText("Added from the file: 0").waitFor();
+  await page.getByRole("button", { name: /^Remove 1/ }).click();
+  await page.locator("#findings-file").setInputFiles(list);
+  await page.getByText("Added from the file: 1").waitFor();
+  assert.deepEqual(
+    (await stored()).map(({ note, author }) => [note, author]),
+    [["the last sentence", "Dr. A"]],
+  );
   assert.deepEqual(troubles, []);
   await context.close();
 });

@@ -125,6 +125,8 @@ test("a result is previewed, sent to a node that is busy at first, and saved", {
     assert.equal(await until(previewed, (one) => one === kind), kind);
     await keep(page, `pacs-${kind}`);
   }
+  // Nothing is marked, so there are no findings to send.
+  assert.equal(await page.locator("#result-kind option[value^=finding]").count(), 0);
   await page.selectOption("#result-kind", "envelope");
   await dialog.getByText("no preview").waitFor();
   const saved = page.waitForEvent("download");
@@ -137,13 +139,56 @@ test("a result is previewed, sent to a node that is busy at first, and saved", {
   await watched.context.close();
 });
 
+test(
+  "findings are sent as a report, saved with the patient's name if that is chosen, and read back",
+  { skip },
+  async () => {
+    const watched = await openPage(browser);
+    const { page } = watched;
+    await page.goto(`${server.address}#${id}&d=6&v=right&x=-38,0,0`);
+    await shown(page);
+    await page.getByRole("button", { name: "Mark the cross as a finding" }).click();
+    await page.locator(".finding-label").fill("thick gyrus");
+    await page.locator(".pacs summary").click();
+    await page.getByRole("button", { name: "Send a result" }).click();
+    const dialog = page.locator("dialog.result");
+    assert.equal(await dialog.locator("option[value^=finding]").count(), 2);
+    await page.selectOption("#result-kind", "findings");
+    const before = sent.length;
+    await dialog.getByRole("button", { name: "Send", exact: true }).click();
+    await dialog.getByText("archive has it.").waitFor();
+    assert.equal(sent.length, before + 1);
+    assert.ok(sent.at(-1)?.includes("thick gyrus"), "the report has what was typed last");
+    await dialog.getByRole("button", { name: "Close" }).click();
+
+    const saved = async (name: string): Promise<string> => {
+      const download = page.waitForEvent("download");
+      await page.getByRole("button", { name }).click();
+      return (await download).path();
+    };
+    assert.doesNotMatch(await readFile(await saved("Save the report"), "utf8"), /Müller/);
+    await page.getByLabel("With the name of the patient").check();
+    assert.match(await readFile(await saved("Save the report"), "utf8"), /Müller/);
+
+    await page.locator("#findings-format").selectOption({ label: "DICOM report (SR)" });
+    const report = await saved("Save the findings");
+    await page.getByRole("button", { name: /^Remove 1/ }).click();
+    await page.locator("#findings-file").setInputFiles({ name: "a.dcm", mimeType: "", buffer: await readFile(report) });
+    await page.getByText("Added from the file: 1").waitFor();
+    assert.equal(await page.locator(".finding-label").inputValue(), "thick gyrus");
+    await page.getByRole("button", { name: /^Remove 1/ }).click();
+    assert.deepEqual(watched.troubles, []);
+    await watched.context.close();
+  },
+);
+
 test("a case of no patient has neither, and shows all the rest", { skip }, async () => {
   const other = await sendCase(server, { volume: markedVolume(3), mask: brainMask() });
   const watched = await openPage(browser);
   const { page } = watched;
   await page.goto(`${server.address}#${other}`);
   await shown(page);
-  assert.equal(await page.locator(".patient-banner, .pacs").count(), 0);
+  assert.equal(await page.locator(".patient-banner, .pacs, #report-patient").count(), 0);
   assert.deepEqual(watched.troubles, []);
   await watched.context.close();
 });
@@ -189,6 +234,42 @@ test("a launch that fits several studies asks which one; its query leaves the ad
   // The browser's own line about the page that did not load.
   const others = watched.troubles.filter((trouble) => !trouble.includes("502 (Bad Gateway)"));
   assert.deepEqual(others, []);
+  await watched.context.close();
+});
+
+test("a launch that opens one of several heads says so, and leads back to the choice", { skip }, async () => {
+  const watched = await openPage(browser);
+  const { page } = watched;
+  const asked: unknown[] = [];
+  const candidate = { state: "ready", is_derived: false, has_contrast: false, voxel_mm: [1, 1, 1.25] };
+  await page.route("**/v1/launch", (route) => {
+    asked.push(route.request().postDataJSON());
+    const candidates = [
+      { ...candidate, case: id, study_date: "20261101", series: "4 MR" },
+      { ...candidate, case: "0".repeat(32), study_date: "20261101", series: "5 MR" },
+    ];
+    return route.fulfill({ json: { state: "ready", case: id, candidates, ignored: [], nodes: [] } });
+  });
+  const { origin } = new URL(server.address);
+  await page.goto(`${origin}/launch?study=1.2.3.4`);
+  const line = page.locator(".others");
+  await line.waitFor();
+  assert.match(await line.innerText(), /^This study has one other head\.\s+Choose another head/);
+  await keep(page, "launch-others");
+  assert.deepEqual(await violations(page), []);
+  // The study is in no address, and not left behind.
+  assert.ok(page.url().startsWith(`${origin}/#${id}`));
+  assert.doesNotMatch(await page.evaluate(() => JSON.stringify({ ...sessionStorage })), /1\.2\.3\.4/);
+  await line.getByRole("link").click();
+  const choices = page.locator("#actions button");
+  await choices.nth(1).waitFor();
+  assert.equal(page.url(), `${origin}/launch`);
+  assert.deepEqual(asked, [{ query: "?study=1.2.3.4" }, { query: "?study=1.2.3.4" }]);
+  await choices.first().click();
+  await shown(page);
+  // It was chosen: there is nothing to say.
+  assert.ok(await line.isHidden());
+  assert.deepEqual(watched.troubles, []);
   await watched.context.close();
 });
 

@@ -356,6 +356,66 @@ test("a click in a slice turns the surface to that point", { skip }, async () =>
   assert.deepEqual([stepped.q, stepped.v], [q, v]);
 });
 
+test("the slice across the sulcus comes with a key, turns by hand, and marks what is clicked", { skip }, async () => {
+  await reset();
+  await page.keyboard.press("x");
+  assert.match(await text("#live"), /^Mark a point first/);
+  await page.locator(".layouts button[value=slices]").click();
+  const { x, y, width, height } = await surface();
+  await page.mouse.dblclick(x + width * 0.45, y + height * 0.45);
+  await page.getByRole("button", { name: "Slice across the sulcus", exact: true }).click();
+  await page.waitForSelector(".slice.across[data-turn='0']");
+  assert.match(await text(".slice.across .pane-title"), /^Across the sulcus\s(ax|cor|sag)( > (ax|cor|sag) -?\d+°)*$/);
+  const marked = (await fragment(page)).x ?? "";
+  assert.equal((await fragment(page)).u, "0");
+  // The plane crosses at least two of three standard ones, and turns with the wheel.
+  assert.ok((await page.locator(".slice .trace:not([hidden])").count()) >= 2);
+  const frame = page.locator(".slice.across .slice-view");
+  await frame.hover({ position: { x: 30, y: 30 } });
+  await page.mouse.wheel(0, -120);
+  await page.waitForSelector(".slice.across[data-turn='5']");
+  await page.locator(".slice.across").focus();
+  await page.keyboard.press("Shift+ArrowDown");
+  await page.waitForSelector(".slice.across[data-turn='4']");
+  await keep(page, "slice-across");
+  // A handle brings the plane to where it is dragged: a quarter of a turn about the mark.
+  const grip = page.locator(".slice.sagittal .trace:not([hidden]) .grip:not([hidden])").first();
+  const [cross, from] = [await page.locator(".slice.sagittal .cursor").boundingBox(), await grip.boundingBox()];
+  assert.ok(cross && from);
+  const middleOf = (box: typeof from): readonly [number, number] => [box.x + box.width / 2, box.y + box.height / 2];
+  const [[mx, my], [gx, gy]] = [middleOf(cross), middleOf(from)];
+  await page.mouse.move(gx, gy);
+  await page.mouse.down();
+  await page.mouse.move(mx - (gy - my), my + (gx - mx), { steps: 4 });
+  await page.mouse.up();
+  const turned = Number(
+    (
+      await until(
+        () => fragment(page),
+        ({ u }) => u !== "4",
+      )
+    ).u,
+  );
+  assert.ok(Math.abs(turned - 4) > 45, `turned to ${turned}`);
+  await page.waitForSelector(`.slice.across[data-turn='${turned}']`);
+  assert.equal((await fragment(page)).x, marked, "a handle marks nothing");
+  // A click marks the point of the plane: the slices go through it.
+  const box = await frame.boundingBox();
+  assert.ok(box);
+  await page.mouse.click(box.x + box.width / 2 + 20, box.y + box.height / 2 + 20);
+  const after = await until(
+    () => fragment(page),
+    (now) => now.x !== marked,
+  );
+  const away = Math.hypot(
+    ...[0, 1, 2].map((axis) => Number(after.x?.split(",")[axis]) - Number(marked.split(",")[axis])),
+  );
+  assert.ok(away > 3 && away < 60, `${away} mm`);
+  await page.locator(".slice.across").getByRole("button", { name: "Hide" }).click();
+  await page.locator(".slice.across").waitFor({ state: "detached" });
+  assert.equal((await fragment(page)).u, undefined);
+});
+
 test("slices are radiological until the other convention is chosen, and say which", { skip }, async () => {
   await reset();
   await page.locator(".layouts button[value=slices]").click();

@@ -7,7 +7,7 @@ import { smoothed } from "../src/model/field.ts";
 import { Flows, slidTo } from "../src/model/flow.ts";
 import { crossesItself } from "../src/model/geodesic.ts";
 import { depthsOf } from "../src/model/isosurface.ts";
-import { type Measure, valuesOf } from "../src/model/measure.ts";
+import { type Measure, columnOf, valuesOf } from "../src/model/measure.ts";
 import { type Vec3, length, normalized, scale, subtract } from "../src/model/space.ts";
 import type { Block } from "../src/model/wire.ts";
 
@@ -181,3 +181,30 @@ test("a point of a finding goes along a radius, and is where it was after twenty
   }
   assert.deepEqual(flows.at([1e6, 0, 0], 5).map(Number.isFinite), [true, true, true]);
 });
+
+for (const [name, own] of [
+  ["a ball", depths],
+  ["a rough ball", depthsFrom(rough)],
+] as const)
+  test(`the column below a cap of ${name} has the volume between two balls`, () => {
+    const angle = 0.5;
+    const rim = Array.from({ length: 48 }, (_, at): Vec3 => {
+      const turn = (at / 48) * 2 * Math.PI;
+      return on([Math.sin(angle) * Math.cos(turn), Math.sin(angle) * Math.sin(turn), Math.cos(angle)], RADIUS - 10);
+    });
+    const surface = { depths: own, center: CENTRE };
+    const cap = measure("area", "surface", ...rim);
+    for (const [from, to] of [
+      [8, 12],
+      [0, 20],
+      [10, 11.5],
+      [3, 9.7],
+    ] as const) {
+      const solid = 2 * Math.PI * (1 - Math.cos(angle));
+      within(columnOf(cap, surface, [from, to]), (solid * ((RADIUS - from) ** 3 - (RADIUS - to) ** 3)) / 3);
+    }
+    assert.equal(columnOf(cap, surface, [5, 5]), 0);
+    // Nothing is so deep, and depths the wrong way round have no column.
+    for (const between of [[30, 60] as const, [12, 8] as const, [NaN, 3] as const])
+      assert.ok(Number.isNaN(columnOf(cap, surface, between)));
+  });

@@ -212,6 +212,7 @@ test("preferences that are damaged are as at first", () => {
     linked_zoom: true,
     panel: true,
     task: "read",
+    reader: "",
     list_width: 260,
   });
   for (const text of ["", "{", "[]", "null", "7", '{"theme":"pink","language":"xx","wheel":3}'])

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { NAMED_VIEWS } from "../src/model/camera.ts";
-import { Checklist, bandOf, viewsSeen } from "../src/model/checklist.ts";
+import { Checklist, bandOf, looksOf } from "../src/model/checklist.ts";
 import { commandOf, recallOf } from "../src/model/controls.ts";
 import { firstOverlay } from "../src/model/maps.ts";
 import { boundName, readLayouts, recalled, savedAs } from "../src/model/saved-layouts.ts";
@@ -35,11 +35,17 @@ test("the checklist counts the seconds for which each view was shown in each ban
   assert.equal(list.seconds("left", 0), 0);
 });
 
-test("beside the mirrored half both sides are looked at, in the close-up none", () => {
-  assert.deepEqual(viewsSeen(first), ["left"]);
-  assert.deepEqual(viewsSeen({ ...first, layout: "mirror" }), ["left", "right"]);
-  assert.deepEqual(viewsSeen({ ...first, layout: "both", orientation: NAMED_VIEWS.anterior }), ["anterior"]);
-  assert.deepEqual(viewsSeen({ ...first, layout: "closer" }), []);
+test("beside the mirrored half both sides are looked at, and slices and the close-up count as such", () => {
+  assert.deepEqual(looksOf(first), ["left"]);
+  assert.deepEqual(looksOf({ ...first, layout: "mirror" }), ["left", "right"]);
+  assert.deepEqual(looksOf({ ...first, layout: "both", orientation: NAMED_VIEWS.anterior }), ["anterior", "slices"]);
+  assert.deepEqual(looksOf({ ...first, layout: "closer" }), ["closer"]);
+  const list = new Checklist();
+  list.show({ ...first, layout: "closer", depth_mm: 8 }, 0);
+  list.show({ ...first, layout: "both", depth_mm: 8 }, 3000);
+  list.show(null, 8000);
+  const looked = (["closer", "slices", "left", "right", "superior"] as const).map((look) => list.seconds(look, 6));
+  assert.deepEqual(looked, [3, 5, 5, 5, 0]);
   assert.deepEqual([0, 5.99, 6, 19.9, 20, 50].map(bandOf), [0, 0, 6, 15, 20, 20]);
 });
 

@@ -1,7 +1,8 @@
 // Opens the case of the study that the address names, says how far it is, or asks which of several is meant.
 
-import { launchQuery } from "./query.ts";
+import { isChoice, launchQuery } from "./query.ts";
 import { handOver, onTokenWanted, send } from "../base/api.ts";
+import { leaveLaunch } from "../base/launched.ts";
 import { h, setText } from "../base/dom.ts";
 import { type Key, known, learn, numberUpTo, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
@@ -103,9 +104,13 @@ class Launch {
     for (;;) {
       const found = await ask<Found>("v1/launch", { query: launchQuery });
       const reason = found.reason?.detail ?? "";
+      if (isChoice && found.candidates.length > 1) {
+        this.#say("launch.several");
+        return this.#choose(found.candidates);
+      }
       switch (found.state) {
         case "ready":
-          if (found.ignored.length === 0 && found.case) return this.#open(found.case);
+          if (found.ignored.length === 0 && found.case) return this.#open(found.case, found.candidates.length - 1);
           // Perhaps they should have narrowed the search.
           this.#say("launch.ignored", "", { keys: found.ignored.join(", ") });
           return this.#choose(found.candidates);
@@ -134,13 +139,14 @@ class Launch {
    * Opens a case; the page takes the token from here, and asks nobody a second time. A page that does not load would
    * leave it there until the tab is closed, so look first.
    */
-  async #open(id: string): Promise<void> {
+  async #open(id: string, others = 0): Promise<void> {
     try {
       await send("./", { cache: "no-cache" });
     } catch (problem) {
       return setText(this.#message, problemWords(problem));
     }
     handOver();
+    if (others > 0) leaveLaunch({ id, others, query: launchQuery });
     location.replace(`./#${id}`);
   }
 

@@ -2,7 +2,7 @@
 
 import { NAMED_VIEWS, VIEW_NAMES, type ViewName, towardsViewer } from "./camera.ts";
 import { dot } from "./space.ts";
-import { type ViewState, isMirrored } from "./state.ts";
+import { type ViewState, hasSlices, isMirrored } from "./state.ts";
 
 /** The depths at which the bands begin, in mm; the last one has no end. */
 export const BANDS_MM = [0, 6, 10, 15, 20] as const;
@@ -24,16 +24,20 @@ function nearestView({ orientation }: Pick<ViewState, "orientation">): ViewName 
 
 const OTHER: Readonly<Partial<Record<ViewName, ViewName>>> = { left: "right", right: "left" };
 
-/** The views that are on the screen: beside the mirrored half, the same of the other side. */
-export function viewsSeen(state: ViewState): readonly ViewName[] {
+/** What can be looked at: the surface from each side, the slices, and the close-up of a place. */
+export const LOOKS = [...VIEW_NAMES, "slices", "closer"] as const;
+export type Look = (typeof LOOKS)[number];
+
+/** What is on the screen: beside the mirrored half, also the same view of the other side. */
+export function looksOf(state: ViewState): readonly Look[] {
   // The close-up shows slices alone.
-  if (state.layout === "closer") return [];
+  if (state.layout === "closer") return ["closer"];
   const view = nearestView(state);
   const other = isMirrored(state) ? OTHER[view] : undefined;
-  return other ? [view, other] : [view];
+  return [view, ...(other ? [other] : []), ...(hasSlices(state) ? (["slices"] as const) : [])];
 }
 
-/** How long each view was looked at in each band of depths. */
+/** How long each view, the slices and the close-up were looked at in each band of depths. */
 export class Checklist {
   readonly #ms = new Map<string, number>();
   #shown: { readonly keys: readonly string[]; readonly since: number } | null = null;
@@ -43,12 +47,12 @@ export class Checklist {
     const { keys = [], since = now } = this.#shown ?? {};
     const ms = Math.min(Math.max(now - since, 0), LONGEST_MS);
     for (const key of keys) this.#ms.set(key, (this.#ms.get(key) ?? 0) + ms);
-    this.#shown = state && { keys: viewsSeen(state).map((view) => `${view} ${bandOf(state.depth_mm)}`), since: now };
+    this.#shown = state && { keys: looksOf(state).map((look) => `${look} ${bandOf(state.depth_mm)}`), since: now };
   }
 
   /** For how long it was looked at, in s; 0 if it was only passed by. */
-  seconds(view: ViewName, band: Band): number {
-    const ms = this.#ms.get(`${view} ${band}`) ?? 0;
+  seconds(look: Look, band: Band): number {
+    const ms = this.#ms.get(`${look} ${band}`) ?? 0;
     return ms < LEAST_MS ? 0 : Math.round(ms / 1000);
   }
 

@@ -197,7 +197,18 @@ export type Command =
   | { readonly kind: "recall"; readonly number: number }
   | {
       readonly kind:
-        "help" | "play" | "timer" | "mark" | "closer" | "ruler" | "layouts" | "outline" | "undo" | "redo" | "patient";
+        | "help"
+        | "play"
+        | "timer"
+        | "mark"
+        | "closer"
+        | "across"
+        | "ruler"
+        | "layouts"
+        | "outline"
+        | "undo"
+        | "redo"
+        | "patient";
     };
 
 /** A key, as a keyboard event has it. */
@@ -235,6 +246,7 @@ const PLAIN: Readonly<Record<string, Command>> = {
   d: { kind: "patient" },
   w: { kind: "swap" },
   z: { kind: "closer" },
+  x: { kind: "across" },
   k: { kind: "ruler" },
   g: { kind: "layouts" },
   ",": { kind: "place", steps: -1 },

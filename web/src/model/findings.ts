@@ -4,6 +4,7 @@ import type { MapName } from "./maps.ts";
 import type { Side } from "./midsagittal.ts";
 import type { Marked } from "./marks.ts";
 import { type Vec3, length, subtract } from "./space.ts";
+import { plainLine, plainText } from "./text.ts";
 
 export const CERTAINTIES = ["definite", "probable", "possible", "unlikely"] as const;
 export type Certainty = (typeof CERTAINTIES)[number];
@@ -46,6 +47,21 @@ export const newFinding = (given: NewFinding): Finding => ({
   ...given,
   depth_mm: Math.max(0, Number(given.depth_mm.toFixed(2))) || 0,
 });
+
+/** The longest label and note that the server accepts. */
+export const LONGEST_LABEL = 200;
+export const LONGEST_NOTE = 10_000;
+
+/** What a reader wrote, as the server accepts it. */
+export function plainFinding(finding: Finding): Finding {
+  const { author } = finding;
+  return {
+    ...finding,
+    label: plainLine(finding.label, LONGEST_LABEL),
+    note: plainText(finding.note, LONGEST_NOTE),
+    ...(author !== undefined && { author: plainLine(author, LONGEST_LABEL) }),
+  };
+}
 
 /** The middle of what was marked. */
 export function middleOf({ points_in_patient }: Finding): Vec3 {
@@ -97,6 +113,56 @@ export function merged(base: readonly Finding[], mine: readonly Finding[], their
   }
   return { list, doubled };
 }
+
+/** So near are the points of a finding that has been in a file of DICOM, in mm: there they have 24 bits. */
+const SAME_MM = 0.001;
+
+/** Whether both are the same finding, but for what a file rounds. */
+const isRounded = (one: Finding, other: Finding): boolean =>
+  isSame({ ...one, points_in_patient: other.points_in_patient, depth_mm: other.depth_mm }, other) &&
+  Math.abs(one.depth_mm - other.depth_mm) < SAME_MM &&
+  one.points_in_patient.length === other.points_in_patient.length &&
+  one.points_in_patient.every((point, at) => length(subtract(point, other.points_in_patient[at] ?? point)) < SAME_MM);
+
+/** A list with those of a file behind it. What is there already is not added; what has the id of another one gets its own. */
+export function joined(own: readonly Finding[], given: readonly Finding[]): readonly Finding[] {
+  const ids = new Map(own.map((finding) => [finding.id, finding]));
+  const added = given.flatMap((finding) => {
+    const known = ids.get(finding.id);
+    if (known && isRounded(finding, known)) return [];
+    return known ? { ...finding, id: crypto.randomUUID() } : finding;
+  });
+  return [...own, ...added];
+}
+
+/** The text of a file as findings; null if it is no list of them. The server checks the values. */
+export function readFindings(text: string): readonly Finding[] | null {
+  let list: unknown;
+  try {
+    list = (JSON.parse(text) as { readonly findings?: unknown } | null)?.findings;
+  } catch {
+    return null;
+  }
+  if (!Array.isArray(list)) return null;
+  const findings = list.map(readFinding);
+  return findings.every((one) => one !== null) ? findings : null;
+}
+
+function readFinding(given: unknown): Finding | null {
+  if (typeof given !== "object" || given === null) return null;
+  const one: Partial<Record<keyof Finding, unknown>> = given;
+  const kind = FINDING_KINDS.find((known) => known === one.kind);
+  const points = Array.isArray(one.points_in_patient) ? one.points_in_patient : [];
+  const arePoints = points.length > 0 && points.every(isPoint);
+  if (typeof one.id !== "string" || !kind || !arePoints || typeof one.depth_mm !== "number") return null;
+  const { side: _side, created_at: _created, changed_at: _changed, ...rest } = one;
+  const { label = "", note = "", colour = FIRST_COLOUR, is_dismissed = false } = rest;
+  if (![label, note, colour].every((text) => typeof text === "string")) return null;
+  return { ...rest, label, note, colour, is_dismissed } as Finding;
+}
+
+const isPoint = (given: unknown): given is Vec3 =>
+  Array.isArray(given) && given.length === 3 && given.every((part) => typeof part === "number");
 
 /** Those that are not dismissed: they have numbers, from 1. */
 export const numbered = (findings: readonly Finding[]): readonly Finding[] =>

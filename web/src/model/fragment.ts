@@ -79,6 +79,7 @@ export function writeAddress(state: ViewState, shown: ReadyCase): string {
   say("c", state.convention === "neurological" ? "n" : "", "");
   say("o", list(state.outlines_mm, 1), "");
   say("x", state.crosshair_mm ? list(state.crosshair_mm, 1) : "", "");
+  say("u", state.across_deg === null ? "" : short(state.across_deg, 1), "");
   return `#${[shown.id, ...pairs.map(([key, text]) => `${key}=${text}`)].join("&")}`;
 }
 
@@ -155,6 +156,7 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string, befor
       const kept = depths && boundOutlines(depths, shown);
       return kept ? { change: { outlines_mm: kept }, isWhole: kept.length === depths.length } : UNREAD;
     },
+    u: (text) => number(text, -90, 90, (across_deg) => ({ across_deg })),
     x: (text) => {
       const position = numbers(text, 3) as Vec3 | null;
       const isNear = position?.every(

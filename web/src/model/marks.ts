@@ -55,16 +55,14 @@ export function surfaceMarks(
   });
 }
 
-/** The marks in a slice across an axis: of lines, what lies near to it. */
+/** The marks in a slice, `away` being how far a point lies from it: of lines, what lies near to it. */
 export function sliceMarks(
   all: readonly Marked[],
-  axis: 0 | 1 | 2,
-  position_mm: number,
+  away: (point: Vec3) => number,
   pixelOf: (point: Vec3) => Vec2,
 ): readonly Mark[] {
   return all.flatMap((marked) => {
     const points = closed(marked.points_in_patient, marked.isClosed);
-    const away = (point: Vec3): number => point[axis] - position_mm;
     const lines = points.length === 1 ? points.map((point) => [point, point] as const) : pairs(points);
     const near = lines.map(([from, to]) => cutOff(from, to, away(from), away(to))).filter((one) => one !== null);
     const parts: Vec3[][] = [];

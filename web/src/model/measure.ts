@@ -1,5 +1,6 @@
 // What a reader measures in the pictures: pure.
 
+import { slidTo } from "./flow.ts";
 import { areaVector, areaWithin, crossesItself, geodesic, lengthOf, type Isosurface } from "./geodesic.ts";
 import { type Vec3, dot, length, normalized, subtract } from "./space.ts";
 
@@ -74,4 +75,40 @@ export function valuesOf({ tool, where, points_in_patient: points }: Measure, su
   if (crossesItself(points)) return { ...lengths, isCrossed: true };
   const area_mm2 = isAlong ? areaWithin(surface, points) : length(areaVector(points));
   return { ...lengths, area_mm2 };
+}
+
+/** The depths between which the column below an area is measured, in mm. */
+export type Column = readonly [from_mm: number, to_mm: number];
+
+/** Areas of a column are computed at depths so far apart, at most, in mm. */
+const AREAS_MM = 2;
+/** A point that comes no nearer to a depth than this has not come to it, in mm. */
+const REACHED_MM = 0.3;
+
+/**
+ * The volume of the column below an area on the surface, between two depths, in mm³: its line goes along the flow from
+ * depth to depth, and what lies within is summed by Simpson's rule, for the depth grows by 1 mm in 1 mm. NaN if the flow
+ * does not lead so far, because it ends at a ridge or in the middle.
+ */
+export function columnOf(
+  { points_in_patient }: Measure,
+  surface: Omit<Isosurface, "depth_mm">,
+  [from_mm, to_mm]: Column,
+): number {
+  const span_mm = to_mm - from_mm;
+  if (!(span_mm > 0)) return span_mm === 0 ? 0 : NaN;
+  const { depths } = surface;
+  const parts = 2 * Math.ceil(span_mm / 2 / AREAS_MM);
+  const step_mm = span_mm / parts;
+  let points = points_in_patient;
+  let sum = 0;
+  for (let at = 0; at <= parts; at += 1) {
+    const depth_mm = from_mm + at * step_mm;
+    // From one depth to the next, so that no way is walked twice.
+    points = points.map((point) => slidTo(depths, point, depth_mm));
+    if (points.some((point) => !(Math.abs(depths.depthAt(point) - depth_mm) < REACHED_MM))) return NaN;
+    const weight = at === 0 || at === parts ? 1 : at % 2 === 1 ? 4 : 2;
+    sum += weight * areaWithin({ ...surface, depth_mm }, points);
+  }
+  return (sum * step_mm) / 3;
 }

@@ -79,16 +79,32 @@ export const outlinesOf = ({
 /** The query of the slice through `position_in_patient`, with the outlines of the cuts that the state names. */
 export function sliceQuery(state: ViewState, plane: Plane, position_in_patient: Vec3, size: Vec2): URLSearchParams {
   const query = new URLSearchParams({ position_mm: short(position_in_patient[PLANES[plane].axis], 2) });
-  query.set(
-    "depth_mm",
-    outlinesOf(state)
-      .map((depth) => short(depth, 2))
-      .join(","),
-  );
+  addSlice(query, state, size);
+  return query;
+}
+
+/** The query of the plane across the sulcus at a position, turned by so many degrees. */
+export function acrossQuery(
+  state: ViewState,
+  [position, turn_deg]: readonly [Vec3, number],
+  size: Vec2,
+): URLSearchParams {
+  const query = new URLSearchParams({
+    position: position.map((part) => short(part, 2)).join(","),
+    turn_deg: short(turn_deg, 1),
+  });
+  addSlice(query, state, size);
+  if (state.convention === "neurological") query.set("convention", state.convention);
+  return query;
+}
+
+/** What the queries of all slices have. */
+function addSlice(query: URLSearchParams, state: ViewState, size: Vec2): void {
+  const depths = outlinesOf(state).map((depth) => short(depth, 2));
+  query.set("depth_mm", depths.join(","));
   addColours(query, state);
   query.set("width", String(size[0]));
   query.set("height", String(size[1]));
-  return query;
 }
 
 /**

@@ -16,6 +16,7 @@ import {
   boundOutlines,
   clampDepth,
 } from "./state.ts";
+import { plainLine } from "./text.ts";
 
 /** As many as there are keys. */
 export const MOST_LAYOUTS = 9;
@@ -34,9 +35,8 @@ export interface SavedLayout {
   readonly outlines_mm: readonly number[];
 }
 
-/** A name as it is kept: one line, without what turns the writing around. */
-export const boundName = (name: string): string =>
-  [...name.replace(/[\p{Cc}\p{Cf}\s]+/gu, " ").trim()].slice(0, LONGEST_NAME).join("");
+/** A name as it is kept. */
+export const boundName = (name: string): string => plainLine(name, LONGEST_NAME);
 
 export const savedAs = (name: string, state: ViewState): SavedLayout => ({
   name: boundName(name),

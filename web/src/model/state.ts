@@ -91,6 +91,8 @@ export interface ViewState {
   readonly outlines_mm: readonly number[];
   /** The position that was picked, in the patient; the slices go through it. */
   readonly crosshair_mm: Vec3 | null;
+  /** By how much the slice across the sulcus at that position is turned, in degrees; null: it is not shown. */
+  readonly across_deg: number | null;
   /** The diameter of the listed place at that position, if the map that is shown does not colour it. */
   readonly place_mm?: number;
 }
@@ -129,6 +131,7 @@ export function firstState(shown: ReadyCase): ViewState {
     convention: "radiological",
     outlines_mm: [],
     crosshair_mm: null,
+    across_deg: null,
   };
 }
 

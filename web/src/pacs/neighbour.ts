@@ -4,7 +4,7 @@
 import { Problem, send } from "../base/api.ts";
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
-import { type Render, resultsSection } from "./results.ts";
+import { type Marks, type Render, resultsSection } from "./results.ts";
 
 /** What the server has of a PACS. */
 interface PacsView {
@@ -13,11 +13,16 @@ interface PacsView {
 }
 
 /** Adds to the viewer of a case and to the panel beside it what there is to add; without a PACS, nothing. */
-export async function meetNeighbour(id: string, viewer: HTMLElement, render: Render): Promise<void> {
+export async function meetNeighbour(
+  id: string,
+  viewer: HTMLElement,
+  render: Render,
+  marks: () => Marks,
+): Promise<void> {
   const { nodes, patient_banner } = await pacsOf();
   if (patient_banner) await showPatient(id, viewer);
   const panel = viewer.closest(".page")?.querySelector(".panel");
-  if (nodes.length > 0) panel?.append(resultsSection(id, nodes, render));
+  if (nodes.length > 0) panel?.append(resultsSection(id, nodes, render, marks));
 }
 
 async function pacsOf(): Promise<PacsView> {

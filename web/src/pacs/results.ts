@@ -6,12 +6,29 @@ import { t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { decoded } from "../base/picture.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
+import type { Finding } from "../model/findings.ts";
 
 /** The picture on the screen in so many pixels, as a body of the server's interface. */
 export type Render = (side: number) => Readonly<Record<string, unknown>>;
 
-const KINDS = ["view", "sheet", "turn", "depths", "envelope", "mask"] as const;
+const KINDS = ["view", "sheet", "turn", "depths", "envelope", "mask", "findings", "finding-segments"] as const;
 type Kind = (typeof KINDS)[number];
+const PICTURES: readonly Kind[] = ["view", "sheet", "turn", "depths"];
+
+/** What a reader has marked. */
+export interface Marks {
+  readonly list: readonly Pick<Finding, "is_dismissed">[];
+  /** Resolves when the server has all of it; rejects if it cannot have it. */
+  flush(): Promise<void>;
+}
+
+/** What there is to send: no findings if there are none, and no segments of those that were dismissed. */
+function kindsOf({ list }: Marks): readonly Kind[] {
+  const lacks = (kind: Kind): boolean =>
+    (kind === "findings" && list.length === 0) ||
+    (kind === "finding-segments" && list.every((one) => one.is_dismissed));
+  return KINDS.filter((kind) => !lacks(kind));
+}
 const LOOK_AGAIN_MS = 500;
 const PIXELS = 512;
 /** Depths of a way through them, in mm. */
@@ -48,8 +65,8 @@ function bodyOf(kind: Kind, render: Readonly<Record<string, unknown>>): Readonly
 }
 
 /** The section of the panel that opens the dialog. */
-export function resultsSection(id: string, nodes: readonly string[], render: Render): HTMLElement {
-  const open = h("button", { click: () => new ResultDialog(id, nodes, render).show() }, t("pacs.open"));
+export function resultsSection(id: string, nodes: readonly string[], render: Render, marks: () => Marks): HTMLElement {
+  const open = h("button", { click: () => new ResultDialog(id, nodes, render, marks()).show() }, t("pacs.open"));
   const body = h("div", { class: "group-body" }, quiet(t("pacs.text")), h("div", { class: "row" }, open));
   return h("details", { class: "group pacs" }, h("summary", {}, t("pacs.title")), body);
 }
@@ -57,6 +74,7 @@ export function resultsSection(id: string, nodes: readonly string[], render: Ren
 class ResultDialog {
   readonly #id: string;
   readonly #render: Render;
+  readonly #marks: Marks;
   readonly #kind: HTMLSelectElement;
   readonly #node: HTMLSelectElement;
   readonly #place = h("div", { class: "server-shot" });
@@ -65,14 +83,15 @@ class ResultDialog {
   readonly #save = h("button", { click: () => void this.#work(() => this.#saved()) }, t("pacs.save"));
   readonly #dialog: HTMLDialogElement;
 
-  constructor(id: string, nodes: readonly string[], render: Render) {
+  constructor(id: string, nodes: readonly string[], render: Render, marks: Marks) {
     this.#id = id;
     this.#render = render;
+    this.#marks = marks;
     const option = (value: string, words: string): HTMLElement => h("option", { value }, words);
     this.#kind = h(
       "select",
       { id: "result-kind", change: () => void this.#preview() },
-      ...KINDS.map((kind) => option(kind, t(`result.${kind}`))),
+      ...kindsOf(marks).map((kind) => option(kind, t(`result.${kind}`))),
     );
     this.#node = h("select", { id: "result-node" }, ...nodes.map((node) => option(node, node)));
     this.#dialog = h(
@@ -106,7 +125,12 @@ class ResultDialog {
   }
 
   /** Asks for the result, or for a picture of it. */
-  #ask(more: Readonly<Record<string, unknown>>, headers: Readonly<Record<string, string>> = {}): Promise<Response> {
+  async #ask(
+    more: Readonly<Record<string, unknown>>,
+    headers: Readonly<Record<string, string>> = {},
+  ): Promise<Response> {
+    // The server makes them of what it has.
+    if (this.#chosen === "findings" || this.#chosen === "finding-segments") await this.#marks.flush();
     const body = JSON.stringify({ ...bodyOf(this.#chosen, this.#render(PIXELS)), ...more });
     return send(`v1/cases/${this.#id}/dicom-results`, { method: "POST", body, headers });
   }
@@ -116,7 +140,7 @@ class ResultDialog {
     const chosen = this.#chosen;
     this.#dialog.dataset.preview = "";
     this.#say("");
-    const isPicture = chosen !== "envelope" && chosen !== "mask";
+    const isPicture = PICTURES.includes(chosen);
     this.#place.replaceChildren(quiet(t(isPicture ? "pacs.drawing" : "pacs.no-picture")));
     if (!isPicture) return;
     try {

@@ -2,8 +2,7 @@
 
 import { h, quiet, setText } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
-import { VIEW_NAMES } from "../model/camera.ts";
-import { BANDS_MM, Checklist } from "../model/checklist.ts";
+import { BANDS_MM, Checklist, LOOKS, type Look } from "../model/checklist.ts";
 import type { ViewState } from "../model/state.ts";
 import { button, row } from "./fields.ts";
 
@@ -14,6 +13,8 @@ const FULL_S = 30;
 
 /** What was looked at, by case, as long as the page is open. */
 const LISTS = new Map<string, Checklist>();
+
+const lookName = (look: Look): string => t(look === "slices" || look === "closer" ? `looked.${look}` : `view.${look}`);
 
 export class ChecklistSection {
   readonly element: HTMLElement;
@@ -29,10 +30,10 @@ export class ChecklistSection {
     const rows = BANDS_MM.map((band, at) => {
       const to = BANDS_MM[at + 1];
       const depths = to === undefined ? `> ${number(band)} mm` : `${number(band)} – ${number(to)} mm`;
-      return { depths, cells: VIEW_NAMES.map((view) => this.#cell(view, band)) };
+      return { depths, cells: LOOKS.map((look) => this.#cell(look, band)) };
     });
     this.#cells = rows.flatMap(({ cells }) => cells);
-    const heads = VIEW_NAMES.map((view) => h("th", { scope: "col", title: t(`view.${view}`) }, t(`letter.${view}`)));
+    const heads = LOOKS.map((look) => h("th", { scope: "col", title: lookName(look) }, t(`letter.${look}`)));
     const clear = button(t("checklist.clear"), () => {
       this.#list.clear();
       this.#write();
@@ -73,10 +74,10 @@ export class ChecklistSection {
     document.removeEventListener("visibilitychange", this.#look);
   }
 
-  #cell(...[view, band]: Parameters<Checklist["seconds"]>): { readonly cell: HTMLElement; write(): void } {
+  #cell(...[look, band]: Parameters<Checklist["seconds"]>): { readonly cell: HTMLElement; write(): void } {
     const cell = h("td", {});
     const write = (): void => {
-      const seconds = this.#list.seconds(view, band);
+      const seconds = this.#list.seconds(look, band);
       setText(cell, seconds > 0 ? `${number(seconds)} s` : "–");
       cell.classList.toggle("seen", seconds > 0);
       cell.style.setProperty("--share", `${100 * Math.min(seconds / FULL_S, 1)}%`);

@@ -1,8 +1,7 @@
 // The section of the panel with the findings of a case: what a reader marks, writes down and hands on.
 
-import { getFile } from "../base/api.ts";
-import { h, iconButton, quiet, setText, tell } from "../base/dom.ts";
-import { number, spoken, t } from "../base/i18n.ts";
+import { h, iconButton, quiet, tell } from "../base/dom.ts";
+import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { positionWords } from "../base/readout.ts";
 import type { ReadyCase } from "../model/case.ts";
@@ -10,6 +9,8 @@ import { broughtTo } from "../model/commands.ts";
 import {
   CERTAINTIES,
   type Finding,
+  LONGEST_LABEL,
+  LONGEST_NOTE,
   type NewFinding,
   findingOfPlace,
   markedFindings,
@@ -17,6 +18,7 @@ import {
   middleOf,
   newFinding,
   numbered,
+  plainFinding,
 } from "../model/findings.ts";
 import { Flows } from "../model/flow.ts";
 import type { Depths } from "../model/isosurface.ts";
@@ -24,11 +26,17 @@ import { type Candidate, isMap } from "../model/maps.ts";
 import type { Marked } from "../model/marks.ts";
 import { mirrorPlane, sideOf } from "../model/midsagittal.ts";
 import type { ViewState } from "../model/state.ts";
+import { plainLine, plainText } from "../model/text.ts";
 import type { Actions } from "./actions.ts";
-import { fileStem } from "./export.ts";
 import { button, choice, line, row, tall, ticked } from "./fields.ts";
+import { findingFiles } from "./findings-files.ts";
 import { FindingsSync, type Kept } from "./findings-sync.ts";
-import { saveFile } from "./picture-file.ts";
+
+/** Who reads, as the browser remembers it. */
+export interface ReaderName {
+  get(): string;
+  set(name: string): void;
+}
 
 export interface FindingsSectionHost {
   readonly shown: ReadyCase;
@@ -42,6 +50,8 @@ export interface FindingsSectionHost {
   draw(marked: readonly Marked[]): void;
   /** The list has changed. */
   listed(findings: readonly Finding[]): void;
+  /** The author of new findings. */
+  readonly reader: ReaderName;
   announce(words: string): void;
 }
 
@@ -71,11 +81,15 @@ export class FindingsSection {
   readonly #hidden = new Set<string>();
   #flows: Flows | null = null;
   #walking = 0;
+  /** Whether what is stored could not be read, which is said. */
+  #isUnread = false;
   readonly #leave = (event: Event): void => {
     if (!this.#sync.isKept) event.preventDefault();
   };
-  readonly #back = (): void => {
+  readonly #turn = (): void => {
     if (!document.hidden) void this.load();
+    // Nothing may be left of a page in the background.
+    else this.#sync.flush().catch(() => {});
   };
 
   constructor(host: FindingsSectionHost) {
@@ -90,8 +104,22 @@ export class FindingsSection {
     this.#redo = iconButton("redo", t("findings.redo-last"), () => this.#go(this.#undone, this.#done));
     for (const one of [this.#undo, this.#redo]) one.disabled = true;
     const add = button(t("findings.add"), () => this.#add());
-    const report = button(t("findings.report"), () => void this.#save("report"));
-    const table = button(t("findings.table"), () => void this.#save("findings"));
+    const files = findingFiles({
+      shown: host.shown,
+      sync: this.#sync,
+      status: this.#status,
+      added: (before) => this.#did(before),
+    });
+    const reader = h("input", {
+      type: "text",
+      id: "reader",
+      maxlength: LONGEST_LABEL,
+      value: host.reader.get(),
+      dir: "auto",
+      autocomplete: "off",
+      "aria-label": t("findings.reader"),
+      change: () => host.reader.set((reader.value = plainLine(reader.value, LONGEST_LABEL))),
+    });
     this.element = h(
       "div",
       { class: "group-body" },
@@ -100,26 +128,39 @@ export class FindingsSection {
       this.#none,
       ticked(this.#all, t("findings.shown")),
       this.#list,
-      row(report, table),
+      line(t("findings.reader"), reader),
+      ...files,
     );
     addEventListener("beforeunload", this.#leave);
-    document.addEventListener("visibilitychange", this.#back);
+    document.addEventListener("visibilitychange", this.#turn);
   }
 
   /** Reads what is stored. */
   async load(): Promise<void> {
     try {
       await this.#sync.load();
+      if (this.#isUnread) tell(this.#status, "");
+      this.#isUnread = false;
     } catch (problem) {
+      this.#isUnread = true;
       tell(this.#status, problemWords(problem));
     }
   }
 
+  get list(): readonly Finding[] {
+    return this.#sync.list;
+  }
+
+  /** Resolves when the server has all findings; rejects if it cannot have them. */
+  flush(): Promise<void> {
+    return this.#sync.flush();
+  }
+
   dispose(): void {
     clearTimeout(this.#walking);
-    this.#sync.flush();
+    this.#sync.flush().catch(() => {});
     removeEventListener("beforeunload", this.#leave);
-    document.removeEventListener("visibilitychange", this.#back);
+    document.removeEventListener("visibilitychange", this.#turn);
   }
 
   // -- What is stored
@@ -132,10 +173,16 @@ export class FindingsSection {
   }
 
   /** Changes the list in one step, which can be undone. */
-  #step(after: readonly Finding[]): void {
-    this.#done.push({ before: this.#sync.list, after });
-    this.#undone = [];
+  #step(list: readonly Finding[]): void {
+    const before = new Set(this.#sync.list);
+    const after = list.map((one) => (before.has(one) ? one : plainFinding(one)));
+    this.#did(this.#sync.list, after);
     this.#sync.change(after);
+  }
+
+  #did(before: readonly Finding[], after = this.#sync.list): void {
+    this.#done.push({ before, after });
+    this.#undone = [];
   }
 
   /** Takes the last step of a way back; what others have changed meanwhile stays. */
@@ -161,9 +208,14 @@ export class FindingsSection {
     return this.#host.depthAt(position) ?? this.#host.state().depth_mm;
   }
 
+  #made(given: NewFinding): Finding {
+    const author = this.#host.reader.get();
+    return newFinding({ ...given, ...(author !== "" && { author }) });
+  }
+
   /** Adds a finding, to be written about. */
   take(given: NewFinding): void {
-    const finding = newFinding(given);
+    const finding = this.#made(given);
     this.#step([...this.#sync.list, finding]);
     this.#host.announce(t("findings.taken"));
     this.#list.querySelector<HTMLInputElement>(`[data-id="${finding.id}"] .finding-label`)?.focus();
@@ -177,7 +229,7 @@ export class FindingsSection {
     else if (before) this.#change(before.id, { is_dismissed });
     else {
       const given = { points_in_patient: [position_in_patient], depth_mm, from_map: "blur", is_dismissed } as const;
-      this.#step([...this.#sync.list, newFinding(given)]);
+      this.#step([...this.#sync.list, this.#made(given)]);
     }
     this.#host.announce(t(judgement ? `places.${judgement}` : "findings.removed"));
   }
@@ -258,21 +310,21 @@ export class FindingsSection {
     const label = h("input", {
       type: "text",
       class: "finding-label",
-      maxlength: 200,
+      maxlength: LONGEST_LABEL,
       value: finding.label,
       dir: "auto",
       placeholder: t("findings.label"),
       "aria-label": `${name}: ${t("findings.label")}`,
-      change: () => this.#change(id, { label: label.value.trim() }),
+      change: () => this.#change(id, { label: (label.value = plainLine(label.value, LONGEST_LABEL)) }),
     });
     const note = h("textarea", {
       class: "finding-note",
       rows: 2,
-      maxlength: 10_000,
+      maxlength: LONGEST_NOTE,
       dir: "auto",
       placeholder: t("findings.note"),
       "aria-label": `${name}: ${t("findings.note")}`,
-      change: () => this.#change(id, { note: note.value }),
+      change: () => this.#change(id, { note: (note.value = plainText(note.value, LONGEST_NOTE)) }),
     });
     note.value = finding.note;
     const certainty = choice(
@@ -317,25 +369,11 @@ export class FindingsSection {
       tall(t("findings.certainty"), certainty),
       note,
       line(t("findings.colour"), colour, ticked(dismissed, t("findings.dismiss")), ticked(seen, t("findings.drawn"))),
-      quiet(positionWords(middle)),
+      quiet(
+        [positionWords(middle), finding.author && t("findings.by", { reader: finding.author })]
+          .filter(Boolean)
+          .join(" · "),
+      ),
     );
-  }
-
-  // -- What is handed on
-
-  /** Saves the report, or the table, of what the server has. */
-  async #save(what: "report" | "findings"): Promise<void> {
-    const { shown } = this.#host;
-    tell(this.#status, t("export.working"));
-    try {
-      if (!this.#sync.isKept) this.#sync.flush();
-      const isReport = what === "report";
-      const path = isReport ? `${shown.id}/report?language=${spoken()}` : `${shown.id}/findings`;
-      const file = await getFile(path, isReport ? "text/html" : "text/csv");
-      saveFile(file, `${fileStem(shown)}-${what}.${isReport ? "html" : "csv"}`);
-      setText(this.#status, t("findings.saved"));
-    } catch (problem) {
-      tell(this.#status, problemWords(problem));
-    }
   }
 }

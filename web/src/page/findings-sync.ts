@@ -6,6 +6,8 @@ import { type Finding, areSame, merged } from "../model/findings.ts";
 /** How long the hand may rest before a change is sent, and before it is sent again to a server that does not answer, in ms. */
 const REST_MS = 500;
 const AGAIN_MS = 5000;
+/** How often a list that others have changed meanwhile is joined and sent again at once. */
+const MOST_CONFLICTS = 5;
 
 /** Where the findings are: on the server, on their way, or in the page alone; `refused` where the server will not take them. */
 export type Kept = "kept" | "sending" | "unsent" | "refused";
@@ -23,8 +25,11 @@ export interface FindingsHost {
 /** What the server answers, and its version. */
 interface Stored {
   readonly list: readonly Finding[];
+  /** Empty as long as nothing has been read. */
   readonly tag: string;
 }
+
+const JSON_TYPE = "application/json";
 
 export class FindingsSync {
   readonly #host: FindingsHost;
@@ -33,6 +38,8 @@ export class FindingsSync {
   #list: readonly Finding[] = [];
   #timer = 0;
   #isSending = false;
+  /** The last of the requests, which come one after another: no answer is older than the one before. */
+  #last: Promise<unknown> = Promise.resolve();
 
   constructor(host: FindingsHost) {
     this.#host = host;
@@ -46,10 +53,10 @@ export class FindingsSync {
     return !this.#isSending && areSame(this.#list, this.#stored.list);
   }
 
-  /** Reads what is stored, and joins it with what this page has not sent yet. */
+  /** Reads what is stored, joins it with what this page has not sent yet, and sends that. */
   async load(): Promise<void> {
-    const answer = await send(this.#address, { cache: "no-cache" });
-    this.#take(await readAnswer(answer));
+    await this.#inTurn(() => this.#read());
+    if (!this.isKept) this.#sendIn(0);
   }
 
   /** Shows a changed list at once, and sends it when the hand rests. */
@@ -59,59 +66,93 @@ export class FindingsSync {
     this.#sendIn(REST_MS);
   }
 
-  /** Sends what is not sent yet now, because the page turns to something else. */
-  flush(): void {
-    clearTimeout(this.#timer);
-    if (!this.isKept) void this.#send();
+  /** Sends what is not sent yet now. Resolves when the server has the list as it is then; rejects if it cannot have it. */
+  async flush(): Promise<void> {
+    // What changes while a list is sent needs another turn.
+    do await this.#send();
+    while (!this.isKept);
+  }
+
+  /** Sends what a file has in the place of the list, and takes what is made of the answer as the list. */
+  async take(
+    body: string | Blob,
+    type: string,
+    made: (stored: readonly Finding[]) => readonly Finding[],
+  ): Promise<void> {
+    await this.flush();
+    await this.#inTurn(async () => {
+      const before = this.#list;
+      const stored = await this.#put(body, type);
+      this.#stored = stored;
+      // What has been changed here meanwhile stays.
+      this.change(merged(before, this.#list, made(stored.list)).list);
+    });
+    await this.flush();
   }
 
   get #address(): string {
     return `v1/cases/${this.#host.id}/findings`;
   }
 
+  #inTurn<Done>(work: () => Promise<Done>): Promise<Done> {
+    const turn = this.#last.then(work);
+    this.#last = turn.catch(() => {});
+    return turn;
+  }
+
   #sendIn(ms: number): void {
     clearTimeout(this.#timer);
-    this.#timer = setTimeout(() => void this.#send(), ms) as unknown as number;
+    // What goes wrong is told as it happens.
+    this.#timer = setTimeout(() => void this.#send().catch(() => {}), ms) as unknown as number;
   }
 
-  async #send(): Promise<void> {
-    if (this.#isSending) return this.#sendIn(REST_MS);
-    this.#isSending = true;
-    this.#host.kept("sending", null);
-    const sent = this.#list;
-    let problem: unknown = null;
-    try {
-      const body = JSON.stringify({ findings: sent });
-      const headers = { "if-match": this.#stored.tag, "content-type": "application/json" };
-      const answer = await send(this.#address, { method: "PUT", headers, body, keepalive: body.length < 60_000 });
-      const stored = await readAnswer(answer);
-      // The server has what was sent, and adds sides and times.
-      this.#stored = { ...this.#stored, list: sent };
-      this.#take(stored);
-    } catch (error) {
-      problem = error;
-    }
-    this.#isSending = false;
-    await this.#afterwards(problem);
+  #send(): Promise<void> {
+    clearTimeout(this.#timer);
+    return this.#inTurn(async () => {
+      if (this.isKept) return;
+      this.#isSending = true;
+      this.#host.kept("sending", null);
+      try {
+        await this.#sendJoined();
+      } catch (problem) {
+        this.#isSending = false;
+        const isRefused = isFinal(problem);
+        this.#host.kept(isRefused ? "refused" : "unsent", problem);
+        if (!isRefused) this.#sendIn(AGAIN_MS);
+        throw problem;
+      }
+      this.#isSending = false;
+      if (this.isKept) this.#host.kept("kept", null);
+      else this.#sendIn(REST_MS);
+    });
   }
 
-  async #afterwards(problem: unknown): Promise<void> {
-    if (problem === null) {
-      if (this.isKept) return this.#host.kept("kept", null);
-      return this.#sendIn(REST_MS);
+  /** Sends the list; where another reader was faster, what is there now is joined with what is here, and sent. */
+  async #sendJoined(): Promise<void> {
+    // A change must name what it changes.
+    if (this.#stored.tag === "") await this.#read();
+    for (let round = 1; ; round += 1) {
+      const sent = this.#list;
+      try {
+        const stored = await this.#put(JSON.stringify({ findings: sent }), JSON_TYPE);
+        // The server has what was sent, and adds sides and times.
+        this.#stored = { ...this.#stored, list: sent };
+        return this.#take(stored);
+      } catch (problem) {
+        if (!isConflict(problem) || round === MOST_CONFLICTS) throw problem;
+        await this.#read();
+      }
     }
-    const status = problem instanceof Problem ? problem.status : 0;
-    if (status === 412) {
-      // Another reader was faster: what is there now is joined with what is here, and sent.
-      const read = await this.load().then(
-        () => true,
-        () => false,
-      );
-      return this.#sendIn(read ? 0 : AGAIN_MS);
-    }
-    const isRefused = status >= 400 && status < 500 && status !== 401 && status !== 409 && status !== 429;
-    this.#host.kept(isRefused ? "refused" : "unsent", problem);
-    if (!isRefused) this.#sendIn(AGAIN_MS);
+  }
+
+  async #read(): Promise<void> {
+    this.#take(await readAnswer(await send(this.#address, { cache: "no-cache" })));
+  }
+
+  async #put(body: string | Blob, type: string): Promise<Stored> {
+    const headers = { "if-match": this.#stored.tag, "content-type": type };
+    const keepalive = typeof body === "string" && body.length < 20_000;
+    return readAnswer(await send(this.#address, { method: "PUT", headers, body, keepalive }));
   }
 
   /** Takes over what is stored now; what has been changed here since stays. */
@@ -124,7 +165,20 @@ export class FindingsSync {
   }
 }
 
+/** Whether somebody else has changed the findings, or the server was not told which ones this page knows. */
+const isConflict = (problem: unknown): boolean =>
+  problem instanceof Problem && (problem.status === 412 || problem.status === 428);
+
+/** Whether the server will never accept the list as it is. */
+const isFinal = (problem: unknown): boolean =>
+  problem instanceof Problem &&
+  problem.status >= 400 &&
+  problem.status < 500 &&
+  !isConflict(problem) &&
+  ![401, 408, 409, 429].includes(problem.status);
+
 async function readAnswer(answer: Response): Promise<Stored> {
   const { findings } = (await answer.json()) as { readonly findings: readonly Finding[] };
-  return { list: findings, tag: answer.headers.get("etag") ?? "" };
+  // A proxy that compresses makes a weak tag of a strong one, which names no version any more.
+  return { list: findings, tag: (answer.headers.get("etag") ?? "").replace(/^W\//, "") };
 }

@@ -7,6 +7,7 @@ export { FindingsSection } from "./findings-section.ts";
 export { profileView } from "./chart.ts";
 export { measuredAt } from "./measured.ts";
 export { SlicePane } from "../panes/slices.ts";
+export { AcrossPane } from "../panes/across.ts";
 export { Closer } from "../panes/closer.ts";
 export { ChecklistSection } from "./checklist-section.ts";
 export { CaseSection } from "./case-section.ts";

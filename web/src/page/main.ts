@@ -7,8 +7,9 @@ import { caseIdentity, caseStatus, caseTitle, reasonWords } from "../base/case-w
 import { CaseList } from "./cases.ts";
 import { commandOf, recallOf } from "../model/controls.ts";
 import { h, iconButton, setText, tell } from "../base/dom.ts";
+import { leaveChoice, takeLaunch } from "../base/launched.ts";
 import { readAddress } from "../model/fragment.ts";
-import { LANGUAGES, isLanguage, learn, t } from "../base/i18n.ts";
+import { LANGUAGES, isLanguage, learn, number, t } from "../base/i18n.ts";
 import { choice, choiceOfButtons, press } from "./fields.ts";
 import { later } from "./later.ts";
 import type { Surface } from "../panes/surface.ts";
@@ -23,6 +24,8 @@ import { Viewer } from "./viewer.ts";
 
 const serverOnly = new URLSearchParams(location.search).get("renderer") === "server";
 let preferences = loadPreferences();
+/** What a study was opened by, if other heads of it are here too; null once that was read and dismissed. */
+let launched = takeLaunch();
 /** How each case was left; kept while the page is open. */
 const memory = new ViewMemory();
 
@@ -50,6 +53,8 @@ class App {
     h("button", { class: "primary", click: () => this.#chooseFiles() }, t("start.choose")),
   );
   readonly #silence = h("p", { class: "notice-line bad", id: "silence", role: "alert", hidden: true });
+  /** Says that the study has other heads. */
+  readonly #others = h("div", { class: "notice-line remark others", role: "status", hidden: true });
   readonly #quality = h("div", { class: "quality", role: "note", hidden: true });
   readonly #layouts: HTMLElement;
   readonly #stage: HTMLElement;
@@ -103,6 +108,7 @@ class App {
       "section",
       { class: "stage", id: "stage", tabindex: -1, "aria-labelledby": "case-title" },
       this.#silence,
+      this.#others,
       this.#quality,
       this.#note,
       this.#start,
@@ -245,6 +251,7 @@ class App {
     // What was said of the case before is not of this one.
     setText(this.#live, "");
     this.#showQuality(ready);
+    this.#showOthers(ready?.id);
     const surface = this.#kept && this.#kept.id === ready?.id ? this.#kept.surface : null;
     if (this.#kept && !surface) this.#kept.surface.dispose();
     this.#kept = null;
@@ -275,6 +282,27 @@ class App {
     this.#main.append(viewer.panel.element);
     this.#showPanel();
     void viewer.load();
+  }
+
+  /** Of a study with several heads one was opened: the others are a click away. */
+  #showOthers(id: string | undefined): void {
+    const { others = 0 } = launched ?? {};
+    this.#others.hidden = !launched || launched.id !== id;
+    if (!launched || this.#others.hidden) return;
+    const from = launched;
+    const choose = (): void => {
+      handOver();
+      leaveChoice(from);
+    };
+    const dismiss = (): void => {
+      launched = null;
+      this.#others.hidden = true;
+    };
+    this.#others.replaceChildren(
+      h("span", {}, others === 1 ? t("launch.one-other") : t("launch.others", { count: number(others) })),
+      h("a", { href: "launch?choose", click: choose }, t("launch.choose")),
+      iconButton("close", t("notice.dismiss"), dismiss),
+    );
   }
 
   /** A warning before a picture whose mask is doubtful. */

@@ -7,11 +7,21 @@ import type { NewFinding } from "../model/findings.ts";
 import type { Isosurface } from "../model/geodesic.ts";
 import type { Depths } from "../model/isosurface.ts";
 import type { Marked } from "../model/marks.ts";
-import { type Measure, POINTS, TOOLS, type Tool, type Values, type Where, valuesOf } from "../model/measure.ts";
+import {
+  type Column,
+  type Measure,
+  POINTS,
+  TOOLS,
+  type Tool,
+  type Values,
+  type Where,
+  columnOf,
+  valuesOf,
+} from "../model/measure.ts";
 import { type Vec3, length, subtract } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
 import type { PointTool } from "../panes/point-tool.ts";
-import { button, choiceOfButtons, press, row } from "./fields.ts";
+import { button, choiceOfButtons, line, press, row } from "./fields.ts";
 
 export interface MeasuresHost {
   readonly shown: ReadyCase;
@@ -31,7 +41,12 @@ const COLOUR = "#7dffa0";
 interface Measured {
   readonly measure: Measure;
   readonly values: Values;
+  /** Of an area on the surface: the column below it, between two depths. */
+  readonly column?: { readonly between: Column; readonly volume_mm3: number };
 }
+
+/** A column reaches so far to either side of its area at first, in mm. */
+const COLUMN_MM = 2;
 
 /** What was measured, by case, as long as the page is open. */
 const MEASURED = new Map<string, readonly Measured[]>();
@@ -134,10 +149,21 @@ export class MeasuresSection implements PointTool {
     const { depth_mm } = this.#host.state();
     const measure: Measure = { id: crypto.randomUUID(), tool, points_in_patient: this.#points, where, depth_mm };
     [this.#points, this.#places, this.#hovered] = [[], [], null];
-    const measured = { measure, values: valuesOf(measure, this.#surface(depth_mm)) };
+    const values = valuesOf(measure, this.#surface(depth_mm));
+    const plain = { measure, values };
+    const measured =
+      tool === "area" && values.along_mm !== undefined && !values.isCrossed
+        ? this.#withColumn(plain, [Math.max(depth_mm - COLUMN_MM, 0), depth_mm + COLUMN_MM])
+        : plain;
     this.#put([...this.#measured, measured]);
     this.#say();
     this.#host.announce(wordsOf(measured));
+  }
+
+  #withColumn(measured: Measured, between: Column): Measured {
+    const surface = this.#surface(measured.measure.depth_mm);
+    const volume_mm3 = surface ? columnOf(measured.measure, surface, between) : NaN;
+    return { ...measured, column: { between, volume_mm3 } };
   }
 
   #surface(depth_mm: number): Isosurface | null {
@@ -168,14 +194,44 @@ export class MeasuresSection implements PointTool {
   #item(measured: Measured): HTMLElement {
     const { measure, values } = measured;
     const words = wordsOf(measured);
-    const keep = button(t("measure.keep"), () => this.#host.keep(findingOf(measure, words)), {
-      "aria-label": `${words}: ${t("measure.keep")}`,
-    });
+    const keep = button(
+      t("measure.keep"),
+      () => this.#host.keep(findingOf(measure, [words, columnWords(measured)].filter(Boolean).join("\n"))),
+      { "aria-label": `${words}: ${t("measure.keep")}` },
+    );
     const remove = iconButton("trash", t("findings.remove", { name: words }), () =>
       this.#put(this.#measured.filter((one) => one !== measured)),
     );
     const straight = values.along_mm === undefined ? null : quiet(t("measure.straight", lengthsOf(values)));
-    return h("li", { "data-tool": measure.tool }, h("span", { class: "value" }, words), straight, row(keep, remove));
+    const value = h("span", { class: "value" }, words);
+    return h("li", { "data-tool": measure.tool }, value, straight, this.#columnOf(measured), row(keep, remove));
+  }
+
+  /** The depths of a column, to be changed; null: there is none. */
+  #columnOf(measured: Measured): HTMLElement | null {
+    const { column } = measured;
+    if (!column) return null;
+    const inputs = column.between.map((depth_mm, at) =>
+      h("input", {
+        type: "number",
+        min: 0,
+        max: Math.floor(this.#host.shown.max_depth_mm),
+        step: 0.5,
+        value: depth_mm,
+        "aria-label": t(at === 0 ? "measure.column-from" : "measure.column-to"),
+        change: () => {
+          const [from = 0, to = 0] = inputs.map(({ valueAsNumber }) => valueAsNumber || 0);
+          const changed = this.#withColumn(measured, [from, to]);
+          this.#put(this.#measured.map((one) => (one === measured ? changed : one)));
+          this.#host.announce(columnWords(changed));
+          const focused = this.#list.querySelectorAll<HTMLInputElement>(`[data-id="${measured.measure.id}"] input`);
+          focused[at]?.focus();
+        },
+      }),
+    );
+    const element = line(t("measure.column"), ...inputs, h("span", { class: "quiet", "aria-hidden": "true" }, "mm"));
+    element.dataset.id = measured.measure.id;
+    return h("div", { class: "column" }, element, quiet(columnWords(measured)));
   }
 
   /** What is measured, and what is being drawn up to the pointer. */
@@ -231,6 +287,15 @@ function wordsOf({ measure, values }: Measured): string {
     return t(isAlong ? "measure.area-along" : "measure.area-said", { name, value, around });
   }
   return t(isAlong ? "measure.said-along" : "measure.said", { name, value });
+}
+
+/** The volume of the column below an area in words; empty if it has none. */
+function columnWords({ column }: Measured): string {
+  if (!column) return "";
+  const { between, volume_mm3 } = column;
+  const [from, to] = between.map((depth_mm) => number(depth_mm, 1));
+  const isKnown = Number.isFinite(volume_mm3);
+  return t(isKnown ? "measure.column-said" : "measure.column-unknown", { from, to, value: number(volume_mm3) });
 }
 
 /** A measure as a finding, whose note says what was measured. */

@@ -14,10 +14,11 @@ import type { Actions } from "./actions.ts";
 import type { OnScreen } from "./export.ts";
 import { section } from "./fields.ts";
 import type { ChecklistSection } from "./checklist-section.ts";
-import type { FindingsSection } from "./findings-section.ts";
+import type { FindingsSection, ReaderName } from "./findings-section.ts";
 import { later } from "./later.ts";
 import type { LayoutsSection } from "./layouts-section.ts";
 import type { MeasuresSection } from "./measures-section.ts";
+import type { Marks } from "../pacs/results.ts";
 import type { PointTool } from "../panes/point-tool.ts";
 import type { Sweep } from "./sweep.ts";
 
@@ -39,6 +40,8 @@ export interface OnDemandHost {
   /** The server has measured at the marked point. */
   measured(): void;
   complain(problem: unknown): void;
+  /** Who reads. */
+  readonly reader: ReaderName;
   /** The findings are these now. */
   listed(findings: readonly Finding[]): void;
 }
@@ -142,7 +145,7 @@ export class OnDemand {
 
   /** Shows what was marked before, and lets more be marked and measured. */
   meetFindings(): void {
-    const { shown, actions, announce, listed } = this.#host;
+    const { shown, actions, announce, listed, reader } = this.#host;
     const meet = ({ FindingsSection, MeasuresSection, ChecklistSection, LayoutsSection }: Parts): void => {
       if (this.#isGone) return;
       const { surface } = this.#host.onScreen();
@@ -156,6 +159,7 @@ export class OnDemand {
         ...common,
         actions,
         listed,
+        reader,
         depthAt: (position) => surface.probe(position)?.depth_mm ?? null,
         draw: (marked) => this.#mark({ findings: marked }),
       });
@@ -232,7 +236,8 @@ export class OnDemand {
   meetNeighbour(viewer: HTMLElement): void {
     if (!this.#host.shown.links?.dicom) return;
     const render = (side: number) => pictureBody(this.#onScreen.state, [side, side]);
-    const meet = ({ meetNeighbour }: Parts): unknown => meetNeighbour(this.#host.shown.id, viewer, render);
+    const marks = (): Marks => this.#findings ?? { list: [], flush: async () => {} };
+    const meet = ({ meetNeighbour }: Parts): unknown => meetNeighbour(this.#host.shown.id, viewer, render, marks);
     later()
       .then(meet)
       .catch(() => {});

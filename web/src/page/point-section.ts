@@ -28,14 +28,17 @@ export class PointSection {
   readonly parts: readonly HTMLElement[];
   readonly #words = h("dl", { class: "point" });
   readonly #tools: HTMLElement;
+  readonly #across: HTMLButtonElement;
   readonly #hint = quiet(t("point.hint"));
   readonly #profile = h("div", {});
   /** Where the chart stands, unless it stands beside a place of the list. */
   readonly #home = h("div", {}, this.#profile);
 
   constructor(actions: Actions) {
+    this.#across = button(t("across.show"), () => actions.command({ kind: "across" }), { "aria-keyshortcuts": "x" });
     this.#tools = row(
       button(t("closer.look"), () => actions.command({ kind: "closer" }), { "aria-keyshortcuts": "z" }),
+      this.#across,
       button(t("point.turn"), () => actions.turnToCross()),
       button(t("point.depth"), () => actions.depthOfCross()),
       button(t("point.forget"), () => actions.forgetCross()),
@@ -55,6 +58,11 @@ export class PointSection {
     this.#hint.hidden = words !== null;
     setText(this.#hint, t("point.hint"));
     if (!words) this.plot(null);
+  }
+
+  /** Whether the slice across the sulcus is shown. */
+  across(isShown: boolean): void {
+    this.#across.setAttribute("aria-pressed", String(isShown));
   }
 
   /** Shows the chart of a profile; null: of none. */

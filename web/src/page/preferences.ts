@@ -3,6 +3,8 @@
 import { type Language, isLanguage, languageFor } from "../base/i18n.ts";
 import { TASKS, type Task } from "./panel.ts";
 import { boundWidth } from "./resizer.ts";
+import { LONGEST_LABEL } from "../model/findings.ts";
+import { plainLine } from "../model/text.ts";
 import { DRAG_DIRECTIONS, type DragDirection, WHEEL_USES, type WheelUse } from "../model/controls.ts";
 
 export interface Preferences {
@@ -20,6 +22,8 @@ export interface Preferences {
   readonly panel: boolean;
   /** Whose sections the panel shows. */
   readonly task: Task;
+  /** Who reads: the author of new findings; empty: nobody has said. */
+  readonly reader: string;
   /** Of the list, in CSS pixels. */
   readonly list_width: number;
 }
@@ -46,6 +50,7 @@ export function readPreferences(text: string | null, preferred: readonly string[
     linked_zoom: stored.linked_zoom !== false,
     panel: stored.panel !== false,
     task: TASKS.find((one) => one === stored.task) ?? "read",
+    reader: typeof stored.reader === "string" ? plainLine(stored.reader, LONGEST_LABEL) : "",
     list_width: boundWidth(typeof stored.list_width === "number" ? stored.list_width : LIST_WIDTH),
   };
 }

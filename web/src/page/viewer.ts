@@ -108,7 +108,8 @@ export class Viewer {
     };
     this.panel = new Panel(shown, actions, sections, (task) => host.choose({ task }));
     this.panel.choose(host.preferences().task);
-    this.#slices = new SliceGroup(shown, { load: later, ...this.#sliceListener() });
+    const closeAcross = (): void => this.#showAcross(null);
+    this.#slices = new SliceGroup(shown, { load: later, closeAcross, ...this.#sliceListener() });
     const swipe = ({ detail }: CustomEvent<number>): void => this.#change({ swipe: { share: detail } });
     const follow = ({ detail }: CustomEvent<Change>): void => actions.change(detail);
     const keydown = ({ key }: KeyboardEvent): void => {
@@ -189,6 +190,18 @@ export class Viewer {
     this.#host.announce(t("layout.closer"));
   }
 
+  /** Shows the slice across the sulcus at the mark, turned by so much, or takes it away. */
+  #showAcross(across_deg: number | null): void {
+    const { layout } = this.#state;
+    if (across_deg !== null && !this.#state.crosshair_mm) return this.#tellMissed("across.unmarked");
+    this.#shrink();
+    const others = hasSlices({ layout })
+      ? {}
+      : laidOut(layout === "mirror" ? "both" : "slices", this.#state, this.shown);
+    this.#change({ across_deg, ...(across_deg !== null && others) }, true);
+    this.#host.announce(t(across_deg === null ? "across.hidden" : "across.shown"));
+  }
+
   /** Shows what was shown before the close-up. */
   #stepBack(): void {
     this.#change(this.#beforeCloser, true);
@@ -207,6 +220,7 @@ export class Viewer {
       values: (position) => this.#valuesAt(position),
       window: (move) => this.#change(dragWindow(this.#state, this.shown, move, preferences().drag)),
       surface: () => this.#surface.surface,
+      turned: (across_deg) => this.#change({ across_deg }),
       tool: () => this.#onDemand.tool,
       hasOneZoom: () => preferences().linked_zoom,
       complain: (problem) => this.#notices.complain(problem),
@@ -267,6 +281,10 @@ export class Viewer {
       }
       case "closer":
         return this.#state.layout === "closer" ? this.#stepBack() : this.#lookCloser();
+      case "across": {
+        const { across_deg, layout } = this.#state;
+        return this.#showAcross(across_deg === null || !hasSlices({ layout }) ? (across_deg ?? 0) : null);
+      }
       case "place":
         return void this.#aids.step(command.steps);
       case "patient":
@@ -358,6 +376,7 @@ export class Viewer {
         return location.href;
       },
       measured: () => this.#showPoint(),
+      reader: { get: () => this.#host.preferences().reader, set: (reader) => this.#host.choose({ reader }) },
       listed: (findings) => this.#aids.judged(findings),
       complain: (problem) => this.#notices.complain(problem),
     });
@@ -409,6 +428,7 @@ export class Viewer {
 
   /** Shows the state in the controls at once, and in the panes with the next frame. */
   #apply(change: Change): void {
+    this.panel.point.across(this.#state.across_deg !== null && hasSlices(this.#state));
     for (const controls of [this.panel, this.#aids]) controls.show(this.#state);
     this.panel.showHistory(this.#history);
     this.#depthBar.show(this.#state.depth_mm, this.#sweep.isRunning);

@@ -27,19 +27,24 @@ export interface SliceRole {
   words(position_in_patient: Vec3): string;
 }
 
+/** A slice across an axis, or the one across the sulcus. */
+export type SliceName = Plane | "across";
+
 export interface SliceListener {
   /** Slices have other sizes, after a double click in one or otherwise. */
   resized(isDoubleClick: boolean): void;
   /** A drag with the right button. */
   window(move: Vec2): void;
   /** A double click, or the button: as large as all panes, or not. */
-  enlarge(plane: Plane, isDoubleClick?: boolean): void;
+  enlarge(plane: SliceName, isDoubleClick?: boolean): void;
   /** Who knows the points, and draws slices in the page. */
   surface(): Pick<Surface, "probe" | "isInHead" | "canSlice" | "slice">;
   /** Whether slices are enlarged together. */
   hasOneZoom(): boolean;
   /** A hand has enlarged the slice: the others follow. */
-  zoomed(plane: Plane, zoom: number): void;
+  zoomed(plane: SliceName, zoom: number): void;
+  /** A hand has turned the slice across the sulcus. */
+  turned(turn_deg: number): void;
   /** The cross is put here; `done` when the hand has left. */
   move(position_in_patient: Vec3, done: boolean): void;
   /** What would have been marked is beside the head. */

@@ -36,3 +36,6 @@ export function edgesWords(state: ViewState, isLarge: boolean): string {
   const about = (state.layer ?? edges).about;
   return t("edges.of", { name: (isLarge ? titleWords(about) : about?.title) || overlayWords(edges) });
 }
+
+/** Whether the page is a frame beside that of another case: every picture names its own then. */
+export const isBesideAnother = (): boolean => parent !== window;

@@ -30,11 +30,13 @@ import {
   withinReach,
   zoomedSlice,
 } from "../model/slice-geometry.ts";
-import type { Vec2, Vec3 } from "../model/space.ts";
+import { type Vec2, type Vec3, add, subtract } from "../model/space.ts";
 import { type ViewState, edgesLayer, isMirrored } from "../model/state.ts";
+import { type AcrossPlane, traceOf, turnTo } from "../model/across.ts";
 import type { Placed } from "./screenshot.ts";
 import type { SliceLayer, SliceListener, SliceRole } from "./slice-parts.ts";
-import { edgesWords, imageWords } from "./slice-words.ts";
+import { edgesWords, imageWords, isBesideAnother } from "./slice-words.ts";
+import { Trace } from "./trace.ts";
 
 const MOST_PIXELS = 768;
 /** The larger side of a slice that is saved. */
@@ -68,6 +70,8 @@ export class SlicePane {
   /** How it lies at first. */
   readonly #home: Placing;
   #layer: SliceLayer | null = null;
+  readonly #trace = new Trace((place) => this.#turn(place));
+  #across: AcrossPlane | null = null;
   readonly #range: HTMLInputElement;
   readonly #words: HTMLElement;
   #state: ViewState | null = null;
@@ -94,7 +98,7 @@ export class SlicePane {
       this.#frame,
     );
     this.#overlay = new Overlay(this.#frame);
-    this.#overlay.element.append(this.#legend, this.#mapBar.element, this.#hovered);
+    this.#overlay.element.append(this.#trace.element, this.#legend, this.#mapBar.element, this.#hovered);
     const [min, max] = reachOf(shown, PLANES[plane].axis);
     this.#range = h("input", {
       type: "range",
@@ -111,6 +115,7 @@ export class SlicePane {
     this.element.setAttribute("aria-describedby", this.#words.id);
     const enlarge = iconButton("enlarge", t("slice.enlarge", { plane: label }), () => listener.enlarge(plane));
     this.element.append(h("div", { class: "slice-bar" }, this.#overlay.line, this.#range, enlarge), this.#words);
+    if (isBesideAnother()) this.#overlay.identity(caseIdentity(shown));
     this.#picture = new FollowingPicture<Seen, HTMLElement>(
       {
         put: (image, { state, view }) => this.#put(image, state, view),
@@ -199,7 +204,7 @@ export class SlicePane {
     this.element.classList.toggle("large", isLarge);
     // So that Escape is its own.
     if (isLarge) this.element.focus();
-    this.#overlay.identity(isLarge ? caseIdentity(this.#shown) : "");
+    this.#overlay.identity(isLarge || isBesideAnother() ? caseIdentity(this.#shown) : "");
   }
 
   /** The whole slice in the middle again. */
@@ -302,8 +307,10 @@ export class SlicePane {
     this.#overlay.cursor(cross, view.size, { kind, words, ring });
     this.#overlay.twin(twin, view.size);
     const { axis } = PLANES[this.plane];
-    const inSlice = sliceMarks(this.#marked, axis, position_mm, (point) => slicePixel(view, sphere, point));
+    const away = (point: Vec3): number => point[axis] - position_mm;
+    const inSlice = sliceMarks(this.#marked, away, (point) => slicePixel(view, sphere, point));
     this.#overlay.marks(inSlice, view.size);
+    this.#showTrace(view);
     this.#layer?.show(view, sphere, this.#outlined);
     this.#explain(state);
     this.#range.setAttribute("aria-valuetext", `${place} ${more}`);
@@ -316,6 +323,29 @@ export class SlicePane {
   #twin(state: ViewState, view: SliceView, marked: Vec3 | null): Vec2 | null {
     if (!marked || !isMirrored(state) || this.plane === "sagittal") return null;
     return slicePixel(view, this.#shown.envelope_sphere, reflected(marked, mirrorPlane(this.#shown)));
+  }
+
+  /** Shows how the slice across the sulcus crosses this one; null: it does not. */
+  trace(plane: AcrossPlane | null): void {
+    this.#across = plane;
+    if (this.#state) this.#showTrace(this.#view(this.#state));
+  }
+
+  #showTrace(view: SliceView): void {
+    const [plane, sphere] = [this.#across, this.#shown.envelope_sphere];
+    const along = plane && traceOf(plane, PLANES[this.plane].axis);
+    if (!along) return this.#trace.show(null, null, view.size);
+    const [here, there] = [plane.mark, add(plane.mark, along)].map((point) => slicePixel(view, sphere, point));
+    if (here && there) this.#trace.show(here, [there[0] - here[0], there[1] - here[1]], view.size);
+  }
+
+  /** The handle of the trace is dragged to a place: the plane holds it then. */
+  #turn(place: Vec2): void {
+    const [plane, state] = [this.#across, this.#state];
+    if (!plane || !state) return;
+    const position = slicePosition(this.#view(state), this.#shown.envelope_sphere, place);
+    const turn_deg = turnTo(plane, subtract(position, plane.mark));
+    if (turn_deg !== null) this.#listener.turned(turn_deg);
   }
 
   /** Lists the depths of the outlines with their colours, if there are several. */

@@ -10,6 +10,14 @@ const REACH_MM: f64 = 4.0;
 /// How many directions are compared, over half a turn.
 const DIRECTIONS: u32 = 36;
 
+/// The plane across a sulcus.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Across {
+    pub(super) plane: Oblique,
+    /// The normal of the isosurface, about which the plane is turned, outwards (LPS).
+    pub(super) outwards: DVec3,
+}
+
 /// The plane through a position that holds the normal of the isosurface there and the direction in which a map changes most,
 /// turned about that normal. Without a map, or where it is undefined, the intensities stand for it.
 ///
@@ -20,7 +28,7 @@ pub(super) fn across_the_sulcus(
     map: Option<&Layer>,
     position: DVec3,
     turn_deg: f64,
-) -> Oblique {
+) -> Across {
     let outwards = outwards(model, position);
     let of_map = |at| map?.value_at(at);
     let volume = model.volume();
@@ -33,8 +41,9 @@ pub(super) fn across_the_sulcus(
         .unwrap_or_else(|| outwards.any_orthonormal_vector());
     let turn = DQuat::from_axis_angle(outwards, turn_deg.to_radians());
     let normal = turn * outwards.cross(steepest);
-    Oblique::new(position.clamp_length_max(1e4).to_array(), normal.to_array())
-        .expect("the cross product of two orthogonal unit vectors is a direction")
+    let plane = Oblique::new(position.clamp_length_max(1e4).to_array(), normal.to_array())
+        .expect("the cross product of two orthogonal unit vectors is a direction");
+    Across { plane, outwards }
 }
 
 /// The direction outwards, across the isosurface; towards superior where it has none.
@@ -97,23 +106,26 @@ mod tests {
                 DVec3::new(1.0, -1.0, 0.0).normalize(),
             ),
         ] {
-            let plane = across_the_sulcus(&model(rises), None, at, 0.0);
+            let Across { plane, outwards } = across_the_sulcus(&model(rises), None, at, 0.0);
+            assert!(outwards.dot(at.normalize()) > 0.99, "{outwards}");
             assert_eq!(plane.centre_in_patient(), at);
             let normal = plane.normal();
             assert!(normal.dot(at.normalize()).abs() < 0.06, "{normal}");
             let along = rises.reject_from(at).normalize();
             assert!(normal.dot(along).abs() < 0.06, "{normal} {along}");
             // Turned by 90°, it lies across that direction, and still holds the normal of the surface.
-            let turned = across_the_sulcus(&model(rises), None, at, 90.0).normal();
+            let turned = across_the_sulcus(&model(rises), None, at, 90.0)
+                .plane
+                .normal();
             assert!(turned.dot(along).abs() > 0.99 && turned.dot(at.normalize()).abs() < 0.06);
         }
     }
 
     #[test]
     fn without_anything_to_see_there_is_still_a_plane() {
-        let plane = across_the_sulcus(&model(DVec3::ZERO), None, DVec3::ZERO, 0.0);
-        assert!(plane.normal().is_normalized());
+        let middle = across_the_sulcus(&model(DVec3::ZERO), None, DVec3::ZERO, 0.0);
+        assert!(middle.plane.normal().is_normalized());
         let outside = across_the_sulcus(&model(DVec3::X), None, DVec3::splat(500.0), 0.0);
-        assert!(outside.normal().is_normalized());
+        assert!(outside.plane.normal().is_normalized());
     }
 }

@@ -27,5 +27,5 @@ pub use self::request::{
 };
 pub use self::series::{PictureSeries, SeriesPicture};
 pub use self::slice::{
-    CheckedSlice, DrawnSlice, SliceKind, SlicePicture, SliceQuery, encode_slice,
+    CheckedSlice, DrawnSlice, PlaneFacts, SliceKind, SlicePicture, SliceQuery, encode_slice,
 };

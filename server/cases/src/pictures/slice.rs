@@ -9,7 +9,7 @@ use render::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::across::across_the_sulcus;
+use super::across::{Across, across_the_sulcus};
 use super::{
     ChosenLayers, DepthMm, LayerChoice, LayerRef, NumberList, Numbers, PictureLayers,
     check_annotation, default_side, default_zoom, picture_size, window_of, window_of_numbers,
@@ -298,14 +298,14 @@ impl CheckedSlice {
         }
     }
 
-    /// The slice of a case.
+    /// The slice of a case, and about what its plane is turned.
     fn of_case(
         &self,
         kind: SliceKind,
         facts: &CaseFacts,
         (layers, steepness): (&PictureLayers, Option<&Layer>),
         model: &DeformableModel,
-    ) -> SliceRequest {
+    ) -> (SliceRequest, Option<DVec3>) {
         let plane = match kind {
             SliceKind::Standard(plane) => plane,
             SliceKind::Oblique => SlicePlane::Axial,
@@ -316,10 +316,12 @@ impl CheckedSlice {
         let window = self.window.unwrap_or_else(usual);
         let request = self.request.clone().shown(plane, position_mm, window);
         match self.oblique {
-            None => request,
-            Some(ObliquePlane::Given(oblique)) => request.across(oblique),
+            None => (request, None),
+            Some(ObliquePlane::Given(oblique)) => (request.across(oblique), None),
             Some(ObliquePlane::AcrossTheSulcus { position, turn_deg }) => {
-                request.across(across_the_sulcus(model, steepness, position, turn_deg))
+                let Across { plane, outwards } =
+                    across_the_sulcus(model, steepness, position, turn_deg);
+                (request.across(plane), Some(outwards))
             }
         }
     }
@@ -368,6 +370,35 @@ pub struct DrawnSlice {
     pub projection: Projection,
     /// Its plane, if that is oblique.
     pub oblique: Option<Oblique>,
+    /// The direction about which that plane is turned, if it is the one across the sulcus.
+    turned_about: Option<DVec3>,
+    /// On which side the patient's left is.
+    convention: SliceConvention,
+}
+
+/// How an oblique plane lies in the patient.
+#[derive(Debug, Clone, Serialize)]
+pub struct PlaneFacts {
+    /// The rotation from patient to view space, as a quaternion `x, y, z, w`.
+    orientation: [f64; 4],
+    /// The direction outwards about which `turn_deg` turns the plane (LPS).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    turned_about: Option<[f64; 3]>,
+    /// The nearest standard plane and by how many degrees it is turned: `cor > sag 32 > ax 10`.
+    angles: String,
+}
+
+impl DrawnSlice {
+    /// How its plane lies in the patient, if that is oblique.
+    pub fn plane(&self) -> Option<PlaneFacts> {
+        let oblique = self.oblique?;
+        Some(PlaneFacts {
+            orientation: oblique.orientation(self.convention).to_array(),
+            turned_about: self.turned_about.map(|about| about.to_array()),
+            // Headers are ASCII.
+            angles: oblique.angles().replace('°', ""),
+        })
+    }
 }
 
 impl SlicePicture {
@@ -426,7 +457,8 @@ impl SlicePicture {
             .steepness
             .as_ref()
             .and_then(|(map, _)| map.layers().base);
-        let request = (self.slice).of_case(self.kind, &facts, (&layers, steepness), model.model());
+        let (request, turned_about) =
+            (self.slice).of_case(self.kind, &facts, (&layers, steepness), model.model());
         let layers = layers.keyed;
         let volume = cases.whole_volume(&self.id).await?;
         let draw = move || {
@@ -442,6 +474,8 @@ impl SlicePicture {
                 png,
                 projection,
                 oblique: request.parameters().oblique,
+                turned_about,
+                convention: request.parameters().convention,
             })
         };
         cases.queue.run(draw).await?

@@ -1,18 +1,20 @@
 //! Pictures of slices with the contours of isosurfaces.
 
 use axum::extract::{RawPathParams, State};
-use axum::http::HeaderMap;
+use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
-use bytes::Bytes;
 use render::SlicePlane;
 
 use super::render::{PNG, format_with_layers};
-use cases::Cases;
 use cases::pictures::{SliceKind, SlicePicture, SliceQuery};
-use http_support::conditional::Question;
+use cases::{Cases, Error};
+use http_support::conditional::{self, Content, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath};
+
+/// How an oblique plane lies in the patient.
+const PLANE: HeaderName = HeaderName::from_static("x-isocortex-plane");
 
 /// A slice through the whole acquired volume, with the contours of isosurfaces
 ///
@@ -28,7 +30,7 @@ use http_support::query::{ApiQuery, CasePath};
         SliceQuery,
     ),
     responses(
-        (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png"),
+        (status = 200, description = "The picture", body = Vec<u8>, content_type = "image/png", headers(("X-Isocortex-Plane" = String, description = "Of an oblique plane, as JSON: `orientation` from patient to view space (quaternion x, y, z, w), `turned_about`, the direction about which `turn_deg` turns it (LPS), and its `angles` in degrees"))),
         (status = 404, description = "No such case or plane"),
         (status = 406, description = "PNG is not accepted"),
         (status = 409, description = "The case is not ready"),
@@ -53,7 +55,19 @@ pub async fn get_slice(
     let slice = SlicePicture::of(&cases, &id, kind, values).await?;
     let format = format_with_layers(kind.name().to_owned(), slice.version());
     let format = format.named(slice.identity().map(str::to_owned));
-    let work = async |_| Ok(Bytes::from(slice.draw(&cases).await?.png).into());
+    let work = async |_| {
+        let drawn = slice.draw(&cases).await?;
+        let mut headers = HeaderMap::new();
+        if let Some(plane) = drawn.plane() {
+            let text = serde_json::to_string(&plane).map_err(|_| Error::Internal)?;
+            conditional::insert(&mut headers, PLANE, &text);
+        }
+        Ok(Content {
+            body: drawn.png.into(),
+            headers,
+            ..Content::default()
+        })
+    };
     question.answer(&cases, format, work).await
 }
 

@@ -42,4 +42,31 @@ async fn an_oblique_slice_across_an_axis_is_the_standard_one_and_others_are_not(
     assert!(!are_alike(&across, &quarter));
     let named = drawn(format!("oblique?{at}&annotate=true")).await;
     assert_ne!(across, named);
+    // The plane of the picture lies as the header says, and turns about the direction that it names.
+    let plane_of = async |turn_deg: f64| {
+        let at = format!("oblique?position={},{y},{z}&turn_deg={turn_deg}", x + 15.0);
+        let answer = server.get(&format!("{case}/slices/{at}")).await;
+        let plane: serde_json::Value =
+            serde_json::from_str(answer.header("x-isocortex-plane")).unwrap();
+        let numbers = |name: &str| -> Vec<f64> {
+            let values = plane[name].as_array().unwrap();
+            values.iter().map(|value| value.as_f64().unwrap()).collect()
+        };
+        let orientation = glam::DQuat::from_slice(&numbers("orientation"));
+        let about = glam::DVec3::from_slice(&numbers("turned_about"));
+        assert!(plane["angles"].as_str().is_some_and(str::is_ascii));
+        (orientation.inverse() * glam::DVec3::Z, about)
+    };
+    let (normal, about) = plane_of(0.0).await;
+    assert!(about.x > 0.9 && normal.dot(about).abs() < 1e-6, "{about}");
+    let (turned, _) = plane_of(30.0).await;
+    let expected = glam::DQuat::from_axis_angle(about, 30f64.to_radians()) * normal;
+    assert!(
+        turned.dot(expected).abs() > 1.0 - 1e-6,
+        "{turned} {expected}"
+    );
+    let plain = server
+        .get(&format!("{case}/slices/axial?width=16&height=16"))
+        .await;
+    assert!(plain.headers.get("x-isocortex-plane").is_none());
 }

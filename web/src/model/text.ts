@@ -1,0 +1,20 @@
+// Text that a reader types, as the server accepts and everybody can read it: pure.
+
+/** What turns the writing around, and halves of characters. */
+const DROPPED = /[\u202a-\u202e\u2066-\u2069\p{Cs}]/gu;
+
+const cut = (text: string, most: number): string => [...text].slice(0, most).join("");
+
+/** Lines of at most so many characters together: without what turns the writing around, and with spaces for all other controls. */
+export const plainText = (text: string, most: number): string =>
+  cut(
+    text
+      .replace(DROPPED, "")
+      .replace(/\r\n?/g, "\n")
+      .replace(/[^\P{Cc}\n]/gu, " "),
+    most,
+  );
+
+/** The same as one line. */
+export const plainLine = (text: string, most: number): string =>
+  cut(plainText(text, Infinity).replace(/\s+/gu, " ").trim(), most);

@@ -1,0 +1,98 @@
+// Findings as files: the report of a reading, tables and DICOM objects that are saved, and lists that are added.
+
+import { getFile, postForFile } from "../base/api.ts";
+import { h, setText, tell } from "../base/dom.ts";
+import { number, spoken, t } from "../base/i18n.ts";
+import { problemWords } from "../base/problem-words.ts";
+import type { ReadyCase } from "../model/case.ts";
+import { type Finding, joined, readFindings } from "../model/findings.ts";
+import { fileStem } from "./export.ts";
+import { button, choice, fileButton, fileInput, row, ticked } from "./fields.ts";
+import type { FindingsSync } from "./findings-sync.ts";
+import { saveFile } from "./picture-file.ts";
+
+export interface FindingFilesHost {
+  readonly shown: ReadyCase;
+  readonly sync: FindingsSync;
+  readonly status: HTMLElement;
+  /** Findings of a file have been added to those before. */
+  added(before: readonly Finding[]): void;
+}
+
+/** As what findings can be saved; those of DICOM if the case was made of it. */
+const FORMATS = ["csv", "json", "labels", "report", "segments"] as const;
+type Format = (typeof FORMATS)[number];
+
+const DICOM = "application/dicom";
+
+export function findingFiles({ shown, sync, status, added }: FindingFilesHost): readonly HTMLElement[] {
+  const path = `${shown.id}/findings`;
+  const results = (what: string): Promise<Blob> => postForFile(`v1/cases/${shown.id}/dicom-results`, { what });
+  const files: Readonly<Record<Format, readonly [string, () => Promise<Blob>]>> = {
+    csv: ["findings.csv", () => getFile(path, "text/csv")],
+    json: ["findings.json", () => getFile(path, "application/json")],
+    labels: ["findings.nii.gz", () => getFile(path, "application/gzip")],
+    report: ["findings.dcm", () => results("findings")],
+    segments: ["finding-segments.dcm", () => results("finding-segments")],
+  };
+
+  /** Saves what the server makes of the findings, once it has them. */
+  const save = async (name: string, make: () => Promise<Blob>): Promise<void> => {
+    tell(status, t("export.working"));
+    try {
+      // A file without the last sentence would look as if it were complete: then there is none.
+      await sync.flush();
+    } catch (problem) {
+      return tell(status, t("findings.unsaved", { why: problemWords(problem) }));
+    }
+    try {
+      saveFile(await make(), `${fileStem(shown)}-${name}`);
+      setText(status, t("findings.saved"));
+    } catch (problem) {
+      tell(status, problemWords(problem));
+    }
+  };
+
+  const add = async (file: File | undefined): Promise<void> => {
+    if (!file) return;
+    tell(status, t("export.working"));
+    const before = sync.list;
+    try {
+      if ((await file.slice(128, 132).text()) === "DICM")
+        await sync.take(file, DICOM, (given) => joined(before, given));
+      else {
+        const given = readFindings(await file.text());
+        if (!given) return tell(status, t("findings.unreadable"));
+        // All of it goes to the server, which takes all or nothing.
+        const body = JSON.stringify({ findings: joined(before, given) });
+        await sync.take(body, "application/json", (stored) => stored);
+      }
+    } catch (problem) {
+      return tell(status, problemWords(problem));
+    }
+    added(before);
+    tell(status, t("findings.added", { count: number(sync.list.length - before.length) }));
+  };
+
+  const isOfPatient = shown.links?.dicom !== undefined;
+  const named = h("input", { type: "checkbox", id: "report-patient" });
+  const report = button(t("findings.report"), () => {
+    const query = new URLSearchParams({ language: spoken(), ...(named.checked && { patient: "true" }) });
+    void save("report.html", () => getFile(`${shown.id}/report?${query}`, "text/html"));
+  });
+  const offered = FORMATS.filter((format) => isOfPatient || (format !== "report" && format !== "segments"));
+  const format = choice("findings-format", t("findings.format"), offered, (one) => t(`findings.as-${one}`));
+  const table = button(t("findings.save"), () => void save(...files[offered[format.selectedIndex] ?? "csv"]));
+  const input = fileInput(
+    "findings-file",
+    ([file]) => {
+      void add(file);
+      // The same file may be chosen again.
+      input.value = "";
+    },
+    { accept: isOfPatient ? ".json,.dcm" : ".json" },
+  );
+  const words = t("findings.add-file");
+  const open = h("label", { class: "file" }, h("span", { class: "visually-hidden" }, words), input, fileButton(words));
+  return [row(report, isOfPatient ? ticked(named, t("findings.patient")) : null), row(format, table), row(open)];
+}

@@ -1,0 +1,365 @@
+// The slice across the sulcus: a plane through the mark that holds the normal of the surface, turned by hand. The server
+// draws it, and says how it lies.
+
+import type { ReadyCase } from "../model/case.ts";
+import { send } from "../base/api.ts";
+import { caseIdentity } from "../base/case-words.ts";
+import { h, iconButton, setText, setValue } from "../base/dom.ts";
+import { number, t } from "../base/i18n.ts";
+import { FollowingPicture, type Wish, decoded } from "../base/picture.ts";
+import { depthAtWords, positionWords } from "../base/readout.ts";
+import {
+  type AcrossPlane,
+  acrossSphere,
+  acrossView,
+  awayFrom,
+  boundTurn,
+  hasSides,
+  readPlane,
+  turnedPlane,
+} from "../model/across.ts";
+import { type Projection, edgesOf, project } from "../model/camera.ts";
+import { pan, pinch, wheelZoom, zoomAt } from "../model/controls.ts";
+import { type Marked, sliceMarks } from "../model/marks.ts";
+import { acrossQuery, pictureSize } from "../model/query.ts";
+import { CENTRED, type Placing, withinReach } from "../model/slice-geometry.ts";
+import type { Vec2, Vec3 } from "../model/space.ts";
+import type { ViewState } from "../model/state.ts";
+import { listen } from "./gestures.ts";
+import { MapBar } from "./map-bar.ts";
+import { Overlay, overlayWords, titleWords } from "./overlay.ts";
+import type { Placed } from "./screenshot.ts";
+import type { SliceListener } from "./slice-parts.ts";
+import { isBesideAnother } from "./slice-words.ts";
+
+const MOST_PIXELS = 768;
+/** The larger side of a picture that is saved. */
+const MOST_SAVED_PIXELS = 4096;
+/** How much of the head is seen at first, along the smaller side of the pane. */
+const FIRST_MM = 90;
+/** What a step of the wheel and of the arrows turns, in degrees; with the shift key, a fine one. */
+const STEP_DEG = 5;
+const FINE_STEP_DEG = 1;
+
+export interface AcrossListener extends SliceListener {
+  /** The plane lies like this now; null: that is not known yet. */
+  lies(plane: AcrossPlane | null): void;
+  /** The slice is not wanted any more. */
+  close(): void;
+}
+
+/** What a picture shows. */
+interface Seen {
+  readonly state: ViewState;
+  readonly mark: Vec3;
+  readonly turn_deg: number;
+  readonly placing: Placing;
+}
+
+interface Drawn {
+  readonly image: HTMLImageElement;
+  /** Null if the server did not say how it lies. */
+  readonly plane: AcrossPlane | null;
+}
+
+export class AcrossPane {
+  readonly element: HTMLElement;
+  readonly plane = "across";
+  readonly #shown: ReadyCase;
+  readonly #listener: AcrossListener;
+  readonly #overlay: Overlay;
+  readonly #picture: FollowingPicture<Seen, Drawn>;
+  readonly #image = h("div", { class: "slice-image" });
+  readonly #frame = h("div", { class: "slice-view" }, this.#image);
+  readonly #hovered = h("span", { class: "hovered", hidden: true });
+  readonly #mapBar = new MapBar();
+  readonly #range: HTMLInputElement;
+  readonly #words = h("p", { id: "slice-across-words", class: "visually-hidden" });
+  readonly #home: Placing;
+  #state: ViewState | null = null;
+  #placing: Placing;
+  /** What the picture that is up shows, and how it lies. */
+  #drawn: (Seen & { readonly plane: AcrossPlane | null }) | null = null;
+  #outlined = true;
+  #marked: readonly Marked[] = [];
+  #pointer: Vec2 | null = null;
+
+  constructor(shown: ReadyCase, listener: AcrossListener) {
+    this.#shown = shown;
+    this.#listener = listener;
+    this.#home = { ...CENTRED, zoom: (2 * shown.envelope_sphere.radius_mm) / FIRST_MM };
+    this.#placing = this.#home;
+    const label = t("across.label");
+    this.element = h(
+      "section",
+      { class: "pane slice across", role: "group", tabindex: 0, "aria-label": label },
+      this.#frame,
+    );
+    this.element.setAttribute("aria-describedby", this.#words.id);
+    this.#overlay = new Overlay(this.#frame);
+    this.#overlay.element.append(this.#mapBar.element, this.#hovered);
+    this.#range = h("input", {
+      type: "range",
+      class: "slice-range",
+      min: -90,
+      max: 90,
+      step: 1,
+      "aria-label": t("across.turn"),
+      input: () => listener.turned(this.#range.valueAsNumber),
+    });
+    const enlarge = iconButton("enlarge", t("slice.enlarge", { plane: label }), () => listener.enlarge("across"));
+    const close = iconButton("close", t("across.close"), () => listener.close());
+    this.element.append(h("div", { class: "slice-bar" }, this.#overlay.line, this.#range, enlarge, close), this.#words);
+    if (isBesideAnother()) this.#overlay.identity(caseIdentity(shown));
+    this.#picture = new FollowingPicture<Seen, Drawn>(
+      {
+        put: (drawn, seen) => this.#put(drawn, seen),
+        complain: (problem) => {
+          this.element.classList.toggle("troubled", problem !== null);
+          listener.complain(problem);
+        },
+      },
+      (wish) => this.#load(wish),
+    );
+    this.#listen();
+  }
+
+  /** Shows the plane through the state's mark. */
+  show(state: ViewState): void {
+    this.#state = state;
+    const seen = this.#seen(state);
+    if (!seen || this.#frame.clientWidth === 0) return;
+    this.#picture.show(this.#path(seen, pictureSize(this.#size, devicePixelRatio, MOST_PIXELS)), seen);
+    this.#picture.again();
+    setValue(this.#range, seen.turn_deg);
+    this.#range.setAttribute("aria-valuetext", `${number(seen.turn_deg)}°`);
+    this.#write();
+  }
+
+  get zoom(): number {
+    return this.#placing.zoom;
+  }
+
+  get isLarge(): boolean {
+    return this.element.classList.contains("large");
+  }
+
+  /** Whether it is as large as all panes; then it names the case itself. */
+  enlarge(isLarge: boolean): void {
+    this.element.classList.toggle("large", isLarge);
+    if (isLarge) this.element.focus();
+    this.#overlay.identity(isLarge || isBesideAnother() ? caseIdentity(this.#shown) : "");
+  }
+
+  /** The mark in the middle again. */
+  center(): void {
+    this.#setPlacing(this.#home);
+  }
+
+  zoomTo(zoom: number): void {
+    if (zoom !== this.#placing.zoom) this.#setPlacing({ ...this.#placing, zoom });
+  }
+
+  mark(marked: readonly Marked[]): void {
+    this.#marked = marked;
+    this.#write();
+  }
+
+  outline(shown: boolean): void {
+    this.#outlined = shown;
+    if (this.#state) this.show(this.#state);
+  }
+
+  describe(words: string): void {
+    setText(this.#words, `${this.#range.getAttribute("aria-valuetext") ?? ""}. ${words}`);
+  }
+
+  /** The slice as it lies, with so many pixels to a CSS pixel, for a screenshot. */
+  async placed(ratio: number): Promise<Placed | null> {
+    const seen = this.#state && this.#seen(this.#state);
+    if (!seen) return null;
+    const { image } = await drawnAt(this.#path(seen, pictureSize(this.#size, ratio, MOST_SAVED_PIXELS)), seen);
+    return { element: this.#frame, picture: image, isFlipped: false };
+  }
+
+  dispose(): void {
+    this.#picture.stop();
+    this.#listener.lies(null);
+    this.element.remove();
+  }
+
+  get #size(): Vec2 {
+    return [this.#frame.clientWidth, this.#frame.clientHeight];
+  }
+
+  #seen(state: ViewState): Seen | null {
+    const { crosshair_mm: mark, across_deg: turn_deg } = state;
+    return mark && turn_deg !== null ? { state, mark, turn_deg, placing: this.#placing } : null;
+  }
+
+  #path({ state, mark, turn_deg, placing: { zoom, pan_mm } }: Seen, size: Vec2): string {
+    const query = acrossQuery(state, [mark, turn_deg], size);
+    if (!this.#outlined) query.delete("depth_mm");
+    query.set("zoom", zoom.toFixed(4));
+    if (pan_mm.some((part) => part !== 0)) query.set("pan", pan_mm.map((part) => part.toFixed(2)).join(","));
+    return `${this.#shown.id}/slices/oblique?${query}`;
+  }
+
+  async #load({ path, about }: Wish<Seen>): Promise<Drawn> {
+    return drawnAt(path, about);
+  }
+
+  #put({ image, plane }: Drawn, seen: Seen): void {
+    this.#image.replaceChildren(image);
+    this.#drawn = { ...seen, plane };
+    image.alt = t("across.alt", { angles: anglesOf(plane), depth: number(seen.state.depth_mm, 1) });
+    Object.assign(this.element.dataset, {
+      turn: seen.turn_deg,
+      position: seen.mark.join(),
+      depth: seen.state.depth_mm,
+      overlay: seen.state.overlay?.name ?? "",
+      layer: seen.state.layer?.id ?? "",
+    });
+    this.#mapBar.show(seen.state.overlay);
+    this.#write();
+  }
+
+  /** Words, marks and the cross are of the picture that is up: the one of another plane may come later. */
+  #write(): void {
+    const [state, drawn] = [this.#state, this.#drawn];
+    const wanted = state && this.#seen(state);
+    const { plane } = drawn ?? {};
+    // Its traces follow the hand at once.
+    const isOfMark = plane && wanted && plane.mark.join() === wanted.mark.join();
+    this.#listener.lies(isOfMark ? turnedPlane(plane, wanted.turn_deg) : null);
+    const layer = drawn?.state.layer && titleWords(drawn.state.layer.about);
+    const over = drawn?.state.overlay ? overlayWords(drawn.state.overlay) : "";
+    const more = [layer, over].filter(Boolean).join(" · ");
+    const badge = plane && hasSides(plane) ? t(`convention.${drawn?.state.convention ?? "radiological"}.badge`) : "";
+    this.#overlay.title(`${t("across.title")}\n${[anglesOf(plane ?? null), more].filter(Boolean).join(" · ")}`, badge);
+    const projection = this.#projection();
+    if (!drawn || !plane || !projection) {
+      this.#overlay.cursor(null, this.#size, { kind: "ticks" });
+      this.#overlay.marks([], this.#size);
+      return;
+    }
+    this.#lay(drawn.placing);
+    this.#overlay.letter(edgesOf(plane.orientation));
+    this.#overlay.scale(projection.mm_per_pixel, this.#size[0]);
+    const pixelOf = (point: Vec3): Vec2 => projection.pixelOf(point).slice(0, 2) as unknown as Vec2;
+    const ring = (drawn.state.place_mm ?? 0) / 2 / projection.mm_per_pixel;
+    this.#overlay.cursor(pixelOf(plane.mark), this.#size, { kind: "ticks", ring });
+    const inPlane = sliceMarks(this.#marked, (point) => awayFrom(plane, point), pixelOf);
+    this.#overlay.marks(inPlane, this.#size);
+    if (this.#pointer) this.#sayHovered();
+  }
+
+  /** Until the picture of another placing comes, the one that is up is laid as it will be. */
+  #lay(drawn: Placing): void {
+    const [width, height] = this.#size;
+    const wanted = this.#placing;
+    const mmPerPixel = (zoom: number): number =>
+      (2 * this.#shown.envelope_sphere.radius_mm) / (zoom * Math.min(width, height));
+    const [before, now] = [mmPerPixel(drawn.zoom), mmPerPixel(wanted.zoom)];
+    const [x, y] = [0, 1].map((axis) => ((wanted.pan_mm[axis] ?? 0) - (drawn.pan_mm[axis] ?? 0)) / now);
+    this.#image.style.transform = `translate(${x}px, ${-(y ?? 0)}px) scale(${before / now})`;
+  }
+
+  /** Where the patient is in the pane, in the plane of the picture that is up. */
+  #projection(): Projection | null {
+    const plane = this.#drawn?.plane;
+    if (!plane) return null;
+    return project(acrossView(plane, this.#placing), acrossSphere(plane, this.#shown.envelope_sphere), this.#size);
+  }
+
+  #positionAt([x, y]: Vec2): Vec3 | null {
+    const projection = this.#projection();
+    return projection && withinReach(this.#shown, projection.positionOf([x, y, 0]));
+  }
+
+  #place(placing: Placing): void {
+    const isZoomed = placing.zoom !== this.#placing.zoom;
+    this.#setPlacing(placing);
+    if (isZoomed) this.#listener.zoomed("across", placing.zoom);
+  }
+
+  #setPlacing(placing: Placing): void {
+    this.#placing = placing;
+    if (this.#state) this.show(this.#state);
+  }
+
+  #turn(steps: number, isFine: boolean): void {
+    const turn_deg = this.#state?.across_deg ?? 0;
+    this.#listener.turned(boundTurn(turn_deg + steps * (isFine ? FINE_STEP_DEG : STEP_DEG)));
+  }
+
+  #hover(event: PointerEvent | null): void {
+    const box = this.#frame.getBoundingClientRect();
+    this.#pointer = event && [event.clientX - box.left, event.clientY - box.top];
+    this.#listener.tool()?.hover(this.#pointer && this.#positionAt(this.#pointer));
+    this.#sayHovered();
+  }
+
+  #sayHovered(): void {
+    const position = this.#pointer && this.#positionAt(this.#pointer);
+    this.#hovered.hidden = !position;
+    if (!position) return;
+    const depth = depthAtWords(this.#listener.surface().probe(position)?.depth_mm);
+    const values = this.#listener.values(position);
+    setText(this.#hovered, t("slice.hovered", { place: positionWords(position), depth, values }));
+  }
+
+  /** A click marks the point, or is one of the ruler's. */
+  #tap(place: Vec2): void {
+    const position = this.#positionAt(place);
+    if (!position) return;
+    const tool = this.#listener.tool();
+    if (tool) tool.add(position, "slice");
+    else if (this.#listener.surface().isInHead(position)) this.#listener.move(position, true);
+    else this.#listener.missed();
+  }
+
+  #listen(): void {
+    const view = () => acrossView({ orientation: [0, 0, 0, 1] }, this.#placing);
+    listen(this.#frame, {
+      tap: (place) => this.#tap(place),
+      drag: (kind, move) => {
+        if (kind === "window") return this.#listener.window(move);
+        if (kind === "turn" && this.#listener.tool()) return;
+        this.#place({ zoom: this.#placing.zoom, ...pan(view(), this.#shown, move, this.#size) });
+      },
+      pinch: (fingers) => this.#place(pinch(view(), this.#shown, fingers, this.#size)),
+      wheel: (pixels, notches, place, event) => {
+        // A pinch on a touchpad comes as a wheel with the control key.
+        if (event.ctrlKey) this.#place(zoomAt(view(), this.#shown, wheelZoom(pixels * 2), place, this.#size));
+        else if (notches !== 0) this.#turn(-notches, event.shiftKey);
+      },
+      pick: () => {
+        if (!this.#listener.tool()) this.#listener.enlarge("across", true);
+      },
+      busy: () => {},
+    });
+    this.#frame.addEventListener("pointermove", (event) => this.#hover(event));
+    this.#frame.addEventListener("pointerleave", () => this.#hover(null));
+    this.element.addEventListener("keydown", (event) => {
+      if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
+      const steps = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 }[event.key];
+      if (steps !== undefined) this.#turn(steps, event.shiftKey);
+      else if (event.key === "Home") this.center();
+      else return;
+      event.preventDefault();
+      event.stopPropagation();
+    });
+  }
+}
+
+/** The server's picture of a plane, and how it lies. */
+async function drawnAt(path: string, { mark, turn_deg }: Seen): Promise<Drawn> {
+  const answer = await send(`v1/cases/${path}`);
+  const stated = readPlane(answer.headers.get("x-isocortex-plane"));
+  const image = await decoded(await answer.blob());
+  return { image, plane: stated && { ...stated, mark, turn_deg } };
+}
+
+/** The angles with their sign: `cor > sag 32°`. */
+const anglesOf = (plane: AcrossPlane | null): string => plane?.angles.replace(/(\d)(?= >|$)/g, "$1°") ?? "";

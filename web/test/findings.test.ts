@@ -1,0 +1,294 @@
+// The findings of two readers as one list, what a reader types, and how all of it comes to the server.
+
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, mock, test } from "node:test";
+
+import {
+  type Finding,
+  areSame,
+  joined,
+  merged,
+  newFinding,
+  plainFinding,
+  readFindings,
+} from "../src/model/findings.ts";
+import { plainLine, plainText } from "../src/model/text.ts";
+import { FindingsSync, type Kept } from "../src/page/findings-sync.ts";
+
+const finding = (id: string, change: Partial<Finding> = {}): Finding => ({
+  ...newFinding({ points_in_patient: [[1, 2, 3]], depth_mm: 8 }),
+  id,
+  ...change,
+});
+const [a, b] = [finding("a"), finding("b")];
+const notes = (list: readonly Finding[]): readonly string[] => list.map(({ id, note }) => `${id}:${note}`);
+
+test("what one reader has changed is as that one left it", () => {
+  const mine = [finding("a", { note: "mine" }), b];
+  const theirs = [a, finding("b", { note: "theirs" })];
+  for (const [own, other] of [
+    [mine, theirs],
+    [theirs, mine],
+  ] as const) {
+    const { list, doubled } = merged([a, b], own, other);
+    assert.deepEqual([notes(list), doubled], [["a:mine", "b:theirs"], 0]);
+  }
+});
+
+test("what both have changed is kept as both left it", () => {
+  const { list, doubled } = merged([a, b], [finding("a", { note: "mine" }), b], [finding("a", { note: "theirs" }), b]);
+  assert.equal(doubled, 1);
+  assert.deepEqual(list.map(({ note }) => note).sort(), ["", "mine", "theirs"]);
+  assert.equal(new Set(list.map(({ id }) => id)).size, 3);
+  // The server's keeps its id, so that everybody means the same by it.
+  assert.equal(list.find(({ id }) => id === "a")?.note, "theirs");
+});
+
+test("what one has deleted and the other changed is there", () => {
+  const changed = finding("a", { note: "changed" });
+  for (const [own, other] of [
+    [[b], [changed, b]],
+    [[changed, b], [b]],
+  ] as const) {
+    const { list, doubled } = merged([a, b], own, other);
+    assert.deepEqual([notes(list).toSorted(), doubled], [["a:changed", "b:"], 0]);
+  }
+});
+
+test("the same change of both is one, and what nobody or both want is gone", () => {
+  const same = finding("a", { note: "same" });
+  // The server adds a side and times, which nobody has written.
+  const stored = { ...same, side: "left", changed_at: "2026-01-01T00:00:00Z" } as const;
+  const both = merged([a], [same], [stored]);
+  assert.deepEqual([both.list, both.doubled], [[stored], 0]);
+  assert.deepEqual(merged([a, b], [b], [a, b]).list, [b]);
+  assert.deepEqual(merged([a, b], [a, b], [a]).list, [a]);
+  assert.deepEqual(merged([a, b], [b], [b]).list, [b]);
+});
+
+test("additions of both are there, and the list of the other one comes first", () => {
+  const { list, doubled } = merged([a], [a, finding("mine")], [a, finding("theirs")]);
+  assert.deepEqual([list.map(({ id }) => id), doubled], [["a", "theirs", "mine"], 0]);
+  // Joined again with what it became, it stays as it is.
+  assert.ok(areSame(merged([a, finding("theirs")], list, list).list, list));
+});
+
+test("what a reader types is cleaned of what the server refuses", () => {
+  assert.equal(plainLine(" thick\tgyrus\r\n\u202eleft\u2069\u0000 ", 200), "thick gyrus left");
+  assert.equal(plainText("one\ttwo\r\nthree\rfour\u202a\u0007", 200), "one two\nthree\nfour ");
+  // Halves of characters, and characters that are made of several.
+  assert.equal(plainText("a\ud800b \u{1f9e0} 👩‍⚕️ נכון می‌خواهم", 200), "ab \u{1f9e0} 👩‍⚕️ נכון می‌خواهم");
+  assert.equal(plainText("\u{1f9e0}".repeat(4), 3), "\u{1f9e0}".repeat(3));
+  const wrong = finding("a", { label: "a\tb", note: "x\u2066\ny", author: "\u202eme" });
+  const { label, note, author } = plainFinding(wrong);
+  assert.deepEqual([label, note, author], ["a b", "x\ny", "me"]);
+  assert.ok(!("author" in plainFinding(a)));
+});
+
+// -- To the server and back
+
+/** A server with one list, which does what it is told to with the next requests. */
+class Server {
+  list: readonly Finding[] = [];
+  version = 1;
+  readonly seen: string[] = [];
+  /** Statuses of the next answers; 0: none. */
+  readonly fails: number[] = [];
+  /** What happens before the next request is answered. */
+  before: (() => void | Promise<void>) | null = null;
+
+  readonly fetch = async (_: unknown, { method = "GET", headers = {}, body }: RequestInit = {}): Promise<Response> => {
+    const known = (headers as Readonly<Record<string, string>>)["if-match"] ?? "";
+    this.seen.push(method === "GET" ? method : `${method} ${known}`);
+    const { before } = this;
+    this.before = null;
+    await before?.();
+    const status = this.fails.shift();
+    if (status === 0) throw new TypeError("unreachable");
+    if (status) return new Response("", { status });
+    if (method === "PUT") {
+      if (known === "") return new Response("", { status: 428 });
+      if (known !== this.#tag) return new Response("", { status: 412 });
+      this.put(JSON.parse(String(body)).findings as Finding[]);
+    }
+    return Response.json({ findings: this.list }, { headers: { etag: this.#tag } });
+  };
+
+  put(list: readonly Finding[]): void {
+    this.list = list.map((one) => ({ ...one, side: "left" }));
+    this.version += 1;
+  }
+
+  get #tag(): string {
+    return `"${this.version}"`;
+  }
+}
+
+let server: Server;
+let sync: FindingsSync;
+let told: Kept[];
+let doubled: number;
+
+beforeEach(() => {
+  mock.timers.enable({ apis: ["setTimeout"] });
+  server = new Server();
+  mock.method(globalThis, "fetch", server.fetch);
+  [told, doubled] = [[], 0];
+  sync = new FindingsSync({
+    id: "0".repeat(32),
+    shown: () => {},
+    kept: (kept) => void told.push(kept),
+    doubled: (count) => (doubled += count),
+  });
+});
+
+afterEach(() => {
+  mock.timers.reset();
+  mock.restoreAll();
+});
+
+const settled = (): Promise<void> => new Promise((resolve) => setImmediate(resolve));
+/** Lets so much time pass, and what it has begun be done. */
+async function pass(ms: number): Promise<void> {
+  mock.timers.tick(ms);
+  for (let round = 0; round < 20; round += 1) await settled();
+}
+
+test("flush resolves when the server has the list, also what was written while another one was on its way", async () => {
+  await sync.load();
+  sync.change([a]);
+  server.before = () => sync.change([finding("a", { note: "the last sentence" })]);
+  await sync.flush();
+  assert.deepEqual(notes(server.list), ["a:the last sentence"]);
+  assert.deepEqual([sync.isKept, told.at(-1)], [true, "kept"]);
+  // There is nothing more to send.
+  const requests = server.seen.length;
+  await sync.flush();
+  await pass(60_000);
+  assert.equal(server.seen.length, requests);
+});
+
+test("flush waits for a list that is on its way, and rejects if the server cannot have it", async () => {
+  await sync.load();
+  sync.change([a]);
+  server.before = settled;
+  mock.timers.tick(500);
+  await sync.flush();
+  assert.deepEqual(server.seen, ["GET", 'PUT "1"']);
+  server.fails.push(503);
+  sync.change([a, b]);
+  await assert.rejects(sync.flush());
+  assert.equal(told.at(-1), "unsent");
+  // It is sent again by itself.
+  await pass(5000);
+  assert.deepEqual([server.list.length, told.at(-1)], [2, "kept"]);
+});
+
+test("after a first load that failed, what is stored is read before anything is sent", async () => {
+  server.put([b]);
+  server.fails.push(503);
+  await assert.rejects(sync.load());
+  sync.change([a]);
+  await sync.flush();
+  assert.deepEqual(server.list.map(({ id }) => id).sort(), ["a", "b"]);
+  assert.deepEqual(server.seen, ["GET", "GET", 'PUT "2"']);
+});
+
+test("a later load sends what it has joined", async () => {
+  server.fails.push(503, 503);
+  await assert.rejects(sync.load());
+  sync.change([a]);
+  await assert.rejects(sync.flush());
+  server.put([b]);
+  await sync.load();
+  await pass(0);
+  assert.deepEqual(server.list.map(({ id }) => id).sort(), ["a", "b"]);
+});
+
+test("a list that others have changed, or that the server was not told of, is joined and sent at once", async () => {
+  await sync.load();
+  for (const status of [428, 412]) {
+    server.put([...server.list, finding(`theirs-${status}`)]);
+    server.fails.push(status);
+    sync.change([...sync.list, finding(`mine-${status}`)]);
+    await sync.flush();
+  }
+  const ids = server.list.map(({ id }) => id).sort();
+  assert.deepEqual(ids, ["mine-412", "mine-428", "theirs-412", "theirs-428"]);
+  assert.ok(!told.includes("refused"));
+  server.put(server.list.map((one) => ({ ...one, note: "theirs" })));
+  sync.change(sync.list.map((one) => (one.id === "mine-412" ? { ...one, note: "mine" } : one)));
+  await sync.flush();
+  assert.equal(doubled, 1);
+  assert.equal(server.list.length, 5);
+});
+
+test("an answer that comes late never takes back what was sent meanwhile", async () => {
+  await sync.load();
+  // The list is read again, and changed before it is answered.
+  let answer = (): void => {};
+  server.before = () => new Promise((resolve) => (answer = resolve));
+  const loading = sync.load();
+  await settled();
+  sync.change([a]);
+  const flushed = sync.flush();
+  await settled();
+  answer();
+  await Promise.all([loading, flushed]);
+  assert.deepEqual([notes(sync.list), notes(server.list)], [["a:"], ["a:"]]);
+});
+
+test("what the server refuses stays in the page, and is not sent again until it is changed", async () => {
+  await sync.load();
+  server.fails.push(400);
+  sync.change([a]);
+  await assert.rejects(sync.flush());
+  assert.equal(told.at(-1), "refused");
+  await pass(60_000);
+  assert.deepEqual([server.list.length, sync.list.length, server.seen.length], [0, 1, 2]);
+  sync.change([b]);
+  await sync.flush();
+  assert.deepEqual(notes(server.list), ["b:"]);
+});
+
+test("a file of findings is taken by the server or not at all, and what it replaces stays", async () => {
+  await sync.load();
+  sync.change([a]);
+  // A list of a file comes in the place of what is stored, and is joined with what was there.
+  const before = [a];
+  await sync.take(JSON.stringify({ findings: [b] }), "application/dicom", (given) => joined(before, given));
+  assert.deepEqual(
+    [notes(sync.list), notes(server.list)],
+    [
+      ["a:", "b:"],
+      ["a:", "b:"],
+    ],
+  );
+  // What is refused leaves the list as it is, and does not block it.
+  server.fails.push(400);
+  await assert.rejects(sync.take("{}", "application/json", (given) => given));
+  sync.change([...sync.list, finding("c")]);
+  await sync.flush();
+  assert.deepEqual(notes(server.list), ["a:", "b:", "c:"]);
+});
+
+test("findings of a file are added once, and none takes the place of another one", () => {
+  const rounded = finding("a", { points_in_patient: [[1.0002, 2, 3]], side: "left" });
+  const other = finding("a", { note: "of another reader" });
+  assert.deepEqual(joined([a], [rounded]), [a]);
+  const list = joined([a], [other, b]);
+  assert.deepEqual(
+    list.map(({ note }) => note),
+    ["", "of another reader", ""],
+  );
+  assert.equal(new Set(list.map(({ id }) => id)).size, 3);
+  // What the server added is not the file's to say.
+  const text = JSON.stringify({ findings: [{ ...a, side: "left", created_at: "x" }] });
+  assert.deepEqual(readFindings(text), [a]);
+  const bare = { id: "a", kind: "point", points_in_patient: [[1, 2, 3]], depth_mm: 8 };
+  assert.deepEqual(readFindings(JSON.stringify({ findings: [bare] })), [a]);
+  for (const wrong of ["", "[]", "null", "{}", '{"findings": [1]}', '{"findings": [{}]}', '{"findings": {}}'])
+    assert.equal(readFindings(wrong), null, wrong);
+  for (const change of [{ kind: "x" }, { points_in_patient: [] }, { points_in_patient: [[1, 2]] }, { note: 5 }])
+    assert.equal(readFindings(JSON.stringify({ findings: [{ ...bare, ...change }] })), null);
+});
