@@ -50,6 +50,7 @@ class App {
     h("button", { class: "primary", click: () => this.#chooseFiles() }, t("start.choose")),
   );
   readonly #silence = h("p", { class: "notice-line bad", id: "silence", role: "alert", hidden: true });
+  readonly #superseded = h("p", { class: "notice-line bad", id: "superseded", role: "note", hidden: true });
   readonly #quality = h("div", { class: "quality", role: "note", hidden: true });
   readonly #layouts: HTMLElement;
   readonly #stage: HTMLElement;
@@ -103,6 +104,7 @@ class App {
       "section",
       { class: "stage", id: "stage", tabindex: -1, "aria-labelledby": "case-title" },
       this.#silence,
+      this.#superseded,
       this.#quality,
       this.#note,
       this.#start,
@@ -239,6 +241,8 @@ class App {
     const isEmpty = !chosen && this.#absence === "" && this.#list.isEmpty;
     this.#start.hidden = !isEmpty;
     if (isEmpty) tell(this.#note, "");
+    // It may come while the case is open.
+    tell(this.#superseded, chosen?.superseded ? t(`superseded.${chosen.superseded}.text`) : "");
     void this.#acquired.show(ready ? "" : (chosen?.id ?? ""));
     if (ready?.id === this.#viewer?.shown.id) return;
     this.#leave();
