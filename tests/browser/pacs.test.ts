@@ -340,8 +340,8 @@ test("what came is listed and filtered, and a refused series is taken as a case"
   await watched.context.close();
 });
 
-/** Sends files by STOW-RS, and waits until the server has read their series. */
-async function sendSeries(files: readonly Buffer[]): Promise<void> {
+/** Sends files by STOW-RS; the status of the answer. */
+async function store(files: readonly Buffer[]): Promise<number> {
   const parts = files.flatMap((file) => [
     Buffer.from("--part\r\nContent-Type: application/dicom\r\n\r\n"),
     file,
@@ -352,7 +352,12 @@ async function sendSeries(files: readonly Buffer[]): Promise<void> {
     headers: { "content-type": 'multipart/related; type="application/dicom"; boundary=part' },
     body: new Uint8Array(Buffer.concat([...parts, Buffer.from("--part--\r\n")])),
   });
-  assert.equal(stored.status, 200);
+  return stored.status;
+}
+
+/** Sends files, and waits until the server has read their series. */
+async function sendSeries(files: readonly Buffer[]): Promise<void> {
+  assert.equal(await store(files), 200);
   const list = new URL("v1/arrivals?state=nothing", server.address);
   await until(
     async () => (await (await fetch(list)).json()) as { arrivals: unknown[] },
@@ -362,7 +367,8 @@ async function sendSeries(files: readonly Buffer[]): Promise<void> {
 
 test("a series that the server refused is taken from the list, and its case opens", { skip }, async () => {
   const patient = { name: "Prado^Lia", id: "P-78" };
-  await sendSeries(markedSeries(patient, { description: "t2 phantom", study: "1.2.78" }));
+  const series = { description: "t2 phantom", study: "1.2.78" };
+  await sendSeries(markedSeries(patient, series));
   const watched = await openPage(browser);
   const { page } = watched;
   await page.goto(`${server.address}#${id}`);
@@ -379,6 +385,18 @@ test("a series that the server refused is taken from the list, and its case open
   await banner.waitFor({ timeout: 300_000 });
   await shown(page);
   assert.ok(!page.url().includes(id), page.url());
+  const [notice, badge] = [
+    page.locator("#superseded"),
+    page.locator("#case-list li:has([aria-current]) .superseded-badge"),
+  ];
+  assert.ok(!(await notice.isVisible()) && !(await badge.isVisible()));
+  // The PACS corrects the patient of the first image: what is read here is not the one that counts any more.
+  assert.equal(await store(markedSeries({ ...patient, id: "P-87" }, series).slice(0, 1)), 202);
+  await page.reload();
+  await shown(page);
+  assert.match(await notice.innerText(), /^Superseded: the patient or the study/);
+  assert.equal(await badge.innerText(), "Superseded");
+  assert.deepEqual(await violations(page), []);
   assert.deepEqual(watched.troubles, []);
   await watched.context.close();
 });

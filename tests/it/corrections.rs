@@ -53,6 +53,16 @@ async fn case_after(neighbour: &Neighbour, before: &str) -> String {
     panic!("no other case came");
 }
 
+/// Why a case is superseded, by its own address and by the list.
+async fn superseded(server: &Server, case: &str) -> Value {
+    let alone = server.get(case).await.json();
+    let list = server.get("/v1/cases").await.json();
+    let mut listed = list["cases"].as_array().unwrap().iter();
+    let listed = listed.find(|each| each["id"] == alone["id"]).unwrap();
+    assert_eq!(alone["superseded"], listed["superseded"]);
+    alone["superseded"].clone()
+}
+
 /// A result once it was sent or has failed.
 async fn ended(server: &Server, address: &str) -> Value {
     for _ in 0..600 {
@@ -80,8 +90,13 @@ async fn a_corrected_patient_makes_a_new_case_and_nothing_more_is_sent_of_the_ol
     let sent = result(server, &old, &sent).await.json();
     assert_eq!(sent["node"], "away", "{sent}");
     let corrected = corrected_head();
+    assert_eq!(superseded(server, &old).await, Value::Null);
     let stored = neighbour.store(&corrected).await;
     assert_eq!(stored.status, 202, "{stored:?}");
+    assert_eq!(superseded(server, &old).await, "corrected");
+    let report = server.get(&format!("{old}/report")).await;
+    let report = String::from_utf8_lossy(&report.body).into_owned();
+    assert!(report.contains("SUPERSEDED"), "{report}");
     assert_eq!(warnings(&stored), vec![0xB000; corrected.len()]);
     // From now on, the old case is neither opened nor listed nor sent anywhere, even if there is no new one yet.
     let found = launched(&neighbour).await;
@@ -119,7 +134,9 @@ async fn a_corrected_patient_makes_a_new_case_and_nothing_more_is_sent_of_the_ol
     let new = case_after(&neighbour, &old).await;
     let arrival = neighbour.settled().await;
     assert_eq!(arrival["superseded"], corrected.len());
+    assert_eq!(superseded(server, &old).await, "corrected");
     let case = server.get(&new).await.json();
+    assert_eq!(case["superseded"], Value::Null);
     assert!(
         case["previous"].is_null(),
         "nothing is inherited from another patient: {case}"
@@ -205,6 +222,19 @@ async fn other_pixels_make_a_version_and_another_encoding_is_no_change() {
         format!("/v1/cases/{}", version["previous"].as_str().unwrap()),
         first
     );
+    assert_eq!(superseded(server, &first).await, "newer-version");
+    assert_eq!(version["superseded"], Value::Null);
+    // The older version is still the same patient's, and results are made of it.
+    let view = json!({"what": "view", "render": small()});
+    assert_eq!(result(server, &first, &view).await.status, 200);
+    // If the correction is taken back, the first version counts again, although it is the older one.
+    let back = middle.file(Syntax::Explicit);
+    assert_eq!(neighbour.store(&[back]).await.status, 202);
+    assert_eq!(case_after(&neighbour, &second).await, first);
+    assert_eq!(superseded(server, &first).await, Value::Null);
+    assert_eq!(superseded(server, &second).await, "newer-version");
+    let found = launched(&neighbour).await;
+    assert!(first.ends_with(found["case"].as_str().unwrap()), "{found}");
 }
 
 #[tokio::test]
@@ -326,6 +356,7 @@ async fn a_rejection_note_withdraws_the_series_and_another_list_does_not() {
     let found = launched(&neighbour).await;
     assert_eq!(found["case"], Value::Null, "{found}");
     assert_eq!(result(server, &case, &view).await.problem(), "superseded");
+    assert_eq!(superseded(server, &case).await, "rejected");
     let search = server.get("/dicomweb/studies?PatientID=P-77").await;
     assert_eq!(search.status, 204);
     let arrival = of_series().await;

@@ -218,3 +218,51 @@ async fn a_study_opens_the_same_head_whatever_comes_later_and_lists_the_others()
     let of_series = picture(format!("/dicomweb/studies/1.2.3/series/1.2.3.4/{keys}")).await;
     assert!(of_study.len() > 500 && of_study == of_series);
 }
+
+#[tokio::test]
+async fn two_patients_of_nearly_the_same_name_and_one_accession_number_keep_their_own_results() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let accession = ([0x08, 0x50], "SH", "ACC-7");
+    // One letter of the name and one digit of the id differ; labels and dates are the same.
+    let people = [
+        ("1.2.70", "1.2.70.1", "Souza^Maria", "10045"),
+        ("1.2.71", "1.2.71.1", "Sousa^Maria", "10054"),
+    ];
+    let mut cases = Vec::new();
+    for (study, uid, name, patient) in people {
+        let series = Series {
+            study,
+            uid,
+            texts: &[
+                accession,
+                ([0x08, 0x20], "DA", "20261101"),
+                ([0x10, 0x10], "PN", name),
+                ([0x10, 0x20], "LO", patient),
+            ],
+        };
+        cases.push(series.becomes(&neighbour).await);
+    }
+    let list = server.get("/v1/cases").await.json();
+    let listed = list["cases"].as_array().unwrap().iter();
+    let labels: Vec<_> = listed.map(|case| &case["name"]).collect();
+    assert_eq!(labels[0], labels[1]);
+    let choice = launched(&neighbour, "accessionNumber=ACC-7").await;
+    let offered = choice["candidates"].as_array().unwrap();
+    assert_eq!((&choice["case"], offered.len()), (&Value::Null, 2));
+    for (at, (study, _, name, patient)) in people.into_iter().enumerate() {
+        let (_, _, other_name, other_patient) = people[1 - at];
+        let query = format!("accessionNumber=ACC-7&patientID={patient}");
+        let opened = launched(&neighbour, &query).await;
+        assert_eq!(opened["case"], cases[at], "{opened}");
+        let opened = format!("/v1/cases/{}", opened["case"].as_str().unwrap());
+        let shown = server.get(&format!("{opened}/dicom")).await.json();
+        assert_eq!(shown["attributes"]["PatientName"], name);
+        let what = json!({"what": "view", "render": crate::results::small()});
+        let made = crate::results::result(server, &opened, &what).await;
+        assert_eq!(made.status, 200, "{made:?}");
+        let has = |text: &str| memchr::memmem::find(&made.body, text.as_bytes()).is_some();
+        assert!(has(name) && has(patient) && has(study));
+        assert!(!has(other_name) && !has(other_patient));
+    }
+}

@@ -660,6 +660,15 @@ async fn no_attribute_of_an_image_shows_anywhere_else() {
     }
     let logged = lines.0.lock().unwrap().clone();
     assert!(memchr::memmem::find(&logged, b"a series became a case").is_some());
+    // A case can be followed through the log by the first digits of its id.
+    let short = &arrival["case"].as_str().unwrap()[..8];
+    let logged_text = String::from_utf8_lossy(&logged).into_owned();
+    for line in ["beginning a job", "a case is ready"] {
+        let has_both = |text: &str| text.contains(line) && text.contains(short);
+        assert!(logged_text.lines().any(has_both), "{line}: {logged_text}");
+    }
+    let by_stow = |text: &&str| text.contains("stored by STOW-RS");
+    assert_eq!(logged_text.lines().filter(by_stow).count(), 2);
     texts.push(logged);
     for text in texts {
         for canary in ["CANARY", "19670312"] {

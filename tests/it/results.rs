@@ -581,6 +581,37 @@ async fn a_preview_has_the_pixels_of_the_object_and_nothing_is_sent() {
     assert!(received.lock().unwrap().is_empty());
 }
 
+/// The pixels that letters light at the left and at the right of a picture of a result, of which a view has nothing.
+async fn letters(server: &Server, case: &str, view: &str) -> [usize; 2] {
+    let render =
+        json!({"view": view, "depth_mm": 5, "width": 160, "height": 128, "annotate": false});
+    let marked = preview(server, case, &json!({"what": "view", "render": render})).await;
+    let plain = format!("{case}/render?view={view}&depth_mm=5&width=160&height=128");
+    let plain = server.get(&plain).await;
+    let [marked, plain] =
+        [marked, plain].map(|answer| image::load_from_memory(&answer.body).unwrap().into_luma8());
+    assert_eq!(marked.dimensions(), plain.dimensions());
+    let pairs = marked.enumerate_pixels().zip(plain.pixels());
+    let lit = pairs.filter(|((.., marked), plain)| marked.0[0].abs_diff(plain.0[0]) > 60);
+    let (left, right): (Vec<u32>, Vec<u32>) = lit.map(|((x, ..), _)| x).partition(|&x| x < 80);
+    assert!(left.iter().all(|&x| x < 30) && right.iter().all(|&x| x >= 130));
+    [left.len(), right.len()]
+}
+
+#[tokio::test]
+async fn left_and_right_are_written_where_they_lie_in_pictures_from_above_and_below() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let case = identified_case(&neighbour).await;
+    let server = &neighbour.server;
+    // An R has more pixels than an L. From above, the patient's left is at the left.
+    let [left, right] = letters(server, &case, "superior").await;
+    assert!(left > 3 && right > left, "{left} {right}");
+    assert_eq!(letters(server, &case, "inferior").await, [right, left]);
+    assert_eq!(letters(server, &case, "posterior").await, [left, right]);
+    // From the side, neither is at an edge.
+    assert_eq!(letters(server, &case, "left").await, [0, 0]);
+}
+
 #[tokio::test]
 async fn the_page_learns_the_nodes_and_whether_it_may_show_the_patient() {
     let pacs = async |configure: fn(&mut Config)| {

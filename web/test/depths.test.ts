@@ -73,8 +73,8 @@ test("near the envelope up to a millimetre is averaged, and none of it above the
   assert.equal(renderQuery(off, [64, 64]).get("slab_mm"), null);
 });
 
-test("the server's stand-in of a picture that may be either is exact where facets would be seen", () => {
+test("the server's stand-in of a picture that may be either has no facets at any depth", () => {
   const renderer = (depth_mm: number): string | null =>
     renderQuery({ ...firstState(SHOWN), depth_mm }, [64, 64]).get("renderer");
-  assert.deepEqual([10, 15, 15.5, 30].map(renderer), ["mesh", "mesh", "trace", "trace"]);
+  assert.deepEqual([10, 15, 15.5, 30].map(renderer), ["trace", "trace", "trace", "trace"]);
 });

@@ -37,10 +37,11 @@ test("triangles of vertices that there are not are refused", () => {
 /** Paths of two rows of 14 vertices and one piece, written as the wire README says. */
 function paths(): ArrayBuffer {
   const [vertices, rows, pieces] = [14, 2, 1];
-  const bytes = new ArrayBuffer(60 + 4 * rows + 24 * pieces + 6 * rows * vertices);
+  const counts = 60 + 4 * rows + 24 * pieces + 6 * rows * vertices;
+  const bytes = new ArrayBuffer(counts + 4 * rows);
   const view = new DataView(bytes);
   for (const [offset, letter] of [..."ISOP"].entries()) view.setUint8(offset, letter.charCodeAt(0));
-  view.setUint16(4, 1, true);
+  view.setUint16(4, 2, true);
   for (const [offset, value] of [
     [8, 3],
     [12, 4],
@@ -68,8 +69,18 @@ function paths(): ArrayBuffer {
       view.setUint16(at(1), vertex % 2 ? 3 : 65535, true); // 3 further, or 1 back.
     }
   }
+  view.setUint32(counts + 4, 5, true);
   return bytes;
 }
+
+test("a table tells how many vertices are shallower than each row; one of the former layout does not", () => {
+  assert.deepEqual([...decodePaths(paths()).shallow], [0, 5]);
+  const former = paths().slice(0, -8);
+  new DataView(former).setUint16(4, 1, true);
+  const table = decodePaths(former);
+  assert.deepEqual([...table.shallow], []);
+  assert.deepEqual(table.rows, decodePaths(paths()).rows);
+});
 
 test("the rows of a table are the sums of their differences, modulo 2¹⁶", () => {
   const table = decodePaths(paths());
@@ -91,7 +102,8 @@ test("paths are refused when they are cut, or say what cannot be", () => {
   assert.throws(() => decodePaths(paths().slice(0, -2)), WireError);
   for (const [offset, value] of [
     [0, 1],
-    [4, 2],
+    [4, 1],
+    [4, 3],
     [16, 15],
     [20, 0],
     [20, 0xffffffff],

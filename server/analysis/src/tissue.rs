@@ -22,10 +22,10 @@ const BIAS_SAMPLE_MM: f64 = 2.0;
 const LEAST_WHITE: f32 = 1e-3;
 /// The least contrast between grey and white matter, in deviations of the noise.
 const LEAST_CONTRAST: f32 = 5.0;
-/// A voxel is deep white matter if everything within this many voxels is white.
-const DEEP_WHITE: i64 = 3;
-/// The stride of the voxels that are sampled for noise.
-const NOISE_STRIDE: usize = 2;
+/// A voxel is deep white matter if its 26 neighbours are white, and everything within this many voxels and so many mm.
+const DEEP_WHITE: (i64, f64) = (3, 3.9);
+/// The distance of the voxels that are sampled for noise: at most so many voxels and so many mm.
+const NOISE_STRIDE: (usize, f64) = (2, 2.6);
 /// The fewest voxels of deep white matter for a noise estimate.
 const LEAST_SAMPLES: usize = 200;
 
@@ -85,7 +85,7 @@ pub(crate) fn tissue_scale(
     for value in &mut values {
         *value = (*value - grey) / contrast;
     }
-    let noise = noise(&values, block).ok_or(MapsUndefined::NoWhiteMatter)?;
+    let noise = noise(&values, block)?;
     if noise * LEAST_CONTRAST > 1.0 {
         return Err(MapsUndefined::LowContrast {
             contrast: 1.0 / noise,
@@ -285,15 +285,24 @@ impl Sample {
     }
 }
 
-/// The standard deviation of the noise in tissue scale; `None` if there is too little deep white matter.
-fn noise(values: &[f32], block: &Block) -> Option<f32> {
+/// The standard deviation of the noise in tissue scale, from deep white matter.
+fn noise(values: &[f32], block: &Block) -> Result<f32, MapsUndefined> {
     let [nx, ny, nz] = block.size.map(|side| side as i64);
     let index = |[x, y, z]: [i64; 3]| (x + nx * (y + ny * z)) as usize;
-    let margin = DEEP_WHITE;
-    let places = |side: i64| (margin..side - margin).step_by(NOISE_STRIDE);
-    let offsets: Vec<[i64; 3]> = cube(margin)
-        .filter(|offset| offset.iter().map(|along| along.abs()).sum::<i64>() <= margin)
-        .collect();
+    let (margin, margin_mm) = DEEP_WHITE;
+    let stride = |axis: usize| {
+        let (most, most_mm) = NOISE_STRIDE;
+        ((most_mm / block.spacing_mm[axis] + 1e-6) as usize).clamp(1, most)
+    };
+    let strides = [0, 1, 2].map(stride);
+    let along = |axis: usize, side: i64| (margin..side - margin).step_by(strides[axis]);
+    let is_within = |offset: &[i64; 3]| {
+        let voxels = offset.iter().map(|along| along.abs());
+        let mm = [0, 1, 2].map(|axis| offset[axis].abs() as f64 * block.spacing_mm[axis]);
+        let is_neighbour = voxels.clone().all(|along| along <= 1);
+        is_neighbour || voxels.sum::<i64>() <= margin && mm.iter().sum::<f64>() <= margin_mm + 1e-6
+    };
+    let offsets: Vec<[i64; 3]> = cube(margin).filter(is_within).collect();
     let around: Vec<[i64; 3]> = cube(1).collect();
     let moved = |voxel: [i64; 3], by: &[i64; 3]| [0, 1, 2].map(|axis| voxel[axis] + by[axis]);
     let is_white = |voxel: [i64; 3]| {
@@ -301,8 +310,8 @@ fn noise(values: &[f32], block: &Block) -> Option<f32> {
         values[index] > 0.8 && block.zones[index] >= Zone::Tissue
     };
     let mut residuals = Vec::new();
-    for voxel in
-        places(nz).flat_map(|z| places(ny).flat_map(move |y| places(nx).map(move |x| [x, y, z])))
+    for voxel in along(2, nz)
+        .flat_map(|z| along(1, ny).flat_map(move |y| along(0, nx).map(move |x| [x, y, z])))
     {
         if is_white(voxel) && offsets.iter().all(|offset| is_white(moved(voxel, offset))) {
             let sum: f32 = around
@@ -313,7 +322,7 @@ fn noise(values: &[f32], block: &Block) -> Option<f32> {
         }
     }
     if residuals.len() < LEAST_SAMPLES {
-        return None;
+        return Err(without_noise(residuals.len(), block));
     }
     let middle = residuals.len() / 2;
     let median = *residuals.select_nth_unstable_by(middle, f32::total_cmp).1;
@@ -321,7 +330,20 @@ fn noise(values: &[f32], block: &Block) -> Option<f32> {
     // stored as a single number has a median of 0.
     let mean = residuals.iter().sum::<f32>() / residuals.len() as f32;
     let deviation = f32::max(1.4826 * median, 0.5 * 1.2533 * mean);
-    Some(deviation / (1.0f32 - 1.0 / 27.0).sqrt())
+    Ok(deviation / (1.0f32 - 1.0 / 27.0).sqrt())
+}
+
+/// Why there is no estimate of the noise: large voxels leave few that lie within white matter, fine ones do not.
+fn without_noise(samples: usize, block: &Block) -> MapsUndefined {
+    let largest_mm = block.spacing_mm.into_iter().fold(0.0, f64::max);
+    if largest_mm <= DEEP_WHITE.1 / DEEP_WHITE.0 as f64 + 1e-6 {
+        return MapsUndefined::NoWhiteMatter;
+    }
+    MapsUndefined::NoiseUnknown {
+        samples,
+        needed: LEAST_SAMPLES,
+        largest_mm,
+    }
 }
 
 fn cube(reach: i64) -> impl Iterator<Item = [i64; 3]> {

@@ -25,6 +25,19 @@ pub enum MapsUndefined {
         "no white matter was found below the envelope; maps of the junction need a T1-weighted head"
     )]
     NoWhiteMatter,
+    /// Too few of the large voxels lie within white matter.
+    #[error(
+        "only {samples} of the voxels of up to {largest_mm:.2} mm lie within white matter; the noise cannot be measured \
+         with fewer than {needed}, so maps of the junction need a T1-weighted head with smaller voxels"
+    )]
+    NoiseUnknown {
+        /// Voxels of deep white matter.
+        samples: usize,
+        /// The fewest from which the noise is measured.
+        needed: usize,
+        /// The largest edge of a voxel, in mm.
+        largest_mm: f64,
+    },
     /// The brain mask is rated as failed.
     #[error("the brain mask is rated `failed`; correct the mask to get maps")]
     FailedEnvelope,
@@ -40,6 +53,7 @@ impl MapsUndefined {
             Self::CoarseVoxels { .. } => "coarse-voxels",
             Self::LowContrast { .. } => "low-contrast",
             Self::NoWhiteMatter => "no-white-matter",
+            Self::NoiseUnknown { .. } => "noise-unknown",
             Self::FailedEnvelope => "failed-envelope",
             Self::NothingDeep => "nothing-deep",
         }

@@ -143,6 +143,31 @@ words! {
     }
 }
 
+words! {
+    /// Why a case is not the one that counts any more.
+    Superseded {
+        /// The patient or the study of its images was corrected since.
+        Corrected = "corrected",
+        /// The PACS has rejected its images.
+        Rejected = "rejected",
+        /// Other images of its series became a newer case.
+        NewerVersion = "newer-version",
+    }
+}
+
+impl Serialize for Superseded {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
+impl Superseded {
+    /// Whether nothing may be made of the case any more: its images are another patient's or study's, or withdrawn.
+    pub fn is_final(self) -> bool {
+        self != Self::NewerVersion
+    }
+}
+
 /// How somebody took a series, whatever the rules for series make of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -363,8 +388,15 @@ pub struct CaseSeries {
     pub uids: SeriesUids,
     /// The accession number of the study.
     pub accession_number: Option<AccessionNumber>,
-    /// Whether the patient or the study was corrected since it was made.
-    pub is_superseded: bool,
+    /// Why it is not the one that counts any more, if so.
+    pub superseded: Option<Superseded>,
+}
+
+impl CaseSeries {
+    /// Whether the patient or the study was corrected since it was made, or its images were rejected.
+    pub fn is_superseded(&self) -> bool {
+        self.superseded.is_some_and(Superseded::is_final)
+    }
 }
 
 /// What a request for a case names.

@@ -103,7 +103,10 @@ impl Cases {
         if keep_name && self.is_named(&upload, &parameters).await? {
             parameters.name = None;
         }
-        self.submit_after(upload, parameters, None, client).await
+        let submitted = self.submit_after(upload, parameters, None, client).await?;
+        let case = submitted.case.id.short();
+        tracing::info!(case, is_new = submitted.created, "an upload was accepted");
+        Ok(submitted)
     }
 
     /// Checks an upload and queues it as a version of another case, if there is one.
@@ -159,6 +162,12 @@ impl Cases {
         let submitted = store.submit_version(version).await?;
         let submitted = submitted.ok_or(Error::NoSuchCase)?;
         self.index_version(&of, submitted.case.id).await?;
+        tracing::info!(
+            case = submitted.case.id.short(),
+            of = of.short(),
+            is_new = submitted.created,
+            "a version of a case was accepted"
+        );
         offer.keep_if(submitted.created);
         Ok(submitted)
     }

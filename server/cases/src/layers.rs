@@ -72,8 +72,10 @@ impl Cases {
     /// [`Error::Failure`] that states what is wrong with the upload or why the case failed; [`Error::NoSuchCase`], [`Error::TooManyLayers`],
     /// [`Error::LayerNameTaken`], [`Error::Busy`], or an error of the store.
     pub async fn add_layer(&self, new: NewLayer) -> Result<AddedLayer, Error> {
-        let is_removed = self.deidentifies();
-        self.add_layer_of(new, is_removed).await
+        let (is_removed, case) = (self.deidentifies(), new.case.short());
+        let added = self.add_layer_of(new, is_removed).await?;
+        tracing::info!(case, is_new = added.created, "a layer was accepted");
+        Ok(added)
     }
 
     /// As [`Cases::add_layer`], whether or not the identity of the patient is removed.

@@ -350,11 +350,18 @@ impl Library {
                     .publish(Publisher::Rebuild(id), &framed, &derived.facts)
                     .await?;
                 self.store().signals().count(Count::Rebuild);
-                tracing::warn!("rebuilt the derived objects of a case from its source");
+                tracing::warn!(
+                    case = id.short(),
+                    "rebuilt the derived objects of a case from its source"
+                );
             }
             Err(failure) => {
                 self.store().condemn(id, &failure).await?;
-                tracing::error!(kind = failure.name, "cannot rebuild a case from its source");
+                tracing::error!(
+                    case = id.short(),
+                    kind = failure.name,
+                    "cannot rebuild a case from its source"
+                );
             }
         }
         self.store().signals().changed(id);

@@ -242,7 +242,14 @@ impl Lane {
     /// Does a job and ends it.
     async fn conduct(&self, work: &Arc<dyn Work>, claim: Claim) {
         let (kind, job) = (claim.kind.name(), claim.fence);
-        tracing::info!(kind, job, attempt = claim.attempt, "beginning a job");
+        let case = claim.case.map(|case| case.short());
+        tracing::info!(
+            kind,
+            job,
+            case = case.as_deref(),
+            attempt = claim.attempt,
+            "beginning a job"
+        );
         let (progress, mut seen) = watch::channel(None);
         let ended = match self.attend(work, &claim, progress, &seen).await {
             Attended::Ended(Ok(End::Done)) => self.store.finish(&claim).await,
@@ -252,11 +259,16 @@ impl Lane {
                 self.try_again(&claim, failure, &work.terms()).await
             }
             Attended::Lost => {
-                tracing::info!(kind, job, "a job was cancelled");
+                tracing::info!(kind, job, case = case.as_deref(), "a job was cancelled");
                 Ok(true)
             }
             Attended::Stopped => {
-                tracing::info!(kind, job, "a job was returned to the queue");
+                tracing::info!(
+                    kind,
+                    job,
+                    case = case.as_deref(),
+                    "a job was returned to the queue"
+                );
                 let release = Release {
                     after: Duration::ZERO,
                     counts: false,
@@ -267,11 +279,19 @@ impl Lane {
         };
         match ended {
             Ok(true) => {}
-            Ok(false) => tracing::info!(kind, job, "a job ended after its lease and was ignored"),
+            Ok(false) => {
+                tracing::info!(
+                    kind,
+                    job,
+                    case = case.as_deref(),
+                    "a job ended after its lease and was ignored"
+                );
+            }
             // The lease ends by itself.
             Err(error) => tracing::error!(
                 kind,
                 job,
+                case = case.as_deref(),
                 error = &error as &dyn std::error::Error,
                 "cannot end a job"
             ),
@@ -335,6 +355,7 @@ impl Lane {
         renewed.unwrap_or_else(|error| {
             tracing::warn!(
                 job = claim.fence,
+                case = claim.case.map(|case| case.short()),
                 error = &error as &dyn std::error::Error,
                 "cannot renew a lease"
             );
@@ -351,7 +372,8 @@ impl Lane {
 
     async fn fail(&self, claim: &Claim, failure: &Failure) -> Result<bool, StoreError> {
         let (kind, reason) = (claim.kind.name(), failure.name.as_str());
-        tracing::info!(kind, job = claim.fence, reason, "a job failed");
+        let case = claim.case.map(|case| case.short());
+        tracing::info!(kind, job = claim.fence, case, reason, "a job failed");
         self.count(claim.kind, Count::Failed);
         self.store.fail(claim, failure).await
     }
@@ -367,7 +389,14 @@ impl Lane {
             return self.fail(claim, &failure).await;
         }
         let (kind, reason) = (claim.kind.name(), failure.name.as_str());
-        tracing::warn!(kind, job = claim.fence, reason, "a job will be tried again");
+        let case = claim.case.map(|case| case.short());
+        tracing::warn!(
+            kind,
+            job = claim.fence,
+            case,
+            reason,
+            "a job will be tried again"
+        );
         self.count(claim.kind, Count::Retried);
         let release = Release {
             after: terms.wait_after(claim.attempt),

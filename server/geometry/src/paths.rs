@@ -113,6 +113,14 @@ impl PathTable {
     }
 }
 
+impl PathTable {
+    /// For each row, how many vertices of the mesh at its depth are shallower than that: [`ShrunkMesh::shallow_count`].
+    pub fn shallow_counts(&self, field: &DepthField) -> Vec<usize> {
+        let of_row = |row| self.shrink(row as f32 * self.row_mm).shallow_count(field);
+        (0..self.row_count()).into_par_iter().map(of_row).collect()
+    }
+}
+
 /// How much shallower than its mesh a vertex may be, in mm: more than the error of a path.
 const SHALLOWER_MM: f32 = 0.1;
 
@@ -605,6 +613,9 @@ mod tests {
                 .count();
             assert_eq!(deepest.shallow_count(&case.field), expected);
             assert_eq!(deepest.unknown_vertices(&case.field), []);
+            let counts = table.shallow_counts(&case.field);
+            assert_eq!((counts.len(), counts[0]), (table.row_count(), 0));
+            assert_eq!(counts[table.row_count() - 1], expected);
         }
         // An ellipsoid of which a face of the volume takes the lower half.
         let whole = phantom::ellipsoid([34.0, 22.0, 18.0], 1.0);

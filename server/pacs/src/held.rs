@@ -136,7 +136,7 @@ impl HeldStudy {
             .cases_of(&SeriesQuery::Study(uid.clone(), None))
             .await?;
         // Those of a wrong patient are not shown at all.
-        cases.retain(|case| !case.is_superseded);
+        cases.retain(|case| !case.is_superseded());
         if cases.is_empty() {
             return Ok(None);
         }

@@ -125,7 +125,7 @@ async fn may_leave(pacs: &Pacs, result: &SentResult, file: &Bytes) -> Result<(),
         return Err(SendError::Withdrawn);
     }
     let series = store.series_of(&result.case).await.map_err(of_store)?;
-    if !series.is_some_and(|series| series.is_superseded) {
+    if !series.is_some_and(|series| series.is_superseded()) {
         return Ok(());
     }
     let spooled = store.spool_all(file.clone()).await.map_err(of_store)?;

@@ -256,6 +256,17 @@ impl Images<'_> {
                 "the request has no parts; send each DICOM file as a part",
             ));
         }
+        let Report {
+            stored,
+            failed,
+            others,
+            ..
+        } = &self.report;
+        tracing::info!(
+            images = stored.len(),
+            failed = failed.len() + others.len(),
+            "images were stored by STOW-RS"
+        );
         Ok(self.report.answer())
     }
 }

@@ -203,6 +203,7 @@ mod tests {
             created_at: Timestamp::UNIX_EPOCH,
             uploaded_at: Timestamp::UNIX_EPOCH,
             kept: false,
+            superseded: None,
             expires_at: None,
         }
     }

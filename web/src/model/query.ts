@@ -3,7 +3,7 @@
 import { viewName } from "./camera.ts";
 import { overlayPairs } from "./maps.ts";
 import type { Vec2, Vec3 } from "./space.ts";
-import { type ViewState, drawnStill, slabOf } from "./state.ts";
+import { type ViewState, slabOf } from "./state.ts";
 import type { MeshSize } from "./wire.ts";
 
 /** The mesh of the page: 8,000 triangles. */
@@ -51,9 +51,8 @@ export function renderQuery(state: RenderState, size: Vec2): URLSearchParams {
   const slab_mm = slabOf(state);
   if (slab_mm > 0) query.set("slab_mm", short(slab_mm, 3));
   query.set("ambient", short(state.ambient, 3));
-  const drawn = state.way === "auto" ? drawnStill(state.depth_mm) : state.way;
-  query.set("renderer", drawn === "exact" ? "trace" : "mesh");
-  if (drawn === "mesh") {
+  query.set("renderer", state.way === "mesh" ? "mesh" : "trace");
+  if (state.way === "mesh") {
     query.set("contours", String(PAGE_MESH.contour_count));
     query.set("points", String(PAGE_MESH.points_per_contour));
   }

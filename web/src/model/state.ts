@@ -244,12 +244,6 @@ export function presetWindow(preset: WindowPreset, { intensity }: { readonly int
   }
 }
 
-/** Deeper than this the mesh's facets are seen. */
-export const FACETS_MM = 15;
-
-/** What suits a picture that rests, where nothing is known of the device. */
-export const drawnStill = (depth_mm: number): "mesh" | "exact" => (depth_mm > FACETS_MM ? "exact" : "mesh");
-
 /** Layers thinner than two voxels lie near the envelope: undersampled, they show as rings like those of wood. */
 const SHALLOW_MM = [1, 2] as const;
 

@@ -57,6 +57,8 @@ export interface PathsTable {
   readonly first_piece: Uint32Array<ArrayBuffer>;
   /** Six words for each piece: the vertex, two depths (as `f32`), two stored positions (six 16-bit numbers). */
   readonly pieces: Uint32Array<ArrayBuffer>;
+  /** For each row how many vertices are shallower than it, because their paths end before; empty if it is not known. */
+  readonly shallow: Uint32Array<ArrayBuffer>;
 }
 
 const PATHS_HEADER_BYTES = 56;
@@ -69,13 +71,16 @@ export function decodePaths(bytes: ArrayBuffer): PathsTable {
   const whole = (offset: number): number => header.getUint32(offset, true);
   const real = (offset: number): number => header.getFloat32(offset, true);
   refuseUnless(whole(0) === MAGIC);
-  refuseUnless(header.getUint16(4, true) === 1);
+  const layout = header.getUint16(4, true);
+  // Browsers keep tables of the former layout, which has no counts.
+  refuseUnless(layout === 1 || layout === 2);
   const mesh = { contour_count: whole(8), points_per_contour: whole(12) };
   const [vertices, row_count, pieces] = [whole(16), whole(20), whole(24)];
   refuseUnless(vertices === vertexCount(mesh) && row_count > 0);
   const piecesAt = PATHS_HEADER_BYTES + 4 * (row_count + 1);
   const planesAt = piecesAt + PIECE_BYTES * pieces;
-  checkLength(bytes, planesAt + 6 * row_count * vertices);
+  const countsAt = planesAt + 6 * row_count * vertices;
+  checkLength(bytes, countsAt + (layout === 2 ? 4 * row_count : 0));
   const first_piece = new Uint32Array(bytes.slice(PATHS_HEADER_BYTES, piecesAt));
   const inOrder = first_piece.every((first, row) => first <= (first_piece[row + 1] ?? pieces));
   refuseUnless(inOrder && first_piece[row_count] === pieces);
@@ -87,9 +92,10 @@ export function decodePaths(bytes: ArrayBuffer): PathsTable {
     step_mm: real(40),
     row_mm: real(44),
     row_count,
-    rows: summedRows(new Uint16Array(bytes.slice(planesAt)), row_count, vertices),
+    rows: summedRows(new Uint16Array(bytes.slice(planesAt, countsAt)), row_count, vertices),
     first_piece,
     pieces: words,
+    shallow: new Uint32Array(bytes.slice(countsAt)),
   };
 }
 

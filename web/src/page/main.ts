@@ -55,6 +55,7 @@ class App {
   readonly #silence = h("p", { class: "notice-line bad", id: "silence", role: "alert", hidden: true });
   /** Says that the study has other heads. */
   readonly #others = h("div", { class: "notice-line remark others", role: "status", hidden: true });
+  readonly #superseded = h("p", { class: "notice-line bad", id: "superseded", role: "note", hidden: true });
   readonly #quality = h("div", { class: "quality", role: "note", hidden: true });
   readonly #layouts: HTMLElement;
   readonly #stage: HTMLElement;
@@ -109,6 +110,7 @@ class App {
       { class: "stage", id: "stage", tabindex: -1, "aria-labelledby": "case-title" },
       this.#silence,
       this.#others,
+      this.#superseded,
       this.#quality,
       this.#note,
       this.#start,
@@ -245,6 +247,8 @@ class App {
     const isEmpty = !chosen && this.#absence === "" && this.#list.isEmpty;
     this.#start.hidden = !isEmpty;
     if (isEmpty) tell(this.#note, "");
+    // It may come while the case is open.
+    tell(this.#superseded, chosen?.superseded ? t(`superseded.${chosen.superseded}.text`) : "");
     void this.#acquired.show(ready ? "" : (chosen?.id ?? ""));
     if (ready?.id === this.#viewer?.shown.id) return;
     this.#leave();

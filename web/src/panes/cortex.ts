@@ -133,7 +133,7 @@ class Cortex implements Surface {
   }
 
   async picture(state: ViewState, ratio: number): Promise<CanvasImageSource> {
-    const still = state.way === "auto" ? { ...state, way: this.#pace.stillWay(state.depth_mm) } : state;
+    const still = state.way === "auto" ? { ...state, way: "exact" as const } : state;
     const way = this.#drawable(still);
     const painter = this.#device?.painter;
     if (!way || !painter) return this.#standIn.picture(state, ratio) ?? this.#canvas;
@@ -257,7 +257,7 @@ class Cortex implements Surface {
     const drawn = this.#available(state);
     const isWhole = drawn === state;
     if (!isWhole) this.#bringLayers(state);
-    const isLast = quality === FULL_QUALITY && (state.way !== "auto" || way === this.#pace.stillWay(state.depth_mm));
+    const isLast = quality === FULL_QUALITY && (state.way !== "auto" || way === "exact");
     const draw = (): void => {
       this.#fitCanvas();
       painter.draw(this.#panesOf(drawn), way, quality);
@@ -290,7 +290,7 @@ class Cortex implements Surface {
   #drawable(state: ViewState): Drawn | null {
     const painter = this.#device?.painter;
     if (!painter || this.#isServed(state)) return null;
-    const wanted = state.way === "auto" ? this.#pace.wayOf(state.depth_mm) : state.way;
+    const wanted = state.way === "auto" ? this.#pace.way : state.way;
     if (wanted === "exact" && painter.canDraw("exact", state.depth_mm)) return "exact";
     return painter.canDraw("mesh", state.depth_mm) ? "mesh" : null;
   }

@@ -4,17 +4,14 @@ import { number, t } from "../base/i18n.ts";
 import type { Gl } from "../gl/gl.ts";
 import { type Drawn, FULL_QUALITY, type Quality } from "../gl/scene.ts";
 import { FrameTimer } from "../gl/timer.ts";
-import { drawnStill } from "../model/state.ts";
 
 /** Frames that take longer than this are drawn with less while something changes. */
 const SLOW_FRAME_MS = 40;
-/** A picture that rests may take so long to be exact. */
-const STILL_FRAME_MS = 500;
 /** The first frames are no measure: shaders are compiled for them. */
 const LEAST_FRAMES = 2;
 const COARSE_SHARE = 0.5;
-/** After so long without a frame everything rests. */
-const REST_MS = 150;
+/** After so long without a frame everything rests; where an exact frame takes longer, after as long as one, up to a limit. */
+const REST_MS = [150, 1000] as const;
 
 export class Pace {
   readonly #timer = new FrameTimer();
@@ -38,16 +35,10 @@ export class Pace {
     this.#moving = moving;
   }
 
-  /** Which way suits a picture now: exact where the device is fast, else as soon as it rests. */
-  wayOf(depth_mm: number): Drawn {
+  /** Which way suits a picture now: exact where the device is fast, and on any as soon as it rests, for the mesh has facets. */
+  get way(): Drawn {
     const isFast = this.#exactFrames >= LEAST_FRAMES && this.#full_ms.exact <= SLOW_FRAME_MS;
-    return isFast || this.#resting ? this.stillWay(depth_mm) : "mesh";
-  }
-
-  /** Which way suits a picture that rests: exact, but where that takes long and the mesh shows no facets. */
-  stillWay(depth_mm: number): Drawn {
-    const isSlow = this.#exactFrames >= LEAST_FRAMES && this.#full_ms.exact > STILL_FRAME_MS;
-    return isSlow ? drawnStill(depth_mm) : "exact";
+    return isFast || this.#resting ? "exact" : "mesh";
   }
 
   /**
@@ -72,7 +63,9 @@ export class Pace {
       hear();
     });
     clearTimeout(this.#rest);
-    this.#rest = window.setTimeout(() => this.#onRest(isLast), REST_MS);
+    const [least_ms, most_ms] = REST_MS;
+    const rest_ms = Math.min(Math.max(this.#full_ms.exact, least_ms), most_ms);
+    this.#rest = window.setTimeout(() => this.#onRest(isLast), rest_ms);
   }
 
   get frames(): number {

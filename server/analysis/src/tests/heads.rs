@@ -226,6 +226,43 @@ fn a_head_without_enough_contrast_or_with_coarse_voxels_has_no_maps_and_a_reason
 }
 
 #[test]
+fn the_noise_of_voxels_of_two_millimetres_is_measured_and_their_head_has_maps() {
+    let size = [57, 67, 53];
+    let origin = DVec3::from_array(size.map(|side| (side - 1) as f64 * -1.0));
+    let grid = Grid::aligned(size, [2.0; 3], origin).unwrap();
+    let phantom = Phantom {
+        noise: 24.0,
+        ..Phantom::PLAIN
+    };
+    let maps = phantom.scan(&grid).maps().unwrap();
+    let noise = maps.tissue.noise;
+    assert!((noise - 0.04).abs() < 0.008, "{noise}");
+}
+
+#[test]
+fn a_thin_sheet_of_white_matter_is_too_little_for_the_noise_only_because_of_large_voxels() {
+    // White matter begins 33 mm below the outline: its core is 22 mm high.
+    let thin = |spacing_mm: f64| {
+        let size = [114.0, 134.0, 106.0].map(|side: f64| (side / spacing_mm) as usize);
+        let origin = DVec3::from_array(size.map(|side| (side - 1) as f64 * -spacing_mm / 2.0));
+        let grid = Grid::aligned(size, [spacing_mm; 3], origin).unwrap();
+        let scan = Phantom {
+            junction_mm: 38.0,
+            ..Phantom::PLAIN
+        }
+        .scan(&grid);
+        scan.maps().map(|_| ())
+    };
+    let refused = thin(2.0).unwrap_err();
+    assert_eq!(refused.code(), "noise-unknown", "{refused}");
+    assert!(refused.to_string().contains("2.00 mm"), "{refused}");
+    assert_ne!(
+        thin(1.0).map_err(crate::MapsUndefined::code),
+        Err("noise-unknown")
+    );
+}
+
+#[test]
 fn maps_are_the_same_to_the_bit_for_any_number_of_threads() {
     let scan = Phantom {
         noise: 20.0,

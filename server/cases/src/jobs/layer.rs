@@ -44,6 +44,7 @@ impl Work for PrepareLayer {
             if failure.kind == FailureKind::OutOfMemory {
                 tracing::warn!(
                     job = job.claim.fence,
+                    case = case.short(),
                     "there is not enough memory for a layer"
                 );
             }
@@ -55,6 +56,7 @@ impl Work for PrepareLayer {
             let placement = &facts.placement;
             tracing::info!(
                 job = job.claim.fence,
+                case = case.short(),
                 origin = placement.origin.name(),
                 quality = placement.quality.name(),
                 "a layer is ready"

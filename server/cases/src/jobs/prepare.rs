@@ -50,10 +50,11 @@ impl Work for PrepareCase {
         match store.publish(publisher, &framed, &derived.facts).await? {
             Published::Done => {
                 store.signals().count(Count::Prepared);
-                tracing::info!(job = job.claim.fence, "a case is ready");
+                tracing::info!(job = job.claim.fence, case = id.short(), "a case is ready");
             }
             Published::Fenced => tracing::info!(
                 job = job.claim.fence,
+                case = id.short(),
                 "a preparation finished after its lease had ended and was discarded"
             ),
         }

@@ -144,6 +144,7 @@ impl Library {
             let store = self.store();
             if store.prepare_layer_again(&row.case, &row.id).await? {
                 tracing::warn!(
+                    case = row.case.short(),
                     "the voxels of a layer are lost; it is prepared again from its source"
                 );
                 self.store().signals().queued();

@@ -135,6 +135,7 @@ impl Library {
         cache.known.remove(id);
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
         tracing::info!(
+            case = id.short(),
             took_ms,
             undefined = undefined.as_deref(),
             "computed the maps of a case"
@@ -158,7 +159,10 @@ impl Library {
         };
         let decoded = tokio::task::spawn_blocking(move || decode_maps(&payload)).await?;
         if decoded.is_none() {
-            tracing::info!("the maps of a case are of another format and will be computed again");
+            tracing::info!(
+                case = id.short(),
+                "the maps of a case are of another format and will be computed again"
+            );
         }
         Ok(decoded)
     }

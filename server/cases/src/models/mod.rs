@@ -150,6 +150,7 @@ impl Inner {
                 // Whoever looks at a case may want its maps next; a picture does not need them.
                 if let Err(error) = self.library.ensure_maps(id).await {
                     tracing::warn!(
+                        case = id.short(),
                         error = &error as &dyn std::error::Error,
                         "the maps of a case will be computed later"
                     );

@@ -71,12 +71,15 @@ impl Report {
         )
     }
 
-    /// The verdict on a mask that is not sound.
+    /// That the case is not the one that counts any more, and the verdict on a mask that is not sound.
     fn doubt(&self, words: &Words) -> Option<String> {
-        match self.facts.quality.as_ref()?.state {
-            QualityState::Ok => None,
-            state => Some(format!("{}: {}", words.mask, words.state(state))),
-        }
+        let superseded = self.case.superseded.map(|why| words.superseded(why));
+        let state = self.facts.quality.as_ref().map(|quality| quality.state);
+        let mask = state
+            .filter(|state| *state != QualityState::Ok)
+            .map(|state| format!("{}: {}", words.mask, words.state(state)));
+        let doubts: Vec<_> = (superseded.map(str::to_owned).into_iter().chain(mask)).collect();
+        (!doubts.is_empty()).then(|| doubts.join(" · "))
     }
 
     /// The verdict again, at the head of a page: not every browser prints the margins of pages.
@@ -86,12 +89,12 @@ impl Report {
 
     /// What is wrong with the mask, where something is.
     fn warning(&self, words: &Words) -> Markup {
-        let doubted = self.doubt(words).zip(self.facts.quality.as_ref());
+        let quality = self.facts.quality.as_ref();
         html! {
-            @if let Some((doubt, quality)) = doubted {
+            @if let Some(doubt) = self.doubt(words) {
                 div.warning {
                     strong { (doubt) }
-                    @for reason in &quality.reasons { p { (reason) } }
+                    @for reason in quality.iter().flat_map(|quality| &quality.reasons) { p { (reason) } }
                 }
             }
         }

@@ -1,6 +1,7 @@
 //! The words of a report in each language.
 
 use super::shots::Through;
+use case::arrivals::Superseded;
 use case::findings::{Certainty, FindingKind};
 use case::{PatientSide, QualityState};
 use render::NamedView;
@@ -50,6 +51,7 @@ pub(super) struct Words {
     pub(super) voxels: &'static str,
     pub(super) mask: &'static str,
     states: [&'static str; 3],
+    superseded: [&'static str; 3],
     pub(super) findings: &'static str,
     pub(super) finding: &'static str,
     pub(super) no_findings: &'static str,
@@ -92,6 +94,10 @@ pub(super) struct Words {
 impl Words {
     pub(super) fn state(&self, state: QualityState) -> &'static str {
         self.states[state as usize]
+    }
+
+    pub(super) fn superseded(&self, why: Superseded) -> &'static str {
+        self.superseded[why as usize]
     }
 
     pub(super) fn side(&self, side: PatientSide) -> &'static str {
@@ -141,6 +147,11 @@ const ENGLISH: Words = Words {
     voxels: "voxels",
     mask: "Brain mask",
     states: ["nothing unusual", "CHECK IT", "NOT A BRAIN"],
+    superseded: [
+        "SUPERSEDED: the patient or the study of these images was corrected since",
+        "REJECTED: these images were withdrawn in the archive",
+        "A newer version of this series exists",
+    ],
     findings: "Findings",
     finding: "Finding",
     no_findings: "Nothing was marked.",
@@ -199,6 +210,11 @@ const PORTUGUESE: Words = Words {
     voxels: "voxels",
     mask: "Máscara do encéfalo",
     states: ["nada incomum", "VERIFIQUE", "NÃO É UM ENCÉFALO"],
+    superseded: [
+        "SUBSTITUÍDO: o paciente ou o estudo destas imagens foi corrigido depois",
+        "REJEITADO: estas imagens foram retiradas no arquivo",
+        "Existe uma versão mais nova desta série",
+    ],
     findings: "Achados",
     finding: "Achado",
     no_findings: "Nada foi marcado.",

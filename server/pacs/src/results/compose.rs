@@ -79,7 +79,7 @@ impl Composer {
         let series = cases.store().series_of(&id).await?;
         // What was sent of a wrong patient must still be withdrawn.
         let is_rejection = matches!(&plan, Plan::KeyObject(plan) if plan.title.is_rejection());
-        if !is_rejection && series.is_some_and(|series| series.is_superseded) {
+        if !is_rejection && series.is_some_and(|series| series.is_superseded()) {
             return Err(superseded());
         }
         let source = source(cases, &id, asked).await?;

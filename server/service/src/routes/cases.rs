@@ -11,6 +11,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::layers::MapsView;
 use case::Quality;
+use case::arrivals::Superseded;
 use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, ImageRun, MaskKind, Parameters};
 use cases::dicom::Choice;
 use cases::pictures::{check_count, window_of};
@@ -39,6 +40,12 @@ pub struct CaseView {
     created_at: String,
     /// Whether it is never removed because of its age.
     kept: bool,
+    /// Why it is not the one that counts any more; absent if it is. `corrected`: the patient or the study of its images
+    /// was corrected in the PACS since; `rejected`: the PACS has rejected its images; `newer-version`: other images of its
+    /// series became a newer case.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
+    superseded: Option<&'static str>,
     /// When the server will remove it because of its age (RFC 3339); absent if it will not.
     #[serde(skip_serializing_if = "Option::is_none")]
     expires_at: Option<String>,
@@ -313,6 +320,7 @@ impl From<Case> for CaseView {
             next: case.next,
             state: case.state,
             created_at: case.created_at.to_string(),
+            superseded: case.superseded.map(Superseded::name),
             kept: case.kept,
             expires_at: case.expires_at.map(|time| time.to_string()),
             progress: case.progress.map(|progress| ProgressView {

@@ -309,7 +309,8 @@ pub async fn get_paths(
         query: &asked,
         request: &request,
     };
-    let format = Format::compressed(PATHS, &request);
+    // The layout counts in the tag.
+    let format = Format::compressed(PATHS, &request).variant("paths 2");
     let coding = format.coding();
     let work = async |_| {
         let paths = asked.paths;
@@ -317,8 +318,12 @@ pub async fn get_paths(
         let kind = BodyKind::Paths(size, paths);
         let on_envelope = Arc::clone(model.model());
         let encode = move |table: Arc<PathTable>| {
-            let unknown = table.shrink(0.0).unknown_vertices(on_envelope.field());
-            wire::paths(&table, paths, unknown.len())
+            let field = on_envelope.field();
+            let astray = wire::Astray {
+                unknown: table.shrink(0.0).unknown_vertices(field).len(),
+                shallow: table.shallow_counts(field),
+            };
+            wire::paths(&table, paths, &astray)
         };
         let table = model.paths(size, paths);
         let body = bodies.get(BodyKey { id, kind, coding }, table, encode);

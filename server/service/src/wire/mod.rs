@@ -12,7 +12,7 @@ use geometry::ShrunkMesh;
 
 pub use gltf::gltf;
 pub use obj::obj;
-pub use paths::paths;
+pub use paths::{Astray, paths};
 pub use ply::ply;
 pub use stl::stl;
 pub use texture::{

@@ -6,15 +6,26 @@ use geometry::{PathTable, Piece};
 use cases::models::PathKind;
 
 const MAGIC: &[u8; 4] = b"ISOP";
-const VERSION: u16 = 1;
+const VERSION: u16 = 2;
 const HEADER_LENGTH: usize = 56;
 const PIECE_LENGTH: usize = 24;
 
-/// A table of paths in the layout of the README: header, finer pieces, three planes of differences. `unknown_vertices` start on a cut.
-pub fn paths(table: &PathTable, kind: PathKind, unknown_vertices: usize) -> Bytes {
+/// The vertices of a table that are not at the depth of their mesh.
+#[derive(Debug, Default)]
+pub struct Astray {
+    /// How many start on a cut.
+    pub unknown: usize,
+    /// For each row, how many are shallower, because their paths end before.
+    pub shallow: Vec<usize>,
+}
+
+/// A table of paths in the layout of the README: header, finer pieces, three planes of differences, and counts.
+pub fn paths(table: &PathTable, kind: PathKind, astray: &Astray) -> Bytes {
     let pieces = 4 * table.first_piece.len() + PIECE_LENGTH * table.pieces.len();
-    let mut file = Vec::with_capacity(HEADER_LENGTH + pieces + 6 * table.rows.len());
-    write_header(&mut file, table, kind, unknown_vertices);
+    let mut file = Vec::with_capacity(
+        HEADER_LENGTH + pieces + 6 * table.rows.len() + 4 * astray.shallow.len(),
+    );
+    write_header(&mut file, table, kind, astray.unknown);
     let first_piece = table.first_piece.iter();
     file.extend(first_piece.flat_map(|number| number.to_le_bytes()));
     for piece in &table.pieces {
@@ -23,6 +34,8 @@ pub fn paths(table: &PathTable, kind: PathKind, unknown_vertices: usize) -> Byte
     for axis in 0..3 {
         write_plane(&mut file, &table.rows, table.size.vertex_count(), axis);
     }
+    let shallow = astray.shallow.iter();
+    file.extend(shallow.flat_map(|&count| (count as u32).to_le_bytes()));
     file.into()
 }
 
@@ -101,7 +114,7 @@ mod tests {
     fn positions_of(file: &[u8]) -> Vec<[u16; 3]> {
         let [vertices, rows, pieces] = [16, 20, 24].map(|offset| u32_at(file, offset) as usize);
         let start = HEADER_LENGTH + 4 * (rows + 1) + PIECE_LENGTH * pieces;
-        assert_eq!(file.len(), start + 6 * rows * vertices);
+        assert_eq!(file.len(), start + (6 * vertices + 4) * rows);
         let mut positions = vec![[0u16; 3]; rows * vertices];
         let count = positions.len();
         for (axis, index) in (0..3).flat_map(|axis| (0..count).map(move |index| (axis, index))) {
@@ -117,7 +130,11 @@ mod tests {
     #[test]
     fn a_client_that_follows_the_readme_gets_the_table_back() {
         let table = table();
-        let file = paths(&table, PathKind::Flow, 7);
+        let astray = Astray {
+            unknown: 7,
+            shallow: vec![0, 0, 2, 5, 13],
+        };
+        let file = paths(&table, PathKind::Flow, &astray);
         assert_eq!(&file[..4], MAGIC);
         assert_eq!(file[6], 1);
         assert_eq!(
@@ -139,5 +156,7 @@ mod tests {
         assert_eq!(file[pieces + 12..pieces + 14], [1, 0]);
         assert_eq!(u32_at(&file, 52), 7);
         assert_eq!(positions_of(&file), table.rows);
+        let counts = [5, 4, 3, 2, 1].map(|back| u32_at(&file, file.len() - 4 * back));
+        assert_eq!(counts, [0, 0, 2, 5, 13]);
     }
 }

@@ -11,7 +11,7 @@ use crate::Store;
 use crate::arrivals::{
     AccessionNumber, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState, ArrivalStatus,
     BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome,
-    REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Taken, TakenAs, Uid,
+    REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Superseded, Taken, TakenAs, Uid,
 };
 use crate::jobs::{Claim, Release};
 use crate::rows::{DueSeries, Known, Referred, Sweep};
@@ -171,7 +171,7 @@ pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_s
             .await
             .unwrap()
             .unwrap()
-            .is_superseded
+            .is_superseded()
     );
     // Of each series, only the first image is reported.
     let owner = received(store, &[corrected(2, Change::Owner)]).await;
@@ -182,11 +182,13 @@ pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_s
             .await
             .unwrap()
             .unwrap()
-            .is_superseded
+            .is_superseded()
     );
     let old = [image(1, 1), image(1, 2)].map(|image| ObjectName::from(&image));
     let abandoned = store.abandoned(10).await.unwrap();
     assert!(old.iter().all(|name| abandoned.contains(name)));
+    let why = async |case: CaseId| store.case(&case).await.unwrap().unwrap().superseded;
+    assert_eq!(why(first).await, Some(Superseded::Corrected));
     // The new case is not superseded, and a correction that is taken back leads to the first one again.
     subject.pass(21);
     let second = a_case(store, "b").await;
@@ -201,7 +203,7 @@ pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_s
             .await
             .unwrap()
             .unwrap()
-            .is_superseded
+            .is_superseded()
     );
     let back = NewInstance {
         replaces: Some(Change::Owner),
@@ -211,7 +213,14 @@ pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_s
     subject.pass(21);
     let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
-    let is_superseded = async |case| store.series_of(case).await.unwrap().unwrap().is_superseded;
+    let is_superseded = async |case| {
+        store
+            .series_of(case)
+            .await
+            .unwrap()
+            .unwrap()
+            .is_superseded()
+    };
     assert!(!is_superseded(&first).await && is_superseded(&second).await);
 }
 
@@ -259,7 +268,14 @@ pub(crate) async fn an_image_that_comes_under_another_series_leaves_its_own(subj
     let first = store.arrivals_of(&study()).await.unwrap().remove(0);
     let corrected = received(store, &[moved(1)]).await.corrected;
     assert_eq!(corrected, [first.id]);
-    assert!(store.series_of(&case).await.unwrap().unwrap().is_superseded);
+    assert!(
+        store
+            .series_of(&case)
+            .await
+            .unwrap()
+            .unwrap()
+            .is_superseded()
+    );
     let counts = async || {
         let arrivals = store.arrivals_of(&study()).await.unwrap();
         let counts = arrivals.iter().map(|each| (each.state, each.instances));
@@ -297,7 +313,14 @@ pub(crate) async fn images_that_are_rejected_are_forgotten_and_their_cases_super
     // What is left is read again.
     let left = reject(true, 1, &[instance(1, 1)]).await;
     assert_eq!((left.state, left.instances), (ArrivalState::Receiving, 1));
-    assert!(store.series_of(&case).await.unwrap().unwrap().is_superseded);
+    assert!(
+        store
+            .series_of(&case)
+            .await
+            .unwrap()
+            .unwrap()
+            .is_superseded()
+    );
     let none = reject(false, 1, &[instance(1, 2), instance(1, 9)]).await;
     assert_eq!((none.state, none.instances), (ArrivalState::Nothing, 0));
     assert_eq!(none.reason.as_ref(), Some(&reason));
@@ -520,7 +543,7 @@ pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
         case: second,
         uids: series(2),
         accession_number: AccessionNumber::parse("A2"),
-        is_superseded: false,
+        superseded: None,
     };
     for _ in 0..2 {
         store.index_series(&of_second).await.unwrap();

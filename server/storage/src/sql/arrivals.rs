@@ -7,7 +7,7 @@ use super::{jobs, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
     ArrivalStatus, BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NOT_T1, NewInstance, Outcome,
-    SeriesQuery, SeriesUids, Taken, Uid,
+    SeriesQuery, SeriesUids, Superseded, Taken, Uid,
 };
 use crate::rows::{DueSeries, Known};
 use crate::{ObjectName, StoreError};
@@ -264,7 +264,7 @@ pub(super) async fn reject(
         jobs::cancel(connection, JobKind::SERIES, &id).await?;
     }
     connection
-        .query("UPDATE case_series SET superseded = 1 WHERE study_uid = $1 AND series_uid = $2")
+        .query("UPDATE case_series SET superseded = 2 WHERE study_uid = $1 AND series_uid = $2")
         .bind(uids.study.as_str())
         .bind(uids.series.as_str())
         .execute()
@@ -615,12 +615,39 @@ pub(super) async fn settle(
                  SELECT $1, study_uid, series_uid, accession_number FROM arrivals WHERE id = $2
                  ON CONFLICT (case_id) DO UPDATE SET superseded = 0",
             )
-            .bind(case)
+            .bind(&case)
             .bind(id)
             .execute()
             .await?;
+        supersede_others(connection, &case, id).await?;
     }
     Ok(true)
+}
+
+/// Notes that the cases of a series that were made of other images are older than its case.
+async fn supersede_others(
+    connection: &mut Connection,
+    case: &str,
+    arrival: &str,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            // Versions with another mask have the same volume.
+            "UPDATE case_series SET superseded = CASE WHEN EXISTS (
+                 SELECT 1 FROM case_objects AS own JOIN case_objects AS other
+                                                   ON other.kind = own.kind AND other.digest = own.digest
+                 WHERE own.case_id = $1 AND own.kind = $2 AND other.case_id = case_series.case_id
+             ) THEN 0 ELSE $3 END
+             WHERE case_id <> $1 AND superseded IN (0, $3)
+               AND (study_uid, series_uid) = (SELECT study_uid, series_uid FROM arrivals WHERE id = $4)",
+        )
+        .bind(case)
+        .bind(ObjectKind::SourceVolume.name())
+        .bind(superseded_code(Some(Superseded::NewerVersion)))
+        .bind(arrival)
+        .execute()
+        .await?;
+    Ok(())
 }
 
 /// Notes that a series became nothing. After late images it is still the case that it was before.
@@ -871,7 +898,7 @@ pub(super) async fn index(
                 .as_ref()
                 .map(AccessionNumber::as_str),
         )
-        .bind(i64::from(series.is_superseded))
+        .bind(superseded_code(series.superseded))
         .execute()
         .await?;
     Ok(())
@@ -885,7 +912,7 @@ pub(super) async fn adopt_index(
     index(connection, series).await?;
     connection
         .query("UPDATE case_series SET superseded = $1 WHERE case_id = $2")
-        .bind(i64::from(series.is_superseded))
+        .bind(superseded_code(series.superseded))
         .bind(series.case.to_string())
         .execute()
         .await?;
@@ -937,8 +964,28 @@ fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
         case: read_case(row)?.ok_or_else(|| unreadable("case"))?,
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
-        is_superseded: row.get::<i64>("superseded")? != 0,
+        superseded: read_superseded(Some(row.get("superseded")?)),
     })
+}
+
+/// Why a case is superseded, in a column.
+fn superseded_code(why: Option<Superseded>) -> i64 {
+    match why {
+        None => 0,
+        Some(Superseded::Corrected) => 1,
+        Some(Superseded::Rejected) => 2,
+        Some(Superseded::NewerVersion) => 3,
+    }
+}
+
+/// Why a case is superseded; nothing if it came from no PACS.
+pub(super) fn read_superseded(code: Option<i64>) -> Option<Superseded> {
+    match code {
+        None | Some(0) => None,
+        Some(2) => Some(Superseded::Rejected),
+        Some(3) => Some(Superseded::NewerVersion),
+        Some(_) => Some(Superseded::Corrected),
+    }
 }
 
 fn read_accession_number(row: &Row) -> Result<Option<AccessionNumber>, StoreError> {

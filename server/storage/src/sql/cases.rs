@@ -15,6 +15,7 @@ macro_rules! select_case {
         concat!(
             "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at,
                     COALESCE(uploaded_at, created_at) AS uploaded_at, kept, previous,
+                    (SELECT superseded FROM case_series WHERE case_series.case_id = cases.id) AS superseded,
                     (SELECT jobs.state FROM jobs WHERE jobs.kind = 'prepare' AND jobs.key = cases.id
                      AND jobs.state IN ('queued', 'running')) AS job_state,
                     (SELECT jobs.progress FROM jobs WHERE jobs.kind = 'prepare' AND jobs.key = cases.id
@@ -471,6 +472,7 @@ fn read(row: &Row) -> Result<Case, StoreError> {
         next: versions(next)?,
         created_at: time("created_at")?,
         uploaded_at: time("uploaded_at")?,
+        superseded: arrivals::read_superseded(row.get("superseded")?),
         kept: row.get("kept")?,
         expires_at: None,
     })

@@ -392,7 +392,10 @@ pub(super) async fn forget_facts(
     layer: &LayerId,
     now: i64,
 ) -> Result<(), StoreError> {
-    tracing::error!("the facts of a layer are damaged; it will be placed again from its source");
+    tracing::error!(
+        case = case.short(),
+        "the facts of a layer are damaged; it will be placed again from its source"
+    );
     connection
         .query("UPDATE layers SET facts = NULL, facts_digest = NULL WHERE case_id = $1 AND id = $2")
         .bind(case.to_string())

@@ -184,7 +184,7 @@ pub(super) async fn of_study(
             "SELECT sop_instance_uid, sop_class_uid, series_uid, series_number, series_description, digest FROM results
              WHERE study_uid = $1
                AND ($2 = 1 OR sop_instance_uid NOT IN (SELECT sop_instance_uid FROM rejections)
-                              AND case_id NOT IN (SELECT case_id FROM case_series WHERE superseded = 1))
+                              AND case_id NOT IN (SELECT case_id FROM case_series WHERE superseded IN (1, 2)))
              ORDER BY series_number, sop_instance_uid, created_at, id",
         )
         .bind(study.as_str())

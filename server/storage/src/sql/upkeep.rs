@@ -13,6 +13,7 @@ pub(super) fn digest(facts: &str) -> String {
 /// Queues a case again whose facts are damaged: they are made again from the source.
 pub(super) async fn prepare_again(rows: &Rows, id: &CaseId) -> Result<(), StoreError> {
     tracing::error!(
+        case = id.short(),
         "the facts of a case are damaged; the case will be prepared again from its source"
     );
     let (mut transaction, now) = rows.write().await?;

@@ -348,7 +348,7 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
     };
     let first = images[0].0.clone();
     reject(false, vec![first.clone()]).await;
-    assert!(to.series_of(&case).await.unwrap().unwrap().is_superseded);
+    assert!(to.series_of(&case).await.unwrap().unwrap().is_superseded());
     assert_eq!(to.images_of(&arrival.uids).await.unwrap(), images[1..]);
     assert_eq!(to.are_withdrawn(&[first]).await.unwrap(), [true]);
     // Of a series without images, the reason is left.

@@ -32,8 +32,8 @@ pub struct LayerView {
     /// The reason why it is undefined or off.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<String>,
-    /// The stable name of that reason: `coarse-voxels`, `low-contrast`, `no-white-matter`, `failed-envelope`,
-    /// `nothing-deep`, `maps-failed` or `maps-off`.
+    /// The stable name of that reason: `coarse-voxels`, `low-contrast`, `no-white-matter`, `noise-unknown`,
+    /// `failed-envelope`, `nothing-deep`, `maps-failed` or `maps-off`.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason_code: Option<String>,
     /// The reason why it failed.
