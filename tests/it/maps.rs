@@ -434,7 +434,7 @@ async fn a_list_states_what_stands_out_and_doubts_the_regions_of_half_a_brain() 
             _ => "no",
         };
         assert_eq!(place["unusual"], expected, "{place}");
-        stands_out |= expected != "no";
+        stands_out |= expected == "yes";
     }
     assert_eq!(list["nothing_stands_out"], !stands_out);
     let all = server

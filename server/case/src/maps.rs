@@ -121,6 +121,11 @@ impl Unusual {
             Self::No => "no",
         }
     }
+
+    /// Whether the place stands out. A borderline one does not: most heads without a lesion have one.
+    pub fn stands_out(self) -> bool {
+        self == Self::Yes
+    }
 }
 
 /// The regions of a brain, and whether they are believed.
