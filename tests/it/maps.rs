@@ -357,6 +357,13 @@ async fn layers_are_listed_and_their_voxels_are_those_of_the_nifti() {
         (&band["from_mm"], &band["to_mm"]),
         (&10.0.into(), &15.0.into())
     );
+    let deepest = &list["junction_by_depth"][5];
+    assert_eq!(
+        (&deepest["from_mm"], deepest.get("to_mm")),
+        (&30.0.into(), None)
+    );
+    // Its regions are in doubt: the share of the cerebrum is unknown.
+    assert_eq!(list.get("junction_poorly_met"), None);
     assert!(band["places"].as_u64().unwrap() > 500, "{band}");
     assert!(band["slanted_share"].as_f64().unwrap() > 0.9, "{band}");
     for (number, name) in expected.into_iter().enumerate() {

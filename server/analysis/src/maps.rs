@@ -148,7 +148,7 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
     drop((deep, junction));
 
     let detail = parameters.detail(&block, &values, &sharpness, &tissue);
-    let depth_bands = depth_bands(head, &block, &values);
+    let depth_bands = depth_bands(head, &block, &values, &regions);
     drop(values);
     let measures = Measures {
         sharpness: &sharpness,
