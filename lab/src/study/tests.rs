@@ -252,8 +252,8 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
         trials: [&head.trials[..]; 3].concat(),
         ..head.clone()
     };
-    let twice = Report::new(parameters.seed, vec![larger.clone(), larger]);
-    let report = Report::new(parameters.seed, vec![head]);
+    let twice = Report::new(&parameters, vec![larger.clone(), larger]);
+    let report = Report::new(&parameters, vec![head]);
     assert!(
         report.known_place().is_empty(),
         "O2 needs another head to learn from"
