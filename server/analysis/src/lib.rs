@@ -35,6 +35,8 @@ pub mod steps;
 mod stored;
 #[cfg(test)]
 mod tests;
+#[cfg(any(test, feature = "study"))]
+mod thickness;
 mod tissue;
 mod undefined;
 mod width;

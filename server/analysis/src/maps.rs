@@ -148,7 +148,7 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
     drop((deep, junction));
 
     let detail = parameters.detail(&block, &values, &sharpness, &tissue);
-    let depth_bands = depth_bands(head, &block, &values);
+    let depth_bands = depth_bands(head, &block, &values, &regions);
     drop(values);
     let measures = Measures {
         sharpness: &sharpness,
@@ -314,6 +314,33 @@ impl MapParameters {
             window_mm: self.detail_window_mm,
         };
         detail(block, values, &sharpness.density, tissue.noise, band)
+    }
+
+    /// How suspicious of a thick cortex each voxel of a block is, in robust deviations over the junction that counts; NaN where
+    /// sharpness is undefined, or the other side has no junction.
+    #[cfg(any(test, feature = "study"))]
+    pub fn thickening(
+        &self,
+        block: &Block,
+        values: &[f32],
+        (sharpness, tissue): (&Sharpness, &TissueScale),
+        plane: &MidsagittalPlane,
+    ) -> Vec<f32> {
+        let weighted = weighted_gradient(block, values, self.slope(tissue));
+        let voxels = &sharpness.defined;
+        let junction = places_among(&sharpness.junction, voxels);
+        let at_voxels = crate::thickness::thickening(
+            block,
+            (values, tissue.fluid),
+            &weighted,
+            (voxels, &junction),
+            plane,
+        );
+        let mut everywhere = vec![f32::NAN; block.voxel_count()];
+        for (&voxel, value) in voxels.iter().zip(at_voxels) {
+            everywhere[voxel as usize] = value;
+        }
+        everywhere
     }
 
     pub(crate) fn slope(&self, tissue: &TissueScale) -> Slope {

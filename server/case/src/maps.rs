@@ -121,6 +121,11 @@ impl Unusual {
             Self::No => "no",
         }
     }
+
+    /// Whether the place stands out. A borderline one does not: most heads without a lesion have one.
+    pub fn stands_out(self) -> bool {
+        self == Self::Yes
+    }
 }
 
 /// The regions of a brain, and whether they are believed.
@@ -192,17 +197,48 @@ pub struct CandidateFacts {
 pub struct JunctionBandFacts {
     /// The shallower border of the band.
     pub from_mm: f32,
-    /// The deeper border of the band.
-    pub to_mm: f32,
-    /// Number of places of the junction that were looked at.
+    /// The deeper border of the band; absent for the deepest one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub to_mm: Option<f32>,
+    /// Number of places of the junction of the cerebrum that were looked at.
     pub places: u32,
     /// The share of them that the isosurface meets at less than 30°, 0 to 1. There, a sharp junction looks blurred.
     pub slanted_share: f32,
 }
 
+impl JunctionBandFacts {
+    /// The share of the junction that the isosurfaces of some bands meet at less than 30°, or that lies in the deepest band.
+    /// `None` if there are no places.
+    pub fn poorly_met_share(bands: &[Self]) -> Option<f32> {
+        let places: u32 = bands.iter().map(|band| band.places).sum();
+        let poorly_met = bands.iter().map(|band| match band.to_mm {
+            Some(_) => band.slanted_share * band.places as f32,
+            None => band.places as f32,
+        });
+        (places > 0).then(|| poorly_met.sum::<f32>() / places as f32)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn slanted_places_and_all_deep_ones_are_poorly_met() {
+        let band = |to_mm, places, slanted_share| JunctionBandFacts {
+            from_mm: 3.0,
+            to_mm,
+            places,
+            slanted_share,
+        };
+        let bands = [band(Some(30.0), 600, 0.2), band(None, 200, 0.1)];
+        assert_eq!(JunctionBandFacts::poorly_met_share(&bands), Some(0.4));
+        assert_eq!(JunctionBandFacts::poorly_met_share(&[]), None);
+        assert_eq!(
+            JunctionBandFacts::poorly_met_share(&[band(None, 0, 0.0)]),
+            None
+        );
+    }
 
     #[test]
     fn names_are_those_of_the_json() {

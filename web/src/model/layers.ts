@@ -37,7 +37,8 @@ export interface Layer {
 /** How slantwise the cuts between two depths meet the junction. */
 export interface JunctionBand {
   readonly from_mm: number;
-  readonly to_mm: number;
+  /** Absent for the deepest. */
+  readonly to_mm?: number;
   readonly places: number;
   readonly slanted_share: number;
 }
@@ -45,6 +46,8 @@ export interface JunctionBand {
 export interface LayerList {
   readonly layers: readonly Layer[];
   readonly junction_by_depth: readonly JunctionBand[];
+  /** The share that is met slantwise or lies deeper than 30 mm, if the cerebrum is known. */
+  readonly junction_poorly_met?: number;
 }
 
 export const isAdded = ({ id }: Layer): boolean => isLayerId(id);

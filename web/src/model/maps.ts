@@ -191,7 +191,7 @@ export interface Candidate {
 /** The places that the server lists, the highest score first. */
 export interface CandidateList {
   readonly candidates: readonly Candidate[];
-  /** Whether no place of the cerebrum has an unusual score, or a borderline one. */
+  /** Whether no place of the cerebrum stands out. */
   readonly nothing_stands_out: boolean;
   /** `review`: the cerebrum is not told from the rest of the brain. */
   readonly regions: {
@@ -201,5 +201,5 @@ export interface CandidateList {
   };
 }
 
-/** Whether a place is shown before the others are asked for. */
-export const standsOut = ({ unusual }: Candidate): boolean => unusual !== "no";
+/** Whether a place is shown before the others are asked for. Most heads without a lesion have a borderline one. */
+export const standsOut = ({ unusual }: Candidate): boolean => unusual === "yes";

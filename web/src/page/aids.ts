@@ -330,7 +330,7 @@ export class Aids {
     this.#list = list;
     const [map] = list.layers;
     if (map) this.#filled?.maps.tell(map);
-    this.#filled?.maps.plot(list.junction_by_depth);
+    this.#filled?.maps.plot(list);
     this.#filled?.added.tell(list);
     if (this.#state) this.#showFilled(this.#state);
     this.#settle();

@@ -7,7 +7,7 @@ import { problemWords } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { broughtTo } from "../model/commands.ts";
 import type { Finding } from "../model/findings.ts";
-import type { JunctionBand, Layer } from "../model/layers.ts";
+import type { JunctionBand, Layer, LayerList } from "../model/layers.ts";
 import { type Candidate, type CandidateList, MAP_NAMES, type MapName, isMap } from "../model/maps.ts";
 import type { ViewState } from "../model/state.ts";
 import type { Actions } from "./actions.ts";
@@ -108,22 +108,28 @@ export class MapsSection {
   }
 
   /** Plots the share of the junction that the cuts meet slantwise, of the depths at which there is any. */
-  plot(bands: readonly JunctionBand[]): void {
-    this.#bands = bands.filter(({ places }) => places > 0);
+  plot({ junction_by_depth, junction_poorly_met }: LayerList): void {
+    this.#bands = junction_by_depth.filter(({ places }) => places > 0);
     this.#slant.hidden = this.#bands.length === 0;
     const bars = this.#bands.map(({ from_mm, to_mm, slanted_share }) => {
-      const [depths, share] = [`${number(from_mm)} – ${number(to_mm)} mm`, `${number(100 * slanted_share)} %`];
+      const depths = to_mm === undefined ? `> ${number(from_mm)} mm` : `${number(from_mm)} – ${number(to_mm)} mm`;
+      const share = `${number(100 * slanted_share)} %`;
       const bar = h("meter", { value: slanted_share, "aria-label": `${depths}: ${share}` });
       return line(depths, bar, h("span", { class: "value quiet", "aria-hidden": "true" }, share));
     });
-    this.#slant.replaceChildren(quiet(t("map.slant")), ...bars);
+    const total =
+      junction_poorly_met === undefined ? "" : t("map.slant.total", { share: number(100 * junction_poorly_met) });
+    this.#slant.replaceChildren(quiet(t("map.slant")), ...bars, h("p", { class: "poorly-met" }, total));
     if (this.#state) this.#markBand(this.#state.depth_mm);
   }
 
   /** Marks the bar of the depth that is shown. */
   #markBand(depth_mm: number): void {
     for (const [at, { from_mm, to_mm }] of this.#bands.entries())
-      this.#slant.children[at + 1]?.setAttribute("aria-current", String(from_mm <= depth_mm && depth_mm < to_mm));
+      this.#slant.children[at + 1]?.setAttribute(
+        "aria-current",
+        String(from_mm <= depth_mm && depth_mm < (to_mm ?? Infinity)),
+      );
   }
 
   #say(words: string): void {

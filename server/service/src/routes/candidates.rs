@@ -10,7 +10,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use case::{CandidateFacts, RegionFacts, Unusual};
+use case::{CandidateFacts, RegionFacts};
 use cases::library::{LoadedMaps, MapsState};
 use cases::pictures::{MAPS_OFF, Numbers, check_count, maps_of, ready};
 use cases::profile::{PointProfile, Profile, profile};
@@ -70,7 +70,7 @@ impl Asked for CandidatesQuery {
 pub struct CandidateList {
     /// Highest first.
     candidates: Vec<CandidateFacts>,
-    /// Whether no place of the cerebrum has an unusual score, or a borderline one. This does not exclude a lesion.
+    /// Whether no place of the cerebrum stands out, which means that it is `unusual`: `yes`. This does not exclude a lesion.
     nothing_stands_out: bool,
     /// The limits of unusual scores.
     limits: ScoreLimits,
@@ -78,7 +78,7 @@ pub struct CandidateList {
     regions: RegionFacts,
 }
 
-/// The limits of unusual scores, which belong to the format of the maps.
+/// The limits of unusual scores, which belong to the format of the maps. Borderline places do not stand out.
 #[derive(Debug, Clone, Copy, Serialize, ToSchema)]
 pub struct ScoreLimits {
     /// Scores above this are unusual.
@@ -134,7 +134,7 @@ fn json(value: &impl Serialize) -> Result<Vec<u8>, AppError> {
 
 impl CandidateList {
     fn of(maps: &LoadedMaps, query: &CandidatesQuery) -> Self {
-        let stands_out = |candidate: &CandidateFacts| candidate.unusual != Unusual::No;
+        let stands_out = |candidate: &CandidateFacts| candidate.unusual.stands_out();
         let mut candidates = maps.candidates.clone();
         if query.region == RegionAsked::All {
             candidates.extend(&maps.elsewhere);

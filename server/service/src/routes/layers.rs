@@ -9,7 +9,7 @@ use axum::extract::rejection::BytesRejection;
 use axum::extract::{RawPathParams, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse as _, Response};
-use case::{JunctionBandFacts, Layer, MapName};
+use case::{JunctionBandFacts, Layer, MapName, QualityState};
 use cases::library::MapsState;
 use cases::pictures::LayerRef;
 use cases::{Cases, Error};
@@ -33,9 +33,13 @@ pub use self::voxels::{
 pub struct LayerList {
     /// The layers that `layer` and `overlay` can show in pictures: the maps, then the added layers in their order.
     layers: Vec<LayerView>,
-    /// How slantwise the isosurfaces meet the junction of grey and white matter, from the surface inwards. Empty until
-    /// the maps are ready.
+    /// How slantwise the isosurfaces meet the junction of grey and white matter of the cerebrum, from the surface inwards. Empty
+    /// until the maps are ready. If the regions are in doubt, the whole brain counts.
     junction_by_depth: Vec<JunctionBandFacts>,
+    /// The share of that junction that isosurfaces meet at less than 30° or that lies deeper than 30 mm, 0 to 1. Absent until the
+    /// maps are ready, and if the regions are in doubt.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    junction_poorly_met: Option<f32>,
 }
 
 /// The layers of a case
@@ -61,9 +65,14 @@ pub async fn list_layers(
         Err(Error::NotReady { .. }) => MapsState::Making,
         Err(error) => return Err(error.into()),
     };
-    let junction_by_depth = match &maps {
-        MapsState::Ready(maps) => maps.junction_by_depth.clone(),
-        _ => Vec::new(),
+    let (junction_by_depth, junction_poorly_met) = match &maps {
+        MapsState::Ready(maps) => {
+            let bands = maps.junction_by_depth.clone();
+            let is_known = maps.regions.state == QualityState::Ok;
+            let share = JunctionBandFacts::poorly_met_share(&bands);
+            (bands, share.filter(|_| is_known))
+        }
+        _ => (Vec::new(), None),
     };
     let state = MapsView::from(&maps);
     let maps = MapName::ALL.map(|name| LayerView::of_map((&id, name), &state));
@@ -73,6 +82,7 @@ pub async fn list_layers(
     let list = LayerList {
         layers,
         junction_by_depth,
+        junction_poorly_met,
     };
     Ok(fresh_json(StatusCode::OK, &list))
 }
