@@ -3,11 +3,15 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::{Method, Request};
+use http_body_util::BodyExt as _;
+use tower::ServiceExt as _;
 
-use crate::server::{Answer, Server};
+use crate::head::plain_head;
+use crate::server::{Answer, Server, form, form_type};
 use crate::several_machines::program;
 
 /// The scope of every route that is more than looking. A new route fails these tests until it has a row here and in its table.
@@ -198,6 +202,58 @@ async fn the_token_of_before_opens_everything_beside_named_ones() {
             .status,
         200
     );
+}
+
+#[tokio::test]
+async fn a_withdrawn_token_opens_no_longer_and_its_streams_of_events_end() {
+    let file = TokensFile::new();
+    let server = Server::start_with(|config| {
+        config.http.tokens_file = Some(file.path());
+        // The case never becomes ready, so its events do not end by themselves.
+        config.prepare.workers = 0;
+    })
+    .await;
+    let upload = Request::post("/v1/cases")
+        .header("content-type", form_type())
+        .header("authorization", file.bearer("write"))
+        .body(Body::from(form(&[("volume", &plain_head().bytes())])));
+    let uploaded = server.send(upload.unwrap()).await;
+    assert_eq!(uploaded.status, 202, "{uploaded:?}");
+    let events = format!("{}/events", uploaded.header("location"));
+    let read = file.bearer("read");
+    let streamed = tokio::spawn({
+        let (router, read) = (server.router(), read.clone());
+        async move {
+            let request = Request::get(events).header("authorization", read);
+            let response = router.oneshot(request.body(Body::empty()).unwrap()).await;
+            let mut body = response.unwrap().into_body();
+            assert!(body.frame().await.is_some(), "the state at once");
+            body.collect().await.unwrap();
+        }
+    });
+    // As the server does when the file changes.
+    let reload = || {
+        let mut config = isocortex::config::Config::default();
+        config.http.tokens_file = Some(file.path());
+        server
+            .state
+            .access()
+            .replace_tokens(&config.access().unwrap());
+    };
+    reload();
+    let list = async || ask(&server, &Method::GET, "/v1/cases", Some(&read)).await;
+    assert_eq!(list().await.status, 200);
+    assert!(!streamed.is_finished());
+    let tokens = std::fs::read_to_string(file.path()).unwrap();
+    let kept: Vec<_> = (tokens.split("\n\n"))
+        .filter(|entry| !entry.contains("name = \"read\""))
+        .collect();
+    assert_eq!(kept.len(), SCOPES.len() - 1);
+    std::fs::write(file.path(), kept.join("\n\n")).unwrap();
+    reload();
+    assert_eq!(list().await.problem(), "unauthorized");
+    let ended = tokio::time::timeout(Duration::from_secs(30), streamed).await;
+    ended.expect("the stream ends").unwrap();
 }
 
 #[test]

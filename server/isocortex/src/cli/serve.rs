@@ -28,7 +28,7 @@ const TOKEN_VARIABLE: &str = "ISOCORTEX_TOKEN";
 /// Serve the cases of a store over HTTP
 ///
 /// The command line takes precedence over the environment, and the environment over the file. Without a bearer token
-/// (ISOCORTEX_TOKEN, or a file with it), the server listens on this machine only and refuses any other address.
+/// (--tokens-file, --token-file or ISOCORTEX_TOKEN), the server listens on this machine only and refuses any other address.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct ServeArgs {
     #[command(flatten)]

@@ -122,7 +122,7 @@ pub enum ConfigError {
     TwoTokens,
     /// Everyone on the network could read everything.
     #[error(
-        "refusing to listen on {listen} without a bearer token: set ISOCORTEX_TOKEN or `http.token_file`, or listen on 127.0.0.1"
+        "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`) or `http.token_file`, or listen on 127.0.0.1"
     )]
     OpenToStrangers {
         /// The configured address.
