@@ -5,6 +5,7 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::SystemTime;
 
+use audit::Audit;
 use axum::body::Body;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::uri::Authority;
@@ -16,13 +17,14 @@ use base64::prelude::BASE64_STANDARD;
 use futures_util::StreamExt as _;
 use tokio::sync::watch;
 
+use crate::audited::Witness;
 use crate::door::Connection;
 use crate::guesses::Guesses;
 use crate::listen::Peer;
 use crate::origins::Origins;
 use crate::problem::AppError;
 use crate::scopes::ScopeTable;
-use crate::tokens::{Holder, Mismatch, NamedToken, Tokens};
+use crate::tokens::{ANYBODY, Holder, Mismatch, NamedToken, Tokens};
 
 /// The fewest characters of a bearer token: 16 random ones cannot be guessed.
 pub const MIN_TOKEN_LENGTH: usize = 16;
@@ -270,20 +272,27 @@ pub async fn guard_origin(
 pub struct Guard {
     /// The access rules.
     pub access: Access,
-    /// What each route needs.
+    /// What each route needs, and what is recorded of it.
     pub scopes: ScopeTable,
+    /// Where it is recorded.
+    pub audit: Audit,
 }
 
-/// Rejects requests without a token, if one is required, and those whose token lacks the scope of the route. A right token makes the connection that of a client. A stream of events ends with the token that has opened it.
+/// Rejects requests without a token, if one is required, and those whose token lacks the scope of the route; what is answered and
+/// what is refused is recorded. A right token makes the connection that of a client. A stream of events ends with the token that has opened it.
 ///
 /// A right token is always right, so that nobody behind the address of a guesser is shut out: no answer waits, and tokens
 /// are too long to be guessed at any rate. Handlers find the [`Holder`] in the extensions of the request.
 ///
 /// # Errors
 /// [`AppError::Unauthorized`], [`AppError::TokenEnded`]; [`AppError::MissingScope`];
-/// [`AppError::TooManyGuesses`] for one wrong token too soon after others; [`cases::Error::Busy`] if there are too many clients.
+/// [`AppError::AuditFull`]; [`AppError::TooManyGuesses`] for one wrong token too soon after others; [`cases::Error::Busy`] if there are too many clients.
 pub async fn require_token(
-    State(Guard { access, scopes }): State<Guard>,
+    State(Guard {
+        access,
+        scopes,
+        audit,
+    }): State<Guard>,
     mut request: Request,
     next: Next,
 ) -> Result<Response, AppError> {
@@ -292,18 +301,25 @@ pub async fn require_token(
         Ok(token) => {
             let holder = match &token {
                 Some(token) => token.holder.clone(),
-                None => Holder::of_everything(),
+                None => Holder::anybody(),
             };
             if let Some(Err(busy)) = connection.map(|connection| connection.admit()) {
                 return Ok(closing(AppError::from(busy).into_response()));
             }
             let path = request.extensions().get::<MatchedPath>();
-            let scope = scopes.needed(request.method(), path.map_or("", MatchedPath::as_str));
+            let path = path.map_or("", MatchedPath::as_str);
+            let (scope, audited) = scopes.row(request.method(), path);
+            let witness = Witness::new(&audit, &holder.name, &request);
+            if token.is_some() {
+                witness.signs_in().await?;
+            }
             if !holder.scopes.contains(&scope) {
-                return Err(AppError::MissingScope { holder, scope });
+                let refusal = AppError::MissingScope { holder, scope };
+                witness.is_refused(&refusal, true).await;
+                return Err(refusal);
             }
             request.extensions_mut().insert(holder);
-            let response = next.run(request).await;
+            let response = witness.watch(audited, request, next).await;
             return Ok(match token {
                 Some(token) if is_endless(&response) => ending(response, access.closed(token)),
                 _ => response,
@@ -311,9 +327,11 @@ pub async fn require_token(
         }
         Err(refusal) => refusal,
     };
+    let has_token = given_token(request.headers()).is_some();
+    let witness = Witness::new(&audit, ANYBODY, &request);
+    witness.is_refused(&refusal, has_token).await;
     // A request without a token is not a guess, nor is a token that was right.
-    let is_guess =
-        matches!(refusal, AppError::Unauthorized) && given_token(request.headers()).is_some();
+    let is_guess = matches!(refusal, AppError::Unauthorized) && has_token;
     let wait = match is_guess {
         true => access.guesses.record(Peer::of(&request)),
         false => None,

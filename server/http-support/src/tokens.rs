@@ -30,11 +30,23 @@ pub struct Holder {
 /// The name of the token without a name, which no other token may have.
 pub const UNNAMED: &str = "token";
 
+/// The name of everybody on this machine, if no token is required.
+pub const ANYBODY: &str = "anybody";
+
 impl Holder {
     /// The holder of a token without a name, who may do everything.
     pub(crate) fn of_everything() -> Self {
+        Self::named_of_everything(UNNAMED)
+    }
+
+    /// Everybody on this machine.
+    pub(crate) fn anybody() -> Self {
+        Self::named_of_everything(ANYBODY)
+    }
+
+    fn named_of_everything(name: &str) -> Self {
         Self {
-            name: UNNAMED.into(),
+            name: name.into(),
             scopes: Scope::ALL.into(),
         }
     }

@@ -195,6 +195,7 @@ impl Server {
         let grace = limits.shutdown_grace;
         figures::add_store(state.metrics(), state.cases.store());
         figures::add_pacs(state.metrics(), &pacs);
+        figures::add_audit(state.metrics(), state.cases.audit());
         let mut reload = Reload {
             access: state.access().clone(),
             tls: None,
@@ -244,6 +245,7 @@ impl Server {
         self.arrivals.shut_down(self.grace).await;
         self.workers.shut_down(self.grace).await;
         self.state.cases.store().close().await;
+        self.state.cases.audit().shut_down();
         tracing::info!("stopped");
     }
 }

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::time::SystemTime;
 
 use http_support::scopes::Scope;
-use http_support::tokens::{Holder, NamedToken, UNNAMED};
+use http_support::tokens::{ANYBODY, Holder, NamedToken, UNNAMED};
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
 use serde::Deserialize;
@@ -84,9 +84,9 @@ pub(super) fn parse(text: &str) -> Result<Vec<NamedToken>, String> {
 /// What is wrong, in one sentence.
 pub(crate) fn check_name(name: &str) -> Result<(), String> {
     let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"._@-".contains(&byte);
-    if name == UNNAMED {
+    if [UNNAMED, ANYBODY].contains(&name) {
         return Err(format!(
-            "`{UNNAMED}` stands for the token without a name; choose another name"
+            "`{name}` stands for whoever has no name; choose another name"
         ));
     }
     if (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(is_plain) {
