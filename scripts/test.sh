@@ -96,6 +96,14 @@ if have cargo-deny; then
 else
   skip licences "cargo-deny is not installed"
 fi
+advisories=${ISOCORTEX_ADVISORIES:-../shared/advisories}
+if ! [ -e "$advisories" ]; then
+  skip advisories "set ISOCORTEX_ADVISORIES to a checkout of the RustSec advisory database"
+elif ! { have python3 && python3 -c 'import tomllib' 2>/dev/null; }; then
+  skip advisories "they need Python 3.11"
+else
+  step advisories scripts/advisories.py "$advisories"
+fi
 step "page's format" npm run format --silent --prefix web
 step "page's types" npm run types --silent --prefix web
 step "page's unit tests" page_tests

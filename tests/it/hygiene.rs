@@ -115,6 +115,31 @@ fn every_variable_of_the_documents_is_read_somewhere() {
 }
 
 #[test]
+fn every_test_that_holds_a_defence_exists() {
+    let text = read("SECURITY.md");
+    let rows = text.lines().filter(|line| line.starts_with("| "));
+    let (mut file, mut tests) = (String::new(), 0);
+    for row in rows.skip(1) {
+        let cells: Vec<_> = row.split(" | ").collect();
+        let [_, _, _, held_by] = cells[..] else {
+            panic!("{row} has {} cells", cells.len());
+        };
+        let named: Vec<_> = held_by.split('`').skip(1).step_by(2).collect();
+        assert!(!named.is_empty(), "nothing holds {row}");
+        for name in named {
+            if name.contains('.') {
+                file = read(name);
+            } else {
+                let function = format!("fn {name}(");
+                assert!(file.contains(&function), "{name} is not where {row} says");
+                tests += 1;
+            }
+        }
+    }
+    assert!(tests > 15, "{tests} tests");
+}
+
+#[test]
 fn the_page_and_the_readme_show_the_notice() {
     let notice = render::RESEARCH_USE_NOTICE;
     for path in ["web/src/page.html", "web/src/words.en.json", "README.md"] {

@@ -80,6 +80,11 @@ const LAYERS: &[Layer] = &[
         never: &["wgpu"],
     },
     Layer {
+        name: "audit",
+        needs: &[],
+        never: &["wgpu"],
+    },
+    Layer {
         name: "storage",
         needs: &["case"],
         never: &["wgpu"],
@@ -108,6 +113,7 @@ const LAYERS: &[Layer] = &[
 
 const CASES_NEED: &[&str] = &[
     "analysis",
+    "audit",
     "case",
     "extraction",
     "geometry",
@@ -119,6 +125,7 @@ const CASES_NEED: &[&str] = &[
 
 const HTTP_SUPPORT_NEEDS: &[&str] = &[
     "analysis",
+    "audit",
     "case",
     "cases",
     "extraction",
@@ -131,6 +138,7 @@ const HTTP_SUPPORT_NEEDS: &[&str] = &[
 
 const INTERFACE_NEEDS: &[&str] = &[
     "analysis",
+    "audit",
     "case",
     "cases",
     "extraction",
@@ -176,6 +184,7 @@ fn no_layer_needs_what_is_above_or_beside_it() {
 fn the_program_stands_on_all_of_them() {
     let needed = needed_by("isocortex");
     for below in [
+        "audit",
         "case",
         "cases",
         "geometry",

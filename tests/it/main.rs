@@ -4,6 +4,7 @@ mod agreement;
 mod apart;
 mod archives;
 mod attacks;
+mod audit;
 mod backup;
 mod command_line;
 mod corrections;

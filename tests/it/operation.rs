@@ -275,6 +275,7 @@ fn a_configuration_is_checked_without_starting_anything() {
         ),
         ("[http]\nmax_uplods = 1", "max_uplods"),
         ("[render]\nthreads = 0", "render.threads"),
+        ("[audit]\nfolder = \"/nowhere\"", "`audit.folder`"),
     ] {
         let config = written(folder.path(), "bad.toml", text);
         let (status, said) = run(&["check-config", "--config", &config]);

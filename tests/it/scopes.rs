@@ -1,16 +1,21 @@
 //! Named tokens: what each scope opens, on every route that there is.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::{Method, Request};
+use http_body_util::BodyExt as _;
+use http_support::audited::Audited;
+use tower::ServiceExt as _;
 
-use crate::server::{Answer, Server};
+use crate::head::plain_head;
+use crate::server::{Answer, Server, form, form_type};
 use crate::several_machines::program;
 
-/// The scope of every route that is more than looking. A new route fails these tests until it has a row here and in its table.
+/// The scope of every route that is more than looking. A new route fails these tests until it has a row in its table, and here.
 const MORE_THAN_LOOKING: [(&str, &str); 17] = [
     ("POST /v1/cases", "write"),
     ("PATCH /v1/cases/{id}", "write"),
@@ -31,16 +36,23 @@ const MORE_THAN_LOOKING: [(&str, &str); 17] = [
     ("POST /v1/pacs/nodes/{name}/test", "admin"),
 ];
 
-const SCOPES: [&str; 5] = ["read", "write", "dicom-store", "results", "admin"];
+const SCOPES: [&str; 6] = [
+    "read",
+    "write",
+    "dicom-store",
+    "results",
+    "metrics",
+    "admin",
+];
 
 /// A file of tokens, one for each scope, and what they are.
-struct TokensFile {
+pub(crate) struct TokensFile {
     folder: tempfile::TempDir,
     tokens: BTreeMap<String, String>,
 }
 
 impl TokensFile {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         let mut file = Self {
             folder,
@@ -52,12 +64,12 @@ impl TokensFile {
         file
     }
 
-    fn path(&self) -> PathBuf {
+    pub(crate) fn path(&self) -> PathBuf {
         self.folder.path().join("tokens.toml")
     }
 
     /// Makes a token as an administrator does.
-    fn add(&mut self, name: &str, options: &[&str]) {
+    pub(crate) fn add(&mut self, name: &str, options: &[&str]) {
         let made = token_new(&self.path(), name, options);
         let status = made.status;
         assert!(
@@ -75,7 +87,7 @@ impl TokensFile {
         self.tokens.insert(name.to_owned(), token);
     }
 
-    fn bearer(&self, name: &str) -> String {
+    pub(crate) fn bearer(&self, name: &str) -> String {
         format!("Bearer {}", self.tokens[name])
     }
 }
@@ -99,79 +111,172 @@ async fn ask(server: &Server, method: &Method, path: &str, authorization: Option
     server.send(request.body(Body::empty()).unwrap()).await
 }
 
+/// What a request may be asked with.
+const METHODS: [Method; 7] = [
+    Method::GET,
+    Method::HEAD,
+    Method::POST,
+    Method::PUT,
+    Method::PATCH,
+    Method::DELETE,
+    Method::OPTIONS,
+];
+
+/// The templates of all paths, from the router itself: what is in no description is found too.
+fn paths_of(router: &axum::Router) -> BTreeSet<String> {
+    let written = format!("{router:?}");
+    let paths = written.split("RouteId(").filter_map(|part| {
+        let (_, path) = part.split_once("): \"")?;
+        path.split_once('"').map(|(path, _)| path.to_owned())
+    });
+    // The fallback has a template of its own.
+    let paths = paths.filter(|path| path.starts_with('/') && !path.contains("{*"));
+    paths.collect()
+}
+
+/// The rows of both tables by method and path.
+fn rows() -> BTreeMap<(String, &'static str), (&'static str, Audited)> {
+    let both = [service::routes::scopes::SCOPES, pacs::SCOPES].concat();
+    let count = both.len();
+    let rows: BTreeMap<_, _> = (both.into_iter())
+        .map(|(method, path, scope, audited)| ((method.to_string(), path), (scope.name(), audited)))
+        .collect();
+    assert_eq!(rows.len(), count, "two rows are of one route");
+    rows
+}
+
+/// Whether a path is open to everybody: the page, and what asks for the health of the server.
+fn is_open(path: &str) -> bool {
+    let guarded = [
+        "/v1",
+        "/dicomweb",
+        "/hooks",
+        "/metrics",
+        "/version",
+        "/docs",
+        "/openapi",
+    ];
+    !guarded.iter().any(|start| path.starts_with(start))
+}
+
 #[tokio::test]
-async fn every_route_opens_to_the_scope_of_its_row_and_to_no_other() {
+async fn every_method_of_every_path_opens_to_its_scope_and_to_no_other() {
     let mut file = TokensFile::new();
     file.add("past", &["--role", "admin", "--until", "2020-02-29"]);
-    let server = Server::start_with(|config| config.http.tokens_file = Some(file.path())).await;
-    let description = server.get("/openapi.json").await.json();
-    let rows = BTreeMap::from(MORE_THAN_LOOKING);
-    let mut met = 0;
-    for (path, item) in description["paths"].as_object().unwrap() {
-        if !["/v1", "/dicomweb", "/hooks"]
-            .iter()
-            .any(|start| path.starts_with(start))
-        {
-            continue;
-        }
-        for method in item.as_object().unwrap().keys() {
-            let method: Method = method.to_uppercase().parse().unwrap();
-            let route = format!("{method} {path}");
-            let needed = match rows.get(route.as_str()) {
-                Some(scope) => *scope,
-                None => {
-                    assert_eq!(method, Method::GET, "{route} has no row");
-                    "read"
-                }
+    let wrong = format!("Bearer isocortex_{}", "0".repeat(64));
+    let server = Server::start_with(|config| {
+        config.http.tokens_file = Some(file.path());
+        config.http.guard_all = true;
+    })
+    .await;
+    let (rows, more) = (rows(), BTreeMap::from(MORE_THAN_LOOKING));
+    let paths = paths_of(&server.router());
+    assert!(paths.len() > 70, "{paths:?}");
+    let mut met = BTreeSet::new();
+    for path in paths.iter().filter(|path| !is_open(path)) {
+        for method in METHODS {
+            let of = match method {
+                Method::HEAD => Method::GET,
+                _ => method.clone(),
             };
-            met += usize::from(rows.contains_key(route.as_str()));
-            for (who, authorization, kind) in [
+            let row = rows.get_key_value(&(of.to_string(), path.as_str()));
+            let route = format!("{method} {path}");
+            let strangers = [
                 ("nobody", None, "unauthorized"),
+                ("a guesser", Some(wrong.clone()), "unauthorized"),
                 (
                     "someone who ended",
                     Some(file.bearer("past")),
                     "token-ended",
                 ),
-            ] {
+            ];
+            let Some((key, (needed, _))) = row else {
+                // There is nothing; a route that is in no table would answer the administrator.
+                let administrator = ("the administrator", Some(file.bearer("admin")), "");
+                for (who, authorization, _) in strangers.into_iter().chain([administrator]) {
+                    let answer = ask(&server, &method, path, authorization.as_deref()).await;
+                    assert_eq!(answer.status, 405, "{route} by {who}, in no row");
+                }
+                continue;
+            };
+            met.insert(key);
+            for (who, authorization, problem) in strangers {
                 let answer = ask(&server, &method, path, authorization.as_deref()).await;
-                assert_eq!(
-                    (answer.status.as_u16(), answer.problem().as_str()),
-                    (401, kind),
-                    "{route} by {who}"
-                );
+                let status = answer.status.as_u16();
+                if who == "a guesser" && status == 429 {
+                    continue;
+                }
+                assert_eq!(status, 401, "{route} by {who}");
                 assert!(answer.header("www-authenticate").starts_with("Bearer"));
+                if method != Method::HEAD {
+                    assert_eq!(answer.problem(), problem, "{route} by {who}");
+                }
             }
+            let expected = match (&of, path.as_str()) {
+                (&Method::GET, "/metrics") => Some("metrics"),
+                (&Method::GET, _) => Some("read"),
+                _ => more.get(route.as_str()).copied(),
+            };
+            assert_eq!(Some(*needed), expected, "{route}");
             for scope in SCOPES {
                 let bearer = file.bearer(scope);
                 let answer = ask(&server, &method, path, Some(&bearer)).await;
                 let status = answer.status.as_u16();
-                if scope == needed {
-                    assert!(
-                        ![401, 403, 429].contains(&status),
-                        "{route} with {scope}: {status}"
-                    );
+                if scope == *needed {
+                    let is_open = ![401, 403, 405, 429].contains(&status);
+                    assert!(is_open, "{route} with {scope}: {status}");
                 } else {
-                    assert_eq!(
-                        (status, answer.problem().as_str()),
-                        (403, "missing-scope"),
-                        "{route} with {scope}"
-                    );
+                    assert_eq!(status, 403, "{route} with {scope}");
                     let challenge = answer.header("www-authenticate");
-                    assert!(
-                        challenge.contains(&format!("scope=\"{needed}\"")),
-                        "{challenge}"
-                    );
+                    let named = format!("scope=\"{needed}\"");
+                    assert!(challenge.contains(&named), "{challenge}");
                 }
             }
         }
     }
-    assert_eq!(met, rows.len(), "a row is of no route");
-    let wrong = "Bearer isocortex_0000000000000000000000000000000000000000000000000000000000000000";
-    let answer = ask(&server, &Method::GET, "/v1/cases", Some(wrong)).await;
-    assert_eq!(
-        (answer.status.as_u16(), answer.problem().as_str()),
-        (401, "unauthorized")
+    let of_none: Vec<_> = rows.keys().filter(|key| !met.contains(key)).collect();
+    assert!(
+        of_none.is_empty(),
+        "these rows are of no route: {of_none:?}"
     );
+    for path in paths.iter().filter(|path| is_open(path)) {
+        let answer = ask(&server, &Method::GET, path, None).await;
+        assert_eq!(answer.status, 200, "{path}");
+    }
+}
+
+#[test]
+fn whatever_shows_or_changes_something_of_a_patient_is_recorded() {
+    let of_none = rows()
+        .into_iter()
+        .filter(|(_, (_, audited))| *audited == Audited::No);
+    let of_none: Vec<_> = of_none
+        .map(|((method, path), _)| format!("{method} {path}"))
+        .collect();
+    let expected = [
+        "GET /docs",
+        "GET /docs.css",
+        "GET /metrics",
+        "GET /openapi.json",
+        "GET /v1/pacs",
+        "GET /version",
+    ];
+    assert_eq!(of_none, expected);
+}
+
+#[tokio::test]
+async fn metrics_version_and_documents_need_a_token_only_if_that_is_set() {
+    let file = TokensFile::new();
+    let server = Server::start_with(|config| config.http.tokens_file = Some(file.path())).await;
+    for path in [
+        "/metrics",
+        "/version",
+        "/docs",
+        "/docs.css",
+        "/openapi.json",
+    ] {
+        assert_eq!(ask(&server, &Method::GET, path, None).await.status, 200);
+    }
 }
 
 #[tokio::test]
@@ -198,6 +303,53 @@ async fn the_token_of_before_opens_everything_beside_named_ones() {
             .status,
         200
     );
+}
+
+#[tokio::test]
+async fn a_withdrawn_token_opens_no_longer_and_its_streams_of_events_end() {
+    let file = TokensFile::new();
+    let server = Server::start_with(|config| {
+        config.http.tokens_file = Some(file.path());
+        // The case never becomes ready, so its events do not end by themselves.
+        config.prepare.workers = 0;
+    })
+    .await;
+    let upload = Request::post("/v1/cases")
+        .header("content-type", form_type())
+        .header("authorization", file.bearer("write"))
+        .body(Body::from(form(&[("volume", &plain_head().bytes())])));
+    let uploaded = server.send(upload.unwrap()).await;
+    assert_eq!(uploaded.status, 202, "{uploaded:?}");
+    let events = format!("{}/events", uploaded.header("location"));
+    let read = file.bearer("read");
+    let request = Request::get(events).header("authorization", &read);
+    let request = request.body(Body::empty()).unwrap();
+    let mut stream = server.router().oneshot(request).await.unwrap().into_body();
+    assert!(stream.frame().await.is_some(), "the state at once");
+    let streamed = tokio::spawn(stream.collect());
+    // As the server does when the file changes.
+    let reload = || {
+        let mut config = isocortex::config::Config::default();
+        config.http.tokens_file = Some(file.path());
+        server
+            .state
+            .access()
+            .replace_tokens(&config.access().unwrap());
+    };
+    reload();
+    let list = async || ask(&server, &Method::GET, "/v1/cases", Some(&read)).await;
+    assert_eq!(list().await.status, 200);
+    assert!(!streamed.is_finished());
+    let tokens = std::fs::read_to_string(file.path()).unwrap();
+    let kept: Vec<_> = (tokens.split("\n\n"))
+        .filter(|entry| !entry.contains("name = \"read\""))
+        .collect();
+    assert_eq!(kept.len(), SCOPES.len() - 1);
+    std::fs::write(file.path(), kept.join("\n\n")).unwrap();
+    reload();
+    assert_eq!(list().await.problem(), "unauthorized");
+    let ended = tokio::time::timeout(Duration::from_secs(30), streamed).await;
+    ended.expect("the stream ends").unwrap().unwrap();
 }
 
 #[test]

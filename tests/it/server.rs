@@ -168,6 +168,11 @@ impl Server {
         Self::on(directory, config).await
     }
 
+    /// Everything that it serves, for an answer that is not read to its end.
+    pub(crate) fn router(&self) -> Router {
+        self.router.clone()
+    }
+
     pub(crate) async fn send(&self, request: Request<Body>) -> Answer {
         let response = self.router.clone().oneshot(request).await.unwrap();
         let (parts, body) = response.into_parts();

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use audit::Audit;
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, QualityState};
 use geometry::Volume;
 use imaging::Limits;
@@ -73,6 +74,8 @@ pub struct Options {
     pub max_dicom_bytes: u64,
     /// Whether no identity of a patient is kept.
     pub deidentify: bool,
+    /// Where is recorded who does what.
+    pub audit: Audit,
 }
 
 /// The reason why the application cannot start.
@@ -109,12 +112,13 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
             apart.preparation(pipeline.has_network())
         }
     };
-    Ok(if options.makes_maps {
+    let library = if options.makes_maps {
         let cache_bytes = options.model_cache_bytes / MAPS_PART;
         Library::with_maps(store, preparation, options.limits, cache_bytes)
     } else {
         Library::new(store, preparation, options.limits)
-    })
+    };
+    Ok(library.with_audit(options.audit.clone()))
 }
 
 /// Everything that a protocol needs to serve cases. Cheap to clone.
@@ -236,6 +240,11 @@ impl Cases {
     /// The store of the cases.
     pub fn store(&self) -> &Store {
         self.library.store()
+    }
+
+    /// Where is recorded who does what.
+    pub fn audit(&self) -> &Audit {
+        self.library.audit()
     }
 
     /// Whether no identity of a patient is kept.

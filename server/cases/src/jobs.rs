@@ -10,7 +10,9 @@ mod series;
 use std::sync::Arc;
 use std::time::Duration;
 
-use storage::Store;
+use audit::{Action, Audit, Event, EventKind, Outcome};
+use case::CaseId;
+use storage::{Store, StoreError};
 
 use crate::application::Cases;
 use crate::arrivals::ArrivalOptions;
@@ -52,7 +54,10 @@ impl Workers {
             }
         }
         let mut runner = Runner::start(&store, lanes);
-        runner.repeat(COLLECT_EVERY, move || clean_up(store.clone()));
+        let audit = library.audit().clone();
+        runner.repeat(COLLECT_EVERY, move || {
+            clean_up(store.clone(), audit.clone())
+        });
         Self(runner)
     }
 
@@ -100,9 +105,47 @@ fn usual_terms(library: &Library) -> Terms {
     }
 }
 
+/// Removes the cases that are older than they are kept; returns how many. Each is on record before it goes; if it cannot be recorded,
+/// it stays.
+///
+/// # Errors
+/// If the rows or the objects cannot be written.
+pub async fn remove_expired(store: &Store, audit: &Audit) -> Result<usize, StoreError> {
+    let event = |outcome| Event {
+        outcome,
+        ..Event::new(
+            EventKind::StudyDeleted,
+            Action::Delete,
+            "expired case",
+            "isocortex",
+        )
+    };
+    let may_go = |id: CaseId| async move {
+        let intended = Event {
+            case: Some(id.to_string().into()),
+            ..event(Outcome::Intended)
+        };
+        audit.record_durable(intended).await.is_ok()
+    };
+    let removed = store.remove_expired(may_go).await?;
+    if removed > 0 {
+        let done = Event {
+            count: removed as u64,
+            ..event(Outcome::Success)
+        };
+        if audit.record_durable(done).await.is_err() {
+            tracing::error!(
+                removed,
+                "the number of removed cases is not in the audit record"
+            );
+        }
+    }
+    Ok(removed)
+}
+
 /// Removes cases that are older than they are kept, jobs that ended some days ago, and objects that nobody needs.
-async fn clean_up(store: Store) {
-    match store.remove_expired().await {
+async fn clean_up(store: Store, audit: Audit) {
+    match remove_expired(&store, &audit).await {
         Ok(0) => {}
         Ok(removed) => tracing::info!(removed, "cases older than storage.keep_days were removed"),
         Err(error) => tracing::warn!(

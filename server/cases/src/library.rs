@@ -19,6 +19,7 @@ pub use self::layers::LayerVoxels;
 use self::loaded_maps::MapsCache;
 pub use self::loaded_maps::{LoadedMaps, MapsState};
 use crate::handover::{Handover, Offer};
+use audit::Audit;
 use bytes::Bytes;
 use case::{
     Case, CaseFacts, CaseId, Failure, FailureKind, MaskMethod, ObjectKind, Parameters, Progress,
@@ -89,6 +90,7 @@ impl Default for Preparation {
 #[derive(Debug, Clone)]
 pub struct Library {
     inner: Arc<Inner>,
+    audit: Audit,
 }
 
 #[derive(Debug)]
@@ -143,16 +145,31 @@ impl Library {
                 layers: layer_cache(layer_bytes),
                 handover: Handover::new(!is_apart),
             }),
+            audit: Audit::default(),
         };
         let weak = Arc::downgrade(&library.inner);
         library.store().on_delete(move |id| {
             if let Some(inner) = weak.upgrade() {
-                let library = Self { inner };
+                let library = Self {
+                    inner,
+                    audit: Audit::default(),
+                };
                 library.forget_maps(id);
                 library.forget_layers(id);
             }
         });
         library
+    }
+
+    /// The same, with a record of who does what.
+    #[must_use]
+    pub fn with_audit(self, audit: Audit) -> Self {
+        Self { audit, ..self }
+    }
+
+    /// Where is recorded who does what.
+    pub fn audit(&self) -> &Audit {
+        &self.audit
     }
 
     /// The cases of a store, with the usual preparation.

@@ -1,8 +1,12 @@
 //! Access control: the bearer token, the Host header, and pages of other sites.
 
+use std::future::pending;
 use std::net::IpAddr;
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::Arc;
+use std::time::SystemTime;
 
+use audit::Audit;
+use axum::body::Body;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderValue, Method, Uri, header};
@@ -10,14 +14,17 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
+use futures_util::StreamExt as _;
+use tokio::sync::watch;
 
+use crate::audited::Witness;
 use crate::door::Connection;
 use crate::guesses::Guesses;
 use crate::listen::Peer;
 use crate::origins::Origins;
 use crate::problem::AppError;
 use crate::scopes::ScopeTable;
-use crate::tokens::{Holder, Mismatch, NamedToken, Tokens};
+use crate::tokens::{ANYBODY, Holder, Mismatch, NamedToken, Tokens};
 
 /// The fewest characters of a bearer token: 16 random ones cannot be guessed.
 pub const MIN_TOKEN_LENGTH: usize = 16;
@@ -36,7 +43,7 @@ const BASIC: HeaderValue = HeaderValue::from_static("Basic realm=\"isocortex\", 
 #[derive(Debug, Clone, Default)]
 pub struct Access {
     /// `None` if none is required. All clones share them, because they can be replaced.
-    tokens: Arc<RwLock<Option<Tokens>>>,
+    tokens: Arc<watch::Sender<Option<Tokens>>>,
     guesses: Arc<Guesses>,
     origins: Origins,
 }
@@ -63,7 +70,7 @@ impl Access {
     /// Everyone with one of the tokens has the access that its scopes give.
     pub fn with_tokens(tokens: Vec<NamedToken>) -> Self {
         Self {
-            tokens: Arc::new(RwLock::new(Some(Tokens::new(tokens)))),
+            tokens: Arc::new(watch::Sender::new(Some(Tokens::new(tokens)))),
             ..Self::default()
         }
     }
@@ -82,33 +89,59 @@ impl Access {
     /// Accepts the tokens of other rules from now on, and those of before no longer. Whether a token is required stays as
     /// it was.
     pub fn replace_tokens(&self, other: &Self) {
-        let tokens = other.read(Option::clone);
+        let tokens = other.tokens.borrow().clone();
         if self.wants_token() && tokens.is_some() {
-            *self.tokens.write().unwrap_or_else(PoisonError::into_inner) = tokens;
+            self.tokens.send_replace(tokens);
         }
-    }
-
-    fn read<T>(&self, look: impl FnOnce(&Option<Tokens>) -> T) -> T {
-        look(&self.tokens.read().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Whether a token is required.
     pub fn wants_token(&self) -> bool {
-        self.read(Option::is_some)
+        self.tokens.borrow().is_some()
     }
 
-    /// Who sends a request: the holder of its token, and everybody if none is required.
-    fn check_token(&self, headers: &HeaderMap) -> Result<Holder, AppError> {
-        self.read(|tokens| {
-            let Some(tokens) = tokens else {
-                return Ok(Holder::of_everything());
-            };
-            let given = given_token(headers).ok_or(AppError::Unauthorized)?;
-            tokens.holder(&given).cloned().map_err(|why| match why {
-                Mismatch::Unknown => AppError::Unauthorized,
-                Mismatch::Ended => AppError::TokenEnded,
-            })
-        })
+    /// The token of a request; `None` if none is required.
+    fn check_token(&self, headers: &HeaderMap) -> Result<Option<NamedToken>, AppError> {
+        let tokens = self.tokens.borrow();
+        let Some(tokens) = &*tokens else {
+            return Ok(None);
+        };
+        let given = given_token(headers).ok_or(AppError::Unauthorized)?;
+        match tokens.open(&given) {
+            Ok(token) => Ok(Some(token.clone())),
+            Err(Mismatch::Unknown) => Err(AppError::Unauthorized),
+            Err(Mismatch::Ended) => Err(AppError::TokenEnded),
+        }
+    }
+
+    /// Resolves when a token no longer opens what it has opened: it has ended, was withdrawn, or has other scopes.
+    fn closed(&self, token: NamedToken) -> impl Future<Output = ()> + Send + use<> {
+        let mut tokens = self.tokens.subscribe();
+        async move {
+            loop {
+                let ends = match tokens.borrow_and_update().as_ref() {
+                    None => None,
+                    Some(tokens) => match tokens.with_digest(&token.digest) {
+                        Ok(found) if found.holder == token.holder => found.ends,
+                        _ => return,
+                    },
+                };
+                let ended = async {
+                    match ends {
+                        Some(end) => {
+                            let left = end.duration_since(SystemTime::now());
+                            tokio::time::sleep(left.unwrap_or_default()).await;
+                        }
+                        None => pending().await,
+                    }
+                };
+                tokio::select! {
+                    // An error means that the server ends.
+                    changed = tokens.changed() => if changed.is_err() { return },
+                    () = ended => {}
+                }
+            }
+        }
     }
 
     fn check_host(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), AppError> {
@@ -239,43 +272,66 @@ pub async fn guard_origin(
 pub struct Guard {
     /// The access rules.
     pub access: Access,
-    /// What each route needs.
+    /// What each route needs, and what is recorded of it.
     pub scopes: ScopeTable,
+    /// Where it is recorded.
+    pub audit: Audit,
 }
 
-/// Rejects requests without a token, if one is required, and those whose token lacks the scope of the route. A right token
-/// makes the connection that of a client.
+/// Rejects requests without a token, if one is required, and those whose token lacks the scope of the route; what is answered and
+/// what is refused is recorded. A right token makes the connection that of a client. A stream of events ends with the token that has opened it.
 ///
 /// A right token is always right, so that nobody behind the address of a guesser is shut out: no answer waits, and tokens
 /// are too long to be guessed at any rate. Handlers find the [`Holder`] in the extensions of the request.
 ///
 /// # Errors
 /// [`AppError::Unauthorized`], [`AppError::TokenEnded`]; [`AppError::MissingScope`];
-/// [`AppError::TooManyGuesses`] for one wrong token too soon after others; [`cases::Error::Busy`] if there are too many clients.
+/// [`AppError::AuditFull`]; [`AppError::TooManyGuesses`] for one wrong token too soon after others; [`cases::Error::Busy`] if there are too many clients.
 pub async fn require_token(
-    State(Guard { access, scopes }): State<Guard>,
+    State(Guard {
+        access,
+        scopes,
+        audit,
+    }): State<Guard>,
     mut request: Request,
     next: Next,
 ) -> Result<Response, AppError> {
     let connection = request.extensions().get::<Arc<Connection>>();
     let refusal = match access.check_token(request.headers()) {
-        Ok(holder) => {
+        Ok(token) => {
+            let holder = match &token {
+                Some(token) => token.holder.clone(),
+                None => Holder::anybody(),
+            };
             if let Some(Err(busy)) = connection.map(|connection| connection.admit()) {
                 return Ok(closing(AppError::from(busy).into_response()));
             }
             let path = request.extensions().get::<MatchedPath>();
-            let scope = scopes.needed(request.method(), path.map_or("", MatchedPath::as_str));
+            let path = path.map_or("", MatchedPath::as_str);
+            let (scope, audited) = scopes.row(request.method(), path);
+            let witness = Witness::new(&audit, &holder.name, &request);
+            if token.is_some() {
+                witness.signs_in().await?;
+            }
             if !holder.scopes.contains(&scope) {
-                return Err(AppError::MissingScope { holder, scope });
+                let refusal = AppError::MissingScope { holder, scope };
+                witness.is_refused(&refusal, true).await;
+                return Err(refusal);
             }
             request.extensions_mut().insert(holder);
-            return Ok(next.run(request).await);
+            let response = witness.watch(audited, request, next).await;
+            return Ok(match token {
+                Some(token) if is_endless(&response) => ending(response, access.closed(token)),
+                _ => response,
+            });
         }
         Err(refusal) => refusal,
     };
+    let has_token = given_token(request.headers()).is_some();
+    let witness = Witness::new(&audit, ANYBODY, &request);
+    witness.is_refused(&refusal, has_token).await;
     // A request without a token is not a guess, nor is a token that was right.
-    let is_guess =
-        matches!(refusal, AppError::Unauthorized) && given_token(request.headers()).is_some();
+    let is_guess = matches!(refusal, AppError::Unauthorized) && has_token;
     let wait = match is_guess {
         true => access.guesses.record(Peer::of(&request)),
         false => None,
@@ -295,6 +351,17 @@ pub async fn require_token(
     Ok(if shared { response } else { closing(response) })
 }
 
+/// Whether a response goes on until something happens.
+fn is_endless(response: &Response) -> bool {
+    let kind = response.headers().get(header::CONTENT_TYPE);
+    kind.is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream"))
+}
+
+/// The same response, which ends early once `end` resolves.
+fn ending(response: Response, end: impl Future<Output = ()> + Send + 'static) -> Response {
+    response.map(|body| Body::from_stream(body.into_data_stream().take_until(end)))
+}
+
 /// A response after which the connection is closed.
 fn closing(mut response: Response) -> Response {
     let close = HeaderValue::from_static("close");
@@ -304,6 +371,8 @@ fn closing(mut response: Response) -> Response {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     fn with_header(name: header::HeaderName, value: &str) -> HeaderMap {
@@ -322,6 +391,41 @@ mod tests {
         assert!(opens("fedcba9876543210") && !opens("0123456789abcdef"));
         access.replace_tokens(&Access::of_this_machine());
         assert!(opens("fedcba9876543210") && !opens(""));
+    }
+
+    #[tokio::test]
+    async fn what_a_token_has_opened_ends_with_it() {
+        let token = |ends: Option<SystemTime>| NamedToken {
+            ends,
+            ..unnamed("0123456789abcdef").unwrap()
+        };
+        let replace = |access: &Access, tokens: Vec<NamedToken>| {
+            access.replace_tokens(&Access::with_tokens(tokens));
+        };
+        let access = Access::with_tokens(vec![token(None)]);
+        let mut closed = Box::pin(access.closed(token(None)));
+        let is_closed =
+            async |closed: &mut _| tokio::time::timeout(Duration::ZERO, closed).await.is_ok();
+        assert!(!is_closed(&mut closed).await);
+        replace(
+            &access,
+            vec![token(None), unnamed("fedcba9876543210").unwrap()],
+        );
+        assert!(!is_closed(&mut closed).await, "it is still there");
+        replace(&access, vec![unnamed("fedcba9876543210").unwrap()]);
+        assert!(is_closed(&mut closed).await, "it was withdrawn");
+
+        let soon = SystemTime::now() + Duration::from_millis(20);
+        let access = Access::with_tokens(vec![token(Some(soon))]);
+        access.closed(token(Some(soon))).await;
+        assert!(SystemTime::now() >= soon);
+
+        let access = Access::with_tokens(vec![token(None)]);
+        let mut closed = Box::pin(access.closed(token(None)));
+        let mut less = token(None);
+        less.holder.scopes.clear();
+        replace(&access, vec![less]);
+        assert!(is_closed(&mut closed).await, "it has fewer scopes");
     }
 
     #[test]

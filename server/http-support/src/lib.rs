@@ -1,6 +1,7 @@
 //! What every HTTP interface of the server shares: problems, conditional requests, negotiation of formats, access, limits on
 //! connections and bodies, metrics and the log of requests.
 
+pub mod audited;
 pub mod auth;
 pub mod conditional;
 mod door;

@@ -86,6 +86,8 @@ fn known_method(method: &Method) -> &'static str {
         Method::GET => "GET",
         Method::HEAD => "HEAD",
         Method::POST => "POST",
+        Method::PUT => "PUT",
+        Method::PATCH => "PATCH",
         Method::DELETE => "DELETE",
         Method::OPTIONS => "OPTIONS",
         _ => "other",
@@ -110,6 +112,14 @@ mod tests {
         ] {
             assert!(!is_acceptable_id(id));
         }
+    }
+
+    #[test]
+    fn each_method_of_a_route_has_its_own_label() {
+        for method in ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"] {
+            assert_eq!(known_method(&method.parse().unwrap()), method);
+        }
+        assert_eq!(known_method(&Method::TRACE), "other");
     }
 
     #[test]

@@ -118,6 +118,11 @@ pub enum AppError {
         /// What the route needs.
         scope: Scope,
     },
+    /// The audit record cannot be written.
+    #[error(
+        "the audit record of this server cannot be written, so it answers nothing that the record must name; tell its administrator"
+    )]
+    AuditFull,
     /// An address sends one wrong token after the other.
     #[error("too many wrong tokens came from your address; send the right one, or wait {} s", .wait.as_secs_f64().ceil())]
     TooManyGuesses {
@@ -301,6 +306,7 @@ impl AppError {
             Self::Unauthorized => (StatusCode::UNAUTHORIZED, "unauthorized"),
             Self::TokenEnded => (StatusCode::UNAUTHORIZED, "token-ended"),
             Self::MissingScope { .. } => (StatusCode::FORBIDDEN, "missing-scope"),
+            Self::AuditFull => (StatusCode::INSUFFICIENT_STORAGE, "audit-full"),
             Self::TooManyGuesses { .. } => (StatusCode::TOO_MANY_REQUESTS, "too-many-guesses"),
             Self::CrossSite => (StatusCode::FORBIDDEN, "cross-site"),
             Self::WrongHost => (StatusCode::MISDIRECTED_REQUEST, "wrong-host"),

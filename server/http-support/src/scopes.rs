@@ -5,6 +5,8 @@ use std::str::FromStr;
 
 use axum::http::Method;
 
+use crate::audited::Audited;
+
 /// What a token may be used for. Only scopes are checked; a role is a name for several ([`Role`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Scope {
@@ -16,17 +18,20 @@ pub enum Scope {
     DicomStore,
     /// Send results to a node.
     Results,
+    /// Read the metrics, if they need a token.
+    Metrics,
     /// Whatever no other scope permits, such as testing a node.
     Admin,
 }
 
 impl Scope {
     /// All scopes.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::Read,
         Self::Write,
         Self::DicomStore,
         Self::Results,
+        Self::Metrics,
         Self::Admin,
     ];
 
@@ -37,6 +42,7 @@ impl Scope {
             Self::Write => "write",
             Self::DicomStore => "dicom-store",
             Self::Results => "results",
+            Self::Metrics => "metrics",
             Self::Admin => "admin",
         }
     }
@@ -101,23 +107,26 @@ impl Role {
     }
 }
 
-/// A method, the template of a path, and the scope that both need.
-pub type Row = (Method, &'static str, Scope);
+/// A method, the template of a path, the scope that both need, and what is recorded.
+pub type Row = (Method, &'static str, Scope, Audited);
 
-/// The scope of each route that changes something. What is only read needs [`Scope::Read`], and what is in no row needs
-/// [`Scope::Admin`].
+/// The scope of each route, and what is recorded of its requests. What is in no row needs [`Scope::Admin`].
 #[derive(Debug, Clone, Copy)]
 pub struct ScopeTable(pub &'static [Row]);
 
 impl ScopeTable {
-    /// The scope that a request needs. `path` is the template of its route.
-    pub fn needed(&self, method: &Method, path: &str) -> Scope {
-        let row = (self.0.iter()).find(|(of, template, _)| of == method && *template == path);
-        match row {
-            Some((.., scope)) => *scope,
-            None if method.is_safe() => Scope::Read,
-            None => Scope::Admin,
-        }
+    /// The scope that a request needs, and what is recorded of it. `path` is the template of its route.
+    pub(crate) fn row(&self, method: &Method, path: &str) -> (Scope, Audited) {
+        // The head of an answer is read by the same handler.
+        let method = match *method {
+            Method::HEAD => &Method::GET,
+            _ => method,
+        };
+        let row = (self.0.iter()).find(|(of, template, ..)| of == method && *template == path);
+        row.map_or(
+            (Scope::Admin, Audited::Operation),
+            |&(.., scope, audited)| (scope, audited),
+        )
     }
 }
 
@@ -140,13 +149,24 @@ mod tests {
 
     #[test]
     fn what_no_row_names_is_for_nobody_but_the_administrator() {
-        const ROWS: &[Row] = &[(Method::POST, "/a", Scope::Results)];
-        let table = ScopeTable(ROWS);
-        assert_eq!(table.needed(&Method::POST, "/a"), Scope::Results);
-        assert_eq!(table.needed(&Method::GET, "/a"), Scope::Read);
-        assert_eq!(table.needed(&Method::HEAD, "/b"), Scope::Read);
-        assert_eq!(table.needed(&Method::DELETE, "/a"), Scope::Admin);
-        assert_eq!(table.needed(&Method::POST, "/a/b"), Scope::Admin);
+        const ROWS: &[Row] = &[
+            (Method::POST, "/a", Scope::Results, Audited::Result),
+            (Method::GET, "/a", Scope::Read, Audited::View),
+        ];
+        let row = |method: Method, path| ScopeTable(ROWS).row(&method, path);
+        let read = (Scope::Read, Audited::View);
+        assert_eq!(row(Method::POST, "/a"), (Scope::Results, Audited::Result));
+        assert_eq!(row(Method::GET, "/a"), read);
+        assert_eq!(row(Method::HEAD, "/a"), read);
+        for (method, path) in [
+            (Method::GET, "/b"),
+            (Method::HEAD, "/b"),
+            (Method::DELETE, "/a"),
+            (Method::OPTIONS, "/a"),
+            (Method::POST, "/a/b"),
+        ] {
+            assert_eq!(row(method, path), (Scope::Admin, Audited::Operation));
+        }
     }
 
     #[test]

@@ -27,11 +27,26 @@ pub struct Holder {
     pub scopes: BTreeSet<Scope>,
 }
 
+/// The name of the token without a name, which no other token may have.
+pub const UNNAMED: &str = "token";
+
+/// The name of everybody on this machine, if no token is required.
+pub const ANYBODY: &str = "anybody";
+
 impl Holder {
     /// The holder of a token without a name, who may do everything.
     pub(crate) fn of_everything() -> Self {
+        Self::named_of_everything(UNNAMED)
+    }
+
+    /// Everybody on this machine.
+    pub(crate) fn anybody() -> Self {
+        Self::named_of_everything(ANYBODY)
+    }
+
+    fn named_of_everything(name: &str) -> Self {
         Self {
-            name: "token".into(),
+            name: name.into(),
             scopes: Scope::ALL.into(),
         }
     }
@@ -55,14 +70,18 @@ impl Tokens {
         Self(tokens)
     }
 
-    /// Who holds the given token. Digests are compared in constant time.
-    pub(crate) fn holder(&self, given: &[u8]) -> Result<&Holder, Mismatch> {
-        let digest = blake3::hash(given);
-        let found = self.0.iter().find(|token| token.digest == digest);
+    /// The given token, if it opens.
+    pub(crate) fn open(&self, given: &[u8]) -> Result<&NamedToken, Mismatch> {
+        self.with_digest(&blake3::hash(given))
+    }
+
+    /// The token with a digest, if it opens. Digests are compared in constant time.
+    pub(crate) fn with_digest(&self, digest: &blake3::Hash) -> Result<&NamedToken, Mismatch> {
+        let found = self.0.iter().find(|token| token.digest == *digest);
         let token = found.ok_or(Mismatch::Unknown)?;
         match token.ends {
             Some(end) if SystemTime::now() >= end => Err(Mismatch::Ended),
-            _ => Ok(&token.holder),
+            _ => Ok(token),
         }
     }
 }
@@ -92,10 +111,11 @@ mod tests {
             token("guest", "b", Some(now - Duration::from_secs(1))),
             token("locum", "c", Some(now + Duration::from_secs(3600))),
         ]);
-        assert_eq!(&*tokens.holder(b"a").unwrap().name, "reader");
-        assert_eq!(tokens.holder(b"b"), Err(Mismatch::Ended));
-        assert_eq!(&*tokens.holder(b"c").unwrap().name, "locum");
-        assert_eq!(tokens.holder(b"d"), Err(Mismatch::Unknown));
-        assert_eq!(Tokens::default().holder(b"a"), Err(Mismatch::Unknown));
+        let opens = |given: &[u8]| tokens.open(given).map(|token| &*token.holder.name);
+        assert_eq!(opens(b"a"), Ok("reader"));
+        assert_eq!(opens(b"b"), Err(Mismatch::Ended));
+        assert_eq!(opens(b"c"), Ok("locum"));
+        assert_eq!(opens(b"d"), Err(Mismatch::Unknown));
+        assert!(Tokens::default().open(b"a").is_err());
     }
 }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use audit::Audit;
 use http_support::metrics::{Figure, Metrics};
 use pacs::Pacs;
 use pacs::dimse::{AssociationCounts, Rejection};
@@ -12,6 +13,17 @@ const TICKS: f64 = 100.0;
 
 /// Bytes of a page of memory in `/proc`.
 const PAGE: f64 = 4096.0;
+
+/// Adds whether events can be recorded.
+pub(crate) fn add_audit(metrics: &Metrics, audit: &Audit) {
+    let audit = audit.clone();
+    metrics.add_source(Arc::new(move || {
+        let help = "Whether the audit record cannot be written";
+        let full = Figure::gauge("isocortex_audit_full", help);
+        let full = full.with(&[], f64::from(u8::from(audit.is_full())));
+        Box::pin(async { vec![full] })
+    }));
+}
 
 /// Adds the figures of the process and of the store.
 pub(crate) fn add_store(metrics: &Metrics, store: &Store) {

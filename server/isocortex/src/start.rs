@@ -42,6 +42,7 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     let location = config.cases()?.location;
     let nodes = config.pacs.nodes()?;
     let dimse = config.pacs.dimse()?;
+    config.check_audit()?;
     let mut checked = Checked::default();
     let named = config.named_tokens()?.len();
     let guard = match (access.wants_token(), named) {
@@ -55,6 +56,10 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     let objects = location.objects.map(|objects| objects.to_string());
     let place = location.folder.display();
     say(format!("the store is in {place}"));
+    match &config.audit.folder {
+        Some(folder) => say(format!("who does what is recorded in {}", folder.display())),
+        None => say("nothing is recorded of who does what (`audit.folder`)".to_owned()),
+    }
     for (what, place) in [("database", database), ("objects", objects)] {
         if let Some(place) = place {
             say(format!("its {what}: {place}"));
@@ -96,9 +101,13 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
         body_cache_bytes: config.http.body_cache_bytes,
         answer_timeout: Duration::from_secs(config.http.answer_timeout_secs),
         frame_ancestors,
+        guard_all: config.http.guard_all,
     };
-    let cases = Cases::open(config.cases()?).await?;
-    Ok(AppState::new(cases, options))
+    let cases = cases::Options {
+        audit: config.audit()?,
+        ..config.cases()?
+    };
+    Ok(AppState::new(Cases::open(cases).await?, options))
 }
 
 /// What images from a PACS go to, on the application that is served.
@@ -142,5 +151,9 @@ pub fn router(state: &AppState, pacs: &Pacs) -> Router {
 /// If the configuration is invalid or the store cannot be opened.
 pub async fn open_library(config: &Config) -> Result<Library, StartError> {
     config.check()?;
-    Ok(cases::open_library(&config.cases()?).await?)
+    let options = cases::Options {
+        audit: config.audit()?,
+        ..config.cases()?
+    };
+    Ok(cases::open_library(&options).await?)
 }

@@ -33,6 +33,7 @@ mod transfers;
 use axum::Router;
 use axum::http::Method;
 use axum::routing::get;
+use http_support::audited::Audited;
 use http_support::scopes::{Row, Scope};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -41,17 +42,103 @@ pub use self::background::Background;
 pub use self::node_tests::test_in_words;
 pub use self::state::{Options, Pacs};
 
-/// What a token must permit, for each route that is more than looking.
+const fn read(path: &'static str, audited: Audited) -> Row {
+    (Method::GET, path, Scope::Read, audited)
+}
+
+const fn post(path: &'static str, scope: Scope, audited: Audited) -> Row {
+    (Method::POST, path, scope, audited)
+}
+
+/// What a token must permit, and what is recorded, for each route.
 pub const SCOPES: &[Row] = &[
-    (Method::POST, "/dicomweb/studies", Scope::DicomStore),
-    (Method::POST, "/dicomweb/studies/{study}", Scope::DicomStore),
-    (Method::POST, "/hooks/orthanc", Scope::DicomStore),
-    (Method::POST, "/v1/arrivals/{id}", Scope::Write),
-    (Method::POST, "/v1/retrievals", Scope::Write),
-    (Method::POST, "/v1/cases/{id}/dicom-results", Scope::Results),
+    read("/dicomweb/studies", Audited::Query),
+    post("/dicomweb/studies", Scope::DicomStore, Audited::Store),
+    read("/dicomweb/series", Audited::Query),
+    read("/dicomweb/instances", Audited::Query),
+    read("/dicomweb/studies/{study}", Audited::Export),
+    post(
+        "/dicomweb/studies/{study}",
+        Scope::DicomStore,
+        Audited::Store,
+    ),
+    read("/dicomweb/studies/{study}/metadata", Audited::Identity),
+    read("/dicomweb/studies/{study}/series", Audited::Query),
+    read("/dicomweb/studies/{study}/instances", Audited::Query),
+    read("/dicomweb/studies/{study}/rendered3D", Audited::Picture),
+    read("/dicomweb/studies/{study}/rendered3d", Audited::Picture),
+    read("/dicomweb/studies/{study}/series/{series}", Audited::Export),
+    read(
+        "/dicomweb/studies/{study}/series/{series}/metadata",
+        Audited::Identity,
+    ),
+    read(
+        "/dicomweb/studies/{study}/series/{series}/instances",
+        Audited::Query,
+    ),
+    read(
+        "/dicomweb/studies/{study}/series/{series}/rendered3D",
+        Audited::Picture,
+    ),
+    read(
+        "/dicomweb/studies/{study}/series/{series}/rendered3d",
+        Audited::Picture,
+    ),
+    read(
+        "/dicomweb/studies/{study}/series/{series}/rendered",
+        Audited::Picture,
+    ),
+    read(
+        "/dicomweb/studies/{study}/series/{series}/thumbnail",
+        Audited::Picture,
+    ),
+    read(
+        "/dicomweb/studies/{study}/series/{series}/instances/{instance}",
+        Audited::Export,
+    ),
+    read(
+        "/dicomweb/studies/{study}/series/{series}/instances/{instance}/metadata",
+        Audited::Identity,
+    ),
+    read(
+        "/dicomweb/studies/{study}/series/{series}/instances/{instance}/rendered",
+        Audited::Picture,
+    ),
+    read(
+        "/dicomweb/studies/{study}/series/{series}/instances/{instance}/thumbnail",
+        Audited::Picture,
+    ),
+    read(
+        "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}",
+        Audited::Export,
+    ),
+    read(
+        "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}/rendered",
+        Audited::Picture,
+    ),
+    // A notice of a PACS, which fetches a series.
+    post("/hooks/orthanc", Scope::DicomStore, Audited::Fetch),
+    read("/v1/arrivals", Audited::Query),
+    read("/v1/arrivals/{id}", Audited::Query),
+    post("/v1/arrivals/{id}", Scope::Write, Audited::Upload),
+    read("/v1/retrievals", Audited::Query),
+    post("/v1/retrievals", Scope::Write, Audited::Fetch),
+    read("/v1/retrievals/{id}", Audited::Query),
+    post(
+        "/v1/cases/{id}/dicom-results",
+        Scope::Results,
+        Audited::Result,
+    ),
+    read("/v1/dicom-results", Audited::Query),
+    read("/v1/dicom-results/{id}", Audited::Query),
     // The identifiers of a study are in its body, not in an address.
-    (Method::POST, "/v1/launch", Scope::Read),
-    (Method::POST, "/v1/pacs/nodes/{name}/test", Scope::Admin),
+    post("/v1/launch", Scope::Read, Audited::Query),
+    read("/v1/pacs", Audited::No),
+    post(
+        "/v1/pacs/nodes/{name}/test",
+        Scope::Admin,
+        Audited::Operation,
+    ),
 ];
 
 /// The routes that need a token, and their description.

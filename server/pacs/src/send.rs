@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use async_trait::async_trait;
+use audit::{Action, Event, EventKind, Outcome};
 use axum::body::Bytes;
 use case::{Failure, JobKind};
 use cases::runner::{End, Failed, Running, Terms, Work};
@@ -41,7 +42,7 @@ impl Work for SendResult {
             return Ok(End::Done);
         };
         let (case, node) = (result.case.short(), result.node.as_str());
-        let sent = send(pacs, &result).await;
+        let sent = recorded(pacs, &result).await;
         match &sent {
             Ok(()) => pacs.note(node, true),
             Err(SendError::Node(error)) => pacs.note(node, error.is_answer()),
@@ -81,6 +82,8 @@ enum SendError {
     Superseded,
     #[error("it was withdrawn by a rejection note")]
     Withdrawn,
+    #[error("the audit record of the server cannot be written")]
+    NotRecorded,
 }
 
 impl SendError {
@@ -88,7 +91,7 @@ impl SendError {
         match self {
             Self::Node(error) => error.may_pass(),
             Self::NoSuchNode | Self::Lost | Self::Superseded | Self::Withdrawn => false,
-            Self::Store => true,
+            Self::Store | Self::NotRecorded => true,
         }
     }
 
@@ -100,8 +103,37 @@ impl SendError {
             Self::Superseded => "superseded",
             Self::Withdrawn => "withdrawn",
             Self::Store => "store-failed",
+            Self::NotRecorded => "audit-full",
         }
     }
+}
+
+/// Sends a result, and records it before and after.
+async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
+    let event = |outcome| Event {
+        outcome,
+        to: Some(result.node.as_str().into()),
+        case: Some(result.case.to_string().into()),
+        ..Event::new(
+            EventKind::InstancesTransferred,
+            Action::Read,
+            "result",
+            "isocortex",
+        )
+    };
+    let audit = pacs.cases().audit();
+    let intended = audit.record_durable(event(Outcome::Intended)).await;
+    intended.map_err(|_| SendError::NotRecorded)?;
+    let sent = send(pacs, result).await;
+    let outcome = match &sent {
+        Ok(()) => Outcome::Success,
+        Err(SendError::Node(_) | SendError::Store) => Outcome::SeriousFailure,
+        Err(_) => Outcome::MinorFailure,
+    };
+    if audit.record_durable(event(outcome)).await.is_err() {
+        tracing::error!("the end of a delivery is not in the audit record");
+    }
+    sent
 }
 
 async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {

@@ -13,13 +13,13 @@ use tower_http::request_id::{PropagateRequestIdLayer, SetRequestIdLayer};
 use utoipa::openapi::OpenApi;
 
 use crate::routes;
-use crate::state::{AppState, FrameAncestors};
-use http_support::auth::{self, Access, Guard};
+use crate::state::{AppState, FrameAncestors, GuardAll};
+use http_support::auth::{self, Access};
 use http_support::logs::{self, MakeId, REQUEST_ID};
 use http_support::metrics::Metrics;
 use http_support::origins;
 use http_support::problem::AppError;
-use http_support::scopes::{Row, ScopeTable};
+use http_support::scopes::Row;
 
 /// What the page may load, and in whose frames it may stand: its own, and those of the configuration.
 const CONTENT_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
@@ -47,7 +47,7 @@ const SECURITY_HEADERS: [(HeaderName, &str); 5] = [
 pub struct Beside {
     /// Those that need a token.
     pub guarded: Router,
-    /// What the token must permit, for those that are more than looking.
+    /// What the token must permit, and what is recorded.
     pub scopes: &'static [Row],
     /// Their description.
     pub description: OpenApi,
@@ -64,10 +64,7 @@ pub fn app_beside(state: AppState, beside: Beside) -> Router {
     let (routes, openapi) = routes::all(&state);
     let mut description = beside.description;
     routes::guarded::describe(&mut description);
-    let guard = Guard {
-        access: Access::from_ref(&state),
-        scopes: ScopeTable(beside.scopes),
-    };
+    let guard = routes::guard(&state, beside.scopes);
     let guard = middleware::from_fn_with_state(guard, auth::require_token);
     let guarded = beside.guarded.route_layer(guard);
     let routes = routes.merge(guarded.with_state(()));
@@ -77,8 +74,15 @@ pub fn app_beside(state: AppState, beside: Beside) -> Router {
 fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Router {
     let (access, metrics) = (Access::from_ref(&state), Metrics::from_ref(&state));
     let policy = content_policy(&FrameAncestors::from_ref(&state));
+    let mut documents = routes::documents::written(openapi);
+    if GuardAll::from_ref(&state).0 {
+        let guard = routes::guard(&state, routes::scopes::SCOPES);
+        let guard = middleware::from_fn_with_state(guard, auth::require_token);
+        documents = documents.route_layer(guard);
+    }
     routes
-        .merge(routes::documents::routes(openapi))
+        .merge(documents)
+        .merge(routes::documents::page())
         .fallback(|| async { AppError::NoSuchRoute })
         .method_not_allowed_fallback(|| async { AppError::MethodNotAllowed })
         .layer(middleware::from_fn_with_state(

@@ -29,6 +29,8 @@ pub struct HttpOptions {
     pub answer_timeout: Duration,
     /// Origins in whose frames the page may stand, beside its own.
     pub frame_ancestors: Origins,
+    /// Whether metrics, version and documents need a token too.
+    pub guard_all: bool,
 }
 
 /// Everything that handlers share. Cheap to clone.
@@ -45,11 +47,16 @@ pub struct AppState {
     streams: EventStreams,
     answer_timeout: AnswerTimeout,
     frame_ancestors: FrameAncestors,
+    guard_all: GuardAll,
 }
 
 /// Origins in whose frames the page may stand, beside its own.
 #[derive(Debug, Clone)]
 pub(crate) struct FrameAncestors(pub(crate) Origins);
+
+/// Whether metrics, version and documents need a token too.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct GuardAll(pub(crate) bool);
 
 impl AppState {
     /// What handlers share to answer for an application.
@@ -64,6 +71,7 @@ impl AppState {
             streams: EventStreams::new(),
             answer_timeout: AnswerTimeout(options.answer_timeout),
             frame_ancestors: FrameAncestors(options.frame_ancestors),
+            guard_all: GuardAll(options.guard_all),
         }
     }
 

@@ -360,11 +360,17 @@ impl Store {
     }
 
     /// Removes the cases whose age is [`Options::keep`] or more, as [`Store::delete`] does; returns how many. A case that
-    /// is kept or uploaded again meanwhile stays.
+    /// is kept or uploaded again meanwhile stays, and so does one for which `may_go` resolves to `false`.
     ///
     /// # Errors
     /// If the rows or the objects cannot be written; what was not removed is found the next time.
-    pub async fn remove_expired(&self) -> Result<usize, StoreError> {
+    pub async fn remove_expired<MayGo>(
+        &self,
+        may_go: impl Fn(CaseId) -> MayGo + Send + Sync,
+    ) -> Result<usize, StoreError>
+    where
+        MayGo: Future<Output = bool> + Send,
+    {
         let Some(keep) = self.options().keep else {
             return Ok(0);
         };
@@ -373,7 +379,7 @@ impl Store {
             let expired = self.expired(keep, REMOVALS_AT_ONCE).await?;
             let removed_before = removed;
             for id in &expired {
-                if self.delete_expired(id, keep).await? {
+                if may_go(*id).await && self.delete_expired(id, keep).await? {
                     self.inner.is_deleted(id);
                     removed += 1;
                 }

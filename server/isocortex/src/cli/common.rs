@@ -72,6 +72,9 @@ pub(super) struct CommonArgs {
     /// The file with the weights for brain extraction. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
     pub(super) network: Option<PathBuf>,
+    /// The folder of the audit record, which must exist. [default: nothing is recorded]
+    #[arg(long, value_name = "FOLDER", env = "ISOCORTEX_AUDIT")]
+    pub(super) audit: Option<PathBuf>,
     /// The format of log lines. [default: text]
     #[arg(long, value_parser = choices::log_format(), env = "ISOCORTEX_LOG_FORMAT")]
     pub(super) log_format: Option<LogFormat>,
@@ -87,6 +90,7 @@ impl CommonArgs {
         set_some(&mut config.storage.keep_days, self.keep_days.as_ref());
         set(&mut config.prepare.workers, self.workers.as_ref());
         set_some(&mut config.prepare.network, self.network.as_ref());
+        set_some(&mut config.audit.folder, self.audit.as_ref());
         set(&mut config.log_format, self.log_format.as_ref());
         set(&mut config.log, self.log.as_ref());
         Ok(config)

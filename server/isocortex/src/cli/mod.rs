@@ -1,5 +1,6 @@
 //! The command line.
 
+mod audit;
 mod check_config;
 mod check_store;
 mod choices;
@@ -79,6 +80,8 @@ enum Command {
     CheckConfig(check_config::CheckConfigArgs),
     /// Make tokens with names and scopes.
     Token(token::TokenArgs),
+    /// Look at the record of who did what.
+    Audit(audit::AuditArgs),
     /// Ask a node of the PACS whether it answers.
     TestNode(test_node::TestNodeArgs),
     /// Read everything in a store, and report or repair what is wrong.
@@ -212,6 +215,7 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Work(args) => work::run(&args),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::Token(args) => token::run(&args),
+        Command::Audit(args) => audit::run(&args),
         Command::TestNode(args) => test_node::run(&args),
         Command::CheckStore(args) => check_store::run(&args),
         Command::RemoveExpired(args) => remove_expired::run(&args),

@@ -1,5 +1,7 @@
 //! `isocortex remove-expired`.
 
+use std::path::PathBuf;
+
 use clap::Args;
 use storage::Store;
 
@@ -18,6 +20,9 @@ pub(super) struct RemoveExpiredArgs {
     /// The age in days. [default: `storage.keep_days` in the file]
     #[arg(long, value_name = "DAYS", env = "ISOCORTEX_KEEP_DAYS")]
     keep_days: Option<u64>,
+    /// The folder of the audit record, which must exist. [default: `audit.folder` in the file]
+    #[arg(long, value_name = "FOLDER", env = "ISOCORTEX_AUDIT")]
+    audit: Option<PathBuf>,
     /// Only list the cases.
     #[arg(long)]
     dry_run: bool,
@@ -28,6 +33,7 @@ pub(super) fn run(args: &RemoveExpiredArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let mut config = args.store.config()?;
     set_some(&mut config.storage.keep_days, args.keep_days.as_ref());
+    set_some(&mut config.audit.folder, args.audit.as_ref());
     config.check()?;
     let options = config.cases()?;
     let Some(keep) = options.store.keep else {
@@ -46,7 +52,14 @@ pub(super) fn run(args: &RemoveExpiredArgs) -> Result<(), CliError> {
         if args.dry_run {
             println!("would be removed: {} cases", expired.len());
         } else {
-            println!("removed: {} cases", store.remove_expired().await?);
+            let audit = config.audit()?;
+            let removed = cases::jobs::remove_expired(&store, &audit).await;
+            audit.shut_down();
+            println!("removed: {} cases", removed?);
+            if audit.is_full() {
+                let message = "the audit record cannot be written, so expired cases stay";
+                return Err(CliError::new(ExitStatus::InputOutput, message));
+            }
         }
         store.close().await;
         Ok(())

@@ -28,7 +28,7 @@ const TOKEN_VARIABLE: &str = "ISOCORTEX_TOKEN";
 /// Serve the cases of a store over HTTP
 ///
 /// The command line takes precedence over the environment, and the environment over the file. Without a bearer token
-/// (ISOCORTEX_TOKEN, or a file with it), the server listens on this machine only and refuses any other address.
+/// (--tokens-file, --token-file or ISOCORTEX_TOKEN), the server listens on this machine only and refuses any other address.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct ServeArgs {
     #[command(flatten)]
@@ -195,6 +195,7 @@ impl Server {
         let grace = limits.shutdown_grace;
         figures::add_store(state.metrics(), state.cases.store());
         figures::add_pacs(state.metrics(), &pacs);
+        figures::add_audit(state.metrics(), state.cases.audit());
         let mut reload = Reload {
             access: state.access().clone(),
             tls: None,
@@ -244,6 +245,7 @@ impl Server {
         self.arrivals.shut_down(self.grace).await;
         self.workers.shut_down(self.grace).await;
         self.state.cases.store().close().await;
+        self.state.cases.audit().shut_down();
         tracing::info!("stopped");
     }
 }

@@ -56,6 +56,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
         let grace = Duration::from_secs(config.http.shutdown_grace_secs);
         workers.shut_down(grace).await;
         library.store().close().await;
+        library.audit().shut_down();
         tracing::info!("stopped");
         Ok(())
     })

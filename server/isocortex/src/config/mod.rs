@@ -9,6 +9,7 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use audit::Audit;
 use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
 use http_support::auth::{Access, BadToken, unnamed};
@@ -24,7 +25,8 @@ use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::sections::{
-    DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Render, Secret, Storage,
+    AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Render, Secret,
+    Storage,
 };
 pub(crate) use self::tokens::check_name as check_token_name;
 
@@ -39,6 +41,8 @@ pub struct Config {
     pub log_format: LogFormat,
     /// The log lines to write: a level, and levels of targets.
     pub log: String,
+    /// The record of who does what.
+    pub audit: AuditFiles,
     /// The server: address, access, timeouts.
     pub http: Http,
     /// Limits on uploads and queues.
@@ -66,6 +70,7 @@ impl Default for Config {
         Self {
             log_format: LogFormat::Text,
             log: "info".to_owned(),
+            audit: AuditFiles::default(),
             http: Http::default(),
             limits: Limits::default(),
             page: Page::default(),
@@ -117,12 +122,22 @@ pub enum ConfigError {
         /// What is wrong, in one sentence.
         why: String,
     },
+    /// Nothing can be recorded.
+    #[error(
+        "nothing can be written in the folder of the audit record {} (`audit.folder`): {source}; make it, for the user of the server alone", .folder.display()
+    )]
+    Audit {
+        /// The folder.
+        folder: PathBuf,
+        /// The reason.
+        source: std::io::Error,
+    },
     /// A token in two places.
     #[error("set the token in `http.token` or in `http.token_file`, not in both")]
     TwoTokens,
     /// Everyone on the network could read everything.
     #[error(
-        "refusing to listen on {listen} without a bearer token: set ISOCORTEX_TOKEN or `http.token_file`, or listen on 127.0.0.1"
+        "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`) or `http.token_file`, or listen on 127.0.0.1"
     )]
     OpenToStrangers {
         /// The configured address.
@@ -273,6 +288,39 @@ impl Config {
         })
     }
 
+    /// Begins the record of who does what, if there is a folder for it.
+    ///
+    /// # Errors
+    /// If nothing can be written there.
+    pub fn audit(&self) -> Result<Audit, ConfigError> {
+        let Some(folder) = &self.audit.folder else {
+            return Ok(Audit::default());
+        };
+        let options = audit::Options {
+            folder: folder.clone(),
+            max_file_bytes: self.audit.max_file_bytes,
+            window: audit::WINDOW,
+        };
+        Audit::start(options).map_err(|source| ConfigError::Audit {
+            folder: folder.clone(),
+            source,
+        })
+    }
+
+    /// Checks that something can be written in the folder of the record, without beginning one.
+    ///
+    /// # Errors
+    /// If nothing can.
+    pub fn check_audit(&self) -> Result<(), ConfigError> {
+        let Some(folder) = &self.audit.folder else {
+            return Ok(());
+        };
+        audit::check_folder(folder).map_err(|source| ConfigError::Audit {
+            folder: folder.clone(),
+            source,
+        })
+    }
+
     fn token_text(&self) -> Result<Option<String>, ConfigError> {
         match (&self.http.token, &self.http.token_file) {
             (Some(_), Some(_)) => Err(ConfigError::TwoTokens),
@@ -288,6 +336,7 @@ impl Config {
     /// If a number that must be at least 1 is 0.
     pub fn check(&self) -> Result<(), ConfigError> {
         let counts = [
+            ("audit.max_file_bytes", self.audit.max_file_bytes),
             ("limits.max_upload_bytes", self.limits.max_upload_bytes),
             ("limits.max_voxels", self.limits.max_voxels as u64),
             (
@@ -393,6 +442,7 @@ impl Config {
             dicom_program: self.dicom_program.clone(),
             max_dicom_bytes: self.limits.max_upload_bytes.saturating_mul(DICOM_UNPACKING),
             deidentify: self.pacs.deidentify,
+            audit: Audit::default(),
         })
     }
 

@@ -24,6 +24,8 @@ pub struct Http {
     pub token_file: Option<PathBuf>,
     /// A file with named tokens, beside the token or instead of it.
     pub tokens_file: Option<PathBuf>,
+    /// Whether `/metrics`, `/version`, `/docs` and `/openapi.json` need a token too.
+    pub guard_all: bool,
     /// The origins of pages on other hosts that may read answers, such as a viewer.
     pub allowed_origins: Vec<String>,
     /// The origins in whose frames the page may stand, such as a PACS.
@@ -61,6 +63,7 @@ impl Default for Http {
             token: None,
             token_file: None,
             tokens_file: None,
+            guard_all: false,
             allowed_origins: Vec::new(),
             frame_ancestors: Vec::new(),
             max_connections: 512,
@@ -110,6 +113,25 @@ impl FromStr for Network {
 /// The number of CPU cores.
 fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// `[audit]`: the record of who does what.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct AuditFiles {
+    /// The folder of its files, which must exist. Without one, nothing is recorded.
+    pub folder: Option<PathBuf>,
+    /// The size beyond which another file is begun, in bytes.
+    pub max_file_bytes: u64,
+}
+
+impl Default for AuditFiles {
+    fn default() -> Self {
+        Self {
+            folder: None,
+            max_file_bytes: 64 << 20,
+        }
+    }
 }
 
 /// `[limits]`: limits on uploads, preparations and queues.

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::time::SystemTime;
 
 use http_support::scopes::Scope;
-use http_support::tokens::{Holder, NamedToken};
+use http_support::tokens::{ANYBODY, Holder, NamedToken, UNNAMED};
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
 use serde::Deserialize;
@@ -46,6 +46,7 @@ pub(super) fn parse(text: &str) -> Result<Vec<NamedToken>, String> {
         None => error.message().to_owned(),
     })?;
     let mut names = HashSet::new();
+    let mut digests = HashSet::new();
     let mut tokens = Vec::new();
     for entry in file.tokens {
         check_name(&entry.name)?;
@@ -61,6 +62,10 @@ pub(super) fn parse(text: &str) -> Result<Vec<NamedToken>, String> {
         let digest = blake3::Hash::from_hex(&entry.blake3);
         let digest =
             digest.map_err(|_| of("`blake3` must have 64 hexadecimal digits".to_owned()))?;
+        // Otherwise the scopes and the end of the first one would hold for both.
+        if !digests.insert(digest) {
+            return Err(of("another token has the same `blake3`".to_owned()));
+        }
         tokens.push(NamedToken {
             holder: Holder {
                 name: entry.name.as_str().into(),
@@ -79,6 +84,11 @@ pub(super) fn parse(text: &str) -> Result<Vec<NamedToken>, String> {
 /// What is wrong, in one sentence.
 pub(crate) fn check_name(name: &str) -> Result<(), String> {
     let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"._@-".contains(&byte);
+    if [UNNAMED, ANYBODY].contains(&name) {
+        return Err(format!(
+            "`{name}` stands for whoever has no name; choose another name"
+        ));
+    }
     if (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(is_plain) {
         return Ok(());
     }
@@ -99,12 +109,13 @@ mod tests {
     use super::*;
 
     const DIGEST: &str = "6437b3ac38465133ffb63b75273a8db548c558465d79db03fd359c6cd5bd9d85";
+    const OTHER: &str = "af1349b9f5f9a1a6a0404dea36dcc9499bcb25c9adc112b7cc9a93cae41f3262";
 
     #[test]
     fn a_file_gives_names_scopes_and_ends() {
         let text = format!(
             "[[tokens]]\nname = \"orthanc\"\nscopes = [\"dicom-store\", \"read\"]\nuntil = \"2027-01-31\"\nblake3 = \"{DIGEST}\"\n\
-             [[tokens]]\nname = \"dr.silva@site\"\nscopes = [\"read\"]\nblake3 = \"{DIGEST}\"\n"
+             [[tokens]]\nname = \"dr.silva@site\"\nscopes = [\"read\"]\nblake3 = \"{OTHER}\"\n"
         );
         let tokens = parse(&text).unwrap();
         let [pacs, reader] = &tokens[..] else {
@@ -126,6 +137,7 @@ mod tests {
         let good = format!("blake3 = \"{DIGEST}\"");
         for (text, part) in [
             (entry("a b", "\"read\"", &good), "the name of a token"),
+            (entry("token", "\"read\"", &good), "choose another name"),
             (entry("a", "", &good), "it has no scope"),
             (entry("a", "\"all\"", &good), "`all` is no scope"),
             (
@@ -137,6 +149,10 @@ mod tests {
                 "line 4: unknown field `token`",
             ),
             (entry("a", "\"read\"", &good).repeat(2), "two of this name"),
+            (
+                entry("a", "\"admin\"", &good) + &entry("b", "\"read\"", &good),
+                "the token `b`: another token has the same `blake3`",
+            ),
             (
                 entry("a", "\"read\"", &format!("until = \"soon\"\n{good}")),
                 "line 4",

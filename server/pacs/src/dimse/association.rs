@@ -1,7 +1,9 @@
 //! An association of a peer with us, from its request to its release, as states: each PDU leads from one to the next.
 
 use std::net::IpAddr;
+use std::time::Duration;
 
+use audit::{Action, Event, EventKind, Outcome};
 use cases::arrivals::Reception;
 use cases::{Cases, Error, MAX_INSTANCE_BYTES};
 use dicom_ul::pdu::{AbortRQServiceProviderReason, AbortRQSource, PDataValue, PDataValueType, Pdu};
@@ -16,6 +18,9 @@ use crate::dimse::head::file_head;
 use crate::dimse::negotiate::{Accepted, Context, negotiate, rejection};
 use crate::dimse::options::{DimseOptions, is_aet};
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
+
+/// How long an image waits for the disk of the audit record. A disk that takes longer counts as full.
+const LONGEST_RECORDING: Duration = Duration::from_secs(10);
 
 /// Why an association ends early. It contains nothing that a peer has sent.
 #[derive(Debug, thiserror::Error)]
@@ -123,13 +128,19 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
                 reason = why.name(),
                 "an association was rejected"
             );
+            let refused = Event {
+                kind: EventKind::SecurityAlert,
+                outcome: Outcome::MinorFailure,
+                object: "association",
+                ..event_of(caller, &request.calling_ae_title)
+            };
+            cases.audit().record_refusal(refused).await;
             wire.send(&Pdu::AssociationRJ(rejection(why))).await?;
             return Err(Abort::Rejected);
         }
     };
     let _running = options.counts.begin();
     wire.send(&Pdu::AssociationAC(answer)).await?;
-    let peer_max_length = peer_max_length(&request.user_variables);
     let mut messages = Messages {
         cases,
         counts: &options.counts,
@@ -137,7 +148,34 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         state: State::Command(Vec::new()),
         stored: 0,
         ignores_other_objects: options.ignores_other_objects,
+        event: event_of(caller, &request.calling_ae_title),
+        is_announced: false,
     };
+    let peer_max_length = peer_max_length(&request.user_variables);
+    let ended = exchange(wire, &mut messages, peer_max_length).await;
+    messages.record_end(ended.is_ok()).await;
+    ended
+}
+
+/// Images from a peer, for the audit record.
+fn event_of(caller: &Caller, title: &str) -> Event {
+    Event {
+        from: Some(caller.address),
+        ..Event::new(
+            EventKind::InstancesTransferred,
+            Action::Create,
+            "image",
+            shown(title),
+        )
+    }
+}
+
+/// Answers messages until the peer releases the association.
+async fn exchange<S: AsyncRead + AsyncWrite + Unpin>(
+    wire: &mut Wire<S>,
+    messages: &mut Messages<'_>,
+    peer_max_length: usize,
+) -> Result<usize, Abort> {
     loop {
         match wire.receive().await? {
             // Otherwise a peer could keep its association for ever without sending anything.
@@ -177,6 +215,10 @@ struct Messages<'a> {
     state: State,
     stored: usize,
     ignores_other_objects: bool,
+    /// What is recorded.
+    event: Event,
+    /// Whether it is on record that images come.
+    is_announced: bool,
 }
 
 /// What comes next.
@@ -309,6 +351,7 @@ impl Messages<'_> {
             Request::Store { object, .. } if object.sop_class_uid != context.abstract_syntax => {
                 Status::ClassNotSupported
             }
+            Request::Store { .. } if !self.announce().await => Status::OutOfResources,
             Request::Store { .. } => match self.open(&request, context).await {
                 Ok(file) => {
                     self.state = State::Image {
@@ -322,6 +365,42 @@ impl Messages<'_> {
             },
         };
         Ok(self.ignore(request, id, status, false))
+    }
+
+    /// Records that images come, before the first one; whether that is on record.
+    async fn announce(&mut self) -> bool {
+        if !self.is_announced {
+            let intended = Event {
+                outcome: Outcome::Intended,
+                ..self.event.clone()
+            };
+            self.is_announced = self.record(intended).await;
+        }
+        self.is_announced
+    }
+
+    /// Records how many images have come.
+    async fn record_end(&self, is_complete: bool) {
+        if !self.is_announced {
+            return;
+        }
+        let ended = Event {
+            outcome: match is_complete {
+                true => Outcome::Success,
+                false => Outcome::SeriousFailure,
+            },
+            count: self.stored as u64,
+            ..self.event.clone()
+        };
+        if !self.record(ended).await {
+            tracing::error!("the end of an association is not in the audit record");
+        }
+    }
+
+    async fn record(&self, event: Event) -> bool {
+        let recorded = self.cases.audit().record_durable(event);
+        let recorded = tokio::time::timeout(LONGEST_RECORDING, recorded).await;
+        matches!(recorded, Ok(Ok(())))
     }
 
     /// A file with the head of Part 10, which a data set lacks on the way.

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use audit::{Action, Event, EventKind, Outcome};
 use cases::Cases;
 use cases::places::Places;
 use tokio::net::{TcpListener, TcpStream};
@@ -60,6 +61,18 @@ pub async fn serve(
         if titles.is_empty() {
             let reason = reject(&options, Rejection::Address);
             tracing::warn!(%address, reason, "a connection for DIMSE was closed");
+            let refused = Event {
+                outcome: Outcome::MinorFailure,
+                from: Some(address),
+                ..Event::new(
+                    EventKind::SecurityAlert,
+                    Action::Execute,
+                    "association",
+                    "anybody",
+                )
+            };
+            let audit = cases.audit().clone();
+            associations.spawn(async move { audit.record_refusal(refused).await });
             continue;
         }
         let (cases, options) = (cases.clone(), Arc::clone(&options));

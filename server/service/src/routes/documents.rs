@@ -150,8 +150,8 @@ fn answering<Query: Asked>(
     move |_query, request| ready(document.answer(&request))
 }
 
-/// The routes of the documents.
-pub fn routes(openapi: &OpenApi) -> Router<AppState> {
+/// The routes of the documents about the interface.
+pub fn written(openapi: &OpenApi) -> Router<AppState> {
     let description = serde_json::to_value(openapi).unwrap_or_default();
     let manual = manual::html(&description);
     let written = [
@@ -164,20 +164,25 @@ pub fn routes(openapi: &OpenApi) -> Router<AppState> {
         ),
     ]
     .map(|(address, media_type, bytes)| (address, Document::written(media_type, bytes)));
-    let page = PAGE.iter().map(|file| (file.address, file.document()));
-    written
-        .into_iter()
-        .chain(page)
-        .fold(Router::new(), |router, (address, document)| {
-            let document = Arc::new(document);
-            let answer = match address {
-                "/" => get(answering::<PageQuery>(document)),
-                // Its query names a study, which the page itself sends on.
-                "/launch" => get(move |request: HeaderMap| ready(document.answer(&request))),
-                _ => get(answering::<NoQuery>(document)),
-            };
-            router.route(address, answer)
-        })
+    served(written.into_iter())
+}
+
+/// The routes of the page.
+pub fn page() -> Router<AppState> {
+    served(PAGE.iter().map(|file| (file.address, file.document())))
+}
+
+fn served(documents: impl Iterator<Item = (&'static str, Document)>) -> Router<AppState> {
+    documents.fold(Router::new(), |router, (address, document)| {
+        let document = Arc::new(document);
+        let answer = match address {
+            "/" => get(answering::<PageQuery>(document)),
+            // Its query names a study, which the page itself sends on.
+            "/launch" => get(move |request: HeaderMap| ready(document.answer(&request))),
+            _ => get(answering::<NoQuery>(document)),
+        };
+        router.route(address, answer)
+    })
 }
 
 #[cfg(test)]

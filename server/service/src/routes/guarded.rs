@@ -92,6 +92,11 @@ fn guard(operation: &mut Operation, path: &str) {
         "429",
         "Too many wrong tokens came from the address of the client",
     );
+    add(
+        operation,
+        "507",
+        "The audit record of the server cannot be written",
+    );
     if path.starts_with("/v1/cases/{id}") {
         add(operation, "404", "No such case");
     }

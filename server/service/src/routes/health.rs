@@ -47,13 +47,16 @@ pub async fn healthz(_no_query: ApiQuery<NoQuery>) -> Response {
 #[utoipa::path(get, path = "/readyz", tag = "service", responses(
     (status = 200, description = "The store is reachable and has room", body = Health),
     (status = 503, description = "The store is unreachable", body = Problem, content_type = "application/problem+json"),
-    (status = 507, description = "The disk is full or failed: cases can be viewed, but not uploaded", body = Problem, content_type = "application/problem+json"),
+    (status = 507, description = "The disk is full or failed: cases can be viewed, but not uploaded; or the audit record cannot be written, and nothing can be viewed", body = Problem, content_type = "application/problem+json"),
 ))]
 pub async fn readyz(
     State(cases): State<Cases>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     check_ready(cases.store()).await?;
+    if cases.audit().is_full() {
+        return Err(AppError::AuditFull);
+    }
     Ok(fresh_json(StatusCode::OK, &Health { status: "ok" }))
 }
 

@@ -17,7 +17,7 @@ pub mod registration;
 pub mod render;
 pub mod renders;
 pub mod report;
-pub(crate) mod scopes;
+pub mod scopes;
 pub mod slices;
 pub mod textures;
 pub mod upload;
@@ -36,11 +36,11 @@ use ::cases::pictures::ShownDepth;
 use ::render::RESEARCH_USE_NOTICE;
 use case::CaseId;
 
-use crate::state::{AnswerTimeout, AppState, Uploads};
+use crate::state::{AnswerTimeout, AppState, GuardAll, Uploads};
 use http_support::auth::{self, Access, Guard};
 use http_support::conditional;
 use http_support::problem::AppError;
-use http_support::scopes::ScopeTable;
+use http_support::scopes::{Row, ScopeTable};
 use http_support::sent::MAX_BODY_BYTES;
 
 /// The header with the quality of the mask behind an answer.
@@ -141,20 +141,19 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .layer(DefaultBodyLimit::max(upload_limit))
         .routes(routes!(events::get_events))
         .routes(routes!(layers::get_layer_events));
-    let guarded = answers
-        .merge(streams)
-        .route_layer(middleware::from_fn_with_state(
-            Guard {
-                access: Access::from_ref(state),
-                scopes: ScopeTable(scopes::SCOPES),
-            },
-            auth::require_token,
-        ));
     let open = OpenApiRouter::new()
         .routes(routes!(health::healthz))
-        .routes(routes!(health::readyz))
+        .routes(routes!(health::readyz));
+    let operation = OpenApiRouter::new()
         .routes(routes!(health::metrics))
         .routes(routes!(health::version));
+    let guarded = answers.merge(streams);
+    let (guarded, open) = match GuardAll::from_ref(state) {
+        GuardAll(true) => (guarded.merge(operation), open),
+        GuardAll(false) => (guarded, open.merge(operation)),
+    };
+    let guard = guard(state, scopes::SCOPES);
+    let guarded = guarded.route_layer(middleware::from_fn_with_state(guard, auth::require_token));
     let (routes, mut description) = guarded.split_for_parts();
     guarded::describe(&mut description);
     let guarded = OpenApiRouter::from(routes);
@@ -162,6 +161,15 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .merge(guarded)
         .merge(open)
         .split_for_parts()
+}
+
+/// The guard of routes with these rows.
+pub(crate) fn guard(state: &AppState, rows: &'static [Row]) -> Guard {
+    Guard {
+        access: Access::from_ref(state),
+        scopes: ScopeTable(rows),
+        audit: state.cases.audit().clone(),
+    }
 }
 
 /// Abandons an answer that takes too long. Work that is still waiting is cancelled.

@@ -1,21 +1,71 @@
-//! What a token must permit, for each route that is more than looking.
+//! What a token must permit, and what is recorded, for each route.
 
 use axum::http::Method;
+use http_support::audited::Audited;
 use http_support::scopes::{Row, Scope};
 
-/// The routes of the service. Those that are only read are in no row, but for `POST`s that change nothing.
-pub(crate) const SCOPES: &[Row] = &[
-    (Method::POST, "/v1/cases", Scope::Write),
-    (Method::PATCH, "/v1/cases/{id}", Scope::Write),
-    (Method::DELETE, "/v1/cases/{id}", Scope::Write),
-    (Method::POST, "/v1/cases/{id}/renders", Scope::Read),
-    (Method::PUT, "/v1/cases/{id}/mask", Scope::Write),
-    (Method::PUT, "/v1/cases/{id}/findings", Scope::Write),
-    (Method::POST, "/v1/cases/{id}/layers", Scope::Write),
-    (Method::PATCH, "/v1/cases/{id}/layers/{layer}", Scope::Write),
+const fn read(path: &'static str, audited: Audited) -> Row {
+    (Method::GET, path, Scope::Read, audited)
+}
+
+const fn write(method: Method, path: &'static str, audited: Audited) -> Row {
+    (method, path, Scope::Write, audited)
+}
+
+/// The routes of the service, but for the page, `/healthz` and `/readyz`, which need no token.
+pub const SCOPES: &[Row] = &[
+    read("/v1/cases", Audited::Query),
+    write(Method::POST, "/v1/cases", Audited::Upload),
+    read("/v1/cases/{id}", Audited::View),
+    write(Method::PATCH, "/v1/cases/{id}", Audited::Change),
+    write(Method::DELETE, "/v1/cases/{id}", Audited::Delete),
+    read("/v1/cases/{id}/events", Audited::View),
+    read("/v1/cases/{id}/dicom", Audited::Identity),
+    read("/v1/cases/{id}/mesh", Audited::View),
+    read("/v1/cases/{id}/mesh/triangles", Audited::View),
+    read("/v1/cases/{id}/mesh/paths", Audited::View),
+    read("/v1/cases/{id}/volume", Audited::View),
+    read("/v1/cases/{id}/distance", Audited::View),
+    read("/v1/cases/{id}/render", Audited::Picture),
+    read("/v1/cases/{id}/slices/{plane}", Audited::Picture),
+    read("/v1/cases/{id}/acquired/{plane}", Audited::Picture),
+    // It draws what its body lists, and changes nothing.
     (
+        Method::POST,
+        "/v1/cases/{id}/renders",
+        Scope::Read,
+        Audited::Export,
+    ),
+    read("/v1/cases/{id}/mask", Audited::Export),
+    write(Method::PUT, "/v1/cases/{id}/mask", Audited::Upload),
+    read("/v1/cases/{id}/envelope", Audited::Export),
+    read("/v1/cases/{id}/quality", Audited::View),
+    read("/v1/cases/{id}/candidates", Audited::View),
+    read("/v1/cases/{id}/profile", Audited::View),
+    read("/v1/cases/{id}/registration", Audited::View),
+    read("/v1/cases/{id}/report", Audited::Export),
+    read("/v1/cases/{id}/findings", Audited::View),
+    write(Method::PUT, "/v1/cases/{id}/findings", Audited::Change),
+    read("/v1/cases/{id}/layers", Audited::View),
+    write(Method::POST, "/v1/cases/{id}/layers", Audited::Upload),
+    read("/v1/cases/{id}/layers/{layer}", Audited::View),
+    write(
+        Method::PATCH,
+        "/v1/cases/{id}/layers/{layer}",
+        Audited::Change,
+    ),
+    write(
         Method::DELETE,
         "/v1/cases/{id}/layers/{layer}",
-        Scope::Write,
+        Audited::Delete,
     ),
+    read("/v1/cases/{id}/layers/{layer}/events", Audited::View),
+    read("/v1/cases/{id}/layers/{layer}/volume", Audited::View),
+    read("/v1/cases/{id}/layers/{layer}/nifti", Audited::Export),
+    // These need a token only if `http.guard_operation` is set.
+    (Method::GET, "/metrics", Scope::Metrics, Audited::No),
+    read("/version", Audited::No),
+    read("/openapi.json", Audited::No),
+    read("/docs", Audited::No),
+    read("/docs.css", Audited::No),
 ];

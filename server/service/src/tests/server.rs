@@ -140,6 +140,7 @@ impl Server {
             dicom_program: Program::other("/bin/false".into(), Vec::new()),
             max_dicom_bytes: 1 << 20,
             deidentify: false,
+            audit: Default::default(),
         };
         let http = HttpOptions {
             access,
@@ -152,6 +153,7 @@ impl Server {
             body_cache_bytes: 64 << 20,
             answer_timeout: Duration::from_secs(60),
             frame_ancestors: Default::default(),
+            guard_all: false,
         };
         let cases = Cases::open(options).await.unwrap();
         Self {

@@ -126,9 +126,10 @@ async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
     let noted = Arc::clone(&forgotten);
     store.on_delete(move |id| noted.lock().unwrap().push(*id));
 
-    assert_eq!(store.remove_expired().await.unwrap(), 0);
+    assert_eq!(store.remove_expired(|_| async { true }).await.unwrap(), 0);
     store.pass_time(day);
-    assert_eq!(store.remove_expired().await.unwrap(), 1);
+    assert_eq!(store.remove_expired(|_| async { false }).await.unwrap(), 0);
+    assert_eq!(store.remove_expired(|_| async { true }).await.unwrap(), 1);
     assert_eq!(*forgotten.lock().unwrap(), [one]);
     let left = store.cases(None, 10).await.unwrap().cases;
     assert_eq!(left.iter().map(|case| case.id).collect::<Vec<_>>(), [kept]);

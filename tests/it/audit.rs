@@ -1,0 +1,333 @@
+//! The record of who does what: what is in it, what is not, and what happens if it cannot be written.
+
+use std::path::Path;
+use std::process::Command;
+
+use ::audit::verify;
+use axum::body::Body;
+use axum::http::{Method, Request};
+use cases::jobs::remove_expired;
+use isocortex::config::Config;
+use serde_json::Value;
+
+use crate::dicom::head_slices;
+use crate::head::plain_head;
+use crate::pacs::Neighbour;
+use crate::scopes::TokensFile;
+use crate::series_builder::{Syntax, files};
+use crate::server::{Answer, Server, form, form_type};
+use crate::several_machines::program;
+
+/// What must be in no line.
+const CANARY: &str = "CANARY";
+
+/// A server that records what its holders of tokens do.
+struct Recorded {
+    server: Server,
+    tokens: TokensFile,
+    folder: tempfile::TempDir,
+}
+
+impl Recorded {
+    async fn start() -> Self {
+        Self::start_with(|_| {}).await
+    }
+
+    async fn start_with(change: impl FnOnce(&mut Config)) -> Self {
+        let mut tokens = TokensFile::new();
+        tokens.add("dr.silva", &["--role", "editor"]);
+        let folder = tempfile::tempdir().unwrap();
+        let configure = |config: &mut Config| {
+            config.http.tokens_file = Some(tokens.path());
+            config.audit.folder = Some(folder.path().join("audit"));
+            change(config);
+        };
+        std::fs::create_dir(folder.path().join("audit")).unwrap();
+        Self {
+            server: Server::start_with(configure).await,
+            tokens,
+            folder,
+        }
+    }
+
+    fn audit(&self) -> std::path::PathBuf {
+        self.folder.path().join("audit")
+    }
+
+    async fn ask(&self, method: Method, address: &str, who: &str) -> Answer {
+        self.send(method, address, who, Body::empty()).await
+    }
+
+    async fn get(&self, address: &str) -> Answer {
+        self.ask(Method::GET, address, "dr.silva").await
+    }
+
+    async fn send(&self, method: Method, address: &str, who: &str, body: Body) -> Answer {
+        let request = Request::builder().method(method).uri(address);
+        let request = request
+            .header("authorization", self.tokens.bearer(who))
+            .header("content-type", form_type());
+        self.server.send(request.body(body).unwrap()).await
+    }
+
+    /// Uploads a head with a label; the address of the case, ready.
+    async fn uploaded(&self) -> String {
+        let parameters = format!("{{\"name\": \"{CANARY}\"}}");
+        let volume = plain_head().bytes();
+        let parts = [
+            ("volume", &volume[..]),
+            ("parameters", parameters.as_bytes()),
+        ];
+        let answer = self
+            .send(
+                Method::POST,
+                "/v1/cases",
+                "dr.silva",
+                Body::from(form(&parts)),
+            )
+            .await;
+        assert_eq!(answer.status, 202, "{answer:?}");
+        let address = answer.header("location").to_owned();
+        let events = self.get(&format!("{address}/events")).await;
+        assert!(String::from_utf8_lossy(&events.body).contains("\"ready\""));
+        address
+    }
+
+    /// The lines that are on the disk now.
+    fn lines(&self) -> Vec<Value> {
+        lines_of(&self.audit())
+    }
+
+    /// The lines of an object, once the server has ended its record.
+    fn all_of(&self, object: &str) -> Vec<Value> {
+        self.server.state.cases.audit().shut_down();
+        let mut lines = self.lines();
+        lines.retain(|line| line["object"] == object);
+        lines
+    }
+}
+
+fn lines_of(folder: &Path) -> Vec<Value> {
+    let files = std::fs::read_dir(folder).unwrap();
+    let text = files.map(|file| std::fs::read_to_string(file.unwrap().path()).unwrap());
+    let text: String = text.collect();
+    let lines = text.lines().map(serde_json::from_str);
+    lines.map(Result::unwrap).collect()
+}
+
+fn outcomes(lines: &[Value]) -> Vec<(&str, u64)> {
+    let of = |line: &'_ Value| line["count"].as_u64().unwrap();
+    lines
+        .iter()
+        .map(|line| (line["outcome"].as_str().unwrap(), of(line)))
+        .collect()
+}
+
+#[tokio::test]
+async fn who_did_what_with_which_case_is_on_record_and_nothing_of_a_patient() {
+    let recorded = Recorded::start().await;
+    let address = recorded.uploaded().await;
+    let case = address.rsplit('/').next().unwrap();
+    for depth in [8, 9, 10] {
+        let picture = format!("{address}/render?width=64&height=64&depth_mm={depth}");
+        assert_eq!(recorded.get(&picture).await.status, 200);
+    }
+    for query in [CANARY, "other"] {
+        recorded.get(&format!("/v1/cases?text={query}")).await;
+    }
+    let export = recorded.get(&format!("{address}/mask")).await;
+    assert_eq!(export.status, 200, "{export:?}");
+    // It is durable before the answer.
+    let is_of_export = |line: &Value| line["request"] == export.header("x-request-id");
+    let lines = recorded.lines();
+    let line = lines.iter().find(|line| is_of_export(line)).unwrap();
+    assert_eq!(
+        (&line["name"], &line["who"]),
+        (&"Export".into(), &"dr.silva".into())
+    );
+    assert_eq!(line["route"], "GET /v1/cases/{id}/mask");
+    assert_eq!(
+        (&line["case"], &line["outcome"]),
+        (&case.into(), &"success".into())
+    );
+    let refused = recorded.ask(Method::DELETE, &address, "read").await;
+    assert_eq!(refused.status, 403);
+    let refused = recorded.server.get("/v1/cases").await;
+    assert_eq!(refused.status, 401);
+    let deleted = recorded.ask(Method::DELETE, &address, "dr.silva").await;
+    assert_eq!(deleted.status, 204);
+
+    let pictures = recorded.all_of("picture");
+    assert_eq!(outcomes(&pictures), [("success", 1), ("success", 3)]);
+    assert_eq!(pictures[1]["first"], pictures[0]["seq"]);
+    assert!(
+        pictures
+            .iter()
+            .all(|line| line["case"] == case && line["who"] == "dr.silva")
+    );
+    assert_eq!(pictures[0]["name"], "DICOM Instances Accessed");
+    let uploads = recorded.all_of("upload");
+    assert_eq!(outcomes(&uploads), [("intended", 1), ("success", 1)]);
+    assert_eq!(
+        (&uploads[1]["case"], &uploads[1]["action"]),
+        (&case.into(), &"C".into())
+    );
+    let deletions = recorded.all_of("deletion");
+    assert_eq!(outcomes(&deletions), [("intended", 1), ("success", 1)]);
+    assert!(deletions.iter().all(|line| line["case"] == case));
+    let missing = recorded.all_of("missing scope");
+    assert_eq!(missing.len(), 1);
+    assert_eq!(
+        (&missing[0]["who"], &missing[0]["name"]),
+        (&"read".into(), &"Security Alert".into())
+    );
+    assert_eq!(
+        outcomes(&recorded.all_of("no token")),
+        [("minor-failure", 1)]
+    );
+    // Each of the two has signed in once.
+    let signed_in = recorded.all_of("sign-in");
+    let who: Vec<_> = signed_in.iter().map(|line| &line["who"]).collect();
+    assert_eq!(who, ["dr.silva", "read"]);
+    let viewed = recorded.all_of("case");
+    assert!(!viewed.is_empty() && viewed.iter().all(|line| line["case"] == case));
+    assert!(!recorded.all_of("list").is_empty());
+
+    let verified = verify(&recorded.audit()).unwrap();
+    assert!(
+        verified.breaks.is_empty() && verified.notes.is_empty(),
+        "{verified:?}"
+    );
+    let text = format!("{:?}", recorded.lines());
+    assert!(!text.contains(CANARY) && !text.contains("text="), "{text}");
+}
+
+#[tokio::test]
+async fn a_flood_of_refusals_is_counted_and_does_not_fill_the_disk() {
+    let recorded = Recorded::start().await;
+    for _ in 0..300 {
+        let refused = recorded.ask(Method::DELETE, "/v1/cases/0", "read").await;
+        assert_eq!(refused.status, 403);
+    }
+    let refusals = recorded.all_of("missing scope");
+    let counts: Vec<_> = outcomes(&refusals)
+        .iter()
+        .map(|(_, count)| *count)
+        .collect();
+    assert_eq!(counts, [1, 1, 2, 4, 8, 16, 32, 64, 128]);
+}
+
+#[tokio::test]
+async fn what_cannot_be_recorded_is_not_done() {
+    let recorded = Recorded::start().await;
+    let address = recorded.uploaded().await;
+    assert_eq!(recorded.server.get("/readyz").await.status, 200);
+    std::fs::remove_dir_all(recorded.audit()).unwrap();
+    let full = async |method: Method, address: &str| {
+        let answer = recorded.ask(method, address, "dr.silva").await;
+        assert_eq!(answer.status, 507, "{answer:?}");
+        assert_eq!(answer.problem(), "audit-full");
+    };
+    // Before anything is done.
+    full(Method::DELETE, &address).await;
+    full(Method::GET, &format!("{address}/mask")).await;
+    full(Method::GET, &address).await;
+    full(Method::GET, "/v1/cases").await;
+    full(Method::POST, "/v1/cases").await;
+    // What is refused is refused all the same, and health checks tell.
+    assert_eq!(recorded.server.get(&address).await.status, 401);
+    assert_eq!(recorded.server.get("/healthz").await.status, 200);
+    assert_eq!(recorded.server.get("/readyz").await.problem(), "audit-full");
+    std::fs::create_dir(recorded.audit()).unwrap();
+    let audit = recorded.server.state.cases.audit();
+    let again = async {
+        while audit.is_full() {
+            tokio::task::yield_now().await;
+        }
+    };
+    let again = tokio::time::timeout(std::time::Duration::from_secs(60), again);
+    again.await.expect("it is tried again");
+    assert_eq!(
+        recorded.get(&address).await.status,
+        200,
+        "nothing was deleted"
+    );
+    assert_eq!(recorded.server.get("/readyz").await.status, 200);
+    assert_eq!(recorded.all_of("recorded again").len(), 1);
+    assert!(verify(&recorded.audit()).unwrap().breaks.is_empty());
+}
+
+#[tokio::test]
+async fn a_case_that_is_removed_because_of_its_age_is_on_record_or_stays() {
+    let recorded = Recorded::start_with(|config| config.storage.keep_days = Some(1)).await;
+    let address = recorded.uploaded().await;
+    let store = recorded.server.state.cases.store();
+    store.pass_time(std::time::Duration::from_secs(2 * 86_400));
+    let audit = recorded.server.state.cases.audit();
+    let elsewhere = recorded.folder.path().join("elsewhere");
+    std::fs::create_dir(&elsewhere).unwrap();
+    let config = Config {
+        audit: isocortex::config::AuditFiles {
+            folder: Some(elsewhere.clone()),
+            ..Default::default()
+        },
+        ..Config::default()
+    };
+    let lost = config.audit().unwrap();
+    std::fs::remove_dir_all(&elsewhere).unwrap();
+    assert_eq!(remove_expired(store, &lost).await.unwrap(), 0);
+    assert_eq!(recorded.get(&address).await.status, 200);
+    assert_eq!(remove_expired(store, audit).await.unwrap(), 1);
+    assert_eq!(recorded.get(&address).await.status, 404);
+    let removed = recorded.all_of("expired case");
+    assert_eq!(outcomes(&removed), [("intended", 1), ("success", 1)]);
+    assert_eq!(removed[0]["case"], address.rsplit('/').next().unwrap());
+    assert_eq!(removed[0]["who"], "isocortex");
+}
+
+#[tokio::test]
+async fn images_from_a_pacs_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let neighbour = Neighbour::start(|config| {
+        config.audit.folder = Some(folder.path().to_owned());
+    })
+    .await;
+    let slices = files(&head_slices(), Syntax::Explicit);
+    for slice in &slices[..3] {
+        let stored = neighbour.store(std::slice::from_ref(slice)).await;
+        assert_eq!(stored.status, 200, "{stored:?}");
+    }
+    neighbour.server.state.cases.audit().shut_down();
+    let mut lines = lines_of(folder.path());
+    lines.retain(|line| line["object"] == "image");
+    assert_eq!(outcomes(&lines), [("success", 1), ("success", 3)]);
+    assert_eq!(lines[0]["name"], "DICOM Instances Transferred");
+    assert_eq!(lines[0]["who"], "anybody");
+}
+
+#[tokio::test]
+async fn the_command_finds_what_was_changed() {
+    let recorded = Recorded::start().await;
+    recorded.get("/v1/cases").await;
+    recorded.server.state.cases.audit().shut_down();
+    let verify = || {
+        let mut command = Command::new(program());
+        let done = command.args(["audit", "verify"]).arg(recorded.audit());
+        let done = done.output().unwrap();
+        let text = String::from_utf8(done.stdout).unwrap();
+        (done.status.code(), text)
+    };
+    let (status, text) = verify();
+    assert_eq!(status, Some(0), "{text}");
+    assert!(
+        text.contains("as they were written") && text.contains("last line of "),
+        "{text}"
+    );
+    let file = std::fs::read_dir(recorded.audit()).unwrap().next().unwrap();
+    let file = file.unwrap().path();
+    let lines = std::fs::read_to_string(&file).unwrap();
+    std::fs::write(&file, lines.replace("\"dr.silva\"", "\"dr.souza\"")).unwrap();
+    let (status, text) = verify();
+    assert_eq!(status, Some(74));
+    assert!(text.contains(".jsonl:2: the line was changed"), "{text}");
+}
