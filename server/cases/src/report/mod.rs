@@ -1,12 +1,15 @@
-//! The report of a reading: one HTML file with the findings of a case, their pictures and numbers. It needs no script and
-//! nothing from elsewhere.
+//! The report of a reading: the findings of a case, their pictures and numbers, as one file that needs nothing from elsewhere.
+//! Its contents are told once, and written as HTML or as PDF.
 
+mod contents;
 mod html;
+mod pdf;
 mod shots;
 mod words;
 
 use std::sync::Arc;
 
+use bytes::Bytes;
 use case::findings::Finding;
 use case::{Case, CaseFacts, CaseId, Layer, LayerKind, MapName, QualityState};
 use glam::DVec3;
@@ -35,6 +38,15 @@ pub struct ReportQuery {
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(default = false))]
     pub patient: bool,
+}
+
+/// The form of a report.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReportFormat {
+    /// HTML without scripts, to read, to print and to keep.
+    Html,
+    /// PDF, for archives and for paper.
+    Pdf,
 }
 
 /// Everything that a report shows.
@@ -84,11 +96,16 @@ const PATIENT: [&str; 6] = [
 ];
 
 impl Cases {
-    /// The report of the reading of a ready case, as HTML.
+    /// The report of the reading of a ready case. The same reading gives the same bytes.
     ///
     /// # Errors
     /// As [`Cases::ready`]; [`Error::LayerNotReady`] while its maps are computed; [`Error::Busy`] if too much work waits.
-    pub async fn report(&self, id: &CaseId, query: ReportQuery) -> Result<String, Error> {
+    pub async fn report(
+        &self,
+        id: &CaseId,
+        query: ReportQuery,
+        format: ReportFormat,
+    ) -> Result<Bytes, Error> {
         let facts = self.ready(id).await?;
         let case = self.case(id).await?;
         let maps = match self.library.maps(id).await?.found() {
@@ -136,7 +153,14 @@ impl Cases {
             dismissed,
             overview,
         };
-        Ok(report.html())
+        let write = move || {
+            let contents = report.contents();
+            match format {
+                ReportFormat::Html => Ok(contents.html().into()),
+                ReportFormat::Pdf => Ok(contents.pdf()?.into()),
+            }
+        };
+        self.queue.run(write).await?
     }
 
     /// The values at a finding; `None` outside the envelope.
