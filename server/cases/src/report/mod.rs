@@ -13,6 +13,7 @@ use bytes::Bytes;
 use case::findings::Finding;
 use case::{Case, CaseFacts, CaseId, Layer, LayerKind, MapName, QualityState};
 use glam::DVec3;
+use imaging::dicom::Attributes;
 use pipeline::maps::NoMaps;
 use serde::{Deserialize, Serialize};
 
@@ -27,7 +28,7 @@ use crate::{Cases, Error};
 
 /// What a report shows.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::IntoParams), into_params(parameter_in = Query))]
+#[cfg_attr(feature = "openapi", derive(utoipa::IntoParams, utoipa::ToSchema), into_params(parameter_in = Query))]
 #[serde(deny_unknown_fields)]
 pub struct ReportQuery {
     /// The language: `en` or `pt-BR`.
@@ -47,6 +48,15 @@ pub enum ReportFormat {
     Html,
     /// PDF, for archives and for paper.
     Pdf,
+}
+
+/// From where a report knows its patient.
+#[derive(Debug, Clone, Copy)]
+pub enum ReportSubject<'a> {
+    /// From the files of the case.
+    OfCase,
+    /// From attributes of the patient and the study.
+    Named(&'a Attributes),
 }
 
 /// Everything that a report shows.
@@ -105,6 +115,7 @@ impl Cases {
         id: &CaseId,
         query: ReportQuery,
         format: ReportFormat,
+        subject: ReportSubject<'_>,
     ) -> Result<Bytes, Error> {
         let facts = self.ready(id).await?;
         let case = self.case(id).await?;
@@ -138,9 +149,10 @@ impl Cases {
                 numbers,
             });
         }
-        let patient = match query.patient {
-            true => Some(self.patient(id).await?),
-            false => None,
+        let patient = match (query.patient, subject) {
+            (false, _) => None,
+            (true, ReportSubject::OfCase) => Some(self.patient(id).await?),
+            (true, ReportSubject::Named(attributes)) => Some(named(attributes)),
         };
         let report = Report {
             case,
@@ -192,13 +204,18 @@ impl Cases {
         let Some(stored) = self.store().source_dicom(id).await? else {
             return Ok(Vec::new());
         };
-        let attributes = pipeline::attributes(&stored)?.attributes;
-        let value = |name: &&'static str| {
-            let found = attributes.iter().find(|(keyword, _)| keyword == name)?;
-            Some((*name, found.1.clone()))
-        };
-        Ok(PATIENT.iter().filter_map(value).collect())
+        Ok(named(&pipeline::attributes(&stored)?))
     }
+}
+
+/// The attributes of a patient and a study that a report names.
+fn named(attributes: &Attributes) -> Vec<(&'static str, String)> {
+    let value = |name: &&'static str| {
+        let mut known = attributes.attributes.iter();
+        let found = known.find(|(keyword, _)| keyword == name)?;
+        Some((*name, found.1.clone()))
+    };
+    PATIENT.iter().filter_map(value).collect()
 }
 
 /// The acquired layer to show beside the anatomy, and how far its place can be trusted: a FLAIR before any other, one whose place

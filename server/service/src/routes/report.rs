@@ -4,7 +4,7 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use cases::Cases;
-use cases::report::{POLICY, ReportFormat, ReportQuery};
+use cases::report::{POLICY, ReportFormat, ReportQuery, ReportSubject};
 
 use http_support::conditional::{EntityTag, REVALIDATE, Representation};
 use http_support::negotiate::{Coding, media_type};
@@ -46,7 +46,8 @@ pub async fn get_report(
             (ReportFormat::Html, "text/html; charset=utf-8")
         }
     };
-    let body = cases.report(&id, asked, format).await?;
+    let subject = ReportSubject::OfCase;
+    let body = cases.report(&id, asked, format, subject).await?;
     Representation {
         tag: EntityTag::of_bytes(&body, Coding::Identity),
         media_type,

@@ -141,7 +141,7 @@ async fn a_flair_layer_stands_beside_the_anatomy() {
         .as_array()
         .unwrap()
         .iter()
-        .any(|layer| layer["name"] == "3D FLAIR <b>" && layer["placement"]["quality"] == "ok");
+        .any(|layer| layer["name"] == "3D FLAIR <b>" && layer["quality"] == "ok");
     assert_eq!(doubted, usize::from(!is_checked), "{layers}");
     let pdf = server.get_with(&format!("{case}/report"), &PDF).await;
     assert_eq!(counted(&pdf.body)[1], 2 * 2 + 2 * 4 + 24);

@@ -401,3 +401,212 @@ fn natural_widths(rows: &[Vec<Text>], size: f64) -> Vec<f64> {
     let widest = |at| column(at).map(|text| text.width(size)).fold(0.0, f64::max);
     (0..columns).map(widest).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::io::Read as _;
+
+    use flate2::read::ZlibDecoder;
+    use pdf_writer::{Content, Str};
+    use render::{Frame, FrameSize, PixelFormat, encode_png};
+
+    use super::super::contents::{Piece, Section};
+    use super::super::shots::{Shot, Shows};
+    use super::*;
+
+    const SIDE: u32 = 240;
+
+    fn shot(is_flipped: bool) -> Shot {
+        let size = FrameSize::new(SIDE, SIDE).unwrap();
+        let bytes = (0..3 * SIDE * SIDE).map(|at| (at * at / 7) as u8);
+        let frame = Frame::new(size, PixelFormat::Rgb8, bytes.collect());
+        Shot {
+            png: encode_png(&frame, &[]).unwrap(),
+            side: SIDE,
+            mark: Some([120.0, 120.0]),
+            outline: vec![[100.0, 100.0], [130.0, 100.0], [130.0, 500.0]],
+            is_closed: true,
+            is_flipped,
+            directions: ["R", "L", "A", "P"].map(str::to_owned),
+            shows: Shows::Anatomy,
+        }
+    }
+
+    fn picture(shot: &Shot) -> Picture<'_> {
+        Picture {
+            letters: shot.directions.clone(),
+            caption: "T1, 6.0 mm, from the left: left, as acquired".into(),
+            shot,
+        }
+    }
+
+    fn overview(shot: &Shot) -> Block<'_> {
+        let row = |mm: u32| {
+            let pictures = (0..6).map(|_| picture(shot)).collect();
+            (format!("{mm} mm"), pictures)
+        };
+        Block::Overview(Overview {
+            title: "Overview",
+            columns: vec!["from somewhere"; 6],
+            rows: [6, 10, 15, 20].map(row).into(),
+        })
+    }
+
+    fn contents(blocks: Vec<Block<'_>>) -> Contents<'_> {
+        Contents {
+            language: "en",
+            title: "Report",
+            notice: "Not for diagnosis.",
+            identity: "A head · 0123abcd".to_owned(),
+            doubt: Some("Brain mask: CHECK IT".to_owned()),
+            unprintable: "by its number",
+            sections: vec![Section {
+                is_finding: false,
+                blocks,
+            }],
+        }
+    }
+
+    /// The operators of each page.
+    fn pages(pdf: &[u8]) -> Vec<String> {
+        let mut pages = Vec::new();
+        for part in split(pdf, b"stream\n").skip(1) {
+            let mut text = Vec::new();
+            let is_page = ZlibDecoder::new(part).read_to_end(&mut text).is_ok();
+            if is_page && text.ends_with(b"Q") | text.ends_with(b"ET") {
+                pages.push(String::from_utf8(text).unwrap());
+            }
+        }
+        pages
+    }
+
+    fn split<'a>(bytes: &'a [u8], by: &'a [u8]) -> impl Iterator<Item = &'a [u8]> {
+        let mut rest = Some(bytes);
+        std::iter::from_fn(move || {
+            let here = rest?;
+            let at = here.windows(by.len()).position(|window| window == by);
+            rest = at.map(|at| &here[at + by.len()..]);
+            Some(&here[..at.unwrap_or(here.len())])
+        })
+    }
+
+    /// The operator that shows a text in one run.
+    fn shown(text: &str) -> String {
+        let glyphs = text
+            .chars()
+            .flat_map(|character| typeface::glyph(character).to_be_bytes());
+        let mut content = Content::new();
+        content.show(Str(&glyphs.collect::<Vec<_>>()));
+        String::from_utf8(content.finish().to_vec()).unwrap()
+    }
+
+    #[test]
+    fn every_page_states_the_case_the_use_the_doubt_and_its_number() {
+        let note = Line(vec![Piece::Foreign("many words ".repeat(1500))]);
+        let pdf = contents(vec![Block::Text(note)]).pdf().unwrap();
+        let pages = pages(&pdf);
+        assert!(pages.len() > 1, "{}", pages.len());
+        for (number, page) in (1..).zip(&pages) {
+            let number = format!("{number} / {}", pages.len());
+            for text in [
+                "Not for diagnosis.",
+                "Brain mask: CHECK IT",
+                "Isocortex · A head · 0123abcd",
+                &number,
+            ] {
+                assert!(page.contains(&shown(text)), "{text}");
+            }
+            assert!(!page.contains(&shown("by its number")));
+        }
+        let words: usize = pages.iter().map(|page| page.matches(" Tj").count()).sum();
+        assert!(words > 100, "every line is drawn: {words}");
+    }
+
+    #[test]
+    fn a_page_that_has_numbers_for_characters_explains_them() {
+        let lacks = Line(vec![Piece::Foreign("灰".to_owned())]);
+        let pdf = contents(vec![Block::Text(lacks)]).pdf().unwrap();
+        let pages = pages(&pdf);
+        assert!(pages[0].contains(&shown("‹U+7070›")));
+        assert!(pages[0].contains(&shown("by its number")));
+    }
+
+    #[test]
+    fn each_picture_is_whole_on_its_page_and_has_its_own_pixels() {
+        let (shot, flipped) = (shot(false), shot(true));
+        let mut blocks = Vec::new();
+        for _ in 0..7 {
+            blocks.push(Block::Heading("A finding".into()));
+            blocks.push(Block::Pictures((0..4).map(|_| picture(&shot)).collect()));
+            blocks.push(Block::Pictures((0..3).map(|_| picture(&flipped)).collect()));
+        }
+        blocks.push(overview(&shot));
+        blocks.push(overview(&shot));
+        let made = contents(blocks);
+        let pdf = made.pdf().unwrap();
+        assert!(pdf == made.pdf().unwrap(), "the same bytes");
+        let (mut pictures, mut turned) = (0, 0);
+        let pages = pages(&pdf);
+        for page in &pages {
+            for matrix in page.lines().filter_map(|line| line.strip_suffix(" cm")) {
+                let numbers: Vec<f64> = matrix
+                    .split(' ')
+                    .map(|number| number.parse().unwrap())
+                    .collect();
+                turned += usize::from(matrix == "-240 0 0 -240 240 240");
+                let [scale, _, _, same, x, y] = numbers[..] else {
+                    panic!("{matrix}");
+                };
+                if scale != same || scale <= 0.0 {
+                    continue;
+                }
+                let width = scale * f64::from(SIDE);
+                let is_inside = x >= MARGIN_MM
+                    && x + width <= PAGE_MM[0] - MARGIN_MM + 0.2
+                    && y >= HEAD_MM
+                    && y + width <= END_MM;
+                assert!(is_inside, "{matrix}");
+                pictures += 1;
+            }
+        }
+        assert_eq!([pictures, turned], [7 * 7 + 48, 7 * 3]);
+        // Nothing is encoded again.
+        let end = shot.png.len() - 16;
+        let pixels = &shot.png[end - 4000..end - 4];
+        let text = String::from_utf8_lossy(&pdf);
+        assert_eq!(text.matches("/Predictor 15").count(), pictures);
+        let found = split(&pdf, pixels).count() - 1;
+        assert_eq!(found, pictures);
+    }
+
+    #[test]
+    fn a_picture_with_an_alpha_channel_is_refused() {
+        let size = FrameSize::new(8, 8).unwrap();
+        let frame = Frame::new(size, PixelFormat::GreyAlpha8, vec![9; 128]);
+        let shot = Shot {
+            png: encode_png(&frame, &[]).unwrap(),
+            ..shot(false)
+        };
+        let made = contents(vec![Block::Pictures(vec![picture(&shot)])]);
+        assert!(matches!(made.pdf(), Err(Error::Internal)));
+    }
+
+    #[test]
+    fn a_table_repeats_its_head_and_fits_between_the_margins() {
+        let row = |number: u32| {
+            let label = Line(vec![Piece::Foreign("a long label ".repeat(14))]);
+            vec![number.to_string().into(), label]
+        };
+        let table = Table {
+            head: vec!["Number", "Label"],
+            rows: (0..60).map(row).collect(),
+        };
+        let rows = Rows::of(&table, WIDTH_MM);
+        assert!(rows.width <= WIDTH_MM + 1e-6, "{}", rows.width);
+        let pdf = contents(vec![Block::Table(table)]).pdf().unwrap();
+        let pages = pages(&pdf);
+        assert!(pages.len() > 1);
+        assert!(pages.iter().all(|page| page.contains(&shown("Label"))));
+        assert!(pages[pages.len() - 1].contains(&shown("59")));
+    }
+}
