@@ -10,6 +10,7 @@ use pacs::dimse::{DimseOptions, Peer};
 use serde_json::{Value, json};
 
 use crate::corrections::corrected_head;
+use crate::findings::mark;
 use crate::orthanc::free_port;
 use crate::pacs::{Neighbour, dcmtk, dimse, run};
 use crate::results::{identified_head, python_with, result, until_sent};
@@ -178,6 +179,7 @@ async fn goes_the_whole_way(start: Start) {
     server.until_ready(&address).await;
 
     // Results go out and are there.
+    mark(server, &address).await;
     let _background = pacs::Background::start(server.pacs.clone());
     for (name, body) in every_kind() {
         let accepted = result(server, &address, &to_node(&body, "archive")).await;

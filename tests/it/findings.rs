@@ -9,11 +9,13 @@ use serde_json::{Value, json};
 
 use crate::dicom::head_slices;
 use crate::pacs::{Neighbour, with_texts};
-use crate::results::{IDENTITY, errors_in, identified_case, identified_head, python_with, result};
+use crate::results::{
+    IDENTITY, errors_in, identified_case, identified_head, printed, python_with, result,
+};
 use crate::server::{Answer, Server};
 
 /// Findings of each kind around the middle of a case. The second polygon is not plane.
-async fn mark(server: &Server, case: &str) -> Value {
+pub(crate) async fn mark(server: &Server, case: &str) -> Value {
     let centre = server.get(case).await.json()["envelope_sphere"]["center_in_patient"].clone();
     let at = |offset: [f64; 3]| {
         let of_axis = |axis: usize| centre[axis].as_f64().unwrap() + offset[axis];
@@ -202,6 +204,11 @@ async fn other_programs_read_the_same_values_and_voxels() {
     std::fs::write(folder.path().join("findings.json"), stored.to_string()).unwrap();
     made(server, &case, "findings", folder.path()).await;
     made(server, &case, "finding-segments", folder.path()).await;
+    made(server, &case, "report", folder.path()).await;
+    let pdf = [("accept", "application/pdf")];
+    let pdf = server.get_with(&format!("{case}/report"), &pdf).await;
+    assert_eq!(pdf.status, 200, "{pdf:?}");
+    std::fs::write(folder.path().join("report.pdf"), &pdf.body).unwrap();
     let accept = [("accept", "application/gzip")];
     let labels = server.get_with(&format!("{case}/findings"), &accept).await;
     assert_eq!(labels.status, 200, "{labels:?}");
@@ -295,6 +302,14 @@ for number in range(1, 6):
     # Where findings overlap, the later label is seen.
     later = set().union(*(frames[n] for n in frames if n > number))
     assert places(labels == number, affine) == frames[number] - later, number
+
+document = pydicom.dcmread(folder + "/report.dcm")
+assert document.file_meta.MediaStorageSOPClassUID == document.SOPClassUID == pydicom.uid.EncapsulatedPDFStorage
+assert document.Modality == "DOC" and document.MIMETypeOfEncapsulatedDocument == "application/pdf"
+assert document.EncapsulatedDocument[:document.EncapsulatedDocumentLength] == open(folder + "/report.pdf", "rb").read()
+assert len(document.EncapsulatedDocument) - document.EncapsulatedDocumentLength in (0, 1)
+assert {s.ReferencedSOPInstanceUID for s in document.SourceInstanceSequence} == set(uids)
+assert document.StudyInstanceUID == "1.2.3" and document.PatientID == "P-77" and document.BurnedInAnnotation == "YES"
 print("compared", len(groups))
 "#;
     let output = Command::new(python)
@@ -308,4 +323,68 @@ print("compared", len(groups))
         String::from_utf8_lossy(&output.stderr)
     );
     assert!(String::from_utf8_lossy(&output.stdout).contains("compared 6"));
+}
+
+/// The patient's name is on the report only where it was asked for, and never in what was not.
+#[tokio::test]
+async fn a_report_names_the_patient_on_request_alone() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let case = identified_case(&neighbour).await;
+    let server = &neighbour.server;
+    mark(server, &case).await;
+    let report = async |query: &str, kind: &str| {
+        let accept = [("accept", kind)];
+        let address = format!("{case}/report?{query}");
+        let answer = server.get_with(&address, &accept).await;
+        assert_eq!(answer.status, 200, "{answer:?}");
+        answer.body
+    };
+    let identity = ["Müller^Änne", "P-77", "19670312", "A-1"];
+    let [plain, named] = [
+        report("patient=false", "text/html").await,
+        report("patient=true", "text/html").await,
+    ]
+    .map(|body| String::from_utf8(body.to_vec()).unwrap());
+    for text in identity {
+        assert!(!plain.contains(text), "{text}");
+        assert_eq!(named.matches(text).count(), 1, "{text}");
+    }
+    let [plain, named] = [
+        report("", "application/pdf").await,
+        report("patient=true", "application/pdf").await,
+    ];
+    assert_ne!(plain, named);
+    let folder = tempfile::tempdir().unwrap();
+    let text = |name: &str, pdf: &[u8]| {
+        let file = folder.path().join(name);
+        std::fs::write(&file, pdf).unwrap();
+        printed("pdftotext", &[Path::new("-layout"), &file, Path::new("-")])
+    };
+    let (Some(plain), Some(named)) = (text("plain.pdf", &plain), text("named.pdf", &named)) else {
+        return;
+    };
+    for text in identity {
+        assert!(
+            !plain.contains(text) && named.contains(text),
+            "{text}: {named}"
+        );
+    }
+    let pages = named.split_terminator('\u{c}');
+    for page in pages.clone() {
+        assert!(
+            page.contains("For research use only. Not for diagnosis."),
+            "{page}"
+        );
+    }
+    let count = pages.count();
+    assert!(named.contains(&format!("{count} / {count}")), "{named}");
+    // What a reader wrote in letters that the font has, and in others.
+    assert!(
+        named.contains("Borrão à esquerda \\ ‹U+7070›‹U+767D›‹U+8D28›"),
+        "{named}"
+    );
+    assert!(
+        named.contains("A character that the font of this file lacks"),
+        "{named}"
+    );
 }

@@ -134,7 +134,7 @@ async fn objects() -> Objects {
 }
 
 /// The texts that a program prints; `None`, loudly, if it is not installed.
-fn printed(program: &str, arguments: &[&Path]) -> Option<String> {
+pub(crate) fn printed(program: &str, arguments: &[&Path]) -> Option<String> {
     let Ok(output) = Command::new(program).args(arguments).output() else {
         eprintln!("SKIPPED: {program} is not installed");
         return None;
@@ -309,10 +309,10 @@ async fn what_was_lost_or_removed_in_the_source_and_its_time_zone_are_stated() {
     let here = created.to_zoned(zone).strftime("%Y%m%d %H%M").to_string();
     let (day, minute) = here.split_once(' ').unwrap();
     let folder = tempfile::tempdir().unwrap();
-    for what in ["view", "cine", "mask", "key-object"] {
+    for what in ["view", "cine", "mask", "key-object", "report"] {
         let mut body = json!({"what": what});
         match what {
-            "mask" => {}
+            "mask" | "report" => {}
             "key-object" => body["key_object"] = json!({"instances": ["1.2.3.4.20"]}),
             _ => body["render"] = small(),
         }
@@ -333,7 +333,7 @@ async fn what_was_lost_or_removed_in_the_source_and_its_time_zone_are_stated() {
             // As it was copied.
             "(0008,0030) TM [101112]".to_owned(),
         ];
-        if what != "key-object" {
+        if !["key-object", "report"].contains(&what) {
             expected.extend([
                 "(0028,2110) CS [01]".to_owned(),
                 "(0028,2112) DS [7.5]".to_owned(),

@@ -11,6 +11,7 @@ use axum::http::Request;
 use isocortex::config::{Config, Node};
 use serde_json::{Value, json};
 
+use crate::findings::mark;
 use crate::orthanc::free_port;
 use crate::pacs::{Neighbour, dcmtk, dimse, dimse_options};
 use crate::results::{identified_case, result, small, until_sent};
@@ -23,7 +24,7 @@ fn data_set(file: &[u8]) -> &[u8] {
 }
 
 /// A result of each kind, with its name.
-pub(crate) fn every_kind() -> [(&'static str, Value); 6] {
+pub(crate) fn every_kind() -> [(&'static str, Value); 9] {
     let size = json!({"width": 128, "height": 128});
     [
         ("view", json!({"what": "view", "render": small()})),
@@ -38,6 +39,9 @@ pub(crate) fn every_kind() -> [(&'static str, Value); 6] {
             "list",
             json!({"what": "key-object", "key_object": {"instances": ["1.2.3.4.20"]}}),
         ),
+        ("findings", json!({"what": "findings"})),
+        ("finding-segments", json!({"what": "finding-segments"})),
+        ("report", json!({"what": "report"})),
     ]
 }
 
@@ -136,6 +140,7 @@ async fn storescp_has_each_kind_of_result_once_and_as_it_is() {
     .await;
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
+    mark(server, &case).await;
     let _background = pacs::Background::start(server.pacs.clone());
     let mut expected = Vec::new();
     for (name, body) in every_kind() {

@@ -191,6 +191,13 @@ pub struct CandidateFacts {
     pub unusual: Unusual,
 }
 
+impl CandidateFacts {
+    /// Whether its score is unusual, or borderline.
+    pub fn stands_out(&self) -> bool {
+        self.unusual.stands_out()
+    }
+}
+
 /// How slantwise the isosurfaces between two depths meet the junction of grey and white matter.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = JunctionBand))]

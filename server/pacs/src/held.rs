@@ -343,6 +343,8 @@ fn of_result(result: HeldResult) -> HeldSeries {
     let modality = match series.sop_class_uid.as_str() {
         imaging::dicom::write::SEGMENTATION => "SEG",
         imaging::dicom::write::KEY_OBJECT => "KO",
+        imaging::dicom::write::MEASUREMENT_REPORT => "SR",
+        imaging::dicom::write::REPORT => "DOC",
         _ => "OT",
     };
     let mut values = Values::default();

@@ -62,6 +62,11 @@ impl LoadedMaps {
         }
     }
 
+    /// Whether no place of the cerebrum stands out, which means that its score is unusual. This does not exclude a lesion.
+    pub fn nothing_stands_out(&self) -> bool {
+        !self.candidates.iter().any(CandidateFacts::stands_out)
+    }
+
     /// The grid of all maps: a block of the grid of the volume.
     pub fn grid(&self) -> &Grid {
         &self.grid

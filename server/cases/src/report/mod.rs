@@ -1,15 +1,19 @@
-//! The report of a reading: one HTML file with the findings of a case, their pictures and numbers. It needs no script and
-//! nothing from elsewhere.
+//! The report of a reading: the findings of a case, their pictures and numbers, as one file that needs nothing from elsewhere.
+//! Its contents are told once, and written as HTML or as PDF.
 
+mod contents;
 mod html;
+mod pdf;
 mod shots;
 mod words;
 
 use std::sync::Arc;
 
+use bytes::Bytes;
 use case::findings::Finding;
 use case::{Case, CaseFacts, CaseId, Layer, LayerKind, MapName, QualityState};
 use glam::DVec3;
+use imaging::dicom::Attributes;
 use pipeline::maps::NoMaps;
 use serde::{Deserialize, Serialize};
 
@@ -24,7 +28,7 @@ use crate::{Cases, Error};
 
 /// What a report shows.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::IntoParams), into_params(parameter_in = Query))]
+#[cfg_attr(feature = "openapi", derive(utoipa::IntoParams, utoipa::ToSchema), into_params(parameter_in = Query))]
 #[serde(deny_unknown_fields)]
 pub struct ReportQuery {
     /// The language: `en` or `pt-BR`.
@@ -35,6 +39,24 @@ pub struct ReportQuery {
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(default = false))]
     pub patient: bool,
+}
+
+/// The form of a report.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReportFormat {
+    /// HTML without scripts, to read, to print and to keep.
+    Html,
+    /// PDF, for archives and for paper.
+    Pdf,
+}
+
+/// From where a report knows its patient.
+#[derive(Debug, Clone, Copy)]
+pub enum ReportSubject<'a> {
+    /// From the files of the case.
+    OfCase,
+    /// From attributes of the patient and the study.
+    Named(&'a Attributes),
 }
 
 /// Everything that a report shows.
@@ -84,11 +106,17 @@ const PATIENT: [&str; 6] = [
 ];
 
 impl Cases {
-    /// The report of the reading of a ready case, as HTML.
+    /// The report of the reading of a ready case. The same reading gives the same bytes.
     ///
     /// # Errors
     /// As [`Cases::ready`]; [`Error::LayerNotReady`] while its maps are computed; [`Error::Busy`] if too much work waits.
-    pub async fn report(&self, id: &CaseId, query: ReportQuery) -> Result<String, Error> {
+    pub async fn report(
+        &self,
+        id: &CaseId,
+        query: ReportQuery,
+        format: ReportFormat,
+        subject: ReportSubject<'_>,
+    ) -> Result<Bytes, Error> {
         let facts = self.ready(id).await?;
         let case = self.case(id).await?;
         let maps = match self.library.maps(id).await?.found() {
@@ -121,9 +149,10 @@ impl Cases {
                 numbers,
             });
         }
-        let patient = match query.patient {
-            true => Some(self.patient(id).await?),
-            false => None,
+        let patient = match (query.patient, subject) {
+            (false, _) => None,
+            (true, ReportSubject::OfCase) => Some(self.patient(id).await?),
+            (true, ReportSubject::Named(attributes)) => Some(named(attributes)),
         };
         let report = Report {
             case,
@@ -136,7 +165,14 @@ impl Cases {
             dismissed,
             overview,
         };
-        Ok(report.html())
+        let write = move || {
+            let contents = report.contents();
+            match format {
+                ReportFormat::Html => Ok(contents.html().into()),
+                ReportFormat::Pdf => Ok(contents.pdf()?.into()),
+            }
+        };
+        self.queue.run(write).await?
     }
 
     /// The values at a finding; `None` outside the envelope.
@@ -168,13 +204,18 @@ impl Cases {
         let Some(stored) = self.store().source_dicom(id).await? else {
             return Ok(Vec::new());
         };
-        let attributes = pipeline::attributes(&stored)?.attributes;
-        let value = |name: &&'static str| {
-            let found = attributes.iter().find(|(keyword, _)| keyword == name)?;
-            Some((*name, found.1.clone()))
-        };
-        Ok(PATIENT.iter().filter_map(value).collect())
+        Ok(named(&pipeline::attributes(&stored)?))
     }
+}
+
+/// The attributes of a patient and a study that a report names.
+fn named(attributes: &Attributes) -> Vec<(&'static str, String)> {
+    let value = |name: &&'static str| {
+        let mut known = attributes.attributes.iter();
+        let found = known.find(|(keyword, _)| keyword == name)?;
+        Some((*name, found.1.clone()))
+    };
+    PATIENT.iter().filter_map(value).collect()
 }
 
 /// The acquired layer to show beside the anatomy, and how far its place can be trusted: a FLAIR before any other, one whose place

@@ -24,6 +24,12 @@ const OVERVIEW_SIDE: u32 = 120;
 const CUT_MM: f64 = 90.0;
 const SLICE_MM: f64 = 70.0;
 
+/// Where a tick begins and ends, in pixels from the place.
+const TICK: [f64; 2] = [7.0, 16.0];
+
+/// The height of a letter in a picture, as a part of its side.
+const LETTER_SIZE: f64 = 0.07;
+
 /// The depths of the overview, in mm.
 pub(super) const DEPTHS_MM: [f32; 4] = [6.0, 10.0, 15.0, 20.0];
 
@@ -42,6 +48,47 @@ pub(super) struct Shot {
     /// The patient's directions at the left, right, upper and lower edge of the picture as it is shown.
     pub(super) directions: [String; 4],
     pub(super) shows: Shows,
+}
+
+/// A line over a picture, in its pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct PolyLine {
+    pub(super) points: Vec<[f64; 2]>,
+    pub(super) is_closed: bool,
+}
+
+impl Shot {
+    /// What is drawn over it: a cross of short ticks that leaves the place free, and the outline of what was marked.
+    pub(super) fn lines(&self) -> Vec<PolyLine> {
+        let tick = |[x, y]: [f64; 2], [dx, dy]: [f64; 2]| PolyLine {
+            points: TICK.map(|far| [x + dx * far, y + dy * far]).to_vec(),
+            is_closed: false,
+        };
+        let directions = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
+        let ticks = self.mark.map(|at| directions.map(|to| tick(at, to)));
+        let outline = (!self.outline.is_empty()).then(|| PolyLine {
+            points: self.outline.clone(),
+            is_closed: self.is_closed,
+        });
+        ticks.into_iter().flatten().chain(outline).collect()
+    }
+
+    /// The height of a letter in it, in its pixels: letters are as large on paper in a small picture as in a large one.
+    pub(super) fn letter_size(&self) -> f64 {
+        f64::from(self.side) * LETTER_SIZE
+    }
+
+    /// The middles of its letters, in the order of [`Shot::directions`].
+    pub(super) fn letter_places(&self) -> [[f64; 2]; 4] {
+        let end = f64::from(self.side);
+        let (margin, middle) = (self.letter_size() * 0.75, end / 2.0);
+        [
+            [margin, middle],
+            [end - margin, middle],
+            [middle, margin],
+            [middle, end - margin],
+        ]
+    }
 }
 
 /// What a picture shows.

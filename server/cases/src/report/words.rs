@@ -1,11 +1,26 @@
 //! The words of a report in each language.
 
+use std::collections::HashMap;
+use std::sync::LazyLock;
+
 use super::shots::Through;
 use case::arrivals::Superseded;
 use case::findings::{Certainty, FindingKind};
-use case::{PatientSide, QualityState};
+use case::{BrainRegion, PatientSide, QualityState, Unusual};
 use render::NamedView;
 use serde::{Deserialize, Serialize};
+
+/// The words of the page, from which the report takes its sentences about masks and maps.
+type PageWords = LazyLock<HashMap<String, String>>;
+
+static ENGLISH_PAGE: PageWords =
+    LazyLock::new(|| page(include_str!("../../../../web/src/words.en.json")));
+static PORTUGUESE_PAGE: PageWords =
+    LazyLock::new(|| page(include_str!("../../../../web/src/words.pt-BR.json")));
+
+fn page(words: &str) -> HashMap<String, String> {
+    serde_json::from_str(words).expect("a table of words, which a test reads")
+}
 
 /// A language of the report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -61,13 +76,20 @@ pub(super) struct Words {
     pub(super) no_maps: &'static str,
     pub(super) candidates: &'static str,
     pub(super) candidates_note: &'static str,
+    pub(super) others: &'static str,
+    pub(super) elsewhere: &'static str,
+    pub(super) elsewhere_note: &'static str,
     pub(super) rank: &'static str,
     pub(super) side: &'static str,
     sides: [&'static str; 3],
     pub(super) depth: &'static str,
     pub(super) position: &'static str,
     pub(super) score: &'static str,
+    pub(super) unusual: &'static str,
+    unusuals: [&'static str; 3],
     pub(super) size: &'static str,
+    pub(super) region: &'static str,
+    regions: [&'static str; 4],
     pub(super) kind: &'static str,
     kinds: [&'static str; 4],
     pub(super) certainty: &'static str,
@@ -87,8 +109,10 @@ pub(super) struct Words {
     views: [&'static str; 6],
     planes: [&'static str; 3],
     across: &'static str,
+    pub(super) unprintable: &'static str,
     /// The letters for left and right.
     sides_in_pictures: [char; 2],
+    page: &'static PageWords,
 }
 
 impl Words {
@@ -127,6 +151,36 @@ impl Words {
         letters.chars().map(letter).collect()
     }
 
+    pub(super) fn region(&self, region: BrainRegion) -> &'static str {
+        self.regions[region as usize]
+    }
+
+    pub(super) fn unusual(&self, unusual: Unusual) -> &'static str {
+        self.unusuals[unusual as usize]
+    }
+
+    /// A reason, in the words of the page if it knows the code.
+    pub(super) fn reason<'a>(&self, code: &str, sentence: &'a str) -> &'a str
+    where
+        'static: 'a,
+    {
+        let known = self.page.get(&format!("reason.{code}"));
+        known.map_or(sentence, String::as_str)
+    }
+
+    pub(super) fn nothing_stands_out(&self) -> &'static str {
+        self.of_page("candidates.nothing")
+    }
+
+    pub(super) fn doubt_of_regions(&self, reason: &str) -> String {
+        self.of_page("regions.doubt").replace("{reason}", reason)
+    }
+
+    fn of_page(&self, key: &str) -> &'static str {
+        let found = self.page.get(key);
+        found.expect("a word of the page, which a test reads")
+    }
+
     pub(super) fn through(&self, through: &Through) -> String {
         match through {
             Through::Standard(plane) => self.planes[*plane as usize].to_owned(),
@@ -162,13 +216,20 @@ const ENGLISH: Words = Words {
     candidates: "Places of the map",
     candidates_note: "Places where the junction of grey and white matter is less sharp than around it and on the other side. \
                       Most are normal.",
+    others: "Other places",
+    elsewhere: "Elsewhere in the brain",
+    elsewhere_note: "In the cerebellum, in the brain stem, or where the cerebrum has no cortex. They do not count as standing out.",
     rank: "Rank",
     side: "Side",
     sides: ["left", "right", "middle"],
     depth: "Depth",
     position: "Position (LPS, mm)",
     score: "Score (z)",
+    unusual: "Unusual",
+    unusuals: ["yes", "borderline", "no"],
     size: "Size",
+    region: "Region",
+    regions: ["cerebrum", "cerebellum", "brain stem", "no cortex"],
     kind: "Form",
     kinds: ["point", "line", "polygon", "trajectory"],
     certainty: "Certainty",
@@ -195,7 +256,9 @@ const ENGLISH: Words = Words {
     ],
     planes: ["axial", "coronal", "sagittal"],
     across: "across the sulcus",
+    unprintable: "A character that the font of this file lacks is shown by its number in Unicode, as ‹U+1F9E0›. The report as HTML shows it.",
     sides_in_pictures: ['L', 'R'],
+    page: &ENGLISH_PAGE,
 };
 
 const PORTUGUESE: Words = Words {
@@ -225,13 +288,20 @@ const PORTUGUESE: Words = Words {
     candidates: "Locais do mapa",
     candidates_note: "Locais onde a junção entre as substâncias cinzenta e branca é menos nítida do que ao redor e do outro lado. \
                       A maioria é normal.",
+    others: "Outros locais",
+    elsewhere: "Em outras partes do encéfalo",
+    elsewhere_note: "No cerebelo, no tronco encefálico ou onde o cérebro não tem córtex. Não contam como locais que se destacam.",
     rank: "Posição",
     side: "Lado",
     sides: ["esquerdo", "direito", "meio"],
     depth: "Profundidade",
     position: "Coordenadas (LPS, mm)",
     score: "Escore (z)",
+    unusual: "Incomum",
+    unusuals: ["sim", "limítrofe", "não"],
     size: "Tamanho",
+    region: "Região",
+    regions: ["cérebro", "cerebelo", "tronco encefálico", "sem córtex"],
     kind: "Forma",
     kinds: ["ponto", "linha", "polígono", "trajetória"],
     certainty: "Certeza",
@@ -258,5 +328,31 @@ const PORTUGUESE: Words = Words {
     ],
     planes: ["axial", "coronal", "sagital"],
     across: "através do sulco",
+    unprintable: "Um caractere que falta na fonte deste arquivo é indicado pelo seu número em Unicode, como ‹U+1F9E0›. O relatório em HTML o mostra.",
     sides_in_pictures: ['E', 'D'],
+    page: &PORTUGUESE_PAGE,
 };
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_has_the_sentences_that_a_report_takes_from_it() {
+        for (words, nothing, reason) in [
+            (&ENGLISH, "Nothing stands out.", "No white matter"),
+            (&PORTUGUESE, "Nada se destaca.", "Nenhuma substância branca"),
+        ] {
+            assert!(words.nothing_stands_out().starts_with(nothing));
+            let doubt = words.doubt_of_regions("<reason>");
+            assert!(
+                doubt.contains("<reason>") && !doubt.contains('{'),
+                "{doubt}"
+            );
+            let known = words.reason("no-white-matter", "a sentence");
+            assert!(known.starts_with(reason), "{known}");
+            assert_eq!(words.reason("", "a sentence"), "a sentence");
+            assert_eq!(words.reason("of-later", "a sentence"), "a sentence");
+        }
+    }
+}

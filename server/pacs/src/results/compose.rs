@@ -7,6 +7,7 @@ use axum::http::StatusCode;
 use case::findings::Finding;
 use case::{Case, CaseFacts, CaseId, MaskMethod, ObjectKind, PatientSide, QualityState};
 use cases::pictures::{PictureRequest, window_of};
+use cases::report::{ReportFormat, ReportSubject};
 use cases::{Cases, Error};
 use geometry::{Grid, Mask};
 use imaging::dicom::write::{
@@ -60,6 +61,8 @@ enum Content {
     Mask(MaskPlan),
     KeyObject(KeyObjectTitle, Vec<Listed>),
     Findings(FindingsPlan, Vec<Finding>),
+    /// The report as PDF, and when something in it was last changed.
+    Report(Bytes, Option<Timestamp>),
 }
 
 impl Composer {
@@ -103,16 +106,25 @@ impl Composer {
                 value(&source, "FrameOfReferenceUID").ok_or_else(no_frame_of_reference)?;
                 Content::Findings(plan, findings(cases, &id, plan).await?)
             }
+            Plan::Report(query) => {
+                let changed = last_change(&cases.findings(&id).await?.list);
+                let subject = ReportSubject::Named(&source);
+                let report = cases.report(&id, query, ReportFormat::Pdf, subject).await?;
+                Content::Report(report, changed)
+            }
         };
         let made_by = match &content {
             Content::Pictures(drawing) => drawing.made_by(),
             Content::Mask(_) | Content::KeyObject(..) => String::new(),
             Content::Findings(_, findings) => serde_json::to_string(findings).unwrap_or_default(),
+            Content::Report(pdf, _) => blake3::hash(pdf).to_string(),
         };
         let made_at = match &content {
-            Content::Findings(_, findings) => last_change(findings).unwrap_or(case.created_at),
-            _ => case.created_at,
+            Content::Findings(_, findings) => last_change(findings),
+            Content::Report(_, changed) => *changed,
+            Content::Pictures(_) | Content::Mask(_) | Content::KeyObject(..) => None,
         };
+        let made_at = made_at.unwrap_or(case.created_at);
         let moment = Moment::of(made_at, &source, pacs.time_zone());
         Ok(Self {
             digest: digest(
@@ -157,6 +169,7 @@ impl Composer {
             Content::Mask(_) | Content::Findings(FindingsPlan::Segments, _) => write::SEGMENTATION,
             Content::Findings(FindingsPlan::Report, _) => write::MEASUREMENT_REPORT,
             Content::KeyObject(..) => write::KEY_OBJECT,
+            Content::Report(..) => write::REPORT,
             Content::Pictures(drawing) => match drawing.plan().layout {
                 Layout::Cine { .. } => write::CINE,
                 Layout::One | Layout::Sheet { .. } => write::PICTURE,
@@ -220,6 +233,7 @@ impl Composer {
             Content::Mask(plan) => Pixels::Mask(mask(cases, &id, plan).await?, plan),
             Content::KeyObject(title, listed) => Pixels::None(title, listed),
             Content::Findings(plan, findings) => Pixels::Findings(plan, findings),
+            Content::Report(pdf, _) => Pixels::Report(pdf),
         };
         let quality = facts.quality.as_ref();
         // A brain without its skull shows no face, as long as the mask is one of a brain.
@@ -252,6 +266,7 @@ impl Composer {
                 Pixels::Findings(FindingsPlan::Segments, findings) => {
                     segments(&head, &findings, &facts)
                 }
+                Pixels::Report(pdf) => write::encapsulated_pdf(&head, &title, pdf.into()),
             }
         };
         let written = cases.queue.run(work).await?;
@@ -267,6 +282,7 @@ enum Pixels {
     None(KeyObjectTitle, Vec<Listed>),
     /// They are drawn when they are written.
     Findings(FindingsPlan, Vec<Finding>),
+    Report(Bytes),
 }
 
 /// The findings of a result: all for a report, and those to look at for segments.
@@ -526,6 +542,7 @@ fn title(content: &Content, what: What) -> String {
         Content::KeyObject(_, listed) => format!("list of {}", listed.len()),
         Content::Findings(FindingsPlan::Report, _) => "findings".to_owned(),
         Content::Findings(FindingsPlan::Segments, _) => "findings as segments".to_owned(),
+        Content::Report(..) => "report".to_owned(),
         Content::Pictures(drawing) => {
             let [first, last] = ends(drawing);
             let [from, to] = [first, last].map(|picture| picture.depth_mm);
@@ -549,7 +566,9 @@ fn title(content: &Content, what: What) -> String {
 fn series_number(content: &Content, what: What) -> u32 {
     let depth_mm = match content {
         Content::Pictures(drawing) => ends(drawing)[0].depth_mm.round().clamp(0.0, 99.0),
-        Content::Mask(_) | Content::KeyObject(..) | Content::Findings(..) => 0.0,
+        Content::Mask(_) | Content::KeyObject(..) | Content::Findings(..) | Content::Report(..) => {
+            0.0
+        }
     };
     FIRST_SERIES + 100 * what as u32 + depth_mm as u32
 }
@@ -567,7 +586,7 @@ fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
         return format!("Places that a reader has marked, with a brush of 3 mm. {COMMENT}");
     }
     let Content::Pictures(drawing) = content else {
-        // A list has no derivation.
+        // Lists and reports have no derivation.
         return format!(
             "Mask of the brain, sampled at the centres of the voxels of the source. Closing radius of the envelope: {radius} mm. {COMMENT}"
         );

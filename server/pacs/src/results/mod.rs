@@ -81,8 +81,8 @@ impl From<SentResult> for ResultView {
 /// A result as DICOM
 ///
 /// Makes a DICOM object of a picture (Secondary Capture), a sheet of pictures (the same), a cine (Multi-frame True Color
-/// Secondary Capture), the envelope or the brain mask (Segmentation on the slices of the source), or what readers have marked
-/// (Comprehensive 3D SR, or a Segmentation with a segment for each finding). Patient and study
+/// Secondary Capture), the envelope or the brain mask (Segmentation on the slices of the source), what readers have marked
+/// (Comprehensive 3D SR, or a Segmentation with a segment for each finding), or the report of a reading (Encapsulated PDF). Patient and study
 /// are those of the source. Without `node`, the answer is the object, or its first picture for `Accept: image/png`; with `node`, the object is kept and sent there by
 /// STOW-RS or C-STORE, again and again for about ten minutes if the node does not answer. Equal requests give one object.
 #[utoipa::path(
@@ -98,7 +98,7 @@ impl From<SentResult> for ResultView {
         )),
         (status = 400, description = "The body cannot be read, or a value is invalid"),
         (status = 404, description = "No such case, or no node has this name"),
-        (status = 406, description = "A segmentation or a list has no picture"),
+        (status = 406, description = "A segmentation, a list, findings and a report have no picture"),
         (status = 409, description = "The case is not ready, its patient or study was corrected since or its images were rejected (`superseded`), or the result was withdrawn (`withdrawn`)"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), nothing was marked (`no-findings`), or no frame of reference for a segmentation or findings"),
         (status = 503, description = "Too much work is waiting"),

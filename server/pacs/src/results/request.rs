@@ -2,6 +2,7 @@
 
 use cases::Error;
 use cases::pictures::{CheckedPicture, PictureRequest, picture_size};
+use cases::report::ReportQuery;
 use imaging::dicom::Attributes;
 use render::{NamedView, SheetPlan};
 use serde::de::Error as _;
@@ -45,6 +46,8 @@ pub(crate) enum What {
     /// What readers have marked, as segments; what they have dismissed is left out.
     #[serde(rename = "finding-segments")]
     FindingSegments,
+    /// The report of a reading, as PDF.
+    Report,
 }
 
 impl What {
@@ -58,6 +61,7 @@ impl What {
             Self::KeyObject => "key-object",
             Self::Findings => "findings",
             Self::FindingSegments => "finding-segments",
+            Self::Report => "report",
         }
     }
 }
@@ -82,6 +86,9 @@ pub(crate) struct ResultRequest {
     /// The list of a key object.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) key_object: Option<KeyObjectRequest>,
+    /// The language of a report, and whether it names the patient on its pages.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) report: Option<ReportQuery>,
     /// The node of the configuration to which it is sent; without one, the answer is the object.
     #[serde(default, skip_serializing)]
     pub(crate) node: Option<String>,
@@ -340,6 +347,8 @@ pub(crate) enum Plan {
     KeyObject(KeyObjectPlan),
     /// What readers have marked.
     Findings(FindingsPlan),
+    /// The report of a reading.
+    Report(ReportQuery),
 }
 
 /// How findings become an object.
@@ -416,6 +425,7 @@ impl ResultRequest {
         is_for(What::Sheet, "sheet", self.sheet.is_some())?;
         is_for(What::Cine, "cine", self.cine.is_some())?;
         is_for(What::KeyObject, "key_object", self.key_object.is_some())?;
+        is_for(What::Report, "report", self.report.is_some())?;
         let render = self.render.clone().unwrap_or_else(|| PictureRequest {
             annotate: true,
             ..PictureRequest::default()
@@ -426,6 +436,7 @@ impl ResultRequest {
             | What::KeyObject
             | What::Findings
             | What::FindingSegments
+            | What::Report
                 if self.render.is_some() =>
             {
                 return Err(out_of_range(
@@ -436,6 +447,7 @@ impl ResultRequest {
             What::Envelope => return Ok(Plan::Mask(MaskPlan::Envelope)),
             What::Mask => return Ok(Plan::Mask(MaskPlan::Brain)),
             What::Findings => return Ok(Plan::Findings(FindingsPlan::Report)),
+            What::Report => return Ok(Plan::Report(self.report.unwrap_or_default())),
             What::FindingSegments => return Ok(Plan::Findings(FindingsPlan::Segments)),
             What::KeyObject => {
                 let list = self.key_object.as_ref();
@@ -553,7 +565,7 @@ mod tests {
     fn pictures(body: &str) -> PicturePlan {
         match plan(body).unwrap() {
             Plan::Pictures(plan) => plan,
-            Plan::Mask(_) | Plan::KeyObject(_) | Plan::Findings(_) => {
+            Plan::Mask(_) | Plan::KeyObject(_) | Plan::Findings(_) | Plan::Report(_) => {
                 panic!("pictures are expected")
             }
         }
@@ -625,6 +637,8 @@ mod tests {
                 "`key_object`",
             ),
             (r#"{"what": "view", "sheet": {}}"#, "`sheet`"),
+            (r#"{"what": "findings", "report": {}}"#, "`report`"),
+            (r#"{"what": "report", "render": {}}"#, "`render`"),
             (
                 r#"{"what": "view", "render": {"depth_mm": -1}}"#,
                 "`render.depth_mm`",

@@ -134,7 +134,6 @@ fn json(value: &impl Serialize) -> Result<Vec<u8>, AppError> {
 
 impl CandidateList {
     fn of(maps: &LoadedMaps, query: &CandidatesQuery) -> Self {
-        let stands_out = |candidate: &CandidateFacts| candidate.unusual.stands_out();
         let mut candidates = maps.candidates.clone();
         if query.region == RegionAsked::All {
             candidates.extend(&maps.elsewhere);
@@ -144,7 +143,7 @@ impl CandidateList {
         candidates.truncate(query.limit);
         Self {
             candidates,
-            nothing_stands_out: !maps.candidates.iter().any(stands_out),
+            nothing_stands_out: maps.nothing_stands_out(),
             limits: ScoreLimits {
                 unusual_above: UNUSUAL_ABOVE,
                 borderline_from: BORDERLINE_FROM,

@@ -26,7 +26,7 @@ fn layer(shift_mm: f64, value: impl Fn(usize, f32) -> f32) -> Vec<u8> {
 }
 
 /// The head with another contrast, as a FLAIR would show it.
-fn flair(shift_mm: f64) -> Vec<u8> {
+pub(super) fn flair(shift_mm: f64) -> Vec<u8> {
     layer(shift_mm, |_, intensity| 900.0 - intensity)
 }
 
@@ -44,7 +44,7 @@ async fn add(server: &Server, case: &str, volume: &[u8], parameters: Value) -> A
 }
 
 /// Adds a layer and waits until it is ready; its address.
-async fn added(server: &Server, case: &str, volume: &[u8], parameters: Value) -> String {
+pub(super) async fn added(server: &Server, case: &str, volume: &[u8], parameters: Value) -> String {
     let answer = add(server, case, volume, parameters).await;
     assert_eq!(answer.status, 202, "{answer:?}");
     let address = answer.header("location").to_owned();

@@ -1,34 +1,63 @@
 //! The report of a reading: what a reader wrote, as text, with pictures and nothing from elsewhere.
 
-use axum::http::Method;
-use serde_json::json;
+use std::time::Duration;
 
+use axum::http::Method;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use cases::jobs::Workers;
+use geometry::phantom::PhantomHead;
+use geometry::{Mask, Volume};
+use glam::DVec3;
+use pipeline::testing::{nifti, nifti_mask, phantom};
+use serde_json::{Value, json};
+
+use super::layers::{added, flair};
 use super::server::{Server, head};
+
+const PDF: [(&str, &str); 1] = [("accept", "application/pdf")];
+
+/// Stores findings, each with its id, its place from the centre of the head in mm, and its label.
+async fn mark(server: &Server, case: &str, findings: &[(&str, [f64; 3], &str)]) {
+    let centre = server.get(case).await.json()["envelope_sphere"]["center_in_patient"].clone();
+    let finding = |(id, from_centre, label): &(&str, [f64; 3], &str)| {
+        let at = [0, 1, 2].map(|axis| centre[axis].as_f64().unwrap() + from_centre[axis]);
+        json!({
+            "id": id, "kind": "point", "points_in_patient": [at], "depth_mm": 6.0, "label": label,
+            "note": "</style></table><img src=x onerror=alert(1)>", "certainty": "probable",
+            "is_dismissed": *id == "dismissed",
+        })
+    };
+    let list: Vec<Value> = findings.iter().map(finding).collect();
+    let address = format!("{case}/findings");
+    let none = server.get(&address).await;
+    let tag = [("if-match", none.header("etag"))];
+    let body = json!({ "findings": list }).to_string();
+    let stored = server.ask(Method::PUT, &address, &tag, body).await;
+    assert_eq!(stored.status, 200, "{stored:?}");
+}
+
+async fn html(server: &Server, address: &str) -> String {
+    let report = server.get(address).await;
+    assert_eq!(report.status, 200, "{report:?}");
+    String::from_utf8(report.body.to_vec()).unwrap()
+}
+
+/// How many pages and pictures a PDF has.
+fn counted(pdf: &[u8]) -> [usize; 2] {
+    let text = String::from_utf8_lossy(pdf);
+    ["/Type /Page\n", "/Subtype /Image\n"].map(|kind| text.matches(kind).count())
+}
 
 #[tokio::test]
 async fn the_report_shows_what_was_marked_and_runs_nothing() {
     let (server, case) = Server::with_case().await;
-    let none = server.get(&format!("{case}/findings")).await;
-    let centre = server.get(&case).await.json()["envelope_sphere"]["center_in_patient"].clone();
-    let at = |left_mm: f64| {
-        let [x, y, z] = [0, 1, 2].map(|axis| centre[axis].as_f64().unwrap());
-        json!([x + left_mm, y, z])
-    };
-    let finding = |id: &str, left_mm: f64, label: &str| {
-        json!({
-            "id": id, "kind": "point", "points_in_patient": [at(left_mm)], "depth_mm": 6.0, "label": label,
-            "note": "</style></table><img src=x onerror=alert(1)>", "certainty": "probable",
-        })
-    };
-    let mut dismissed = finding("c", -10.0, "nothing here");
-    dismissed["is_dismissed"] = json!(true);
-    let list = json!({ "findings": [
-        finding("a", 25.0, "<script>alert(1)</script>"), finding("b", -25.0, "second"), dismissed,
-    ] });
-    let tag = [("if-match", none.header("etag"))];
-    let address = format!("{case}/findings");
-    let stored = server.ask(Method::PUT, &address, &tag, list.to_string());
-    assert_eq!(stored.await.status, 200);
+    let findings = [
+        ("a", [25.0, 0.0, 0.0], "<script>alert(1)</script>"),
+        ("b", [-25.0, 0.0, 0.0], "second"),
+        ("dismissed", [-10.0, 0.0, 0.0], "nothing here"),
+    ];
+    mark(&server, &case, &findings).await;
 
     let report = server.get(&format!("{case}/report")).await;
     assert_eq!(report.status, 200, "{:?}", report.headers);
@@ -47,6 +76,7 @@ async fn the_report_shows_what_was_marked_and_runs_nothing() {
     assert!(html.contains("<strong>left</strong>") && html.contains("<strong>right</strong>"));
     assert!(html.contains("left, as acquired") && html.contains("right, flipped"));
     assert!(html.contains("Looked at and dismissed") && html.contains("nothing here"));
+    assert!(html.contains("There are no maps of this case:") && !html.contains("stands out"));
     // What is flipped says so by its letters: a letter for each edge of each picture.
     assert_eq!(
         html.matches("</text>").count(),
@@ -57,27 +87,228 @@ async fn the_report_shows_what_was_marked_and_runs_nothing() {
         html.matches(", flipped</figcaption>").count()
     );
     // Each finding has its cut, the other side, three slices and the one across the sulcus; the overview has six views at four depths.
-    let maps = if html.contains("There are no maps") {
-        0
-    } else {
-        1
-    };
     let pictures = html.matches("<image").count();
-    assert_eq!(pictures, 2 * (2 + 2 * maps + 4) + 24 * (1 + maps));
+    assert_eq!(pictures, 2 * (2 + 4) + 24);
     assert!(html.len() < 3_000_000, "{}", html.len());
     let known = [("if-none-match", report.header("etag"))];
-    assert_eq!(
-        server
-            .get_with(&format!("{case}/report"), &known)
-            .await
-            .status,
-        304
-    );
+    let address = format!("{case}/report");
+    assert_eq!(server.get_with(&address, &known).await.status, 304);
 
-    let portuguese = server.get(&format!("{case}/report?language=pt-BR")).await;
-    let html = String::from_utf8(portuguese.body.to_vec()).unwrap();
-    assert!(html.contains("lang=\"pt-BR\"") && html.contains("Examinados e descartados"));
-    assert!(html.contains("Somente para pesquisa."));
+    let portuguese = self::html(&server, &format!("{case}/report?language=pt-BR")).await;
+    assert!(
+        portuguese.contains("lang=\"pt-BR\"") && portuguese.contains("Examinados e descartados")
+    );
+    assert!(portuguese.contains("Somente para pesquisa."));
+
+    // The same as PDF: a page for each finding, one before and one after them.
+    let pdf = server.get_with(&address, &PDF).await;
+    assert_eq!(pdf.status, 200, "{:?}", pdf.headers);
+    assert_eq!(pdf.header("content-type"), "application/pdf");
+    assert_eq!(pdf.header("vary"), "accept");
+    assert!(pdf.body.starts_with(b"%PDF-1.7") && pdf.body.ends_with(b"%%EOF"));
+    assert_eq!(counted(&pdf.body), [4, pictures]);
+    assert!(pdf.body.len() < report.body.len());
+    assert!(pdf.header("etag").starts_with('"') && pdf.header("etag") != report.header("etag"));
+    let known = [PDF[0], ("if-none-match", pdf.header("etag"))];
+    assert_eq!(server.get_with(&address, &known).await.status, 304);
+    let other = [("accept", "image/png")];
+    let refused = server.get_with(&address, &other).await;
+    assert_eq!(refused.refusal(), (406, "not-acceptable".to_owned()));
+}
+
+#[tokio::test]
+async fn a_flair_layer_stands_beside_the_anatomy() {
+    let (server, case) = Server::with_case().await;
+    mark(&server, &case, &[("a", [25.0, 0.0, 0.0], "here")]).await;
+    let workers = Workers::start(server.cases.library.clone(), 1);
+    for name in ["T2", "3D FLAIR <b>"] {
+        let parameters = json!({"name": name, "kind": "mr", "transform": "none"});
+        added(&server, &case, &flair(0.0), parameters).await;
+    }
+    workers.shut_down(Duration::from_secs(60)).await;
+    let report = html(&server, &format!("{case}/report")).await;
+    assert_eq!(report.matches("<image").count(), 2 * 2 + 2 * 4 + 24);
+    assert!(
+        report.contains("<bdi>3D FLAIR &lt;b&gt;</bdi>, axial"),
+        "a slice of it"
+    );
+    assert!(report.contains("<bdi>3D FLAIR &lt;b&gt;</bdi>, 6.0 mm: right, flipped"));
+    assert!(!report.contains("T2"), "one layer is shown");
+    // Its voxels lie where its file says, which nobody checked.
+    let doubted = report.matches("its place was not checked").count();
+    let layers = server.get(&format!("{case}/layers")).await.json();
+    let is_checked = layers["layers"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .any(|layer| layer["name"] == "3D FLAIR <b>" && layer["quality"] == "ok");
+    assert_eq!(doubted, usize::from(!is_checked), "{layers}");
+    let pdf = server.get_with(&format!("{case}/report"), &PDF).await;
+    assert_eq!(counted(&pdf.body)[1], 2 * 2 + 2 * 4 + 24);
+}
+
+#[tokio::test]
+async fn a_mask_that_is_no_brain_is_named_on_every_page() {
+    let PhantomHead { volume, brain } = phantom();
+    let grid = brain.grid().clone();
+    let middle = grid
+        .patient_from_voxel()
+        .transform_point3(DVec3::from_array(grid.size().map(|side| side as f64)) / 2.0);
+    let is_near = |index: usize| {
+        let voxel = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
+        grid.patient_from_voxel()
+            .transform_point3(voxel)
+            .distance(middle)
+            < 40.0
+    };
+    let voxels = (0..grid.voxel_count()).map(is_near).collect();
+    let mask = nifti_mask(&Mask::new(grid.clone(), voxels).unwrap());
+    let (server, case) = Server::with_head(&nifti(&volume), &mask).await;
+    let quality = server.get(&case).await.json()["quality"].clone();
+    assert_eq!(quality["state"], "failed", "{quality}");
+    mark(&server, &case, &[("a", [15.0, 0.0, 0.0], "here")]).await;
+    for (language, doubt, reason) in [
+        (
+            "en",
+            "Brain mask: NOT A BRAIN",
+            "The volume of the mask is not that of a brain.",
+        ),
+        (
+            "pt-BR",
+            "Máscara do encéfalo: NÃO É UM ENCÉFALO",
+            "O volume da máscara não é o de um encéfalo.",
+        ),
+    ] {
+        let address = format!("{case}/report?language={language}");
+        let report = html(&server, &address).await;
+        // The first page, one for the finding, and the overview; and the margin of each printed page.
+        let pages = 1 + report.matches("class=\"page").count();
+        assert_eq!(pages, 3);
+        let said = format!("<strong>{doubt}</strong>");
+        assert_eq!(report.matches(&said).count(), pages, "{language}");
+        assert!(
+            report.contains("@top-right") && report.contains(reason),
+            "{language}"
+        );
+    }
+}
+
+/// A picture of a report as it is shown.
+struct Shown {
+    /// At the left, right, upper and lower edge.
+    letters: Vec<String>,
+    caption: String,
+    is_flipped: bool,
+    side: f64,
+    /// The middle of its bright pixels, and how many there are.
+    bright: [f64; 2],
+    count: usize,
+    has_mark: bool,
+}
+
+fn shown(html: &str) -> Vec<Shown> {
+    let pictures = html.split("<svg ").skip(1);
+    pictures
+        .map(|svg| picture(svg.split("</svg>").next().unwrap()))
+        .collect()
+}
+
+fn picture(svg: &str) -> Shown {
+    let between = |from: &str, to: &str| {
+        let (_, after) = svg.split_once(from).unwrap();
+        after.split(to).next().unwrap()
+    };
+    let png = STANDARD.decode(between("base64,", "\"")).unwrap();
+    let mut reader = png::Decoder::new(std::io::Cursor::new(png))
+        .read_info()
+        .unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let info = reader.next_frame(&mut pixels).unwrap();
+    let samples = info.color_type.samples();
+    let is_flipped = svg.contains("scale(-1 1)");
+    let (mut sum, mut count) = ([0.0; 2], 0);
+    for (at, pixel) in pixels.chunks(samples).enumerate() {
+        if pixel.iter().all(|&value| value > 250) {
+            let [x, y] = [at as u32 % info.width, at as u32 / info.width];
+            let x = if is_flipped { info.width - 1 - x } else { x };
+            sum = [sum[0] + f64::from(x) + 0.5, sum[1] + f64::from(y) + 0.5];
+            count += 1;
+        }
+    }
+    let texts = svg.split("<text ").skip(1);
+    let letters = texts.map(|text| {
+        let (_, after) = text.split_once('>').unwrap();
+        after.split('<').next().unwrap().to_owned()
+    });
+    Shown {
+        letters: letters.collect(),
+        caption: between("aria-label=\"", "\"").to_owned(),
+        is_flipped,
+        side: f64::from(info.width),
+        bright: sum.map(|sum| sum / f64::from(count.max(1))),
+        count: count as usize,
+        has_mark: svg.contains("<path"),
+    }
+}
+
+/// A ball that is painted on the patient's left, in front. Its finding lies still farther to the left.
+#[tokio::test]
+async fn what_is_on_the_left_is_on_the_side_of_the_letter_for_left() {
+    let PhantomHead { volume, brain } = phantom();
+    let ball = DVec3::new(34.0, -46.0, 10.0);
+    let grid = volume.grid().clone();
+    let painted = |(index, &voxel): (usize, &u16)| {
+        let place = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
+        let place = grid.patient_from_voxel().transform_point3(place);
+        if place.distance(ball) < 10.0 {
+            4000
+        } else {
+            voxel
+        }
+    };
+    let voxels = volume.voxels().iter().enumerate().map(painted).collect();
+    let volume = Volume::new(grid.clone(), voxels, volume.rescale()).unwrap();
+    let (server, case) = Server::with_head(&nifti(&volume), &nifti_mask(&brain)).await;
+    let facts = server.get(&case).await.json();
+    let centre = facts["envelope_sphere"]["center_in_patient"].clone();
+    let finding = ball + DVec3::X * 14.0;
+    let offset = [0, 1, 2].map(|axis| finding[axis] - centre[axis].as_f64().unwrap());
+    mark(&server, &case, &[("a", offset, "here")]).await;
+    let report = html(&server, &format!("{case}/report?language=pt-BR")).await;
+    let (mut of_overview, mut of_slices) = (0, 0);
+    for each in shown(&report) {
+        let side = |letter: &str| match each.letters.iter().position(|other| other == letter) {
+            Some(0) => -1.0,
+            Some(1) => 1.0,
+            _ => 0.0,
+        };
+        let left = side("E");
+        assert_eq!(left, -side("D"), "{}", each.caption);
+        // The flipped picture shows the other side, on which nothing was painted.
+        if each.is_flipped {
+            assert_eq!(each.count, 0, "{}", each.caption);
+        }
+        if each.count < 20 || left == 0.0 {
+            continue;
+        }
+        let beside = each.bright[0] - each.side / 2.0;
+        if each.has_mark {
+            // In the middle is the finding, and the ball is to the patient's right of it.
+            assert!(beside * left < -20.0, "{}: {beside}", each.caption);
+            of_slices += 1;
+        } else {
+            assert!(beside * left > 10.0, "{}: {beside}", each.caption);
+            of_overview += 1;
+        }
+    }
+    assert!(
+        of_slices >= 2,
+        "the axial and the coronal slice: {of_slices}"
+    );
+    assert!(
+        of_overview >= 4,
+        "from the front and from above: {of_overview}"
+    );
 }
 
 #[tokio::test]
@@ -92,7 +323,11 @@ async fn a_report_that_cannot_be_made_says_why() {
         ("?patient=yes", 400, "query-value-unreadable"),
         ("?fruit=1", 400, "query-unknown-key"),
     ] {
-        let answer = server.get(&format!("{case}/report{query}")).await;
-        assert_eq!(answer.refusal(), (status, kind.to_owned()), "{query}");
+        for headers in [&[][..], &PDF] {
+            let answer = server
+                .get_with(&format!("{case}/report{query}"), headers)
+                .await;
+            assert_eq!(answer.refusal(), (status, kind.to_owned()), "{query}");
+        }
     }
 }

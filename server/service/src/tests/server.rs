@@ -165,8 +165,13 @@ impl Server {
 
     /// A server, and the address of the coarse head, which is ready.
     pub(super) async fn with_case() -> (Self, String) {
-        let server = Self::start().await;
         let (volume, mask) = head();
+        Self::with_head(volume, mask).await
+    }
+
+    /// A server, and the address of a head, which is ready.
+    pub(super) async fn with_head(volume: &[u8], mask: &[u8]) -> (Self, String) {
+        let server = Self::start().await;
         let answer = server.upload(&[("volume", volume), ("mask", mask)]).await;
         assert_eq!(answer.status, 202, "{answer:?}");
         let case = answer.header("location").to_owned();

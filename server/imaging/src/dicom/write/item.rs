@@ -60,9 +60,9 @@ impl Item {
         self.put(tag, VR::AT, PrimitiveValue::Tags([target][..].into()))
     }
 
-    /// Adds pixels.
-    pub(super) fn pixels(&mut self, bytes: Vec<u8>) -> &mut Self {
-        self.put(tags::PIXEL_DATA, VR::OB, PrimitiveValue::U8(bytes.into()))
+    /// Adds bytes, such as pixels.
+    pub(super) fn bytes(&mut self, tag: Tag, bytes: Vec<u8>) -> &mut Self {
+        self.put(tag, VR::OB, PrimitiveValue::U8(bytes.into()))
     }
 
     /// Adds a sequence.

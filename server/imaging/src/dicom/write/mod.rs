@@ -1,12 +1,13 @@
 //! Results as DICOM objects: Secondary Capture, Multi-frame True Color Secondary Capture, Segmentation, Key Object
-//! Selection, and Comprehensive 3D SR.
+//! Selection, Comprehensive 3D SR, and Encapsulated PDF.
 //!
 //! Patient and study are those of the source. Texts are written in UTF-8, the transfer syntax is Explicit VR Little
 //! Endian without compression, and the same values give the same bytes.
 //!
-//! Source: the DICOM standard, part 3, A.8.1, A.8.5, A.35.4, A.35.13 and A.51, at <https://www.dicomstandard.org>.
+//! Source: the DICOM standard, part 3, A.8.1, A.8.5, A.35.4, A.35.13, A.45.1 and A.51, at <https://www.dicomstandard.org>.
 
 mod common;
+mod encapsulated;
 mod item;
 mod key_object;
 mod measurement_report;
@@ -17,6 +18,7 @@ mod uid;
 
 pub(in crate::dicom) use common::file_meta;
 pub use common::{Head, IMPLEMENTATION_CLASS_UID, IMPLEMENTATION_VERSION_NAME, WriteError};
+pub use encapsulated::encapsulated_pdf;
 pub(in crate::dicom) use item::Code;
 pub use key_object::{KeyObjectTitle, Listed, key_object};
 pub use measurement_report::measurement_report;
@@ -37,6 +39,9 @@ pub const SEGMENTATION: &str = dicom_dictionary_std::uids::SEGMENTATION_STORAGE;
 
 /// The class of a measurement report.
 pub const MEASUREMENT_REPORT: &str = dicom_dictionary_std::uids::COMPREHENSIVE3_DSR_STORAGE;
+
+/// The class of a report as PDF.
+pub const REPORT: &str = dicom_dictionary_std::uids::ENCAPSULATED_PDF_STORAGE;
 
 /// The class of a list of objects.
 pub const KEY_OBJECT: &str = dicom_dictionary_std::uids::KEY_OBJECT_SELECTION_DOCUMENT_STORAGE;

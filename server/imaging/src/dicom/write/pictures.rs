@@ -122,6 +122,6 @@ pub fn pictures(head: &Head<'_>, pictures: Pictures) -> Result<Vec<u8>, WriteErr
     if rgb.len() % 2 == 1 {
         rgb.push(0);
     }
-    item.pixels(rgb);
+    item.bytes(tags::PIXEL_DATA, rgb);
     file(item, class, head.instance_uid)
 }

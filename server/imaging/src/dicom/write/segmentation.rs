@@ -163,7 +163,7 @@ pub fn segmentation(
         frame_groups(native, slice, [segment, place], instance)
     });
     item.items(tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE, of_frames);
-    item.pixels(found.bits);
+    item.bytes(tags::PIXEL_DATA, found.bits);
     file(item, CLASS, head.instance_uid)
 }
 

@@ -1,0 +1,535 @@
+//! What a report says and shows, in its order. [`super::html`] and [`super::pdf`] write it.
+
+use case::findings::Finding;
+use case::{CandidateFacts, PatientSide, QualityState};
+use render::NamedView;
+
+use super::shots::{DEPTHS_MM, FindingPictures, Shot, Shows};
+use super::words::Words;
+use super::{Numbers, Report, ReportedFinding};
+use crate::library::LoadedMaps;
+use crate::profile::ProfileSample;
+
+/// The most places of the map in the tables, in the cerebrum and elsewhere.
+const MAX_CANDIDATES: usize = 20;
+const MAX_ELSEWHERE: usize = 5;
+
+/// The contents of a report.
+pub(super) struct Contents<'a> {
+    /// The tag of its language (BCP 47).
+    pub(super) language: &'static str,
+    pub(super) title: &'static str,
+    /// The use that every page states.
+    pub(super) notice: &'static str,
+    /// The case, for people.
+    pub(super) identity: String,
+    /// The verdict on a mask that is not sound, which every page states.
+    pub(super) doubt: Option<String>,
+    /// What a character without a glyph is written as, in words.
+    pub(super) unprintable: &'static str,
+    /// Each begins a page.
+    pub(super) sections: Vec<Section<'a>>,
+}
+
+/// A part of a report that begins a page.
+pub(super) struct Section<'a> {
+    pub(super) is_finding: bool,
+    pub(super) blocks: Vec<Block<'a>>,
+}
+
+/// A part of a section.
+pub(super) enum Block<'a> {
+    Title(&'static str),
+    Notice(&'static str),
+    /// What is wrong with the mask, and why.
+    Warning(String, Vec<String>),
+    Heading(Line),
+    Subheading(Line),
+    Text(Line),
+    List(Vec<Line>),
+    Facts(Facts),
+    Table(Table),
+    /// Facts, and a table beside them.
+    FactsAndTable(Facts, Table),
+    /// A row of pictures with captions, which no page divides.
+    Pictures(Vec<Picture<'a>>),
+    Overview(Overview<'a>),
+}
+
+/// Names with values.
+pub(super) type Facts = Vec<(&'static str, Line)>;
+
+/// A table with a head.
+pub(super) struct Table {
+    pub(super) head: Vec<&'static str>,
+    pub(super) rows: Vec<Vec<Line>>,
+}
+
+/// A picture and what it shows.
+pub(super) struct Picture<'a> {
+    pub(super) shot: &'a Shot,
+    /// The patient's directions at its left, right, upper and lower edge.
+    pub(super) letters: [String; 4],
+    pub(super) caption: Line,
+}
+
+impl<'a> Picture<'a> {
+    fn new(words: &Words, shot: &'a Shot, caption: Line) -> Self {
+        let letters = shot.directions.each_ref();
+        Self {
+            letters: letters.map(|letters| words.directions(letters)),
+            shot,
+            caption,
+        }
+    }
+}
+
+/// Small pictures in rows and columns, which no page divides.
+pub(super) struct Overview<'a> {
+    pub(super) title: &'static str,
+    pub(super) columns: Vec<&'static str>,
+    pub(super) rows: Vec<(String, Vec<Picture<'a>>)>,
+}
+
+/// A text.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(super) struct Line(pub(super) Vec<Piece>);
+
+/// A part of a text.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Piece {
+    /// Words of the program.
+    Own(String),
+    /// The same, to be seen first.
+    Strong(String),
+    /// Words of a reader or of a file, in any language and direction.
+    Foreign(String),
+}
+
+impl Piece {
+    pub(super) fn text(&self) -> &str {
+        let (Self::Own(text) | Self::Strong(text) | Self::Foreign(text)) = self;
+        text
+    }
+}
+
+impl<T: Into<String>> From<T> for Line {
+    fn from(text: T) -> Self {
+        Self(vec![Piece::Own(text.into())])
+    }
+}
+
+impl Line {
+    fn strong(text: &str) -> Self {
+        Self(vec![Piece::Strong(text.to_owned())])
+    }
+
+    fn foreign(text: &str) -> Self {
+        Self::default().and_foreign(text)
+    }
+
+    fn and(mut self, text: impl Into<String>) -> Self {
+        self.0.push(Piece::Own(text.into()));
+        self
+    }
+
+    fn and_foreign(mut self, text: &str) -> Self {
+        self.0.push(Piece::Foreign(text.to_owned()));
+        self
+    }
+
+    /// Whether all words are the program's own, and few.
+    pub(super) fn is_own(&self) -> bool {
+        let is_foreign = |piece: &Piece| matches!(piece, Piece::Foreign(_));
+        !self.0.iter().any(is_foreign)
+    }
+
+    pub(super) fn plain(&self) -> String {
+        self.0.iter().map(Piece::text).collect()
+    }
+}
+
+impl Report {
+    pub(super) fn contents(&self) -> Contents<'_> {
+        let words = self.query.language.words();
+        let first = [
+            self.warning(words),
+            vec![Block::Title(words.title), Block::Notice(words.notice)],
+            vec![Block::Facts(self.about(words))],
+            self.summary(words),
+            self.places(words),
+        ];
+        let mut overviews = vec![overview(words, words.overview, &self.overview.anatomy)];
+        if !self.overview.map.is_empty() {
+            overviews.push(overview(words, words.overview_of_map, &self.overview.map));
+        }
+        let section = |is_finding, blocks| Section { is_finding, blocks };
+        let mut sections = vec![section(false, first.into_iter().flatten().collect())];
+        for (number, finding) in (1..).zip(&self.findings) {
+            sections.push(section(true, self.finding(words, number, finding)));
+        }
+        sections.push(section(false, overviews));
+        Contents {
+            language: self.query.language.tag(),
+            title: words.title,
+            notice: words.notice,
+            identity: self.case.identity(),
+            doubt: self.doubt(words),
+            unprintable: words.unprintable,
+            sections,
+        }
+    }
+
+    /// That the case is not the one that counts any more, and the verdict on a mask that is not sound.
+    fn doubt(&self, words: &Words) -> Option<String> {
+        let superseded = self.case.superseded.map(|why| words.superseded(why));
+        let state = self.facts.quality.as_ref().map(|quality| quality.state);
+        let mask = state
+            .filter(|state| *state != QualityState::Ok)
+            .map(|state| format!("{}: {}", words.mask, words.state(state)));
+        let doubts: Vec<_> = (superseded.map(str::to_owned).into_iter().chain(mask)).collect();
+        (!doubts.is_empty()).then(|| doubts.join(" · "))
+    }
+
+    /// What is wrong with the case or its mask, if something is.
+    fn warning(&self, words: &Words) -> Vec<Block<'_>> {
+        let block = self.doubt(words).map(|doubt| {
+            let quality = self.facts.quality.iter();
+            let reasons = quality.flat_map(|quality| {
+                let codes = quality.reason_codes.iter().map(String::as_str);
+                let codes = codes.chain(std::iter::repeat(""));
+                let reasons = quality.reasons.iter().zip(codes);
+                reasons.map(|(reason, code)| words.reason(code, reason).to_owned())
+            });
+            Block::Warning(doubt, reasons.collect())
+        });
+        block.into_iter().collect()
+    }
+
+    fn about(&self, words: &Words) -> Facts {
+        let identity = Line::foreign(&self.case.identity());
+        let mut facts = vec![(words.case, identity.and(format!(" · {}", self.case.id)))];
+        if let Some(patient) = &self.patient {
+            let mut line = Line::default();
+            if patient.is_empty() {
+                line = line.and(words.not_from_dicom);
+            }
+            for (at, (name, value)) in patient.iter().enumerate() {
+                let separator = if at == 0 { "" } else { " · " };
+                line = line.and(format!("{separator}{name}: ")).and_foreign(value);
+            }
+            facts.push((words.patient, line));
+        }
+        facts.push((words.acquisition, self.acquisition(words)));
+        if let Some(quality) = &self.facts.quality {
+            facts.push((words.mask, words.state(quality.state).into()));
+        }
+        let version = format!("Isocortex {}", env!("CARGO_PKG_VERSION"));
+        facts.push((words.made_by, version.into()));
+        facts
+    }
+
+    fn acquisition(&self, words: &Words) -> Line {
+        let [x, y, z] = self.facts.native_size;
+        let spacing = self.facts.native_spacing_mm.map(|mm| format!("{mm:.2}"));
+        let dicom = self.facts.dicom.as_ref();
+        let sequence = dicom.and_then(|dicom| dicom.sequence.as_deref());
+        let size = format!(
+            " · {x} × {y} × {z} {}, {} mm",
+            words.voxels,
+            spacing.join(" × ")
+        );
+        let line = match sequence {
+            Some(sequence) => Line::foreign(sequence),
+            None => words.unknown.into(),
+        };
+        let line = line.and(size);
+        let Some(layer) = &self.layer else {
+            return line;
+        };
+        let line = line.and(" · ").and_foreign(&layer.name);
+        match layer.may_lie_elsewhere {
+            true => line.and(format!(" ({})", words.may_lie_elsewhere)),
+            false => line,
+        }
+    }
+
+    /// The findings on one page: those to look at, and those that were dismissed.
+    fn summary(&self, words: &Words) -> Vec<Block<'_>> {
+        let mut blocks = vec![Block::Heading(words.findings.into())];
+        if self.findings.is_empty() {
+            blocks.push(Block::Text(words.no_findings.into()));
+        } else {
+            let head = [
+                "",
+                words.side,
+                words.depth,
+                words.position,
+                words.certainty,
+                words.label,
+            ];
+            let row = |(number, ReportedFinding { finding, .. }): (usize, &ReportedFinding)| {
+                let certainty = finding
+                    .certainty
+                    .map(|certainty| words.certainty(certainty));
+                vec![
+                    number.to_string().into(),
+                    side_of(words, finding).into(),
+                    depth(finding.depth_mm).into(),
+                    position(finding.middle_in_patient()).into(),
+                    certainty.unwrap_or_default().into(),
+                    Line::foreign(&finding.label),
+                ]
+            };
+            blocks.push(Block::Table(Table {
+                head: head.to_vec(),
+                rows: (1..).zip(&self.findings).map(row).collect(),
+            }));
+        }
+        if !self.dismissed.is_empty() {
+            let lines = self.dismissed.iter();
+            let lines = lines.map(|finding| line_about(words, finding));
+            blocks.push(Block::Subheading(words.dismissed.into()));
+            blocks.push(Block::List(lines.collect()));
+        }
+        blocks
+    }
+
+    fn finding<'a>(
+        &'a self,
+        words: &Words,
+        number: usize,
+        reported: &'a ReportedFinding,
+    ) -> Vec<Block<'a>> {
+        let ReportedFinding {
+            finding,
+            pictures,
+            numbers,
+        } = reported;
+        let heading = Line::from(format!("{} {number}: ", words.finding));
+        let mut facts = vec![
+            (words.side, Line::strong(side_of(words, finding))),
+            (words.depth, depth(finding.depth_mm).into()),
+            (words.position, position(finding.middle_in_patient()).into()),
+            (words.kind, words.kind(finding.kind).into()),
+        ];
+        if let Some(certainty) = finding.certainty {
+            facts.push((words.certainty, words.certainty(certainty).into()));
+        }
+        if let Some(author) = &finding.author {
+            let time = finding.changed_at.as_deref();
+            let time = time.map(|time| format!(", {}", minute(time)));
+            let line = Line::foreign(author).and(time.unwrap_or_default());
+            facts.push((words.author, line));
+        }
+        let mut blocks = vec![Block::Heading(heading.and_foreign(&finding.label))];
+        blocks.push(match numbers {
+            Some(numbers) => Block::FactsAndTable(facts, table_of(words, numbers)),
+            None => Block::Facts(facts),
+        });
+        if !finding.note.is_empty() {
+            blocks.push(Block::Text(Line::foreign(&finding.note)));
+        }
+        blocks.extend(self.pictures(words, finding, pictures));
+        blocks
+    }
+
+    /// Rows of pictures: the cuts, the same of the other side below them, and the slices.
+    fn pictures<'a>(
+        &'a self,
+        words: &Words,
+        finding: &Finding,
+        pictures: &'a FindingPictures,
+    ) -> Vec<Block<'a>> {
+        let own = side_of(words, finding);
+        let opposite = match finding.side {
+            Some(PatientSide::Left) => words.side(PatientSide::Right),
+            Some(PatientSide::Right) => words.side(PatientSide::Left),
+            _ => words.other_side,
+        };
+        let view = words.view(pictures.view);
+        let depth = depth(finding.depth_mm);
+        let picture = |shot: &'a Shot, shown: String| {
+            let caption = self.what(words, shot.shows).and(format!(", {shown}"));
+            Picture::new(words, shot, caption)
+        };
+        let here = pictures.cuts.iter().map(|[here, _]| {
+            let shown = format!("{depth}, {view}: {own}, {}", words.as_acquired);
+            picture(here, shown)
+        });
+        let other = pictures.cuts.iter().map(|[_, other]| {
+            let shown = format!("{depth}: {opposite}, {}", words.flipped);
+            picture(other, shown)
+        });
+        let mut rows = vec![
+            Block::Pictures(here.collect()),
+            Block::Pictures(other.collect()),
+        ];
+        let of_slices = pictures.slices.first().map_or(0, |(_, shots)| shots.len());
+        for number in 0..of_slices {
+            let slices = pictures.slices.iter();
+            let slices =
+                slices.map(|(through, shots)| picture(&shots[number], words.through(through)));
+            rows.push(Block::Pictures(slices.collect()));
+        }
+        rows
+    }
+
+    /// The name of what a picture shows.
+    fn what(&self, words: &Words, shows: Shows) -> Line {
+        match (shows, &self.layer) {
+            (Shows::Anatomy, _) | (Shows::Layer, None) => words.anatomy.into(),
+            (Shows::Layer, Some(layer)) => Line::foreign(&layer.name),
+            (Shows::Map, _) => format!("{}, {}", words.anatomy, words.map).into(),
+        }
+    }
+
+    /// What the maps know, or why there are none.
+    fn places(&self, words: &Words) -> Vec<Block<'_>> {
+        let mut blocks = vec![Block::Heading(words.candidates.into())];
+        match &self.maps {
+            Err(reason) => {
+                let why = words.reason(&reason.code, &reason.sentence);
+                blocks.push(Block::Text(format!("{} {why}", words.no_maps).into()));
+            }
+            Ok(maps) => blocks.extend(places(words, maps)),
+        }
+        blocks
+    }
+}
+
+/// The places that stand out, or that none does; then all others.
+fn places(words: &Words, maps: &LoadedMaps) -> Vec<Block<'static>> {
+    let mut blocks = Vec::new();
+    if maps.nothing_stands_out() {
+        blocks.push(Block::Text(words.nothing_stands_out().into()));
+    }
+    if maps.regions.state != QualityState::Ok {
+        let reason = maps.regions.reasons.first().map_or("", String::as_str);
+        let code = maps.regions.reason_codes.first().map_or("", String::as_str);
+        let doubt = words.doubt_of_regions(words.reason(code, reason));
+        blocks.push(Block::Text(doubt.into()));
+    }
+    let ranked = || (1_usize..).zip(maps.candidates.iter().take(MAX_CANDIDATES));
+    let of_cerebrum = |stands_out: bool| -> Vec<_> {
+        let chosen = ranked().filter(|(_, place)| place.stands_out() == stands_out);
+        chosen
+            .map(|(rank, place)| row_of(words, &rank.to_string(), place))
+            .collect()
+    };
+    let elsewhere = maps.elsewhere.iter().take(MAX_ELSEWHERE);
+    let elsewhere = elsewhere.map(|place| row_of(words, "", place)).collect();
+    for (heading, note, rows) in [
+        (None, words.candidates_note, of_cerebrum(true)),
+        (
+            Some(words.others),
+            words.candidates_note,
+            of_cerebrum(false),
+        ),
+        (Some(words.elsewhere), words.elsewhere_note, elsewhere),
+    ] {
+        if rows.is_empty() {
+            continue;
+        }
+        blocks.extend(heading.map(|heading| Block::Subheading(heading.into())));
+        let is_said = heading == Some(words.others) && !maps.nothing_stands_out();
+        if !is_said {
+            blocks.push(Block::Text(note.into()));
+        }
+        let head = [
+            words.rank,
+            words.side,
+            words.region,
+            words.depth,
+            words.position,
+            words.score,
+            words.unusual,
+            words.size,
+        ];
+        blocks.push(Block::Table(Table {
+            head: head.to_vec(),
+            rows,
+        }));
+    }
+    blocks
+}
+
+fn row_of(words: &Words, rank: &str, place: &CandidateFacts) -> Vec<Line> {
+    vec![
+        rank.into(),
+        words.side(place.side).into(),
+        words.region(place.region).into(),
+        format!("{:.1} mm", place.depth_mm).into(),
+        position(place.position_in_patient).into(),
+        format!("{:.2}", place.score).into(),
+        words.unusual(place.unusual).into(),
+        format!("{:.0} mm", place.size_mm).into(),
+    ]
+}
+
+fn line_about(words: &Words, finding: &Finding) -> Line {
+    let place = format!(
+        " ({}, {}, {})",
+        side_of(words, finding),
+        depth(finding.depth_mm),
+        position(finding.middle_in_patient()),
+    );
+    let line = Line::foreign(&finding.label).and(place);
+    match &*finding.note {
+        "" => line,
+        note => line.and(": ").and_foreign(note),
+    }
+}
+
+fn side_of(words: &Words, finding: &Finding) -> &'static str {
+    finding.side.map_or(words.unknown, |side| words.side(side))
+}
+
+/// A time (RFC 3339, UTC) to the minute.
+fn minute(time: &str) -> String {
+    let [day, clock] = [time.get(..10), time.get(11..16)].map(Option::unwrap_or_default);
+    format!("{day} {clock} UTC")
+}
+
+fn depth(mm: f64) -> String {
+    format!("{mm:.1} mm")
+}
+
+fn position([x, y, z]: [f64; 3]) -> String {
+    format!("{x:.1}, {y:.1}, {z:.1}")
+}
+
+/// The values here and on the other side.
+fn table_of(words: &Words, numbers: &Numbers) -> Table {
+    let value = |value: Option<f32>| value.map_or("–".to_owned(), |value| format!("{value:.2}"));
+    let other = numbers.mirrored.as_ref().map(|mirrored| &mirrored.point);
+    let row = |name: &str, of: &dyn Fn(&ProfileSample) -> Option<f32>| {
+        let values = [of(&numbers.own.point), other.and_then(of)];
+        let [here, there] = values.map(value);
+        vec![name.into(), here.into(), there.into()]
+    };
+    Table {
+        head: vec!["", words.here, words.other_side],
+        rows: vec![
+            row(words.intensity, &|sample| sample.intensity),
+            row(words.blur, &|sample| sample.blur),
+            row(words.sharpness, &|sample| sample.sharpness),
+        ],
+    }
+}
+
+fn overview<'a>(words: &Words, title: &'static str, rows: &'a [Vec<Shot>]) -> Block<'a> {
+    let row = |(depth_mm, shots): (&f32, &'a Vec<Shot>)| {
+        let pictures = shots.iter().zip(NamedView::ALL);
+        let pictures = pictures.map(|(shot, view)| {
+            let caption = format!("{depth_mm} mm, {}", words.view(view));
+            Picture::new(words, shot, caption.into())
+        });
+        (format!("{depth_mm} mm"), pictures.collect())
+    };
+    Block::Overview(Overview {
+        title,
+        columns: NamedView::ALL.map(|view| words.view(view)).to_vec(),
+        rows: DEPTHS_MM.iter().zip(rows).map(row).collect(),
+    })
+}
