@@ -297,9 +297,13 @@ mod tests {
             (NamedView::Posterior, [80.0, 40.0, 10.0]),
             (NamedView::Superior, [80.0, 55.0, 20.0]),
             (NamedView::Inferior, [120.0, 55.0, -20.0]),
+            // The inner side of a hemisphere is seen from the other one.
+            (NamedView::MesialLeft, [95.0, 40.0, -40.0]),
+            (NamedView::MesialRight, [105.0, 40.0, 40.0]),
         ];
         for (view, frame) in expected {
             assert_eq!(project(Camera::named(view), point), frame, "{view:?}");
+            assert_eq!(view.name().parse::<NamedView>().unwrap(), view);
         }
     }
 

@@ -637,6 +637,10 @@ mod tests {
                 r#"{"what": "sheet", "render": {"depth_mm": 1}}"#,
                 "`depth_mm`",
             ),
+            (
+                r#"{"what": "view", "render": {"surface": "left"}}"#,
+                "`render.surface`",
+            ),
             (r#"{"what": "sheet", "sheet": {"views": []}}"#, "`sheet`"),
             (
                 r#"{"what": "cine", "cine": {"frames": 1}}"#,

@@ -87,3 +87,51 @@ fn fence_from(bytes: &[u8], envelope: &Envelope) -> Option<Vec<u32>> {
     }
     Some(fence)
 }
+
+#[cfg(test)]
+mod tests {
+    use geometry::phantom;
+
+    use super::*;
+
+    fn surfaces() -> Surfaces {
+        let ball = |radius: f64| {
+            let envelope = geometry::envelope(&phantom::ball(radius), 0.0).unwrap();
+            let inside = envelope.mask().voxels().iter().enumerate();
+            let inside = inside.filter(|(_, is_inside)| **is_inside);
+            let fence = inside.map(|(index, _)| index as u32).step_by(7).collect();
+            envelope.with_fence(fence)
+        };
+        Surfaces {
+            envelopes: [ball(9.0), ball(8.0), ball(12.0).with_fence(Vec::new())],
+        }
+    }
+
+    #[test]
+    fn surfaces_and_the_reason_for_none_come_back_and_another_format_does_not() {
+        let none = NoSurfaces {
+            code: "no-fissure".into(),
+            sentence: "there is no fissure".into(),
+        };
+        for found in [Ok(surfaces()), Err(none)] {
+            let payload = encode_surfaces(&found);
+            assert_eq!(decode_surfaces(&payload), Some(found));
+            for length in [0, 3, 4, 10, payload.len() - 1] {
+                assert_eq!(decode_surfaces(&payload[..length]), None, "{length}");
+            }
+            let mut other = payload;
+            let format = format!("{{\"format\":{SURFACES_FORMAT}").len();
+            other[4 + format - 1] = b'0';
+            assert_eq!(decode_surfaces(&other), None);
+        }
+    }
+
+    #[test]
+    fn a_fence_outside_its_envelope_is_refused() {
+        let envelope = &surfaces().envelopes[0];
+        assert_eq!(fence_from(&fence_bytes(&[0]), envelope), None);
+        assert_eq!(fence_from(&[0xff, 0xff, 0xff, 0xff, 0x0f], envelope), None);
+        let fence = envelope.fence().to_vec();
+        assert_eq!(fence_from(&fence_bytes(&fence), envelope), Some(fence));
+    }
+}
