@@ -64,7 +64,11 @@ async fn make_ready(library: &Library, tenths: u32) -> CaseId {
 
 async fn model(library: &Library, id: &CaseId) -> Arc<WarmModel> {
     let models = Models::new(library.clone(), BUDGET_BYTES);
-    models.get(id).await.unwrap().expect("the case is ready")
+    models
+        .get(id, case::SurfaceName::Whole)
+        .await
+        .unwrap()
+        .expect("the case is ready")
 }
 
 /// What the killed process does.

@@ -3,7 +3,8 @@
 //! * The plane between the hemispheres: [`midsagittal_plane`].
 //! * The sharpness of the junction of grey and white matter, compared with its surroundings and the other side, and the
 //!   most blurred places: [`maps`]. Everything comes from the head itself; there is no database of normal heads.
-//! * The regions of the brain: cerebrum by side, cerebellum, brain stem: [`Regions`].
+//! * The regions of the brain: cerebrum by side, cerebellum, brain stem: [`Regions`]; and its parts with surfaces of their
+//!   own: [`Division`].
 //! * The position of another volume of the same head: [`register`].
 //!
 //! The feature `study` also exports the steps of the maps, for the experiments of the laboratory.
@@ -45,7 +46,9 @@ pub use candidates::{BORDERLINE_FROM, Candidate, Side, UNUSUAL_ABOVE, Unusual};
 pub use head::Head;
 pub use maps::{MapParameters, Maps, maps};
 pub use midsagittal::{MidsagittalFit, MidsagittalPlane, midsagittal_fit, midsagittal_plane};
-pub use regions::{Region, RegionDoubt, RegionNumbers, Regions, Sheet};
+pub use regions::{
+    Division, NoDivision, Region, RegionDoubt, RegionNumbers, Regions, Sheet, SurfacePart,
+};
 pub use registration::{Doubt, Registration, Verdict, register};
 pub use slant::DepthBand;
 pub use stored::{MAP_FORMAT, MapKind, Scale, StoredMap, StoredMapError, UNDEFINED};

@@ -15,6 +15,7 @@ mod object;
 mod parameters;
 mod progress;
 mod quality;
+mod surface;
 
 pub use facts::{
     Case, CaseFacts, CutFacts, DicomFacts, ImageRun, PlaneFacts, SphereFacts, VoxelFacts,
@@ -35,6 +36,7 @@ pub use object::ObjectKind;
 pub use parameters::{MaskKind, MaskSource, Parameters};
 pub use progress::{CaseState, Progress, Stage};
 pub use quality::{CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState};
+pub use surface::SurfaceName;
 
 /// Whether a character is a control character, or one of those that turn the direction of the text after them: with
 /// these, a name could be shown as another one.

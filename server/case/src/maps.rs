@@ -192,7 +192,7 @@ pub struct CandidateFacts {
 }
 
 impl CandidateFacts {
-    /// Whether its score is unusual, or borderline.
+    /// Whether its score is unusual.
     pub fn stands_out(&self) -> bool {
         self.unusual.stands_out()
     }

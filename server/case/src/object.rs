@@ -23,6 +23,8 @@ pub enum ObjectKind {
     Paths,
     /// The maps of the junction of grey and white matter, or why there are none; made once the case is ready.
     Maps,
+    /// The closed parts of the brain, or why there are none; made when one is first shown.
+    Surfaces,
     /// A DICOM file that came from a PACS and is part of no case yet.
     Instance,
     /// A DICOM object made from the case, which is sent to a PACS.
@@ -35,7 +37,7 @@ pub enum ObjectKind {
 
 impl ObjectKind {
     /// Every kind.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::SourceVolume,
         Self::SourceMask,
         Self::SourceDicom,
@@ -46,6 +48,7 @@ impl ObjectKind {
         Self::Forest,
         Self::Paths,
         Self::Maps,
+        Self::Surfaces,
         Self::Instance,
         Self::Result,
         Self::SourceLayer,
@@ -75,6 +78,7 @@ impl ObjectKind {
             Self::Forest => "forest",
             Self::Paths => "paths",
             Self::Maps => "maps",
+            Self::Surfaces => "surfaces",
             Self::Instance => "instance",
             Self::Result => "result",
             Self::SourceLayer => "source-layer",
@@ -104,6 +108,7 @@ impl ObjectKind {
             Self::WholeVolume => 12,
             Self::SourceLayer => 10,
             Self::Layer => 11,
+            Self::Surfaces => 13,
         }
     }
 

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use audit::Audit;
-use case::{Case, CaseFacts, CaseId, CaseState, Failure, QualityState};
+use case::{Case, CaseFacts, CaseId, CaseState, Failure, QualityState, SurfaceName};
 use geometry::Volume;
 use imaging::Limits;
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
@@ -312,12 +312,24 @@ impl Cases {
         facts.quality.as_ref().map(|quality| quality.state)
     }
 
-    /// The model of a case that is ready.
+    /// The model of the whole brain of a case that is ready.
     ///
     /// # Errors
     /// As [`Cases::ready`].
     pub async fn model(&self, id: &CaseId) -> Result<Arc<WarmModel>, Error> {
-        if let Some(model) = self.models.get(id).await? {
+        self.surface(id, SurfaceName::Whole).await
+    }
+
+    /// The model of a surface of a case that is ready.
+    ///
+    /// # Errors
+    /// As [`Cases::ready`], and [`Error::NoSurfaces`].
+    pub async fn surface(
+        &self,
+        id: &CaseId,
+        surface: SurfaceName,
+    ) -> Result<Arc<WarmModel>, Error> {
+        if let Some(model) = self.models.get(id, surface).await? {
             return Ok(model);
         }
         Err(self.gone(id).await)

@@ -6,10 +6,11 @@ use std::time::Duration;
 use case::{CaseState, Failure};
 use geometry::GeometryError;
 use pipeline::maps::NoMaps;
+use pipeline::surfaces::NoSurfaces;
 use render::RenderError;
 use storage::{ObjectError, StoreError};
 
-use crate::models::PathsError;
+use crate::models::{ModelError, PathsError};
 
 /// An error of the application. The sentences may be shown to clients, except for [`Error::Store`].
 #[derive(Debug, thiserror::Error)]
@@ -41,6 +42,9 @@ pub enum Error {
     /// The case has no maps.
     #[error(transparent)]
     MapsUndefined(NoMaps),
+    /// The case has only the surface of the whole brain.
+    #[error(transparent)]
+    NoSurfaces(NoSurfaces),
     /// The input cannot be used, as found now or during its preparation.
     #[error(transparent)]
     Failure(#[from] Failure),
@@ -115,6 +119,15 @@ impl From<StoreError> for Error {
                 Self::Unavailable
             }
             other => Self::Store(other),
+        }
+    }
+}
+
+impl From<ModelError> for Error {
+    fn from(error: ModelError) -> Self {
+        match error {
+            ModelError::NoSurfaces(reason) => Self::NoSurfaces(reason),
+            ModelError::Store(error) => error.into(),
         }
     }
 }

@@ -6,6 +6,7 @@ mod layer_cache;
 mod layers;
 mod loaded_maps;
 mod maps;
+mod surfaces;
 #[cfg(test)]
 mod tests;
 mod whole;
@@ -102,6 +103,8 @@ struct Inner {
     /// One rebuild at a time in this process, because it needs the memory of a whole preparation; held across awaits.
     /// Each case is rebuilt by one process at a time ([`Store::rebuild_alone`]).
     rebuilding: tokio::sync::Mutex<()>,
+    /// One division of a brain at a time in this process; held across awaits.
+    dividing: tokio::sync::Mutex<()>,
     /// `None` if no maps are computed.
     maps: Option<MapsCache>,
     /// Layers in memory.
@@ -141,6 +144,7 @@ impl Library {
                 preparation,
                 limits,
                 rebuilding: tokio::sync::Mutex::default(),
+                dividing: tokio::sync::Mutex::default(),
                 maps,
                 layers: layer_cache(layer_bytes),
                 handover: Handover::new(!is_apart),

@@ -1,10 +1,12 @@
 //! Depth as a continuous function of position.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-use crate::{Cut, DistanceMap, Grid};
+use crate::{Cut, DistanceMap, Fenced, Grid};
 
 /// The distance of the last sampled position before the centre of the last voxel, so that a voxel follows it.
 const LAST_CELL: f32 = 1e-3;
@@ -24,6 +26,7 @@ pub struct DepthField {
     last: Vec3,
     values: Vec<i16>,
     cuts: Vec<Cut>,
+    fenced: Option<Arc<Fenced>>,
 }
 
 impl DepthField {
@@ -47,6 +50,7 @@ impl DepthField {
             .collect();
         Self {
             cuts: distance.envelope().cuts().to_vec(),
+            fenced: distance.fenced().cloned(),
             ..Self::on(distance.grid().clone(), values)
         }
     }
@@ -62,6 +66,7 @@ impl DepthField {
             grid,
             values,
             cuts: Vec::new(),
+            fenced: None,
         }
     }
 
@@ -79,6 +84,7 @@ impl DepthField {
         }
         Self {
             cuts: self.cuts.clone(),
+            fenced: self.fenced.clone(),
             ..Self::on(self.grid.clone(), values)
         }
     }
@@ -91,6 +97,11 @@ impl DepthField {
     /// The faces of the volume that cut the brain. Near them the values are distances to a cut, not depths.
     pub fn cuts(&self) -> &[Cut] {
         &self.cuts
+    }
+
+    /// Where a fence makes the depth unknown; `None` if nowhere. There the values are distances to the fence.
+    pub fn fenced(&self) -> Option<&Fenced> {
+        self.fenced.as_deref()
     }
 
     /// Edge of a voxel, in mm.

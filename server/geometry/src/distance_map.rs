@@ -1,10 +1,12 @@
 //! The depth of each voxel below the envelope.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::transform::{MAX_DISTANCE, transformed};
-use crate::{Envelope, Grid};
+use crate::{Envelope, Fenced, Grid};
 
 /// The limit of distances outside the envelope, in voxels; further out they stay at this value.
 const OUTSIDE_REACH: u8 = 6;
@@ -21,6 +23,7 @@ pub struct DistanceMap {
     envelope: Envelope,
     squared: Vec<u16>,
     deepest: u32,
+    fenced: Option<Arc<Fenced>>,
 }
 
 impl DistanceMap {
@@ -46,19 +49,30 @@ impl DistanceMap {
         self.envelope.mask().voxels()
     }
 
-    /// Whether the depth of a voxel is known: `false` if a face of the volume that cuts the brain is nearer than any
+    /// Whether the depth of a voxel is known: `false` if a face of the volume that cuts the brain, or a fence, is nearer than any
     /// dura, so that the distance is not a depth.
     pub fn is_known(&self, index: usize) -> bool {
         let cuts = self.envelope.cuts();
-        if cuts.is_empty() {
+        if cuts.is_empty() && self.fenced.is_none() {
             return true;
         }
         let grid = self.grid();
-        let voxel = DVec3::from_array(grid.voxel(index).map(|place| place as f64));
+        let voxel = grid.voxel(index);
+        if let Some(fenced) = &self.fenced
+            && fenced.contains(voxel.map(|place| place as i64))
+        {
+            return false;
+        }
+        let voxel = DVec3::from_array(voxel.map(|place| place as f64));
         let position = grid.patient_from_voxel().transform_point3(voxel);
         let depth_mm = f64::from(self.depth_mm_of(self.squared[index]));
         cuts.iter()
             .all(|cut| cut.leaves(position, depth_mm, self.envelope.spacing_mm()))
+    }
+
+    /// The voxels whose depth a fence makes unknown, inside the envelope and beside it; `None` if there are none.
+    pub(crate) fn fenced(&self) -> Option<&Arc<Fenced>> {
+        self.fenced.as_ref()
     }
 
     /// Depth of a voxel in mm, whether known or not; `None` outside the envelope.
@@ -91,7 +105,9 @@ pub fn distance_map(envelope: &Envelope) -> DistanceMap {
     let [nx, ny, nz] = size;
     let squared = transformed([nx, nz, ny], &mut bounds, 0, |squared| squared);
     let deepest = deepest_inside(inside, &squared);
+    let fenced = Fenced::new(size, envelope.fence(), &squared);
     DistanceMap {
+        fenced: fenced.map(Arc::new),
         envelope: envelope.clone(),
         squared,
         deepest,

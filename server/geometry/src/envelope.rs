@@ -1,6 +1,7 @@
 //! The closed mask that hugs the dura.
 
 use crate::beyond_cuts::Extended;
+use crate::mask::MARGIN;
 use crate::runs::{Connectivity, fill_holes, keep_largest_component};
 use crate::transform::{MAX_DISTANCE, transformed};
 use crate::{BrainMask, Cut, GeometryError, Grid, Mask};
@@ -18,6 +19,7 @@ const MAX_PADDED_VOXELS: f64 = 3e8;
 pub struct Envelope {
     mask: Mask,
     cuts: Vec<Cut>,
+    fence: Vec<u32>,
 }
 
 impl Envelope {
@@ -31,12 +33,34 @@ impl Envelope {
         Ok(Self {
             mask,
             cuts: Vec::new(),
+            fence: Vec::new(),
         })
     }
 
     /// The same envelope with the cuts of the volume.
     pub fn with_cuts(self, cuts: Vec<Cut>) -> Self {
         Self { cuts, ..self }
+    }
+
+    /// The same envelope with a fence: the border voxels, ascending, at which its border runs through tissue.
+    pub fn with_fence(self, fence: Vec<u32>) -> Self {
+        Self { fence, ..self }
+    }
+
+    /// The part of the envelope for which `is_kept` holds, with its holes filled; of several components, the largest. It has
+    /// the same cuts and no fence, and its grid is the block that it needs.
+    ///
+    /// # Errors
+    /// If nothing is left.
+    pub fn clipped(&self, is_kept: impl Fn(usize) -> bool) -> Result<Self, GeometryError> {
+        let voxels = self.mask.voxels().iter().enumerate();
+        let kept = voxels.map(|(index, &is_inside)| is_inside && is_kept(index));
+        let kept = Mask::new(self.grid().clone(), kept.collect())?;
+        let kept = kept.largest_component().filled();
+        let [first, last] = kept.bounds().ok_or(GeometryError::EmptyMask)?;
+        let first = first.map(|voxel| voxel as i64 - MARGIN);
+        let size = [0, 1, 2].map(|axis| (last[axis] as i64 + 1 + MARGIN - first[axis]) as usize);
+        Ok(Self::from_stored(kept.block(first, size)?)?.with_cuts(self.cuts.clone()))
     }
 
     /// The working grid.
@@ -52,6 +76,11 @@ impl Envelope {
     /// The faces of the volume that cut it; its border there is not dura.
     pub fn cuts(&self) -> &[Cut] {
         &self.cuts
+    }
+
+    /// The border voxels at which the border runs through tissue, ascending; it is not dura there.
+    pub fn fence(&self) -> &[u32] {
+        &self.fence
     }
 
     /// Edge of a voxel, in mm.
@@ -77,6 +106,7 @@ pub fn envelope(brain: &BrainMask, closing_radius_mm: f64) -> Result<Envelope, G
     Ok(Envelope {
         mask: closed_and_filled(brain.mask(), closing_radius_mm)?,
         cuts: Vec::new(),
+        fence: Vec::new(),
     })
 }
 

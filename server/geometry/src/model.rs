@@ -3,8 +3,8 @@
 use std::sync::{Arc, OnceLock};
 
 use crate::{
-    BoundingSphere, DepthField, DistanceMap, Envelope, GeometryError, MeshSize, PathTable, Paths,
-    ShellIndex, ShrunkMesh, Volume, envelope_mesh, path_table, shrink_once,
+    BoundingSphere, DepthField, DistanceMap, Envelope, Fenced, GeometryError, MeshSize, PathTable,
+    Paths, ShellIndex, ShrunkMesh, Volume, envelope_mesh, path_table, shrink_once,
 };
 
 /// The smoothing of the field for normals, in voxels. At 1.5, normals are on average 2° off those of a smooth surface;
@@ -173,7 +173,8 @@ impl DeformableModel {
     pub fn bytes(&self) -> usize {
         let volume = 2 * self.volume.voxels().len();
         let fields = 4 * self.field().values().len();
+        let fenced = self.field().fenced().map_or(0, Fenced::bytes);
         let shell = 4 * self.shell().voxels().len();
-        volume + fields + shell + self.default_paths.bytes()
+        volume + fields + fenced + shell + self.default_paths.bytes()
     }
 }

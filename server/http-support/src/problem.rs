@@ -361,6 +361,7 @@ fn of_cases(error: &Error) -> (StatusCode, Cow<'static, str>) {
         Error::TooManyLayers { .. } => (StatusCode::CONFLICT, "too-many-layers"),
         Error::LayerNameTaken => (StatusCode::CONFLICT, "layer-name-taken"),
         Error::MapsUndefined(_) => (StatusCode::CONFLICT, "maps-undefined"),
+        Error::NoSurfaces(_) => (StatusCode::CONFLICT, "no-surfaces"),
         Error::Failure(failure) => return (status_of(failure.kind), failure.name.clone().into()),
         Error::Parameter { kind, .. } => (StatusCode::BAD_REQUEST, *kind),
         Error::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),

@@ -19,6 +19,7 @@ pub mod quality;
 pub mod registration;
 mod source;
 mod steps;
+pub mod surfaces;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 #[cfg(test)]

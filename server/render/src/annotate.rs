@@ -30,9 +30,17 @@ const BAR_GREY: u8 = 96;
 /// A second letter is written where its axis is at least 30° off the perpendicular.
 const SECOND_LETTER: f64 = 0.5;
 
+/// What an annotated picture says of its case.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Caption<'a> {
+    /// The first line.
+    pub named: Option<&'a str>,
+    /// The surface below which depth is measured, unless it is that of the whole brain.
+    pub surface: Option<&'a str>,
+}
+
 /// Writes depth, window, a scale bar, the patient's directions at the edges and the notice of research use into a
-/// picture; with layers also the name of the texture, and the colours of the overlay with their values. `named` is the
-/// first line.
+/// picture; with layers also the name of the texture, and the colours of the overlay with their values.
 ///
 /// A picture smaller than [`MIN_ANNOTATED_SIDE`] has room for only a part.
 pub fn annotate(
@@ -40,12 +48,12 @@ pub fn annotate(
     request: &RenderRequest,
     projection: &Projection,
     layers: &Layers<'_>,
-    named: Option<&str>,
+    caption: Caption<'_>,
 ) -> Frame {
     let parameters = request.parameters();
     let mut canvas = canvas_of(frame);
     let depth = format!("{} mm", short(parameters.depth_mm));
-    let lines = lines(
+    let mut lines = lines(
         match parameters.slab_mm {
             0.0 => depth,
             slab_mm => format!("{depth} ± {} mm", short(slab_mm)),
@@ -53,7 +61,10 @@ pub fn annotate(
         parameters.window,
         layers,
     );
-    let corner = Corner::new(&canvas, named, lines);
+    if let Some(surface) = caption.surface {
+        lines.insert(1, surface.to_owned());
+    }
+    let corner = Corner::new(&canvas, caption.named, lines);
     let orientation = parameters.camera.orientation();
     write_over(&mut canvas, &corner, (orientation, projection));
     color_bar(&mut canvas, layers, projection.size());
@@ -437,7 +448,13 @@ mod tests {
         };
         let projection = request.parameters().camera.projection(&sphere, size);
         let black = Frame::new(size, PixelFormat::Grey8, vec![0; size.pixel_count()]);
-        annotate(black, &request, &projection, &Layers::default(), None)
+        annotate(
+            black,
+            &request,
+            &projection,
+            &Layers::default(),
+            Caption::default(),
+        )
     }
 
     /// White pixels in the boxes at the left and right edge, halfway down.
@@ -581,13 +598,13 @@ mod tests {
             radius_mm: 100.0,
         };
         let projection = request.parameters().camera.projection(&sphere, size);
-        let lit = |named| {
+        let lit = |named, surface| {
             let frame = annotate(
                 black.clone(),
                 &request,
                 &projection,
                 &Layers::default(),
-                named,
+                Caption { named, surface },
             );
             // The third line of the corner.
             let line = canvas.line_height() as u32;
@@ -597,8 +614,9 @@ mod tests {
                 .filter(|&(x, y)| frame.pixel(x, y).unwrap()[0] == 255)
                 .count()
         };
-        assert_eq!(lit(None), 0);
-        assert!(lit(Some(named)) > 20);
+        assert_eq!(lit(None, None), 0);
+        assert!(lit(Some(named), None) > 20);
+        assert!(lit(None, Some("left hemisphere")) > 20);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use crate::{FrameSize, RenderError};
 /// A standard direction from which the head is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[cfg_attr(feature = "openapi", schema(as = View))]
 pub enum NamedView {
@@ -27,10 +27,14 @@ pub enum NamedView {
     Superior,
     /// From below: the patient's left is at the right of the picture; anterior up.
     Inferior,
+    /// The inner side of the left hemisphere, as seen from the right: for the surface `left` alone.
+    MesialLeft,
+    /// The inner side of the right hemisphere, as seen from the left: for the surface `right` alone.
+    MesialRight,
 }
 
 impl NamedView {
-    /// All of them.
+    /// Those of every surface.
     pub const ALL: [Self; 6] = [
         Self::Left,
         Self::Right,
@@ -40,7 +44,11 @@ impl NamedView {
         Self::Inferior,
     ];
 
-    /// The name in the interfaces: `left`, `right`, `anterior`, `posterior`, `superior`, `inferior`.
+    /// The inner sides of the hemispheres, which only their own surfaces have.
+    pub const MESIAL: [Self; 2] = [Self::MesialLeft, Self::MesialRight];
+
+    /// The name in the interfaces: `left`, `right`, `anterior`, `posterior`, `superior`, `inferior`, `mesial-left`,
+    /// `mesial-right`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Left => "left",
@@ -49,14 +57,16 @@ impl NamedView {
             Self::Posterior => "posterior",
             Self::Superior => "superior",
             Self::Inferior => "inferior",
+            Self::MesialLeft => "mesial-left",
+            Self::MesialRight => "mesial-right",
         }
     }
 
     /// The rotation from patient to view space.
     pub fn orientation(self) -> DQuat {
         let (up, towards_viewer) = match self {
-            Self::Left => (DVec3::Z, DVec3::X),
-            Self::Right => (DVec3::Z, DVec3::NEG_X),
+            Self::Left | Self::MesialRight => (DVec3::Z, DVec3::X),
+            Self::Right | Self::MesialLeft => (DVec3::Z, DVec3::NEG_X),
             Self::Anterior => (DVec3::Z, DVec3::NEG_Y),
             Self::Posterior => (DVec3::Z, DVec3::Y),
             Self::Superior => (DVec3::NEG_Y, DVec3::Z),
@@ -71,12 +81,12 @@ impl FromStr for NamedView {
     type Err = RenderError;
 
     fn from_str(name: &str) -> Result<Self, RenderError> {
-        Self::ALL
-            .into_iter()
+        let all = Self::ALL.into_iter().chain(Self::MESIAL);
+        all.into_iter()
             .find(|view| view.name() == name)
             .ok_or(RenderError::UnknownName {
                 name: "view",
-                known: "left, right, anterior, posterior, superior, inferior",
+                known: "left, right, anterior, posterior, superior, inferior, mesial-left, mesial-right",
             })
     }
 }
@@ -287,9 +297,13 @@ mod tests {
             (NamedView::Posterior, [80.0, 40.0, 10.0]),
             (NamedView::Superior, [80.0, 55.0, 20.0]),
             (NamedView::Inferior, [120.0, 55.0, -20.0]),
+            // The inner side of a hemisphere is seen from the other one.
+            (NamedView::MesialLeft, [95.0, 40.0, -40.0]),
+            (NamedView::MesialRight, [105.0, 40.0, 40.0]),
         ];
         for (view, frame) in expected {
             assert_eq!(project(Camera::named(view), point), frame, "{view:?}");
+            assert_eq!(view.name().parse::<NamedView>().unwrap(), view);
         }
     }
 

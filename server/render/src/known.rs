@@ -1,6 +1,6 @@
-//! The known part of an isosurface: beside a face of the volume that cuts the head, it is unknown.
+//! The known part of an isosurface: beside a face of the volume that cuts the head, and beside a fence, it is unknown.
 
-use geometry::{Cut, DepthField};
+use geometry::{Cut, DepthField, Fenced};
 
 use crate::points::PointRow;
 use crate::rays::{Rays, single};
@@ -23,17 +23,37 @@ pub(crate) fn cut_planes(field: &DepthField, depth_mm: f64) -> Vec<CutPlane> {
     field.cuts().iter().map(plane).collect()
 }
 
-/// Removes the unknown points from a row of pixels.
-pub(crate) fn leave_bare(planes: &[CutPlane], rays: &Rays, row: usize, points: &mut PointRow) {
-    if planes.is_empty() {
-        return;
+/// The known part of the isosurface at a depth.
+#[derive(Debug)]
+pub(crate) struct Known<'a> {
+    planes: Vec<CutPlane>,
+    fenced: Option<&'a Fenced>,
+}
+
+impl<'a> Known<'a> {
+    pub(crate) fn new(field: &'a DepthField, depth_mm: f64) -> Self {
+        Self {
+            planes: cut_planes(field, depth_mm),
+            fenced: field.fenced(),
+        }
     }
-    for (column, height) in points.heights.iter_mut().enumerate() {
-        let place = rays
-            .through(column as f32 + 0.5, row as f32 + 0.5)
-            .at(*height);
-        if height.is_finite() && deepest_known_mm(planes, place) < 0.0 {
-            *height = f32::NEG_INFINITY;
+
+    /// Removes the unknown points from a row of pixels.
+    pub(crate) fn leave_bare(&self, rays: &Rays, row: usize, points: &mut PointRow) {
+        if self.planes.is_empty() && self.fenced.is_none() {
+            return;
+        }
+        let is_unknown = |place: [f32; 3]| {
+            deepest_known_mm(&self.planes, place) < 0.0
+                || self.fenced.is_some_and(|fenced| fenced.covers(place))
+        };
+        for (column, height) in points.heights.iter_mut().enumerate() {
+            let place = rays
+                .through(column as f32 + 0.5, row as f32 + 0.5)
+                .at(*height);
+            if height.is_finite() && is_unknown(place) {
+                *height = f32::NEG_INFINITY;
+            }
         }
     }
 }

@@ -54,7 +54,9 @@ mod surface;
 mod trace;
 mod window;
 
-pub use annotate::{MIN_ANNOTATED_SIDE, annotate, annotate_slice, edge_letters, mark_sides};
+pub use annotate::{
+    Caption, MIN_ANNOTATED_SIDE, annotate, annotate_slice, edge_letters, mark_sides,
+};
 pub use apng::AnimatedPng;
 pub use backend::{RenderBackend, RenderJob, SizedMesh};
 pub use camera::{Camera, NamedView, Projection};

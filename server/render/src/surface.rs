@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::known::{cut_planes, leave_bare};
+use crate::known::Known;
 use crate::points::PointRow;
 use crate::rays::Rays;
 use crate::shade::Shade;
@@ -35,10 +35,10 @@ pub(crate) fn draw(
     let row_bytes = size.width() as usize * shade.format().bytes_per_pixel();
     let mut bytes = vec![0; row_bytes * size.height() as usize];
     let with_inward = shade.asks_for_inward();
-    let planes = cut_planes(scene.field, request.parameters().depth_mm);
+    let known = Known::new(scene.field, request.parameters().depth_mm);
     let rays = working_rays(scene, projection);
     let finish = |row: usize, points: &mut PointRow, pixels: &mut [u8]| {
-        leave_bare(&planes, &rays, row, points);
+        known.leave_bare(&rays, row, points);
         shade.row(row, points, pixels);
     };
     match surface.silhouette() {
@@ -167,7 +167,7 @@ pub(crate) fn hits(
     request: &RenderRequest,
     projection: &Projection,
 ) -> Hits {
-    let planes = cut_planes(scene.field, request.parameters().depth_mm);
+    let known = Known::new(scene.field, request.parameters().depth_mm);
     let rays = working_rays(scene, projection);
     let voxel_mm = voxel_mm(scene) as f32;
     let mut heights_mm = vec![f32::NEG_INFINITY; projection.size().pixel_count()];
@@ -177,7 +177,7 @@ pub(crate) fn hits(
         false,
         &mut heights_mm,
         |row, points, heights_mm| {
-            leave_bare(&planes, &rays, row, points);
+            known.leave_bare(&rays, row, points);
             for (height_mm, height) in heights_mm.iter_mut().zip(&points.heights) {
                 *height_mm = height * voxel_mm;
             }

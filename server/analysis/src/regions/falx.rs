@@ -78,6 +78,19 @@ impl Sheet {
         place.x - f64::from(row(0) * (1.0 - w) + row(1) * w)
     }
 
+    /// Whether the sheet meets tissue, or fluid within it, in the column of a position (LPS mm).
+    pub(super) fn is_in_tissue(&self, position_in_patient: DVec3) -> bool {
+        let place = self.head_from_patient.transform_point3(position_in_patient);
+        let along = |axis: usize, value: f64| {
+            let last = self.size[axis] as f64 - 1.0;
+            ((value - self.first[axis]) / STEP_MM)
+                .round()
+                .clamp(0.0, last) as usize
+        };
+        let column = along(0, place.y) + self.size[0] * along(1, place.z);
+        self.grounds[column] == Ground::Tissue
+    }
+
     /// To the axes of the head.
     pub(super) fn head_from_patient(&self) -> DAffine3 {
         self.head_from_patient

@@ -13,6 +13,7 @@
 //! is taken off.
 
 mod deep;
+mod division;
 mod doubt;
 mod falx;
 mod lattice;
@@ -28,6 +29,7 @@ use geometry::{Grid, flood};
 use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 
+pub use self::division::{Division, NoDivision, SurfacePart};
 pub use self::doubt::{RegionDoubt, RegionNumbers};
 pub use self::falx::Sheet;
 use self::lattice::Lattice;

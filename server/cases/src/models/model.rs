@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use bytes::Bytes;
-use case::{CaseFacts, CaseId, ObjectKind};
+use case::{CaseFacts, CaseId, ObjectKind, SurfaceName};
 use geometry::{
     DeformableModel, DepthMaps, DistanceMap, Forest, GeometryError, MeshSize, PathTable, Paths,
     ShrunkMesh,
@@ -18,23 +18,25 @@ use render::gpu::{CaseKey, KeyedModel};
 use serde::{Deserialize, Serialize};
 use storage::StoreError;
 
+use super::ModelError;
 use crate::cache;
 use crate::library::Library;
 
 /// Tables of paths kept beside the default one, in bytes: four of 10,000 vertices.
 const TABLES_BYTES: u64 = 16 << 20;
 
-/// A case in memory: its model, and the requested tables of paths.
+/// A surface of a case in memory: its model, and the requested tables of paths.
 ///
 /// The distance map, the forest and the mask are not included: only new tables of paths need them, and then they are
 /// read.
 pub struct WarmModel {
     model: Arc<DeformableModel>,
-    /// The facts for clients.
+    /// The facts for clients; the greatest depth and the sphere around the envelope are those of the surface.
     pub facts: CaseFacts,
     tables: Cache<TableKey, Arc<PathTable>, ByBytes>,
     library: Library,
     id: CaseId,
+    surface: SurfaceName,
 }
 
 type TableKey = (MeshSize, PathKind);
@@ -66,24 +68,47 @@ pub enum PathsError {
 }
 
 impl WarmModel {
-    /// Reads the model of a ready case; `None` if there is none.
-    pub(super) async fn load(library: &Library, id: &CaseId) -> Result<Option<Self>, StoreError> {
-        const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume, ObjectKind::Paths];
-        let decode_all =
-            |facts: &CaseFacts, payloads: &[Bytes]| Some((decode(facts, payloads)?, facts.clone()));
-        let loaded = library.load(id, KINDS, decode_all).await?;
+    /// Reads or builds the model of a surface of a ready case; `None` if there is no such case.
+    pub(super) async fn load(
+        library: &Library,
+        id: &CaseId,
+        surface: SurfaceName,
+    ) -> Result<Option<Self>, ModelError> {
+        let loaded = match surface {
+            SurfaceName::Whole => Self::load_whole(library, id).await?,
+            part => {
+                let loaded = library.surface_model(id, part).await?;
+                loaded.transpose().map_err(ModelError::NoSurfaces)?
+            }
+        };
         Ok(loaded.map(|(model, facts)| Self {
             model: Arc::new(model),
             facts,
             tables: cache::one_shard(ByBytes, TABLES_BYTES, 8),
             library: library.clone(),
             id: *id,
+            surface,
         }))
+    }
+
+    async fn load_whole(
+        library: &Library,
+        id: &CaseId,
+    ) -> Result<Option<(DeformableModel, CaseFacts)>, StoreError> {
+        const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume, ObjectKind::Paths];
+        let decode_all =
+            |facts: &CaseFacts, payloads: &[Bytes]| Some((decode(facts, payloads)?, facts.clone()));
+        library.load(id, KINDS, decode_all).await
     }
 
     /// The case.
     pub fn id(&self) -> &CaseId {
         &self.id
+    }
+
+    /// The surface.
+    pub fn surface(&self) -> SurfaceName {
+        self.surface
     }
 
     /// The model itself.
@@ -94,7 +119,8 @@ impl WarmModel {
     /// The model, with the key of its textures on a graphics device.
     pub fn keyed(&self) -> KeyedModel {
         KeyedModel {
-            key: CaseKey(self.id.number()),
+            // Ids are digests: another surface of another case has this key as rarely as another case.
+            key: CaseKey(self.id.number().wrapping_add(self.surface as u128)),
             model: Arc::clone(&self.model),
         }
     }
@@ -171,6 +197,13 @@ impl WarmModel {
         kind: PathKind,
         work: impl Fn(Walk) -> Result<T, GeometryError> + Send + Sync + 'static,
     ) -> Result<T, PathsError> {
+        if !self.surface.is_whole() {
+            let distance = self.distance().await?.ok_or(PathsError::Deleted)?;
+            let walk = move || work(Walk::through(distance, kind));
+            return Ok(tokio::task::spawn_blocking(walk)
+                .await
+                .map_err(StoreError::from)??);
+        }
         let kinds: &[ObjectKind] = match kind {
             PathKind::Forest => &[ObjectKind::Envelope, ObjectKind::Forest],
             PathKind::Flow => &[ObjectKind::Envelope],
@@ -186,6 +219,9 @@ impl WarmModel {
     /// # Errors
     /// If the store fails; `None` if the case was deleted.
     pub async fn distance(&self) -> Result<Option<DistanceMap>, StoreError> {
+        if !self.surface.is_whole() {
+            return self.library.surface_distance(&self.id, self.surface).await;
+        }
         let decode = |facts: &CaseFacts, payloads: &[Bytes]| {
             envelope_of(facts, payloads.first()?).map(|envelope| geometry::distance_map(&envelope))
         };
@@ -234,6 +270,15 @@ impl Walk {
             distance: geometry::distance_map(&envelope),
             forest,
         })
+    }
+
+    /// Through a distance map alone; the forest is grown again.
+    fn through(distance: DistanceMap, kind: PathKind) -> Self {
+        let grown = || geometry::forest(&distance, &geometry::core(&distance));
+        Self {
+            forest: (kind == PathKind::Forest).then(grown),
+            distance,
+        }
     }
 
     fn paths(&self) -> Paths<'_> {

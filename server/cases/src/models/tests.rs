@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use case::Parameters;
+use case::{Parameters, SurfaceName};
 use geometry::MeshSize;
 use imaging::Limits;
 use pipeline::Pipeline;
@@ -50,7 +50,11 @@ async fn ready() -> Ready {
 
 impl Ready {
     async fn model(&self) -> Arc<WarmModel> {
-        self.models.get(&self.id).await.unwrap().unwrap()
+        self.models
+            .get(&self.id, SurfaceName::Whole)
+            .await
+            .unwrap()
+            .unwrap()
     }
 
     fn damage(&self, kind: &str) {
@@ -128,7 +132,11 @@ async fn a_damaged_forest_is_made_again_when_a_table_needs_it() {
     let expected = model.paths(size, PathKind::Forest).await.unwrap();
     ready.damage("forest");
     let other = Models::new(ready.library.clone(), BUDGET_BYTES);
-    let model = other.get(&ready.id).await.unwrap().unwrap();
+    let model = other
+        .get(&ready.id, SurfaceName::Whole)
+        .await
+        .unwrap()
+        .unwrap();
     assert!(*model.paths(size, PathKind::Forest).await.unwrap() == *expected);
     assert_eq!(ready.library.store().counters().rebuilds, 1);
 }
@@ -140,7 +148,11 @@ async fn damaged_objects_are_made_again_before_a_model_is_served() {
     for (rebuilds, kind) in ["volume", "envelope", "paths"].into_iter().enumerate() {
         ready.damage(kind);
         let cold = Models::new(ready.library.clone(), BUDGET_BYTES);
-        let model = cold.get(&ready.id).await.unwrap().unwrap();
+        let model = cold
+            .get(&ready.id, SurfaceName::Whole)
+            .await
+            .unwrap()
+            .unwrap();
         assert!(model.model() == first.model());
         assert_eq!(
             ready.library.store().counters().rebuilds,
@@ -201,7 +213,14 @@ async fn a_deleted_case_has_no_model() {
     let ready = ready().await;
     let model = ready.model().await;
     ready.library.store().delete(&ready.id).await.unwrap();
-    assert!(ready.models.get(&ready.id).await.unwrap().is_none());
+    assert!(
+        ready
+            .models
+            .get(&ready.id, SurfaceName::Whole)
+            .await
+            .unwrap()
+            .is_none()
+    );
     assert_eq!(ready.models.bytes(), 0);
     let size = MeshSize::new(10, 10).unwrap();
     assert!(matches!(
@@ -217,7 +236,14 @@ async fn a_case_deleted_by_another_process_has_no_model_soon_after() {
     let other = Store::open(ready.directory.path()).await.unwrap();
     other.delete(&ready.id).await.unwrap();
     tokio::time::sleep(TRUST_FOR + Duration::from_millis(50)).await;
-    assert!(ready.models.get(&ready.id).await.unwrap().is_none());
+    assert!(
+        ready
+            .models
+            .get(&ready.id, SurfaceName::Whole)
+            .await
+            .unwrap()
+            .is_none()
+    );
 }
 
 #[tokio::test]
@@ -228,7 +254,13 @@ async fn a_queued_case_has_no_model_yet() {
         .await
         .unwrap();
     let models = Models::new(library, BUDGET_BYTES);
-    assert!(models.get(&queued.case.id).await.unwrap().is_none());
+    assert!(
+        models
+            .get(&queued.case.id, SurfaceName::Whole)
+            .await
+            .unwrap()
+            .is_none()
+    );
 }
 
 #[tokio::test]
@@ -236,6 +268,12 @@ async fn the_budget_bounds_what_is_kept() {
     let ready = ready().await;
     let bytes = ready.model().await.bytes();
     let tight = Models::new(ready.library.clone(), bytes - 1);
-    assert!(tight.get(&ready.id).await.unwrap().is_some());
+    assert!(
+        tight
+            .get(&ready.id, SurfaceName::Whole)
+            .await
+            .unwrap()
+            .is_some()
+    );
     assert_eq!((tight.count(), tight.bytes()), (0, 0));
 }

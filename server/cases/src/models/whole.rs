@@ -8,7 +8,6 @@ use geometry::Volume;
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
 
-use super::NotLoaded;
 use crate::cache;
 use crate::library::Library;
 use storage::StoreError;
@@ -23,6 +22,12 @@ const EXPECTED_VOLUMES: usize = 8;
 pub struct WholeVolumes {
     library: Library,
     cache: Arc<Cache<CaseId, Arc<Volume>, ByBytes>>,
+}
+
+/// The reason why a volume was not read.
+enum NotRead {
+    NotReady,
+    Failed(StoreError),
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -52,13 +57,13 @@ impl WholeVolumes {
         // Loading is rare, and its future large: on the heap, it does not weigh on the stack of every caller.
         let load = Box::pin(async {
             let loaded = self.library.whole_volume(id).await;
-            let volume = loaded.map_err(NotLoaded::Failed)?;
-            volume.map(Arc::new).ok_or(NotLoaded::NotReady)
+            let volume = loaded.map_err(NotRead::Failed)?;
+            volume.map(Arc::new).ok_or(NotRead::NotReady)
         });
         match self.cache.get_or_insert_async(id, load).await {
             Ok(volume) => Ok(Some(volume)),
-            Err(NotLoaded::NotReady) => Ok(None),
-            Err(NotLoaded::Failed(error)) => Err(error),
+            Err(NotRead::NotReady) => Ok(None),
+            Err(NotRead::Failed(error)) => Err(error),
         }
     }
 

@@ -5,18 +5,20 @@ use render::{Hits, RenderBackend, RenderError, RenderJob, RenderedFrame, SizedMe
 
 use super::PictureLayers;
 use super::graphics::Graphics;
-use super::request::CheckedPicture;
+use super::request::{CheckedPicture, PictureRequest};
 use crate::error::Error;
 use crate::limit::Turn;
 use crate::models::WarmModel;
 
-/// The backend for a renderer on this machine. Splatting does not wait for the graphics device.
-pub async fn backend_for(asked: Renderer, graphics: &Graphics) -> RenderBackend {
-    let device = match asked {
+/// The backend for a picture on this machine. Splatting does not wait for the graphics device. The surfaces of parts of a brain
+/// are drawn by the CPU: a device does not know their fences.
+pub async fn backend_for(picture: &PictureRequest, graphics: &Graphics) -> RenderBackend {
+    let device = match picture.renderer {
         Renderer::Splat => None,
+        _ if !picture.surface.is_whole() => None,
         _ => graphics.pool().await,
     };
-    RenderBackend::choose(asked, device)
+    RenderBackend::choose(picture.renderer, device)
 }
 
 /// A picture to draw, and its backend. Cheap to clone, except for its mesh.

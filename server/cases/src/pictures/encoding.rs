@@ -1,7 +1,7 @@
 //! Encodes a picture as PNG with its state.
 
-use case::CaseId;
-use render::{Frame, KeyedLayers, Projection, RenderBackend, RenderJob, RenderRequest};
+use case::{CaseId, SurfaceName};
+use render::{Caption, Frame, KeyedLayers, Projection, RenderBackend, RenderJob, RenderRequest};
 
 use super::drawing::DrawnPicture;
 use crate::error::Error;
@@ -12,6 +12,7 @@ pub struct ImageMetadata {
     case: Option<CaseId>,
     /// The line about the case in the picture.
     named: Option<String>,
+    surface: SurfaceName,
     request: RenderRequest,
     projection: Projection,
     layers: KeyedLayers,
@@ -23,6 +24,7 @@ impl ImageMetadata {
         Self {
             case: case.copied(),
             named: None,
+            surface: SurfaceName::Whole,
             request: job.request,
             projection: job.request.projection(&job.case.scene()),
             layers: job.layers.clone(),
@@ -33,6 +35,12 @@ impl ImageMetadata {
     #[must_use]
     pub fn named(self, named: Option<String>) -> Self {
         Self { named, ..self }
+    }
+
+    /// The same, of a surface.
+    #[must_use]
+    pub fn of_surface(self, surface: SurfaceName) -> Self {
+        Self { surface, ..self }
     }
 
     /// The projection of the picture.
@@ -46,6 +54,9 @@ impl ImageMetadata {
         let mut texts =
             render::state_texts(&case, backend.name(), &self.request, &self.layers.layers());
         texts.push(("device", backend.device()));
+        if !self.surface.is_whole() {
+            texts.push(("surface", self.surface.name().to_owned()));
+        }
         texts.retain(|(_, text)| !text.is_empty());
         texts
     }
@@ -88,7 +99,10 @@ pub fn annotated(frame: Frame, metadata: &ImageMetadata, annotate: bool) -> Fram
             &metadata.request,
             &metadata.projection,
             &metadata.layers.layers(),
-            metadata.named.as_deref(),
+            Caption {
+                named: metadata.named.as_deref(),
+                surface: metadata.surface.words(),
+            },
         )
     } else {
         frame

@@ -1,7 +1,8 @@
 //! The request for a picture, shared by HTTP and the command line.
 
-use case::CaseFacts;
+use case::{CaseFacts, SurfaceName};
 use geometry::{DeformableModel, MeshSize};
+use pipeline::surfaces::SURFACES_FORMAT;
 use render::choice::Renderer;
 use render::{
     Background, Camera, ColorMap, FrameSize, Light, MIN_ANNOTATED_SIDE, NamedView,
@@ -73,7 +74,14 @@ pub struct PictureRequest {
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(minimum = 0, default = 0))]
     pub depth_mm: f32,
-    /// A named view; by default `left`, unless `orientation` is given.
+    /// The surface below which depth is measured. `left` and `right` are the halves of the cerebrum, closed along the falx:
+    /// there, the inner side is peeled too. `cerebrum` is without cerebellum and brain stem. If the parts of the brain are in
+    /// doubt, only `whole` exists; the answer is then 409 `no-surfaces`. The CPU draws all but `whole`.
+    #[serde(default, skip_serializing_if = "SurfaceName::is_whole")]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub surface: SurfaceName,
+    /// A named view; by default `left`, unless `orientation` is given. `mesial-left`, the inner side of the left hemisphere, is
+    /// for `surface=left` alone, and `mesial-right` for `surface=right`.
     #[cfg_attr(feature = "openapi", param(inline))]
     pub view: Option<NamedView>,
     /// The quaternion x,y,z,w from patient to view space (x right, y up, z to the viewer), instead of `view`.
@@ -180,6 +188,7 @@ impl Default for PictureRequest {
     fn default() -> Self {
         Self {
             depth_mm: 0.0,
+            surface: SurfaceName::default(),
             view: None,
             orientation: None,
             renderer: Renderer::default(),
@@ -251,6 +260,24 @@ impl PictureRequest {
         }
     }
 
+    /// The view, if the surface has it.
+    fn checked_view(&self, view: NamedView) -> Result<NamedView, Error> {
+        let needed = match view {
+            NamedView::MesialLeft => SurfaceName::Left,
+            NamedView::MesialRight => SurfaceName::Right,
+            _ => return Ok(view),
+        };
+        if self.surface == needed {
+            return Ok(view);
+        }
+        let detail = format!(
+            "is `{}`, which needs `surface={}`: only that surface has this side",
+            view.name(),
+            needed.name()
+        );
+        Err(Error::out_of_range("view", detail))
+    }
+
     fn camera(&self) -> Result<Camera, Error> {
         let camera = match (self.orientation, self.view) {
             (Some(_), Some(_)) => {
@@ -258,7 +285,7 @@ impl PictureRequest {
                 return Err(Error::out_of_range("orientation", detail));
             }
             (Some(Numbers(orientation)), None) => Camera::new(orientation, 1.0, [0.0; 2])?,
-            (None, view) => Camera::named(view.unwrap_or(NamedView::Left)),
+            (None, view) => Camera::named(self.checked_view(view.unwrap_or(NamedView::Left))?),
         };
         let pan_mm = self.pan.map_or([0.0; 2], |Numbers(pan)| pan);
         Ok(camera.with_zoom(self.zoom)?.with_pan_mm(pan_mm)?)
@@ -276,6 +303,11 @@ impl PictureRequest {
             orientation: Some(Numbers(orientation.to_array())),
             ..self.clone()
         })
+    }
+
+    /// The version of the surface; `None` for the whole brain, which never changes.
+    pub fn surface_version(&self) -> Option<String> {
+        (!self.surface.is_whole()).then(|| format!("surfaces {SURFACES_FORMAT}"))
     }
 
     /// The requested layers.

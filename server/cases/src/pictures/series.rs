@@ -6,7 +6,7 @@ use render::{Frame, RenderBackend};
 use super::drawing::{DrawnPicture, backend_for, warm_job};
 use super::encoding::{EncodedImage, ImageMetadata, annotated, encode};
 use super::request::{CheckedPicture, PictureRequest};
-use super::{ChosenLayers, PictureLayers};
+use super::{ChosenLayers, PictureLayers, ShownDepth};
 use crate::error::Error;
 use crate::limit::Turn;
 use crate::{Cases, models::WarmModel};
@@ -36,6 +36,8 @@ pub struct SeriesPicture {
     pub number: usize,
     /// The request.
     pub request: PictureRequest,
+    /// The depth that it shows.
+    pub depth: ShownDepth,
     /// Its pixels.
     pub drawn: DrawnPicture,
     /// Its state and its annotation.
@@ -72,7 +74,7 @@ impl PictureSeries {
         for picture in pictures {
             planned.push(Planned {
                 layers: picture.asked.layers().of_case(&cases.library, id).await?,
-                backend: backend_for(picture.asked.renderer, &cases.graphics).await,
+                backend: backend_for(&picture.asked, &cases.graphics).await,
                 picture,
             });
         }
@@ -106,10 +108,13 @@ impl PictureSeries {
             .map_or("", |planned| planned.backend.name())
     }
 
-    /// The versions of the layers, each once; `None` if there are no layers.
+    /// The versions of the layers and of the surfaces, each once; `None` if there are no layers and only the whole brain is shown.
     pub fn versions(&self) -> Option<String> {
-        let versions = self.pictures.iter();
-        let versions = each_once(versions.filter_map(|planned| planned.layers.version()));
+        let pictures = self.pictures.iter();
+        let surfaces = pictures.clone();
+        let surfaces = surfaces.filter_map(|planned| planned.picture.asked.surface_version());
+        let layers = pictures.filter_map(|planned| planned.layers.version());
+        let versions = each_once(layers.chain(surfaces));
         (!versions.is_empty()).then_some(versions)
     }
 
@@ -141,9 +146,16 @@ impl PictureSeries {
         mut kept: T,
         add: impl Fn(&mut T, SeriesPicture) -> Result<(), Error> + Clone + Send + 'static,
     ) -> Result<T, Error> {
-        let model = cases.model(&self.id).await?;
+        let mut model = match self.pictures.first() {
+            Some(first) => cases.surface(&self.id, first.picture.asked.surface).await?,
+            None => return Ok(kept),
+        };
         let queued = cases.queue.enter()?;
         for (number, planned) in self.pictures.into_iter().enumerate() {
+            let surface = planned.picture.asked.surface;
+            if model.surface() != surface {
+                model = cases.surface(&self.id, surface).await?;
+            }
             let turn = queued.turn().await?;
             let loaded = planned.layers.load(&cases.library, &self.id).await?;
             let named = (self.is_named.then_some(&self.id), self.identity.clone());
@@ -166,10 +178,13 @@ impl Planned {
         turn: &Turn,
     ) -> Result<SeriesPicture, Error> {
         let job = warm_job(model, &self.picture, layers, self.backend).await?;
+        let depth = self.picture.depth.shown_in(&model.facts);
         let request = self.picture.asked;
+        let metadata = ImageMetadata::of(id, &job.job).of_surface(request.surface);
         Ok(SeriesPicture {
             number,
-            metadata: ImageMetadata::of(id, &job.job).named(identity.filter(|_| request.annotate)),
+            depth,
+            metadata: metadata.named(identity.filter(|_| request.annotate)),
             drawn: job.draw(turn).await?,
             request,
         })

@@ -115,7 +115,9 @@ impl From<Error> for CliError {
             Error::NotReady { .. } | Error::LayerNotReady | Error::Busy | Error::BusyFor(_) => {
                 ExitStatus::Unavailable
             }
-            Error::Geometry(_) | Error::MapsUndefined { .. } => ExitStatus::BadInput,
+            Error::Geometry(_) | Error::MapsUndefined { .. } | Error::NoSurfaces(_) => {
+                ExitStatus::BadInput
+            }
             Error::Store(_) | Error::StorageFailed(_) => ExitStatus::InputOutput,
             Error::Unavailable | Error::StorageFull | Error::Internal => ExitStatus::Internal,
         };

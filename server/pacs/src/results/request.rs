@@ -399,6 +399,10 @@ fn out_of_range(place: &str, detail: impl Into<String>) -> AppError {
 
 /// Checks a picture of the body.
 fn checked(picture: &PictureRequest) -> Result<CheckedPicture, AppError> {
+    if !picture.surface.is_whole() {
+        let detail = "`render.surface` must be `whole` in a result";
+        return Err(out_of_range("render.surface", detail));
+    }
     picture.checked().map_err(|error| match error {
         Error::Parameter { kind, name, detail } => {
             let hint = match name.as_ref() {
@@ -646,6 +650,10 @@ mod tests {
             (
                 r#"{"what": "sheet", "render": {"depth_mm": 1}}"#,
                 "`depth_mm`",
+            ),
+            (
+                r#"{"what": "view", "render": {"surface": "left"}}"#,
+                "`render.surface`",
             ),
             (r#"{"what": "sheet", "sheet": {"views": []}}"#, "`sheet`"),
             (

@@ -8,7 +8,7 @@ use axum::response::Response;
 use case::CaseFacts;
 use cases::pictures::{
     CheckedPicture, EncodedImage, PictureLayers, PictureRequest, PictureSeries, SeriesPicture,
-    backend_for, warm_job,
+    ShownDepth, backend_for, warm_job,
 };
 use cases::{Cases, Error};
 use render::RenderBackend;
@@ -48,7 +48,7 @@ const MAX_POSITIONS: usize = 1 << 22;
             ("X-Isocortex-Depth-Mm" = f32, description = "The depth of this picture"),
             ("X-Isocortex-Depth-Clamped" = bool, description = "Whether the requested depth exceeded the maximum"),
         )),
-        (status = 409, description = "The case is not ready"),
+        (status = 409, description = "The case is not ready, or has only the surface of the whole brain: `no-surfaces`"),
         (status = 503, description = "Too much work is waiting"),
     )
 )]
@@ -71,23 +71,22 @@ pub async fn get_render(
     // Before the backend, because finding a graphics device may take seconds, and a missing case none.
     cases.ready(&id).await?;
     if media == POSITIONS {
-        let backend = backend_for(asked.renderer, &cases.graphics).await;
+        let backend = backend_for(&asked, &cases.graphics).await;
         return answer_positions(question, &cases, &picture, backend).await;
     }
-    let depth = picture.depth;
     let series = PictureSeries::of(&cases, &id, [picture]).await?;
     // The pixels differ between renderers and between graphics devices.
     let versions = series.versions();
     let named = series.identity().map(str::to_owned);
     let format = format_with_layers(series.backends(), versions.clone()).named(named);
-    let work = async |facts: Arc<CaseFacts>| {
-        let keep = |image: &mut Option<EncodedImage>, picture: SeriesPicture| {
-            *image = Some(picture.encoded()?);
+    let work = async |_: Arc<CaseFacts>| {
+        let keep = |image: &mut Option<(ShownDepth, EncodedImage)>, picture: SeriesPicture| {
+            *image = Some((picture.depth, picture.encoded()?));
             Ok(())
         };
         let image = series.draw_each(&cases, None, keep).await?;
-        let image = image.ok_or(Error::Internal)?;
-        let mut headers = depth_headers(depth.shown_in(&facts));
+        let (depth, image) = image.ok_or(Error::Internal)?;
+        let mut headers = depth_headers(depth);
         describe(&image, &mut headers);
         Ok(Content {
             variant: Some(with_version(image.backend.to_string(), versions)),
@@ -105,7 +104,12 @@ async fn answer_positions(
     picture: &CheckedPicture,
     backend: RenderBackend,
 ) -> Result<Response, AppError> {
-    let PictureRequest { width, height, .. } = *question.query;
+    let PictureRequest {
+        width,
+        height,
+        surface,
+        ..
+    } = *question.query;
     if width as usize * height as usize > MAX_POSITIONS {
         let detail =
             format!("times `height` must be at most {MAX_POSITIONS} pixels for their positions");
@@ -113,17 +117,23 @@ async fn answer_positions(
     }
     let id = question.id;
     // Positions differ between renderers and between graphics devices, as pixels do.
-    let variant_of = |backend: &RenderBackend| format!("{POSITIONS} {backend}");
+    let version = question.query.surface_version();
+    let variant_of =
+        |backend: &RenderBackend| with_version(format!("{POSITIONS} {backend}"), version.clone());
     let format = Format::of(POSITIONS).variant(variant_of(&backend));
-    let work = async |facts: Arc<CaseFacts>| {
-        let model = cases.model(&id).await?;
+    let format = match version {
+        None => format,
+        Some(_) => format.revalidated(),
+    };
+    let work = async |_: Arc<CaseFacts>| {
+        let model = cases.surface(&id, surface).await?;
         let turn = cases.queue.turn().await?;
         let job = warm_job(&model, picture, PictureLayers::default(), backend).await?;
         let (hits, backend) = job.hits(&turn).await?;
         let body = turn
             .run(move || wire::positions(&hits.positions_in_patient()))
             .await?;
-        let mut headers = depth_headers(picture.depth.shown_in(&facts));
+        let mut headers = depth_headers(picture.depth.shown_in(&model.facts));
         describe_backend(&backend, &mut headers);
         let size = HeaderName::from_static("x-isocortex-size");
         conditional::insert(&mut headers, size, &format!("{width},{height}"));

@@ -39,7 +39,7 @@ const ZIP: &str = "application/zip";
         )),
         (status = 400, description = "The body is invalid; `parameter` is the path of the error"),
         (status = 406, description = "The media type is not accepted"),
-        (status = 409, description = "The case is not ready"),
+        (status = 409, description = "The case is not ready, or has only the surface of the whole brain: `no-surfaces`"),
         (status = 413, description = "The body is too long"),
         (status = 503, description = "Too much work is waiting, or the pictures took too long"),
     )

@@ -1,0 +1,384 @@
+//! The parts of a brain that have surfaces of their own, on the working grid.
+
+use geometry::{Grid, Mask, face_neighbours, flood};
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Region, RegionDoubt, Regions, Sheet, TISSUE_FROM, regions};
+use crate::block::Block;
+use crate::maps::tissue_of;
+use crate::{Head, MapsUndefined};
+
+/// A part of the brain that is closed on its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum SurfacePart {
+    /// The left half of the cerebrum.
+    Left,
+    /// The right half of the cerebrum.
+    Right,
+    /// Both halves, without cerebellum and brain stem.
+    Cerebrum,
+}
+
+impl SurfacePart {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Left, Self::Right, Self::Cerebrum];
+
+    fn has(self, mark: u8) -> bool {
+        match self {
+            Self::Left => mark & PART == LEFT,
+            Self::Right => mark & PART == RIGHT,
+            Self::Cerebrum => matches!(mark & PART, LEFT | RIGHT),
+        }
+    }
+}
+
+/// Why a brain has no surfaces of parts.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum NoDivision {
+    /// Its tissue is not seen.
+    #[error(transparent)]
+    Undefined(#[from] MapsUndefined),
+    /// Its regions are not to be believed.
+    #[error(transparent)]
+    Doubt(RegionDoubt),
+}
+
+impl NoDivision {
+    /// The stable name, for programs and translations.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::Undefined(reason) => reason.code(),
+            Self::Doubt(doubt) => doubt.code(),
+        }
+    }
+}
+
+// What a voxel belongs to; 0 is outside the envelope.
+const LEFT: u8 = 1;
+const RIGHT: u8 = 2;
+const REMOVED: u8 = 3;
+const PART: u8 = 3;
+/// Set if a voxel is tissue, not fluid or dura.
+const TISSUE: u8 = 4;
+/// A voxel of the envelope without a region.
+const OPEN: u8 = 8;
+
+/// A brain divided into hemispheres, and what is not cerebrum, on its working grid.
+#[derive(Debug, Clone)]
+pub struct Division {
+    grid: Grid,
+    marks: Vec<u8>,
+    sheet: Sheet,
+}
+
+impl Division {
+    /// Divides the brain of a head. `known` is a doubt from elsewhere.
+    ///
+    /// # Errors
+    /// If the tissue is not seen, or if there is a doubt about the regions: half a brain is never shown as a hemisphere.
+    pub fn new(head: Head<'_>, known: Option<RegionDoubt>) -> Result<Self, NoDivision> {
+        if let Some(doubt) = known {
+            return Err(NoDivision::Doubt(doubt));
+        }
+        let (block, values, _) = tissue_of(head)?;
+        let regions = regions(head, &block, &values, None);
+        match (regions.doubts.first(), &regions.sheet) {
+            (None, Some(sheet)) => Ok(Self {
+                grid: head.depth.grid().clone(),
+                marks: marks(head, &block, (&regions, sheet), &values),
+                sheet: sheet.clone(),
+            }),
+            (doubt, _) => Err(NoDivision::Doubt(
+                doubt.copied().unwrap_or(RegionDoubt::NoAxes),
+            )),
+        }
+    }
+
+    /// Whether a voxel of the working grid belongs to a part.
+    pub fn has(&self, part: SurfacePart, index: usize) -> bool {
+        part.has(self.marks[index])
+    }
+
+    /// The border voxels of a part at which its border runs through tissue, ascending: through callosum, thalamus and brain stem at the
+    /// sheet between the hemispheres, and through tissue at the cut of cerebellum and brain stem. Elsewhere it is dura.
+    ///
+    /// `closed` is the closed part, on a block of the working grid.
+    pub fn fence(&self, part: SurfacePart, closed: &Mask) -> Vec<u32> {
+        let grid = closed.grid();
+        let own_from_closed = self.grid.voxel_from_patient() * grid.patient_from_voxel();
+        let first = own_from_closed.translation.round();
+        let size = DVec3::from_array(self.grid.size().map(|side| side as f64));
+        let own = |index: usize| {
+            let voxel = DVec3::from_array(grid.voxel(index).map(|along| along as f64)) + first;
+            let is_inside = voxel.cmpge(DVec3::ZERO).all() && voxel.cmplt(size).all();
+            is_inside.then(|| {
+                self.grid
+                    .index(voxel.to_array().map(|along| along as usize))
+            })
+        };
+        let mark = |index: usize| own(index).map_or(0, |index| self.marks[index]);
+        let is_through_tissue = |index: usize, beyond: usize| match mark(beyond) {
+            outside if outside & PART == 0 || part.has(outside) => false,
+            removed if removed & PART == REMOVED => removed & mark(index) & TISSUE != 0,
+            _ => {
+                let place = |index: usize| {
+                    let voxel = grid.voxel(index).map(|along| along as f64);
+                    grid.patient_from_voxel().transform_point3(voxel.into())
+                };
+                self.sheet
+                    .is_in_tissue(place(index).midpoint(place(beyond)))
+            }
+        };
+        let voxels = closed.voxels();
+        let is_fence = |index: &u32| {
+            let index = *index as usize;
+            voxels[index]
+                && face_neighbours(grid.size(), index)
+                    .any(|(_, beyond)| !voxels[beyond] && is_through_tissue(index, beyond))
+        };
+        (0..voxels.len() as u32)
+            .into_par_iter()
+            .filter(is_fence)
+            .collect()
+    }
+}
+
+/// The marks of the voxels of the working grid.
+///
+/// The region of a voxel is that of the nearest voxel of the block, but its side is exact.
+fn marks(
+    head: Head<'_>,
+    block: &Block,
+    (regions, sheet): (&Regions, &Sheet),
+    values: &[f32],
+) -> Vec<u8> {
+    let grid = head.depth.grid();
+    let [nx, ny, _] = grid.size();
+    let block_from_working = block.grid.voxel_from_patient() * grid.patient_from_voxel();
+    let step = block_from_working.matrix3.x_axis;
+    let last = DVec3::from_array(block.size.map(|side| side as f64 - 1.0));
+    let depths = head.depth.values();
+    let mut marks = vec![0; depths.len()];
+    let fill = |(row, marks): (usize, &mut [u8])| {
+        let start = DVec3::from_array([0, row % ny, row / ny].map(|along| along as f64));
+        let start = block_from_working.transform_point3(start);
+        let is_inside = |&(x, _): &(usize, &mut u8)| depths[row * nx + x] >= 0;
+        for (x, mark) in marks.iter_mut().enumerate().filter(is_inside) {
+            let place = (start + step * x as f64).round().clamp(DVec3::ZERO, last);
+            let place = place.to_array().map(|along| along as usize);
+            let index = block.grid.index(place);
+            let tissue = if values[index] >= TISSUE_FROM {
+                TISSUE
+            } else {
+                0
+            };
+            *mark = tissue
+                | match Region::from_code(regions.codes()[index]) {
+                    Some(Region::Cerebellum | Region::BrainStem) => REMOVED,
+                    Some(_) => LEFT,
+                    None => OPEN,
+                };
+        }
+    };
+    marks.par_chunks_mut(nx).enumerate().for_each(fill);
+    fill_open(grid, &mut marks);
+    let divide = |(row, marks): (usize, &mut [u8])| {
+        let place = |x: usize| DVec3::from_array([x, row % ny, row / ny].map(|along| along as f64));
+        for (x, mark) in marks.iter_mut().enumerate() {
+            let is_right = || {
+                let place = grid.patient_from_voxel().transform_point3(place(x));
+                sheet.left_mm(place) < 0.0
+            };
+            if *mark & PART == LEFT && is_right() {
+                *mark = *mark & TISSUE | RIGHT;
+            }
+        }
+    };
+    marks.par_chunks_mut(nx).enumerate().for_each(divide);
+    marks
+}
+
+/// Gives the voxels without a region that of the nearest ones with one.
+fn fill_open(grid: &Grid, marks: &mut [u8]) {
+    let size = grid.size();
+    let is_open = |mark: u8| mark & OPEN != 0;
+    let around = (0..marks.len())
+        .filter(|&index| is_open(marks[index]))
+        .flat_map(|index| face_neighbours(size, index))
+        .filter(|&(_, other)| marks[other] & PART != 0);
+    let mut seeds: Vec<u32> = around.map(|(_, other)| other as u32).collect();
+    seeds.sort_unstable();
+    seeds.dedup();
+    // Fluid, as far as its part matters.
+    for mark in marks.iter_mut().filter(|mark| is_open(**mark)) {
+        *mark = OPEN;
+    }
+    flood(size, |_| 0, (marks, OPEN), seeds, |mark, _| mark & PART);
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use geometry::{BrainMask, Envelope, cut_envelope, distance_map};
+
+    use super::*;
+    use crate::phantom::{Scan, mirrored};
+    use crate::regions::phantom::{BrainPhantom, grid};
+
+    /// The surface of a part of a brain.
+    pub(in crate::regions) fn closed(
+        mask: &Mask,
+        scan: &Scan,
+        division: &Division,
+        part: SurfacePart,
+    ) -> Envelope {
+        let brain = BrainMask::from_mask(mask, scan.volume.grid()).unwrap();
+        assert_eq!(brain.mask().grid(), &division.grid);
+        let own = brain.mask().voxels().iter().enumerate();
+        let own = own.map(|(index, &is_brain)| is_brain && division.has(part, index));
+        let own = Mask::new(division.grid.clone(), own.collect()).unwrap();
+        let envelope = cut_envelope(&BrainMask::from_stored(own).unwrap(), 10.0, &[]).unwrap();
+        let envelope = envelope.clipped(|index| division.has(part, index)).unwrap();
+        let fence = division.fence(part, envelope.mask());
+        envelope.with_fence(fence)
+    }
+
+    fn divided(phantom: &BrainPhantom) -> (Scan, Division) {
+        let scan = phantom.scan(&grid());
+        let division = Division::new(scan.head(), None).unwrap();
+        (scan, division)
+    }
+
+    #[test]
+    fn a_hemisphere_is_closed_on_its_side_and_its_border_is_a_fence_where_the_sheet_cuts_tissue() {
+        let phantom = BrainPhantom::PLAIN;
+        let (scan, division) = divided(&phantom);
+        for (part, sign) in [(SurfacePart::Left, 1.0), (SurfacePart::Right, -1.0)] {
+            let envelope = closed(&phantom.mask(&grid()), &scan, &division, part);
+            let grid = envelope.grid();
+            let place = |index: usize| {
+                let voxel = grid.voxel(index).map(|along| along as f64);
+                grid.patient_from_voxel().transform_point3(voxel.into())
+            };
+            let inside = envelope.mask().voxels();
+            let whole = scan.depth.grid();
+            for index in (0..inside.len()).filter(|&index| inside[index]) {
+                let place = place(index);
+                // The sheet of the phantom lies in the plane x = 0.
+                assert!(place.x * sign > -1.5, "{place}");
+                let voxel = whole.voxel_from_patient().transform_point3(place);
+                assert!(scan.depth.depth_mm(voxel.as_vec3()) > -0.1, "{place}");
+            }
+            let share = envelope.volume_ml() / 0.5 / 1000.0;
+            assert!((0.7..1.5).contains(&share), "{share}");
+            let (mut right, mut all) = (0u32, 0u32);
+            for &index in envelope.fence() {
+                let from_centre = phantom
+                    .placed
+                    .inverse()
+                    .transform_point3(place(index as usize));
+                // The fissure is 38 mm deep, also from below: only the middle is tissue to the other side.
+                let from_centre = from_centre - DVec3::new(0.0, 4.0, 27.0);
+                let is_deep = from_centre.y.abs() < 55.0 && from_centre.z.abs() < 14.0;
+                all += 1;
+                right += u32::from(is_deep);
+            }
+            println!("{part:?}: {all} voxels of fence, {right} in the middle");
+            assert!(
+                all > 500 && f64::from(right) > 0.95 * f64::from(all),
+                "{right} of {all}"
+            );
+        }
+    }
+
+    #[test]
+    fn most_of_the_mesial_wall_has_a_depth_below_the_falx() {
+        let phantom = BrainPhantom::PLAIN;
+        let (scan, division) = divided(&phantom);
+        let envelope = closed(&phantom.mask(&grid()), &scan, &division, SurfacePart::Left);
+        let distance = distance_map(&envelope);
+        let at = |place: DVec3| {
+            let place = phantom.placed.transform_point3(place);
+            let voxel = envelope
+                .grid()
+                .voxel_from_patient()
+                .transform_point3(place)
+                .round();
+            let index = envelope
+                .grid()
+                .index(voxel.to_array().map(|along| along as usize));
+            (distance.is_known(index), distance.depth_mm(index).unwrap())
+        };
+        // 8 mm beside the falx, 20 mm below the vertex and the frontal pole.
+        for place in [DVec3::new(8.0, 4.0, 52.0), DVec3::new(8.0, 70.0, 14.0)] {
+            let (is_known, depth_mm) = at(place);
+            assert!(
+                is_known && (depth_mm - 7.5).abs() < 1.6,
+                "{place} {depth_mm}"
+            );
+        }
+        // Below the bottom of the fissure, the sheet is the nearest border, and it is no dura.
+        let (is_known, depth_mm) = at(DVec3::new(6.0, 4.0, 27.0));
+        assert!(!is_known && (depth_mm - 5.5).abs() < 1.6, "{depth_mm}");
+    }
+
+    #[test]
+    fn a_mirrored_head_has_the_mirrored_parts() {
+        let (_, division) = divided(&BrainPhantom::PLAIN);
+        let phantom = BrainPhantom {
+            placed: mirrored() * BrainPhantom::PLAIN.placed,
+            ..BrainPhantom::PLAIN
+        };
+        let (_, other) = divided(&phantom);
+        let (mut same, mut all) = (0u32, 0u32);
+        for (index, &mark) in division
+            .marks
+            .iter()
+            .enumerate()
+            .filter(|(_, mark)| **mark & PART > 0)
+        {
+            let voxel = division.grid.voxel(index).map(|along| along as f64);
+            let place = division
+                .grid
+                .patient_from_voxel()
+                .transform_point3(voxel.into());
+            let there = other.grid.voxel_from_patient() * mirrored();
+            let there = there.transform_point3(place).round();
+            let size = DVec3::from_array(other.grid.size().map(|side| side as f64));
+            if there.cmplt(DVec3::ZERO).any() || there.cmpge(size).any() {
+                continue;
+            }
+            let there = other.marks[other
+                .grid
+                .index(there.to_array().map(|along| along as usize))];
+            let as_seen = match mark & PART {
+                LEFT => RIGHT,
+                RIGHT => LEFT,
+                part => part,
+            };
+            all += 1;
+            same += u32::from(there & PART == as_seen);
+        }
+        assert!(f64::from(same) > 0.99 * f64::from(all), "{same} of {all}");
+    }
+
+    #[test]
+    fn half_a_brain_and_a_brain_without_a_fissure_have_no_parts() {
+        for phantom in [
+            BrainPhantom {
+                has_right_half: false,
+                ..BrainPhantom::PLAIN
+            },
+            BrainPhantom {
+                fissure_mm: -20.0,
+                ..BrainPhantom::PLAIN
+            },
+        ] {
+            let none = Division::new(phantom.scan(&grid()).head(), None);
+            assert!(matches!(none, Err(NoDivision::Doubt(_))));
+        }
+        let scan = BrainPhantom::PLAIN.scan(&grid());
+        let none = Division::new(scan.head(), Some(RegionDoubt::PrunedMask));
+        assert_eq!(none.unwrap_err().code(), "regions-pruned-mask");
+    }
+}

@@ -1,0 +1,226 @@
+//! Surfaces of parts of the brain: each hemisphere and the cerebrum, closed on their own.
+
+use analysis::steps::regions_phantom::BrainPhantom;
+use axum::http::StatusCode;
+use cases::pictures::GpuUse;
+use geometry::{Grid, Rescale, Volume};
+use glam::DVec3;
+
+use crate::server::{Answer, Server};
+
+const SPACING_MM: f64 = 1.5;
+
+/// A bright ball beside the falx, on the patient's left: along the axes of the phantom, in mm.
+const BALL: DVec3 = DVec3::new(6.0, 55.0, 30.0);
+const BALL_MM: f64 = 4.0;
+const BALL_INTENSITY: u16 = 3000;
+
+/// Black up to white matter, so that only the ball is bright.
+const BALL_WINDOW: &str = "window=2200,1000&ambient=1";
+
+/// A phantom with a ball on its left, as files: volume and mask; mirrored on request.
+fn head(is_mirrored: bool) -> [Vec<u8>; 2] {
+    let phantom = BrainPhantom {
+        noise: 0.0,
+        ..BrainPhantom::PLAIN
+    };
+    let size = [100, 126, 102];
+    let origin = DVec3::new(-49.5 * SPACING_MM, -62.0 * SPACING_MM, -52.0 * SPACING_MM);
+    let grid = Grid::aligned(size, [SPACING_MM; 3], origin).unwrap();
+    let scan = phantom.scan(&grid);
+    let own_from_voxel = phantom.placed.inverse() * grid.patient_from_voxel();
+    let ball = |index: usize| {
+        let voxel = grid.voxel(index).map(|along| along as f64);
+        own_from_voxel.transform_point3(voxel.into()).distance(BALL) < BALL_MM
+    };
+    let voxels = scan.volume.voxels().iter().enumerate();
+    let mut voxels: Vec<u16> = voxels
+        .map(|(index, &voxel)| if ball(index) { BALL_INTENSITY } else { voxel })
+        .collect();
+    let mut mask = phantom.mask(&grid).voxels().to_vec();
+    if is_mirrored {
+        for row in voxels.chunks_exact_mut(size[0]) {
+            row.reverse();
+        }
+        for row in mask.chunks_exact_mut(size[0]) {
+            row.reverse();
+        }
+    }
+    let rescale = Rescale {
+        slope: 1.0,
+        intercept: 0.0,
+    };
+    let volume = Volume::new(grid.clone(), voxels, rescale).unwrap();
+    let mask = geometry::Mask::new(grid, mask).unwrap();
+    [
+        imaging::nifti::write_volume(&volume).unwrap(),
+        imaging::nifti::write_mask(&mask).unwrap(),
+    ]
+}
+
+async fn case_of(server: &Server, [volume, mask]: [Vec<u8>; 2]) -> String {
+    let parts = [("volume", &volume[..]), ("mask", &mask[..])];
+    server.prepared(&parts).await
+}
+
+fn bright_count(answer: &Answer) -> usize {
+    assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
+    let picture = answer.grey();
+    picture.pixels().filter(|pixel| pixel[0] > 200).count()
+}
+
+#[tokio::test]
+async fn a_ball_on_the_left_lies_on_the_left_surface_alone_and_the_mirrored_head_shows_the_mirrored_picture()
+ {
+    let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
+    let case = case_of(&server, head(false)).await;
+    for renderer in ["trace", "splat", "mesh"] {
+        let render = async |surface: &str, view: &str| {
+            let address = format!(
+                "{case}/render?depth_mm=5&surface={surface}&view={view}&renderer={renderer}&{BALL_WINDOW}"
+            );
+            bright_count(&server.get(&address).await)
+        };
+        let left = render("left", "mesial-left").await;
+        assert!(left > 100, "{renderer}: {left}");
+        assert_eq!(render("right", "mesial-right").await, 0, "{renderer}");
+        assert_eq!(render("left", "left").await, 0, "{renderer}");
+    }
+    // Nothing of the ball is near the surface of the whole brain.
+    let whole = format!("{case}/render?depth_mm=5&view=right&{BALL_WINDOW}");
+    assert_eq!(bright_count(&server.get(&whole).await), 0);
+
+    let mirrored = case_of(&server, head(true)).await;
+    for (one, other) in [
+        (
+            "surface=left&view=mesial-left",
+            "surface=right&view=mesial-right",
+        ),
+        ("surface=right&view=right", "surface=left&view=left"),
+    ] {
+        let seen = async |case: &str, keys: &str| {
+            server
+                .get(&format!("{case}/render?depth_mm=8&{keys}"))
+                .await
+                .grey()
+        };
+        let (one, other) = (seen(&case, one).await, seen(&mirrored, other).await);
+        let other = image::imageops::flip_horizontal(&other);
+        let pairs = one.pixels().zip(other.pixels());
+        let differing = pairs
+            .filter(|(one, other)| one[0].abs_diff(other[0]) > 12)
+            .count();
+        assert!(one.pixels().filter(|pixel| pixel[0] > 0).count() > 20_000);
+        assert!(differing < 2_500, "{differing}");
+    }
+}
+
+#[tokio::test]
+async fn a_surface_is_made_when_it_is_first_asked_for_kept_and_told_apart_from_the_whole_brain() {
+    let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
+    let case = case_of(&server, head(false)).await;
+    let stored = |server: &Server| {
+        let files = server.stored_files().into_iter();
+        let is_of_surfaces = |file: &std::path::PathBuf| {
+            file.components().any(|part| part.as_os_str() == "surfaces")
+        };
+        files.filter(is_of_surfaces).count()
+    };
+    let whole = server.get(&format!("{case}/render?depth_mm=8")).await;
+    let said = server
+        .get(&format!("{case}/render?depth_mm=8&surface=whole"))
+        .await;
+    assert!(whole.body == said.body);
+    assert_eq!(stored(&server), 0, "nobody has asked for a part yet");
+
+    let address = format!("{case}/render?depth_mm=8&surface=left&view=mesial-left&annotate=true");
+    let left = server.get(&address).await;
+    assert_eq!(left.status, StatusCode::OK, "{left:?}");
+    assert_eq!(stored(&server), 1);
+    assert_eq!(left.header("x-isocortex-device"), "cpu");
+    let tag = left.header("etag").to_owned();
+    let unchanged = server.get_with(&address, &[("if-none-match", &tag)]).await;
+    assert_eq!(unchanged.status, StatusCode::NOT_MODIFIED);
+
+    let deepest = async |surface: &str| {
+        let answer = server
+            .get(&format!("{case}/render?depth_mm=200&surface={surface}"))
+            .await;
+        assert_eq!(answer.header("x-isocortex-depth-clamped"), "true");
+        answer
+            .header("x-isocortex-depth-mm")
+            .parse::<f32>()
+            .unwrap()
+    };
+    let (of_half, of_whole) = (deepest("left").await, deepest("whole").await);
+    assert!(of_half < of_whole - 5.0, "{of_half} {of_whole}");
+
+    for (surface, is_on_side) in [
+        ("left", (|x| x > -2.0) as fn(f32) -> bool),
+        ("right", |x| x < 2.0),
+    ] {
+        let address = format!("{case}/render?depth_mm=6&surface={surface}&view=superior");
+        let accept = [("accept", "application/octet-stream")];
+        let answer = server.get_with(&address, &accept).await;
+        let positions = answer.positions().into_iter();
+        let shown: Vec<_> = positions.filter(|position| !position[0].is_nan()).collect();
+        assert!(shown.len() > 5_000, "{}", shown.len());
+        assert!(
+            shown.iter().all(|position| is_on_side(position[0])),
+            "{surface}"
+        );
+    }
+    // Without the cerebellum, the lowest point lies higher.
+    let lowest = async |surface: &str| {
+        let address = format!("{case}/render?depth_mm=2&surface={surface}&view=posterior");
+        let accept = [("accept", "application/octet-stream")];
+        let answer = server.get_with(&address, &accept).await;
+        let heights = answer.positions().into_iter().map(|position| position[2]);
+        heights
+            .filter(|height| !height.is_nan())
+            .fold(f32::INFINITY, f32::min)
+    };
+    assert!(lowest("cerebrum").await > lowest("whole").await + 15.0);
+
+    let server = server.restart().await;
+    assert!(server.get(&address).await.body == left.body);
+    assert_eq!(stored(&server), 1);
+}
+
+#[tokio::test]
+async fn a_side_that_a_surface_lacks_and_a_head_without_parts_are_refused_with_a_reason() {
+    let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
+    let case = server.plain_case().await;
+    for keys in [
+        "view=mesial-left",
+        "surface=whole&view=mesial-left",
+        "surface=right&view=mesial-left",
+        "surface=cerebrum&view=mesial-right",
+    ] {
+        let answer = server.get(&format!("{case}/render?{keys}")).await;
+        assert_eq!(answer.status, StatusCode::BAD_REQUEST, "{keys}");
+        assert_eq!(answer.problem(), "query-value-out-of-range");
+        let problem = answer.json();
+        assert_eq!(problem["parameter"], "view");
+        assert!(
+            problem["detail"]
+                .as_str()
+                .unwrap()
+                .contains("needs `surface=")
+        );
+    }
+    // Its voxels are too large.
+    for _ in 0..2 {
+        let answer = server.get(&format!("{case}/render?surface=left")).await;
+        assert_eq!(answer.status, StatusCode::CONFLICT);
+        assert_eq!(answer.problem(), "no-surfaces");
+        let detail = answer.json()["detail"].as_str().unwrap().to_owned();
+        assert!(
+            detail.starts_with("only the whole brain has a surface: "),
+            "{detail}"
+        );
+        assert!(detail.contains("4.00 mm"), "{detail}");
+    }
+    let whole = server.get(&format!("{case}/render?surface=whole")).await;
+    assert_eq!(whole.status, StatusCode::OK);
+}
