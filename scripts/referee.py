@@ -4,7 +4,7 @@
     scripts/referee.py answers [--program FILE] [--base FILE] [--record]
     scripts/referee.py times [--base FILE] [--record]
 
-`answers` compares ids of cases, 60 pictures, meshes, textures and DICOM results of three made-up heads and, if ISOCORTEX_TEST_DATA is set, three real
+`answers` compares ids of cases, pictures, meshes, textures and DICOM results of three made-up heads and, if ISOCORTEX_TEST_DATA is set, three real
 ones, the parts of /openapi.json, and sizes. The program serves an empty directory on 127.0.0.1 without a graphics device. A PNG is also compared by its
 pixels, because its texts name the version. The exit status is 1 if anything but a size differs.
 
@@ -44,7 +44,7 @@ PATIENCE_S = 900
 
 
 def pictures():
-    """The 60 pictures: a name, an address below the case, a body for POST or None, and the accepted media type."""
+    """Pictures: a name, an address below the case, a body for POST or None, and the accepted media type."""
     for view in VIEWS:
         for depth_mm in [0, 6]:
             for renderer in RENDERERS:
@@ -69,6 +69,10 @@ def pictures():
     yield "swivel", "renders", {"swivel": {"frames": 6, "render": {**small, "depth_mm": 5}}}, "*/*"
     sweep = {"from_mm": 0, "to_mm": 20, "frames": 5, "render": {**small, "renderer": "mesh"}}
     yield "sweep", "renders", {"sweep": sweep}, "*/*"
+    back = {**sweep, "there_and_back": True, "average_shallow": True, "render": small}
+    yield "sweep there and back", "renders", {"sweep": back}, "*/*"
+    for normal in ["&normal=0.3,1,-0.2", ""]:
+        yield f"oblique slice {normal}", f"slices/oblique?position=-20,-10,15{normal}&width=200&height=160&depth_mm=4", None, "image/png"
     yield "quality sheet", "quality", None, "image/png"
 
 
@@ -92,7 +96,8 @@ def bodies():
 def results(is_dicom):
     """DICOM results, in the same form. A case from NIfTI names its study, and has no frame of reference for masks."""
     study = {} if is_dicom else {"study": {"StudyInstanceUID": "1.2.3", "PatientID": "P", "PatientName": "Doe^J"}}
-    size = {"width": 160, "height": 120}
+    # Results are annotated, which needs 128 pixels.
+    size = {"width": 160, "height": 128}
     wanted = {
         "view": {"what": "view", "render": {**size, "depth_mm": 5}},
         "sheet": {"what": "sheet", "render": size},
