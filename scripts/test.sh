@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Runs the checks: `fast` (format, lints, unit tests) or `all` (also the integration, documentation and browser tests).
-# Every step runs even if an earlier one failed; the last line is a summary. The laboratory is only linted: `make lab` tests it.
+# Every step runs even if an earlier one failed; the last line is a summary. Of the laboratory, which is linted, only the trial
+# is tested, because it is made for users: `make lab` tests the rest.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -115,6 +116,7 @@ else
   # Building the tests and the program in one go gives both the same features.
   step build cargo build --locked --bins --tests
   step tests rust_tests --lib --bins --tests
+  step "laboratory's trial" rust_tests --workspace --test trial
   if [ "${CI:-}" = true ] || scripts/chromium.sh >/dev/null; then
     step "browser test" browser_tests
   else

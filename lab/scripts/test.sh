@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Builds the laboratory and runs its tests. `make test` and the continuous integration only lint it.
+# Builds the laboratory and runs its tests. `make test` and the continuous integration lint it and test its trial.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/../../scripts/lib.sh"

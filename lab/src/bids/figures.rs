@@ -68,14 +68,36 @@ fn is_found(above: Option<usize>, fewer_than: usize) -> f64 {
     f64::from(u8::from(above.is_some_and(|above| above < fewer_than)))
 }
 
-/// A share whose parts and wholes come from patients: the sum of the parts over the sum of the wholes.
-fn share(patients: &[(f64, f64)], seed: u64) -> Interval {
+/// The quotient of sums over patients: the parts over the wholes.
+fn quotient(patients: &[(f64, f64)], seed: u64) -> Interval {
     bootstrap_over([patients.len()], seed, |[drawn]| {
         let (part, whole) = drawn.iter().fold((0.0, 0.0), |(part, whole), &number| {
             (part + patients[number].0, whole + patients[number].1)
         });
         part / f64::max(whole, 1.0)
     })
+}
+
+/// A share whose parts and wholes come from patients. If all or nothing is found, every sample is the same: then the interval is that of
+/// Wilson for the number of patients.
+///
+/// Source: Wilson, "Probable inference, the law of succession, and statistical inference", J. Am. Stat. Assoc. 22, 1927.
+fn share(patients: &[(f64, f64)], seed: u64) -> Interval {
+    const SQUARED_DEVIATE: f64 = 1.96 * 1.96;
+    let share = quotient(patients, seed);
+    let count = patients.len() as f64;
+    let widest = SQUARED_DEVIATE / (count + SQUARED_DEVIATE);
+    match share.value {
+        0.0 => Interval {
+            high: widest,
+            ..share
+        },
+        1.0 => Interval {
+            low: 1.0 - widest,
+            ..share
+        },
+        _ => share,
+    }
 }
 
 /// Shares from, for each patient and each of the numbers of false marks, the found and all lesions; patients without a lesion are left
@@ -337,7 +359,7 @@ pub(super) fn difference(
             .iter()
             .zip(other)
             .map(|(one, other)| (hits(one) - hits(other), one.head.lesions.len() as f64));
-        share(&each.collect::<Vec<_>>(), seed)
+        quotient(&each.collect::<Vec<_>>(), seed)
     })
 }
 
@@ -425,5 +447,10 @@ mod tests {
         let share = figures.shares[0].found[0];
         assert_eq!((share.value, share.low, share.high), (0.5, 0.0, 1.0));
         assert!(figures.area.is_none());
+        let all = share(&[(1.0, 1.0); 8], 1);
+        // 8 of 8: 0.676 to 1.
+        assert!((all.low - 0.676).abs() < 1e-3 && all.high == 1.0);
+        let none = share(&[(0.0, 3.0); 8], 1);
+        assert!(none.low == 0.0 && (none.high - 0.324).abs() < 1e-3);
     }
 }

@@ -252,7 +252,7 @@ impl TrialReport {
                     }
                 }
                 p { small {
-                    "Intervals of 95 %, bootstrapped over patients. This measures a list of places against lesions that people drew. It \
+                    "Intervals of 95 %, bootstrapped over patients (if all or nothing is found, those of Wilson). This measures a list of places against lesions that people drew. It \
                      does not measure what a reader finds with the list, and says nothing about a single patient: a head without a \
                      place is not a head without a lesion."
                 } }
@@ -369,11 +369,11 @@ fn list(figures: &Figures) -> Markup {
     html! {
         h2 { "The list " (figures.list) }
         p { "Share found with fewer than so many false marks in the head." }
-        (shares_table(figures.shares.iter()))
+        (shares_table(&figures.shares))
         @if !figures.chance.is_empty() {
             h3 { "By chance" }
             p { "The same lesions at places that have none. A list that points nowhere finds as many." }
-            (shares_table(figures.chance.iter()))
+            (shares_table(&figures.chance))
         }
         @if !figures.false_marks.is_empty() {
             (PreEscaped(false_mark_curves(title, "share of lesions found", curves)))
@@ -390,28 +390,41 @@ fn list(figures: &Figures) -> Markup {
         @if !figures.strata.is_empty() {
             h3 { "Strata" }
             p { "Lesions of each kind. Few of a kind state little: look at the intervals." }
-            @for (name, rows) in &figures.strata {
-                h3 { small { (name) } }
-                (shares_table(rows.iter()))
-            }
+            div.scroll { table {
+                (shares_head())
+                @for (name, rows) in &figures.strata {
+                    tr { th.stratum colspan="6" { (name) } }
+                    @for row in rows { (shares_row(row)) }
+                }
+            } }
         }
     }
 }
 
-fn shares_table<'a>(rows: impl Iterator<Item = &'a Shares>) -> Markup {
+fn shares_table(rows: &[Shares]) -> Markup {
     html! {
         table {
-            tr {
-                th { "" } th { "lesions" } th { "patients" }
-                @for most in FALSE_MARKS { th { "fewer than " (most) } }
-            }
-            @for row in rows {
-                tr {
-                    th { (row.name) }
-                    td.n { (row.lesions) } td.n { (row.patients) }
-                    @for found in row.found { td.n { (percent(found)) } }
-                }
-            }
+            (shares_head())
+            @for row in rows { (shares_row(row)) }
+        }
+    }
+}
+
+fn shares_head() -> Markup {
+    html! {
+        tr {
+            th { "" } th { "lesions" } th { "patients" }
+            @for most in FALSE_MARKS { th { "fewer than " (most) } }
+        }
+    }
+}
+
+fn shares_row(row: &Shares) -> Markup {
+    html! {
+        tr {
+            th { (row.name) }
+            td.n { (row.lesions) } td.n { (row.patients) }
+            @for found in row.found { td.n { (percent(found)) } }
         }
     }
 }

@@ -35,9 +35,12 @@ pub(super) struct ReproducibilityArgs {
 
 /// Compares and prints.
 pub(super) fn run(args: &ReproducibilityArgs) -> Result<(), BenchError> {
+    // The folder and the file: many files are named t1.nii.gz.
     let name = |path: &PathBuf| {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        name.into_owned()
+        let mut parts: Vec<_> = path.iter().rev().take(2).collect();
+        parts.reverse();
+        let parts: Vec<_> = parts.iter().map(|part| part.to_string_lossy()).collect();
+        parts.join("/")
     };
     let mut compared = match &args.bids {
         Some(bids) => pairs(bids)?,
