@@ -81,6 +81,11 @@ test("a finding is kept on the server, with its side, and is there again", { ski
   await page.getByRole("button", { name: "Save the report" }).click();
   const file = await (await download).path();
   assert.match(await readFile(file, "utf8"), /&lt;b&gt;thick&lt;\/b&gt; gyrus/);
+  const pdf = page.waitForEvent("download");
+  await page.getByRole("button", { name: "PDF", exact: true }).click();
+  const saved = await pdf;
+  assert.match(saved.suggestedFilename(), /-report\.pdf$/);
+  assert.match(await readFile(await saved.path(), "latin1"), /^%PDF-1\.7/);
 
   await page.getByRole("button", { name: /^Remove 1/ }).click();
   await until(stored, (list) => list.length === 0);

@@ -2,7 +2,7 @@
 
 import { send } from "../base/api.ts";
 import { h, quiet } from "../base/dom.ts";
-import { t } from "../base/i18n.ts";
+import { spoken, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { decoded } from "../base/picture.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
@@ -10,7 +10,7 @@ import { problemWords, sentence } from "../base/problem-words.ts";
 /** The picture on the screen in so many pixels, as a body of the server's interface. */
 export type Render = (side: number) => Readonly<Record<string, unknown>>;
 
-const KINDS = ["view", "sheet", "turn", "depths", "envelope", "mask"] as const;
+const KINDS = ["view", "sheet", "turn", "depths", "envelope", "mask", "report"] as const;
 type Kind = (typeof KINDS)[number];
 const LOOK_AGAIN_MS = 500;
 const PIXELS = 512;
@@ -42,6 +42,8 @@ function bodyOf(kind: Kind, render: Readonly<Record<string, unknown>>): Readonly
       return { what: "cine", render, cine: {} };
     case "depths":
       return { what: "cine", render: look, cine: { depths_mm: WAY_MM } };
+    case "report":
+      return { what: "report", report: { language: spoken() } };
     default:
       return { what: kind };
   }
@@ -116,7 +118,7 @@ class ResultDialog {
     const chosen = this.#chosen;
     this.#dialog.dataset.preview = "";
     this.#say("");
-    const isPicture = chosen !== "envelope" && chosen !== "mask";
+    const isPicture = !["envelope", "mask", "report"].includes(chosen);
     this.#place.replaceChildren(quiet(t(isPicture ? "pacs.drawing" : "pacs.no-picture")));
     if (!isPicture) return;
     try {

@@ -51,6 +51,13 @@ interface Step {
   readonly after: readonly Finding[];
 }
 
+/** What can be saved: its name, its media type, and the end of its file. */
+const SAVED = {
+  report: { name: "report", kind: "text/html", end: "html" },
+  pdf: { name: "report", kind: "application/pdf", end: "pdf" },
+  findings: { name: "findings", kind: "text/csv", end: "csv" },
+} as const;
+
 /** So long ways through findings are walked at once, in ms. */
 const WALK_MS = 8;
 
@@ -91,6 +98,7 @@ export class FindingsSection {
     for (const one of [this.#undo, this.#redo]) one.disabled = true;
     const add = button(t("findings.add"), () => this.#add());
     const report = button(t("findings.report"), () => void this.#save("report"));
+    const pdf = button(t("findings.pdf"), () => void this.#save("pdf"), { title: t("findings.pdf-title") });
     const table = button(t("findings.table"), () => void this.#save("findings"));
     this.element = h(
       "div",
@@ -100,7 +108,7 @@ export class FindingsSection {
       this.#none,
       ticked(this.#all, t("findings.shown")),
       this.#list,
-      row(report, table),
+      row(report, pdf, table),
     );
     addEventListener("beforeunload", this.#leave);
     document.addEventListener("visibilitychange", this.#back);
@@ -323,16 +331,15 @@ export class FindingsSection {
 
   // -- What is handed on
 
-  /** Saves the report, or the table, of what the server has. */
-  async #save(what: "report" | "findings"): Promise<void> {
+  /** Saves the report, as HTML or as PDF, or the table, of what the server has. */
+  async #save(what: keyof typeof SAVED): Promise<void> {
     const { shown } = this.#host;
     tell(this.#status, t("export.working"));
     try {
       if (!this.#sync.isKept) this.#sync.flush();
-      const isReport = what === "report";
-      const path = isReport ? `${shown.id}/report?language=${spoken()}` : `${shown.id}/findings`;
-      const file = await getFile(path, isReport ? "text/html" : "text/csv");
-      saveFile(file, `${fileStem(shown)}-${what}.${isReport ? "html" : "csv"}`);
+      const { name, kind, end } = SAVED[what];
+      const path = name === "report" ? `${shown.id}/report?language=${spoken()}` : `${shown.id}/findings`;
+      saveFile(await getFile(path, kind), `${fileStem(shown)}-${name}.${end}`);
       setText(this.#status, t("findings.saved"));
     } catch (problem) {
       tell(this.#status, problemWords(problem));
