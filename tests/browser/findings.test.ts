@@ -92,6 +92,8 @@ test("a finding is kept on the server, with its side, and is there again", { ski
   assert.match(await readFile(report, "utf8"), /&lt;b&gt;thick&lt;\/b&gt; gyrus[^]*the last sentence/);
   await page.locator("#findings-format").selectOption({ label: "JSON" });
   const list = await saved(page, "Save the findings");
+  const pdf = await saved(page, "PDF");
+  assert.match(await readFile(pdf, "latin1"), /^%PDF-1\.7/);
 
   await page.getByRole("button", { name: /^Remove 1/ }).click();
   await until(stored, (now) => now.length === 0);

@@ -506,6 +506,57 @@ async fn places_outside_the_cerebrum_are_listed_on_request_with_their_region() {
 }
 
 #[tokio::test]
+async fn a_report_shows_what_stands_out_first_and_doubts_the_regions() {
+    let (server, case) = ready().await;
+    let list = server.get(&format!("{case}/candidates")).await.json();
+    let places = list["candidates"].as_array().unwrap();
+    let standing_out = places.iter().filter(|place| place["unusual"] != "no");
+    let standing_out = standing_out.count();
+    for (language, nothing, others, doubt, region) in [
+        (
+            "en",
+            "Nothing stands out. This does not exclude a lesion",
+            "Other places",
+            "The regions of the brain are in doubt",
+            "cerebrum",
+        ),
+        (
+            "pt-BR",
+            "Nada se destaca. Isso não exclui uma lesão",
+            "Outros locais",
+            "As regiões do encéfalo são duvidosas",
+            "cérebro",
+        ),
+    ] {
+        let address = format!("{case}/report?language={language}");
+        let html = server.get(&address).await;
+        assert_eq!(html.status, StatusCode::OK, "{html:?}");
+        let html = String::from_utf8(html.body.to_vec()).unwrap();
+        assert_eq!(html.contains(nothing), list["nothing_stands_out"] == true);
+        assert!(html.contains(doubt), "{language}");
+        let heading = format!("<h3>{others}</h3>");
+        let (first, rest) = html.split_once(&heading).unwrap_or((&html, ""));
+        let rows = |text: &str| {
+            text.matches(&format!("<td class=\"number\">{region}</td>"))
+                .count()
+        };
+        assert_eq!(rows(first), standing_out, "{language}");
+        assert_eq!(
+            rows(rest),
+            places.len().min(20) - standing_out,
+            "{language}"
+        );
+        // Six views at four depths, with and without the map.
+        assert_eq!(html.matches("<image").count(), 48);
+    }
+    let accept = [("accept", "application/pdf")];
+    let pdf = server.get_with(&format!("{case}/report"), &accept).await;
+    assert!(pdf.body.starts_with(b"%PDF-"), "{pdf:?}");
+    let again = server.get_with(&format!("{case}/report"), &accept).await;
+    assert!(pdf.body == again.body && pdf.header("etag") == again.header("etag"));
+}
+
+#[tokio::test]
 async fn candidates_descend_and_come_as_csv_as_well() {
     let (server, case) = ready().await;
     let list = server

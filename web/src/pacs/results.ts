@@ -2,7 +2,7 @@
 
 import { send } from "../base/api.ts";
 import { h, quiet } from "../base/dom.ts";
-import { t } from "../base/i18n.ts";
+import { spoken, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { decoded } from "../base/picture.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
@@ -11,7 +11,17 @@ import type { Finding } from "../model/findings.ts";
 /** The picture on the screen in so many pixels, as a body of the server's interface. */
 export type Render = (side: number) => Readonly<Record<string, unknown>>;
 
-const KINDS = ["view", "sheet", "turn", "depths", "envelope", "mask", "findings", "finding-segments"] as const;
+const KINDS = [
+  "view",
+  "sheet",
+  "turn",
+  "depths",
+  "envelope",
+  "mask",
+  "findings",
+  "finding-segments",
+  "report",
+] as const;
 type Kind = (typeof KINDS)[number];
 const PICTURES: readonly Kind[] = ["view", "sheet", "turn", "depths"];
 
@@ -59,6 +69,8 @@ function bodyOf(kind: Kind, render: Readonly<Record<string, unknown>>): Readonly
       return { what: "cine", render, cine: {} };
     case "depths":
       return { what: "cine", render: look, cine: { depths_mm: WAY_MM } };
+    case "report":
+      return { what: "report", report: { language: spoken() } };
     default:
       return { what: kind };
   }

@@ -76,10 +76,12 @@ export function findingFiles({ shown, sync, status, added }: FindingFilesHost): 
 
   const isOfPatient = shown.links?.dicom !== undefined;
   const named = h("input", { type: "checkbox", id: "report-patient" });
-  const report = button(t("findings.report"), () => {
+  const saveReport = (ending: "html" | "pdf", kind: string): void => {
     const query = new URLSearchParams({ language: spoken(), ...(named.checked && { patient: "true" }) });
-    void save("report.html", () => getFile(`${shown.id}/report?${query}`, "text/html"));
-  });
+    void save(`report.${ending}`, () => getFile(`${shown.id}/report?${query}`, kind));
+  };
+  const report = button(t("findings.report"), () => saveReport("html", "text/html"));
+  const pdf = button(t("findings.pdf"), () => saveReport("pdf", "application/pdf"), { title: t("findings.pdf-title") });
   const offered = FORMATS.filter((format) => isOfPatient || (format !== "report" && format !== "segments"));
   const format = choice("findings-format", t("findings.format"), offered, (one) => t(`findings.as-${one}`));
   const table = button(t("findings.save"), () => void save(...files[offered[format.selectedIndex] ?? "csv"]));
@@ -94,5 +96,5 @@ export function findingFiles({ shown, sync, status, added }: FindingFilesHost): 
   );
   const words = t("findings.add-file");
   const open = h("label", { class: "file" }, h("span", { class: "visually-hidden" }, words), input, fileButton(words));
-  return [row(report, isOfPatient ? ticked(named, t("findings.patient")) : null), row(format, table), row(open)];
+  return [row(report, pdf, isOfPatient ? ticked(named, t("findings.patient")) : null), row(format, table), row(open)];
 }

@@ -61,6 +61,7 @@ interface Step {
   readonly after: readonly Finding[];
 }
 
+/** What can be saved: its name, its media type, and the end of its file. */
 /** So long ways through findings are walked at once, in ms. */
 const WALK_MS = 8;
 

@@ -533,3 +533,96 @@ fn overview<'a>(words: &Words, title: &'static str, rows: &'a [Vec<Shot>]) -> Bl
         rows: DEPTHS_MM.iter().zip(rows).map(row).collect(),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use case::{Case, CaseId, CaseState, Parameters};
+    use jiff::Timestamp;
+    use pipeline::maps::NoMaps;
+    use serde_json::json;
+
+    use super::super::shots;
+    use super::super::{Language, ReportQuery};
+    use super::*;
+
+    /// The report of a case without findings, and without a brain.
+    fn report(language: Language) -> Report {
+        let mut facts = storage::testing::facts();
+        let quality = json!({
+            "state": "failed", "method": "network", "reasons": ["the mask has 5000 ml"], "reason_codes": ["mask-volume"],
+            "numbers": {"brain_ml": 5000.0, "closing_added": 0.0, "largest_component": 1.0, "extents_mm": [1.0, 1.0, 1.0],
+                        "cut_area_cm2": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]},
+        });
+        facts.quality = Some(serde_json::from_value(quality).unwrap());
+        Report {
+            case: Case {
+                id: CaseId::parse(&"0".repeat(32)).unwrap(),
+                parameters: Parameters::default(),
+                state: CaseState::Ready,
+                progress: None,
+                failure: None,
+                facts: None,
+                previous: None,
+                next: Vec::new(),
+                created_at: Timestamp::UNIX_EPOCH,
+                uploaded_at: Timestamp::UNIX_EPOCH,
+                kept: false,
+                expires_at: None,
+            },
+            facts: Arc::new(facts),
+            query: ReportQuery {
+                language,
+                patient: false,
+            },
+            patient: None,
+            maps: Err(NoMaps {
+                code: "failed-envelope".into(),
+                sentence: "the mask is wrong".into(),
+            }),
+            layer: None,
+            findings: Vec::new(),
+            dismissed: Vec::new(),
+            overview: shots::Overview {
+                anatomy: Vec::new(),
+                map: Vec::new(),
+            },
+        }
+    }
+
+    #[test]
+    fn a_mask_that_is_no_brain_is_named_at_the_head_of_every_page() {
+        for (language, doubt, texts) in [
+            (
+                Language::English,
+                "Brain mask: NOT A BRAIN",
+                [
+                    "The volume of the mask is not that of a brain.",
+                    "There are no maps of this case: The brain mask is rated as failed",
+                ],
+            ),
+            (
+                Language::Portuguese,
+                "Máscara do encéfalo: NÃO É UM ENCÉFALO",
+                [
+                    "O volume da máscara não é o de um encéfalo.",
+                    "Não há mapas deste caso: A máscara do encéfalo foi avaliada como falha",
+                ],
+            ),
+        ] {
+            let report = report(language);
+            let contents = report.contents();
+            assert_eq!(contents.doubt.as_deref(), Some(doubt));
+            let html = contents.html();
+            let pages = contents.sections.len();
+            assert_eq!(
+                html.matches(&format!("<strong>{doubt}</strong>")).count(),
+                pages
+            );
+            assert!(texts.iter().all(|text| html.contains(text)), "{html}");
+            // How often a PDF states it, its own tests tell.
+            assert!(contents.pdf().unwrap().starts_with(b"%PDF"));
+        }
+    }
+}

@@ -418,7 +418,7 @@ mod tests {
 
     fn shot(is_flipped: bool) -> Shot {
         let size = FrameSize::new(SIDE, SIDE).unwrap();
-        let bytes = (0..3 * SIDE * SIDE).map(|at| (at * at / 7) as u8);
+        let bytes = (0..3 * SIDE * SIDE).map(|at| (at.wrapping_mul(at) / 7) as u8);
         let frame = Frame::new(size, PixelFormat::Rgb8, bytes.collect());
         Shot {
             png: encode_png(&frame, &[]).unwrap(),
