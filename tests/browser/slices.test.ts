@@ -380,7 +380,7 @@ test("the slice across the sulcus comes with a key, turns by hand, and marks wha
   await keep(page, "slice-across");
   // A handle brings the plane to where it is dragged: a quarter of a turn about the mark.
   const grip = page.locator(".slice.sagittal .trace:not([hidden]) .grip:not([hidden])").first();
-  const [cross, from] = [await page.locator(".slice.sagittal .cursor").boundingBox(), await grip.boundingBox()];
+  const [cross, from] = [await page.locator(".slice.sagittal .cursor.ticks").boundingBox(), await grip.boundingBox()];
   assert.ok(cross && from);
   const middleOf = (box: typeof from): readonly [number, number] => [box.x + box.width / 2, box.y + box.height / 2];
   const [[mx, my], [gx, gy]] = [middleOf(cross), middleOf(from)];
