@@ -32,7 +32,7 @@ mod testing;
 pub use application::{Cases, MAX_INSTANCE_BYTES, Options, StartError, open_library};
 pub use confine::{Confinement, hide};
 pub use error::Error;
-pub use fair::Client;
+pub use fair::{Client, for_client};
 pub use intake::VolumeFiles;
 pub use library::{Library, Preparation};
 pub use limit::{ConcurrencyLimit, Queued, Turn};
