@@ -47,6 +47,7 @@ mod short_faults;
 mod sides;
 mod sockets;
 mod storage_nodes;
+mod until;
 mod uploads;
 #[path = "../../server/extraction/tests/it/wrong_heads.rs"]
 mod wrong_heads;
