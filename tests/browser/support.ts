@@ -61,7 +61,7 @@ export function headOfDemo(): Record<string, string> {
       ISOCORTEX_DEMO_MASK: path.join(folder, "ch2bet.nii.gz"),
     };
   }
-  console.error("no real head is to be had here; the tests take the phantom instead");
+  console.error("there is no real head; the tests use the phantom");
   return {};
 }
 

@@ -15,6 +15,7 @@ use crate::orthanc::free_port;
 use crate::pacs::{Neighbour, dcmtk, dimse, run};
 use crate::results::{identified_head, python_with, result, until_sent};
 use crate::storage_nodes::{add_storage_node, every_kind, to_node};
+use crate::until::until;
 
 /// An archive on this machine. Dropping it ends it.
 struct Archive {
@@ -81,14 +82,12 @@ impl Archive {
             port,
             folder,
         };
-        for _ in 0..300 {
+        until("the archive listens", async || {
             let connected = tokio::net::TcpStream::connect(("127.0.0.1", port)).await;
-            if connected.is_ok() {
-                return Some(archive);
-            }
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        }
-        panic!("the archive does not listen");
+            connected.ok()
+        })
+        .await;
+        Some(archive)
     }
 
     /// Stores files in it, as a scanner does.
@@ -132,19 +131,14 @@ impl Archive {
 
 /// The arrival of the images, once it is a case other than one.
 async fn case_other_than(neighbour: &Neighbour, before: &Value) -> Value {
-    for _ in 0..600 {
+    until("another case comes", async || {
         let list = neighbour.server.get("/v1/arrivals?state=case").await;
-        if let [arrival] = &list.json()["arrivals"].as_array().unwrap()[..]
-            && arrival["case"] != *before
-        {
-            return arrival["case"].clone();
+        match &list.json()["arrivals"].as_array().unwrap()[..] {
+            [arrival] if arrival["case"] != *before => Some(arrival["case"].clone()),
+            _ => None,
         }
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
-    panic!(
-        "no case came: {}",
-        neighbour.server.get("/v1/arrivals").await.json()
-    );
+    })
+    .await
 }
 
 async fn goes_the_whole_way(start: Start) {

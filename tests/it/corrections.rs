@@ -11,6 +11,7 @@ use crate::pacs::{Lines, Neighbour, dcmtk, dimse, dimse_options, items, run, wit
 use crate::results::{add_node, identified_case, identified_head, result, small};
 use crate::series_builder::{Slice, Syntax, files};
 use crate::server::{Answer, Server};
+use crate::until::until;
 
 /// The files of [`identified_head`] with another patient.
 pub(crate) fn corrected_head() -> Vec<Vec<u8>> {
@@ -41,16 +42,14 @@ async fn launched(neighbour: &Neighbour) -> Value {
 
 /// The case that the series became after one with another address.
 async fn case_after(neighbour: &Neighbour, before: &str) -> String {
-    for _ in 0..600 {
+    let case = until("another case comes", async || {
         let arrival = neighbour.settled().await;
         let case = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
-        if case != before {
-            neighbour.server.until_ready(&case).await;
-            return case;
-        }
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
-    panic!("no other case came");
+        (case != before).then_some(case)
+    })
+    .await;
+    neighbour.server.until_ready(&case).await;
+    case
 }
 
 /// Why a case is superseded, by its own address and by the list.
@@ -65,14 +64,12 @@ async fn superseded(server: &Server, case: &str) -> Value {
 
 /// A result once it was sent or has failed.
 async fn ended(server: &Server, address: &str) -> Value {
-    for _ in 0..600 {
+    until("the result is sent or fails", async || {
         let result = server.get(address).await.json();
-        if result["state"] == "done" || result["state"] == "failed" {
-            return result;
-        }
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
-    panic!("the result still waits");
+        let has_ended = result["state"] == "done" || result["state"] == "failed";
+        has_ended.then_some(result)
+    })
+    .await
 }
 
 #[tokio::test]
@@ -396,15 +393,12 @@ async fn what_was_kept_long_enough_may_come_again() {
     assert_eq!(neighbour.store(&[rejection]).await.status, 200);
     assert_eq!(launched(&neighbour).await["case"], Value::Null);
     assert_eq!(neighbour.store(&identified_head()).await.status, 200);
-    for _ in 0..600 {
+    let found = until("it is a case again", async || {
         let found = launched(&neighbour).await;
-        if let Some(found) = found["case"].as_str() {
-            assert!(case.ends_with(found));
-            return;
-        }
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
-    panic!("it did not become a case again");
+        found["case"].as_str().map(str::to_owned)
+    })
+    .await;
+    assert!(case.ends_with(&found));
 }
 
 #[tokio::test]
@@ -470,17 +464,11 @@ async fn a_layer_of_a_corrected_series_makes_room_for_the_corrected_one() {
         flairs.map(|layer| layer["id"].clone()).collect::<Vec<_>>()
     };
     let until_other_than = async |before: &[Value]| {
-        for _ in 0..600 {
+        until("another layer comes", async || {
             let now = layers().await;
-            if now.len() == 1 && now != before {
-                return now;
-            }
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        }
-        panic!(
-            "no other layer came: {}",
-            server.get("/v1/arrivals").await.json()
-        );
+            (now.len() == 1 && now != before).then_some(now)
+        })
+        .await
     };
     // Of late images, the layer is made again, and the one of fewer images goes.
     let all = flair(0);

@@ -4,13 +4,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::StatusCode;
-use cases::pictures::{GpuUse, GraphicsState};
+use cases::pictures::GpuUse;
 use futures_util::future::join_all;
 use isocortex::config::Config;
 use render::gpu::{Fault, GpuPool};
 
 use crate::scenes;
 use crate::server::{Answer, Server};
+use crate::until::until;
 
 /// A server that draws with the device whatever it may, and the device.
 async fn server_and_device(
@@ -24,13 +25,8 @@ async fn server_and_device(
     })
     .await;
     let case = server.plain_case().await;
-    for _ in 0..500 {
-        match server.state.cases.graphics.state() {
-            GraphicsState::Present(_) => break,
-            _ => tokio::time::sleep(Duration::from_millis(20)).await,
-        }
-    }
-    let device = server.state.cases.graphics.device().expect("a device");
+    let graphics = server.state.cases.graphics.clone();
+    let device = until("a device is found", async || graphics.device()).await;
     Some((server, device, case))
 }
 

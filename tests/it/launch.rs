@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use crate::dicom::head_slices;
 use crate::pacs::{Neighbour, with_texts};
 use crate::series_builder::Slice;
+use crate::until::until;
 
 /// What differs between series of the same head.
 struct Series<'a> {
@@ -35,22 +36,16 @@ impl Series<'_> {
     /// Stores it; the case that it becomes, ready.
     async fn becomes(&self, neighbour: &Neighbour) -> String {
         assert_eq!(neighbour.store(&self.files()).await.status, 200);
-        for _ in 0..600 {
+        let case = until(&format!("a case comes of {}", self.uid), async || {
             let list = neighbour.server.get("/v1/arrivals").await.json();
-            let arrivals = list["arrivals"].as_array().unwrap();
-            let ours = arrivals
-                .iter()
-                .find(|arrival| arrival["series"] == self.uid);
-            if let Some(case) = ours.and_then(|arrival| arrival["case"].as_str()) {
-                neighbour
-                    .server
-                    .until_ready(&format!("/v1/cases/{case}"))
-                    .await;
-                return case.to_owned();
-            }
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        }
-        panic!("no case came of {}", self.uid);
+            let mut arrivals = list["arrivals"].as_array().unwrap().iter();
+            let ours = arrivals.find(|arrival| arrival["series"] == self.uid)?;
+            Some(ours["case"].as_str()?.to_owned())
+        })
+        .await;
+        let address = format!("/v1/cases/{case}");
+        neighbour.server.until_ready(&address).await;
+        case
     }
 }
 

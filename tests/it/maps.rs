@@ -13,6 +13,7 @@ use isocortex::config::{Config, MapsUse};
 use serde_json::{Value, json};
 
 use crate::server::{Answer, Server};
+use crate::until::until;
 
 /// Half axes of the brain, in mm.
 const OUTLINE_MM: DVec3 = DVec3::new(62.0, 76.0, 56.0);
@@ -95,17 +96,17 @@ async fn server_with(configure: impl FnOnce(&mut Config)) -> (Server, String) {
 
 /// The answer once what it needs is no longer being made.
 async fn settled(server: &Server, address: &str) -> Answer {
-    for _ in 0..1200 {
+    until("the maps are made", async || {
         let answer = server.get(address).await;
         let is_waiting =
             answer.status == StatusCode::CONFLICT && answer.problem() == "layer-not-ready";
         if !is_waiting {
-            return answer;
+            return Some(answer);
         }
         assert_eq!(answer.header("retry-after"), "2");
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
-    panic!("{address} is still being made");
+        None
+    })
+    .await
 }
 
 /// A server with the blurred head, and its maps made.
@@ -729,12 +730,8 @@ async fn switched_off_there_are_no_maps_and_a_stored_case_gets_them_when_it_is_o
     // A picture is enough.
     let opened = server.get(&format!("{case}/render?depth_mm=12")).await;
     assert_eq!(opened.status, StatusCode::OK);
-    for _ in 0..1200 {
-        if !stored_maps(&server).is_empty() {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
+    let are_stored = async || (!stored_maps(&server).is_empty()).then_some(());
+    until("maps are stored", are_stored).await;
     assert_eq!(stored_maps(&server).len(), 1, "nobody asked for maps");
     let answer = settled(&server, &format!("{case}/candidates")).await;
     assert_eq!(answer.status, StatusCode::OK, "{answer:?}");

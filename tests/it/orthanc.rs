@@ -19,6 +19,7 @@ use crate::pacs::{Neighbour, dcmtk};
 use crate::results::{identified_case, result, until_sent};
 use crate::series_builder::Syntax;
 use crate::storage_nodes::{every_kind, to_node};
+use crate::until::until;
 
 const PLUGIN: &str = "/usr/share/orthanc/plugins/libOrthancDicomWeb.so";
 const PYTHON_PLUGIN: &str = "/usr/share/orthanc/plugins/libOrthancPython.so";
@@ -110,13 +111,11 @@ impl Orthanc {
             dicom,
             folder,
         };
-        for _ in 0..300 {
-            if orthanc.ask("/system", None).await.is_some() {
-                return Some(orthanc);
-            }
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        }
-        panic!("Orthanc does not answer");
+        until("Orthanc answers", async || {
+            orthanc.ask("/system", None).await
+        })
+        .await;
+        Some(orthanc)
     }
 
     /// The bytes of an answer of its DICOMweb plug-in; `None` if it refuses.
@@ -260,14 +259,12 @@ async fn orthanc_sends_a_series_in_both_ways_and_it_is_fetched_from_there() {
     let accepted = post("/hooks/orthanc", notice).await;
     assert_eq!(accepted.status, 202);
     let until_ended = async |address: &str| {
-        for _ in 0..300 {
+        until("the retrieval ends", async || {
             let retrieval = server.get(address).await.json();
-            if retrieval["state"] == "done" || retrieval["state"] == "failed" {
-                return retrieval;
-            }
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        }
-        panic!("the retrieval does not end");
+            let has_ended = retrieval["state"] == "done" || retrieval["state"] == "failed";
+            has_ended.then_some(retrieval)
+        })
+        .await
     };
     let retrieval = until_ended(accepted.header("location")).await;
     assert_eq!(retrieval["state"], "done", "{retrieval}");

@@ -16,6 +16,7 @@ use ::pacs::dimse::{self, DimseOptions, Peer};
 use crate::dicom::{head_slices, reader};
 use crate::series_builder::{DataSet, Slice, Syntax, files};
 use crate::server::{Answer, Server};
+use crate::until::until;
 
 const BOUNDARY: &str = "a-boundary-of-more-than-seventy-characters-as-a-well-known-server-makes-it";
 
@@ -77,19 +78,15 @@ impl Neighbour {
 
     /// The one series that came, once it is settled.
     pub(crate) async fn settled(&self) -> Value {
-        for _ in 0..600 {
+        until("the series is settled", async || {
             let authorization = ("authorization", "Bearer 0123456789abcdef");
             let list = self.server.get_with("/v1/arrivals", &[authorization]).await;
-            let list = list.json();
-            let arrivals = list["arrivals"].as_array().unwrap();
-            if let [arrival] = &arrivals[..]
-                && arrival["state"] != "receiving"
-            {
-                return arrival.clone();
+            match &list.json()["arrivals"].as_array().unwrap()[..] {
+                [arrival] if arrival["state"] != "receiving" => Some(arrival.clone()),
+                _ => None,
             }
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        }
-        panic!("the series was not settled");
+        })
+        .await
     }
 }
 
@@ -500,15 +497,15 @@ async fn a_layer_is_taken_as_a_case_of_its_own() {
         200
     );
     let in_state = async |state: &str| {
-        for _ in 0..600 {
-            let address = format!("/v1/arrivals?text=FLAIR&state={state}");
+        let address = format!("/v1/arrivals?text=FLAIR&state={state}");
+        until(&format!("the state is {state}"), async || {
             let list = server.get(&address).await.json();
-            if let [arrival] = &list["arrivals"].as_array().unwrap()[..] {
-                return arrival.clone();
+            match &list["arrivals"].as_array().unwrap()[..] {
+                [arrival] => Some(arrival.clone()),
+                _ => None,
             }
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        }
-        panic!("it is never in the state {state}");
+        })
+        .await
     };
     let layer = in_state("layer").await;
     assert_eq!(layer["case"], first["case"]);

@@ -11,6 +11,7 @@ use isocortex::config::MapsUse;
 use nix::time::{ClockId, clock_gettime};
 
 use crate::server::{Answer, Server};
+use crate::until::until;
 
 async fn without_graphics() -> Server {
     Server::start_with(|config| config.render.gpu = GpuUse::Off).await
@@ -19,17 +20,18 @@ async fn without_graphics() -> Server {
 /// A server that draws with any device, whose driver has answered, and whether there is one.
 async fn with_graphics() -> (Server, bool) {
     let server = Server::start_with(|config| config.render.gpu = GpuUse::Always).await;
-    for _ in 0..500 {
+    let has_device = until("the driver answers", async || {
         match server.state.cases.graphics.state() {
-            GraphicsState::Starting => {
-                tokio::time::sleep(Duration::from_millis(20)).await;
-            }
-            GraphicsState::Present(_) => return (server, true),
-            GraphicsState::Absent(_) => break,
+            GraphicsState::Starting => None,
+            GraphicsState::Present(_) => Some(true),
+            GraphicsState::Absent(_) => Some(false),
         }
+    })
+    .await;
+    if !has_device {
+        eprintln!("SKIPPED in part: no graphics device on this machine");
     }
-    eprintln!("SKIPPED in part: no graphics device on this machine");
-    (server, false)
+    (server, has_device)
 }
 
 /// The shares of the picture that are lit, left and right half.

@@ -18,6 +18,7 @@ use crate::dicom::head_slices;
 use crate::head::{mask_of, plain_head};
 use crate::pacs::{Neighbour, with_texts};
 use crate::server::{Answer, Server};
+use crate::until::until;
 
 pub(crate) const IDENTITY: [([u16; 2], &str, &str); 10] = [
     ([0x08, 0x0005], "CS", "ISO_IR 192"),
@@ -678,14 +679,12 @@ pub(crate) fn add_node(config: &mut Config, name: &str, url: String) {
 /// What becomes of a result that is sent.
 pub(crate) async fn until_sent(server: &Server, accepted: &Answer) -> Value {
     assert_eq!(accepted.status, 202, "{accepted:?}");
-    for _ in 0..600 {
+    until("the result is sent", async || {
         let sent = server.get(accepted.header("location")).await.json();
-        if sent["state"] == "done" || sent["state"] == "failed" {
-            return sent;
-        }
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
-    panic!("the result is not sent");
+        let has_ended = sent["state"] == "done" || sent["state"] == "failed";
+        has_ended.then_some(sent)
+    })
+    .await
 }
 
 #[tokio::test]
@@ -721,17 +720,12 @@ async fn a_result_is_sent_until_the_node_has_it_and_a_refusal_is_told() {
 
     // A node that is away is asked again later, also after a restart.
     let accepted = result(&neighbour.server, &case, &body("away")).await;
-    for _ in 0..100 {
-        let state = neighbour
-            .server
-            .get(accepted.header("location"))
-            .await
-            .json();
-        if state["attempts"] == 1 && state["state"] == "queued" {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
+    until("the node was asked in vain", async || {
+        let state = neighbour.server.get(accepted.header("location")).await;
+        let state = state.json();
+        (state["attempts"] == 1 && state["state"] == "queued").then_some(())
+    })
+    .await;
     background.shut_down(Duration::from_secs(5)).await;
     let state = neighbour
         .server

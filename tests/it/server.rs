@@ -20,6 +20,7 @@ use tokio::net::TcpListener;
 use tower::ServiceExt as _;
 
 use crate::head::plain_head;
+use crate::until::until;
 
 /// A server on a store of its own.
 pub(crate) struct Server {
@@ -230,14 +231,12 @@ impl Server {
 
     /// What a case says once it is ready, or has failed.
     pub(crate) async fn until_settled(&self, address: &str) -> Value {
-        for _ in 0..600 {
+        until(&format!("{address} is ready or fails"), async || {
             let case = self.get(address).await.json();
-            match case["state"].as_str().unwrap() {
-                "ready" | "failed" => return case,
-                _ => tokio::time::sleep(Duration::from_millis(50)).await,
-            }
-        }
-        panic!("{address} did not get ready");
+            let is_settled = ["ready", "failed"].contains(&case["state"].as_str().unwrap());
+            is_settled.then_some(case)
+        })
+        .await
     }
 
     /// What is in the store beside its database: uploads under way and objects.
@@ -263,13 +262,8 @@ impl Server {
     /// Checks that nothing at all stays in the store, and that the server still serves. What was deleted may be removed by the
     /// sweep of a job that ended at the same time, which needs a moment more.
     pub(crate) async fn is_empty_and_well(&self) {
-        for _ in 0..300 {
-            if self.stored_files().is_empty() {
-                break;
-            }
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        }
-        assert_eq!(self.stored_files(), Vec::<PathBuf>::new());
+        let is_empty = async || self.stored_files().is_empty().then_some(());
+        until("nothing is stored", is_empty).await;
         assert_eq!(
             self.get("/v1/cases").await.json()["cases"],
             serde_json::json!([])

@@ -16,6 +16,7 @@ use crate::orthanc::free_port;
 use crate::pacs::{Neighbour, dcmtk, dimse, dimse_options};
 use crate::results::{identified_case, result, small, until_sent};
 use crate::server::Server;
+use crate::until::until;
 
 /// The data set of a file, without its head.
 fn data_set(file: &[u8]) -> &[u8] {
@@ -91,16 +92,12 @@ impl Storescp {
             .spawn()
             .unwrap();
         let storescp = Self { process, folder };
-        for _ in 0..300 {
-            if tokio::net::TcpStream::connect(("127.0.0.1", port))
-                .await
-                .is_ok()
-            {
-                return Some(storescp);
-            }
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        }
-        panic!("storescp does not listen");
+        until("storescp listens", async || {
+            let connected = tokio::net::TcpStream::connect(("127.0.0.1", port)).await;
+            connected.ok()
+        })
+        .await;
+        Some(storescp)
     }
 
     fn images(&self) -> PathBuf {
@@ -118,14 +115,12 @@ impl Storescp {
 
 /// The state of a result after its first attempt.
 async fn tried(server: &Server, address: &str) -> Value {
-    for _ in 0..600 {
+    until("the result is tried", async || {
         let state = server.get(address).await.json();
-        if state["attempts"].as_u64() >= Some(1) && state["state"] != "running" {
-            return state;
-        }
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
-    panic!("nothing was tried");
+        let was_tried = state["attempts"].as_u64() >= Some(1) && state["state"] != "running";
+        was_tried.then_some(state)
+    })
+    .await
 }
 
 #[tokio::test]

@@ -14,13 +14,13 @@ use quick_cache::sync::Cache;
 use storage::{Location, Store, StoreError};
 
 use crate::apart::Apart;
+use crate::check_memory::CheckMemory;
 use crate::dicom::{DicomReader, HeaderReader, Program, ReaderMemory};
 use crate::error::Error;
 use crate::library::Library;
 use crate::limit::ConcurrencyLimit;
 use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel, WholeVolumes};
 use crate::pictures::{Graphics, GraphicsOptions};
-use crate::room::RoomToCheck;
 
 /// The memory for maps, as a fraction of the memory for loaded cases, in addition to it.
 const MAPS_PART: u64 = 4;
@@ -140,7 +140,7 @@ pub struct Cases {
     pub dicom: Arc<DicomReader>,
     /// The reader of the headers of DICOM files.
     pub headers: Arc<HeaderReader>,
-    pub(crate) checks: RoomToCheck,
+    pub(crate) checks: CheckMemory,
     pub(crate) max_layers: usize,
     /// One registration of cases at a time: pictures get their turns between them.
     pub(crate) registering: Arc<tokio::sync::Mutex<()>>,
@@ -226,7 +226,7 @@ impl Cases {
                 MAX_INSTANCE_BYTES,
                 memory,
             )),
-            checks: RoomToCheck::new(options.head, options.limits),
+            checks: CheckMemory::new(options.head, options.limits),
             max_layers: options.max_layers,
             registering: Arc::default(),
             deidentify: options.deidentify,

@@ -8,11 +8,26 @@ use tokio::sync::oneshot;
 
 use crate::error::Error;
 
-/// The client of a request; `None` for this program itself and where the address is unknown.
+/// The client of a request; `None` for this program itself and if the address is unknown.
 pub type Client = Option<IpAddr>;
 
-/// A limit on work at a time. A free turn goes to the waiting client with the fewest turns, and among those to the one
-/// that has waited longest, so that a client with many requests delays its own.
+tokio::task_local! {
+    static CLIENT: Client;
+}
+
+/// Runs a request of a client: what it does in a [`ConcurrencyLimit`](crate::ConcurrencyLimit) takes turns with the work of others.
+pub async fn for_client<F: Future>(client: Client, request: F) -> F::Output {
+    CLIENT.scope(client, request).await
+}
+
+/// The client of the request that this task runs.
+pub(crate) fn this_client() -> Client {
+    CLIENT.try_with(|client| *client).ok().flatten()
+}
+
+/// A limit on work at a time. A free turn goes to the waiting client with the fewest turns, among those to the one whose last
+/// turn began first, and among its requests to the one that has waited longest, so that a client with many requests delays its
+/// own.
 #[derive(Debug, Clone)]
 pub(crate) struct FairLimit {
     running: usize,
@@ -24,6 +39,9 @@ pub(crate) struct FairLimit {
 struct Queue {
     /// The number of turns of each client that has any.
     turns: HashMap<Client, usize>,
+    /// When the last turn of each client that is here began, in turns.
+    last: HashMap<Client, u64>,
+    begun: u64,
     waiting: VecDeque<(Client, oneshot::Sender<FairTurn>)>,
 }
 
@@ -67,7 +85,7 @@ impl FairLimit {
     }
 
     fn begin(&self, queue: &mut Queue, client: Client) -> FairTurn {
-        *queue.turns.entry(client).or_default() += 1;
+        queue.begin(client);
         FairTurn {
             client,
             limit: Some(self.clone()),
@@ -89,6 +107,11 @@ impl FairLimit {
         }
     }
 
+    /// The number of turns.
+    pub(crate) fn taken(&self) -> usize {
+        self.lock().running()
+    }
+
     fn lock(&self) -> std::sync::MutexGuard<'_, Queue> {
         // Each change is complete, even if a holder panicked.
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
@@ -100,17 +123,31 @@ impl Queue {
         self.turns.values().sum()
     }
 
+    fn begin(&mut self, client: Client) {
+        *self.turns.entry(client).or_default() += 1;
+        self.begun += 1;
+        self.last.insert(client, self.begun);
+    }
+
     fn end(&mut self, client: Client) {
         match self.turns.get_mut(&client) {
             Some(turns) if *turns > 1 => *turns -= 1,
-            _ => drop(self.turns.remove(&client)),
+            _ => {
+                self.turns.remove(&client);
+                if self.waiting.iter().all(|(waiting, _)| *waiting != client) {
+                    self.last.remove(&client);
+                }
+            }
         }
     }
 
     fn take_next(&mut self) -> Option<(Client, oneshot::Sender<FairTurn>)> {
-        let turns = |client: &Client| self.turns.get(client).copied().unwrap_or(0);
-        let clients = self.waiting.iter().map(|(client, _)| turns(client));
-        let (place, _) = clients.enumerate().min_by_key(|(_, turns)| *turns)?;
+        let had = |client: &Client| {
+            let turns = self.turns.get(client).copied().unwrap_or(0);
+            (turns, self.last.get(client).copied().unwrap_or(0))
+        };
+        let clients = self.waiting.iter().map(|(client, _)| had(client));
+        let (place, _) = clients.enumerate().min_by_key(|(_, had)| *had)?;
         self.waiting.remove(place)
     }
 }
@@ -177,6 +214,22 @@ mod tests {
             };
             drop(turn.unwrap());
         }
+    }
+
+    #[tokio::test]
+    async fn with_one_turn_at_a_time_clients_alternate() {
+        let limit = FairLimit::new(1, 8);
+        let [greedy, other] = [1, 2].map(client);
+        let held = limit.turn(greedy).await.unwrap();
+        let mut second = pin!(limit.turn(greedy));
+        let mut late = pin!(limit.turn(other));
+        assert!(poll!(&mut second).is_pending());
+        assert!(poll!(&mut late).is_pending());
+        drop(held);
+        assert!(poll!(&mut second).is_pending(), "the greedy one had a turn");
+        drop(late.await.unwrap());
+        drop(second.await.unwrap());
+        assert!(limit.lock().last.is_empty());
     }
 
     #[tokio::test]

@@ -17,10 +17,10 @@ use tokio::sync::OwnedSemaphorePermit;
 
 use crate::application::Cases;
 use crate::arrivals::SeriesOfUpload;
+use crate::decoded_uploads::OfferedUpload;
 use crate::dicom::{Choice, Input, Options};
 use crate::error::Error;
 use crate::fair::Client;
-use crate::handover::Offer;
 
 /// The received files of a volume.
 #[derive(Debug)]
@@ -176,16 +176,16 @@ impl Cases {
         &self,
         upload: &Upload,
         parameters: Parameters,
-    ) -> Result<(Parameters, Offer), Error> {
+    ) -> Result<(Parameters, OfferedUpload), Error> {
         let id = upload.case_id(&parameters);
         if self.is_accepted(&id).await? {
-            return Ok((parameters, Offer::default()));
+            return Ok((parameters, OfferedUpload::default()));
         }
         let start = upload.volume.head(START_BYTES).await?;
         let room = self.checks.enter(&start).await?;
         // An equal upload may have been accepted meanwhile.
         if self.is_accepted(&id).await? {
-            return Ok((parameters, Offer::default()));
+            return Ok((parameters, OfferedUpload::default()));
         }
         let mask = match &upload.mask {
             Some(mask) => Some(mask.read().await?),
@@ -200,12 +200,12 @@ impl Cases {
         self.check(source, parameters, room, id).await
     }
 
-    async fn check_version(&self, version: &Version) -> Result<(Parameters, Offer), Error> {
+    async fn check_version(&self, version: &Version) -> Result<(Parameters, OfferedUpload), Error> {
         let names = self.store().case_objects(&version.of).await?;
         let id = version.id(&names).ok_or(Error::NoSuchCase)?;
         let parameters = version.parameters.clone();
         if self.is_accepted(&id).await? {
-            return Ok((parameters, Offer::default()));
+            return Ok((parameters, OfferedUpload::default()));
         }
         let source = self.library.source(&version.of, &names).await?;
         let mut source = source.ok_or_else(Failure::source_damaged)?;
@@ -235,12 +235,13 @@ impl Cases {
         parameters: Parameters,
         room: OwnedSemaphorePermit,
         id: impl Fn(&Parameters) -> Option<CaseId>,
-    ) -> Result<(Parameters, Offer), Error> {
+    ) -> Result<(Parameters, OfferedUpload), Error> {
         let (limits, has_network) = (self.library.limits(), self.library.has_network());
         let check = move || check(&source, parameters, &limits, has_network);
         let checked = self.queue.run(check).await??;
-        let handover = self.library.handover();
-        let offer = id(&checked.parameters).map(|id| handover.offer(id, checked.read, Some(room)));
+        let decoded_uploads = self.library.decoded_uploads();
+        let offer =
+            id(&checked.parameters).map(|id| decoded_uploads.offer(id, checked.read, Some(room)));
         Ok((checked.parameters, offer.unwrap_or_default()))
     }
 }

@@ -19,7 +19,7 @@ use self::layer_cache::{LayerCache, layer_cache};
 pub use self::layers::LayerVoxels;
 use self::loaded_maps::MapsCache;
 pub use self::loaded_maps::{LoadedMaps, MapsState};
-use crate::handover::{Handover, Offer};
+use crate::decoded_uploads::{DecodedUploads, OfferedUpload};
 use audit::Audit;
 use bytes::Bytes;
 use case::{
@@ -110,7 +110,7 @@ struct Inner {
     /// Layers in memory.
     layers: LayerCache,
     /// Volumes that were decoded for their check.
-    handover: Handover,
+    decoded_uploads: DecodedUploads,
 }
 
 impl Library {
@@ -147,7 +147,7 @@ impl Library {
                 dividing: tokio::sync::Mutex::default(),
                 maps,
                 layers: layer_cache(layer_bytes),
-                handover: Handover::new(!is_apart),
+                decoded_uploads: DecodedUploads::new(!is_apart),
             }),
             audit: Audit::default(),
         };
@@ -202,8 +202,8 @@ impl Library {
     }
 
     /// Volumes that were decoded for their check, for the workers.
-    pub(crate) fn handover(&self) -> &Handover {
-        &self.inner.handover
+    pub(crate) fn decoded_uploads(&self) -> &DecodedUploads {
+        &self.inner.decoded_uploads
     }
 
     /// Prepares a case on the calling thread.
@@ -247,7 +247,9 @@ impl Library {
             dicom,
         };
         let id = upload.case_id(&parameters);
-        let offer = read.map_or_else(Offer::default, |read| self.handover().offer(id, read, None));
+        let offer = read.map_or_else(OfferedUpload::default, |read| {
+            self.decoded_uploads().offer(id, read, None)
+        });
         let submitted = self.store().submit_upload(upload, parameters).await?;
         offer.keep_if(submitted.created);
         Ok(submitted)

@@ -9,14 +9,16 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::task;
 
 use crate::error::Error;
+use crate::fair::{Client, FairLimit, FairTurn, this_client};
 
-/// Admits a bounded number of pieces of work at a time and lets a bounded number wait, in the order in which they came.
-/// Cheap to clone.
+/// Admits a bounded number of pieces of work at a time and lets a bounded number wait. Clients ([`for_client`](crate::for_client))
+/// take turns; the requests of one have theirs in the order in which they came. Cheap to clone.
 ///
 /// Dropping a future leaves the queue at once.
 #[derive(Debug, Clone)]
 pub struct ConcurrencyLimit {
-    running: Bound,
+    running: FairLimit,
+    at_a_time: usize,
     /// What runs and what waits.
     inside: Bound,
     recent: Arc<Recent>,
@@ -69,7 +71,8 @@ impl Bound {
 /// A place in the queue, for work with one or several turns. Between them, others get their turns.
 #[derive(Debug)]
 pub struct Queued {
-    running: Arc<Semaphore>,
+    running: FairLimit,
+    client: Client,
     inside: Arc<OwnedSemaphorePermit>,
     recent: Arc<Recent>,
 }
@@ -83,7 +86,7 @@ pub struct Turn {
 
 #[derive(Debug)]
 struct Running {
-    _permit: OwnedSemaphorePermit,
+    _turn: FairTurn,
     since: Instant,
     recent: Arc<Recent>,
 }
@@ -98,7 +101,9 @@ impl ConcurrencyLimit {
     /// `running` at a time, and `waiting` more.
     pub fn new(running: usize, waiting: usize) -> Self {
         Self {
-            running: Bound::new(running),
+            // The places bound the number that wait.
+            running: FairLimit::new(running, usize::MAX),
+            at_a_time: running,
             inside: Bound::new(running.saturating_add(waiting)),
             recent: Arc::default(),
         }
@@ -111,7 +116,8 @@ impl ConcurrencyLimit {
     pub fn enter(&self) -> Result<Queued, Error> {
         let inside = Arc::clone(&self.inside.permits).try_acquire_owned();
         Ok(Queued {
-            running: Arc::clone(&self.running.permits),
+            running: self.running.clone(),
+            client: this_client(),
             inside: Arc::new(inside.map_err(|_| Error::BusyFor(self.wait()))?),
             recent: Arc::clone(&self.recent),
         })
@@ -119,7 +125,7 @@ impl ConcurrencyLimit {
 
     /// How long those who are inside will take.
     fn wait(&self) -> Duration {
-        let rounds = self.inside.taken().div_ceil(self.running.most.max(1));
+        let rounds = self.inside.taken().div_ceil(self.at_a_time.max(1));
         let rounds = u32::try_from(rounds).unwrap_or(u32::MAX);
         self.recent.mean().saturating_mul(rounds)
     }
@@ -153,12 +159,11 @@ impl Queued {
     /// Waits for the next turn.
     ///
     /// # Errors
-    /// None in practice: the semaphore is never closed.
+    /// None in practice: the limit outlives whoever waits.
     pub async fn turn(&self) -> Result<Turn, Error> {
-        let running = Arc::clone(&self.running).acquire_owned().await;
         Ok(Turn {
             _running: Arc::new(Running {
-                _permit: running.map_err(|_| Error::Unavailable)?,
+                _turn: self.running.turn(self.client).await?,
                 since: Instant::now(),
                 recent: Arc::clone(&self.recent),
             }),
@@ -206,6 +211,7 @@ impl Turn {
 #[cfg(test)]
 mod tests {
     use std::future::{pending, ready};
+    use std::net::IpAddr;
     use std::sync::atomic::AtomicUsize;
     use std::sync::mpsc;
     use std::thread;
@@ -214,6 +220,7 @@ mod tests {
     use tokio::sync::oneshot;
 
     use super::*;
+    use crate::fair::for_client;
 
     /// Work in a turn of a limit.
     async fn pass<T>(limit: &ConcurrencyLimit, work: impl Future<Output = T>) -> Result<T, Error> {
@@ -233,6 +240,21 @@ mod tests {
         drop(running);
         assert_eq!(waiting.await.unwrap(), 2);
         assert_eq!(limit.waiting(), 0);
+    }
+
+    #[tokio::test]
+    async fn one_client_with_many_pictures_delays_its_own() {
+        let limit = ConcurrencyLimit::new(1, 8);
+        let [greedy, other] = [1, 2].map(|number| Some(IpAddr::from([10, 0, 0, number])));
+        let first = for_client(greedy, limit.turn()).await.unwrap();
+        let mut second = Box::pin(for_client(greedy, limit.turn()));
+        let mut late = Box::pin(for_client(other, limit.turn()));
+        assert!(poll!(&mut second).is_pending());
+        assert!(poll!(&mut late).is_pending());
+        drop(first);
+        assert!(poll!(&mut second).is_pending());
+        drop(late.await.unwrap());
+        second.await.unwrap();
     }
 
     #[tokio::test]

@@ -2,6 +2,8 @@
 //!
 //! What real software sends is accepted: quoted and bare parameters, boundaries of up to 200 characters, lines that end
 //! in LF alone, parts with and without a length. A length that a part states is not used.
+//!
+//! multer, which reads our forms, holds everything that has arrived until a header ends, and refuses such lines.
 
 use bytes::{Buf as _, Bytes, BytesMut};
 use memchr::memmem::Finder;

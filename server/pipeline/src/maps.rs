@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use analysis::{
-    Candidate, DepthBand, Head, MAP_FORMAT, MapKind, MapParameters, MapsUndefined,
-    MidsagittalPlane, Region, RegionDoubt, Regions, Side, StoredMap, WidthTable,
+    Candidate, DepthBand, Head, MapKind, MapParameters, MapsUndefined, MidsagittalPlane, Region,
+    RegionDoubt, Regions, Side, StoredMap, WidthTable,
 };
 use case::{
     BrainRegion, CandidateFacts, CaseFacts, JunctionBandFacts, MapName, MaskMethod, PatientSide,
@@ -15,11 +15,8 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 pub use analysis::{
-    BORDERLINE_FROM, JunctionWidth, Scale, UNDEFINED as UNDEFINED_CODE, UNUSUAL_ABOVE,
+    BORDERLINE_FROM, JunctionWidth, MAP_FORMAT, Scale, UNDEFINED as UNDEFINED_CODE, UNUSUAL_ABOVE,
 };
-
-/// The version of the maps; part of the entity tags of everything that shows them.
-pub const MAPS_FORMAT: u32 = MAP_FORMAT;
 
 /// The maps of a case.
 #[derive(Debug, Clone, PartialEq)]
@@ -251,7 +248,7 @@ mod tests {
         for length in [0, 3, 4, 40, payload.len() / 2, payload.len() - 1] {
             assert_eq!(decode_maps(&payload[..length]), None, "{length}");
         }
-        let format = format!("{{\"format\":{MAPS_FORMAT}");
+        let format = format!("{{\"format\":{MAP_FORMAT}");
         let place = payload
             .windows(format.len())
             .position(|part| part == format.as_bytes());

@@ -111,17 +111,24 @@ impl RenderRequest {
             0.0..=1000.0,
             "within 0 to 1000",
         )?;
-        checked("slab_mm", parameters.slab_mm, 0.0..=20.0, "within 0 to 20")?;
+        Self::check_slab(parameters.slab_mm)?;
         Ok(Self(parameters))
     }
 
-    /// The same at a depth of a case, within 0 to 1000 mm, through a window.
-    #[must_use]
-    pub fn shown(self, depth_mm: f64, window: Window) -> Self {
+    /// Checks `slab_mm` of the parameters.
+    ///
+    /// # Errors
+    /// If it is not in 0..=20.
+    pub fn check_slab(slab_mm: f64) -> Result<(), RenderError> {
+        checked("slab_mm", slab_mm, 0.0..=20.0, "within 0 to 20").map(|_| ())
+    }
+
+    /// The request with the nearest accepted depth and slab.
+    pub fn within_limits(parameters: RenderParameters) -> Self {
         Self(RenderParameters {
-            depth_mm: depth_mm.clamp(0.0, 1000.0),
-            window,
-            ..self.0
+            depth_mm: parameters.depth_mm.clamp(0.0, 1000.0),
+            slab_mm: parameters.slab_mm.clamp(0.0, 20.0),
+            ..parameters
         })
     }
 

@@ -93,6 +93,7 @@ fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Route
             access.origins().clone(),
             origins::share,
         ))
+        .layer(middleware::from_fn(in_turn))
         .layer(CatchPanicLayer::custom(panicked))
         .layer(middleware::map_response(move |response: Response| {
             add_security_headers(response, policy.clone())
@@ -113,6 +114,12 @@ fn content_policy(ancestors: &FrameAncestors) -> HeaderValue {
     HeaderValue::from_bytes(&policy).unwrap_or(HeaderValue::from_static(CONTENT_POLICY))
 }
 
+/// Handles a request so that its work takes turns with that of other clients.
+async fn in_turn(request: axum::extract::Request, next: middleware::Next) -> Response {
+    let client = http_support::listen::Peer::of(&request);
+    cases::for_client(client, next.run(request)).await
+}
+
 async fn add_security_headers(mut response: Response, policy: HeaderValue) -> Response {
     let headers = response.headers_mut();
     headers
@@ -131,4 +138,52 @@ async fn add_security_headers(mut response: Response, policy: HeaderValue) -> Re
 fn panicked(_panic: Box<dyn Any + Send + 'static>) -> Response {
     tracing::error!("a handler panicked");
     AppError::from(Error::Internal).into_response()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, Mutex};
+
+    use axum::body::Body;
+    use axum::extract::Request;
+    use axum::routing::get;
+    use cases::ConcurrencyLimit;
+    use futures_util::future::join_all;
+    use futures_util::poll;
+    use http_support::listen::{ClientAddress, Peer};
+    use tower::ServiceExt as _;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn clients_take_turns_with_their_work() {
+        let limit = ConcurrencyLimit::new(1, 8);
+        let served = Arc::new(Mutex::new(Vec::new()));
+        let handler = {
+            let (limit, served) = (limit.clone(), Arc::clone(&served));
+            move |client: ClientAddress| async move {
+                let _turn = limit.turn().await.unwrap();
+                served.lock().unwrap().push(client.0.unwrap().to_string());
+            }
+        };
+        let app: Router = Router::new()
+            .route("/", get(handler))
+            .layer(middleware::from_fn(in_turn));
+        let ask = |client: &str| {
+            let mut request = Request::get("/").body(Body::empty()).unwrap();
+            request
+                .extensions_mut()
+                .insert(Peer(client.parse().unwrap()));
+            Box::pin(app.clone().oneshot(request))
+        };
+        let held = limit.turn().await.unwrap();
+        let [greedy, other] = ["10.0.0.1", "10.0.0.2"];
+        let mut requests = [greedy, greedy, greedy, other].map(ask);
+        for request in &mut requests {
+            assert!(poll!(request).is_pending());
+        }
+        drop(held);
+        join_all(requests).await;
+        assert_eq!(*served.lock().unwrap(), [greedy, other, greedy, greedy]);
+    }
 }

@@ -489,7 +489,7 @@ fn sweep(holder: &str) -> Sweep {
 /// What a whole sweep of these objects removes.
 async fn removed(store: &Store, names: &[ObjectName]) -> Vec<ObjectName> {
     let marked = store.mark(names, &sweep("a sweep")).await.unwrap();
-    store.bury("a sweep").await.unwrap();
+    store.remove_tombstones("a sweep").await.unwrap();
     marked
 }
 
@@ -607,7 +607,7 @@ pub(crate) async fn what_is_being_removed_cannot_be_pinned(subject: &Subject) {
     // None of them was pinned.
     subject.pass(31);
     assert!(store.abandoned(10).await.unwrap().is_empty());
-    store.bury("a").await.unwrap();
+    store.remove_tombstones("a").await.unwrap();
     assert!(store.try_pin(&again, LEASE).await.unwrap());
     // What is pinned gets no tombstone.
     assert_eq!(store.mark(&names, &sweep("b")).await.unwrap(), []);
@@ -625,7 +625,7 @@ pub(crate) async fn a_sweep_that_was_killed_is_finished_by_another(subject: &Sub
     subject.pass(1);
     assert_eq!(store.abandoned(10).await.unwrap(), names);
     assert_eq!(store.mark(&names, &sweep("next")).await.unwrap(), names);
-    store.bury("next").await.unwrap();
+    store.remove_tombstones("next").await.unwrap();
     assert!(store.abandoned(10).await.unwrap().is_empty());
     pinned(store, &names).await;
 }
@@ -638,13 +638,13 @@ pub(crate) async fn a_sweep_buries_its_own_tombstones_alone(subject: &Subject) {
     subject.pass(60);
     assert_eq!(store.mark(&names, &sweep("next")).await.unwrap(), names);
     // The first one comes back after its lease: the tombstone is not its own any more.
-    store.bury("slow").await.unwrap();
+    store.remove_tombstones("slow").await.unwrap();
     let writer = Pinned {
         holder: "a writer".to_owned(),
         names: names.to_vec(),
     };
     assert!(!store.try_pin(&writer, LEASE).await.unwrap());
-    store.bury("next").await.unwrap();
+    store.remove_tombstones("next").await.unwrap();
     assert!(store.try_pin(&writer, LEASE).await.unwrap());
 }
 

@@ -487,7 +487,7 @@ impl Store {
         if marked.is_empty() {
             return Ok(());
         }
-        self.bury(&sweep.holder).await
+        self.remove_tombstones(&sweep.holder).await
     }
 
     /// Calls `hook` after each deletion by this process and, if the database reports them, by others.

@@ -4,7 +4,7 @@
 //! tombstones of several machines, whose clocks differ, are compared by one clock. Callers give durations.
 //!
 //! An object is removed in three steps, none of which holds a transaction while the object store works:
-//! `mark` leaves a tombstone on an unneeded object, the object is deleted, and `bury` removes
+//! `mark` leaves a tombstone on an unneeded object, the object is deleted, and `remove_tombstones` removes
 //! the tombstone. An object with a tombstone cannot be pinned, and a pinned or needed object gets no tombstone; so no
 //! object is deleted that a process is about to reference. A tombstone has a lease: if its holder is killed, another
 //! sweep takes it over and deletes the object again.

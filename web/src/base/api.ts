@@ -116,7 +116,7 @@ export function problemFrom(status: number, headers: { get(name: string): string
 }
 
 /** A page of cases, newest first; `next` is the cursor of the page after, if any. */
-export interface CasePage {
+interface CasePage {
   readonly cases: readonly Case[];
   readonly next?: string;
 }

@@ -13,7 +13,7 @@ export interface Wish<About> {
   readonly about: About;
 }
 
-export interface PictureListener<About, Picture> {
+interface PictureListener<About, Picture> {
   /** Puts a picture up, with what was given beside its path. */
   put(picture: Picture, about: About): void;
   /** Why the latest picture cannot be loaded; null if it was. */

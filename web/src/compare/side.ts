@@ -13,7 +13,7 @@ import type { ViewState } from "../model/state.ts";
 const LOOK_AGAIN_MS = 50;
 
 /** What the page around the two sides does. */
-export interface SideHost {
+interface SideHost {
   /** Another case was chosen. */
   chosen(side: Side, id: string): void;
   /** The reader has changed how the case is shown. */

@@ -7,11 +7,11 @@ import type { ColorName } from "./colors.ts";
 
 export type Gl = WebGL2RenderingContext;
 type BlockName = keyof typeof names.blocks;
-export type ShaderName = keyof typeof names.shaders;
+type ShaderName = keyof typeof names.shaders;
 type VertexShaderName = ShaderName & `${string}.vert.glsl`;
 
 /** Something of the graphics device could not be made; `message` holds the compiler's log where there is one. */
-export class GlError extends Error {}
+class GlError extends Error {}
 
 /** The graphics device has no room. */
 export class TooLarge extends GlError {}

@@ -6,7 +6,7 @@ import { type Gl, finished } from "./gl.ts";
  * Of the last frames, the one in the middle by duration: the first ones, for which shaders are compiled, do not count
  * for much.
  */
-export interface FrameTimes {
+interface FrameTimes {
   readonly script_ms: number;
   readonly frame_ms: number;
   readonly frames: number;

@@ -48,7 +48,7 @@ export interface Maps {
 }
 
 /** What may lie elsewhere than its texture does. */
-export interface Moved {
+interface Moved {
   readonly moved?: Affine | undefined;
 }
 

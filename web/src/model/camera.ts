@@ -101,7 +101,7 @@ const LETTERS = [
 ] as const;
 
 /** A second letter is given where its axis is at least 30° off the perpendicular; the strongest is first. */
-export function lettersOf(direction_in_patient: Vec3): string {
+function lettersOf(direction_in_patient: Vec3): string {
   return direction_in_patient
     .map((part, axis) => ({ size: Math.abs(part), letter: LETTERS[axis]?.[part > 0 ? 0 : 1] ?? "" }))
     .filter(({ size }) => size >= 0.5)

@@ -6,7 +6,7 @@ import { type ViewState, hasSlices, isMirrored } from "./state.ts";
 
 /** The depths at which the bands begin, in mm; the last one has no end. */
 export const BANDS_MM = [0, 6, 10, 15, 20] as const;
-export type Band = (typeof BANDS_MM)[number];
+type Band = (typeof BANDS_MM)[number];
 
 /** A look that lasts longer without any change counts as one of so long: the reader may have left, in ms. */
 const LONGEST_MS = 60_000;

@@ -50,7 +50,7 @@ export const slidTo = (depths: Depths, position: Vec3, depth_mm: number): Vec3 =
   walked(depths, position, depth_mm).points.at(-1) ?? position;
 
 /** The way through a position, as a table: how far each depth is from it. */
-export class Flow {
+class Flow {
   readonly #outward: Walk;
   readonly #inward: Walk;
   readonly #own: Vec3;

@@ -33,7 +33,7 @@ export class ViewMemory {
 }
 
 /** The first state of a case, seen as another case was. */
-export function carriedOver(from: ViewState, shown: ReadyCase): ViewState {
+function carriedOver(from: ViewState, shown: ReadyCase): ViewState {
   const { orientation, convention, way, averages_shallow } = from;
   // There is no mark yet to look at closely.
   const layout = from.layout === "closer" ? "both" : from.layout;

@@ -31,7 +31,7 @@ export function sideOf(position_in_patient: Vec3, plane: MirrorPlane): Side {
 }
 
 /** How far a direction must lead from the plane so that one hemisphere is seen from there alone: a sine. */
-export const SIDEWAYS = 0.2;
+const SIDEWAYS = 0.2;
 
 /** The hemisphere that is seen from a direction; `middle`: both are. */
 export function sideSeen(towards_viewer: Vec3, { normal }: MirrorPlane): Side {

@@ -15,7 +15,7 @@ import { fileStem } from "./export.ts";
 import { button, row } from "./fields.ts";
 import { saveFile } from "./picture-file.ts";
 
-export interface CaseSectionListener {
+interface CaseSectionListener {
   /** Something is to be laid over each slice; null: nothing. */
   lay(make: (() => SliceLayer) | null): void;
   /** A version was made, or was there. */

@@ -21,7 +21,7 @@ const MOST_CASES = 10_000;
 /** A row that stays in sight for so long gets its picture. */
 const LOOK_MS = 120;
 
-export interface CaseListListener {
+interface CaseListListener {
   /** The cases, or one of them, are not what they were. */
   changed(): void;
   remove(one: Case): void;
@@ -40,7 +40,7 @@ export function matches(one: Case, search: string): boolean {
 
 /** How the list is sorted. */
 const ORDERS = ["newest", "oldest", "label", "state"] as const;
-export type Order = (typeof ORDERS)[number];
+type Order = (typeof ORDERS)[number];
 
 /** What asks for a look comes first. */
 function rankOf(one: Case): number {

@@ -58,7 +58,7 @@ export function pathOf(xs: readonly number[], ys: readonly number[]): string {
 }
 
 /** What can be done with a profile. */
-export interface ProfileUses {
+interface ProfileUses {
   /** A place of the chart was clicked. */
   go(depth_mm: number): void;
   /** What stands below its picture. */

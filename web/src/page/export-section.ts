@@ -11,7 +11,7 @@ import { seriesDialog } from "./series.ts";
 /** How many times the screen's pixels a saved picture can have. */
 const TIMES = [1, 2, 4] as const;
 
-export interface ExportSources {
+interface ExportSources {
   onScreen(): OnScreen;
   sweep(): SweepChoice;
   /** The address of what is on the screen. */

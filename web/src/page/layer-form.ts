@@ -6,7 +6,7 @@ import type { Affine } from "../model/space.ts";
 import { sequenceOf, uploadName } from "./upload-files.ts";
 
 /** What is said of a new layer besides its files; what is not said the server finds out. */
-export interface LayerWish {
+interface LayerWish {
   readonly name?: string;
   readonly kind?: LayerKind;
   readonly unit?: string;

@@ -16,7 +16,7 @@ import { sendLayer, wishOf } from "./layer-form.ts";
 import { Transfer } from "./transfer.ts";
 import { freeName, sortLayers } from "./upload-files.ts";
 
-export interface LayersListener {
+interface LayersListener {
   grey(id: string | null): void;
   colours(id: string): void;
   announce(words: string): void;

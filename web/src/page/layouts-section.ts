@@ -18,7 +18,7 @@ import { button, row } from "./fields.ts";
 
 const KEY = "isocortex-layouts";
 
-export interface LayoutsHost {
+interface LayoutsHost {
   readonly shown: ReadyCase;
   readonly actions: Pick<Actions, "change" | "command">;
   state(): ViewState;

@@ -9,7 +9,7 @@ import type { Fallback, LoadProgress } from "../panes/surface.ts";
 const MOST_UNREAD = 5;
 const LONGEST_UNREAD = 40;
 
-export interface NoticesListener {
+interface NoticesListener {
   cancelLoad(): void;
   loadAgain(): void;
 }

@@ -36,7 +36,7 @@ const KEYS: Readonly<Record<string, readonly [number, number]>> = {
   PageUp: [5, 3],
 };
 
-export interface NudgeListener {
+interface NudgeListener {
   /** The layer lies elsewhere. */
   moved(): void;
   /** Shows a layer in the place of the one that was moved. */

@@ -44,7 +44,7 @@ export const TASKS = ["read", "layers", "case", "all"] as const;
 export type Task = (typeof TASKS)[number];
 
 /** Sections that others fill. */
-export interface PanelSections {
+interface PanelSections {
   readonly maps: HTMLElement;
   readonly layers: HTMLElement;
   /** More about drawing. */

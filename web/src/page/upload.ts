@@ -13,7 +13,7 @@ import { Transfer } from "./transfer.ts";
 import { type Sorted, freeName, looksLikeMask, sortFiles, uploadName } from "./upload-files.ts";
 
 /** What the form is in. */
-export interface UploadBox {
+interface UploadBox {
   /** The result of the last upload; outside of the form, which is closed by then. */
   readonly done: HTMLElement;
   close(): void;

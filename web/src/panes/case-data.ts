@@ -25,7 +25,7 @@ export interface Fetched {
 }
 
 /** Gets the data as they arrive. `CaseData` waits for what takes long. */
-export interface DataListener {
+interface DataListener {
   /** All of the first picture is here. */
   first(signal: AbortSignal): Promise<void>;
   /** More is here for a device. */

@@ -15,9 +15,9 @@ import type { SliceListener } from "./slice-parts.ts";
 import { SlicePane } from "./slices.ts";
 
 /** How much of the head is seen at first, along the smaller side of a pane. */
-export const CLOSE_MM = 60;
+const CLOSE_MM = 60;
 
-export interface CloserListener extends Omit<SliceListener, "enlarge" | "zoomed" | "window"> {
+interface CloserListener extends Omit<SliceListener, "enlarge" | "zoomed" | "window"> {
   /** A drag with the right button in the case itself, or in the layer. */
   window(move: Vec2, isLayer: boolean): void;
 }

@@ -10,7 +10,7 @@ const WORDS_GAP = 12;
 const WORDS_ROOM = 56;
 
 /** `ticks` are a cross on a slice, `opposite` the same at its mirror image; the others are smaller, with a circle. */
-export type CursorKind = "ticks" | "opposite" | "mark" | "hidden" | "ghost";
+type CursorKind = "ticks" | "opposite" | "mark" | "hidden" | "ghost";
 
 export interface CursorLook {
   readonly kind: CursorKind;

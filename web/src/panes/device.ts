@@ -19,7 +19,7 @@ const MOST_PICTURE_PIXELS = 8192;
 export const fitsMemory = (shown: ReadyCase): boolean =>
   textureBytes(shown.grid.size, shown.volume.size) <= MOST_TEXTURE_BYTES;
 
-export interface DeviceListener {
+interface DeviceListener {
   lost(): void;
   restored(): void;
 }

@@ -4,7 +4,7 @@ import type { Vec2 } from "../model/space.ts";
 import { Notches, type Pinch, wheelPixels } from "../model/controls.ts";
 
 /** What a drag does, by its button and modifier. */
-export type DragKind = "turn" | "pan" | "window";
+type DragKind = "turn" | "pan" | "window";
 
 export interface GestureListener {
   /** A hand came down; a finger may also be about to scroll the page. */

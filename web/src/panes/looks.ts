@@ -73,7 +73,7 @@ export function panesOf(state: ViewState, canvas: Vec2): Pane[] {
 }
 
 /** A slice: flat, lit everywhere alike. */
-export function sliceLookOf(
+function sliceLookOf(
   state: ViewState,
   view: SliceView,
   { envelope_sphere }: ReadyCase,

@@ -7,7 +7,7 @@ const STYLED =
   "opacity fill stroke stroke-width stroke-dasharray paint-order font-family font-size font-weight text-anchor dominant-baseline";
 
 /** A drawing as a picture, in CSS pixels. */
-export interface SvgPicture {
+interface SvgPicture {
   readonly image: CanvasImageSource;
   readonly width: number;
   readonly height: number;

@@ -16,7 +16,7 @@ const MOVING_PIXELS = 320;
 /** The larger side of a picture that is saved. */
 const MOST_PIXELS = 4096;
 
-export interface ServedListener {
+interface ServedListener {
   /** A picture of the server is up, in front of the canvas. */
   drawn(state: ViewState): void;
   trouble(words: string): void;

@@ -38,7 +38,7 @@ const HIDDEN_MM = 3;
 const OPPOSITE = { left: "right", right: "left", middle: "middle" } as const;
 
 /** What hands do by themselves. */
-export interface HandUses {
+interface HandUses {
   readonly drag: DragDirection;
   readonly wheel: WheelUse;
 }

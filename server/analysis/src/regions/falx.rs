@@ -47,7 +47,7 @@ pub struct Sheet {
     /// The height of each column over the plane, in mm to the left, y-fastest.
     heights: Vec<f32>,
     /// What the sheet meets in each column.
-    grounds: Vec<Ground>,
+    materials: Vec<Material>,
 }
 
 impl Sheet {
@@ -88,7 +88,7 @@ impl Sheet {
                 .clamp(0.0, last) as usize
         };
         let column = along(0, place.y) + self.size[0] * along(1, place.z);
-        self.grounds[column] == Ground::Tissue
+        self.materials[column] == Material::Tissue
     }
 
     /// To the axes of the head.
@@ -115,17 +115,17 @@ impl Sheet {
         let totals = totals(&costs, size);
         let heights: Vec<f32> = totals.iter().map(least).collect();
         let mut heights = smoothed(heights, size);
-        let grounds = heights.iter().enumerate().map(|(index, &height)| {
+        let materials = heights.iter().enumerate().map(|(index, &height)| {
             match tissue.at(column(index).with_x(f64::from(height))) {
-                None => Ground::Outside,
-                Some(value) if value < DARK_BELOW => Ground::Fissure,
-                Some(_) => Ground::Tissue,
+                None => Material::Outside,
+                Some(value) if value < DARK_BELOW => Material::Fissure,
+                Some(_) => Material::Tissue,
             }
         });
-        let grounds = fissures(grounds.collect(), size);
-        stretch(&mut heights, &grounds, size);
+        let materials = fissures(materials.collect(), size);
+        stretch(&mut heights, &materials, size);
         Self {
-            grounds,
+            materials,
             head_from_patient: lattice.patient_from_head.inverse(),
             first: [first.y, first.z],
             size,
@@ -135,25 +135,26 @@ impl Sheet {
 
     /// The share of the sheet within the envelope that lies in a fissure.
     pub(super) fn fissure_share(&self) -> f64 {
-        let count = |ground: Ground| {
-            self.grounds
+        let count = |material: Material| {
+            self.materials
                 .iter()
-                .filter(|&&other| other == ground)
+                .filter(|&&other| other == material)
                 .count() as f64
         };
-        let fissure = count(Ground::Fissure);
-        fissure / (fissure + count(Ground::Tissue)).max(1.0)
+        let fissure = count(Material::Fissure);
+        fissure / (fissure + count(Material::Tissue)).max(1.0)
     }
 }
 
 /// Marks the dark columns that are no fissure as tissue: those that are not connected to the outside by others, at least
 /// three wide (ventricles).
-fn fissures(mut grounds: Vec<Ground>, size @ [ny, nz]: [usize; 2]) -> Vec<Ground> {
-    let is_wide = |index: usize| around(index, size).all(|other| grounds[other] != Ground::Tissue);
+fn fissures(mut materials: Vec<Material>, size @ [ny, nz]: [usize; 2]) -> Vec<Material> {
+    let is_wide =
+        |index: usize| around(index, size).all(|other| materials[other] != Material::Tissue);
     let wide: Vec<bool> = (0..ny * nz).map(is_wide).collect();
-    let mut reached: Vec<bool> = grounds
+    let mut reached: Vec<bool> = materials
         .iter()
-        .map(|&ground| ground == Ground::Outside)
+        .map(|&material| material == Material::Outside)
         .collect();
     let mut open: Vec<usize> = (0..reached.len()).filter(|&index| reached[index]).collect();
     while let Some(index) = open.pop() {
@@ -167,12 +168,12 @@ fn fissures(mut grounds: Vec<Ground>, size @ [ny, nz]: [usize; 2]) -> Vec<Ground
     let near: Vec<bool> = (0..ny * nz)
         .map(|index| around(index, size).any(|other| reached[other]))
         .collect();
-    for (ground, is_near) in grounds.iter_mut().zip(near) {
-        if *ground == Ground::Fissure && !is_near {
-            *ground = Ground::Tissue;
+    for (material, is_near) in materials.iter_mut().zip(near) {
+        if *material == Material::Fissure && !is_near {
+            *material = Material::Tissue;
         }
     }
-    grounds
+    materials
 }
 
 /// A column and the up to eight around it.
@@ -184,10 +185,12 @@ fn around(index: usize, [ny, nz]: [usize; 2]) -> impl Iterator<Item = usize> {
 }
 
 /// Replaces the heights in tissue by a membrane that is held by those around.
-fn stretch(heights: &mut [f32], grounds: &[Ground], [ny, nz]: [usize; 2]) {
+fn stretch(heights: &mut [f32], materials: &[Material], [ny, nz]: [usize; 2]) {
     let held = |index: &usize| {
         let (y, z) = (index % ny, index / ny);
-        grounds[*index] == Ground::Tissue && (1..ny - 1).contains(&y) && (1..nz - 1).contains(&z)
+        materials[*index] == Material::Tissue
+            && (1..ny - 1).contains(&y)
+            && (1..nz - 1).contains(&z)
     };
     let free: Vec<usize> = (0..heights.len()).filter(held).collect();
     for _ in 0..STRETCH_ROUNDS {
@@ -201,7 +204,7 @@ fn stretch(heights: &mut [f32], grounds: &[Ground], [ny, nz]: [usize; 2]) {
 
 /// What the sheet meets in a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Ground {
+enum Material {
     /// It is outside the envelope.
     Outside,
     /// Fluid or dura between the hemispheres.

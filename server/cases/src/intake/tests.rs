@@ -98,8 +98,8 @@ impl Setup {
     }
 
     async fn until_idle(&self) {
-        let handover = self.cases.library.handover().clone();
-        until(move || handover.is_awaited()).await;
+        let decoded_uploads = self.cases.library.decoded_uploads().clone();
+        until(move || decoded_uploads.is_awaited()).await;
     }
 
     async fn is_ready(&self, id: &CaseId) {

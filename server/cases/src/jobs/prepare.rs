@@ -62,7 +62,7 @@ impl Work for PrepareCase {
     }
 
     fn rest(&self) -> Option<Box<dyn Any + Send>> {
-        Some(Box::new(self.0.handover().idle()))
+        Some(Box::new(self.0.decoded_uploads().idle()))
     }
 }
 
@@ -72,7 +72,7 @@ impl PrepareCase {
         let (library, id) = (&self.0, case.id);
         let mut names = library.store().case_objects(&id).await?;
         names.retain(|name| name.kind.is_source());
-        let read = library.handover().take(&id);
+        let read = library.decoded_uploads().take(&id);
         let source = match &read {
             Some(_) => library.source_besides(&id, &names).await?,
             None => library.source(&id, &names).await?,

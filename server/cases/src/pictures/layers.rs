@@ -5,7 +5,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use case::{CaseId, Layer, LayerFacts, LayerKind, MapName};
-use pipeline::maps::{MAPS_FORMAT, NoMaps};
+use pipeline::maps::{MAP_FORMAT, NoMaps};
 use render::{ColorMap, KeyedLayer, KeyedLayers, OverlayParameters, OverlayStyle, Window};
 use serde::{Deserialize, Serialize};
 
@@ -103,7 +103,7 @@ impl ChosenLayer {
     /// Distinguishes answers with different versions of it.
     pub fn version(&self) -> String {
         match self {
-            Self::Map(_) => format!("maps {MAPS_FORMAT}"),
+            Self::Map(_) => format!("maps {MAP_FORMAT}"),
             Self::Layer(layer) => format!("layer {LAYERS_FORMAT} {} {}", layer.id, layer.name),
         }
     }
@@ -408,7 +408,7 @@ mod tests {
             choice.check().unwrap();
             let chosen = choice.among(&[]).unwrap();
             assert_eq!(chosen.overlay, Some(ChosenLayer::Map(name)));
-            assert_eq!(chosen.version(), Some(format!("maps {MAPS_FORMAT}")));
+            assert_eq!(chosen.version(), Some(format!("maps {MAP_FORMAT}")));
             choice.styled(LayerStyle::of(name)).unwrap();
         }
     }

@@ -7,6 +7,7 @@ mod encoding;
 mod graphics;
 mod layers;
 mod numbers;
+mod plan;
 mod request;
 mod series;
 mod slice;
@@ -20,6 +21,7 @@ pub use self::layers::{
     ready,
 };
 pub use self::numbers::{NumberList, Numbers};
+pub use self::plan::{Frames, Layout, MAX_PICTURES, Part, PicturePlan, PlanError, Sweep};
 pub use self::request::{
     CheckedPicture, MAX_CONTOURS, MAX_PIXELS, MAX_POINTS, PictureRequest, check_annotation,
     check_count, default_count, default_picture_count, default_side, default_zoom, mesh_size,

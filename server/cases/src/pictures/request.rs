@@ -228,22 +228,17 @@ impl PictureRequest {
         check_annotation(self.annotate, [self.width, self.height])?;
         self.layers().check()?;
         let window = self.window()?;
-        let request = RenderRequest::new(RenderParameters {
-            depth_mm: 0.0,
-            camera,
-            size: picture_size(self.width, self.height)?,
-            window: window.unwrap_or_else(|| Window::between(0.0, 1.0)),
-            colormap: self.colormap,
-            slab_mm: self.slab_mm,
-            light: Light::new(self.ambient)?,
-            background: self.background,
-        })?;
+        let size = picture_size(self.width, self.height)?;
+        let light = Light::new(self.ambient)?;
+        RenderRequest::check_slab(self.slab_mm)?;
         Ok(CheckedPicture {
             asked: self.clone(),
             depth,
             mesh,
+            camera,
+            size,
             window,
-            request,
+            light,
         })
     }
 
@@ -291,13 +286,12 @@ impl PictureRequest {
         Ok(camera.with_zoom(self.zoom)?.with_pan_mm(pan_mm)?)
     }
 
-    /// The same picture after `step` of `steps` steps of a full turn around its vertical axis.
+    /// The same picture turned around its vertical axis.
     ///
     /// # Errors
     /// [`Error::Parameter`] for an invalid view.
-    pub fn turned(&self, step: u32, steps: u32) -> Result<Self, Error> {
-        let angle = std::f64::consts::TAU * f64::from(step) / f64::from(steps);
-        let orientation = glam::DQuat::from_rotation_y(angle) * self.camera()?.orientation();
+    pub fn turned(&self, angle_rad: f64) -> Result<Self, Error> {
+        let orientation = glam::DQuat::from_rotation_y(angle_rad) * self.camera()?.orientation();
         Ok(Self {
             view: None,
             orientation: Some(Numbers(orientation.to_array())),
@@ -340,10 +334,11 @@ pub struct CheckedPicture {
     pub depth: DepthMm,
     /// The mesh, for a renderer that draws one.
     pub mesh: MeshSize,
+    camera: Camera,
+    size: FrameSize,
     /// The window; by default from the layer or the case.
     window: Option<Window>,
-    /// All other values, at depth 0.
-    request: RenderRequest,
+    light: Light,
 }
 
 impl CheckedPicture {
@@ -351,13 +346,21 @@ impl CheckedPicture {
     pub fn of_case(&self, facts: &CaseFacts, layers: &PictureLayers) -> RenderRequest {
         let depth_mm = self.depth.shown_in(facts).mm.into();
         let usual = || layers.window.unwrap_or_else(|| window_of(facts));
-        self.request
-            .shown(depth_mm, self.window.unwrap_or_else(usual))
+        RenderRequest::within_limits(RenderParameters {
+            depth_mm,
+            camera: self.camera,
+            size: self.size,
+            window: self.window.unwrap_or_else(usual),
+            colormap: self.asked.colormap,
+            slab_mm: self.asked.slab_mm,
+            light: self.light,
+            background: self.asked.background,
+        })
     }
 
     /// The view.
     pub fn camera(&self) -> &Camera {
-        &self.request.parameters().camera
+        &self.camera
     }
 }
 

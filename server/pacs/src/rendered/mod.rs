@@ -438,8 +438,9 @@ fn metadata(shown: &Shown, facts: &CaseFacts) -> Value {
         "0070120D": text("CS", "VOLUME_RENDERED"),
         "00720510": text("CS", "3D_RENDERING"),
         "00082111": text("ST", &format!(
-            "Isosurface {} mm below the envelope of the brain. For research use only. Not for diagnosis.",
-            shown.depth_mm.min(facts.max_depth_mm)
+            "Isosurface {} mm below the envelope of the brain. {}",
+            shown.depth_mm.min(facts.max_depth_mm),
+            render::RESEARCH_USE_NOTICE
         )),
     });
     if let Some(swivel) = &shown.swivel {

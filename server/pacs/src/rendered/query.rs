@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use case::{CaseFacts, SphereFacts};
 use cases::Error;
-use cases::pictures::{CheckedPicture, Numbers, PictureRequest, window_of};
+use cases::pictures::{
+    CheckedPicture, Layout, MAX_PICTURES, Numbers, Part, PicturePlan, PictureRequest, PlanError,
+    window_of,
+};
 use glam::{DMat3, DQuat, DVec3};
 use render::WindowFunction;
 use utoipa::IntoParams;
@@ -26,9 +29,6 @@ const USUAL_STEP: f64 = 10.0;
 
 /// The pictures per second that are recommended if none are requested.
 const USUAL_RATE: f64 = 12.5;
-
-/// The most pictures of an animation.
-const MAX_FRAMES: usize = 256;
 
 /// The most pixels of all pictures.
 const MAX_TOTAL_PIXELS: usize = 1 << 25;
@@ -258,17 +258,12 @@ impl<'a> RenderedQuery<'a> {
         let quality = self.number("quality", 1.0..=100.0)?;
         let first = self.picture(facts, viewpoint, window, viewport)?;
         let swivel = self.swivel()?;
-        let pictures = match &swivel {
-            None => vec![checked(&first)?],
-            Some(swivel) => swivel.pictures(&first)?,
+        let plan = match &swivel {
+            None => PicturePlan::one(&first),
+            Some(swivel) => PicturePlan::turned(&first, &swivel.angles_rad()?, Layout::Separate),
         };
-        let pixels = viewport[0] as usize * viewport[1] as usize;
-        if pixels * pictures.len() > MAX_TOTAL_PIXELS {
-            let detail = format!(
-                "the pictures have more than {MAX_TOTAL_PIXELS} pixels; request smaller or fewer ones"
-            );
-            return Err(AppError::bad_request("query-value-out-of-range", detail).at("viewport"));
-        }
+        let plan = plan.and_then(|plan| plan.within(MAX_TOTAL_PIXELS));
+        let PicturePlan { pictures, .. } = plan.map_err(named)?;
         Ok(Shown {
             viewpoint,
             window,
@@ -456,40 +451,34 @@ fn camera(viewpoint: Viewpoint, centre: [f64; 3]) -> Result<([f64; 4], [f64; 2])
 }
 
 impl Swivel {
-    /// The pictures of a turn around the vertical axis of the picture: all around, or from one side to the other.
-    fn pictures(&self, first: &PictureRequest) -> Result<Vec<CheckedPicture>, AppError> {
+    /// The angles of the pictures of a turn: all around, or from one side to the other.
+    fn angles_rad(&self) -> Result<Vec<f64>, AppError> {
         let steps = (self.range_degrees / self.step_degrees).round().max(1.0) as usize;
         let is_full = self.range_degrees >= 360.0;
         let count = if is_full { steps } else { steps + 1 };
-        if count > MAX_FRAMES {
-            return Err(wrong(
-                "animationstepsize",
-                "larger: at most 256 pictures are drawn",
-            ));
+        if count > MAX_PICTURES {
+            let rule = format!("larger: at most {MAX_PICTURES} pictures are drawn");
+            return Err(wrong("animationstepsize", &rule));
         }
         let begin = if is_full {
             0.0
         } else {
             -self.range_degrees / 2.0
         };
-        let Some(Numbers(start)) = first.orientation else {
-            return Err(Error::Internal.into());
-        };
-        let turned = |number: usize| {
+        let angle = |number: usize| {
             let degrees = begin + self.range_degrees * number as f64 / steps as f64;
-            let turn = DQuat::from_rotation_y(degrees.to_radians());
-            let orientation = turn * DQuat::from_array(start);
-            checked(&PictureRequest {
-                orientation: Some(Numbers(orientation.to_array())),
-                ..first.clone()
-            })
+            degrees.to_radians()
         };
-        (0..count).map(turned).collect()
+        Ok((0..count).map(angle).collect())
     }
 }
 
-fn checked(picture: &PictureRequest) -> Result<CheckedPicture, AppError> {
-    Ok(picture.checked()?)
+/// The error with the names of the query: those of a picture are its own.
+fn named(error: PlanError) -> Error {
+    error.named("query-value-out-of-range", |part| match part {
+        Part::Pixels => "viewport".to_owned(),
+        _ => String::new(),
+    })
 }
 
 #[cfg(test)]
@@ -585,11 +574,7 @@ mod tests {
                 step_degrees,
                 rate: 10.0,
             };
-            let first = PictureRequest {
-                orientation: Some(Numbers([0.0, 0.0, 0.0, 1.0])),
-                ..PictureRequest::default()
-            };
-            swivel.pictures(&first).map(|pictures| pictures.len()).ok()
+            swivel.angles_rad().map(|angles| angles.len()).ok()
         };
         assert_eq!(count(360.0, 10.0), Some(36));
         assert_eq!(count(90.0, 10.0), Some(10));

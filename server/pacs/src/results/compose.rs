@@ -1,12 +1,12 @@
 //! Makes the DICOM object of a result: whose it is, what it was derived from, and its UIDs.
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use axum::body::Bytes;
 use axum::http::StatusCode;
 use case::findings::Finding;
 use case::{Case, CaseFacts, CaseId, MaskMethod, ObjectKind, PatientSide, QualityState};
-use cases::pictures::{PictureRequest, window_of};
+use cases::pictures::{Layout, PictureRequest, window_of};
 use cases::report::{ReportFormat, ReportSubject};
 use cases::{Cases, Error};
 use geometry::{Grid, Mask};
@@ -17,15 +17,15 @@ use imaging::dicom::{Attributes, Instance, Mark, Side};
 use jiff::Timestamp;
 use pipeline::codec::{decode_brain, decode_envelope};
 use pipeline::findings::voxels_of;
-use render::{Frame, FrameSize, PixelFormat, WindowFunction, encode_png};
+use render::{
+    Frame, FrameSize, PixelFormat, RESEARCH_USE_NOTICE, SHORT_NOTICE, WindowFunction, encode_png,
+};
 use storage::arrivals::Uid;
 use storage::results::ResultSeries;
 
 use super::draw::Drawing;
 use super::moment::Moment;
-use super::request::{
-    FindingsPlan, KeyObjectPlan, Layout, MaskPlan, Plan, ResultRequest, Title, What,
-};
+use super::request::{FindingsPlan, KeyObjectPlan, MaskPlan, Plan, ResultRequest, Title, What};
 use crate::state::Pacs;
 use http_support::problem::AppError;
 
@@ -36,7 +36,8 @@ const FORMAT: &str = "isocortex result 2";
 const FIRST_SERIES: u32 = 9100;
 
 /// What every result is, for people.
-const COMMENT: &str = "Made by Isocortex. For research use only. Not for diagnosis.";
+static COMMENT: LazyLock<String> =
+    LazyLock::new(|| format!("Made by Isocortex. {RESEARCH_USE_NOTICE}"));
 
 /// A result whose UIDs are known and whose pixels are not drawn yet.
 #[derive(Debug)]
@@ -171,8 +172,8 @@ impl Composer {
             Content::KeyObject(..) => write::KEY_OBJECT,
             Content::Report(..) => write::REPORT,
             Content::Pictures(drawing) => match drawing.plan().layout {
-                Layout::Cine { .. } => write::CINE,
-                Layout::One | Layout::Sheet { .. } => write::PICTURE,
+                Layout::Animation { .. } => write::CINE,
+                Layout::Separate | Layout::Sheet { .. } => write::PICTURE,
             },
         };
         ResultSeries {
@@ -247,7 +248,7 @@ impl Composer {
                 series_number,
                 series_description: &title,
                 derivation: &derivation,
-                comment: COMMENT,
+                comment: &COMMENT,
                 version: env!("CARGO_PKG_VERSION"),
                 date: &moment.date,
                 time: &moment.time,
@@ -359,7 +360,7 @@ fn segments(
         };
         let segment = Segment {
             label: label.to_owned(),
-            description: "Marked by a reader; research use only".to_owned(),
+            description: format!("Marked by a reader; {SHORT_NOTICE}"),
             algorithm: Algorithm::Manual,
             property: Property::SelectedRegion,
         };
@@ -559,7 +560,7 @@ fn title(content: &Content, what: What) -> String {
             }
         }
     };
-    format!("Isocortex {shown}, research use only")
+    format!("Isocortex {shown}, {SHORT_NOTICE}")
 }
 
 /// The number of the series: after those of a scanner, by kind, and within a kind by depth in whole mm.
@@ -583,12 +584,16 @@ fn ends(drawing: &Drawing) -> [&PictureRequest; 2] {
 fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
     let radius = case.parameters.closing_radius_mm;
     if matches!(content, Content::Findings(..)) {
-        return format!("Places that a reader has marked, with a brush of 3 mm. {COMMENT}");
+        return format!(
+            "Places that a reader has marked, with a brush of 3 mm. {}",
+            *COMMENT
+        );
     }
     let Content::Pictures(drawing) = content else {
         // Lists and reports have no derivation.
         return format!(
-            "Mask of the brain, sampled at the centres of the voxels of the source. Closing radius of the envelope: {radius} mm. {COMMENT}"
+            "Mask of the brain, sampled at the centres of the voxels of the source. Closing radius of the envelope: {radius} mm. {}",
+            *COMMENT
         );
     };
     let [first, last] = ends(drawing);
@@ -597,14 +602,18 @@ fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
         true => first.depth_mm.to_string(),
         false => format!("{} to {}", first.depth_mm, last.depth_mm),
     };
+    let slab = match first.slab_mm == last.slab_mm {
+        true => first.slab_mm.to_string(),
+        false => format!("{} to {}", first.slab_mm, last.slab_mm),
+    };
     let mut text = format!(
         "Isosurface {depth} mm below the envelope of the brain (closing radius {radius} mm), {width} x {height} pixels, renderer {}, ",
         drawing.renderer(),
     );
     text += &match &drawing.plan().layout {
-        Layout::One => format!("view {}, ", first.direction()),
+        Layout::Separate => format!("view {}, ", first.direction()),
         Layout::Sheet { .. } => "a row for each depth and a column for each view, ".to_owned(),
-        Layout::Cine { .. } => format!("first view {}, ", first.direction()),
+        Layout::Animation { .. } => format!("first view {}, ", first.direction()),
     };
     text += &match first.window {
         Some(cases::pictures::Numbers([centre, width])) => {
@@ -625,9 +634,8 @@ fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
         }
     };
     text += &format!(
-        "colours {}, mean over {} mm to either side, ambient light {}. ",
+        "colours {}, mean over {slab} mm to either side, ambient light {}. ",
         first.colormap.name(),
-        first.slab_mm,
         first.ambient as f32
     );
     if let Some(layer) = &first.layer {
@@ -636,7 +644,7 @@ fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
     if let Some(overlay) = &first.overlay {
         text += &format!("Overlay: layer {overlay}. ");
     }
-    text + "Intensities are not resampled. " + COMMENT
+    text + "Intensities are not resampled. " + &COMMENT
 }
 
 async fn mask(cases: &Cases, id: &CaseId, plan: MaskPlan) -> Result<Mask, Error> {

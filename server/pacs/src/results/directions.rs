@@ -86,7 +86,7 @@ mod tests {
     #[test]
     fn oblique_and_different_views_have_none_and_show_both_sides() {
         let left = seen(NamedView::Left);
-        let oblique = left.asked.turned(1, 36).unwrap().checked().unwrap();
+        let oblique = left.asked.turned(0.17).unwrap().checked().unwrap();
         for pictures in [vec![oblique], vec![left, seen(NamedView::Right)]] {
             assert_eq!(of_rows_and_columns(&pictures), None);
             assert_eq!(laterality(&pictures), Laterality::Both);

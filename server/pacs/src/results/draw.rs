@@ -1,13 +1,12 @@
 //! Draws the pictures of a result.
 
 use case::CaseId;
-use cases::pictures::{CheckedPicture, PictureSeries, SeriesPicture, marked};
+use cases::pictures::{CheckedPicture, Layout, PicturePlan, PictureSeries, SeriesPicture, marked};
 use cases::{Cases, Error};
 use imaging::dicom::write::{Cine, Pictures};
 use render::{Frame, PixelFormat, Sheet};
 
 use super::directions;
-use super::request::{Layout, PicturePlan};
 
 /// The pictures of a plan, with what draws them.
 #[derive(Debug)]
@@ -31,7 +30,7 @@ impl Drawing {
 
     /// The same, of a cine only the first picture.
     pub(crate) fn first(mut self) -> Self {
-        if let Layout::Cine { .. } = self.plan.layout {
+        if let Layout::Animation { .. } = self.plan.layout {
             self.plan.pictures.truncate(1);
             self.series = self.series.first();
         }
@@ -93,11 +92,12 @@ impl Page {
 
     fn add(&mut self, number: usize, frame: &Frame) {
         match &self.layout {
-            Layout::One | Layout::Cine { .. } => extend_with_rgb(&mut self.rgb, frame),
-            Layout::Sheet { plan, columns } => {
+            Layout::Separate | Layout::Animation { .. } => extend_with_rgb(&mut self.rgb, frame),
+            Layout::Sheet { plan, cells } => {
                 let begin = || plan.clone().begin(frame.format());
                 let sheet = self.sheet.get_or_insert_with(begin);
-                sheet.put(frame, number / columns, number % columns);
+                let [row, column] = cells[number];
+                sheet.put(frame, row, column);
             }
         }
     }
@@ -117,7 +117,7 @@ impl Page {
             orientation: directions::of_rows_and_columns(&plan.pictures),
             laterality: directions::laterality(&plan.pictures),
             cine: match &plan.layout {
-                Layout::Cine { frame_time_ms } => Some(Cine {
+                Layout::Animation { frame_time_ms } => Some(Cine {
                     frames: plan.pictures.len(),
                     frame_time_ms: *frame_time_ms,
                 }),

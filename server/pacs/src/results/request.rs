@@ -1,10 +1,10 @@
 //! The request for a result, and the checked plan.
 
 use cases::Error;
-use cases::pictures::{CheckedPicture, PictureRequest, picture_size};
+use cases::pictures::{Frames, Part, PicturePlan, PictureRequest, PlanError, Sweep};
 use cases::report::ReportQuery;
 use imaging::dicom::Attributes;
-use render::{NamedView, SheetPlan};
+use render::NamedView;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 use storage::arrivals::Uid;
@@ -12,17 +12,11 @@ use utoipa::ToSchema;
 
 use http_support::problem::AppError;
 
-/// The most pictures in an object.
-const MAX_PICTURES: usize = 256;
-
 /// The most pixels of all pictures of an object, which then has 96 MiB.
 const MAX_TOTAL_PIXELS: usize = 1 << 25;
 
 /// The most objects of a list.
 const MAX_LISTED: usize = 200;
-
-/// The greatest depth of a cine, in mm.
-const MAX_DEPTH_MM: f32 = 1000.0;
 
 /// What a result shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -224,6 +218,10 @@ pub(crate) struct CineRequest {
     /// The first and the last depth, in mm. Without them, the cine is a full turn at the depth of `render`.
     #[serde(default)]
     depths_mm: Option<[f32; 2]>,
+    /// Whether intensities are averaged near the envelope unless `slab_mm` is given, as in a `sweep` of `renders`: for a cine
+    /// through the depths.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    average_shallow: bool,
 }
 
 fn default_frames() -> u32 {
@@ -240,6 +238,7 @@ impl Default for CineRequest {
             frames: default_frames(),
             frame_time_ms: default_frame_time(),
             depths_mm: None,
+            average_shallow: false,
         }
     }
 }
@@ -373,47 +372,31 @@ pub(crate) enum MaskPlan {
     Brain,
 }
 
-/// Checked pictures of one size.
-#[derive(Debug, Clone)]
-pub(crate) struct PicturePlan {
-    /// At least one.
-    pub(crate) pictures: Vec<CheckedPicture>,
-    pub(crate) layout: Layout,
-}
-
-/// How pictures become an object.
-#[derive(Debug, Clone)]
-pub(crate) enum Layout {
-    /// The only picture.
-    One,
-    /// Row by row on one page.
-    Sheet { plan: SheetPlan, columns: usize },
-    /// One after the other.
-    Cine { frame_time_ms: u16 },
-}
-
 /// An error at a place of the body.
 fn out_of_range(place: &str, detail: impl Into<String>) -> AppError {
     AppError::bad_request("body-value-out-of-range", detail).at(place)
 }
 
-/// Checks a picture of the body.
-fn checked(picture: &PictureRequest) -> Result<CheckedPicture, AppError> {
-    if !picture.surface.is_whole() {
-        let detail = "`render.surface` must be `whole` in a result";
-        return Err(out_of_range("render.surface", detail));
+/// The error with the names of the body.
+fn named(error: PlanError) -> Error {
+    let name = |part| {
+        let name = match part {
+            Part::Picture(_) | Part::Varied | Part::Pixels => "render",
+            Part::Pictures | Part::Sheet => "sheet",
+            Part::Frames => "cine.frames",
+            Part::FrameTime => "cine.frame_time_ms",
+            Part::FirstDepth | Part::LastDepth => "cine.depths_mm",
+        };
+        name.to_owned()
+    };
+    match error.named("body-value-out-of-range", name) {
+        Error::Parameter { kind, name, detail } if name == "render.annotate" => Error::Parameter {
+            kind,
+            name,
+            detail: format!("{detail}, or `false`: results are annotated by default"),
+        },
+        other => other,
     }
-    picture.checked().map_err(|error| match error {
-        Error::Parameter { kind, name, detail } => {
-            let hint = match name.as_ref() {
-                "annotate" => ", or `false`: results are annotated by default",
-                _ => "",
-            };
-            let place = format!("render.{name}");
-            AppError::bad_request(kind, format!("`{place}` {detail}{hint}")).at(&place)
-        }
-        other => other.into(),
-    })
 }
 
 impl ResultRequest {
@@ -434,7 +417,11 @@ impl ResultRequest {
             annotate: true,
             ..PictureRequest::default()
         });
-        let (pictures, layout) = match self.what {
+        if !render.surface.is_whole() {
+            let detail = "`render.surface` must be `whole` in a result";
+            return Err(out_of_range("render.surface", detail));
+        }
+        let plan = match self.what {
             What::Envelope
             | What::Mask
             | What::KeyObject
@@ -459,102 +446,35 @@ impl ResultRequest {
                     list.ok_or_else(|| out_of_range("key_object", "`key_object` is required"))?;
                 return Ok(Plan::KeyObject(list.plan()?));
             }
-            What::View => (vec![checked(&render)?], Layout::One),
-            What::Sheet => self.sheet.clone().unwrap_or_default().plan(&render)?,
-            What::Cine => self.cine.clone().unwrap_or_default().plan(&render)?,
-        };
-        let size =
-            |picture: &CheckedPicture| picture.asked.width as usize * picture.asked.height as usize;
-        let pixels: usize = pictures.iter().map(size).sum();
-        if pixels > MAX_TOTAL_PIXELS {
-            let detail =
-                format!("the pictures have {pixels} pixels; the limit is {MAX_TOTAL_PIXELS}");
-            return Err(out_of_range("render", detail));
-        }
-        Ok(Plan::Pictures(PicturePlan { pictures, layout }))
-    }
-}
-
-impl SheetRequest {
-    fn plan(&self, render: &PictureRequest) -> Result<(Vec<CheckedPicture>, Layout), AppError> {
-        if render.view.is_some() || render.orientation.is_some() || render.depth_mm != 0.0 {
-            return Err(out_of_range(
-                "render",
-                "`sheet` determines the depths and views; omit `depth_mm`, `view` and `orientation` of `render`",
-            ));
-        }
-        let count = self.depths_mm.len() * self.views.len();
-        if !(1..=MAX_PICTURES).contains(&count) {
-            return Err(out_of_range("sheet", "`sheet` must have 1 to 256 pictures"));
-        }
-        let mut pictures = Vec::with_capacity(count);
-        for &depth_mm in &self.depths_mm {
-            for &view in &self.views {
-                let picture = PictureRequest {
-                    depth_mm,
-                    view: Some(view),
-                    ..render.clone()
-                };
-                pictures.push(checked(&picture)?);
+            What::View => PicturePlan::one(&render),
+            What::Sheet => {
+                let SheetRequest { depths_mm, views } = self.sheet.clone().unwrap_or_default();
+                PicturePlan::grid(&render, &depths_mm, &views)
             }
-        }
-        let rows = self.depths_mm.iter().map(|depth| format!("{depth} mm"));
-        let columns = self.views.iter().map(|view| view.name().to_owned());
-        let cell = picture_size(render.width, render.height)?;
-        let plan = SheetPlan::new(cell, rows.collect(), columns.collect());
-        let plan = plan
-            .map_err(|error| out_of_range("sheet", format!("`sheet` is not possible: {error}")))?;
-        let columns = self.views.len();
-        Ok((pictures, Layout::Sheet { plan, columns }))
+            What::Cine => self.cine.clone().unwrap_or_default().plan(&render),
+        };
+        let plan = plan.and_then(|plan| plan.within(MAX_TOTAL_PIXELS));
+        Ok(Plan::Pictures(plan.map_err(named)?))
     }
 }
 
 impl CineRequest {
-    fn plan(&self, render: &PictureRequest) -> Result<(Vec<CheckedPicture>, Layout), AppError> {
-        if !(2..=MAX_PICTURES as u32).contains(&self.frames) {
-            return Err(AppError::wrong_in_body("cine.frames", "2 to 256"));
-        }
-        if !(10..=10_000).contains(&self.frame_time_ms) {
-            return Err(AppError::wrong_in_body("cine.frame_time_ms", "10 to 10000"));
-        }
-        checked(render)?;
-        let pictures = match self.depths_mm {
-            None => self.turn(render)?,
-            Some(depths) => self.way(depths, render)?,
+    fn plan(&self, render: &PictureRequest) -> Result<PicturePlan, PlanError> {
+        let frames = Frames {
+            count: self.frames,
+            time_ms: self.frame_time_ms,
         };
-        let frame_time_ms = self.frame_time_ms;
-        Ok((pictures, Layout::Cine { frame_time_ms }))
-    }
-
-    fn turn(&self, render: &PictureRequest) -> Result<Vec<CheckedPicture>, AppError> {
-        let turned = |frame| checked(&render.turned(frame, self.frames)?);
-        (0..self.frames).map(turned).collect()
-    }
-
-    fn way(
-        &self,
-        [from_mm, to_mm]: [f32; 2],
-        render: &PictureRequest,
-    ) -> Result<Vec<CheckedPicture>, AppError> {
-        if render.depth_mm != 0.0 {
-            return Err(out_of_range(
-                "render.depth_mm",
-                "`cine.depths_mm` determines the depths; omit `depth_mm` of `render`",
-            ));
-        }
-        let accepted = 0.0..=MAX_DEPTH_MM;
-        if !accepted.contains(&from_mm) || !accepted.contains(&to_mm) {
-            let rule = "two depths of 0 to 1000 mm";
-            return Err(AppError::wrong_in_body("cine.depths_mm", rule));
-        }
-        let at = |frame: u32| {
-            let share = frame as f32 / (self.frames - 1) as f32;
-            checked(&PictureRequest {
-                depth_mm: from_mm * (1.0 - share) + to_mm * share,
-                ..render.clone()
-            })
+        let Some(depths_mm) = self.depths_mm else {
+            return PicturePlan::turn(render, frames);
         };
-        (0..self.frames).map(at).collect()
+        let sweep = Sweep {
+            depths_mm,
+            frames,
+            // A viewer of the PACS plays it back and forth if the reader wants that.
+            there_and_back: false,
+            average_shallow: self.average_shallow,
+        };
+        PicturePlan::sweep(render, sweep)
     }
 }
 

@@ -5,7 +5,7 @@ use case::{CandidateFacts, JunctionBandFacts, RegionFacts};
 use serde::{Deserialize, Serialize};
 
 use super::bytes::Reader;
-use crate::maps::{CaseMaps, MAPS_FORMAT, MapsOrReason, NoMaps};
+use crate::maps::{CaseMaps, MAP_FORMAT, MapsOrReason, NoMaps};
 
 /// The longest accepted head.
 const MAX_HEAD_BYTES: u32 = 1 << 20;
@@ -32,7 +32,7 @@ struct Places {
 /// The payload of maps, or of the reason for none.
 pub fn encode_maps(maps: &MapsOrReason) -> Vec<u8> {
     let head = ObjectHead {
-        format: MAPS_FORMAT,
+        format: MAP_FORMAT,
         undefined: maps.as_ref().err().cloned(),
         places: maps.as_ref().ok().map(|maps| Places {
             candidates: maps.candidates.clone(),
@@ -59,7 +59,7 @@ pub fn decode_maps(payload: &[u8]) -> Option<MapsOrReason> {
     let mut reader = Reader(payload);
     let length = reader.u32().filter(|&length| length <= MAX_HEAD_BYTES)?;
     let head: ObjectHead = serde_json::from_slice(reader.take(length as usize)?).ok()?;
-    if head.format != MAPS_FORMAT {
+    if head.format != MAP_FORMAT {
         return None;
     }
     if let Some(reason) = head.undefined {

@@ -19,7 +19,7 @@ use http_support::conditional::{Format, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath};
-use pipeline::maps::{BORDERLINE_FROM, MAPS_FORMAT, UNUSUAL_ABOVE};
+use pipeline::maps::{BORDERLINE_FROM, MAP_FORMAT, UNUSUAL_ABOVE};
 
 const JSON: &str = "application/json";
 const CSV: &str = "text/csv";
@@ -114,7 +114,7 @@ pub async fn get_candidates(
         request: &request,
     };
     let format = Format::of(kind)
-        .variant(format!("{kind} {MAPS_FORMAT}"))
+        .variant(format!("{kind} {MAP_FORMAT}"))
         .revalidated();
     let work = async |_| {
         let maps = maps_of(&cases.library, &id).await?;
@@ -243,7 +243,7 @@ pub async fn get_profile(
         .map(|layer| format!("{} {}", layer.id, layer.name))
         .collect();
     let format = Format::of(kind)
-        .variant(format!("{kind} {MAPS_FORMAT} {has_maps} {versions:?}"))
+        .variant(format!("{kind} {MAP_FORMAT} {has_maps} {versions:?}"))
         .revalidated();
     let work = async |_| {
         let model = cases.model(&id).await?;

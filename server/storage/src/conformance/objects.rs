@@ -101,7 +101,7 @@ mod tests {
             let objects = Objects::in_bucket_with(BUCKET, prefix, &variables.clone().into());
             objects_do_what_they_must(&objects.unwrap()).await;
         }
-        // What is not to be had names no secret.
+        // The error about a missing store names no secret.
         variables[2].1 = "CANARY".to_owned();
         let objects = Objects::in_bucket_with(BUCKET, "", &variables.into()).unwrap();
         let refused = objects.check().await.unwrap_err();

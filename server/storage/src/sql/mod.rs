@@ -447,9 +447,9 @@ impl Store {
     }
 
     /// Removes the tombstones of a sweep after their objects are deleted, if the sweep still holds them.
-    pub(crate) async fn bury(&self, holder: &str) -> Result<(), StoreError> {
+    pub(crate) async fn remove_tombstones(&self, holder: &str) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
-        tombstones::bury(&mut transaction, holder).await?;
+        tombstones::remove_tombstones(&mut transaction, holder).await?;
         transaction.commit().await
     }
 

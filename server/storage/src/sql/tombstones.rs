@@ -130,7 +130,10 @@ async fn take(
     Ok(taken > 0)
 }
 
-pub(super) async fn bury(connection: &mut Connection, holder: &str) -> Result<(), StoreError> {
+pub(super) async fn remove_tombstones(
+    connection: &mut Connection,
+    holder: &str,
+) -> Result<(), StoreError> {
     connection
         .query("DELETE FROM tombstones WHERE holder = $1")
         .bind(holder)

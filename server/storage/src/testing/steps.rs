@@ -84,5 +84,5 @@ pub async fn begin_sweep(
 /// # Errors
 /// If the rows cannot be written.
 pub async fn end_sweep(store: &Store, holder: &str) -> Result<(), StoreError> {
-    store.bury(holder).await
+    store.remove_tombstones(holder).await
 }

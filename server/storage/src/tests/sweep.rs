@@ -60,7 +60,7 @@ async fn an_upload_waits_while_its_object_is_being_removed() {
     let patience = Duration::from_millis(100);
     let early = tokio::time::timeout(patience, &mut submitting).await;
     assert!(early.is_err(), "it must not write what is about to go");
-    store.bury(&sweep.holder).await.unwrap();
+    store.remove_tombstones(&sweep.holder).await.unwrap();
     let submitted = submitting.await.unwrap();
     assert!(submitted.created);
     assert_eq!(store.objects().get(&object).await.unwrap(), "volume");

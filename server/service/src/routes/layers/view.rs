@@ -4,7 +4,7 @@ use case::{CaseId, CaseState, LabelFacts, Layer, LayerKind, MapName, PlacementFa
 use cases::dicom::Choice;
 use cases::library::MapsState;
 use cases::pictures::{LayerStyle, MAPS_OFF};
-use pipeline::maps::{MAPS_FORMAT, NoMaps, map_unit};
+use pipeline::maps::{MAP_FORMAT, NoMaps, map_unit};
 use render::ColorMap;
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -215,7 +215,7 @@ impl LayerView {
             state: maps.state.into(),
             reason: maps.reason.clone(),
             reason_code: maps.reason_code.clone(),
-            format: Some(MAPS_FORMAT),
+            format: Some(MAP_FORMAT),
             volume: format!("/v1/cases/{id}/layers/{}/volume", name.name()),
             ..Self::empty()
         }

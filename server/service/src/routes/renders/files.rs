@@ -4,14 +4,13 @@ use std::io::{Cursor, Write as _};
 use std::num::NonZeroU32;
 
 use cases::Error;
-use cases::pictures::SeriesPicture;
+use cases::pictures::{Layout, SeriesPicture};
 use render::{AnimatedPng, Sheet, SheetPlan};
 use zip::result::ZipError;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
 use super::super::render::SOFTWARE;
-use super::plan::FileKind;
 
 /// A file with many pictures.
 pub(super) enum File {
@@ -22,19 +21,19 @@ pub(super) enum File {
 
 impl File {
     /// An empty file for `count` pictures.
-    pub(super) fn new(kind: FileKind, count: usize) -> Self {
-        match kind {
-            FileKind::Zip => Self::Zip(Archive(Box::new(ZipWriter::new(Cursor::default())))),
-            FileKind::Sheet { plan, cells } => Self::Sheet(ContactSheet {
+    pub(super) fn new(layout: Layout, count: usize) -> Self {
+        match layout {
+            Layout::Separate => Self::Zip(Archive(Box::new(ZipWriter::new(Cursor::default())))),
+            Layout::Sheet { plan, cells } => Self::Sheet(ContactSheet {
                 plan,
                 sheet: None,
                 cells,
                 states: Vec::new(),
             }),
-            FileKind::Animation { delay_ms } => Self::Animation(Animation {
+            Layout::Animation { frame_time_ms } => Self::Animation(Animation {
                 begun: None,
                 frames: count as u32,
-                delay_ms,
+                frame_time_ms,
             }),
         }
     }
@@ -122,7 +121,7 @@ pub(super) struct Animation {
     /// Present after the first picture, which determines size and format.
     begun: Option<AnimatedPng>,
     frames: u32,
-    delay_ms: u16,
+    frame_time_ms: u16,
 }
 
 impl Animation {
@@ -134,7 +133,7 @@ impl Animation {
             nothing => {
                 let frames = NonZeroU32::new(self.frames).ok_or(Error::Internal)?;
                 let (size, format) = (frame.size(), frame.format());
-                let begun = AnimatedPng::begin(size, format, frames, self.delay_ms, &texts);
+                let begun = AnimatedPng::begin(size, format, frames, self.frame_time_ms, &texts);
                 nothing.insert(begun?)
             }
         };

@@ -9,10 +9,10 @@ use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use cases::Cases;
-use cases::pictures::{PictureRequest, PictureSeries};
+use cases::pictures::{Layout, PictureRequest, PictureSeries};
 
 use self::files::File;
-use self::plan::{FileKind, parse};
+use self::plan::parse;
 use super::render::{PNG, with_version};
 use http_support::conditional::{self, EntityTag};
 use http_support::negotiate::{Coding, media_type};
@@ -55,18 +55,18 @@ pub async fn create_renders(
         limit_bytes: MAX_BODY_BYTES as u64,
     })?;
     let plan = parse(&body)?.plan()?;
-    let offered: &'static [&'static str] = match plan.kind {
-        FileKind::Zip => &[ZIP],
-        FileKind::Sheet { .. } => &[PNG],
-        FileKind::Animation { .. } => &["image/apng", PNG],
+    let (offered, file): (&'static [&'static str], _) = match plan.layout {
+        Layout::Separate => (&[ZIP], ("zip", 0)),
+        Layout::Sheet { .. } => (&[PNG], ("sheet", 0)),
+        Layout::Animation { frame_time_ms } => (&["image/apng", PNG], ("animation", frame_time_ms)),
     };
     let kind = media_type(&request, offered)?;
     cases.ready(&id).await?;
     let pictures = plan.pictures.iter().map(|picture| picture.asked.clone());
-    let asked: (Vec<PictureRequest>, _) = (pictures.collect(), plan.kind.parameters());
+    let asked: (Vec<PictureRequest>, _) = (pictures.collect(), file);
     let series = PictureSeries::of(&cases, &id, plan.pictures).await?;
     let (versions, identity) = (series.versions(), series.identity().map(str::to_owned));
-    let file = File::new(plan.kind, asked.0.len());
+    let file = File::new(plan.layout, asked.0.len());
     let (file, backends) = series
         .draw_each(&cases, (file, Vec::new()), |(file, backends), picture| {
             let backend = picture.drawn.backend.to_string();

@@ -29,24 +29,21 @@ const MAX_LABELS_BYTES: usize = 256 << 10;
 
 /// The parts of the upload of a layer.
 #[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes the form; parts are read one by one")]
 pub struct LayerForm {
     /// The volume: NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or a zip of DICOM files, or one (multi-frame) DICOM file:
     /// MR, CT or PET.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
-    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     volume: Option<String>,
     /// DICOM files of a series, one per part, or zips of them, instead of `volume`.
     #[schema(format = Binary, content_media_type = "application/dicom")]
-    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     dicom: Option<Vec<String>>,
     /// The names of labels, a text file: a line for each, with its number and its name.
     #[schema(format = Binary, content_media_type = "text/plain")]
-    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     labels: Option<String>,
     /// JSON: `name`, unique in the case; `kind` (`mr`, `ct`, `pet`, `map` or `labels`; by default from DICOM, otherwise
     /// `mr`); `unit`; `transform` (`auto`, `none`, `rigid`, or 4 rows of 4 numbers: the rigid `case_from_layer`, LPS
     /// mm). For DICOM files also `series` and `allow_gaps`, as for cases.
-    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     parameters: Option<String>,
 }
 

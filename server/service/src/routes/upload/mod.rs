@@ -29,26 +29,23 @@ const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
 
 /// The parts of an upload.
 #[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes the form; parts are read one by one")]
 pub struct UploadForm {
     /// The MR volume: NIfTI-1 or NIfTI-2, `.nii` or `.nii.gz`; or a zip of DICOM files, or one (multi-frame) DICOM
     /// file.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
-    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     volume: Option<String>,
     /// DICOM files of a series, one per part, or zips of them, instead of `volume`.
     #[schema(format = Binary, content_media_type = "application/dicom")]
-    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     dicom: Option<Vec<String>>,
     /// The brain mask, NIfTI, on any grid. Not needed if the volume is skull-stripped or the brain is to be extracted.
     #[schema(format = Binary, content_media_type = "application/octet-stream")]
-    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     mask: Option<String>,
     /// JSON: `closing_radius_mm` (0 to 50), `mask` (if none is supplied: `auto`, `volume`, `network` or `pruning`),
     /// `mask_kind` (`brain` or `envelope`), `threshold` (0.05 to 0.95), `offset_mm` (-20 to 20), and `name`, a label.
     /// For DICOM files also `series`, the number, instance UID or token of the series to read, and `allow_gaps`: true
     /// interpolates single missing slices and lists them. A case that has a label keeps it, unless `keep_name` is false. DICOM
     /// files without `name` are named after their series.
-    #[expect(dead_code, reason = "describes the form; parts are read one by one")]
     parameters: Option<String>,
 }
 

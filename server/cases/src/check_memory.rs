@@ -17,7 +17,7 @@ const THINNEST_SLAB_MM: f64 = 5.0;
 
 /// Memory for the checks of volumes, shared by their size.
 #[derive(Debug, Clone)]
-pub(crate) struct RoomToCheck {
+pub(crate) struct CheckMemory {
     head: HeadLimits,
     limits: Limits,
     /// Voxels in thousands: one volume of the largest size, or several small ones.
@@ -29,7 +29,7 @@ fn thousands(voxels: usize) -> u32 {
     u32::try_from(voxels.div_ceil(1000).min(most)).unwrap_or(u32::MAX)
 }
 
-impl RoomToCheck {
+impl CheckMemory {
     /// Room for volumes within limits.
     pub(crate) fn new(head: HeadLimits, limits: Limits) -> Self {
         let most = thousands(limits.max_voxels) as usize;
@@ -51,7 +51,7 @@ impl RoomToCheck {
     /// The same for a layer, which may be a thin slab.
     ///
     /// # Errors
-    /// As [`RoomToCheck::enter`].
+    /// As [`CheckMemory::enter`].
     pub(crate) async fn enter_layer(&self, start: &[u8]) -> Result<OwnedSemaphorePermit, Error> {
         let [least, most] = self.head.field_mm;
         let slab = HeadLimits {
@@ -91,7 +91,7 @@ mod tests {
             max_voxels: 2 * volume.grid().voxel_count().next_multiple_of(1000),
             ..Limits::default()
         };
-        let room = RoomToCheck::new(HeadLimits::default(), two);
+        let room = CheckMemory::new(HeadLimits::default(), two);
         let first = room.enter(&start).await.unwrap();
         let _second = room.enter(&start).await.unwrap();
         let mut third = Box::pin(room.enter(&start));
@@ -102,7 +102,7 @@ mod tests {
 
     #[tokio::test]
     async fn what_no_head_measures_gets_no_room() {
-        let room = RoomToCheck::new(HeadLimits::default(), Limits::default());
+        let room = CheckMemory::new(HeadLimits::default(), Limits::default());
         let large = head(4.0).volume.grid().voxel_count();
         let start = imaging::nifti::write_volume(&head(4.0).volume).unwrap();
         let few = Limits {
@@ -117,12 +117,12 @@ mod tests {
             (&room, &b"a text"[..], "not-nifti"),
             (&room, b"", "not-nifti"),
             (
-                &RoomToCheck::new(HeadLimits::default(), few),
+                &CheckMemory::new(HeadLimits::default(), few),
                 &start,
                 "too-many-voxels",
             ),
             (
-                &RoomToCheck::new(small, Limits::default()),
+                &CheckMemory::new(small, Limits::default()),
                 &start,
                 "field-implausible",
             ),

@@ -1,4 +1,4 @@
-//! Hands volumes that were decoded for a check to an idle worker of the same process.
+//! Volumes that were decoded for a check, offered to an idle worker of the same process.
 //!
 //! This is only an optimisation: a volume that is not taken soon is dropped, and the worker reads the stored upload.
 
@@ -32,20 +32,20 @@ struct Table {
 
 /// The offered volumes. Cheap to clone.
 #[derive(Debug, Clone)]
-pub(crate) struct Handover {
+pub(crate) struct DecodedUploads {
     table: Arc<Mutex<Table>>,
     wait: Duration,
     /// Whether the workers can take what is offered.
     is_wanted: bool,
 }
 
-impl Default for Handover {
+impl Default for DecodedUploads {
     fn default() -> Self {
         Self::new(true)
     }
 }
 
-impl Handover {
+impl DecodedUploads {
     /// For workers that can take volumes, or for workers whose preparations are in other processes.
     pub(crate) fn new(is_wanted: bool) -> Self {
         Self {
@@ -79,10 +79,10 @@ impl Handover {
         id: CaseId,
         read: ReadSource,
         room: Option<OwnedSemaphorePermit>,
-    ) -> Offer {
+    ) -> OfferedUpload {
         let mut table = self.lock();
         if !self.is_wanted || table.waiting.len() >= table.idle {
-            return Offer(None);
+            return OfferedUpload(None);
         }
         table.offers += 1;
         let number = table.offers;
@@ -92,7 +92,7 @@ impl Handover {
             number,
         };
         table.waiting.insert(id, waiting);
-        Offer(Some((self.clone(), id, number)))
+        OfferedUpload(Some((self.clone(), id, number)))
     }
 
     /// Takes the volume of a case, if it is offered.
@@ -115,7 +115,7 @@ impl Handover {
 
 /// An idle worker.
 #[derive(Debug)]
-pub(crate) struct Idle(Handover);
+pub(crate) struct Idle(DecodedUploads);
 
 impl Drop for Idle {
     fn drop(&mut self) {
@@ -123,27 +123,27 @@ impl Drop for Idle {
     }
 }
 
-/// An offered volume, or none; withdrawn if this is dropped, unless it is [kept](Offer::keep_if).
+/// An offered volume, or none; withdrawn if this is dropped, unless it is [kept](OfferedUpload::keep_if).
 #[derive(Debug, Default)]
 #[must_use]
-pub(crate) struct Offer(Option<(Handover, CaseId, u64)>);
+pub(crate) struct OfferedUpload(Option<(DecodedUploads, CaseId, u64)>);
 
-impl Offer {
+impl OfferedUpload {
     /// Keeps the offer for a while if the case was queued.
     pub(crate) fn keep_if(mut self, is_queued: bool) {
-        if is_queued && let Some((handover, id, number)) = self.0.take() {
+        if is_queued && let Some((uploads, id, number)) = self.0.take() {
             tokio::spawn(async move {
-                tokio::time::sleep(handover.wait).await;
-                handover.withdraw(&id, number);
+                tokio::time::sleep(uploads.wait).await;
+                uploads.withdraw(&id, number);
             });
         }
     }
 }
 
-impl Drop for Offer {
+impl Drop for OfferedUpload {
     fn drop(&mut self) {
-        if let Some((handover, id, number)) = self.0.take() {
-            handover.withdraw(&id, number);
+        if let Some((uploads, id, number)) = self.0.take() {
+            uploads.withdraw(&id, number);
         }
     }
 }
@@ -167,11 +167,11 @@ mod tests {
         checked.unwrap().read
     }
 
-    /// A handover in which nothing waits for long.
-    fn short() -> Handover {
-        Handover {
+    /// Offers of which none waits for long.
+    fn short() -> DecodedUploads {
+        DecodedUploads {
             wait: Duration::from_millis(20),
-            ..Handover::default()
+            ..DecodedUploads::default()
         }
     }
 
@@ -181,50 +181,50 @@ mod tests {
 
     #[tokio::test]
     async fn a_volume_is_handed_to_an_idle_worker_once() {
-        let handover = Handover::default();
+        let uploads = DecodedUploads::default();
         let semaphore = Arc::new(Semaphore::new(9));
-        let offer = async |number| handover.offer(id(number), read(), Some(room(&semaphore).await));
+        let offer = async |number| uploads.offer(id(number), read(), Some(room(&semaphore).await));
         offer(1).await.keep_if(true);
-        assert!(handover.take(&id(1)).is_none(), "no worker was idle");
-        let idle = handover.idle();
+        assert!(uploads.take(&id(1)).is_none(), "no worker was idle");
+        let idle = uploads.idle();
         offer(1).await.keep_if(true);
         offer(2).await.keep_if(true);
-        assert!(handover.take(&id(2)).is_none(), "one worker, one volume");
+        assert!(uploads.take(&id(2)).is_none(), "one worker, one volume");
         assert_eq!(semaphore.available_permits(), 8);
-        assert!(handover.take(&id(1)).is_some());
-        assert!(handover.take(&id(1)).is_none(), "it was taken");
+        assert!(uploads.take(&id(1)).is_some());
+        assert!(uploads.take(&id(1)).is_none(), "it was taken");
         drop(offer(3).await);
-        assert!(handover.take(&id(3)).is_none(), "it was withdrawn");
+        assert!(uploads.take(&id(3)).is_none(), "it was withdrawn");
         drop(idle);
         offer(4).await.keep_if(true);
-        assert!(handover.take(&id(4)).is_none(), "the worker has work");
+        assert!(uploads.take(&id(4)).is_none(), "the worker has work");
         assert_eq!(semaphore.available_permits(), 9);
     }
 
     #[tokio::test]
     async fn a_volume_that_nobody_takes_is_dropped() {
-        let handover = short();
+        let uploads = short();
         let semaphore = Arc::new(Semaphore::new(1));
-        let _idle = handover.idle();
-        handover
+        let _idle = uploads.idle();
+        uploads
             .offer(id(1), read(), Some(room(&semaphore).await))
             .keep_if(true);
         // Its room is free again.
         let _room = room(&semaphore).await;
-        assert!(handover.take(&id(1)).is_none());
+        assert!(uploads.take(&id(1)).is_none());
     }
 
     #[tokio::test]
     async fn an_old_offer_does_not_withdraw_a_new_one() {
-        let handover = Handover::default();
+        let uploads = DecodedUploads::default();
         let semaphore = Arc::new(Semaphore::new(9));
-        let _idle = handover.idle();
-        let first = handover.offer(id(1), read(), Some(room(&semaphore).await));
-        assert!(handover.take(&id(1)).is_some());
-        handover
+        let _idle = uploads.idle();
+        let first = uploads.offer(id(1), read(), Some(room(&semaphore).await));
+        assert!(uploads.take(&id(1)).is_some());
+        uploads
             .offer(id(1), read(), Some(room(&semaphore).await))
             .keep_if(true);
         drop(first);
-        assert!(handover.take(&id(1)).is_some());
+        assert!(uploads.take(&id(1)).is_some());
     }
 }
