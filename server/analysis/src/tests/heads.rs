@@ -228,7 +228,7 @@ fn a_head_without_enough_contrast_or_with_coarse_voxels_has_no_maps_and_a_reason
 #[test]
 fn the_noise_of_voxels_of_two_millimetres_is_measured_and_their_head_has_maps() {
     let size = [57, 67, 53];
-    let origin = DVec3::from_array(size.map(|side| (side - 1) as f64 * -1.0));
+    let origin = DVec3::from_array(size.map(|side| -((side - 1) as f64)));
     let grid = Grid::aligned(size, [2.0; 3], origin).unwrap();
     let phantom = Phantom {
         noise: 24.0,
@@ -249,7 +249,7 @@ fn white_matter_in_thin_sheets_is_too_little_for_the_noise_and_large_voxels_are_
         let Scan { volume, .. } = Phantom::PLAIN.scan(&grid);
         let stored = volume.voxels().iter().enumerate().map(|(index, &value)| {
             let sheet = (grid.voxel(index)[0] as f64 * spacing_mm / 4.0) as usize;
-            if sheet % 2 == 0 {
+            if sheet.is_multiple_of(2) {
                 value.min(1500)
             } else {
                 value
