@@ -84,8 +84,6 @@ pub struct Phantom {
     /// By how much the width of the junction varies from place to place, as a share.
     pub liveliness: f64,
     pub has_lesion: bool,
-    /// How far below the outline white matter begins, in mm.
-    pub junction_mm: f64,
     /// The contrast of white and grey matter in intensities, and the deviation of the noise.
     pub contrast: f64,
     pub noise: f64,
@@ -96,7 +94,6 @@ impl Phantom {
         placed: DAffine3::IDENTITY,
         liveliness: 0.0,
         has_lesion: false,
-        junction_mm: JUNCTION_MM,
         contrast: 600.0,
         noise: 0.0,
     };
@@ -117,7 +114,7 @@ impl Phantom {
 
     fn intensity(&self, place: DVec3) -> f64 {
         let below = below_outline(place);
-        let white = rise((below - self.junction_mm) / self.width_mm(place));
+        let white = rise((below - JUNCTION_MM) / self.width_mm(place));
         let tissue = rise((below - FLUID_MM) / 0.8);
         // Fluid is as far below grey matter as white matter is above it, twice over.
         1500.0 + self.contrast * (2.0 * tissue - 2.0 + white * tissue)

@@ -1,10 +1,10 @@
 //! Whole heads with a known junction.
 
-use geometry::Grid;
+use geometry::{Grid, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::phantom::{
-    Phantom, WIDTH_MM, lesion, mirrored, on_junction, plain_grid, sample, turned,
+    Phantom, Scan, WIDTH_MM, lesion, mirrored, on_junction, plain_grid, sample, turned,
 };
 
 use crate::{JunctionWidth, MapKind, Maps, MapsUndefined, Side};
@@ -228,7 +228,7 @@ fn a_head_without_enough_contrast_or_with_coarse_voxels_has_no_maps_and_a_reason
 #[test]
 fn the_noise_of_voxels_of_two_millimetres_is_measured_and_their_head_has_maps() {
     let size = [57, 67, 53];
-    let origin = DVec3::from_array(size.map(|side| (side - 1) as f64 * -1.0));
+    let origin = DVec3::from_array(size.map(|side| -((side - 1) as f64)));
     let grid = Grid::aligned(size, [2.0; 3], origin).unwrap();
     let phantom = Phantom {
         noise: 24.0,
@@ -240,26 +240,30 @@ fn the_noise_of_voxels_of_two_millimetres_is_measured_and_their_head_has_maps() 
 }
 
 #[test]
-fn a_thin_sheet_of_white_matter_is_too_little_for_the_noise_only_because_of_large_voxels() {
-    // White matter begins 33 mm below the outline: its core is 22 mm high.
-    let thin = |spacing_mm: f64| {
+fn white_matter_in_thin_sheets_is_too_little_for_the_noise_and_large_voxels_are_the_reason() {
+    // Every other 4 mm from left to right is grey matter.
+    let reason = |spacing_mm: f64| {
         let size = [114.0, 134.0, 106.0].map(|side: f64| (side / spacing_mm) as usize);
         let origin = DVec3::from_array(size.map(|side| (side - 1) as f64 * -spacing_mm / 2.0));
         let grid = Grid::aligned(size, [spacing_mm; 3], origin).unwrap();
-        let scan = Phantom {
-            junction_mm: 38.0,
-            ..Phantom::PLAIN
-        }
-        .scan(&grid);
-        scan.maps().map(|_| ())
+        let Scan { volume, .. } = Phantom::PLAIN.scan(&grid);
+        let stored = volume.voxels().iter().enumerate().map(|(index, &value)| {
+            let sheet = (grid.voxel(index)[0] as f64 * spacing_mm / 4.0) as usize;
+            if sheet.is_multiple_of(2) {
+                value.min(1500)
+            } else {
+                value
+            }
+        });
+        let sheets = Volume::new(grid.clone(), stored.collect(), volume.rescale()).unwrap();
+        let inside = volume.voxels().iter().map(|&value| value > 0).collect();
+        let mask = Mask::new(grid, inside).unwrap();
+        Scan::new(sheets, &mask).maps().map(|_| ()).unwrap_err()
     };
-    let refused = thin(2.0).unwrap_err();
-    assert_eq!(refused.code(), "noise-unknown", "{refused}");
-    assert!(refused.to_string().contains("2.00 mm"), "{refused}");
-    assert_ne!(
-        thin(1.0).map_err(crate::MapsUndefined::code),
-        Err("noise-unknown")
-    );
+    let coarse = reason(2.0);
+    assert_eq!(coarse.code(), "noise-unknown", "{coarse}");
+    assert!(coarse.to_string().contains("2.00 mm"), "{coarse}");
+    assert_eq!(reason(1.0), MapsUndefined::NoWhiteMatter);
 }
 
 #[test]

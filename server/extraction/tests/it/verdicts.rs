@@ -185,6 +185,7 @@ fn verdicts_on_supplied_masks() {
     let Some(network) = network() else { return };
     let halves = known(network);
     let mut tally = Tally::default();
+    let mut falsely_flipped = Vec::new();
     println!("| head | mask | verdict | rim | overlap | 95 % | mean | patch | | reasons |");
     for (half, heads) in halves.iter().enumerate() {
         for (number, one) in heads.iter().enumerate() {
@@ -201,7 +202,7 @@ fn verdicts_on_supplied_masks() {
                     .filter(|doubt| doubt.reason.code == "mask-flipped")
                     .count();
                 if said > 0 && !is_flipped {
-                    println!("FALSELY FLIPPED: {folder}: {what}");
+                    falsely_flipped.push(format!("{folder}: {what}"));
                 }
             };
             for mask in files.iter().filter_map(|file| mask_of(folder, file)) {
@@ -221,6 +222,7 @@ fn verdicts_on_supplied_masks() {
         }
     }
     tally.print("mask");
+    assert!(falsely_flipped.is_empty(), "{falsely_flipped:?}");
     tally.check();
 }
 
