@@ -444,8 +444,8 @@ mod tests {
             .map(|head| JudgedPatient { head, strata: &[] })
             .collect();
         let figures = Figures::of("own", &patients, &[], 0, (&[], 1));
-        let share = figures.shares[0].found[0];
-        assert_eq!((share.value, share.low, share.high), (0.5, 0.0, 1.0));
+        let half = figures.shares[0].found[0];
+        assert_eq!((half.value, half.low, half.high), (0.5, 0.0, 1.0));
         assert!(figures.area.is_none());
         let all = share(&[(1.0, 1.0); 8], 1);
         // 8 of 8: 0.676 to 1.

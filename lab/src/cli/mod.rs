@@ -28,7 +28,7 @@ enum Command {
     Paper(paper::PaperArgs),
     Agreement(agreement::AgreementArgs),
     Step(step::StepArgs),
-    Study(study::StudyArgs),
+    Study(Box<study::StudyArgs>),
     Reproducibility(reproducibility::ReproducibilityArgs),
 }
 
