@@ -125,3 +125,31 @@ test("two readers of a case lose nothing", { skip }, async () => {
   await second.page.waitForSelector(`.findings li:nth-child(${before + 2})`);
   for (const { context } of [first, second]) await context.close();
 });
+
+test(
+  "what the server has not got is there again when the case is opened again, and goes to the server",
+  { skip },
+  async () => {
+    const { page, context } = await openPage(browser);
+    await open(page);
+    const before = (await stored()).length;
+    await page.waitForSelector(`.findings li:nth-child(${before})`);
+    const puts = (url: URL): boolean => url.pathname.endsWith("/findings");
+    await page.route(puts, (route) =>
+      route.request().method() === "PUT" ? route.fulfill({ status: 503, body: "" }) : route.fallback(),
+    );
+    await add(page);
+    await page.locator(".finding-label").last().fill("not sent yet");
+    await page.getByText("Not stored yet").waitFor();
+    const address = await page.evaluate(() => location.hash);
+    await page.evaluate((other) => (location.hash = other), "0".repeat(32));
+    await page.locator(".findings").waitFor({ state: "detached" });
+    await page.unroute(puts);
+    await page.evaluate((back) => (location.hash = back), address);
+    await page.waitForSelector(".finding-label");
+    assert.equal(await page.locator(".finding-label").last().inputValue(), "not sent yet");
+    const list = await until(stored, (now) => now.length === before + 1);
+    assert.equal(list.at(-1)?.label, "not sent yet");
+    await context.close();
+  },
+);

@@ -6,6 +6,7 @@ import { after, before, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 
 import type { ReadyCase } from "../../web/src/model/case.ts";
+import { violations } from "./axe.ts";
 import { type Demo, type Hands, startDemo } from "./hands.ts";
 import { isBrain, nifti } from "./phantom.ts";
 import { picturesAgree } from "./pixels.ts";
@@ -378,6 +379,7 @@ test("the slice across the sulcus comes with a key, turns by hand, and marks wha
   await page.keyboard.press("Shift+ArrowDown");
   await page.waitForSelector(".slice.across[data-turn='4']");
   await keep(page, "slice-across");
+  assert.deepEqual(await violations(page), []);
   // A handle brings the plane to where it is dragged: a quarter of a turn about the mark.
   const grip = page.locator(".slice.sagittal .trace:not([hidden]) .grip:not([hidden])").first();
   const [cross, from] = [await page.locator(".slice.sagittal .cursor.ticks").boundingBox(), await grip.boundingBox()];

@@ -272,6 +272,25 @@ test("a file of findings is taken by the server or not at all, and what it repla
   assert.deepEqual(notes(server.list), ["a:", "b:", "c:"]);
 });
 
+test("what is not sent yet when a case is left is shown and sent when it is opened again", async () => {
+  await sync.load();
+  server.fails.push(503);
+  sync.change([a]);
+  await assert.rejects(sync.flush());
+  let shown: readonly Finding[] = [];
+  sync.meet({ id: "0".repeat(32), shown: (list) => (shown = list), kept: () => {}, doubled: () => {} });
+  server.put([b]);
+  await sync.load();
+  await pass(0);
+  assert.deepEqual(
+    [notes(shown), notes(server.list)],
+    [
+      ["b:", "a:"],
+      ["b:", "a:"],
+    ],
+  );
+});
+
 test("findings of a file are added once, and none takes the place of another one", () => {
   const rounded = finding("a", { points_in_patient: [[1.0002, 2, 3]], side: "left" });
   const other = finding("a", { note: "of another reader" });

@@ -1,5 +1,6 @@
 // The section of the panel with the findings of a case: what a reader marks, writes down and hands on.
 
+import { Problem } from "../base/api.ts";
 import { h, iconButton, quiet, tell } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
@@ -30,7 +31,7 @@ import { plainLine, plainText } from "../model/text.ts";
 import type { Actions } from "./actions.ts";
 import { button, choice, line, row, tall, ticked } from "./fields.ts";
 import { findingFiles } from "./findings-files.ts";
-import { FindingsSync, type Kept } from "./findings-sync.ts";
+import { type FindingsHost, FindingsSync, type Kept } from "./findings-sync.ts";
 
 /** Who reads, as the browser remembers it. */
 export interface ReaderName {
@@ -61,7 +62,9 @@ interface Step {
   readonly after: readonly Finding[];
 }
 
-/** What can be saved: its name, its media type, and the end of its file. */
+/** What the server has not got yet of cases that were left, by case: it is sent again and again, and shown again. */
+const UNSENT = new Map<string, FindingsSync>();
+
 /** So long ways through findings are walked at once, in ms. */
 const WALK_MS = 8;
 
@@ -95,12 +98,14 @@ export class FindingsSection {
 
   constructor(host: FindingsSectionHost) {
     this.#host = host;
-    this.#sync = new FindingsSync({
+    const hears: FindingsHost = {
       id: host.shown.id,
       shown: (list) => this.#show(list),
       kept: (kept, problem) => this.#tell(kept, problem),
       doubled: (count) => tell(this.#status, t("findings.doubled", { count: number(count) })),
-    });
+    };
+    this.#sync = UNSENT.get(host.shown.id) ?? new FindingsSync(hears);
+    this.#sync.meet(hears);
     this.#undo = iconButton("undo", t("findings.undo-last"), () => this.#go(this.#done, this.#undone));
     this.#redo = iconButton("redo", t("findings.redo-last"), () => this.#go(this.#undone, this.#done));
     for (const one of [this.#undo, this.#redo]) one.disabled = true;
@@ -132,6 +137,7 @@ export class FindingsSection {
       line(t("findings.reader"), reader),
       ...files,
     );
+    if (this.#sync.list.length > 0) this.#show(this.#sync.list);
     addEventListener("beforeunload", this.#leave);
     document.addEventListener("visibilitychange", this.#turn);
   }
@@ -159,8 +165,16 @@ export class FindingsSection {
 
   dispose(): void {
     clearTimeout(this.#walking);
-    this.#sync.flush().catch(() => {});
-    removeEventListener("beforeunload", this.#leave);
+    const { id } = this.#host.shown;
+    UNSENT.set(id, this.#sync);
+    const forget = (): void => {
+      UNSENT.delete(id);
+      removeEventListener("beforeunload", this.#leave);
+    };
+    // Whoever closes the page is warned as long as the server has not got all of it; of a case that is deleted nothing is left.
+    this.#sync.flush().then(forget, (problem: unknown) => {
+      if (problem instanceof Problem && problem.status === 404) forget();
+    });
     document.removeEventListener("visibilitychange", this.#turn);
   }
 

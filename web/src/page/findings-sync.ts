@@ -32,7 +32,7 @@ interface Stored {
 const JSON_TYPE = "application/json";
 
 export class FindingsSync {
-  readonly #host: FindingsHost;
+  #host: FindingsHost;
   /** What the server has, as far as the page knows. */
   #stored: Stored = { list: [], tag: "" };
   #list: readonly Finding[] = [];
@@ -42,6 +42,11 @@ export class FindingsSync {
   #last: Promise<unknown> = Promise.resolve();
 
   constructor(host: FindingsHost) {
+    this.#host = host;
+  }
+
+  /** Another section shows the findings of the case from now on. */
+  meet(host: FindingsHost): void {
     this.#host = host;
   }
 

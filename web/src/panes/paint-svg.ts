@@ -4,7 +4,7 @@ import { decoded } from "../base/picture.ts";
 
 /** What the style sheet says of drawings: a copy has it as attributes. */
 const STYLED =
-  "opacity fill stroke stroke-width stroke-dasharray paint-order font-family font-size font-weight text-anchor dominant-baseline";
+  "display opacity fill stroke stroke-width stroke-dasharray paint-order font-family font-size font-weight text-anchor dominant-baseline";
 
 /** A drawing as a picture, in CSS pixels. */
 interface SvgPicture {
