@@ -48,6 +48,7 @@ mod short_faults;
 mod sides;
 mod sockets;
 mod storage_nodes;
+mod tls;
 mod uploads;
 #[path = "../../server/extraction/tests/it/wrong_heads.rs"]
 mod wrong_heads;
