@@ -49,6 +49,7 @@ mod sides;
 mod sockets;
 mod storage_nodes;
 mod surfaces;
+mod tls;
 mod until;
 mod uploads;
 #[path = "../../server/extraction/tests/it/wrong_heads.rs"]

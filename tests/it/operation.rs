@@ -16,7 +16,7 @@ use crate::server::Server;
 use crate::several_machines::program;
 
 /// A process whose log is JSON. Dropping it kills it.
-struct Logged {
+pub(crate) struct Logged {
     process: Child,
     log: BufReader<ChildStderr>,
     /// Every line so far.
@@ -31,7 +31,7 @@ impl Drop for Logged {
 }
 
 impl Logged {
-    fn start(arguments: &[&str]) -> Self {
+    pub(crate) fn start(arguments: &[&str]) -> Self {
         let mut process = Command::new(program())
             .args(arguments)
             .args(["--log-format", "json", "--log", "debug"])
@@ -50,7 +50,7 @@ impl Logged {
     }
 
     /// Reads the log until a line has a message.
-    fn until(&mut self, message: &str) -> Value {
+    pub(crate) fn until(&mut self, message: &str) -> Value {
         loop {
             let mut line = String::new();
             assert!(
@@ -73,7 +73,7 @@ impl Logged {
     }
 
     /// Ends it in order; every line of its log is JSON, and nothing is on standard output.
-    fn end(mut self) {
+    pub(crate) fn end(mut self) {
         self.signal("-TERM");
         self.until("stopped");
         let mut rest = String::new();

@@ -10,6 +10,7 @@ use bytes::Bytes;
 use cases::jobs::Workers;
 use http_body_util::BodyExt as _;
 use http_support::listen;
+use http_support::tls::ReloadedTls;
 use isocortex::config::Config;
 use isocortex::start;
 use pacs::Pacs;
@@ -281,6 +282,7 @@ impl Server {
             listener,
             self.router.clone(),
             limits,
+            self.config.tls().unwrap().map(ReloadedTls::new),
             async {
                 // Dropping the guard stops the server too.
                 let _ = stopped.await;

@@ -304,11 +304,11 @@ async fn a_node_that_refuses_is_believed_and_one_that_aborts_is_asked_again() {
 }
 
 /// An authority, and a certificate of this machine that it has issued.
-struct Certificates(tempfile::TempDir);
+pub(crate) struct Certificates(tempfile::TempDir);
 
 impl Certificates {
     /// `None`, loudly, if openssl is not installed.
-    fn make() -> Option<Self> {
+    pub(crate) fn make() -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let openssl = |arguments: &str| {
             let output = Command::new("openssl")
@@ -331,15 +331,15 @@ impl Certificates {
         Some(Self(folder))
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.0.path().join(name)
     }
 
-    fn text(&self, name: &str) -> String {
+    pub(crate) fn text(&self, name: &str) -> String {
         self.path(name).to_str().unwrap().to_owned()
     }
 
-    fn read(&self, name: &str) -> Vec<u8> {
+    pub(crate) fn read(&self, name: &str) -> Vec<u8> {
         std::fs::read(self.path(name)).unwrap()
     }
 

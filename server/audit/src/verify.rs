@@ -277,7 +277,7 @@ mod tests {
             PROCESS,
             &Position {
                 seq: 3,
-                previous: blake3::Hash::from_hex(&digest_of(&all[1])).unwrap(),
+                previous: blake3::Hash::from_hex(digest_of(&all[1])).unwrap(),
             },
         );
         all[2] = String::from_utf8(other.0).unwrap();

@@ -19,6 +19,7 @@ pub mod query;
 pub mod refusals;
 pub mod scopes;
 pub mod sent;
+pub mod tls;
 pub mod tokens;
 mod unstalled;
 pub mod uploads;

@@ -8,22 +8,25 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::Router;
 use axum::body::Body;
 use axum::extract::{FromRequestParts, Request};
-use axum::http::Extensions;
 use axum::http::request::Parts;
+use axum::http::{Extensions, HeaderValue, header};
 use axum::response::Response;
+use axum::{BoxError, Router};
 use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::GracefulShutdown;
 use ipnet::IpNet;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
+use tokio_rustls::TlsAcceptor;
 use tower::ServiceExt as _;
 
 use crate::door::{Connection, Door};
 use crate::pace::{Hurry, LeastRate, PacedBody};
+use crate::tls::ReloadedTls;
 use crate::unstalled::Unstalled;
 use cases::places::{Place, Places, network_of};
 
@@ -35,6 +38,9 @@ const CROWDED_HEADER_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The bytes after which headers that have not ended are refused.
 const MAX_HEADER_BYTES: usize = 64 << 10;
+
+/// Tells browsers to use TLS alone for a year, if they have been answered by TLS.
+const TLS_ALONE: HeaderValue = HeaderValue::from_static("max-age=31536000");
 
 /// Limits of connections.
 #[derive(Debug, Clone)]
@@ -90,11 +96,12 @@ pub fn place_for(request: &Request, places: &Places) -> Option<Place> {
     Some(place)
 }
 
-/// Serves `app` until `stop` resolves, then finishes running requests within the grace period.
+/// Serves `app` until `stop` resolves, then finishes running requests within the grace period. With TLS, nothing else is served.
 pub async fn serve(
     listener: TcpListener,
     app: Router,
     limits: ConnectionLimits,
+    tls: Option<ReloadedTls>,
     stop: impl Future<Output = ()>,
 ) {
     let door = Door::new(
@@ -114,20 +121,28 @@ pub async fn serve(
             continue;
         };
         let open = door.enter(address);
-        let builder = http1(&limits, door.is_crowded());
-        let stream = TokioIo::new(Unstalled::new(stream, limits.least_rate));
+        let header_timeout = header_timeout(&limits, door.is_crowded());
+        let stream = Unstalled::new(stream, limits.least_rate);
+        let acceptor = tls.as_ref().map(|tls| TlsAcceptor::from(tls.current()));
         let service = service(
             app.clone(),
             door.clone(),
             open.0.clone(),
             address,
             limits.least_rate,
+            acceptor.is_some(),
         );
-        let connection = graceful.watch(builder.serve_connection(stream, service));
+        let watcher = graceful.watcher();
         tokio::spawn(async move {
+            let served = async {
+                let stream = secured(stream, acceptor, header_timeout).await?;
+                let connection =
+                    http1(header_timeout).serve_connection(TokioIo::new(stream), service);
+                Ok::<_, BoxError>(watcher.watch(connection).await?)
+            };
             let ended = tokio::select! {
                 () = open.0.evicted() => return,
-                ended = connection => ended,
+                ended = served => ended,
             };
             // A failure here is on the side of the client: a lost connection, a timeout, a bad request line.
             if let Err(error) = ended {
@@ -161,12 +176,34 @@ async fn accept(listener: &TcpListener) -> Option<(TcpStream, IpAddr)> {
     }
 }
 
-fn http1(limits: &ConnectionLimits, crowded: bool) -> http1::Builder {
-    let header_timeout = if crowded {
+/// A connection, by TLS or not.
+trait Connected: AsyncRead + AsyncWrite + Send + Unpin {}
+
+impl<S: AsyncRead + AsyncWrite + Send + Unpin> Connected for S {}
+
+/// The connection, by TLS if there is an acceptor. A handshake has the time of a header.
+async fn secured(
+    stream: Unstalled<TcpStream>,
+    acceptor: Option<TlsAcceptor>,
+    header_timeout: Duration,
+) -> Result<Box<dyn Connected>, BoxError> {
+    let Some(acceptor) = acceptor else {
+        return Ok(Box::new(stream));
+    };
+    let accepted = tokio::time::timeout(header_timeout, acceptor.accept(stream)).await;
+    Ok(Box::new(accepted??))
+}
+
+/// The time for the headers of a request.
+fn header_timeout(limits: &ConnectionLimits, crowded: bool) -> Duration {
+    if crowded {
         limits.header_timeout.min(CROWDED_HEADER_TIMEOUT)
     } else {
         limits.header_timeout
-    };
+    }
+}
+
+fn http1(header_timeout: Duration) -> http1::Builder {
     let mut builder = http1::Builder::new();
     builder
         .timer(TokioTimer::new())
@@ -183,6 +220,7 @@ fn service(
     connection: Arc<Connection>,
     address: IpAddr,
     least_rate: LeastRate,
+    by_tls: bool,
 ) -> impl hyper::service::Service<
     axum::http::Request<Incoming>,
     Response = Response,
@@ -198,6 +236,14 @@ fn service(
         extensions.insert(Peer(client));
         extensions.insert(hurry);
         extensions.insert(connection.clone());
-        app.clone().oneshot(request)
+        let answered = app.clone().oneshot(request);
+        async move {
+            let mut response = answered.await?;
+            if by_tls {
+                let headers = response.headers_mut();
+                headers.insert(header::STRICT_TRANSPORT_SECURITY, TLS_ALONE);
+            }
+            Ok(response)
+        }
     })
 }

@@ -43,6 +43,7 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     let nodes = config.pacs.nodes()?;
     let dimse = config.pacs.dimse()?;
     config.check_audit()?;
+    config.tls()?;
     let mut checked = Checked::default();
     let named = config.named_tokens()?.len();
     let guard = match (access.wants_token(), named) {
@@ -51,7 +52,11 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         (false, _) => "without a token, for this machine alone".to_owned(),
     };
     let mut say = |line: String| checked.lines.push(line);
-    say(format!("listens on http://{} {guard}", config.http.listen));
+    let scheme = config.scheme();
+    say(format!(
+        "listens on {scheme}://{} {guard}",
+        config.http.listen
+    ));
     let database = location.database.map(|database| database.to_string());
     let objects = location.objects.map(|objects| objects.to_string());
     let place = location.folder.display();

@@ -8,7 +8,7 @@ use clap::Args;
 use tokio::net::TcpListener;
 
 use super::choices;
-use super::common::{CommonArgs, set};
+use super::common::{CommonArgs, set, set_some};
 use super::status::{CliError, ExitStatus};
 use crate::config::{Config, Network, Secret};
 use crate::{figures, logs, start};
@@ -42,6 +42,22 @@ pub(super) struct ServeArgs {
     /// A file with named tokens and their scopes, which `isocortex token new` writes.
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_TOKENS_FILE")]
     pub(super) tokens_file: Option<PathBuf>,
+    /// A file with the certificate of the server in PEM, and those that issued it. It then speaks TLS alone.
+    #[arg(
+        long,
+        value_name = "FILE",
+        env = "ISOCORTEX_TLS_CERT",
+        requires = "tls_key"
+    )]
+    pub(super) tls_cert: Option<PathBuf>,
+    /// A file with the key of the certificate in PEM.
+    #[arg(
+        long,
+        value_name = "FILE",
+        env = "ISOCORTEX_TLS_KEY",
+        requires = "tls_cert"
+    )]
+    pub(super) tls_key: Option<PathBuf>,
     /// The proxies that name the client in `X-Forwarded-For`: addresses or networks such as 10.0.0.0/8.
     #[arg(
         long,
@@ -75,9 +91,9 @@ impl ServeArgs {
             config.http.token = None;
             config.http.token_file = Some(path.clone());
         }
-        if let Some(path) = &self.tokens_file {
-            config.http.tokens_file = Some(path.clone());
-        }
+        set_some(&mut config.http.tokens_file, self.tokens_file.as_ref());
+        set_some(&mut config.http.tls_certificate, self.tls_cert.as_ref());
+        set_some(&mut config.http.tls_key, self.tls_key.as_ref());
         Ok(config)
     }
 }
@@ -94,7 +110,11 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
         let server = Server::start(&config).await?;
         // Of JSON, the log has the same line.
         if !logs::are_json() {
-            println!("Isocortex listens on http://{}", server.address);
+            println!(
+                "Isocortex listens on {}://{}",
+                config.scheme(),
+                server.address
+            );
         }
         let reloading = tokio::spawn(server.reload.clone().at_each_signal(args.clone()));
         server.until_stopped().await;
@@ -103,17 +123,23 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
     })
 }
 
-/// How often the file of the named tokens is looked at.
+/// How often the files that are read again are looked at.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
-/// What is read again at SIGHUP: the tokens, and the certificates of the listener for C-STORE. Named tokens are also read
-/// again when their file changes.
+/// What is read again at SIGHUP: the tokens, and the certificates of both listeners. Named tokens and certificates are also read
+/// again when their files change.
 #[derive(Debug, Clone)]
 struct Reload {
     access: Access,
+    /// Of HTTP.
     tls: Option<ReloadedTls>,
-    tokens_file: Option<PathBuf>,
+    /// Of C-STORE.
+    dimse_tls: Option<ReloadedTls>,
+    files: Vec<PathBuf>,
 }
+
+/// What tells one state of a file from another: its length, the time of its last change and its number.
+type FileState = (u64, std::time::SystemTime, u64);
 
 impl Reload {
     /// Reads it again whenever the signal comes. If the configuration is invalid by then, nothing changes.
@@ -131,7 +157,7 @@ impl Reload {
                 _ = looks.tick() => {
                     let now = self.look();
                     // A file that is gone for a moment, while it is replaced, changes nothing.
-                    if now.is_none() || now == seen {
+                    if now.contains(&None) || now == seen {
                         continue;
                     }
                     seen = now;
@@ -147,12 +173,15 @@ impl Reload {
         }
     }
 
-    /// What tells one state of the file of the named tokens from another.
+    /// The state of each file; `None` if there is no such file.
     #[cfg(unix)]
-    fn look(&self) -> Option<(u64, std::time::SystemTime, u64)> {
+    fn look(&self) -> Vec<Option<FileState>> {
         use std::os::unix::fs::MetadataExt as _;
-        let metadata = std::fs::metadata(self.tokens_file.as_ref()?).ok()?;
-        Some((metadata.len(), metadata.modified().ok()?, metadata.ino()))
+        let look = |file: &PathBuf| {
+            let metadata = std::fs::metadata(file).ok()?;
+            Some((metadata.len(), metadata.modified().ok()?, metadata.ino()))
+        };
+        self.files.iter().map(look).collect()
     }
 
     #[cfg(not(unix))]
@@ -161,10 +190,15 @@ impl Reload {
     fn now(&self, args: &ServeArgs) -> Result<(), CliError> {
         let config = args.config()?;
         let access = config.access()?;
-        let tls = config.pacs.dimse.tls()?;
+        let replaced = [
+            (&self.tls, config.tls()?),
+            (&self.dimse_tls, config.pacs.dimse.tls()?),
+        ];
         self.access.replace_tokens(&access);
-        if let (Some(current), Some(tls)) = (&self.tls, tls) {
-            current.replace(tls);
+        for (current, tls) in replaced {
+            if let (Some(current), Some(tls)) = (current, tls) {
+                current.replace(tls);
+            }
         }
         Ok(())
     }
@@ -198,15 +232,17 @@ impl Server {
         figures::add_audit(state.metrics(), state.cases.audit());
         let mut reload = Reload {
             access: state.access().clone(),
-            tls: None,
-            tokens_file: config.http.tokens_file.clone(),
+            tls: config.tls()?.map(ReloadedTls::new),
+            dimse_tls: None,
+            files: config.reloaded_files(),
         };
+        let tls = reload.tls.clone();
         let dimse = match config.pacs.dimse()? {
             Some((listen, options)) => {
                 let (listener, address) = bind(listen).await?;
                 tracing::info!(%address, "listening for C-STORE");
                 figures::add_associations(state.metrics(), &options.counts);
-                reload.tls.clone_from(&options.tls);
+                reload.dimse_tls.clone_from(&options.tls);
                 let stop = state.stopping().begun();
                 let serving = dimse::serve(listener, state.cases.clone(), options, stop, grace);
                 Some(tokio::spawn(serving))
@@ -215,7 +251,7 @@ impl Server {
         };
         let stop = stop_of(state.clone());
         let router = start::router(&state, &pacs);
-        let serving = tokio::spawn(listen::serve(listener, router, limits, stop));
+        let serving = tokio::spawn(listen::serve(listener, router, limits, tls, stop));
         tracing::info!(%address, "listening");
         tokio::spawn(tell_confinement(state.cases.clone()));
         Ok(Self {

@@ -49,7 +49,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
                 let (listener, address) = bind(listen).await?;
                 tracing::info!(%address, "answering health checks");
                 let routes = health::routes(library.store().clone());
-                listen::serve(listener, routes, config.connection_limits(), stop).await;
+                listen::serve(listener, routes, config.connection_limits(), None, stop).await;
             }
         }
         tracing::info!("stopping");

@@ -16,6 +16,7 @@ use http_support::auth::{Access, BadToken, unnamed};
 use http_support::listen::ConnectionLimits;
 use http_support::origins::{NotAnOrigin, Origins};
 use http_support::pace::LeastRate;
+use http_support::tls::{BadTls, ListeningTls, serving_tls};
 use http_support::tokens::NamedToken;
 use pipeline::HeadLimits;
 use serde::Deserialize;
@@ -196,9 +197,15 @@ pub enum ConfigError {
         "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
     )]
     DimseTls,
+    /// TLS of HTTP is configured incompletely.
+    #[error("`http` needs both `tls_certificate` and `tls_key`, or neither")]
+    HttpTls,
+    /// A file for TLS of HTTP is invalid.
+    #[error("TLS of HTTP: {0}")]
+    BadHttpTls(BadTls),
     /// A file for TLS of DIMSE is invalid.
     #[error("TLS of DIMSE: {0}")]
-    BadTls(#[from] ::pacs::dimse::BadTls),
+    BadTls(#[from] BadTls),
     /// A limit of zero.
     #[error("`{key}` must be at least 1")]
     Zero {
@@ -286,6 +293,45 @@ impl Config {
             path: path.clone(),
             why,
         })
+    }
+
+    /// The files that are read again when they change.
+    pub(crate) fn reloaded_files(&self) -> Vec<PathBuf> {
+        let (http, dimse) = (&self.http, &self.pacs.dimse);
+        let files = [
+            &http.tokens_file,
+            &http.tls_certificate,
+            &http.tls_key,
+            &dimse.tls_certificate,
+            &dimse.tls_key,
+            &dimse.tls_authority,
+        ];
+        files.into_iter().flatten().cloned().collect()
+    }
+
+    /// The scheme of the server's address.
+    pub fn scheme(&self) -> &'static str {
+        match self.http.tls_certificate {
+            Some(_) => "https",
+            None => "http",
+        }
+    }
+
+    /// TLS of the server, if it has a certificate.
+    ///
+    /// # Errors
+    /// If the certificate or its key cannot be used.
+    pub fn tls(&self) -> Result<Option<ListeningTls>, ConfigError> {
+        match (&self.http.tls_certificate, &self.http.tls_key) {
+            (None, None) => Ok(None),
+            (Some(certificate), Some(key)) => {
+                let certificate = read_file(certificate)?;
+                let key = read_secret(key, "the file of the key for TLS")?;
+                let tls = serving_tls(certificate.as_bytes(), key.as_bytes());
+                Ok(Some(tls.map_err(ConfigError::BadHttpTls)?))
+            }
+            _ => Err(ConfigError::HttpTls),
+        }
     }
 
     /// Begins the record of who does what, if there is a folder for it.
@@ -470,6 +516,13 @@ impl Config {
 
 fn days(count: u64) -> Duration {
     Duration::from_secs(count.saturating_mul(24 * 3600))
+}
+
+fn read_file(path: &Path) -> Result<String, ConfigError> {
+    std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
+        path: path.to_owned(),
+        source,
+    })
 }
 
 /// Reads a file that only its owner may read; `what` names it in the log.

@@ -13,7 +13,7 @@ use cases::arrivals::{ArrivalOptions, SeriesRule};
 use jiff::tz::{Offset, TimeZone};
 use serde::Deserialize;
 
-use super::{ConfigError, read_secret};
+use super::{ConfigError, read_file, read_secret};
 
 const SECONDS_PER_DAY: u64 = 24 * 3600;
 
@@ -184,13 +184,6 @@ fn offset_of(text: &str) -> Option<Offset> {
     };
     let minutes = 60 * number(hours)? + number(minutes)?;
     Offset::from_seconds(sign * 60 * minutes).ok()
-}
-
-fn read_file(path: &Path) -> Result<String, ConfigError> {
-    std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
-        path: path.to_owned(),
-        source,
-    })
 }
 
 fn authority(path: &Path) -> Result<TlsAuthority, ConfigError> {

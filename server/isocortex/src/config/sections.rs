@@ -24,6 +24,10 @@ pub struct Http {
     pub token_file: Option<PathBuf>,
     /// A file with named tokens, beside the token or instead of it.
     pub tokens_file: Option<PathBuf>,
+    /// A file with the certificate of the server in PEM, and those that issued it; then it speaks TLS alone.
+    pub tls_certificate: Option<PathBuf>,
+    /// A file with its key in PEM.
+    pub tls_key: Option<PathBuf>,
     /// Whether `/metrics`, `/version`, `/docs` and `/openapi.json` need a token too.
     pub guard_all: bool,
     /// The origins of pages on other hosts that may read answers, such as a viewer.
@@ -63,6 +67,8 @@ impl Default for Http {
             token: None,
             token_file: None,
             tokens_file: None,
+            tls_certificate: None,
+            tls_key: None,
             guard_all: false,
             allowed_origins: Vec::new(),
             frame_ancestors: Vec::new(),

@@ -13,7 +13,6 @@ mod node;
 mod options;
 mod outcome;
 mod peers;
-mod tls;
 mod wire;
 
 pub use self::counts::{AssociationCounts, Rejection};
@@ -22,7 +21,7 @@ pub use self::node::{BadStorageNode, StorageNode};
 pub use self::options::{DimseOptions, is_aet};
 pub use self::outcome::NotStored;
 pub use self::peers::{Peer, PeerAddress};
-pub use self::tls::{
+pub use http_support::tls::{
     BadTls, ConnectingTls, ListeningTls, ReloadedTls, TlsAuthority, TlsIdentity, connecting_tls,
     listening_tls,
 };

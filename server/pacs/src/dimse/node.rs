@@ -17,8 +17,8 @@ use crate::dimse::head::FileHead;
 use crate::dimse::negotiate::{EXPLICIT, IMPLICIT, request_to_store};
 use crate::dimse::options::is_aet;
 use crate::dimse::outcome::{NotStored, is_stored, rejected};
-use crate::dimse::tls::ConnectingTls;
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
+use http_support::tls::ConnectingTls;
 
 /// How long to wait for a connection.
 const CONNECT: Duration = Duration::from_secs(10);

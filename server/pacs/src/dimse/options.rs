@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::dimse::counts::AssociationCounts;
 use crate::dimse::peers::Peer;
-use crate::dimse::tls::ReloadedTls;
+use http_support::tls::ReloadedTls;
 
 /// Whether a text is an application entity title (PS3.5 §6.2).
 pub fn is_aet(text: &str) -> bool {

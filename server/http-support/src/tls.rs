@@ -1,4 +1,4 @@
-//! TLS for associations (PS3.15 annex B): the listener proves who it is, and so may both sides.
+//! TLS for HTTP and for associations of DICOM (PS3.15 annex B): the listener proves who it is, and so may both sides.
 
 use std::sync::{Arc, PoisonError, RwLock};
 
@@ -26,7 +26,8 @@ impl ReloadedTls {
         *self.0.write().unwrap_or_else(PoisonError::into_inner) = tls;
     }
 
-    pub(crate) fn current(&self) -> ListeningTls {
+    /// What a new connection uses.
+    pub fn current(&self) -> ListeningTls {
         Arc::clone(&self.0.read().unwrap_or_else(PoisonError::into_inner))
     }
 }
@@ -95,6 +96,17 @@ impl TlsAuthority {
 fn certificates(pem: &[u8]) -> Option<Vec<CertificateDer<'static>>> {
     let read: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(pem).collect();
     read.ok().filter(|chain| !chain.is_empty())
+}
+
+/// The side of a listener for HTTP, from PEM.
+///
+/// # Errors
+/// [`BadTls`].
+pub fn serving_tls(certificate: &[u8], key: &[u8]) -> Result<ListeningTls, BadTls> {
+    let tls = listening_tls(&TlsIdentity::read(certificate, key)?, None)?;
+    let mut tls = Arc::unwrap_or_clone(tls);
+    tls.alpn_protocols = vec![b"http/1.1".to_vec()];
+    Ok(Arc::new(tls))
 }
 
 /// The side of the listener; with an authority, peers need certificates that it has issued.
