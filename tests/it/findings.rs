@@ -380,7 +380,9 @@ async fn a_report_names_the_patient_on_request_alone() {
         );
     }
     let count = pages.count();
-    assert!(named.contains(&format!("{count} / {count}")), "{named}");
+    // pdftotext takes a number that is divided by one as a word.
+    let numbered = named.replace(' ', "");
+    assert!(numbered.contains(&format!("{count}/{count}")), "{named}");
     // What a reader wrote in letters that the font has, and in others.
     assert!(
         named.contains("Borrão à esquerda \\ ‹U+7070›‹U+767D›‹U+8D28›"),
