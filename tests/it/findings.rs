@@ -8,7 +8,7 @@ use axum::http::{Method, Request};
 use serde_json::{Value, json};
 
 use crate::dicom::head_slices;
-use crate::maps::settled;
+use crate::maps::until_maps;
 use crate::pacs::{Neighbour, with_texts};
 use crate::results::{
     IDENTITY, errors_in, identified_case, identified_head, printed, python_with, result,
@@ -69,7 +69,7 @@ pub(crate) async fn mark(server: &Server, case: &str) -> Value {
     let stored = put(server, case, "application/json", body).await;
     assert_eq!(stored.status, 200, "{stored:?}");
     // A report needs to know whether there are maps.
-    settled(server, &format!("{case}/candidates")).await;
+    until_maps(server, case).await;
     stored.json()
 }
 

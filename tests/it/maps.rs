@@ -93,7 +93,7 @@ async fn server_with(configure: impl FnOnce(&mut Config)) -> (Server, String) {
 }
 
 /// The answer once what it needs is no longer being made.
-pub(crate) async fn settled(server: &Server, address: &str) -> Answer {
+async fn settled(server: &Server, address: &str) -> Answer {
     for _ in 0..1200 {
         let answer = server.get(address).await;
         let is_waiting =
@@ -113,6 +113,11 @@ async fn ready() -> (Server, String) {
     let answer = settled(&server, &format!("{case}/candidates")).await;
     assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
     (server, case)
+}
+
+/// Waits until a case has its maps, or has none for good.
+pub(crate) async fn until_maps(server: &Server, case: &str) {
+    settled(server, &format!("{case}/candidates")).await;
 }
 
 fn picture(answer: &Answer) -> image::RgbImage {
