@@ -8,6 +8,7 @@ use axum::http::{Method, Request};
 use serde_json::{Value, json};
 
 use crate::dicom::head_slices;
+use crate::maps::until_maps;
 use crate::pacs::{Neighbour, with_texts};
 use crate::results::{
     IDENTITY, errors_in, identified_case, identified_head, printed, python_with, result,
@@ -67,6 +68,8 @@ pub(crate) async fn mark(server: &Server, case: &str) -> Value {
     let body = json!({ "findings": list }).to_string().into_bytes();
     let stored = put(server, case, "application/json", body).await;
     assert_eq!(stored.status, 200, "{stored:?}");
+    // A report needs to know whether there are maps.
+    until_maps(server, case).await;
     stored.json()
 }
 
@@ -377,7 +380,9 @@ async fn a_report_names_the_patient_on_request_alone() {
         );
     }
     let count = pages.count();
-    assert!(named.contains(&format!("{count} / {count}")), "{named}");
+    // pdftotext takes a number that is divided by one as a word.
+    let numbered = named.replace(' ', "");
+    assert!(numbered.contains(&format!("{count}/{count}")), "{named}");
     // What a reader wrote in letters that the font has, and in others.
     assert!(
         named.contains("Borrão à esquerda \\ ‹U+7070›‹U+767D›‹U+8D28›"),

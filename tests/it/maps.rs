@@ -117,6 +117,11 @@ async fn ready() -> (Server, String) {
     (server, case)
 }
 
+/// Waits until a case has its maps, or has none for good.
+pub(crate) async fn until_maps(server: &Server, case: &str) {
+    settled(server, &format!("{case}/candidates")).await;
+}
+
 fn picture(answer: &Answer) -> image::RgbImage {
     assert_eq!(answer.status, StatusCode::OK, "{answer:?}");
     image::load_from_memory(&answer.body).unwrap().into_rgb8()

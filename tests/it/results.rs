@@ -16,6 +16,7 @@ use tokio::net::TcpListener;
 
 use crate::dicom::head_slices;
 use crate::head::{mask_of, plain_head};
+use crate::maps::until_maps;
 use crate::pacs::{Neighbour, with_texts};
 use crate::server::{Answer, Server};
 use crate::until::until;
@@ -310,6 +311,7 @@ async fn what_was_lost_or_removed_in_the_source_and_its_time_zone_are_stated() {
     let here = created.to_zoned(zone).strftime("%Y%m%d %H%M").to_string();
     let (day, minute) = here.split_once(' ').unwrap();
     let folder = tempfile::tempdir().unwrap();
+    until_maps(&neighbour.server, &case).await;
     for what in ["view", "cine", "mask", "key-object", "report"] {
         let mut body = json!({"what": what});
         match what {

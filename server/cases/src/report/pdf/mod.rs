@@ -38,8 +38,8 @@ const BASE: f64 = 0.98;
 const BELOW_HEADING_MM: f64 = 25.0;
 
 /// The sides of the pictures of a finding and of an overview, and what separates them, in mm.
-const PICTURE_MM: f64 = 44.0;
-const SMALL_PICTURE_MM: f64 = 27.0;
+const PICTURE_MM: f64 = 41.0;
+const SMALL_PICTURE_MM: f64 = 26.0;
 const GAP_MM: f64 = 2.0;
 const SMALL_GAP_MM: f64 = 1.0;
 
