@@ -1,7 +1,5 @@
 //! A link from a PACS opens the head of the right patient, the same one every time, or offers a choice.
 
-use std::time::Duration;
-
 use axum::body::Body;
 use axum::http::Request;
 use serde_json::{Value, json};

@@ -1,7 +1,6 @@
 //! Maps of the junction of grey and white matter: made, stored, drawn and served.
 
 use std::io::Read as _;
-use std::time::Duration;
 
 use analysis::steps::regions_phantom::BrainPhantom;
 use axum::body::Body;

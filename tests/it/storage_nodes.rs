@@ -3,7 +3,6 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
 
 use ::pacs::dimse::{self, ReloadedTls, TlsAuthority, TlsIdentity, listening_tls};
 use axum::body::Body;
