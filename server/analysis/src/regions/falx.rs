@@ -78,8 +78,46 @@ impl Sheet {
         place.x - f64::from(row(0) * (1.0 - w) + row(1) * w)
     }
 
-    /// Whether the sheet meets tissue, or fluid within it, in the column of a position (LPS mm).
-    pub(super) fn is_in_tissue(&self, position_in_patient: DVec3) -> bool {
+    /// The columns in which the sheet runs through the body of tissue that joins the hemispheres, and fluid within it.
+    ///
+    /// Gyri that touch across the falx are no part of it: they are islands, or joined to it by less than three columns.
+    pub(super) fn joining(&self) -> Vec<bool> {
+        let count = self.grounds.len();
+        let is_wide = |index: usize| {
+            around(index, self.size).all(|other| self.grounds[other] == Ground::Tissue)
+        };
+        let mut open: Vec<bool> = (0..count).map(is_wide).collect();
+        let mut largest = Vec::new();
+        for start in 0..count {
+            if !std::mem::take(&mut open[start]) {
+                continue;
+            }
+            let mut component = vec![start];
+            let mut next = 0;
+            while let Some(&index) = component.get(next) {
+                next += 1;
+                for other in around(index, self.size) {
+                    if std::mem::take(&mut open[other]) {
+                        component.push(other);
+                    }
+                }
+            }
+            if component.len() > largest.len() {
+                largest = component;
+            }
+        }
+        let mut joining = vec![false; count];
+        for index in largest
+            .into_iter()
+            .flat_map(|index| around(index, self.size))
+        {
+            joining[index] = true;
+        }
+        joining
+    }
+
+    /// The number of the column of a position (LPS mm).
+    pub(super) fn column(&self, position_in_patient: DVec3) -> usize {
         let place = self.head_from_patient.transform_point3(position_in_patient);
         let along = |axis: usize, value: f64| {
             let last = self.size[axis] as f64 - 1.0;
@@ -87,8 +125,7 @@ impl Sheet {
                 .round()
                 .clamp(0.0, last) as usize
         };
-        let column = along(0, place.y) + self.size[0] * along(1, place.z);
-        self.grounds[column] == Ground::Tissue
+        along(0, place.y) + self.size[0] * along(1, place.z)
     }
 
     /// To the axes of the head.
