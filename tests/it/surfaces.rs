@@ -18,10 +18,7 @@ const BALL_WINDOW: &str = "window=2200,1000&ambient=1";
 
 /// A phantom with a ball on its left, as files: volume and mask; mirrored on request.
 fn head(is_mirrored: bool) -> [Vec<u8>; 2] {
-    let phantom = BrainPhantom {
-        noise: 0.0,
-        ..BrainPhantom::PLAIN
-    };
+    let phantom = BrainPhantom::PLAIN;
     let grid = regions_phantom::grid();
     let scan = phantom.scan(&grid);
     let own_from_voxel = phantom.placed.inverse() * grid.patient_from_voxel();

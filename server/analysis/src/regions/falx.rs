@@ -78,40 +78,32 @@ impl Sheet {
         place.x - f64::from(row(0) * (1.0 - w) + row(1) * w)
     }
 
-    /// The columns in which the sheet runs through the body of tissue that joins the hemispheres, and fluid within it.
+    /// The columns in which the sheet runs through tissue that joins the hemispheres, and fluid within it: tissue in the middle of the
+    /// head, and what is connected to it by tissue at least three columns wide.
     ///
-    /// Gyri that touch across the falx are no part of it: they are islands, or joined to it by less than three columns.
+    /// Farther out, islands of tissue are gyri that touch across the falx.
     pub(super) fn joining(&self) -> Vec<bool> {
-        let count = self.grounds.len();
-        let is_wide = |index: usize| {
-            around(index, self.size).all(|other| self.grounds[other] == Ground::Tissue)
+        let is_tissue = |index: usize| self.grounds[index] == Ground::Tissue;
+        let is_middle = |index: usize| {
+            let along = |axis: usize, place: usize| self.first[axis] + place as f64 * STEP_MM;
+            let (y, z) = (index % self.size[0], index / self.size[0]);
+            along(0, y).hypot(along(1, z)) <= MIDDLE_MM
         };
-        let mut open: Vec<bool> = (0..count).map(is_wide).collect();
-        let mut largest = Vec::new();
-        for start in 0..count {
-            if !std::mem::take(&mut open[start]) {
+        let columns = 0..self.grounds.len();
+        let mut joining: Vec<bool> = columns
+            .clone()
+            .map(|index| is_tissue(index) && is_middle(index))
+            .collect();
+        let mut open: Vec<usize> = columns.filter(|&index| joining[index]).collect();
+        while let Some(index) = open.pop() {
+            if !around(index, self.size).all(is_tissue) {
                 continue;
             }
-            let mut component = vec![start];
-            let mut next = 0;
-            while let Some(&index) = component.get(next) {
-                next += 1;
-                for other in around(index, self.size) {
-                    if std::mem::take(&mut open[other]) {
-                        component.push(other);
-                    }
+            for other in around(index, self.size) {
+                if !std::mem::replace(&mut joining[other], true) {
+                    open.push(other);
                 }
             }
-            if component.len() > largest.len() {
-                largest = component;
-            }
-        }
-        let mut joining = vec![false; count];
-        for index in largest
-            .into_iter()
-            .flat_map(|index| around(index, self.size))
-        {
-            joining[index] = true;
         }
         joining
     }
