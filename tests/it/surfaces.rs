@@ -1,14 +1,12 @@
 //! Surfaces of parts of the brain: each hemisphere and the cerebrum, closed on their own.
 
-use analysis::steps::regions_phantom::BrainPhantom;
+use analysis::steps::regions_phantom::{self, BrainPhantom};
 use axum::http::StatusCode;
 use cases::pictures::GpuUse;
-use geometry::{Grid, Rescale, Volume};
+use geometry::{Rescale, Volume};
 use glam::DVec3;
 
 use crate::server::{Answer, Server};
-
-const SPACING_MM: f64 = 1.5;
 
 /// A bright ball beside the falx, on the patient's left: along the axes of the phantom, in mm.
 const BALL: DVec3 = DVec3::new(6.0, 55.0, 30.0);
@@ -20,13 +18,8 @@ const BALL_WINDOW: &str = "window=2200,1000&ambient=1";
 
 /// A phantom with a ball on its left, as files: volume and mask; mirrored on request.
 fn head(is_mirrored: bool) -> [Vec<u8>; 2] {
-    let phantom = BrainPhantom {
-        noise: 0.0,
-        ..BrainPhantom::PLAIN
-    };
-    let size = [100, 126, 102];
-    let origin = DVec3::new(-49.5 * SPACING_MM, -62.0 * SPACING_MM, -52.0 * SPACING_MM);
-    let grid = Grid::aligned(size, [SPACING_MM; 3], origin).unwrap();
+    let phantom = BrainPhantom::PLAIN;
+    let grid = regions_phantom::grid();
     let scan = phantom.scan(&grid);
     let own_from_voxel = phantom.placed.inverse() * grid.patient_from_voxel();
     let ball = |index: usize| {
@@ -39,10 +32,10 @@ fn head(is_mirrored: bool) -> [Vec<u8>; 2] {
         .collect();
     let mut mask = phantom.mask(&grid).voxels().to_vec();
     if is_mirrored {
-        for row in voxels.chunks_exact_mut(size[0]) {
+        for row in voxels.chunks_exact_mut(grid.size()[0]) {
             row.reverse();
         }
-        for row in mask.chunks_exact_mut(size[0]) {
+        for row in mask.chunks_exact_mut(grid.size()[0]) {
             row.reverse();
         }
     }

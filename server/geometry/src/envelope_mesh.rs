@@ -120,14 +120,7 @@ pub struct EnvelopeMesh {
 /// # Errors
 /// If the envelope is too small.
 pub fn envelope_mesh(field: &DepthField, size: MeshSize) -> Result<EnvelopeMesh, GeometryError> {
-    let planes = planes(field, size.contour_count())?;
-    let contours: Vec<Contour> = planes
-        .par_iter()
-        .map(|&x| Contour::largest(field, x))
-        .collect::<Option<_>>()
-        .ok_or(GeometryError::TooSmall {
-            what: "a sagittal plane has no contour",
-        })?;
+    let (planes, contours) = planes(field, size.contour_count())?;
     let starts = matching_starts(&contours);
     let points = size.points_per_contour();
     let mut positions = Vec::with_capacity(size.vertex_count());
@@ -152,11 +145,11 @@ pub fn envelope_mesh(field: &DepthField, size: MeshSize) -> Result<EnvelopeMesh,
     })
 }
 
-/// The x of equally spaced sagittal planes, each with a contour, in voxels: the middles of `count` slabs of one
+/// The x of equally spaced sagittal planes, in voxels, and the contour of each: the middles of `count` slabs of one
 /// thickness.
 ///
-/// The outer ones are half a voxel inside the extent, or more if the tip is too thin for a contour there.
-fn planes(field: &DepthField, count: usize) -> Result<Vec<f32>, GeometryError> {
+/// The outer ones are half a voxel inside the extent, or more if the tip, or a layer of a flat side, is too thin for a contour.
+fn planes(field: &DepthField, count: usize) -> Result<(Vec<f32>, Vec<Contour>), GeometryError> {
     let [first, last] = extent_along_x(field).map(|x| x as f32);
     let half_slab = (last - first) / (2 * count) as f32;
     for half_voxels in 1..=8 {
@@ -165,11 +158,15 @@ fn planes(field: &DepthField, count: usize) -> Result<Vec<f32>, GeometryError> {
         let has_contour = |x| Contour::largest(field, x).is_some();
         if end > start && has_contour(start) && has_contour(end) {
             let step = (end - start) / (count - 1) as f32;
-            return Ok((0..count).map(|i| start + step * i as f32).collect());
+            let planes: Vec<f32> = (0..count).map(|i| start + step * i as f32).collect();
+            let contours = planes.par_iter().map(|&x| Contour::largest(field, x));
+            if let Some(contours) = contours.collect() {
+                return Ok((planes, contours));
+            }
         }
     }
     Err(GeometryError::TooSmall {
-        what: "it does not have two sagittal planes with a contour",
+        what: "it does not have enough sagittal planes with a contour",
     })
 }
 

@@ -59,8 +59,8 @@ const LEFT: u8 = 1;
 const RIGHT: u8 = 2;
 const REMOVED: u8 = 3;
 const PART: u8 = 3;
-/// Set if a voxel is tissue, not fluid or dura.
-const TISSUE: u8 = 4;
+/// Set if no cortex is behind a border here: tissue at the brain stem, and what is deep in the cerebrum.
+const NO_CORTEX: u8 = 4;
 /// A voxel of the envelope without a region.
 const OPEN: u8 = 8;
 
@@ -70,6 +70,8 @@ pub struct Division {
     grid: Grid,
     marks: Vec<u8>,
     sheet: Sheet,
+    /// The columns of the sheet in which tissue joins the hemispheres.
+    joining: Vec<bool>,
 }
 
 impl Division {
@@ -87,6 +89,7 @@ impl Division {
             (None, Some(sheet)) => Ok(Self {
                 grid: head.depth.grid().clone(),
                 marks: marks(head, &block, (&regions, sheet), &values),
+                joining: sheet.joining(),
                 sheet: sheet.clone(),
             }),
             (doubt, _) => Err(NoDivision::Doubt(
@@ -100,8 +103,9 @@ impl Division {
         part.has(self.marks[index])
     }
 
-    /// The border voxels of a part at which its border runs through tissue, ascending: through callosum, thalamus and brain stem at the
-    /// sheet between the hemispheres, and through tissue at the cut of cerebellum and brain stem. Elsewhere it is dura.
+    /// The border voxels of a part at which its border runs through tissue, ascending: at the sheet between the hemispheres through
+    /// callosum, thalamus and midbrain, and the ventricles between them; and at the brain stem. Elsewhere it is dura, also where gyri
+    /// touch across the falx or the tentorium.
     ///
     /// `closed` is the closed part, on a block of the working grid.
     pub fn fence(&self, part: SurfacePart, closed: &Mask) -> Vec<u32> {
@@ -120,14 +124,14 @@ impl Division {
         let mark = |index: usize| own(index).map_or(0, |index| self.marks[index]);
         let is_through_tissue = |index: usize, beyond: usize| match mark(beyond) {
             outside if outside & PART == 0 || part.has(outside) => false,
-            removed if removed & PART == REMOVED => removed & mark(index) & TISSUE != 0,
+            removed if removed & PART == REMOVED => removed & NO_CORTEX != 0,
+            _ if mark(index) & NO_CORTEX != 0 => true,
             _ => {
                 let place = |index: usize| {
                     let voxel = grid.voxel(index).map(|along| along as f64);
                     grid.patient_from_voxel().transform_point3(voxel.into())
                 };
-                self.sheet
-                    .is_in_tissue(place(index).midpoint(place(beyond)))
+                self.joining[self.sheet.column(place(index).midpoint(place(beyond)))]
             }
         };
         let voxels = closed.voxels();
@@ -168,17 +172,13 @@ fn marks(
             let place = (start + step * x as f64).round().clamp(DVec3::ZERO, last);
             let place = place.to_array().map(|along| along as usize);
             let index = block.grid.index(place);
-            let tissue = if values[index] >= TISSUE_FROM {
-                TISSUE
-            } else {
-                0
+            *mark = match Region::from_code(regions.codes()[index]) {
+                Some(Region::BrainStem) if values[index] >= TISSUE_FROM => REMOVED | NO_CORTEX,
+                Some(Region::Cerebellum | Region::BrainStem) => REMOVED,
+                Some(Region::LeftDeep | Region::RightDeep) => LEFT | NO_CORTEX,
+                Some(Region::LeftCerebrum | Region::RightCerebrum) => LEFT,
+                None => OPEN,
             };
-            *mark = tissue
-                | match Region::from_code(regions.codes()[index]) {
-                    Some(Region::Cerebellum | Region::BrainStem) => REMOVED,
-                    Some(_) => LEFT,
-                    None => OPEN,
-                };
         }
     };
     marks.par_chunks_mut(nx).enumerate().for_each(fill);
@@ -191,7 +191,7 @@ fn marks(
                 sheet.left_mm(place) < 0.0
             };
             if *mark & PART == LEFT && is_right() {
-                *mark = *mark & TISSUE | RIGHT;
+                *mark = *mark & NO_CORTEX | RIGHT;
             }
         }
     };
@@ -277,9 +277,8 @@ pub(super) mod tests {
                     .placed
                     .inverse()
                     .transform_point3(place(index as usize));
-                // The fissure is 38 mm deep, also from below: only the middle is tissue to the other side.
-                let from_centre = from_centre - DVec3::new(0.0, 4.0, 27.0);
-                let is_deep = from_centre.y.abs() < 55.0 && from_centre.z.abs() < 14.0;
+                // The fissure is 38 mm deep, also from below: only the middle is tissue to the other side, and nuclei.
+                let is_deep = from_centre.y.abs() < 60.0 && (-25.0..42.0).contains(&from_centre.z);
                 all += 1;
                 right += u32::from(is_deep);
             }

@@ -78,8 +78,38 @@ impl Sheet {
         place.x - f64::from(row(0) * (1.0 - w) + row(1) * w)
     }
 
-    /// Whether the sheet meets tissue, or fluid within it, in the column of a position (LPS mm).
-    pub(super) fn is_in_tissue(&self, position_in_patient: DVec3) -> bool {
+    /// The columns in which the sheet runs through tissue that joins the hemispheres, and fluid within it: tissue in the middle of the
+    /// head, and what is connected to it by tissue at least three columns wide.
+    ///
+    /// Farther out, islands of tissue are gyri that touch across the falx.
+    pub(super) fn joining(&self) -> Vec<bool> {
+        let is_tissue = |index: usize| self.materials[index] == Material::Tissue;
+        let is_middle = |index: usize| {
+            let along = |axis: usize, place: usize| self.first[axis] + place as f64 * STEP_MM;
+            let (y, z) = (index % self.size[0], index / self.size[0]);
+            along(0, y).hypot(along(1, z)) <= MIDDLE_MM
+        };
+        let columns = 0..self.materials.len();
+        let mut joining: Vec<bool> = columns
+            .clone()
+            .map(|index| is_tissue(index) && is_middle(index))
+            .collect();
+        let mut open: Vec<usize> = columns.filter(|&index| joining[index]).collect();
+        while let Some(index) = open.pop() {
+            if !around(index, self.size).all(is_tissue) {
+                continue;
+            }
+            for other in around(index, self.size) {
+                if !std::mem::replace(&mut joining[other], true) {
+                    open.push(other);
+                }
+            }
+        }
+        joining
+    }
+
+    /// The number of the column of a position (LPS mm).
+    pub(super) fn column(&self, position_in_patient: DVec3) -> usize {
         let place = self.head_from_patient.transform_point3(position_in_patient);
         let along = |axis: usize, value: f64| {
             let last = self.size[axis] as f64 - 1.0;
@@ -87,8 +117,7 @@ impl Sheet {
                 .round()
                 .clamp(0.0, last) as usize
         };
-        let column = along(0, place.y) + self.size[0] * along(1, place.z);
-        self.materials[column] == Material::Tissue
+        along(0, place.y) + self.size[0] * along(1, place.z)
     }
 
     /// To the axes of the head.

@@ -570,6 +570,7 @@ mod tests {
                 uploaded_at: Timestamp::UNIX_EPOCH,
                 kept: false,
                 expires_at: None,
+                superseded: None,
             },
             facts: Arc::new(facts),
             query: ReportQuery {
