@@ -3,6 +3,7 @@
 use std::io::Read as _;
 use std::time::Duration;
 
+use analysis::steps::regions_phantom::BrainPhantom;
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use cases::pictures::GpuUse;
@@ -454,6 +455,54 @@ async fn a_list_states_what_stands_out_and_doubts_the_regions_of_half_a_brain() 
     );
     let unknown = server.get(&format!("{case}/candidates?region=pons")).await;
     assert_eq!(unknown.status, StatusCode::BAD_REQUEST, "{unknown:?}");
+}
+
+/// A head with a cerebellum below a tentorium, a brain stem and nuclei, as files: volume and mask.
+fn whole_head() -> [Vec<u8>; 2] {
+    let size = [100, 127, 100];
+    let grid = Grid::aligned(size, [1.5; 3], DVec3::new(-74.0, -94.0, -76.0)).unwrap();
+    let phantom = BrainPhantom::PLAIN;
+    [
+        imaging::nifti::write_volume(&phantom.scan(&grid).volume).unwrap(),
+        imaging::nifti::write_mask(&phantom.mask(&grid)).unwrap(),
+    ]
+}
+
+#[tokio::test]
+async fn places_outside_the_cerebrum_are_listed_on_request_with_their_region() {
+    let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
+    let [volume, mask] = whole_head();
+    let case = server
+        .prepared(&[("volume", &volume), ("mask", &mask)])
+        .await;
+    let usual = settled(&server, &format!("{case}/candidates?limit=60")).await;
+    let usual = usual.json();
+    assert_eq!(usual["regions"]["state"], "ok", "{}", usual["regions"]);
+    let address = format!("{case}/candidates?limit=60&region=all");
+    let all = server.get(&address).await.json();
+    let places = |list: &Value| list["candidates"].as_array().unwrap().clone();
+    let is_cerebrum = |place: &Value| place["region"] == "cerebrum";
+    let score = |place: &Value| place["score"].as_f64().unwrap();
+    assert!(!places(&usual).is_empty() && places(&usual).iter().all(is_cerebrum));
+    let elsewhere = places(&all).into_iter().filter(|place| !is_cerebrum(place));
+    let elsewhere: Vec<Value> = elsewhere.collect();
+    let known = ["cerebellum", "brain-stem", "deep"];
+    assert!(!elsewhere.is_empty(), "{all}");
+    for place in &elsewhere {
+        assert!(known.iter().any(|name| place["region"] == *name), "{place}");
+    }
+    let scores: Vec<f64> = places(&all).iter().map(score).collect();
+    assert!(scores.is_sorted_by(|a, b| a >= b), "{scores:?}");
+    // Places elsewhere do not decide whether something stands out.
+    assert_eq!(all["nothing_stands_out"], usual["nothing_stands_out"]);
+    let csv = [("accept", "text/csv")];
+    let csv = server.get_with(&address, &csv).await;
+    let text = String::from_utf8(csv.body.to_vec()).unwrap();
+    assert_eq!(text.lines().count(), places(&all).len() + 1);
+    assert!(known.iter().any(|name| text.contains(&format!(",{name},"))));
+    let layers = server.get(&format!("{case}/layers")).await.json();
+    let share = layers["junction_poorly_met"].as_f64().unwrap();
+    assert!((0.01..0.9).contains(&share), "{share}");
 }
 
 #[tokio::test]

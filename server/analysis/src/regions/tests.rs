@@ -278,15 +278,111 @@ fn a_volume_that_ends_within_the_cerebellum_is_doubted() {
         let cut = whole
             .block([0, 0, lost], [size[0], size[1], size[2] - lost as usize])
             .unwrap();
-        let mut scan = BrainPhantom::PLAIN.scan(&cut);
-        let brain = BrainMask::from_mask(&BrainPhantom::PLAIN.mask(&cut), &cut).unwrap();
-        let envelope = cut_envelope(&brain, 10.0, &brain.cut_by(&scan.volume).cuts).unwrap();
-        scan.depth = DepthField::new(&distance_map(&envelope));
+        let scan = cut_scan(&BrainPhantom::PLAIN, &cut);
         let found = of(&scan);
         println!("{lost}: {:.3?} {:?}", found.numbers, found.doubts);
         assert!(
             !found.doubts.is_empty() && nothing_is_taken_off(&found),
             "{lost}"
         );
+    }
+}
+
+/// Whether the regions of a scan are doubted and nothing is taken off, or else right.
+fn is_right_or_doubted(phantom: &BrainPhantom, found: &Regions) -> bool {
+    let whole = [
+        dice(phantom, found, &CEREBRUM),
+        dice(phantom, found, &REMOVED),
+    ];
+    println!("{whole:.4?} {:.3?} {:?}", found.numbers, found.doubts);
+    let is_right = found.doubts.is_empty() && whole.iter().all(|dice| *dice >= 0.98);
+    is_right || (!found.doubts.is_empty() && nothing_is_taken_off(found))
+}
+
+#[test]
+fn thick_slices_are_doubted_and_have_no_maps() {
+    let size = grid().size();
+    for (axis, spacing_mm) in [(0, [5.0, 1.0, 1.0]), (2, [1.0, 1.0, 5.0])] {
+        let mut fewer = size;
+        fewer[axis] /= 5;
+        let voxel = DVec3::splat(0.5) * (DVec3::from_array(spacing_mm) - 1.0);
+        let origin = grid().patient_from_voxel().transform_point3(voxel);
+        let thick = Grid::aligned(fewer, spacing_mm, origin).unwrap();
+        let scan = BrainPhantom::PLAIN.scan(&thick);
+        let block = crate::block::Block::new(&scan.volume, &scan.depth).unwrap();
+        let values: Vec<f32> = (0..block.voxel_count())
+            .map(|index| {
+                let voxel = DVec3::from_array(block.grid.voxel(index).map(|along| along as f64));
+                let place = block.grid.patient_from_voxel().transform_point3(voxel);
+                let own = BrainPhantom::PLAIN.placed.inverse().transform_point3(place);
+                BrainPhantom::PLAIN.at(own).map_or(-1.8, |(_, value)| value) as f32
+            })
+            .collect();
+        let found = regions(scan.head(), &block, &values, None);
+        assert_eq!(found.doubts[0].code(), "regions-coarse-voxels");
+        assert!(nothing_is_taken_off(&found));
+        assert_eq!(scan.maps().unwrap_err().code(), "coarse-voxels");
+    }
+}
+
+/// The envelope of a volume that ends within the brain is closed at the cut, as the pipeline does it.
+fn cut_scan(phantom: &BrainPhantom, cut: &Grid) -> Scan {
+    let mut scan = phantom.scan(cut);
+    let brain = BrainMask::from_mask(&phantom.mask(cut), cut).unwrap();
+    let envelope = cut_envelope(&brain, 10.0, &brain.cut_by(&scan.volume).cuts).unwrap();
+    scan.depth = DepthField::new(&distance_map(&envelope));
+    scan
+}
+
+#[test]
+fn a_volume_that_is_cut_at_the_vertex_is_divided_right_or_doubted() {
+    let size = grid().size();
+    for lost in [8, 20, 40] {
+        let cut = grid()
+            .block([0; 3], [size[0], size[1], size[2] - lost])
+            .unwrap();
+        let scan = cut_scan(&BrainPhantom::PLAIN, &cut);
+        let found = of(&scan);
+        assert!(is_right_or_doubted(&BrainPhantom::PLAIN, &found), "{lost}");
+        // What is still whole is not doubted for a finger's breadth.
+        assert!(lost > 8 || found.doubts.is_empty(), "{:?}", found.doubts);
+    }
+}
+
+#[test]
+fn a_mask_of_one_side_on_a_whole_head_is_doubted() {
+    let plain = BrainPhantom::PLAIN;
+    let whole = plain.scan(&grid());
+    for is_wanted in [|x: f64| x > 0.0, |x: f64| x > -6.0, |x: f64| x < 0.0] {
+        let mut voxels = plain.mask(&grid()).voxels().to_vec();
+        for (index, is_brain) in voxels.iter_mut().enumerate() {
+            let voxel = DVec3::from_array(grid().voxel(index).map(|along| along as f64));
+            let place = grid().patient_from_voxel().transform_point3(voxel);
+            *is_brain &= is_wanted(place.x);
+        }
+        let mask = Mask::new(grid(), voxels).unwrap();
+        let volume = Volume::new(
+            grid(),
+            whole.volume.voxels().to_vec(),
+            whole.volume.rescale(),
+        );
+        let found = of(&Scan::new(volume.unwrap(), &mask));
+        println!("{:.3?} {:?}", found.numbers, found.doubts);
+        assert!(!found.doubts.is_empty() && nothing_is_taken_off(&found));
+    }
+}
+
+#[test]
+fn places_outside_the_cerebrum_are_kept_apart() {
+    let maps = BrainPhantom::PLAIN.scan(&grid()).maps().unwrap();
+    assert_eq!(maps.regions.doubts, []);
+    let is_there = |places: &[crate::Candidate], counts: bool| {
+        !places.is_empty() && places.iter().all(|place| place.region.counts() == counts)
+    };
+    assert!(is_there(&maps.candidates, true), "{:?}", maps.candidates);
+    assert!(is_there(&maps.elsewhere, false), "{:?}", maps.elsewhere);
+    for place in maps.candidates.iter().chain(&maps.elsewhere) {
+        let region = maps.regions.at(place.position_in_patient);
+        assert_eq!(region, Some(place.region));
     }
 }
