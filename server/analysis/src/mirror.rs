@@ -10,7 +10,7 @@ use crate::coarse::{Coarse, Pair, Sums};
 /// The cell size for the sums of surroundings, in mm.
 const STEP_MM: f64 = 2.0;
 /// The least weight for a mirrored value.
-const LEAST_MIRRORED: f32 = 0.02;
+pub(crate) const LEAST_MIRRORED: f32 = 0.02;
 /// The least weight for surroundings; a defined voxel always has it.
 const LEAST_RING: f32 = 1e-4;
 /// The fraction of the smoothed tissue at a mirrored point that must lie inside.
@@ -67,11 +67,7 @@ pub(crate) fn differences(
         from_ring: Vec::with_capacity(voxels.len()),
         from_mirrored: Vec::with_capacity(voxels.len()),
     });
-    let places = Places {
-        block,
-        coarse: &coarse,
-        cell_from_mirrored: coarse.through(mirrored_from_voxel(&block.grid, plane)),
-    };
+    let places = Places::new(block, &coarse, plane);
     places.visit(voxels, &around, |index, own, other| {
         let other = coarse.sample(&mirrored, other);
         for ((differences, measure), place) in differences.iter_mut().zip(measures).zip(0..) {
@@ -111,11 +107,7 @@ pub(crate) fn intensity_differences(
             f32::NAN
         }
     };
-    let places = Places {
-        block,
-        coarse: &coarse,
-        cell_from_mirrored: coarse.through(mirrored_from_voxel(&block.grid, plane)),
-    };
+    let places = Places::new(block, &coarse, plane);
     let mut differences = Vec::with_capacity(voxels.len());
     places.visit(voxels, &smoothed, |_, own, other| {
         differences.push(mean(own) - mean(coarse.sample(&smoothed, other)));
@@ -124,17 +116,25 @@ pub(crate) fn intensity_differences(
 }
 
 /// The places of voxels of a block among cells.
-struct Places<'a> {
+pub(crate) struct Places<'a> {
     block: &'a Block,
     coarse: &'a Coarse,
     /// To the mirrored position.
     cell_from_mirrored: DAffine3,
 }
 
-impl Places<'_> {
+impl<'a> Places<'a> {
+    pub(crate) fn new(block: &'a Block, coarse: &'a Coarse, plane: &MidsagittalPlane) -> Self {
+        Self {
+            block,
+            coarse,
+            cell_from_mirrored: coarse.through(mirrored_from_voxel(&block.grid, plane)),
+        }
+    }
+
     /// Calls `visit` with the index of each of the voxels (ascending), the sums of the cells there, and the mirrored
     /// position in cells.
-    fn visit<const N: usize>(
+    pub(crate) fn visit<const N: usize>(
         &self,
         mut voxels: &[u32],
         cells: &[Sums<N>],

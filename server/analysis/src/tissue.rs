@@ -32,6 +32,8 @@ const LEAST_SAMPLES: usize = 200;
 /// The intensities of the tissues of a head, after the bias is divided out.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TissueScale {
+    /// The mean of fluid, in tissue scale: below 0.
+    pub fluid: f32,
     /// Mean intensity of grey matter.
     pub grey: f32,
     /// Mean intensity of white matter.
@@ -80,7 +82,7 @@ pub(crate) fn tissue_scale(
     let mut values = intensities(volume, block);
     divide_by_bias(&mut values, block, bias)?;
     let classes = classes(&values, &block.zones)?;
-    let [_, grey, white] = classes.means;
+    let [fluid, grey, white] = classes.means;
     let contrast = white - grey;
     for value in &mut values {
         *value = (*value - grey) / contrast;
@@ -92,6 +94,7 @@ pub(crate) fn tissue_scale(
         });
     }
     let scale = TissueScale {
+        fluid: (fluid - grey) / contrast,
         grey,
         white,
         grey_sd: classes.sds[1] / contrast,
