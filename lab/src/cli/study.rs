@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use bench::study::{
-    Criteria, Finished, MaskFrom, Report, StudyFolders, StudyHead, StudyParameters,
+    Criteria, Finished, MaskFrom, Report, Simulator, StudyFolders, StudyHead, StudyParameters, View,
 };
 use bench::{BenchError, froc};
 use clap::Args;
@@ -39,12 +39,25 @@ pub(super) struct StudyArgs {
     /// for. [default: those alone]
     #[arg(long, value_name = "N", conflicts_with = "radius_mm")]
     patches: Option<usize>,
-    /// Make every lesion a blur of this radius in mm, in place of all signs and sizes; there are no shams.
-    #[arg(long, value_name = "MM", requires = "blur_mm", value_parser = length)]
+    /// Make every lesion a blur or a thickening of this radius in mm, in place of all signs and sizes.
+    #[arg(long, value_name = "MM", requires = "alone", value_parser = length)]
     radius_mm: Option<f64>,
     /// The standard deviation of that blur, in mm.
-    #[arg(long, value_name = "MM", requires = "radius_mm", value_parser = length)]
+    #[arg(long, value_name = "MM", requires = "radius_mm", group = "alone", value_parser = length)]
     blur_mm: Option<f64>,
+    /// Make every lesion a thickening of the cortex by this length in mm.
+    #[arg(long, value_name = "MM", requires = "radius_mm", group = "alone", value_parser = length)]
+    thickening_mm: Option<f64>,
+    /// Number of shams in each head. [default: as many as lesions; none if all lesions are alike]
+    #[arg(long, value_name = "N")]
+    shams: Option<usize>,
+    /// What makes the lesions: displaced (Gaussians and white noise), or painted (boxes, paint, and noise as in the head; blurs
+    /// and thickenings alone). No score is adopted unless it wins with both.
+    #[arg(long, value_name = "NAME", default_value = "displaced", value_parser = simulator)]
+    simulator: Simulator,
+    /// Show maps alone, which takes a third of the time.
+    #[arg(long, conflicts_with_all = ["plot", "patches"])]
+    maps_only: bool,
     /// The seed of all random choices. [default: the seed of the study]
     #[arg(long)]
     seed: Option<u64>,
@@ -72,6 +85,11 @@ fn length(text: &str) -> Result<f64, String> {
     is_of_a_lesion
         .then_some(length)
         .ok_or("must be between 0.5 and 20 mm".to_owned())
+}
+
+fn simulator(text: &str) -> Result<Simulator, String> {
+    let known = Simulator::ALL.into_iter().find(|one| one.name() == text);
+    known.ok_or_else(|| format!("write {}", Simulator::ALL.map(Simulator::name).join(" or ")))
 }
 
 fn head(text: &str) -> Result<StudyHead, String> {
@@ -118,6 +136,14 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
     if let Some((radius_mm, blur_mm)) = args.radius_mm.zip(args.blur_mm) {
         parameters = parameters.with_blurs_alone(radius_mm, blur_mm);
     }
+    if let Some((radius_mm, thickening_mm)) = args.radius_mm.zip(args.thickening_mm) {
+        parameters = parameters.with_thickenings_alone(radius_mm, thickening_mm);
+    }
+    parameters.shams = args.shams.unwrap_or(parameters.shams);
+    parameters.simulator = args.simulator;
+    if args.maps_only {
+        parameters.views = &View::OF_MAPS;
+    }
     parameters.seed = args.seed.unwrap_or(parameters.seed);
     let folders = StudyFolders {
         results: args.results.clone(),
@@ -161,7 +187,7 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
     if let Some(folder) = &args.plot {
         write(&folder.join("froc.svg"), froc(&results).as_bytes())?;
     }
-    let report = Report::new(parameters.seed, results);
+    let report = Report::new(&parameters, results);
     if args.json {
         let verdicts = report.verdicts(&Criteria::STANDARD);
         let known_place = report.known_place();

@@ -100,7 +100,8 @@ impl StudyHead {
             let ground = Ground::new(head)?;
             let searched = trials.iter().filter(|trial| trial.is_searched);
             for (number, trial) in searched.enumerate() {
-                let bytes = nifti::write_volume(&ground.with_lesion(&trial.lesion()))?;
+                let bytes =
+                    nifti::write_volume(&ground.simulated(&trial.lesion(), parameters.simulator))?;
                 write(
                     &folder.join(format!("{}-{number}.nii.gz", self.name)),
                     &bytes,

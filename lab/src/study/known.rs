@@ -23,6 +23,10 @@ pub struct KnownPlace {
 
 /// See [`super::Report::known_place`].
 pub(super) fn known_place(heads: &[HeadResult]) -> Vec<KnownPlace> {
+    let mut trials = heads.iter().flat_map(|head| &head.trials);
+    if trials.any(|trial| trial.channels.is_empty()) {
+        return Vec::new();
+    }
     let templates: Option<Vec<Vec<Template>>> = (0..heads.len())
         .map(|own| {
             View::ALL

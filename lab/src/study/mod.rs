@@ -6,6 +6,7 @@ mod hotelling;
 mod known;
 mod lesion;
 mod observer;
+mod paint;
 mod patches;
 mod places;
 mod random;
@@ -24,8 +25,10 @@ pub use lesion::{Effect, Lesion};
 pub use observer::View;
 pub use places::Place;
 pub use report::{Criteria, Report, Verdict};
-pub use run::{HeadResult, Sighting, Sign, StudyParameters, Trial, run_head};
+pub use run::{HeadResult, Sighting, Sign, Simulator, StudyParameters, Trial, run_head};
 pub use search::{HIT_MM, Mark, false_marks_above};
+
+use std::sync::OnceLock;
 
 use geometry::Volume;
 
@@ -38,6 +41,8 @@ pub struct Ground<'a> {
     pub(crate) block: Block,
     pub(crate) values: Vec<f32>,
     tissue: TissueScale,
+    /// The noise of the head, for the second simulator.
+    grain: OnceLock<paint::Grain>,
 }
 
 impl<'a> Ground<'a> {
@@ -50,6 +55,7 @@ impl<'a> Ground<'a> {
             block,
             values,
             tissue,
+            grain: OnceLock::new(),
         })
     }
 
@@ -59,7 +65,28 @@ impl<'a> Ground<'a> {
         places::places(&offers, count, seed)
     }
 
-    /// The volume of the head with a lesion.
+    /// The volume of the head with a lesion from one of the simulators.
+    ///
+    /// # Panics
+    /// If the simulator does not make this sign ([`Simulator::signs`]).
+    pub fn simulated(&self, lesion: &Lesion, simulator: Simulator) -> Volume {
+        match simulator {
+            Simulator::Displaced => self.with_lesion(lesion),
+            Simulator::Painted => {
+                let grain = || paint::Grain::of(&self.block, &self.values, &self.tissue);
+                let canvas = paint::Canvas {
+                    volume: self.head.volume,
+                    block: &self.block,
+                    values: &self.values,
+                    tissue: &self.tissue,
+                    grain: *self.grain.get_or_init(grain),
+                };
+                paint::painted(&canvas, lesion)
+            }
+        }
+    }
+
+    /// The volume of the head with a lesion from the first simulator.
     pub fn with_lesion(&self, lesion: &Lesion) -> Volume {
         let ground = lesion::Ground {
             volume: self.head.volume,

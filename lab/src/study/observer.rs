@@ -41,11 +41,13 @@ pub enum View {
     Blur,
     /// V10: `blur` on the three stacks.
     BlurOnStacks,
+    /// V11: the score for a thick cortex, on the three stacks.
+    Thickness,
 }
 
 impl View {
     /// All views, in the order of the table.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Axial,
         Self::Coronal,
         Self::Sagittal,
@@ -56,6 +58,14 @@ impl View {
         Self::Sharpness,
         Self::Blur,
         Self::BlurOnStacks,
+        Self::Thickness,
+    ];
+    /// The views that show a map. Alone, they take a third of the time.
+    pub const OF_MAPS: [Self; 4] = [
+        Self::Sharpness,
+        Self::Blur,
+        Self::BlurOnStacks,
+        Self::Thickness,
     ];
 
     /// Its number and name.
@@ -71,12 +81,13 @@ impl View {
             Self::Sharpness => "V8 sharpness on isosurfaces",
             Self::Blur => "V9 blur on isosurfaces",
             Self::BlurOnStacks => "V10 blur on three stacks",
+            Self::Thickness => "V11 thickness",
         }
     }
 
     /// Whether it shows a map instead of intensities.
     pub(crate) fn is_aided(self) -> bool {
-        matches!(self, Self::Sharpness | Self::Blur | Self::BlurOnStacks)
+        Self::OF_MAPS.contains(&self)
     }
 
     fn depths_mm(self) -> RangeInclusive<f32> {
@@ -85,7 +96,8 @@ impl View {
             | Self::Coronal
             | Self::Sagittal
             | Self::ThreeStacks
-            | Self::BlurOnStacks => SLICE_DEPTHS_MM,
+            | Self::BlurOnStacks
+            | Self::Thickness => SLICE_DEPTHS_MM,
             _ => SURFACE_DEPTHS_MM,
         }
     }
@@ -116,6 +128,7 @@ pub(crate) struct Aided {
     /// The maps of the block; NaN where they are undefined.
     pub(crate) sharpness: Vec<f32>,
     pub(crate) blur: Vec<f32>,
+    pub(crate) thickness: Vec<f32>,
     /// The mean sharpness of the junction.
     pub(crate) mean_sharpness: f32,
 }
@@ -127,8 +140,9 @@ struct AidedPoint {
     depth_mm: f32,
     /// Sharpness, per mm.
     sharpness: f32,
-    /// `blur`, smoothed as for candidates.
+    /// `blur` and the score for a thick cortex, smoothed as for candidates.
     blur: f32,
+    thickness: f32,
 }
 
 /// The axes of the volume nearest to the patient's left, back and top.
@@ -215,7 +229,11 @@ impl Seen {
             View::ThreeStacks => -plane(0).max(plane(1)).max(plane(2)),
             View::Isosurfaces => -point.cuts.isosurface,
             View::IsosurfacesMirrored => point.mirrored - point.cuts.isosurface,
-            View::FlatMaps | View::Sharpness | View::Blur | View::BlurOnStacks => f32::NAN,
+            View::FlatMaps
+            | View::Sharpness
+            | View::Blur
+            | View::BlurOnStacks
+            | View::Thickness => f32::NAN,
         }
     }
 
@@ -297,19 +315,24 @@ impl Aided {
         let mut sharpness = parameters.sharpness(block, values, tissue);
         let regions = regions(head, block, values, parameters.doubt);
         let whole_junction = sharpness.count_only(&regions);
+        let thick = (&sharpness, tissue);
+        let mut thickness = parameters.thickening(block, values, thick, head.plane);
         let measures = Measures {
             sharpness: &sharpness,
             detail: parameters.detail(block, values, &sharpness, tissue),
         };
         let mut comparison = compare(block, measures, head.plane, parameters);
         let map = &mut comparison.blur;
-        let blur = Scores::smoothed(block, &whole_junction, map, parameters.candidate_mm);
+        let smoothed_mm = parameters.candidate_mm;
+        let blur = Scores::smoothed(block, &whole_junction, map, smoothed_mm);
+        let thick = Scores::smoothed(block, &whole_junction, &mut thickness, smoothed_mm);
         let working_from_block =
             head.depth.grid().voxel_from_patient() * block.grid.patient_from_voxel();
-        let scored = whole_junction.iter().zip(&blur.scores);
+        let scores = blur.scores.iter().zip(&thick.scores);
+        let scored = whole_junction.iter().zip(scores);
         let is_counted = |voxel: &u32| sharpness.junction.binary_search(voxel).is_ok();
         let counted = scored.filter(|(voxel, _)| is_counted(voxel));
-        let points = counted.map(|(&voxel, &blur)| {
+        let points = counted.map(|(&voxel, (&blur, &thickness))| {
             let place = block.grid.voxel(voxel as usize).map(|along| along as f64);
             let place = DVec3::from_array(place);
             let in_working = working_from_block.transform_point3(place).as_vec3();
@@ -318,6 +341,7 @@ impl Aided {
                 depth_mm: depth_at(head.depth, in_working),
                 sharpness: sharpness.values[voxel as usize],
                 blur,
+                thickness,
             }
         });
         let points: Vec<AidedPoint> = points.collect();
@@ -326,6 +350,7 @@ impl Aided {
             mean_sharpness: sum / points.len().max(1) as f32,
             points,
             blur: comparison.blur,
+            thickness,
             sharpness: sharpness.values,
         }
     }
@@ -333,6 +358,7 @@ impl Aided {
     fn score(view: View, point: &AidedPoint) -> f32 {
         match view {
             View::Sharpness => -point.sharpness,
+            View::Thickness => point.thickness,
             _ => point.blur,
         }
     }

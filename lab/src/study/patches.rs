@@ -90,6 +90,7 @@ pub(crate) fn outputs(
     let tissue = |voxel: usize| values[voxel].clamp(-0.5, 1.5) - 0.5;
     let sharpness = |voxel: usize| defined(aided.sharpness[voxel] - aided.mean_sharpness);
     let blur = |voxel: usize| defined(aided.blur[voxel]);
+    let thickness = |voxel: usize| defined(aided.thickness[voxel]);
     let axes = nearest_axes(block);
     let slice = |patient: usize| seen(&patches.planes[axes[patient]], &tissue);
     let mean = |outputs: [Outputs; 3]| {
@@ -109,6 +110,7 @@ pub(crate) fn outputs(
         View::Sharpness => seen(&patches.isosurface, &sharpness),
         View::Blur => seen(&patches.isosurface, &blur),
         View::BlurOnStacks => mean(from_fn(|axis| seen(&patches.planes[axis], &blur))),
+        View::Thickness => mean(from_fn(|axis| seen(&patches.planes[axis], &thickness))),
     });
     shown.to_vec()
 }

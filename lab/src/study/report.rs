@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::known::{KnownPlace, known_place, known_table, mean};
 use super::random::Random;
 use super::run::{HeadResult, Sign, Trial};
-use super::{Sighting, View};
+use super::{Sighting, Simulator, StudyParameters, View};
 
 /// Number of bootstrap samples.
 const ROUNDS: usize = 1000;
@@ -55,6 +55,8 @@ pub struct Report {
     pub map_format: u32,
     /// The seed of all random choices.
     pub seed: u64,
+    /// What made the lesions.
+    pub simulator: Simulator,
     /// The names of the views, in the order of the sightings of a trial.
     pub views: Vec<String>,
     /// The heads, in the order of the run.
@@ -70,14 +72,34 @@ struct Interval {
 }
 
 impl Report {
-    /// A report of these heads.
-    pub fn new(seed: u64, heads: Vec<HeadResult>) -> Self {
+    /// A report of these heads, with the results of a study.
+    pub fn new(parameters: &StudyParameters, heads: Vec<HeadResult>) -> Self {
+        let views = parameters.views.iter();
         Self {
             map_format: analysis::MAP_FORMAT,
-            seed,
-            views: View::ALL.map(|view| view.name().to_owned()).to_vec(),
+            seed: parameters.seed,
+            simulator: parameters.simulator,
+            views: views.map(|view| view.name().to_owned()).collect(),
             heads,
         }
+    }
+
+    /// The views of the study.
+    fn shown(&self) -> Vec<View> {
+        let name = |view: &View| self.views.iter().any(|name| name == view.name());
+        View::ALL.into_iter().filter(name).collect()
+    }
+
+    fn sighting<'a>(&self, trial: &'a Trial, view: View) -> &'a Sighting {
+        let place = self.views.iter().position(|name| name == view.name());
+        &trial.sightings[place.expect("a view of the study")]
+    }
+
+    fn hits(&self, trials: &[&Trial], view: View, false_marks: usize) -> f64 {
+        let found = trials
+            .iter()
+            .filter(|trial| is_hit(self.sighting(trial, view), false_marks));
+        found.count() as f64 / trials.len().max(1) as f64
     }
 
     /// O1 and O2 with a known place: each head, their mean, and the mean for each sign. Empty if O2 cannot be trained,
@@ -86,8 +108,11 @@ impl Report {
         known_place(&self.heads)
     }
 
-    /// The criteria with their numbers.
+    /// The criteria with their numbers; the one about shams alone if only maps were shown.
     pub fn verdicts(&self, criteria: &Criteria) -> Vec<Verdict> {
+        if self.shown() != View::ALL {
+            return vec![self.shams(criteria)];
+        }
         vec![
             self.gain(criteria),
             self.isosurfaces(criteria),
@@ -120,7 +145,7 @@ impl Report {
     }
 
     fn isosurfaces(&self, criteria: &Criteria) -> Verdict {
-        let area = |view: View| mean(self.lesions().map(|trial| sighting(trial, view).known));
+        let area = |view: View| mean(self.lesions().map(|trial| self.sighting(trial, view).known));
         let planes = [View::Axial, View::Coronal, View::Sagittal].map(area);
         let best = planes.into_iter().fold(0.0, f64::max);
         let own = area(View::Isosurfaces);
@@ -160,12 +185,12 @@ impl Report {
                 .flat_map(|head| &head.trials)
                 .filter(|trial| trial.is_searched && trial.sign == Sign::Sham)
         };
-        let areas = View::ALL.map(|view| {
-            (
-                view,
-                mean(trials().map(|trial| sighting(trial, view).known)),
-            )
-        });
+        let areas: Vec<(View, f64)> = (self.shown().into_iter())
+            .map(|view| {
+                let known = trials().map(|trial| self.sighting(trial, view).known);
+                (view, mean(known))
+            })
+            .collect();
         let worst = areas
             .iter()
             .map(|(_, area)| (area - 0.5).abs())
@@ -199,8 +224,9 @@ impl Report {
         less: View,
         false_marks: usize,
     ) -> Interval {
-        let hit =
-            |trial: &Trial, view| f64::from(u8::from(is_hit(sighting(trial, view), false_marks)));
+        let hit = |trial: &Trial, view| {
+            f64::from(u8::from(is_hit(self.sighting(trial, view), false_marks)))
+        };
         let pairs: Vec<f64> = lesions(head)
             .map(|trial| hit(trial, more) - hit(trial, less))
             .collect();
@@ -215,11 +241,11 @@ impl Report {
             if trials.is_empty() {
                 return;
             }
-            let cells: Vec<String> = View::ALL
-                .into_iter()
+            let cells: Vec<String> = (self.shown().into_iter())
                 .map(|view| {
-                    let [one, five, twenty] = [1, 5, 20].map(|marks| hits(trials, view, marks));
-                    let known = mean(trials.iter().map(|trial| sighting(trial, view).known));
+                    let [one, five, twenty] =
+                        [1, 5, 20].map(|marks| self.hits(trials, view, marks));
+                    let known = mean(trials.iter().map(|trial| self.sighting(trial, view).known));
                     format!("{one:.2} / {five:.2} / {twenty:.2} ({known:.2})")
                 })
                 .collect();
@@ -261,7 +287,11 @@ impl Report {
                 }),
             );
         }
-        let names: Vec<&str> = View::ALL.map(View::name).to_vec();
+        // Marks hit a sham by chance.
+        let shams = self.heads.iter().flat_map(|head| &head.trials);
+        let shams = shams.filter(|trial| trial.is_searched && trial.sign == Sign::Sham);
+        add("shams", &shams.collect::<Vec<_>>());
+        let names: Vec<&str> = self.shown().into_iter().map(View::name).collect();
         let rule = "|---".repeat(names.len() + 2);
         let head = format!("| lesions | n | {} |\n{rule}|\n", names.join(" | "));
         let mut verdicts = String::new();
@@ -298,25 +328,11 @@ fn lesions(head: &HeadResult) -> impl Iterator<Item = &Trial> {
     trials.filter(|trial| trial.is_searched && trial.sign != Sign::Sham)
 }
 
-fn sighting(trial: &Trial, view: View) -> &Sighting {
-    &trial.sightings[View::ALL
-        .iter()
-        .position(|other| *other == view)
-        .expect("all views")]
-}
-
 /// Whether a lesion is found with fewer than so many false marks.
 fn is_hit(sighting: &Sighting, false_marks: usize) -> bool {
     sighting
         .false_marks
         .is_some_and(|above| above < false_marks)
-}
-
-fn hits(trials: &[&Trial], view: View, false_marks: usize) -> f64 {
-    let found = trials
-        .iter()
-        .filter(|trial| is_hit(sighting(trial, view), false_marks));
-    found.count() as f64 / trials.len().max(1) as f64
 }
 
 /// A mean with its 95 % interval.

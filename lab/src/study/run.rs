@@ -32,6 +32,10 @@ pub struct StudyParameters {
     pub seed: u64,
     /// The sign, the radius in mm and the effect of every lesion; `None` to draw them.
     pub lesion: Option<(Sign, f64, Effect)>,
+    /// What makes the lesions.
+    pub simulator: Simulator,
+    /// The views that look for them: [`View::ALL`] or [`View::OF_MAPS`].
+    pub views: &'static [View],
     /// The parameters of the maps.
     pub maps: MapParameters,
 }
@@ -43,10 +47,23 @@ impl StudyParameters {
             blur_mm,
             ..Effect::NONE
         };
+        self.with_alone(Sign::Blur, radius_mm, effect)
+    }
+
+    /// The same with thickenings.
+    pub fn with_thickenings_alone(self, radius_mm: f64, thickening_mm: f64) -> Self {
+        let effect = Effect {
+            thickening_mm,
+            ..Effect::NONE
+        };
+        self.with_alone(Sign::Thickening, radius_mm, effect)
+    }
+
+    fn with_alone(self, sign: Sign, radius_mm: f64, effect: Effect) -> Self {
         Self {
             shams: 0,
             patches: 0,
-            lesion: Some((Sign::Blur, radius_mm, effect)),
+            lesion: Some((sign, radius_mm, effect)),
             ..self
         }
     }
@@ -71,6 +88,8 @@ impl StudyParameters {
         normals: 1000,
         seed: 20_061_122,
         lesion: None,
+        simulator: Simulator::Displaced,
+        views: &View::ALL,
         maps: MapParameters::STANDARD,
     };
     /// A run of two minutes.
@@ -80,6 +99,37 @@ impl StudyParameters {
         normals: 150,
         ..Self::FULL
     };
+}
+
+/// What makes lesions. Two simulators that treat noise differently keep a score from learning one of them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Simulator {
+    /// Gaussians, displaced intensities and white noise: `lesion.rs`.
+    Displaced,
+    /// Boxes, paint and noise that is correlated as in the head: `paint.rs`.
+    Painted,
+}
+
+impl Simulator {
+    /// All simulators.
+    pub const ALL: [Self; 2] = [Self::Displaced, Self::Painted];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Displaced => "displaced",
+            Self::Painted => "painted",
+        }
+    }
+
+    /// The signs that it makes, for a random choice.
+    pub fn signs(self) -> &'static [Sign] {
+        match self {
+            Self::Displaced => &Sign::DRAWN,
+            Self::Painted => &[Sign::Blur, Sign::Thickening],
+        }
+    }
 }
 
 /// The sign of a lesion.
@@ -154,9 +204,9 @@ pub struct Trial {
     pub seed: u64,
     /// Whether the whole head was searched for it; if not, only the known place counts.
     pub is_searched: bool,
-    /// Its sightings, in the order of [`View::ALL`].
+    /// Its sightings, in the order of the views.
     pub sightings: Vec<Sighting>,
-    /// The outputs of the channels of O2 at its place, in the order of [`View::ALL`].
+    /// The outputs of the channels of O2 at its place, in the order of [`View::ALL`]; empty if only maps were shown.
     pub channels: Vec<Outputs>,
 }
 
@@ -208,7 +258,7 @@ pub fn run_head(
     let places = ground.places(count + parameters.normals, parameters.seed);
     let (places, others) = places.split_at(searched.min(places.len()));
     let (normals, further) = others.split_at(parameters.normals.min(others.len()));
-    let pristine = Pristine::of(&ground, normals, &parameters.maps);
+    let pristine = Pristine::of(&ground, normals, parameters);
     let mut random = Random::new(parameters.seed ^ 0x5EED);
     let mut drawn = |number: usize, place: &Place| {
         let is_searched = number < searched;
@@ -225,7 +275,7 @@ pub fn run_head(
     let mut trials = finished;
     for some in drawn[trials.len().min(drawn.len())..].chunks(AT_ONCE) {
         let computed = some.par_iter().map(|(place, sign, lesion, is_searched)| {
-            let seen = pristine.observed(&ground, lesion, *is_searched, &parameters.maps);
+            let seen = pristine.observed(&ground, lesion, *is_searched, parameters);
             let (sightings, channels) = seen?;
             Ok(Trial {
                 sign: *sign,
@@ -272,7 +322,8 @@ impl StudyParameters {
 
     /// A lesion at a place, with random sign, size and strengths.
     fn drawn(&self, centre: DVec3, is_sham: bool, random: &mut Random) -> (Sign, Lesion) {
-        let sign = Sign::DRAWN[random.below(Sign::DRAWN.len())];
+        let signs = self.simulator.signs();
+        let sign = signs[random.below(signs.len())];
         let radius_mm = RADII_MM[random.below(RADII_MM.len())];
         let strengths = Effect {
             blur_mm: BLURS_MM[random.below(BLURS_MM.len())],
@@ -310,37 +361,54 @@ impl StudyParameters {
 
 /// A head without a lesion, with the scores of all observers.
 struct Pristine {
-    seen: Seen,
+    /// `None` if only maps are shown.
+    seen: Option<Seen>,
     aided: Aided,
-    /// The marks of a search, in the order of [`View::ALL`].
+    views: &'static [View],
+    /// The marks of a search, in the order of the views.
     marks: Vec<Vec<Mark>>,
-    /// The scores at normal places, ascending, in the order of [`View::ALL`].
+    /// The scores at normal places, ascending, in the order of the views.
     normals: Vec<Vec<f32>>,
 }
 
+/// What is shown of a head: its cuts, if they are looked at, and its maps.
+type Shown<'a> = (&'a DepthField, Option<&'a Seen>, &'a Aided);
+
+/// The score of a view at a position.
+fn score((depth, seen, aided): Shown<'_>, view: View, place: DVec3) -> f32 {
+    match seen {
+        Some(seen) if !view.is_aided() => seen.at(view, depth, place),
+        _ => aided.at(view, place),
+    }
+}
+
 impl Pristine {
-    fn of(ground: &Ground<'_>, places: &[Place], parameters: &MapParameters) -> Self {
-        let seen = Seen::of(ground.head, &ground.block, &ground.values);
+    fn of(ground: &Ground<'_>, places: &[Place], parameters: &StudyParameters) -> Self {
+        let views = parameters.views;
+        let has_cuts = !views.iter().all(|view| view.is_aided());
+        let seen = has_cuts.then(|| Seen::of(ground.head, &ground.block, &ground.values));
         let aided = Aided::of(
             ground.head,
             &ground.block,
             (&ground.values, &ground.tissue),
-            parameters,
+            &parameters.maps,
         );
-        let normals = View::ALL.map(|view| {
-            let score = |place: &Place| match view.is_aided() {
-                true => aided.at(view, place.position_in_patient),
-                false => seen.at(view, ground.head.depth, place.position_in_patient),
-            };
-            let mut scores: Vec<f32> = places.iter().map(score).filter(|s| !s.is_nan()).collect();
+        let shown = (ground.head.depth, seen.as_ref(), &aided);
+        let normals = views.iter().map(|&view| {
+            let scores = places.iter();
+            let scores = scores.map(|place| score(shown, view, place.position_in_patient));
+            let mut scores: Vec<f32> = scores.filter(|score| !score.is_nan()).collect();
             scores.sort_by(f32::total_cmp);
             scores
         });
+        let normals = normals.collect();
+        let marks = views.iter().map(|&view| marks(view, shown)).collect();
         Self {
-            marks: View::ALL.map(|view| marks(view, &seen, &aided)).to_vec(),
+            views,
+            marks,
+            normals,
             seen,
             aided,
-            normals: normals.to_vec(),
         }
     }
 
@@ -351,15 +419,17 @@ impl Pristine {
         ground: &Ground<'_>,
         lesion: &Lesion,
         is_searched: bool,
-        parameters: &MapParameters,
+        parameters: &StudyParameters,
     ) -> Result<(Vec<Sighting>, Vec<Outputs>), MapsUndefined> {
         let place = (lesion.centre_in_patient, lesion.radius_mm);
-        let volume = ground.with_lesion(lesion);
+        let volume = ground.simulated(lesion, parameters.simulator);
         if volume == *ground.head.volume {
             // The same volume gives the same maps and marks, so a sham needs no second computation.
-            let shown = (ground.values.as_slice(), &self.seen.flat, &self.aided);
-            let channels = outputs(ground.head, &ground.block, shown, place);
-            let shown = (ground.head.depth, &self.seen, &self.aided);
+            let channels = self.seen.as_ref().map_or_else(Vec::new, |seen| {
+                let shown = (ground.values.as_slice(), &seen.flat, &self.aided);
+                outputs(ground.head, &ground.block, shown, place)
+            });
+            let shown = (ground.head.depth, self.seen.as_ref(), &self.aided);
             let marks = |view: usize| self.marks[view].clone();
             return Ok((self.sighted(lesion, is_searched, shown, marks), channels));
         }
@@ -372,11 +442,14 @@ impl Pristine {
             centre: lesion.centre_in_patient,
             reach_mm: lesion.reach_mm(),
         };
-        let seen = self.seen.with(head, &block, &values, changed);
-        let aided = Aided::of(head, &block, (&values, &tissue), parameters);
-        let channels = outputs(head, &block, (&values, &seen.flat, &aided), place);
-        let shown = (head.depth, &seen, &aided);
-        let marks = |view: usize| marks(View::ALL[view], &seen, &aided);
+        let before = self.seen.as_ref();
+        let seen = before.map(|seen| seen.with(head, &block, &values, changed));
+        let aided = Aided::of(head, &block, (&values, &tissue), &parameters.maps);
+        let channels = seen.as_ref().map_or_else(Vec::new, |seen| {
+            outputs(head, &block, (&values, &seen.flat, &aided), place)
+        });
+        let shown = (head.depth, seen.as_ref(), &aided);
+        let marks = |view: usize| marks(self.views[view], shown);
         Ok((self.sighted(lesion, is_searched, shown, marks), channels))
     }
 
@@ -384,30 +457,27 @@ impl Pristine {
         &self,
         lesion: &Lesion,
         is_searched: bool,
-        (depth, seen, aided): (&DepthField, &Seen, &Aided),
+        shown: Shown<'_>,
         marks: impl Fn(usize) -> Vec<Mark>,
     ) -> Vec<Sighting> {
         let centre = lesion.centre_in_patient;
-        let sighting = |(number, view): (usize, View)| {
-            let score = match view.is_aided() {
-                true => aided.at(view, centre),
-                false => seen.at(view, depth, centre),
-            };
+        let sighting = |(number, &view): (usize, &View)| {
+            let score = score(shown, view, centre);
             let above = || false_marks_above(&marks(number), centre, lesion.radius_mm);
             Sighting {
                 known: share_below(&self.normals[number], score),
                 false_marks: is_searched.then(above).flatten(),
             }
         };
-        View::ALL.into_iter().enumerate().map(sighting).collect()
+        self.views.iter().enumerate().map(sighting).collect()
     }
 }
 
 /// The marks of a search through a whole head.
-fn marks(view: View, seen: &Seen, aided: &Aided) -> Vec<Mark> {
-    match view.is_aided() {
-        true => aided.marks(view),
-        false => seen.marks(view),
+fn marks(view: View, (_, seen, aided): Shown<'_>) -> Vec<Mark> {
+    match seen {
+        Some(seen) if !view.is_aided() => seen.marks(view),
+        _ => aided.marks(view),
     }
 }
 

@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{HeadResult, StudyParameters, Trial};
+use super::{HeadResult, Simulator, StudyParameters, Trial, View};
 use crate::BenchError;
 use crate::files::write;
 
 /// The version of the files of results. It increases if lesions, places or observers change.
-const FORMAT: u32 = 3;
+const FORMAT: u32 = 4;
 
 /// The parameters of a stored result, in the words of the command line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -26,6 +26,9 @@ pub(super) struct MadeWith {
     seed: u64,
     radius_mm: Option<f64>,
     blur_mm: Option<f64>,
+    thickening_mm: Option<f64>,
+    simulator: Simulator,
+    maps_only: bool,
 }
 
 impl MadeWith {
@@ -40,6 +43,9 @@ impl MadeWith {
             seed: parameters.seed,
             radius_mm: parameters.lesion.map(|(_, radius_mm, _)| radius_mm),
             blur_mm: parameters.lesion.map(|(_, _, effect)| effect.blur_mm),
+            thickening_mm: parameters.lesion.map(|(_, _, effect)| effect.thickening_mm),
+            simulator: parameters.simulator,
+            maps_only: parameters.views == View::OF_MAPS,
         }
     }
 

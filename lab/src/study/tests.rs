@@ -252,8 +252,8 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
         trials: [&head.trials[..]; 3].concat(),
         ..head.clone()
     };
-    let twice = Report::new(parameters.seed, vec![larger.clone(), larger]);
-    let report = Report::new(parameters.seed, vec![head]);
+    let twice = Report::new(&parameters, vec![larger.clone(), larger]);
+    let report = Report::new(&parameters, vec![head]);
     assert!(
         report.known_place().is_empty(),
         "O2 needs another head to learn from"
@@ -269,4 +269,50 @@ fn a_head_runs_through_and_a_report_comes_of_it() {
         table.contains("| phantom | 3 |") && table.contains("(c) V9 minus V10"),
         "{table}"
     );
+}
+
+#[test]
+fn maps_alone_show_what_they_show_among_all_views_and_both_simulators_run_through() {
+    let scan = noisy();
+    let all = StudyParameters {
+        lesions: 1,
+        shams: 1,
+        normals: 40,
+        ..StudyParameters::QUICK
+    };
+    let maps = StudyParameters {
+        views: &View::OF_MAPS,
+        ..all
+    };
+    let go_on = |_: &Trial, _| std::ops::ControlFlow::Continue(());
+    let run = |parameters| run_head(scan.head(), parameters, Vec::new(), go_on).unwrap();
+    let [of_all, of_maps] = [&all, &maps].map(run);
+    for (of_all, of_maps) in of_all.iter().zip(&of_maps) {
+        let places = View::OF_MAPS.map(|view| View::ALL.iter().position(|one| *one == view));
+        let expected = places.map(|place| of_all.sightings[place.unwrap()]);
+        assert_eq!(of_maps.sightings, expected);
+        assert!(of_maps.channels.is_empty());
+    }
+    let painted = StudyParameters {
+        simulator: Simulator::Painted,
+        shams: 1,
+        ..maps.with_thickenings_alone(7.0, 2.0)
+    };
+    let trials = run(&painted);
+    let signs: Vec<Sign> = trials.iter().map(|trial| trial.sign).collect();
+    assert_eq!(signs, [Sign::Thickening, Sign::Sham]);
+    let head = HeadResult {
+        name: "phantom".to_owned(),
+        is_tuned: false,
+        trials,
+    };
+    let report = Report::new(&painted, vec![head]);
+    assert!(report.known_place().is_empty());
+    assert_eq!(report.verdicts(&Criteria::STANDARD).len(), 1, "shams alone");
+    let table = report.table(&Criteria::STANDARD);
+    assert!(
+        table.contains("V11 thickness") && !table.contains("V4"),
+        "{table}"
+    );
+    assert!(table.contains("| shams | 1 |"), "{table}");
 }
