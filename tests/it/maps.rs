@@ -3,7 +3,7 @@
 use std::io::Read as _;
 use std::time::Duration;
 
-use analysis::steps::regions_phantom::BrainPhantom;
+use analysis::steps::regions_phantom::{self, BrainPhantom};
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use cases::pictures::GpuUse;
@@ -460,9 +460,7 @@ async fn a_list_states_what_stands_out_and_doubts_the_regions_of_half_a_brain() 
 
 /// A head with a cerebellum below a tentorium, a brain stem and nuclei, as files: volume and mask.
 fn whole_head() -> [Vec<u8>; 2] {
-    let size = [100, 127, 100];
-    let grid = Grid::aligned(size, [1.5; 3], DVec3::new(-74.0, -94.0, -76.0)).unwrap();
-    let phantom = BrainPhantom::PLAIN;
+    let (phantom, grid) = (BrainPhantom::PLAIN, regions_phantom::grid());
     [
         imaging::nifti::write_volume(&phantom.scan(&grid).volume).unwrap(),
         imaging::nifti::write_mask(&phantom.mask(&grid)).unwrap(),
