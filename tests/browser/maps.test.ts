@@ -505,9 +505,16 @@ test(
     assert.deepEqual(await violations(page), []);
     await keep(page, "nothing-stands-out");
     await page.locator("#language").selectOption("pt-BR");
-    await page.getByRole("button", { name: "Listar" }).click();
+    await page.getByRole("button", { name: "Listar locais para examinar" }).click();
     await page.locator(".nothing:visible").waitFor();
     assert.match(await page.locator(".regions-doubt").innerText(), /O volume termina dentro do cerebelo\./);
+    // Thick places are another list, with a request and words of its own.
+    const asked = page.waitForRequest(/\/candidates\?.*map=thickness/);
+    await page.getByRole("button", { name: "Listar locais com córtex espesso" }).click();
+    await asked;
+    const thick = page.locator(".nothing:visible").nth(1);
+    await thick.waitFor();
+    assert.match(await thick.innerText(), /^Nenhum córtex espesso se destaca\. Isso não exclui uma lesão: /);
     assert.deepEqual(troubles, []);
     await page.context().close();
   },

@@ -2,7 +2,7 @@
 
 use std::io::Read as _;
 
-use analysis::steps::regions_phantom::BrainPhantom;
+use analysis::steps::regions_phantom::{self, BrainPhantom};
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use cases::pictures::GpuUse;
@@ -351,6 +351,7 @@ async fn layers_are_listed_and_their_voxels_are_those_of_the_nifti() {
         .collect();
     let expected = [
         "blur",
+        "thickness",
         "sharpness",
         "asymmetry",
         "intensity-asymmetry",
@@ -464,9 +465,7 @@ async fn a_list_states_what_stands_out_and_doubts_the_regions_of_half_a_brain() 
 
 /// A head with a cerebellum below a tentorium, a brain stem and nuclei, as files: volume and mask.
 fn whole_head() -> [Vec<u8>; 2] {
-    let size = [100, 127, 100];
-    let grid = Grid::aligned(size, [1.5; 3], DVec3::new(-74.0, -94.0, -76.0)).unwrap();
-    let phantom = BrainPhantom::PLAIN;
+    let (phantom, grid) = (BrainPhantom::PLAIN, regions_phantom::grid());
     [
         imaging::nifti::write_volume(&phantom.scan(&grid).volume).unwrap(),
         imaging::nifti::write_mask(&phantom.mask(&grid)).unwrap(),
@@ -505,6 +504,25 @@ async fn places_outside_the_cerebrum_are_listed_on_request_with_their_region() {
     let text = String::from_utf8(csv.body.to_vec()).unwrap();
     assert_eq!(text.lines().count(), places(&all).len() + 1);
     assert!(known.iter().any(|name| text.contains(&format!(",{name},"))));
+    // Thick cortex is a list of its own.
+    let address = format!("{case}/candidates?map=thickness&limit=60");
+    let thick = server.get(&address).await.json();
+    assert!(!places(&thick).is_empty() && places(&thick).iter().all(is_cerebrum));
+    assert_ne!(places(&thick), places(&usual));
+    assert_eq!(thick["limits"]["unusual_above"], 5.5);
+    assert_eq!(usual["limits"]["unusual_above"], 2.25);
+    for place in places(&thick) {
+        let expected = match score(&place) {
+            score if score > 5.5 => "yes",
+            score if score >= 5.0 => "borderline",
+            _ => "no",
+        };
+        assert_eq!(place["unusual"], expected, "{place}");
+    }
+    let stands_out = places(&thick).iter().any(|place| place["unusual"] == "yes");
+    assert_eq!(thick["nothing_stands_out"], !stands_out);
+    let unknown = server.get(&format!("{case}/candidates?map=junction")).await;
+    assert_eq!(unknown.status, StatusCode::BAD_REQUEST, "{unknown:?}");
     let layers = server.get(&format!("{case}/layers")).await.json();
     let share = layers["junction_poorly_met"].as_f64().unwrap();
     assert!((0.01..0.9).contains(&share), "{share}");

@@ -173,19 +173,15 @@ impl BoxMean {
 
     /// The variance of noise in the mean, and its covariance with the noise of the middle voxel, as shares of its variance.
     fn kept(&self, grain: Grain) -> [f64; 2] {
-        let reach = self.reach();
         let mut kept = [1.0; 2];
-        for axis in 0..3 {
-            let places = || -reach[axis]..=reach[axis];
+        for (axis, reach) in self.reach().into_iter().enumerate() {
             let apart = |a: i64, b: i64| grain.correlation(axis, (a - b).unsigned_abs() as usize);
             let with = |place: i64| -> f64 {
-                places()
-                    .map(|b| self.weight(axis, b) * apart(place, b))
-                    .sum()
+                let weighted = (-reach..=reach).map(|b| self.weight(axis, b) * apart(place, b));
+                weighted.sum()
             };
-            kept[0] *= places()
-                .map(|a| self.weight(axis, a) * with(a))
-                .sum::<f64>();
+            let all = (-reach..=reach).map(|a| self.weight(axis, a) * with(a));
+            kept[0] *= all.sum::<f64>();
             kept[1] *= with(0);
         }
         kept

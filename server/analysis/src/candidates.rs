@@ -36,7 +36,7 @@ impl Side {
     }
 }
 
-/// The score above which a place is unusual, and the one from which it is nearly so. They belong to [`crate::MAP_FORMAT`].
+/// The score of `blur` above which a place is unusual, and the one from which it is nearly so.
 ///
 /// The highest places of the cerebra of six heads without a lesion have 1.80, 1.82, 2.01, 2.05, 2.27 and 2.60: two are above
 /// the first limit, four above the second one. Of eight other heads, whose regions were not known, one was above the first.
@@ -44,12 +44,34 @@ pub const UNUSUAL_ABOVE: f32 = 2.25;
 /// See [`UNUSUAL_ABOVE`].
 pub const BORDERLINE_FROM: f32 = 2.0;
 
+/// The limits of unusual scores of a map. They belong to [`crate::MAP_FORMAT`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScoreLimits {
+    /// Scores above this are unusual.
+    pub unusual_above: f32,
+    /// Scores from this on are borderline.
+    pub borderline_from: f32,
+}
+
+impl ScoreLimits {
+    /// Of `blur`.
+    pub const BLUR: Self = Self {
+        unusual_above: UNUSUAL_ABOVE,
+        borderline_from: BORDERLINE_FROM,
+    };
+    /// Of `thickness`. The highest places of the cerebra of four heads without a lesion have 4.75, 5.26, 5.30 and 5.53.
+    pub const THICKNESS: Self = Self {
+        unusual_above: 5.5,
+        borderline_from: 5.0,
+    };
+}
+
 /// Whether the score of a place is higher than those of heads without a lesion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Unusual {
-    /// Above [`UNUSUAL_ABOVE`].
+    /// Above the upper limit.
     Yes,
-    /// From [`BORDERLINE_FROM`] on.
+    /// From the lower limit on.
     Borderline,
     /// Lower.
     No,
@@ -57,16 +79,17 @@ pub enum Unusual {
 
 impl Unusual {
     /// Of a score.
-    pub fn of(score: f32) -> Self {
+    pub fn of(score: f32, limits: ScoreLimits) -> Self {
         match score {
-            _ if score > UNUSUAL_ABOVE => Self::Yes,
-            _ if score >= BORDERLINE_FROM => Self::Borderline,
+            _ if score > limits.unusual_above => Self::Yes,
+            _ if score >= limits.borderline_from => Self::Borderline,
             _ => Self::No,
         }
     }
 }
 
-/// A place at which the junction is less sharp than around it and on the other side. Most such places are normal.
+/// A place at which the junction is less sharp than around it and on the other side, or the cortex thicker than on the other
+/// side. Most such places are normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Candidate {
     /// The position, LPS mm.
@@ -75,7 +98,7 @@ pub struct Candidate {
     pub depth_mm: f32,
     /// The side of the midsagittal plane.
     pub side: Side,
-    /// The smoothed `blur`, in deviations over the junction of this head; lower where there is little junction.
+    /// The smoothed map, in deviations over the junction of this head; lower where there is little junction.
     pub score: f32,
     /// The diameter of a ball with the volume of the connected part of the junction above half of the score, in mm.
     pub size_mm: f32,
@@ -247,7 +270,7 @@ pub(crate) fn candidates(
     block: &Block,
     scores: &Scores,
     (head, regions): (Head<'_>, &Regions),
-    choice: Choice,
+    (choice, limits): (Choice, ScoreLimits),
 ) -> [Vec<Candidate>; 2] {
     let Head { depth, plane, .. } = head;
     let voxel_mm3 = block.grid.patient_from_voxel().matrix3.determinant().abs();
@@ -269,7 +292,7 @@ pub(crate) fn candidates(
             score: scores.scores[place],
             size_mm: (6.0 * volume_mm3 / std::f64::consts::PI).cbrt() as f32,
             region: regions.at(position).unwrap_or(Region::LeftCerebrum),
-            unusual: Unusual::of(scores.scores[place]),
+            unusual: Unusual::of(scores.scores[place], limits),
         }
     };
     [true, false].map(|counts| {

@@ -36,13 +36,12 @@ pub mod steps;
 mod stored;
 #[cfg(test)]
 mod tests;
-#[cfg(any(test, feature = "study"))]
 mod thickness;
 mod tissue;
 mod undefined;
 mod width;
 
-pub use candidates::{BORDERLINE_FROM, Candidate, Side, UNUSUAL_ABOVE, Unusual};
+pub use candidates::{BORDERLINE_FROM, Candidate, ScoreLimits, Side, UNUSUAL_ABOVE, Unusual};
 pub use head::Head;
 pub use maps::{MapParameters, Maps, maps};
 pub use midsagittal::{MidsagittalFit, MidsagittalPlane, midsagittal_fit, midsagittal_plane};

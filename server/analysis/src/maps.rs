@@ -4,7 +4,7 @@ use geometry::Grid;
 
 use crate::MidsagittalPlane;
 use crate::block::Block;
-use crate::candidates::{Candidate, Choice, Scores, candidates};
+use crate::candidates::{Candidate, Choice, ScoreLimits, Scores, candidates};
 use crate::detail::{Band, detail};
 use crate::gradient::{Slope, weighted_gradient};
 use crate::head::Head;
@@ -15,6 +15,7 @@ use crate::robust::Robust;
 use crate::sharpness::{Sharpness, sharpness};
 use crate::slant::{DepthBand, depth_bands};
 use crate::stored::{MapKind, StoredMap};
+use crate::thickness::Thickness;
 use crate::tissue::{Bias, TissueScale, tissue_scale};
 use crate::undefined::MapsUndefined;
 use crate::width::{EdgeFilters, WidthTable};
@@ -89,6 +90,8 @@ pub struct Maps {
     pub candidates: Vec<Candidate>,
     /// The most blurred places elsewhere, highest first.
     pub elsewhere: Vec<Candidate>,
+    /// The places of the cerebrum with the thickest cortex compared with the other side, and those elsewhere; highest first.
+    pub thick: [Vec<Candidate>; 2],
     /// The regions of the brain.
     pub regions: Regions,
     /// How slantwise isosurfaces meet the junction, by depth.
@@ -138,7 +141,9 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
     drop(junction_density);
     let mut intensities =
         intensity_differences(&block, &values, &deep, head.plane, parameters.intensity_mm);
-    let mut sharpness = parameters.sharpness(&block, &values, &tissue);
+    let weighted = weighted_gradient(&block, &values, parameters.slope(&tissue));
+    let thickness = Thickness::new(&block, (&values, tissue.fluid), &weighted);
+    let mut sharpness = sharpness(&block, weighted, parameters.window_mm);
     let whole_junction = sharpness.count_only(&regions);
     let sharpness_map = store(MapKind::Sharpness, &sharpness.defined, &sharpness.values);
     let junction = places_among(&sharpness.junction, &deep);
@@ -163,8 +168,22 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
     let smoothed_mm = parameters.candidate_mm;
     let scores = Scores::smoothed(&block, &whole_junction, &mut blur, smoothed_mm);
     let blur_map = store(MapKind::Blur, defined, &blur);
-    let [candidates, elsewhere] =
-        candidates(&block, &scores, (head, &regions), parameters.choice());
+    drop(blur);
+    let choice = parameters.choice();
+    let of_blur = candidates(
+        &block,
+        &scores,
+        (head, &regions),
+        (choice, ScoreLimits::BLUR),
+    );
+    let [blurred, elsewhere] = of_blur;
+    drop(scores);
+    let mut thick = compared_thickness(&block, &thickness, &sharpness, head.plane);
+    drop(thickness);
+    let scores = Scores::smoothed(&block, &whole_junction, &mut thick, smoothed_mm);
+    let thickness_map = store(MapKind::Thickness, defined, &thick);
+    let limits = ScoreLimits::THICKNESS;
+    let thick = candidates(&block, &scores, (head, &regions), (choice, limits));
     Ok(Maps {
         maps: vec![
             sharpness_map,
@@ -172,15 +191,34 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
             asymmetry_map,
             intensity_map,
             blur_map,
+            thickness_map,
         ],
-        candidates,
+        candidates: blurred,
         elsewhere,
+        thick,
         regions,
         depth_bands,
         tissue,
         widths: parameters.width_table(block.spacing_mm),
         grid: block.grid,
     })
+}
+
+/// The score for a thick cortex at each voxel of a block, NaN where it is undefined.
+fn compared_thickness(
+    block: &Block,
+    thickness: &Thickness,
+    sharpness: &Sharpness,
+    plane: &MidsagittalPlane,
+) -> Vec<f32> {
+    let voxels = &sharpness.defined;
+    let junction = places_among(&sharpness.junction, voxels);
+    let mut everywhere = vec![f32::NAN; block.voxel_count()];
+    let at_voxels = thickness.compared(block, (voxels, &junction), plane);
+    for (&voxel, value) in voxels.iter().zip(at_voxels) {
+        everywhere[voxel as usize] = value;
+    }
+    everywhere
 }
 
 /// The block of a head, its tissue scale and its parameters.
@@ -327,20 +365,8 @@ impl MapParameters {
         plane: &MidsagittalPlane,
     ) -> Vec<f32> {
         let weighted = weighted_gradient(block, values, self.slope(tissue));
-        let voxels = &sharpness.defined;
-        let junction = places_among(&sharpness.junction, voxels);
-        let at_voxels = crate::thickness::thickening(
-            block,
-            (values, tissue.fluid),
-            &weighted,
-            (voxels, &junction),
-            plane,
-        );
-        let mut everywhere = vec![f32::NAN; block.voxel_count()];
-        for (&voxel, value) in voxels.iter().zip(at_voxels) {
-            everywhere[voxel as usize] = value;
-        }
-        everywhere
+        let thickness = Thickness::new(block, (values, tissue.fluid), &weighted);
+        compared_thickness(block, &thickness, sharpness, plane)
     }
 
     pub(crate) fn slope(&self, tissue: &TissueScale) -> Slope {

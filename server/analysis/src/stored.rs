@@ -37,16 +37,19 @@ pub enum MapKind {
     IntensityAsymmetry = 3,
     /// How much less sharp the junction is than its surroundings and the other side, in robust deviations.
     Blur = 4,
+    /// How much thicker the cortex is than on the other side, in robust deviations.
+    Thickness = 5,
 }
 
 impl MapKind {
     /// All kinds, in the order of their numbers.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::Sharpness,
         Self::Junction,
         Self::Asymmetry,
         Self::IntensityAsymmetry,
         Self::Blur,
+        Self::Thickness,
     ];
 
     /// Its name in the interfaces.
@@ -57,6 +60,7 @@ impl MapKind {
             Self::Asymmetry => "asymmetry",
             Self::IntensityAsymmetry => "intensity-asymmetry",
             Self::Blur => "blur",
+            Self::Thickness => "thickness",
         }
     }
 
@@ -65,7 +69,7 @@ impl MapKind {
         match self {
             Self::Sharpness => "1/mm",
             Self::Junction => "",
-            Self::Asymmetry | Self::IntensityAsymmetry | Self::Blur => "z",
+            Self::Asymmetry | Self::IntensityAsymmetry | Self::Blur | Self::Thickness => "z",
         }
     }
 
@@ -74,7 +78,9 @@ impl MapKind {
         let (least, step) = match self {
             Self::Sharpness => (0.0, 0.005),
             Self::Junction => (0.0, 1.0 / 254.0),
-            Self::Asymmetry | Self::IntensityAsymmetry | Self::Blur => (-12.7, 0.1),
+            Self::Asymmetry | Self::IntensityAsymmetry | Self::Blur | Self::Thickness => {
+                (-12.7, 0.1)
+            }
         };
         Scale { least, step }
     }

@@ -37,79 +37,102 @@ fn grey_share(tissue: f32, fluid: f32) -> f32 {
     share.clamp(0.0, 1.0)
 }
 
-/// How suspicious of a thick cortex each of some voxels (ascending) is, in robust deviations over the junction, which is given by
-/// places among these voxels; NaN where the other side has no junction.
+/// The grey matter, the white surface and the tissue of a head on cells, from which the thickness of its cortex follows.
 ///
-/// Both measures are means under a Gaussian of 3 mm, minus their mean over the junction at the mirrored point. The thickness is
-/// the volume of grey matter over the area of the white surface, which is the mean thickness if the window is much wider than
-/// the cortex; the area is twice the gradient between a quarter and three quarters of the tissue scale (the coarea formula).
-/// The result is minus the deviation of the mean of all tissue, plus seven tenths of the one of the thickness.
-pub(crate) fn thickening(
-    block: &Block,
-    (values, fluid): (&[f32], f32),
-    weighted: &Weighted,
-    (voxels, junction): (&[u32], &[u32]),
-    plane: &MidsagittalPlane,
-) -> Vec<f32> {
-    let coarse = Coarse::new(block.size, block.spacing_mm, STEP_MM);
-    let Weighted { weights, gradients } = weighted;
-    let [grey, area, intensity, tissue, weight] = coarse.means(|index| {
-        let is_tissue = block.zones[index] >= Zone::Tissue;
-        if !is_tissue {
-            return [0.0; 5];
-        }
-        let (value, weight) = (values[index], weights[index]);
-        let is_surface = weight > SURFACE_FROM;
-        let area = if is_surface {
-            2.0 * gradients[index] / weight
-        } else {
-            0.0
-        };
-        let intensity = value.clamp(TISSUE_RANGE[0], TISSUE_RANGE[1]);
-        [grey_share(value, fluid), area, intensity, 1.0, weight]
-    });
-    let own = coarse.smoothed(&[grey, area, intensity, tissue], WIDTH_MM);
-    let of_sums = |[grey, area, intensity, tissue]: Sums<4>| {
-        [
-            grey / area.max(LEAST_AREA),
-            intensity / tissue.max(LEAST_TISSUE),
-        ]
-    };
-    let mut products = [weight.clone(), weight.clone(), weight];
-    for (cell, &sums) in own.iter().enumerate() {
-        let [thickness, mean] = of_sums(sums);
-        products[0][cell] *= thickness;
-        products[1][cell] *= mean;
-    }
-    let mirrored = coarse.smoothed(&products, WIDTH_MM);
-    drop(products);
-    let mut differences = [0; 2].map(|_| Vec::with_capacity(voxels.len()));
-    Places::new(block, &coarse, plane).visit(voxels, &own, |_, sums, other| {
-        let [thickness, mean, weight] = coarse.sample(&mirrored, other);
-        let has_other = weight > LEAST_MIRRORED;
-        let own = of_sums(sums);
-        for (difference, (own, other)) in differences
-            .iter_mut()
-            .zip(own.into_iter().zip([thickness, mean]))
-        {
-            difference.push(if has_other {
-                own - other / weight
+/// Everything is a mean under a Gaussian of 3 mm.
+pub(crate) struct Thickness {
+    coarse: Coarse,
+    /// The grey share, the area of the white surface, the tissue scale and the share of tissue.
+    own: Vec<Sums<4>>,
+    /// Thickness and mean of all tissue, weighted by the junction, and that weight.
+    at_junction: Vec<Sums<3>>,
+}
+
+/// The thickness, in mm, and the mean of all tissue.
+///
+/// The thickness is the volume of grey matter over the area of the white surface, which is the mean thickness if the window is
+/// much wider than the cortex.
+fn of_sums([grey, area, intensity, tissue]: Sums<4>) -> [f32; 2] {
+    [
+        grey / area.max(LEAST_AREA),
+        intensity / tissue.max(LEAST_TISSUE),
+    ]
+}
+
+impl Thickness {
+    /// `fluid` is the mean of fluid in tissue scale.
+    pub(crate) fn new(block: &Block, (values, fluid): (&[f32], f32), weighted: &Weighted) -> Self {
+        let coarse = Coarse::new(block.size, block.spacing_mm, STEP_MM);
+        let Weighted { weights, gradients } = weighted;
+        let [grey, area, intensity, tissue, weight] = coarse.means(|index| {
+            let is_tissue = block.zones[index] >= Zone::Tissue;
+            if !is_tissue {
+                return [0.0; 5];
+            }
+            let (value, weight) = (values[index], weights[index]);
+            // Twice the gradient between a quarter and three quarters of the tissue scale (the coarea formula).
+            let is_surface = weight > SURFACE_FROM;
+            let area = if is_surface {
+                2.0 * gradients[index] / weight
             } else {
-                f32::NAN
-            });
+                0.0
+            };
+            let intensity = value.clamp(TISSUE_RANGE[0], TISSUE_RANGE[1]);
+            [grey_share(value, fluid), area, intensity, 1.0, weight]
+        });
+        let own = coarse.smoothed(&[grey, area, intensity, tissue], WIDTH_MM);
+        let mut products = [weight.clone(), weight.clone(), weight];
+        for (cell, &sums) in own.iter().enumerate() {
+            let [thickness, mean] = of_sums(sums);
+            products[0][cell] *= thickness;
+            products[1][cell] *= mean;
         }
-    });
-    let [thickness, mean] = &differences;
-    let robust = |values: &[f32], least_spread: f32| {
-        let at_junction = junction.iter().map(|&place| values[place as usize]);
-        Robust::of(at_junction, least_spread)
-    };
-    let of_thickness = robust(thickness, LEAST_THICKNESS_SPREAD);
-    let of_mean = robust(mean, LEAST_MEAN_SPREAD);
-    let z = |robust: Robust, value: f32| robust.z(value).clamp(-MOST_Z, MOST_Z);
-    (thickness.iter().zip(mean))
-        .map(|(&thickness, &mean)| THICKNESS_SHARE * z(of_thickness, thickness) - z(of_mean, mean))
-        .collect()
+        Self {
+            at_junction: coarse.smoothed(&products, WIDTH_MM),
+            own,
+            coarse,
+        }
+    }
+
+    /// How suspicious of a thick cortex each of some voxels (ascending) is, in robust deviations over the junction, which is
+    /// given by places among these voxels; NaN where the other side has no junction.
+    ///
+    /// Thickness and mean are compared with their means over the junction at the mirrored point. The result is minus the
+    /// deviation of the mean of all tissue, plus seven tenths of the one of the thickness.
+    pub(crate) fn compared(
+        &self,
+        block: &Block,
+        (voxels, junction): (&[u32], &[u32]),
+        plane: &MidsagittalPlane,
+    ) -> Vec<f32> {
+        let mut differences = [0; 2].map(|_| Vec::with_capacity(voxels.len()));
+        let places = Places::new(block, &self.coarse, plane);
+        places.visit(voxels, &self.own, |_, sums, other| {
+            let [thickness, mean, weight] = self.coarse.sample(&self.at_junction, other);
+            let has_other = weight > LEAST_MIRRORED;
+            let pairs = of_sums(sums).into_iter().zip([thickness, mean]);
+            for (difference, (own, other)) in differences.iter_mut().zip(pairs) {
+                difference.push(if has_other {
+                    own - other / weight
+                } else {
+                    f32::NAN
+                });
+            }
+        });
+        let [thickness, mean] = &differences;
+        let robust = |values: &[f32], least_spread: f32| {
+            let at_junction = junction.iter().map(|&place| values[place as usize]);
+            Robust::of(at_junction, least_spread)
+        };
+        let of_thickness = robust(thickness, LEAST_THICKNESS_SPREAD);
+        let of_mean = robust(mean, LEAST_MEAN_SPREAD);
+        let z = |robust: Robust, value: f32| robust.z(value).clamp(-MOST_Z, MOST_Z);
+        (thickness.iter().zip(mean))
+            .map(|(&thickness, &mean)| {
+                THICKNESS_SHARE * z(of_thickness, thickness) - z(of_mean, mean)
+            })
+            .collect()
+    }
 }
 
 #[cfg(test)]
@@ -221,13 +244,14 @@ mod tests {
             volume: &volume,
             ..head
         });
-        let highest = |scores: &[(DVec3, f32)]| {
-            let highest = scores.iter().max_by(|a, b| a.1.total_cmp(&b.1));
-            *highest.expect("junction")
+        let near = |place: DVec3, scores: &[(DVec3, f32)]| {
+            let near = scores.iter().filter(|(at, _)| at.distance(place) < 9.0);
+            near.map(|(_, score)| *score)
+                .fold(f32::NEG_INFINITY, f32::max)
         };
-        let [before, after] = [&plain, &thick].map(|scores| highest(scores));
-        println!("{before:?} {after:?} {place}");
-        assert!(after.0.distance(place) < 10.0, "{after:?} {place}");
-        assert!(after.1 > before.1 + 1.0, "{before:?} {after:?}");
+        let opposite = head.plane.reflected(place);
+        let rise = [place, opposite].map(|place| near(place, &thick) - near(place, &plain));
+        println!("{rise:?} to {}", near(place, &thick));
+        assert!(rise[0] > 1.0 && rise[1] < 0.5, "{rise:?}");
     }
 }

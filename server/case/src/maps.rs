@@ -19,12 +19,15 @@ pub enum MapName {
     IntensityAsymmetry,
     /// Density of voxels between grey and white matter, 0 to 1.
     Junction,
+    /// How much thicker the cortex is than on the other side, as a robust z.
+    Thickness,
 }
 
 impl MapName {
     /// Every map, those for the eye first.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::Blur,
+        Self::Thickness,
         Self::Sharpness,
         Self::Asymmetry,
         Self::IntensityAsymmetry,
@@ -39,6 +42,7 @@ impl MapName {
             Self::Asymmetry => "asymmetry",
             Self::IntensityAsymmetry => "intensity-asymmetry",
             Self::Junction => "junction",
+            Self::Thickness => "thickness",
         }
     }
 
@@ -121,11 +125,6 @@ impl Unusual {
             Self::No => "no",
         }
     }
-
-    /// Whether the place stands out. A borderline one does not: most heads without a lesion have one.
-    pub fn stands_out(self) -> bool {
-        self == Self::Yes
-    }
 }
 
 /// The regions of a brain, and whether they are believed.
@@ -171,7 +170,8 @@ pub struct RegionNumbers {
     pub fissure_share: f64,
 }
 
-/// A place at which the junction is less sharp than around it and on the other side. Most such places are normal.
+/// A place at which the junction is less sharp than around it and on the other side, or the cortex thicker than on the other
+/// side. Most such places are normal.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = Candidate))]
 pub struct CandidateFacts {
@@ -181,7 +181,7 @@ pub struct CandidateFacts {
     pub depth_mm: f32,
     /// On which side of the plane between the hemispheres.
     pub side: PatientSide,
-    /// The smoothed `blur` there, as a robust z of this head's junction.
+    /// The smoothed map there, as a robust z of this head's junction.
     pub score: f32,
     /// Diameter of a ball with the volume of the connected part of the junction above half of the score.
     pub size_mm: f32,
@@ -192,7 +192,7 @@ pub struct CandidateFacts {
 }
 
 impl CandidateFacts {
-    /// Whether its score is unusual.
+    /// Whether its score is unusual. A borderline place does not stand out: most heads without a lesion have one.
     pub fn stands_out(&self) -> bool {
         self.unusual.stands_out()
     }

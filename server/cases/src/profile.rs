@@ -125,6 +125,8 @@ pub struct ProfileSample {
     pub intensity: Option<f32>,
     /// The map `blur`.
     pub blur: Option<f32>,
+    /// The map `thickness`.
+    pub thickness: Option<f32>,
     /// The map `sharpness`, per mm.
     pub sharpness: Option<f32>,
     /// The map `asymmetry`.
@@ -253,6 +255,7 @@ impl Probe<'_> {
                 .sample(in_volume.as_vec3())
                 .map(|stored| volume.intensity(stored)),
             blur: value(MapName::Blur),
+            thickness: value(MapName::Thickness),
             sharpness: value(MapName::Sharpness),
             asymmetry: value(MapName::Asymmetry),
             intensity_asymmetry: value(MapName::IntensityAsymmetry),

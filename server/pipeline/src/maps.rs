@@ -14,9 +14,7 @@ use geometry::{DepthField, Envelope, Volume};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-pub use analysis::{
-    BORDERLINE_FROM, JunctionWidth, MAP_FORMAT, Scale, UNDEFINED as UNDEFINED_CODE, UNUSUAL_ABOVE,
-};
+pub use analysis::{JunctionWidth, MAP_FORMAT, Scale, ScoreLimits, UNDEFINED as UNDEFINED_CODE};
 
 /// The maps of a case.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,6 +25,8 @@ pub struct CaseMaps {
     pub candidates: Vec<CandidateFacts>,
     /// The most blurred places elsewhere in the brain, the highest value first.
     pub elsewhere: Vec<CandidateFacts>,
+    /// The places with the thickest cortex compared with the other side: in the cerebrum, and elsewhere in the brain.
+    pub thick: [Vec<CandidateFacts>; 2],
     /// The regions of the brain.
     pub regions: RegionFacts,
     /// How slantwise isosurfaces meet the junction, from the surface inwards.
@@ -108,6 +108,7 @@ pub fn compute_maps(facts: &CaseFacts, envelope: &Envelope, volume: &Volume) -> 
     Ok(CaseMaps {
         candidates: maps.candidates.iter().map(candidate_facts).collect(),
         elsewhere: maps.elsewhere.iter().map(candidate_facts).collect(),
+        thick: (maps.thick.each_ref()).map(|places| places.iter().map(candidate_facts).collect()),
         regions: region_facts(&maps.regions),
         junction_by_depth: maps.depth_bands.iter().map(junction_band_facts).collect(),
         maps: maps.into_maps(),
@@ -197,6 +198,7 @@ fn kind_of(name: MapName) -> MapKind {
         MapName::Asymmetry => MapKind::Asymmetry,
         MapName::IntensityAsymmetry => MapKind::IntensityAsymmetry,
         MapName::Junction => MapKind::Junction,
+        MapName::Thickness => MapKind::Thickness,
     }
 }
 

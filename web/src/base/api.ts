@@ -2,7 +2,7 @@
 
 import type { Case, ProblemBody } from "../model/case.ts";
 import type { Layer, LayerList } from "../model/layers.ts";
-import type { CandidateList } from "../model/maps.ts";
+import type { CandidateList, ListingMap } from "../model/maps.ts";
 import { wait } from "./patience.ts";
 
 let token = "";
@@ -151,9 +151,9 @@ export async function deleteCase(id: string): Promise<void> {
   await send(`v1/cases/${id}`, { method: "DELETE" });
 }
 
-/** The places of a case at which the junction is blurred most, the highest score first; `limit` of them at most. */
-export async function getCandidates(id: string, limit: number): Promise<CandidateList> {
-  const answer = await send(`v1/cases/${id}/candidates?limit=${limit}`, { cache: "no-cache" });
+/** The places of a case that a map lists, the highest score first; `limit` of them at most. */
+export async function getCandidates(id: string, limit: number, map: ListingMap): Promise<CandidateList> {
+  const answer = await send(`v1/cases/${id}/candidates?limit=${limit}&map=${map}`, { cache: "no-cache" });
   return answer.json() as Promise<CandidateList>;
 }
 

@@ -252,6 +252,7 @@ const PLAIN: Readonly<Record<string, Command>> = {
   ",": { kind: "place", steps: -1 },
   ".": { kind: "place", steps: 1 },
   u: { kind: "map", name: "blur" },
+  y: { kind: "map", name: "thickness" },
   a: { kind: "map", name: "asymmetry" },
   t: { kind: "map", name: "intensity-asymmetry" },
   s: { kind: "map", name: "sharpness" },

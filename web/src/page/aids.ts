@@ -16,7 +16,7 @@ import {
 } from "../model/layers.ts";
 import type { Command, LayerCommand } from "../model/controls.ts";
 import type { Finding } from "../model/findings.ts";
-import { type Candidate, type LayerOverlay, isLayerId, isMap, toggled } from "../model/maps.ts";
+import { type Candidate, type LayerOverlay, type ListingMap, isLayerId, isMap, toggled } from "../model/maps.ts";
 import { type HalfLook, type ViewState, bareOf, halfOf, layersOf } from "../model/state.ts";
 import type { Vec3 } from "../model/space.ts";
 import type { Block } from "../model/wire.ts";
@@ -38,7 +38,7 @@ export interface AidsListener {
   announce(words: string): void;
   complain(problem: unknown): void;
   /** A place of the list becomes a finding, is dismissed, or neither. */
-  judge(place: Candidate, judgement: "kept" | "dismissed" | null): void;
+  judge(place: Candidate, judgement: "kept" | "dismissed" | null, map: ListingMap): void;
   /** The chart of the marked point stands here; null: where it usually does. */
   chart(place: HTMLElement | null): void;
 }
@@ -298,7 +298,7 @@ export class Aids {
     const maps = new parts.MapsSection(this.#shown, layers, {
       ...actions,
       chart: (place) => this.#listener.chart(place),
-      judge: (place, judgement) => this.#listener.judge(place, judgement),
+      judge: (place, judgement, map) => this.#listener.judge(place, judgement, map),
     });
     maps.judged(this.#findings);
     const added = new parts.LayersSection(this.#shown, layers, {

@@ -3,7 +3,7 @@
 import { wait } from "../base/patience.ts";
 import { Problem, getCandidates, listLayers, send } from "../base/api.ts";
 import { type Layer, type LayerList, isBusy, isReady } from "../model/layers.ts";
-import type { CandidateList } from "../model/maps.ts";
+import type { CandidateList, ListingMap } from "../model/maps.ts";
 import { layerSampler } from "../model/sampler.ts";
 import type { Vec3 } from "../model/space.ts";
 import { type Block, decodeVolume, readLayout } from "../model/wire.ts";
@@ -79,8 +79,8 @@ export class CaseLayers {
     return this.ready(name)?.kind === "labels" ? undefined : value;
   }
 
-  candidates(): Promise<CandidateList> {
-    return patiently(() => getCandidates(this.#id, CANDIDATES), this.#gone.signal);
+  candidates(map: ListingMap): Promise<CandidateList> {
+    return patiently(() => getCandidates(this.#id, CANDIDATES, map), this.#gone.signal);
   }
 
   dispose(): void {

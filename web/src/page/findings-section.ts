@@ -23,7 +23,7 @@ import {
 } from "../model/findings.ts";
 import { Flows } from "../model/flow.ts";
 import type { Depths } from "../model/isosurface.ts";
-import { type Candidate, isMap } from "../model/maps.ts";
+import { type Candidate, type ListingMap, isMap } from "../model/maps.ts";
 import type { Marked } from "../model/marks.ts";
 import { mirrorPlane, sideOf } from "../model/midsagittal.ts";
 import type { ViewState } from "../model/state.ts";
@@ -237,13 +237,17 @@ export class FindingsSection {
   }
 
   /** Adds a place of the list, or says whether it is dismissed; `null`: it is no finding any more. */
-  judge({ position_in_patient, depth_mm }: Candidate, judgement: "kept" | "dismissed" | null): void {
+  judge(
+    { position_in_patient, depth_mm }: Candidate,
+    judgement: "kept" | "dismissed" | null,
+    from_map: ListingMap,
+  ): void {
     const before = findingOfPlace(this.#sync.list, position_in_patient);
     const is_dismissed = judgement === "dismissed";
     if (judgement === null) this.#step(this.#sync.list.filter((one) => one !== before));
     else if (before) this.#change(before.id, { is_dismissed });
     else {
-      const given = { points_in_patient: [position_in_patient], depth_mm, from_map: "blur", is_dismissed } as const;
+      const given = { points_in_patient: [position_in_patient], depth_mm, from_map, is_dismissed } as const;
       this.#step([...this.#sync.list, this.#made(given)]);
     }
     this.#host.announce(t(judgement ? `places.${judgement}` : "findings.removed"));

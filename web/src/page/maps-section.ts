@@ -8,18 +8,26 @@ import type { ReadyCase } from "../model/case.ts";
 import { broughtTo } from "../model/commands.ts";
 import type { Finding } from "../model/findings.ts";
 import type { JunctionBand, Layer, LayerList } from "../model/layers.ts";
-import { type Candidate, type CandidateList, MAP_NAMES, type MapName, isMap } from "../model/maps.ts";
+import {
+  type Candidate,
+  type CandidateList,
+  LISTING_MAPS,
+  type ListingMap,
+  MAP_NAMES,
+  type MapName,
+  isMap,
+} from "../model/maps.ts";
 import type { ViewState } from "../model/state.ts";
 import type { Actions } from "./actions.ts";
 import type { CaseLayers } from "./case-layers.ts";
-import { button, choiceOfButtons, line, press, row } from "./fields.ts";
-import { PlacesTable } from "./places-table.ts";
+import { choiceOfButtons, line, press } from "./fields.ts";
+import { PlacesList } from "./places-list.ts";
 
 interface MapsActions extends Actions {
   /** The chart of the marked point stands here; null: where it usually does. */
   chart(place: HTMLElement | null): void;
   /** A place becomes a finding, is dismissed, or neither. */
-  judge(place: Candidate, judgement: "kept" | "dismissed" | null): void;
+  judge(place: Candidate, judgement: "kept" | "dismissed" | null, map: ListingMap): void;
 }
 
 export class MapsSection {
@@ -32,23 +40,14 @@ export class MapsSection {
   readonly #status = h("p", { class: "quiet maps-status", id: "maps-status", role: "status", hidden: true });
   /** Where the controls of an overlay stand. */
   readonly slot = h("div", {});
-  readonly #ask: HTMLButtonElement;
-  readonly #warning = h(
-    "details",
-    { class: "candidates-warning", hidden: true },
-    h("summary", {}, t("candidates.normal")),
-    h("p", { class: "quiet" }, t("candidates.warning")),
-  );
-  /** That nothing stands out, or that the regions are in doubt. */
-  readonly #nothing = h("p", { class: "nothing", id: "nothing-stands-out", role: "status", hidden: true });
-  readonly #doubt = h("p", { class: "quiet regions-doubt", hidden: true });
-  readonly #places: PlacesTable;
+  /** The places of blur, then those of thick cortex: never mixed. */
+  readonly #lists: readonly PlacesList[];
+  /** Where keys step: the list that was asked for last. */
+  #stepped: PlacesList;
   /** How much of the junction the cuts meet slantwise, by depth. */
   readonly #slant = h("div", { class: "group-part slant", hidden: true });
   #bands: readonly JunctionBand[] = [];
-  /** Whether there are maps, or will be. */
-  #isKnown = true;
-  #candidates: readonly Candidate[] = [];
+  #findings: readonly Finding[] = [];
   #state: ViewState | null = null;
 
   constructor(shown: ReadyCase, layers: CaseLayers, actions: MapsActions) {
@@ -61,27 +60,35 @@ export class MapsSection {
       (name) => t(`map.${name}`),
       (name) => this.#choose(name),
     );
-    this.#places = new PlacesTable(shown, {
-      go: ({ position_in_patient, depth_mm }, layout) => {
-        const wanted = layout ?? this.#state?.layout ?? "single";
-        this.#actions.change(broughtTo(position_in_patient, depth_mm, wanted, this.#shown), true);
-      },
-      sharpness: () => this.#layers.voxels("sharpness"),
-      judge: (place, judgement) => this.#actions.judge(place, judgement),
-    });
-    this.#ask = button(t("candidates.ask"), () => void this.#askForCandidates(), { "aria-describedby": "maps-status" });
+    const list = (map: ListingMap): PlacesList => {
+      const made: PlacesList = new PlacesList(map, shown, {
+        go: ({ position_in_patient, depth_mm }, layout) => {
+          const wanted = layout ?? this.#state?.layout ?? "single";
+          this.#actions.change(broughtTo(position_in_patient, depth_mm, wanted, this.#shown), true);
+        },
+        sharpness: () => this.#layers.voxels("sharpness"),
+        judge: (place, judgement, of) => this.#actions.judge(place, judgement, of),
+        ask: (of) => this.#askForCandidates(of),
+        say: (words) => this.#say(words),
+        listed: () => {
+          this.#stepped = made;
+          made.judged(this.#findings);
+          this.#mark();
+        },
+      });
+      return made;
+    };
+    const blurred = list("blur");
+    this.#lists = LISTING_MAPS.map((map) => (map === "blur" ? blurred : list(map)));
+    this.#stepped = blurred;
     this.element = h(
       "div",
       { class: "group-body" },
       this.#names,
       this.#about,
       this.slot,
-      row(this.#ask),
       this.#status,
-      this.#nothing,
-      this.#doubt,
-      this.#warning,
-      this.#places.element,
+      ...this.#lists.map(({ element }) => element),
       this.#slant,
     );
   }
@@ -102,8 +109,8 @@ export class MapsSection {
       state === "undefined"
         ? t("maps.undefined", { reason: reasonIn(reason, reason_code) })
         : t(state === "off" ? "maps.off" : "maps.making");
-    this.#isKnown = state !== "undefined" && state !== "off";
-    this.#ask.disabled = !this.#isKnown;
+    const isKnown = state !== "undefined" && state !== "off";
+    for (const list of this.#lists) list.isKnown = isKnown;
     this.#say(state === "ready" ? "" : words);
   }
 
@@ -144,39 +151,27 @@ export class MapsSection {
 
   // -- Places to look at
 
-  async #askForCandidates(): Promise<void> {
-    this.#ask.disabled = true;
+  async #askForCandidates(map: ListingMap): Promise<CandidateList | null> {
     this.#say(t("maps.asking"));
     try {
       await this.#layers.ask();
-      if (this.#layers.ready("blur")) this.#put(await this.#layers.candidates());
+      return this.#layers.ready(map) ? await this.#layers.candidates(map) : null;
     } catch (problem) {
       this.#say(problemWords(problem));
+      return null;
     }
-    this.#ask.disabled = !this.#isKnown;
-  }
-
-  #put({ candidates, nothing_stands_out, regions }: CandidateList): void {
-    this.#say(candidates.length === 0 ? t("candidates.none") : "");
-    tell(this.#nothing, nothing_stands_out ? t("candidates.nothing") : "");
-    const [reason = "", code = ""] = [regions.reasons[0], regions.reason_codes[0]];
-    tell(this.#doubt, regions.state === "review" ? t("regions.doubt", { reason: reasonIn(reason, code) }) : "");
-    this.#candidates = candidates;
-    this.#warning.hidden = candidates.length === 0;
-    this.#places.fill(candidates);
-    this.#mark();
   }
 
   /** Opens the place that is gone to. */
   #mark(): void {
-    const place = this.#markedPlace(this.#state) ?? null;
-    this.#places.open(place);
-    this.#actions.chart(place && this.#places.chart);
+    const opened = this.#lists.filter((list) => list.mark(this.#state));
+    this.#actions.chart(opened[0]?.chart ?? null);
   }
 
   /** Shows which places are findings, or dismissed. */
   judged(findings: readonly Finding[]): void {
-    this.#places.judged(findings);
+    this.#findings = findings;
+    for (const list of this.#lists) list.judged(findings);
   }
 
   /**
@@ -184,22 +179,16 @@ export class MapsSection {
    * there is none.
    */
   async step(steps: number): Promise<string> {
-    if (!this.#places.isFilled) await this.#askForCandidates();
-    const isGone = this.#places.step(steps);
-    return isGone ? "" : (this.#nothing.textContent ?? "");
-  }
-
-  /** The listed place at the marked point. */
-  #markedPlace(state: ViewState | null): Candidate | undefined {
-    const text = (position: readonly number[]): string => position.map((part) => part.toFixed(1)).join();
-    const marked = state?.crosshair_mm;
-    return marked ? this.#candidates.find((one) => text(one.position_in_patient) === text(marked)) : undefined;
+    if (!this.#stepped.isFilled) await this.#stepped.ask();
+    const isGone = this.#stepped.step(steps);
+    return isGone ? "" : this.#stepped.words;
   }
 
   /** A state with the outline of the marked place, if that is too weak for the map's colours. */
   outlined(state: ViewState): ViewState {
-    if (state.overlay?.name !== "blur") return state;
-    const place = this.#markedPlace(state);
+    const at = state.overlay ? LISTING_MAPS.findIndex((map) => map === state.overlay?.name) : -1;
+    if (!state.overlay || at < 0) return state;
+    const place = this.#lists[at]?.markedPlace(state);
     const isColoured = place && place.score > Number(state.overlay.threshold);
     return place && !isColoured ? { ...state, place_mm: place.size_mm } : state;
   }

@@ -3,7 +3,7 @@
 
 import type { Case, ReadyCase } from "../model/case.ts";
 import type { Finding } from "../model/findings.ts";
-import type { Candidate } from "../model/maps.ts";
+import type { Candidate, ListingMap } from "../model/maps.ts";
 import type { Marked } from "../model/marks.ts";
 import type { Measured, Profile } from "../model/profile.ts";
 import { pictureBody } from "../model/series.ts";
@@ -223,8 +223,8 @@ export class OnDemand {
   }
 
   /** A place of the list becomes a finding, is dismissed, or neither. */
-  judge(place: Candidate, judgement: "kept" | "dismissed" | null): void {
-    this.#findings?.judge(place, judgement);
+  judge(place: Candidate, judgement: "kept" | "dismissed" | null, map: ListingMap): void {
+    this.#findings?.judge(place, judgement, map);
   }
 
   /** More is known of the surface. */

@@ -5,7 +5,7 @@ import { number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { type Candidate, standsOut } from "../model/maps.ts";
+import { type Candidate, type ListingMap, standsOut } from "../model/maps.ts";
 import { type Finding, findingOfPlace } from "../model/findings.ts";
 import type { Layout } from "../model/state.ts";
 import { WHY_PARTS, type Why, whyAt } from "../model/why.ts";
@@ -15,7 +15,7 @@ import { button, choiceOfButtons, line, press, row } from "./fields.ts";
 /** What opens beside the surface when a place is gone to. */
 const BESIDE = ["closer", "slices", "mirror", "both"] as const satisfies readonly Layout[];
 /** A bar of this score is as wide as its column. */
-const WIDEST_SCORE = 4;
+const WIDEST_SCORE: Readonly<Record<ListingMap, number>> = { blur: 4, thickness: 8 };
 const COLUMNS = ["rank", "side", "depth", "score", "seen"] as const;
 
 /** What a reader decides about a place. */
@@ -27,7 +27,7 @@ interface PlacesListener {
   go(place: Candidate, layout: Layout | null): void;
   sharpness(): Promise<Block>;
   /** A place becomes a finding, is dismissed, or neither. */
-  judge(place: Candidate, judgement: Judgement | null): void;
+  judge(place: Candidate, judgement: Judgement | null, map: ListingMap): void;
 }
 
 /** The places that were looked at, by case, as long as the page is open. */
@@ -40,6 +40,7 @@ export class PlacesTable {
   /** Shows the places that do not stand out, or folds them again. */
   readonly #fold = button("", () => this.#unfold(!this.#isUnfolded), { class: "fold" });
   #isUnfolded = false;
+  readonly #map: ListingMap;
   readonly #shown: ReadyCase;
   readonly #listener: PlacesListener;
   readonly #body = h("tbody", { keydown: (event: KeyboardEvent) => this.#walk(event) });
@@ -51,13 +52,14 @@ export class PlacesTable {
   #findings: readonly Finding[] = [];
   #judging: HTMLElement | null = null;
 
-  constructor(shown: ReadyCase, listener: PlacesListener) {
+  constructor(map: ListingMap, shown: ReadyCase, listener: PlacesListener) {
+    this.#map = map;
     this.#shown = shown;
     this.#listener = listener;
     const heads = COLUMNS.map((name) => h("th", { scope: "col" }, t(`places.${name}`)));
     this.#table = h(
       "table",
-      { class: "candidates", "aria-label": t("candidates.ask") },
+      { class: "candidates", "aria-label": t(map === "blur" ? "candidates.ask" : "thick.ask") },
       h("thead", {}, h("tr", {}, ...heads)),
       this.#body,
     );
@@ -133,7 +135,7 @@ export class PlacesTable {
     const words = t("candidates.place", { rank: number(at + 1), side: t(`side.${side}`), depth: number(depth_mm, 1) });
     const go = (): void => this.#listener.go(place, null);
     const bar = h("span", { class: "score-bar", "aria-hidden": "true" });
-    bar.style.width = `${100 * Math.min(score / WIDEST_SCORE, 1)}%`;
+    bar.style.width = `${100 * Math.min(score / WIDEST_SCORE[this.#map], 1)}%`;
     return h(
       "tr",
       { class: "place", click: go },
@@ -186,9 +188,10 @@ export class PlacesTable {
       t("places.decision"),
       JUDGEMENTS,
       (one) => t(one === "kept" ? "places.keep" : "places.dismiss"),
-      (one) => this.#listener.judge(place, this.#judgementOf(place) === one ? null : one),
+      (one) => this.#listener.judge(place, this.#judgementOf(place) === one ? null : one, this.#map),
     );
-    void this.#explain(place, bars);
+    // The sharpness of the boundary says nothing about the thickness.
+    if (this.#map === "blur") void this.#explain(place, bars);
     const goes = BESIDE.map((layout) =>
       button(t(layout === "closer" ? "closer.look" : `layout.${layout}`), () => this.#listener.go(place, layout)),
     );

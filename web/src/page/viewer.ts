@@ -93,7 +93,7 @@ export class Viewer {
     const redraw = (): void => this.#schedule();
     const complain = (problem: unknown): void => this.#notices.complain(problem);
     const chart = (place: HTMLElement | null): void => this.panel.point.stand(place);
-    const judge: AidsListener["judge"] = (place, judgement) => this.#onDemand.judge(place, judgement);
+    const judge: AidsListener["judge"] = (...judged) => this.#onDemand.judge(...judged);
     this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain, chart, judge });
     const linking = linkedZoom(host.preferences().linked_zoom, (linked_zoom) => {
       host.choose({ linked_zoom });

@@ -26,6 +26,8 @@ pub struct LoadedMaps {
     pub candidates: Vec<CandidateFacts>,
     /// The most blurred places elsewhere in the brain, the highest value first.
     pub elsewhere: Vec<CandidateFacts>,
+    /// The places with the thickest cortex compared with the other side: in the cerebrum, and elsewhere in the brain.
+    pub thick: [Vec<CandidateFacts>; 2],
     /// The regions of the brain.
     pub regions: RegionFacts,
     /// How slantwise isosurfaces meet the junction, from the surface inwards.
@@ -37,6 +39,7 @@ impl LoadedMaps {
     pub fn new(key: u128, mut maps: CaseMaps) -> Self {
         let candidates = std::mem::take(&mut maps.candidates);
         let elsewhere = std::mem::take(&mut maps.elsewhere);
+        let thick = std::mem::take(&mut maps.thick);
         let regions = maps.regions.clone();
         let junction_by_depth = std::mem::take(&mut maps.junction_by_depth);
         let grid = maps.map(MapName::Blur).grid().clone();
@@ -57,6 +60,7 @@ impl LoadedMaps {
             grid,
             candidates,
             elsewhere,
+            thick,
             regions,
             junction_by_depth,
         }

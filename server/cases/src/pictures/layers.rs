@@ -167,6 +167,7 @@ impl LayerStyle {
     pub fn of(name: MapName) -> Self {
         let (window, colormap, threshold) = match name {
             MapName::Blur => ([2.5, 5.0], ColorMap::VermilionYellow, Some(2.5)),
+            MapName::Thickness => ([2.5, 6.0], ColorMap::VermilionYellow, Some(2.5)),
             MapName::Asymmetry | MapName::IntensityAsymmetry => {
                 ([-6.0, 6.0], ColorMap::BlueOrange, Some(2.5))
             }

@@ -25,6 +25,7 @@ struct ObjectHead {
 struct Places {
     candidates: Vec<CandidateFacts>,
     elsewhere: Vec<CandidateFacts>,
+    thick: [Vec<CandidateFacts>; 2],
     regions: RegionFacts,
     junction_by_depth: Vec<JunctionBandFacts>,
 }
@@ -37,6 +38,7 @@ pub fn encode_maps(maps: &MapsOrReason) -> Vec<u8> {
         places: maps.as_ref().ok().map(|maps| Places {
             candidates: maps.candidates.clone(),
             elsewhere: maps.elsewhere.clone(),
+            thick: maps.thick.clone(),
             regions: maps.regions.clone(),
             junction_by_depth: maps.junction_by_depth.clone(),
         }),
@@ -79,6 +81,7 @@ pub fn decode_maps(payload: &[u8]) -> Option<MapsOrReason> {
         maps,
         candidates: places.candidates,
         elsewhere: places.elsewhere,
+        thick: places.thick,
         regions: places.regions,
         junction_by_depth: places.junction_by_depth,
     }))

@@ -19,7 +19,7 @@ use http_support::conditional::{Format, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath};
-use pipeline::maps::{BORDERLINE_FROM, MAP_FORMAT, UNUSUAL_ABOVE};
+use pipeline::maps::{MAP_FORMAT, ScoreLimits};
 
 const JSON: &str = "application/json";
 const CSV: &str = "text/csv";
@@ -40,6 +40,21 @@ pub struct CandidatesQuery {
     #[serde(default)]
     #[param(inline)]
     region: RegionAsked,
+    /// The map that lists the places: where the junction is blurred, or where the cortex is thick.
+    #[serde(default)]
+    #[param(inline)]
+    map: MapAsked,
+}
+
+/// A map that lists places.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+enum MapAsked {
+    /// The junction is less sharp than around the place and on the other side.
+    #[default]
+    Blur,
+    /// The cortex is thicker than on the other side.
+    Thickness,
 }
 
 /// The regions of the brain that are asked about.
@@ -72,22 +87,23 @@ pub struct CandidateList {
     candidates: Vec<CandidateFacts>,
     /// Whether no place of the cerebrum stands out, which means that it is `unusual`: `yes`. This does not exclude a lesion.
     nothing_stands_out: bool,
-    /// The limits of unusual scores.
-    limits: ScoreLimits,
+    /// The limits of unusual scores of this map.
+    limits: LimitsView,
     /// The regions of the brain. If they are in doubt, nothing is left out.
     regions: RegionFacts,
 }
 
 /// The limits of unusual scores, which belong to the format of the maps. Borderline places do not stand out.
 #[derive(Debug, Clone, Copy, Serialize, ToSchema)]
-pub struct ScoreLimits {
+#[schema(as = ScoreLimits)]
+pub struct LimitsView {
     /// Scores above this are unusual.
     unusual_above: f32,
     /// Scores from this on are borderline.
     borderline_from: f32,
 }
 
-/// Places where the junction is less sharp than in its surroundings and on the other side
+/// Places where the junction is less sharp than in its surroundings and on the other side, or the cortex thicker
 ///
 /// Most are normal: they are places to look at, and nothing is detected. Each states whether its score is higher than those
 /// of heads without a lesion. The list has the cerebrum alone unless `region=all`. As JSON, or with `Accept: text/csv` as CSV.
@@ -134,19 +150,23 @@ fn json(value: &impl Serialize) -> Result<Vec<u8>, AppError> {
 
 impl CandidateList {
     fn of(maps: &LoadedMaps, query: &CandidatesQuery) -> Self {
-        let mut candidates = maps.candidates.clone();
+        let ([in_cerebrum, elsewhere], limits) = match query.map {
+            MapAsked::Blur => ([&maps.candidates, &maps.elsewhere], ScoreLimits::BLUR),
+            MapAsked::Thickness => (maps.thick.each_ref(), ScoreLimits::THICKNESS),
+        };
+        let mut candidates = in_cerebrum.clone();
         if query.region == RegionAsked::All {
-            candidates.extend(&maps.elsewhere);
+            candidates.extend(elsewhere);
             // Stable: of equal ones, those of the cerebrum come first.
             candidates.sort_by(|a, b| b.score.total_cmp(&a.score));
         }
         candidates.truncate(query.limit);
         Self {
             candidates,
-            nothing_stands_out: maps.nothing_stands_out(),
-            limits: ScoreLimits {
-                unusual_above: UNUSUAL_ABOVE,
-                borderline_from: BORDERLINE_FROM,
+            nothing_stands_out: !in_cerebrum.iter().any(CandidateFacts::stands_out),
+            limits: LimitsView {
+                unusual_above: limits.unusual_above,
+                borderline_from: limits.borderline_from,
             },
             regions: maps.regions.clone(),
         }
@@ -275,7 +295,7 @@ pub(super) fn quoted(text: &str) -> String {
 
 /// A row for each sample; undefined values are empty.
 fn csv(profile: &Profile) -> String {
-    let mut text = "point,distance_mm,left_mm,posterior_mm,superior_mm,depth_mm,intensity,blur,sharpness,asymmetry,\
+    let mut text = "point,distance_mm,left_mm,posterior_mm,superior_mm,depth_mm,intensity,blur,thickness,sharpness,asymmetry,\
                     intensity_asymmetry,junction"
         .to_owned();
     for layer in &profile.layers {
@@ -297,6 +317,7 @@ fn csv(profile: &Profile) -> String {
                 sample.depth_mm,
                 sample.intensity,
                 sample.blur,
+                sample.thickness,
                 sample.sharpness,
                 sample.asymmetry,
                 sample.intensity_asymmetry,

@@ -1,0 +1,117 @@
+// The places that one of the maps lists: a button that asks for them, what there is to say about them, and their table.
+
+import { h, tell } from "../base/dom.ts";
+import { t } from "../base/i18n.ts";
+import { reasonIn } from "../base/case-words.ts";
+import type { ReadyCase } from "../model/case.ts";
+import type { Finding } from "../model/findings.ts";
+import type { Candidate, CandidateList, ListingMap } from "../model/maps.ts";
+import type { ViewState } from "../model/state.ts";
+import { button, row } from "./fields.ts";
+import { PlacesTable, type PlacesListener } from "./places-table.ts";
+
+/** The words of each list. */
+const WORDS = {
+  blur: { ask: "candidates.ask", nothing: "candidates.nothing", warning: "candidates.warning" },
+  thickness: { ask: "thick.ask", nothing: "thick.nothing", warning: "thick.warning" },
+} as const;
+
+export interface ListListener extends PlacesListener {
+  /** Asks the server; resolves to nothing if it cannot be said. */
+  ask(map: ListingMap): Promise<CandidateList | null>;
+  say(words: string): void;
+  /** The places were listed. */
+  listed(): void;
+}
+
+export class PlacesList {
+  readonly element = h("div", { class: "group-part" });
+  readonly #map: ListingMap;
+  readonly #listener: ListListener;
+  readonly #ask: HTMLButtonElement;
+  /** That nothing stands out, or that the regions are in doubt. */
+  readonly #nothing: HTMLElement;
+  readonly #doubt = h("p", { class: "quiet regions-doubt", hidden: true });
+  readonly #warning: HTMLElement;
+  readonly #places: PlacesTable;
+  #candidates: readonly Candidate[] = [];
+  #isKnown = true;
+
+  constructor(map: ListingMap, shown: ReadyCase, listener: ListListener) {
+    this.#map = map;
+    this.#listener = listener;
+    const words = WORDS[map];
+    this.#ask = button(t(words.ask), () => void this.ask(), { "aria-describedby": "maps-status" });
+    this.#nothing = h("p", { class: "nothing", role: "status", hidden: true });
+    this.#warning = h(
+      "details",
+      { class: "candidates-warning", hidden: true },
+      h("summary", {}, t("candidates.normal")),
+      h("p", { class: "quiet" }, t(words.warning)),
+    );
+    this.#places = new PlacesTable(map, shown, listener);
+    this.element.append(row(this.#ask));
+  }
+
+  /** Whether there are maps, or will be. */
+  set isKnown(isKnown: boolean) {
+    this.#isKnown = isKnown;
+    this.#ask.disabled = !isKnown;
+  }
+
+  get isFilled(): boolean {
+    return this.#places.isFilled;
+  }
+
+  /** What there is to say if nothing stands out. */
+  get words(): string {
+    return this.#nothing.textContent ?? "";
+  }
+
+  get chart(): HTMLElement {
+    return this.#places.chart;
+  }
+
+  async ask(): Promise<void> {
+    this.#ask.disabled = true;
+    const list = await this.#listener.ask(this.#map);
+    if (list) this.#put(list);
+    this.#ask.disabled = !this.#isKnown;
+  }
+
+  #put({ candidates, nothing_stands_out, regions }: CandidateList): void {
+    // A list that nobody asked for takes no place.
+    this.element.append(this.#nothing, this.#doubt, this.#warning, this.#places.element);
+    this.#listener.say(candidates.length === 0 ? t("candidates.none") : "");
+    tell(this.#nothing, nothing_stands_out ? t(WORDS[this.#map].nothing) : "");
+    const [reason = "", code = ""] = [regions.reasons[0], regions.reason_codes[0]];
+    tell(this.#doubt, regions.state === "review" ? t("regions.doubt", { reason: reasonIn(reason, code) }) : "");
+    this.#candidates = candidates;
+    this.#warning.hidden = candidates.length === 0;
+    this.#places.fill(candidates);
+    this.#listener.listed();
+  }
+
+  /** Opens the place that is gone to; null if it is none of these. */
+  mark(state: ViewState | null): Candidate | null {
+    const place = this.markedPlace(state) ?? null;
+    this.#places.open(place);
+    return place;
+  }
+
+  /** Shows which places are findings, or dismissed. */
+  judged(findings: readonly Finding[]): void {
+    this.#places.judged(findings);
+  }
+
+  step(steps: number): boolean {
+    return this.#places.step(steps);
+  }
+
+  /** The listed place at the marked point. */
+  markedPlace(state: ViewState | null): Candidate | undefined {
+    const text = (position: readonly number[]): string => position.map((part) => part.toFixed(1)).join();
+    const marked = state?.crosshair_mm;
+    return marked ? this.#candidates.find((one) => text(one.position_in_patient) === text(marked)) : undefined;
+  }
+}
