@@ -194,7 +194,7 @@ pub struct CandidateFacts {
 impl CandidateFacts {
     /// Whether its score is unusual. A borderline place does not stand out: most heads without a lesion have one.
     pub fn stands_out(&self) -> bool {
-        self.unusual.stands_out()
+        self.unusual == Unusual::Yes
     }
 }
 
