@@ -291,7 +291,6 @@ fn a_made_up_folder_is_judged_locked_and_continued_after_a_kill() {
 
     other_parameters_are_refused(&folder, whole.path());
     other_marks_are_judged_by_the_same_rule(&folder, whole.path());
-    two_scans_of_one_person_give_the_same_places(&folder);
 }
 
 fn heads_are_judged_or_listed(report: &Value) {
@@ -404,33 +403,6 @@ fn other_marks_are_judged_by_the_same_rule(folder: &Folder, results: &Path) {
     assert_eq!(report["differences"].as_array().map(Vec::len), Some(1));
     let remarks = report["remarks"].to_string();
     assert!(remarks.contains("sub-99") && remarks.contains("has no mark for it"));
-}
-
-/// Of the first head, which has two runs with the same voxels, and of a scan that is made from its first.
-fn two_scans_of_one_person_give_the_same_places(folder: &Folder) {
-    let head = folder.root.path().join("sub-01/anat/sub-01_T1w.nii.gz");
-    let compared = |arguments: &[&str]| -> Value {
-        let output = Command::new(env!("CARGO_BIN_EXE_isocortex-bench"))
-            .args(["reproducibility", "--json"])
-            .args(arguments)
-            .env_remove("ISOCORTEX_NETWORK")
-            .output()
-            .expect("it can be run");
-        let errors = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.success(), "{errors}");
-        serde_json::from_slice(&output.stdout).expect("JSON")
-    };
-    let same = compared(&["--bids", text(folder.root.path())]);
-    assert_eq!(same.as_array().map(Vec::len), Some(1));
-    assert_eq!(same[0]["placement"], "fits by its header");
-    assert_eq!(same[0]["of_first"], serde_json::json!([1.0, 1.0, 1.0]));
-    let made = compared(&["--head", text(&head)]);
-    assert_eq!(made[0]["head"], "anat/sub-01_T1w.nii.gz");
-    let share = |key: &str| made[0][key][2].as_f64().expect("a share");
-    assert!(
-        share("of_first") > share("by_chance") && share("of_first") < 1.0,
-        "{made}"
-    );
 }
 
 #[test]
