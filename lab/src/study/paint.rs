@@ -534,7 +534,7 @@ mod tests {
         let ground = Ground::new(scan.head()).unwrap();
         let lesion = Lesion {
             centre_in_patient: lesion(),
-            radius_mm: 30.0,
+            radius_mm: 22.0,
             effect: Effect {
                 thickening_mm: 4.0,
                 ..Effect::NONE
@@ -549,7 +549,7 @@ mod tests {
             analysis::phantom::on_junction(direction).length() - position.length()
         };
         let is_painted = |position: DVec3, _| {
-            position.distance(centre) < 22.0 && (2.0..3.2).contains(&below(position))
+            position.distance(centre) < 16.0 && (2.0..3.2).contains(&below(position))
         };
         let (before, after) = (
             moments(&chosen(&ground, &scan.volume, is_painted)),
@@ -564,7 +564,7 @@ mod tests {
         }
         // Beyond the paint, nothing changes.
         let is_beyond = |position: DVec3, _| {
-            position.distance(centre) < 22.0 && (6.0..9.0).contains(&below(position))
+            position.distance(centre) < 16.0 && (6.0..9.0).contains(&below(position))
         };
         let [whole, kept] = [&scan.volume, &with].map(|volume| chosen(&ground, volume, is_beyond));
         assert!(whole.len() > 500 && whole == kept);
