@@ -22,7 +22,7 @@ const COLUMNS = ["rank", "side", "depth", "score", "seen"] as const;
 const JUDGEMENTS = ["kept", "dismissed"] as const;
 type Judgement = (typeof JUDGEMENTS)[number];
 
-interface PlacesListener {
+export interface PlacesListener {
   /** A place is gone to, in a layout; null: in the one that is shown. */
   go(place: Candidate, layout: Layout | null): void;
   sharpness(): Promise<Block>;
