@@ -439,17 +439,17 @@ test(
     await page.keyboard.press("Control+z");
     assert.equal((await fragment(page)).d, "11.5");
     // Back leads to another patient: it is said, which a click in the list is not.
-    assert.equal(await page.locator(".remark").isVisible(), false);
+    assert.equal(await page.locator(".notices > .remark").isVisible(), false);
     const went = page.url();
     await page.goto(went.replace(/#.*/, `#${before.id}`));
     await shown(page);
-    const said = page.locator(".remark");
+    const said = page.locator(".notices > .remark");
     await said.waitFor({ state: "visible" });
     assert.match(await said.innerText(), /^Another case is shown now: Marked/);
     assert.match((await page.textContent("#live")) ?? "", /^Another case is shown now: Marked/);
     await go("Second");
     await shown(page);
-    assert.equal(await page.locator(".remark").isVisible(), false);
+    assert.equal(await page.locator(".notices > .remark").isVisible(), false);
     await page.getByRole("button", { name: "Undo", exact: true }).click();
     assert.equal((await fragment(page)).v, "superior");
     await page.keyboard.press("Control+Shift+z");
