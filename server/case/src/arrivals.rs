@@ -150,7 +150,7 @@ words! {
         Corrected = "corrected",
         /// The PACS has rejected its images.
         Rejected = "rejected",
-        /// Other images of its series became a newer case.
+        /// Other images of its series came later; they may have become a newer case.
         NewerVersion = "newer-version",
     }
 }

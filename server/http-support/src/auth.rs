@@ -319,7 +319,12 @@ pub async fn require_token(
                 return Err(refusal);
             }
             request.extensions_mut().insert(holder);
-            let response = witness.watch(audited, request, next).await;
+            let mut response = witness.watch(audited, request, next).await;
+            if token.is_some() {
+                // A browser keeps answers for the holder of this token alone.
+                let headers = response.headers_mut();
+                headers.append(header::VARY, HeaderValue::from_static("authorization"));
+            }
             return Ok(match token {
                 Some(token) if is_endless(&response) => ending(response, access.closed(token)),
                 _ => response,

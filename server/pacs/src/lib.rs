@@ -52,10 +52,10 @@ const fn post(path: &'static str, scope: Scope, audited: Audited) -> Row {
 
 /// What a token must permit, and what is recorded, for each route.
 pub const SCOPES: &[Row] = &[
-    read("/dicomweb/studies", Audited::Query),
+    read("/dicomweb/studies", Audited::Identity),
     post("/dicomweb/studies", Scope::DicomStore, Audited::Store),
-    read("/dicomweb/series", Audited::Query),
-    read("/dicomweb/instances", Audited::Query),
+    read("/dicomweb/series", Audited::Identity),
+    read("/dicomweb/instances", Audited::Identity),
     read("/dicomweb/studies/{study}", Audited::Export),
     post(
         "/dicomweb/studies/{study}",
@@ -63,8 +63,8 @@ pub const SCOPES: &[Row] = &[
         Audited::Store,
     ),
     read("/dicomweb/studies/{study}/metadata", Audited::Identity),
-    read("/dicomweb/studies/{study}/series", Audited::Query),
-    read("/dicomweb/studies/{study}/instances", Audited::Query),
+    read("/dicomweb/studies/{study}/series", Audited::Identity),
+    read("/dicomweb/studies/{study}/instances", Audited::Identity),
     read("/dicomweb/studies/{study}/rendered3D", Audited::Picture),
     read("/dicomweb/studies/{study}/rendered3d", Audited::Picture),
     read("/dicomweb/studies/{study}/series/{series}", Audited::Export),
@@ -132,7 +132,7 @@ pub const SCOPES: &[Row] = &[
     read("/v1/dicom-results", Audited::Query),
     read("/v1/dicom-results/{id}", Audited::Query),
     // The identifiers of a study are in its body, not in an address.
-    post("/v1/launch", Scope::Read, Audited::Query),
+    post("/v1/launch", Scope::Read, Audited::Identity),
     read("/v1/pacs", Audited::No),
     post(
         "/v1/pacs/nodes/{name}/test",

@@ -94,8 +94,8 @@ impl Head {
 
 impl Cases {
     /// The heads that a query finds, the preferred one first, those that failed last. Of each series this is the newest
-    /// version that is ready, or else the newest that has not failed. Versions whose patient or study was corrected since
-    /// do not count.
+    /// version that is ready, or else the newest that has not failed. A version of images that came again with other pixels
+    /// counts only if there is no other one. Versions whose patient or study was corrected since do not count.
     ///
     /// # Errors
     /// If the rows cannot be read.
@@ -112,8 +112,9 @@ impl Cases {
             CaseState::Queued | CaseState::Preparing => 1,
             CaseState::Failed => 2,
         };
-        // Within a state, the newest stays first. If a correction was taken back, it is not the one that counts.
-        versions.sort_by_key(|(series, case)| (usable(case.state), series.superseded.is_some()));
+        // Within a state, the newest stays first. If a correction was taken back, it is not the one that counts; if it is still
+        // prepared, or failed, the picture from before it is not shown in its place.
+        versions.sort_by_key(|(series, case)| (series.superseded.is_some(), usable(case.state)));
         let mut seen = HashSet::new();
         versions.retain(|(series, _)| seen.insert(series.uids.clone()));
         let mut heads = Vec::with_capacity(versions.len());

@@ -276,7 +276,7 @@ impl Report {
                     number.to_string().into(),
                     side_of(words, finding).into(),
                     depth(finding.depth_mm).into(),
-                    position(finding.middle_in_patient()).into(),
+                    position(words, finding.middle_in_patient()).into(),
                     certainty.unwrap_or_default().into(),
                     Line::foreign(&finding.label),
                 ]
@@ -310,7 +310,10 @@ impl Report {
         let mut facts = vec![
             (words.side, Line::strong(side_of(words, finding))),
             (words.depth, depth(finding.depth_mm).into()),
-            (words.position, position(finding.middle_in_patient()).into()),
+            (
+                words.position,
+                position(words, finding.middle_in_patient()).into(),
+            ),
             (words.kind, words.kind(finding.kind).into()),
         ];
         if let Some(certainty) = finding.certainty {
@@ -436,22 +439,42 @@ fn places(words: &Words, maps: &LoadedMaps) -> Vec<Block<'static>> {
         if !is_said {
             blocks.push(Block::Text(note.into()));
         }
-        let head = [
-            words.rank,
-            words.side,
-            words.region,
-            words.depth,
-            words.position,
-            words.score,
-            words.unusual,
-            words.size,
-        ];
-        blocks.push(Block::Table(Table {
-            head: head.to_vec(),
-            rows,
-        }));
+        blocks.push(table_of_places(words, rows));
     }
+    blocks.extend(thick_places(words, &maps.thick[0]));
     blocks
+}
+
+/// The places where the map of thickness stands out, or that none does.
+fn thick_places(words: &Words, places: &[CandidateFacts]) -> Vec<Block<'static>> {
+    let ranked = (1_usize..).zip(places.iter().take(MAX_CANDIDATES));
+    let rows: Vec<_> = ranked
+        .filter(|(_, place)| place.stands_out())
+        .map(|(rank, place)| row_of(words, &rank.to_string(), place))
+        .collect();
+    let heading = Block::Subheading(words.thickness().into());
+    if rows.is_empty() {
+        return vec![heading, Block::Text(words.nothing_is_thick().into())];
+    }
+    let note = Block::Text(words.thickness_note().into());
+    vec![heading, note, table_of_places(words, rows)]
+}
+
+fn table_of_places(words: &Words, rows: Vec<Vec<Line>>) -> Block<'static> {
+    let head = [
+        words.rank,
+        words.side,
+        words.region,
+        words.depth,
+        words.position,
+        words.score,
+        words.unusual,
+        words.size,
+    ];
+    Block::Table(Table {
+        head: head.to_vec(),
+        rows,
+    })
 }
 
 fn row_of(words: &Words, rank: &str, place: &CandidateFacts) -> Vec<Line> {
@@ -460,7 +483,7 @@ fn row_of(words: &Words, rank: &str, place: &CandidateFacts) -> Vec<Line> {
         words.side(place.side).into(),
         words.region(place.region).into(),
         format!("{:.1} mm", place.depth_mm).into(),
-        position(place.position_in_patient).into(),
+        position(words, place.position_in_patient).into(),
         format!("{:.2}", place.score).into(),
         words.unusual(place.unusual).into(),
         format!("{:.0} mm", place.size_mm).into(),
@@ -472,7 +495,7 @@ fn line_about(words: &Words, finding: &Finding) -> Line {
         " ({}, {}, {})",
         side_of(words, finding),
         depth(finding.depth_mm),
-        position(finding.middle_in_patient()),
+        position(words, finding.middle_in_patient()),
     );
     let line = Line::foreign(&finding.label).and(place);
     match &*finding.note {
@@ -495,14 +518,21 @@ fn depth(mm: f64) -> String {
     format!("{mm:.1} mm")
 }
 
-fn position([x, y, z]: [f64; 3]) -> String {
-    format!("{x:.1}, {y:.1}, {z:.1}")
+/// A position with the sides of its coordinates, as the page has it: `R 35.0 · A 29.0 · S 32.0`.
+fn position(words: &Words, in_patient: [f64; 3]) -> String {
+    let sides = ["LR", "PA", "SI"];
+    let coordinates = in_patient.iter().zip(sides).map(|(mm, sides)| {
+        let side = &sides[usize::from(*mm < 0.0)..][..1];
+        format!("{} {:.1}", words.directions(side), mm.abs())
+    });
+    coordinates.collect::<Vec<_>>().join(" · ")
 }
 
 /// The values here and on the other side.
 fn table_of(words: &Words, numbers: &Numbers) -> Table {
     let value = |value: Option<f32>| value.map_or("–".to_owned(), |value| format!("{value:.2}"));
     let other = numbers.mirrored.as_ref().map(|mirrored| &mirrored.point);
+    let thickness = format!("{} (z)", words.thickness());
     let row = |name: &str, of: &dyn Fn(&ProfileSample) -> Option<f32>| {
         let values = [of(&numbers.own.point), other.and_then(of)];
         let [here, there] = values.map(value);
@@ -513,6 +543,7 @@ fn table_of(words: &Words, numbers: &Numbers) -> Table {
         rows: vec![
             row(words.intensity, &|sample| sample.intensity),
             row(words.blur, &|sample| sample.blur),
+            row(&thickness, &|sample| sample.thickness),
             row(words.sharpness, &|sample| sample.sharpness),
         ],
     }

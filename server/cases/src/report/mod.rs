@@ -96,9 +96,10 @@ struct Numbers {
 }
 
 /// The attributes of a patient and a study that a report names.
-const PATIENT: [&str; 6] = [
+const PATIENT: [&str; 7] = [
     "PatientName",
     "PatientID",
+    "IssuerOfPatientID",
     "PatientBirthDate",
     "PatientSex",
     "StudyDate",

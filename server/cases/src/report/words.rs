@@ -172,6 +172,18 @@ impl Words {
         self.of_page("candidates.nothing")
     }
 
+    pub(super) fn thickness(&self) -> &'static str {
+        self.of_page("map.thickness")
+    }
+
+    pub(super) fn thickness_note(&self) -> &'static str {
+        self.of_page("map.thickness.about")
+    }
+
+    pub(super) fn nothing_is_thick(&self) -> &'static str {
+        self.of_page("thick.nothing")
+    }
+
     pub(super) fn doubt_of_regions(&self, reason: &str) -> String {
         self.of_page("regions.doubt").replace("{reason}", reason)
     }
@@ -204,7 +216,7 @@ const ENGLISH: Words = Words {
     superseded: [
         "SUPERSEDED: the patient or the study of these images was corrected since",
         "REJECTED: these images were withdrawn in the archive",
-        "A newer version of this series exists",
+        "Other images of this series came later",
     ],
     findings: "Findings",
     finding: "Finding",
@@ -278,7 +290,7 @@ const PORTUGUESE: Words = Words {
     superseded: [
         "SUBSTITUÍDO: o paciente ou o estudo destas imagens foi corrigido depois",
         "REJEITADO: estas imagens foram retiradas no arquivo",
-        "Existe uma versão mais nova desta série",
+        "Outras imagens desta série chegaram depois",
     ],
     findings: "Achados",
     finding: "Achado",
@@ -348,6 +360,13 @@ mod tests {
             (&PORTUGUESE, "Nada se destaca.", "Nenhuma substância branca"),
         ] {
             assert!(words.nothing_stands_out().starts_with(nothing));
+            for text in [
+                words.thickness(),
+                words.thickness_note(),
+                words.nothing_is_thick(),
+            ] {
+                assert!(!text.is_empty());
+            }
             let doubt = words.doubt_of_regions("<reason>");
             assert!(
                 doubt.contains("<reason>") && !doubt.contains('{'),

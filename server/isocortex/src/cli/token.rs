@@ -1,13 +1,17 @@
 //! `isocortex token`.
 
+use std::fs::{File, OpenOptions};
 use std::io::Write as _;
+use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser as _;
 use clap::{Args, Subcommand};
 use http_support::scopes::{Role, Scope};
+use jiff::Timestamp;
 use jiff::civil::Date;
+use jiff::tz::TimeZone;
 
 use super::status::{CliError, ExitStatus};
 use crate::config::{Config, check_token_name};
@@ -69,8 +73,20 @@ pub(super) fn run(args: &TokenArgs) -> Result<(), CliError> {
     let TokenCommand::New(args) = &args.command;
     let usage = |why: String| CliError::new(ExitStatus::Usage, why);
     check_token_name(&args.name).map_err(usage)?;
+    if args
+        .until
+        .is_some_and(|day| day < Timestamp::now().to_zoned(TimeZone::UTC).date())
+    {
+        return Err(usage("`--until` lies in the past".to_owned()));
+    }
+    let unwritable = |error| {
+        let why = format!("{} cannot be written: {error}", args.file.display());
+        CliError::new(ExitStatus::CannotCreate, why)
+    };
+    // Nobody else adds a token meanwhile.
+    let mut file = opened(&args.file).map_err(unwritable)?;
     let mut config = Config::default();
-    config.http.tokens_file = args.file.exists().then(|| args.file.clone());
+    config.http.tokens_file = Some(args.file.clone());
     let known = config.named_tokens()?;
     if known.iter().any(|token| *token.holder.name == *args.name) {
         let why = format!(
@@ -82,10 +98,7 @@ pub(super) fn run(args: &TokenArgs) -> Result<(), CliError> {
     let mut random = [0; RANDOM_BYTES];
     getrandom::fill(&mut random).map_err(|error| CliError::new(ExitStatus::Internal, error))?;
     let token = format!("{PREFIX}{}", hex(&random));
-    append(&args.file, &entry(args, &token)).map_err(|error| {
-        let why = format!("{} cannot be written: {error}", args.file.display());
-        CliError::new(ExitStatus::CannotCreate, why)
-    })?;
+    append(&mut file, &entry(args, &token)).map_err(unwritable)?;
     println!("{token}");
     eprintln!("Keep this token now: the file has its digest only.");
     Ok(())
@@ -108,30 +121,21 @@ fn entry(args: &NewArgs, token: &str) -> String {
     )
 }
 
-/// Adds lines to a file in one piece, so that a server never reads half of them.
-fn append(path: &Path, lines: &str) -> std::io::Result<()> {
-    let before = match std::fs::read_to_string(path) {
-        Ok(text) => text,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
-        Err(error) => return Err(error),
-    };
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(before.as_bytes())?;
-    file.write_all(
-        lines
-            .trim_start_matches(if before.is_empty() { "\n" } else { "" })
-            .as_bytes(),
-    )?;
-    if let Ok(metadata) = path.metadata() {
-        file.as_file().set_permissions(metadata.permissions())?;
-    }
-    file.as_file().sync_all()?;
-    file.persist(path)?;
-    Ok(())
+/// The file of the tokens, locked; it is made if it is missing, for its owner alone.
+fn opened(path: &Path) -> std::io::Result<File> {
+    let mut options = OpenOptions::new();
+    let file = options.append(true).create(true).mode(0o600).open(path)?;
+    file.lock()?;
+    Ok(file)
+}
+
+/// Adds lines by one write. The file keeps its owner, and a link to it stays one. A server that reads half of the lines keeps the
+/// tokens that it has, and reads the file again.
+fn append(file: &mut File, lines: &str) -> std::io::Result<()> {
+    let is_empty = file.metadata()?.len() == 0;
+    let lines = if is_empty { lines.trim_start() } else { lines };
+    file.write_all(lines.as_bytes())?;
+    file.sync_all()
 }
 
 fn hex(bytes: &[u8]) -> String {

@@ -89,6 +89,9 @@ pub(crate) fn check_name(name: &str) -> Result<(), String> {
             "`{name}` stands for whoever has no name; choose another name"
         ));
     }
+    if name == "isocortex" {
+        return Err("`isocortex` stands for the program itself; choose another name".to_owned());
+    }
     if (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(is_plain) {
         return Ok(());
     }

@@ -42,7 +42,7 @@ pub struct CaseView {
     kept: bool,
     /// Why it is not the one that counts any more; absent if it is. `corrected`: the patient or the study of its images
     /// was corrected in the PACS since; `rejected`: the PACS has rejected its images; `newer-version`: other images of its
-    /// series became a newer case.
+    /// series came later, and may have become a newer case.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     superseded: Option<&'static str>,

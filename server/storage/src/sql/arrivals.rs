@@ -136,8 +136,8 @@ async fn leave_others(
     Ok(added)
 }
 
-/// Puts an image in the place of another one, so that the series is read again. If its patient or its study has changed,
-/// the cases of the series are superseded at once, before there is a new one.
+/// Puts an image in the place of another one, so that the series is read again. The cases of the series are superseded at once,
+/// before there is a new one.
 async fn replace(
     connection: &mut Connection,
     (id, new, change): (&str, &NewInstance, Change),
@@ -173,14 +173,22 @@ async fn replace(
         .fetch_one()
         .await?;
     jobs::cancel(connection, JobKind::SERIES, id).await?;
-    if change == Change::Owner {
-        connection
-            .query("UPDATE case_series SET superseded = 1 WHERE study_uid = $1 AND series_uid = $2")
-            .bind(new.uids.study.as_str())
-            .bind(new.uids.series.as_str())
-            .execute()
-            .await?;
-    }
+    // Those of the same patient and study show older pixels; what the archive has rejected or corrected stays so.
+    let (why, highest) = match change {
+        Change::Owner => (Superseded::Corrected, i64::MAX),
+        Change::Pixels => (Superseded::NewerVersion, 0),
+    };
+    connection
+        .query(
+            "UPDATE case_series SET superseded = $1
+             WHERE study_uid = $2 AND series_uid = $3 AND superseded <= $4",
+        )
+        .bind(superseded_code(Some(why)))
+        .bind(new.uids.study.as_str())
+        .bind(new.uids.series.as_str())
+        .bind(highest)
+        .execute()
+        .await?;
     Ok(match row.get::<i64>("superseded")? {
         1 => Added::FirstReplaced(id.to_owned()),
         _ => Added::Replaced,
