@@ -73,12 +73,6 @@ pub(super) fn run(args: &TokenArgs) -> Result<(), CliError> {
     let TokenCommand::New(args) = &args.command;
     let usage = |why: String| CliError::new(ExitStatus::Usage, why);
     check_token_name(&args.name).map_err(usage)?;
-    if args
-        .until
-        .is_some_and(|day| day < Timestamp::now().to_zoned(TimeZone::UTC).date())
-    {
-        return Err(usage("`--until` lies in the past".to_owned()));
-    }
     let unwritable = |error| {
         let why = format!("{} cannot be written: {error}", args.file.display());
         CliError::new(ExitStatus::CannotCreate, why)
@@ -101,6 +95,10 @@ pub(super) fn run(args: &TokenArgs) -> Result<(), CliError> {
     append(&mut file, &entry(args, &token)).map_err(unwritable)?;
     println!("{token}");
     eprintln!("Keep this token now: the file has its digest only.");
+    let today = Timestamp::now().to_zoned(TimeZone::UTC).date();
+    if args.until.is_some_and(|day| day < today) {
+        eprintln!("It opens nothing, because `--until` lies in the past.");
+    }
     Ok(())
 }
 
