@@ -232,6 +232,17 @@ async fn other_pixels_make_a_version_and_another_encoding_is_no_change() {
     assert_eq!(superseded(server, &second).await, "newer-version");
     let found = launched(&neighbour).await;
     assert!(first.ends_with(found["case"].as_str().unwrap()), "{found}");
+    // Other pixels that make no case at all do not leave it as if nothing had come.
+    let emptied = |slice: &Slice| Slice {
+        samples: slice.samples.iter().map(|_| 1).collect(),
+        ..slice.clone()
+    };
+    let emptied: Vec<_> = slices.iter().map(emptied).collect();
+    let stored = neighbour.store(&files(&emptied, Syntax::Explicit)).await;
+    assert_eq!(warnings(&stored).len(), slices.len());
+    assert_eq!(superseded(server, &first).await, "newer-version");
+    assert_eq!(neighbour.settled().await["state"], "nothing");
+    assert_eq!(superseded(server, &first).await, "newer-version");
 }
 
 #[tokio::test]
