@@ -42,7 +42,7 @@ export class MapsSection {
   readonly slot = h("div", {});
   /** The places of blur, then those of thick cortex: never mixed. */
   readonly #lists: readonly PlacesList[];
-  /** Where keys step: the list that was asked for last. */
+  /** Where keys step: the list that was asked for, unfolded or gone through last. */
   #stepped: PlacesList;
   /** How much of the junction the cuts meet slantwise, by depth. */
   readonly #slant = h("div", { class: "group-part slant", hidden: true });
@@ -63,9 +63,11 @@ export class MapsSection {
     const list = (map: ListingMap): PlacesList => {
       const made: PlacesList = new PlacesList(map, shown, {
         go: ({ position_in_patient, depth_mm }, layout) => {
+          this.#stepped = made;
           const wanted = layout ?? this.#state?.layout ?? "single";
           this.#actions.change(broughtTo(position_in_patient, depth_mm, wanted, this.#shown), true);
         },
+        used: () => (this.#stepped = made),
         sharpness: () => this.#layers.voxels("sharpness"),
         judge: (place, judgement, of) => this.#actions.judge(place, judgement, of),
         ask: (of) => this.#askForCandidates(of),

@@ -25,6 +25,8 @@ type Judgement = (typeof JUDGEMENTS)[number];
 export interface PlacesListener {
   /** A place is gone to, in a layout; null: in the one that is shown. */
   go(place: Candidate, layout: Layout | null): void;
+  /** The list is in use now: keys step through it. */
+  used(): void;
   sharpness(): Promise<Block>;
   /** A place becomes a finding, is dismissed, or neither. */
   judge(place: Candidate, judgement: Judgement | null, map: ListingMap): void;
@@ -38,7 +40,7 @@ export class PlacesTable {
   readonly element: HTMLElement;
   readonly #table: HTMLElement;
   /** Shows the places that do not stand out, or folds them again. */
-  readonly #fold = button("", () => this.#unfold(!this.#isUnfolded), { class: "fold" });
+  readonly #fold = button("", () => this.#turn(), { class: "fold" });
   #isUnfolded = false;
   readonly #map: ListingMap;
   readonly #shown: ReadyCase;
@@ -92,6 +94,11 @@ export class PlacesTable {
 
   get #shownPlaces(): readonly Candidate[] {
     return this.#isUnfolded ? this.#places : this.#places.filter(standsOut);
+  }
+
+  #turn(): void {
+    this.#unfold(!this.#isUnfolded);
+    if (this.#isUnfolded) this.#listener.used();
   }
 
   #unfold(isUnfolded: boolean): void {
