@@ -153,3 +153,70 @@ test(
     await context.close();
   },
 );
+
+test("what is typed goes on from field to field, and is kept as it is typed", { skip }, async () => {
+  const { page, context, troubles } = await openPage(browser);
+  page.on("dialog", (dialog) => void dialog.accept().catch(() => {}));
+  await open(page);
+  const before = (await stored()).length;
+  await page.waitForSelector(`.findings li:nth-child(${before})`);
+  await add(page);
+  // The new one is written about at once, by the keyboard alone: no letter may go to the shortcuts.
+  await page.keyboard.type("left gyrus ");
+  await page.keyboard.press("Tab");
+  await page.keyboard.press("Tab");
+  const note = page.locator(".finding-note").last();
+  assert.ok(await note.evaluate((field) => field === document.activeElement));
+  await page.keyboard.type("r, x and 1 to 6");
+  assert.equal(await page.locator(".finding-label").last().inputValue(), "left gyrus");
+  assert.equal(await note.inputValue(), "r, x and 1 to 6");
+  // It is sent while the field has the focus.
+  await until(stored, (list) => list.at(-1)?.note === "r, x and 1 to 6");
+  assert.ok(await note.evaluate((field) => field === document.activeElement));
+  // A click straight after typing is a click.
+  await page.keyboard.type(".");
+  const drawn = page.locator(".findings li").last().getByLabel("Shown");
+  await drawn.click();
+  assert.equal(await drawn.isChecked(), false);
+  // All that was typed into one field is one step.
+  const ways = page.locator(".findings").locator("..");
+  await ways.getByRole("button", { name: "Undo" }).click();
+  assert.deepEqual(
+    [await note.inputValue(), await page.locator(".finding-label").last().inputValue()],
+    ["", "left gyrus"],
+  );
+  await ways.getByRole("button", { name: "Redo" }).click();
+  assert.equal(await note.inputValue(), "r, x and 1 to 6.");
+
+  // Nothing waits until the field is left.
+  await note.click();
+  await page.keyboard.press("ControlOrMeta+End");
+  await page.keyboard.type(" The last sentence");
+  await page.reload();
+  const list = await until(stored, (now) => now.at(-1)?.note.endsWith("sentence") === true);
+  assert.equal(list.length, before + 1);
+  await page.waitForSelector(`.findings li:nth-child(${before + 1})`);
+  assert.equal(await note.inputValue(), "r, x and 1 to 6. The last sentence");
+  assert.deepEqual(troubles, []);
+  await context.close();
+});
+
+test("two readers who write about the same finding are told, and both go on in their own", { skip }, async () => {
+  const [first, second] = [await openPage(browser), await openPage(browser)];
+  await open(first.page);
+  await add(first.page);
+  const { length: before } = await until(stored, (list) => list.length > 0 && list.at(-1)?.note === "");
+  await open(second.page);
+  await second.page.waitForSelector(`.findings li:nth-child(${before})`);
+  await first.page.locator(".finding-note").last().fill("of the first");
+  await until(stored, (list) => list.at(-1)?.note === "of the first");
+  await second.page.locator(".finding-note").last().click();
+  await second.page.keyboard.type("of the second");
+  await until(stored, (list) => list.length === before + 1);
+  await second.page.getByText("Somebody else has changed the same findings").waitFor();
+  await second.page.keyboard.type(" reader");
+  const list = await until(stored, (now) => now.some(({ note }) => note === "of the second reader"));
+  assert.ok(list.some(({ note }) => note === "of the first"));
+  assert.ok(await second.page.getByText("Somebody else has changed the same findings").isVisible());
+  for (const { context } of [first, second]) await context.close();
+});

@@ -6,12 +6,16 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 import {
   type Finding,
   areSame,
+  isOff,
   joined,
+  markedFindings,
   merged,
   newFinding,
   plainFinding,
   readFindings,
 } from "../src/model/findings.ts";
+import type { Depths } from "../src/model/isosurface.ts";
+import { surfaceMarks } from "../src/model/marks.ts";
 import { plainLine, plainText } from "../src/model/text.ts";
 import { FindingsSync, type Kept } from "../src/page/findings-sync.ts";
 
@@ -83,6 +87,38 @@ test("what a reader types is cleaned of what the server refuses", () => {
   const { label, note, author } = plainFinding(wrong);
   assert.deepEqual([label, note, author], ["a b", "x\ny", "me"]);
   assert.ok(!("author" in plainFinding(a)));
+});
+
+test("a finding that does not lie on the surface of its depth is dashed there, where it was marked", () => {
+  // Depth is measured along x.
+  const along = ([x]: readonly number[]): number => x ?? NaN;
+  const depths: Depths = { voxel_mm: 1, depthAt: along, smoothAt: along, inwardAt: () => [1, 0, 0] };
+  const line = (from: number, to: number): Finding => ({
+    ...finding("line", {
+      kind: "line",
+      points_in_patient: [
+        [from, 0, 0],
+        [to, 9, 0],
+      ],
+    }),
+    depth_mm: 8,
+  });
+  const [on, across] = [line(8, 8.5), line(2, 14)];
+  assert.deepEqual([isOff(depths, on), isOff(depths, across), isOff(depths, line(NaN, 8))], [false, true, false]);
+  const marked = markedFindings(
+    [on, across],
+    new Set(),
+    () => [0, 0, 0],
+    (one) => isOff(depths, one),
+  );
+  const marks = surfaceMarks(marked, 8, { pixelOf: ([x, y]) => [x, y, 1] });
+  assert.deepEqual(
+    marks.map(({ isAway, parts }) => [isAway, parts[0]?.[0]]),
+    [
+      [false, [8, 0]],
+      [true, [2, 0]],
+    ],
+  );
 });
 
 // -- To the server and back

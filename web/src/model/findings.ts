@@ -1,5 +1,6 @@
 // What a reader marks and writes of a case: plain values, and how two readers' lists become one.
 
+import { type Depths, below } from "./isosurface.ts";
 import type { MapName } from "./maps.ts";
 import type { Side } from "./midsagittal.ts";
 import type { Marked } from "./marks.ts";
@@ -64,7 +65,7 @@ export function plainFinding(finding: Finding): Finding {
 }
 
 /** The middle of what was marked. */
-export function middleOf({ points_in_patient }: Finding): Vec3 {
+export function middleOf({ points_in_patient }: Pick<Finding, "points_in_patient">): Vec3 {
   const sum = (axis: 0 | 1 | 2): number => points_in_patient.reduce((all, point) => all + point[axis], 0);
   const count = points_in_patient.length;
   return [sum(0) / count, sum(1) / count, sum(2) / count];
@@ -174,16 +175,33 @@ export type Slide = (position_in_patient: Vec3, depth_mm: number) => Vec3;
 /** So near to its own depth a finding is where it was marked, in mm. */
 const OWN_MM = 0.005;
 
-/** The findings as they are drawn, but for those that are dismissed or hidden. */
+/** Points so far from the surface of their finding's depth are not on it, in mm. */
+const OFF_MM = 1.5;
+
+/** Whether a point of a finding does not lie on the surface of the finding's depth, such as those of a line in a slice. */
+export const isOff = (depths: Depths, { points_in_patient, depth_mm }: Finding): boolean =>
+  points_in_patient.some((point) => {
+    // Of a point of a slice the depth is known, not where the smoothed surface of that depth is.
+    const off_mm = Math.min(Math.abs(below(depths, point, depth_mm)), Math.abs(depths.depthAt(point) - depth_mm));
+    return off_mm > Math.max(OFF_MM, depths.voxel_mm);
+  });
+
+/**
+ * The findings as they are drawn, but for those that are dismissed or hidden; `off` are those that lie beside the
+ * surface of their depth: they are where they were marked, whatever depth is shown.
+ */
 export const markedFindings = (
   findings: readonly Finding[],
   hidden: ReadonlySet<string>,
   slide: Slide,
+  off: (finding: Finding) => boolean = () => false,
 ): readonly Marked[] =>
-  numbered(findings).flatMap(({ id, kind, points_in_patient, depth_mm, colour }, at) => {
+  numbered(findings).flatMap((finding, at) => {
+    const { id, kind, points_in_patient, depth_mm, colour } = finding;
     if (hidden.has(id)) return [];
     // A way to a target is straight, whatever depth is shown.
     const isWay = kind === "trajectory";
+    const isBeside = !isWay && off(finding);
     return {
       words: String(at + 1),
       points_in_patient,
@@ -191,8 +209,9 @@ export const markedFindings = (
       colour,
       depth_mm: isWay ? null : depth_mm,
       isOnSurface: true,
+      isOff: isBeside,
       pointsAt: (shown_mm) =>
-        isWay || Math.abs(shown_mm - depth_mm) < OWN_MM
+        isWay || isBeside || Math.abs(shown_mm - depth_mm) < OWN_MM
           ? points_in_patient
           : points_in_patient.map((point) => slide(point, shown_mm)),
     };

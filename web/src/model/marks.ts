@@ -14,6 +14,8 @@ export interface Marked {
   readonly depth_mm: number | null;
   /** Whether it is shown on the surface as well. */
   readonly isOnSurface: boolean;
+  /** Its points do not lie on the surface of its depth: there it is drawn dashed, at every depth. */
+  readonly isOff?: boolean;
   /** Its points on the surface at a depth. */
   pointsAt(depth_mm: number): readonly Vec3[];
 }
@@ -50,8 +52,8 @@ export function surfaceMarks(
       if (height_mm >= 0 && Number.isFinite(x + y)) parts.at(-1)?.push([x, y]);
       else if (parts.at(-1)?.length !== 0) parts.push([]);
     }
-    const isAway = marked.depth_mm !== null && Math.abs(marked.depth_mm - depth_mm) > AWAY_MM;
-    return markOf(marked, parts, isAway);
+    const isAtOther = marked.depth_mm !== null && Math.abs(marked.depth_mm - depth_mm) > AWAY_MM;
+    return markOf(marked, parts, isAtOther || marked.isOff === true);
   });
 }
 

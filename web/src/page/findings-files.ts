@@ -16,7 +16,7 @@ export interface FindingFilesHost {
   readonly sync: FindingsSync;
   readonly status: HTMLElement;
   /** Findings of a file have been added to those before. */
-  added(before: readonly Finding[]): void;
+  added(before: readonly Finding[], after: readonly Finding[]): void;
 }
 
 /** As what findings can be saved; those of DICOM if the case was made of it. */
@@ -57,21 +57,27 @@ export function findingFiles({ shown, sync, status, added }: FindingFilesHost): 
     if (!file) return;
     tell(status, t("export.working"));
     const before = sync.list;
+    let all = before;
     try {
       if ((await file.slice(128, 132).text()) === "DICM")
-        await sync.take(file, DICOM, (given) => joined(before, given));
+        await sync.take(file, DICOM, (given) => (all = joined(before, given)));
       else {
         const given = readFindings(await file.text());
         if (!given) return tell(status, t("findings.unreadable"));
         // All of it goes to the server, which takes all or nothing.
-        const body = JSON.stringify({ findings: joined(before, given) });
+        all = joined(before, given);
+        const body = JSON.stringify({ findings: all });
         await sync.take(body, "application/json", (stored) => stored);
       }
     } catch (problem) {
       return tell(status, problemWords(problem));
     }
-    added(before);
-    tell(status, t("findings.added", { count: number(sync.list.length - before.length) }));
+    // What others have added meanwhile is not taken back with the file.
+    const known = new Set(before.map(({ id }) => id));
+    const ids = new Set(all.map(({ id }) => id).filter((id) => !known.has(id)));
+    const taken = sync.list.filter(({ id }) => ids.has(id));
+    added(before, [...before, ...taken]);
+    tell(status, t("findings.added", { count: number(taken.length) }));
   };
 
   const isOfPatient = shown.links?.dicom !== undefined;

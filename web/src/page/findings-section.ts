@@ -4,16 +4,15 @@ import { Problem } from "../base/api.ts";
 import { h, iconButton, quiet, tell } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
-import { positionWords } from "../base/readout.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { broughtTo } from "../model/commands.ts";
 import {
-  CERTAINTIES,
   type Finding,
   LONGEST_LABEL,
-  LONGEST_NOTE,
   type NewFinding,
+  areSame,
   findingOfPlace,
+  isOff,
   markedFindings,
   merged,
   middleOf,
@@ -25,11 +24,11 @@ import { Flows } from "../model/flow.ts";
 import type { Depths } from "../model/isosurface.ts";
 import { type Candidate, type ListingMap, isMap } from "../model/maps.ts";
 import type { Marked } from "../model/marks.ts";
-import { mirrorPlane, sideOf } from "../model/midsagittal.ts";
 import type { ViewState } from "../model/state.ts";
-import { plainLine, plainText } from "../model/text.ts";
+import { plainLine } from "../model/text.ts";
 import type { Actions } from "./actions.ts";
-import { button, choice, line, row, tall, ticked } from "./fields.ts";
+import { button, line, row, ticked } from "./fields.ts";
+import { FindingRow } from "./finding-row.ts";
 import { findingFiles } from "./findings-files.ts";
 import { type FindingsHost, FindingsSync, type Kept } from "./findings-sync.ts";
 
@@ -73,7 +72,10 @@ export class FindingsSection {
   readonly #host: FindingsSectionHost;
   readonly #sync: FindingsSync;
   readonly #status = h("p", { class: "quiet", id: "findings-status", role: "status", hidden: true });
+  /** That two readers changed the same: it stands until one of the findings is taken out. */
+  readonly #doubled = h("p", { class: "doubtful", role: "status", hidden: true });
   readonly #list = h("ol", { class: "findings" });
+  readonly #rows = new Map<string, FindingRow>();
   readonly #none = quiet(t("findings.none"));
   readonly #undo: HTMLButtonElement;
   readonly #redo: HTMLButtonElement;
@@ -81,6 +83,8 @@ export class FindingsSection {
   /** The lists before and after each step of this reader: those that can be undone, and those that were. */
   #done: Step[] = [];
   #undone: Step[] = [];
+  /** The field that is being typed into, and the step that it makes. */
+  #writing: { readonly field: string; readonly step: Step } | null = null;
   /** Those that are not drawn, as long as the page is open. */
   readonly #hidden = new Set<string>();
   #flows: Flows | null = null;
@@ -88,7 +92,10 @@ export class FindingsSection {
   /** Whether what is stored could not be read, which is said. */
   #isUnread = false;
   readonly #leave = (event: Event): void => {
-    if (!this.#sync.isKept) event.preventDefault();
+    if (this.#sync.isKept) return;
+    event.preventDefault();
+    // It may be there before the reader has answered.
+    this.#sync.flush().catch(() => {});
   };
   readonly #turn = (): void => {
     if (!document.hidden) void this.load();
@@ -102,7 +109,7 @@ export class FindingsSection {
       id: host.shown.id,
       shown: (list) => this.#show(list),
       kept: (kept, problem) => this.#tell(kept, problem),
-      doubled: (count) => tell(this.#status, t("findings.doubled", { count: number(count) })),
+      doubled: (count) => tell(this.#doubled, t("findings.doubled", { count: number(count) })),
     };
     this.#sync = UNSENT.get(host.shown.id) ?? new FindingsSync(hears);
     this.#sync.meet(hears);
@@ -114,7 +121,7 @@ export class FindingsSection {
       shown: host.shown,
       sync: this.#sync,
       status: this.#status,
-      added: (before) => this.#did(before),
+      added: (before, after) => this.#did(before, after),
     });
     const reader = h("input", {
       type: "text",
@@ -131,6 +138,7 @@ export class FindingsSection {
       { class: "group-body" },
       row(add, this.#undo, this.#redo),
       this.#status,
+      this.#doubled,
       this.#none,
       ticked(this.#all, t("findings.shown")),
       this.#list,
@@ -195,9 +203,19 @@ export class FindingsSection {
     this.#sync.change(after);
   }
 
-  #did(before: readonly Finding[], after = this.#sync.list): void {
+  #did(before: readonly Finding[], after: readonly Finding[]): void {
+    if (areSame(before, after)) return;
     this.#done.push({ before, after });
     this.#undone = [];
+    this.#ways();
+    // Whoever takes one of the doubled findings out has seen them.
+    if (numbered(after).length < numbered(before).length) tell(this.#doubled, "");
+  }
+
+  /** Shows whether there is a way back, and one forth again. */
+  #ways(): void {
+    this.#undo.disabled = this.#done.length === 0;
+    this.#redo.disabled = this.#undone.length === 0;
   }
 
   /** Takes the last step of a way back; what others have changed meanwhile stays. */
@@ -206,6 +224,26 @@ export class FindingsSection {
     if (!step) return;
     back.push({ before: step.after, after: step.before });
     this.#sync.change(merged(step.after, step.before, this.#sync.list).list);
+  }
+
+  /** What is typed is in the list at once, so that it is sent, or missed, as all of it is; what one field hears is one step. */
+  #write(id: string, text: Partial<Pick<Finding, "label" | "note">>): void {
+    const written = (list: readonly Finding[]): readonly Finding[] =>
+      list.map((one) => (one.id === id ? plainFinding({ ...one, ...text }) : one));
+    const field = [id, ...Object.keys(text)].join();
+    const step = this.#done.at(-1);
+    if (step && this.#writing?.field === field && this.#writing.step === step) {
+      const longer = { before: step.before, after: written(step.after) };
+      this.#done[this.#done.length - 1] = longer;
+      this.#writing = { field, step: longer };
+      return this.#sync.change(written(this.#sync.list));
+    }
+    const after = written(this.#sync.list);
+    // A space at the end says nothing yet.
+    if (areSame(after, this.#sync.list)) return;
+    this.#did(this.#sync.list, after);
+    this.#writing = { field, step: this.#done.at(-1) as Step };
+    this.#sync.change(after);
   }
 
   #change(id: string, change: Partial<Finding>): void {
@@ -256,22 +294,69 @@ export class FindingsSection {
   // -- What is shown
 
   #show(list: readonly Finding[]): void {
-    this.#undo.disabled = this.#done.length === 0;
-    this.#redo.disabled = this.#undone.length === 0;
+    this.#ways();
     this.#none.hidden = list.length > 0;
     this.#all.closest("label")?.toggleAttribute("hidden", list.length === 0);
     this.#draw();
     this.#host.listed(list);
-    // What is being typed into stays as it is.
-    const items = new Map([...this.#list.children].map((item) => [(item as HTMLElement).dataset["id"], item]));
+    const focused = this.#list.contains(document.activeElement) ? (document.activeElement as HTMLElement) : null;
+    this.#follow(list, focused);
+    const ids = new Set(list.map(({ id }) => id));
+    for (const [id, { element }] of this.#rows)
+      if (!ids.has(id)) {
+        element.remove();
+        this.#rows.delete(id);
+      }
     const numbers = new Map(numbered(list).map((finding, at) => [finding.id, at + 1]));
-    const next = list.map((finding) => {
-      const item = items.get(finding.id);
-      const typing = item?.contains(document.activeElement) ?? false;
-      return item && typing ? item : this.#item(finding, numbers.get(finding.id));
+    for (const [at, finding] of list.entries()) {
+      // A row stays where hands are: what is put in anew loses the focus, and the click that is under way.
+      const row = this.#rows.get(finding.id) ?? this.#row(finding);
+      row.show(finding, numbers.get(finding.id) ?? null);
+      const there = this.#list.children[at] ?? null;
+      if (there !== row.element) this.#list.insertBefore(row.element, there);
+    }
+    // What is moved loses it.
+    if (focused && focused !== document.activeElement) focused.focus();
+  }
+
+  /** Where another reader has changed what is being typed into, hands stay in their own finding, which has another id now. */
+  #follow(list: readonly Finding[], focused: Element | null): void {
+    const row = focused && [...this.#rows.values()].find(({ element }) => element.contains(focused));
+    const theirs = row && list.find(({ id }) => id === row.id);
+    const own = row && list.find((one) => !this.#rows.has(one.id) && row.says(one));
+    if (!theirs || !own || row.says(theirs)) return;
+    this.#rows.delete(row.id);
+    if (this.#hidden.has(row.id)) this.#hidden.add(own.id);
+    this.#rows.set(own.id, row);
+    row.id = own.id;
+  }
+
+  #row(finding: Finding): FindingRow {
+    const { shown, actions } = this.#host;
+    const row: FindingRow = new FindingRow(finding, shown, !this.#hidden.has(finding.id), {
+      go: (to) => actions.change(broughtTo(middleOf(to), to.depth_mm, this.#host.state().layout, shown), true),
+      remove: () => {
+        this.#step(this.#sync.list.filter((one) => one.id !== row.id));
+        this.#host.announce(t("findings.removed"));
+      },
+      write: (text) => this.#write(row.id, text),
+      written: () => (this.#writing = null),
+      change: (change) => this.#change(row.id, change),
+      certain: (certainty) => {
+        const rest = this.#sync.list.map((other) => {
+          const { certainty: _old, ...others } = other;
+          return other.id === row.id ? { ...others, ...(certainty && { certainty }) } : other;
+        });
+        this.#step(rest);
+      },
+      draw: (isDrawn) => {
+        if (isDrawn) this.#hidden.delete(row.id);
+        else this.#hidden.add(row.id);
+        this.#draw();
+      },
     });
-    const isSame = next.every((item, at) => item === this.#list.children[at]);
-    if (!isSame || next.length !== this.#list.children.length) this.#list.replaceChildren(...next);
+    this.#rows.set(finding.id, row);
+    return row;
   }
 
   /** Draws the findings; their ways to other depths are walked a few at a time, and drawn when all are known. */
@@ -280,7 +365,8 @@ export class FindingsSection {
     const hidden = this.#all.checked ? this.#hidden : new Set(list.map(({ id }) => id));
     const slide = (position: readonly [number, number, number], depth_mm: number) =>
       this.#flows?.has(position) ? this.#flows.at(position, depth_mm) : position;
-    this.#host.draw(markedFindings(list, hidden, slide));
+    const depths = this.#host.depths();
+    this.#host.draw(markedFindings(list, hidden, slide, (finding) => depths !== null && isOff(depths, finding)));
     this.#walk();
   }
 
@@ -305,94 +391,5 @@ export class FindingsSection {
   /** The depth is known now. */
   redraw(): void {
     if (!this.#flows) this.#draw();
-  }
-
-  #item(finding: Finding, at: number | undefined): HTMLElement {
-    const { id } = finding;
-    const { shown, actions } = this.#host;
-    const middle = middleOf(finding);
-    const side = finding.side ?? sideOf(middle, mirrorPlane(shown));
-    const name = t(`findings.${finding.kind === "point" ? "name" : finding.kind}`, {
-      number: at === undefined ? t("findings.dismissed") : number(at),
-      side: t(`side.${side}`),
-      depth: number(finding.depth_mm, 1),
-    });
-    const go = button(
-      name,
-      () => actions.change(broughtTo(middle, finding.depth_mm, this.#host.state().layout, shown), true),
-      { class: "finding-name" },
-    );
-    const remove = iconButton("trash", t("findings.remove", { name }), () => {
-      this.#step(this.#sync.list.filter((one) => one.id !== id));
-      this.#host.announce(t("findings.removed"));
-    });
-    const label = h("input", {
-      type: "text",
-      class: "finding-label",
-      maxlength: LONGEST_LABEL,
-      value: finding.label,
-      dir: "auto",
-      placeholder: t("findings.label"),
-      "aria-label": `${name}: ${t("findings.label")}`,
-      change: () => this.#change(id, { label: (label.value = plainLine(label.value, LONGEST_LABEL)) }),
-    });
-    const note = h("textarea", {
-      class: "finding-note",
-      rows: 2,
-      maxlength: LONGEST_NOTE,
-      dir: "auto",
-      placeholder: t("findings.note"),
-      "aria-label": `${name}: ${t("findings.note")}`,
-      change: () => this.#change(id, { note: (note.value = plainText(note.value, LONGEST_NOTE)) }),
-    });
-    note.value = finding.note;
-    const certainty = choice(
-      `certainty-${id}`,
-      `${name}: ${t("findings.certainty")}`,
-      ["", ...CERTAINTIES],
-      (one) => t(one === "" ? "findings.uncertain" : `certainty.${one}`),
-      (one) => {
-        const rest = this.#sync.list.map((other) => {
-          const { certainty: _old, ...others } = other;
-          return other.id === id ? { ...others, ...(one !== "" && { certainty: one }) } : other;
-        });
-        this.#step(rest);
-      },
-    );
-    certainty.value = finding.certainty ?? "";
-    const colour = h("input", {
-      type: "color",
-      value: finding.colour,
-      "aria-label": `${name}: ${t("findings.colour")}`,
-      change: () => this.#change(id, { colour: colour.value }),
-    });
-    const dismissed = h("input", {
-      type: "checkbox",
-      checked: finding.is_dismissed,
-      change: () => this.#change(id, { is_dismissed: dismissed.checked }),
-    });
-    const seen = h("input", {
-      type: "checkbox",
-      checked: !this.#hidden.has(id),
-      change: () => {
-        if (seen.checked) this.#hidden.delete(id);
-        else this.#hidden.add(id);
-        this.#draw();
-      },
-    });
-    return h(
-      "li",
-      { "data-id": id, class: finding.is_dismissed ? "dismissed" : null },
-      row(go, remove),
-      label,
-      tall(t("findings.certainty"), certainty),
-      note,
-      line(t("findings.colour"), colour, ticked(dismissed, t("findings.dismiss")), ticked(seen, t("findings.drawn"))),
-      quiet(
-        [positionWords(middle), finding.author && t("findings.by", { reader: finding.author })]
-          .filter(Boolean)
-          .join(" · "),
-      ),
-    );
   }
 }

@@ -3,7 +3,7 @@
 import { h, iconButton, quiet, setText } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import type { ReadyCase } from "../model/case.ts";
-import type { NewFinding } from "../model/findings.ts";
+import { type NewFinding, middleOf } from "../model/findings.ts";
 import type { Isosurface } from "../model/geodesic.ts";
 import type { Depths } from "../model/isosurface.ts";
 import type { Marked } from "../model/marks.ts";
@@ -196,7 +196,10 @@ export class MeasuresSection implements PointTool {
     const words = wordsOf(measured);
     const keep = button(
       t("measure.keep"),
-      () => this.#host.keep(findingOf(measure, [words, columnWords(measured)].filter(Boolean).join("\n"))),
+      () => {
+        const note = [words, columnWords(measured)].filter(Boolean).join("\n");
+        this.#host.keep(findingOf({ ...measure, depth_mm: this.#depthOf(measure) }, note));
+      },
       { "aria-label": `${words}: ${t("measure.keep")}` },
     );
     const remove = iconButton("trash", t("findings.remove", { name: words }), () =>
@@ -205,6 +208,13 @@ export class MeasuresSection implements PointTool {
     const straight = values.along_mm === undefined ? null : quiet(t("measure.straight", lengthsOf(values)));
     const value = h("span", { class: "value" }, words);
     return h("li", { "data-tool": measure.tool }, value, straight, this.#columnOf(measured), row(keep, remove));
+  }
+
+  /** The depth of a measure as a finding: of what was set in slices that of its middle, if it is known. */
+  #depthOf({ where, points_in_patient, depth_mm }: Measure): number {
+    const depths = this.#host.depths();
+    const own_mm = where !== "surface" && depths ? depths.depthAt(middleOf({ points_in_patient })) : depth_mm;
+    return Number.isFinite(own_mm) ? own_mm : depth_mm;
   }
 
   /** The depths of a column, to be changed; null: there is none. */
