@@ -154,6 +154,10 @@ fn verify_process(
         expected = number + 1;
         verified.files += 1;
         let text = std::fs::read(path)?;
+        // A file begins with a line.
+        if text.is_empty() {
+            report(1, BreakKind::Truncated);
+        }
         for (at, line) in text.split_inclusive(|&byte| byte == b'\n').enumerate() {
             let Some(line) = line.strip_suffix(b"\n") else {
                 report(at + 1, BreakKind::Truncated);
@@ -321,6 +325,8 @@ mod tests {
         let (breaks, verified) = found(&[(1, all[..4].concat() + half)]);
         assert_eq!(breaks, [(5, BreakKind::Truncated)]);
         assert_eq!(verified.notes.len(), 1);
+        let (breaks, _) = found(&[(1, String::new())]);
+        assert_eq!(breaks, [(1, BreakKind::Truncated)]);
         // Whole lines that are missing at the end leave the note alone, and a last line that is not the one that was kept.
         let (breaks, verified) = found(&[(1, all[..4].concat())]);
         assert_eq!(breaks, []);

@@ -1,9 +1,10 @@
 //! An association of a peer with us, from its request to its release, as states: each PDU leads from one to the next.
 
+use std::collections::BTreeMap;
 use std::net::IpAddr;
 use std::time::Duration;
 
-use audit::{Action, Event, EventKind, Outcome};
+use audit::{Action, Event, EventKind, Outcome, digest_of_uid};
 use cases::arrivals::Reception;
 use cases::{Cases, Error, MAX_INSTANCE_BYTES};
 use dicom_ul::pdu::{AbortRQServiceProviderReason, AbortRQSource, PDataValue, PDataValueType, Pdu};
@@ -147,6 +148,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         contexts: &contexts,
         state: State::Command(Vec::new()),
         stored: 0,
+        studies: BTreeMap::new(),
         ignores_other_objects: options.ignores_other_objects,
         event: event_of(caller, &request.calling_ae_title),
         is_announced: false,
@@ -214,6 +216,8 @@ struct Messages<'a> {
     contexts: &'a [Context],
     state: State,
     stored: usize,
+    /// How many images of each study were stored, by the digest of its UID.
+    studies: BTreeMap<String, u64>,
     ignores_other_objects: bool,
     /// What is recorded.
     event: Event,
@@ -379,7 +383,7 @@ impl Messages<'_> {
         self.is_announced
     }
 
-    /// Records how many images have come.
+    /// Records how many images of each study have come.
     async fn record_end(&self, is_complete: bool) {
         if !self.is_announced {
             return;
@@ -389,11 +393,23 @@ impl Messages<'_> {
                 true => Outcome::Success,
                 false => Outcome::SeriousFailure,
             },
-            count: self.stored as u64,
+            count: 0,
             ..self.event.clone()
         };
-        if !self.record(ended).await {
-            tracing::error!("the end of an association is not in the audit record");
+        let of_study = |(study, count): (&String, &u64)| Event {
+            study: Some(study.as_str().into()),
+            count: *count,
+            ..ended.clone()
+        };
+        let mut events: Vec<_> = self.studies.iter().map(of_study).collect();
+        if events.is_empty() {
+            events.push(ended);
+        }
+        for event in events {
+            if !self.record(event).await {
+                tracing::error!("the end of an association is not in the audit record");
+                return;
+            }
         }
     }
 
@@ -439,12 +455,14 @@ impl Messages<'_> {
             let ignored = self.cases.ignore(identity, source).await;
             return ignored.map_or_else(|error| status_of(&error), |()| Status::Success);
         }
+        let study = digest_of_uid(identity.uids.study.as_str());
         let images = vec![(identity, file)];
         let received = match self.cases.receive(images, source).await {
             Ok(received) => received,
             Err(error) => return status_of(&error),
         };
         self.stored += 1;
+        *self.studies.entry(study).or_default() += 1;
         match received.first() {
             Some(Reception::Corrected) => Status::Corrected,
             Some(Reception::Refused) => Status::CannotUnderstand,
