@@ -160,6 +160,8 @@ test("what is typed goes on from field to field, and is kept as it is typed", { 
   await open(page);
   const before = (await stored()).length;
   await page.waitForSelector(`.findings li:nth-child(${before})`);
+  // What is hidden in the panel is scrolled with it, and makes the page no longer.
+  assert.equal(await page.evaluate(() => document.documentElement.scrollHeight - innerHeight), 0);
   await add(page);
   // The new one is written about at once, by the keyboard alone: no letter may go to the shortcuts.
   await page.keyboard.type("left gyrus ");
