@@ -29,12 +29,9 @@ import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { Overlay, overlayWords, titleWords } from "./overlay.ts";
 import type { Placed } from "./screenshot.ts";
-import type { SliceListener } from "./slice-parts.ts";
+import { MOST_PIXELS, MOST_SAVED_PIXELS, type SliceListener } from "./slice-parts.ts";
 import { isBesideAnother } from "./slice-words.ts";
 
-const MOST_PIXELS = 768;
-/** The larger side of a picture that is saved. */
-const MOST_SAVED_PIXELS = 4096;
 /** How much of the head is seen at first, along the smaller side of the pane. */
 const FIRST_MM = 90;
 /** What a step of the wheel and of the arrows turns, in degrees; with the shift key, a fine one. */

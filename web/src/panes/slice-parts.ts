@@ -7,6 +7,11 @@ import type { Vec2, Vec3 } from "../model/space.ts";
 import type { PointTool } from "./point-tool.ts";
 import type { Surface } from "./surface.ts";
 
+/** The larger side of a picture of the server. */
+export const MOST_PIXELS = 768;
+/** The larger side of a slice that is saved. */
+export const MOST_SAVED_PIXELS = 4096;
+
 /** Something that is drawn over a slice. */
 export interface SliceLayer {
   readonly element: SVGSVGElement;

@@ -34,13 +34,10 @@ import { type Vec2, type Vec3, add, subtract } from "../model/space.ts";
 import { type ViewState, edgesLayer, isMirrored } from "../model/state.ts";
 import { type AcrossPlane, traceOf, turnTo } from "../model/across.ts";
 import type { Placed } from "./screenshot.ts";
-import type { SliceLayer, SliceListener, SliceRole } from "./slice-parts.ts";
+import { MOST_PIXELS, MOST_SAVED_PIXELS, type SliceLayer, type SliceListener, type SliceRole } from "./slice-parts.ts";
 import { edgesWords, imageWords, isBesideAnother } from "./slice-words.ts";
 import { Trace } from "./trace.ts";
 
-const MOST_PIXELS = 768;
-/** The larger side of a slice that is saved. */
-const MOST_SAVED_PIXELS = 4096;
 /** The server's colours of outlines, in their order. */
 const OUTLINE_COLOURS = 8;
 /** A step of the wheel and of the arrows, in mm. */

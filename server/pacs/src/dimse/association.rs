@@ -147,7 +147,6 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         counts: &options.counts,
         contexts: &contexts,
         state: State::Command(Vec::new()),
-        stored: 0,
         studies: BTreeMap::new(),
         ignores_other_objects: options.ignores_other_objects,
         event: event_of(caller, &request.calling_ae_title),
@@ -201,7 +200,7 @@ async fn exchange<S: AsyncRead + AsyncWrite + Unpin>(
             }
             Pdu::ReleaseRQ => {
                 wire.send(&Pdu::ReleaseRP).await?;
-                return Ok(messages.stored);
+                return Ok(messages.stored());
             }
             Pdu::AbortRQ { .. } => return Err(Abort::ByPeer),
             _ => return Err(Abort::Unexpected),
@@ -215,9 +214,8 @@ struct Messages<'a> {
     counts: &'a AssociationCounts,
     contexts: &'a [Context],
     state: State,
-    stored: usize,
     /// How many images of each study were stored, by the digest of its UID.
-    studies: BTreeMap<String, u64>,
+    studies: BTreeMap<String, usize>,
     ignores_other_objects: bool,
     /// What is recorded.
     event: Event,
@@ -371,6 +369,11 @@ impl Messages<'_> {
         Ok(self.ignore(request, id, status, false))
     }
 
+    /// How many images were stored.
+    fn stored(&self) -> usize {
+        self.studies.values().sum()
+    }
+
     /// Records that images come, before the first one; whether that is on record.
     async fn announce(&mut self) -> bool {
         if !self.is_announced {
@@ -396,9 +399,9 @@ impl Messages<'_> {
             count: 0,
             ..self.event.clone()
         };
-        let of_study = |(study, count): (&String, &u64)| Event {
+        let of_study = |(study, &count): (&String, &usize)| Event {
             study: Some(study.as_str().into()),
-            count: *count,
+            count: count as u64,
             ..ended.clone()
         };
         let mut events: Vec<_> = self.studies.iter().map(of_study).collect();
@@ -461,7 +464,6 @@ impl Messages<'_> {
             Ok(received) => received,
             Err(error) => return status_of(&error),
         };
-        self.stored += 1;
         *self.studies.entry(study).or_default() += 1;
         match received.first() {
             Some(Reception::Corrected) => Status::Corrected,

@@ -120,14 +120,7 @@ async fn leave_others(
             .fetch_one()
             .await?;
         jobs::cancel(connection, JobKind::SERIES, &other).await?;
-        connection
-            .query(
-                "UPDATE case_series SET superseded = 1
-                 WHERE (study_uid, series_uid) = (SELECT study_uid, series_uid FROM arrivals WHERE id = $1)",
-            )
-            .bind(&other)
-            .execute()
-            .await?;
+        supersede(connection, &other, Superseded::Corrected).await?;
         added = Some(match row.get::<i64>("superseded")? {
             1 => Added::FirstReplaced(other),
             _ => Added::Replaced,
@@ -173,26 +166,37 @@ async fn replace(
         .fetch_one()
         .await?;
     jobs::cancel(connection, JobKind::SERIES, id).await?;
-    // Those of the same patient and study show older pixels; what the archive has rejected or corrected stays so.
-    let (why, highest) = match change {
-        Change::Owner => (Superseded::Corrected, i64::MAX),
-        Change::Pixels => (Superseded::NewerVersion, 0),
+    let why = match change {
+        Change::Owner => Superseded::Corrected,
+        Change::Pixels => Superseded::NewerVersion,
     };
-    connection
-        .query(
-            "UPDATE case_series SET superseded = $1
-             WHERE study_uid = $2 AND series_uid = $3 AND superseded <= $4",
-        )
-        .bind(superseded_code(Some(why)))
-        .bind(new.uids.study.as_str())
-        .bind(new.uids.series.as_str())
-        .bind(highest)
-        .execute()
-        .await?;
+    supersede(connection, id, why).await?;
     Ok(match row.get::<i64>("superseded")? {
         1 => Added::FirstReplaced(id.to_owned()),
         _ => Added::Replaced,
     })
+}
+
+/// Notes why the cases of a series are not the ones that count any more. A final reason takes the place of any other one, and that
+/// there are newer images of none.
+async fn supersede(
+    connection: &mut Connection,
+    arrival: &str,
+    why: Superseded,
+) -> Result<(), StoreError> {
+    let highest = if why.is_final() { i64::MAX } else { 0 };
+    connection
+        .query(
+            "UPDATE case_series SET superseded = $1
+             WHERE (study_uid, series_uid) = (SELECT study_uid, series_uid FROM arrivals WHERE id = $2)
+               AND superseded <= $3",
+        )
+        .bind(superseded_code(Some(why)))
+        .bind(arrival)
+        .bind(highest)
+        .execute()
+        .await?;
+    Ok(())
 }
 
 /// Counts an object that is not kept in the arrival of its series, which is made if there is none.
@@ -271,12 +275,7 @@ pub(super) async fn reject(
     if count_removed > 0 {
         jobs::cancel(connection, JobKind::SERIES, &id).await?;
     }
-    connection
-        .query("UPDATE case_series SET superseded = 2 WHERE study_uid = $1 AND series_uid = $2")
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
-        .execute()
-        .await?;
+    supersede(connection, &id, Superseded::Rejected).await?;
     Ok(())
 }
 
