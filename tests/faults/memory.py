@@ -1,6 +1,6 @@
-"""Resident memory over many cases: each is uploaded, prepared, drawn and loaded into every cache.
+"""Resident memory over many cases: each is uploaded, prepared, drawn and loaded into the cache whole.
 
-Afterwards the server may hold what its caches are configured to hold, and 150 MB more. By default 60 heads of 1 mm; with
+Afterwards the server may hold what its cache is configured to hold, and 150 MB more. By default 60 heads of 1 mm; with
 `--cases 200` the long form, and with `--volume HEAD --mask MASK` (or `--network WEIGHTS`) a real head.
 """
 
@@ -11,8 +11,8 @@ import time
 
 from attack import Report, Server, head, memory_mb
 
-# What is allowed beyond the caches, in MB.
-BESIDE_CACHES_MB = 150
+# What is allowed beyond the cache, in MB.
+BESIDE_CACHE_MB = 150
 
 MIB = 1 << 20
 
@@ -24,8 +24,7 @@ def arguments():
     parser.add_argument("--volume", help="a plain or gzipped NIfTI file")
     parser.add_argument("--mask", help="its mask")
     parser.add_argument("--network", help="the network's weights, instead of a mask")
-    parser.add_argument("--models", type=int, default=64, help="MiB of the cache of models")
-    parser.add_argument("--bodies", type=int, default=16, help="MiB of the cache of bodies")
+    parser.add_argument("--cache", type=int, default=96, help="MiB of the cache")
     parser.add_argument("--minutes", type=float, help="ends earlier, after this time")
     parser.add_argument("--plot", help="writes the memory after each case into this CSV file")
     return parser.parse_args()
@@ -57,11 +56,11 @@ def main():
     report = Report(f"memory over {asked.cases} cases")
     volume = read(asked.volume) or head(asked.spacing)
     others = {"mask": read(asked.mask)} if asked.mask else {}
-    allowed_mb = (asked.models * 5 / 4 + asked.bodies) * MIB / 1e6 + BESIDE_CACHES_MB
+    allowed_mb = asked.cache * MIB / 1e6 + BESIDE_CACHE_MB
     rows, started = [], time.monotonic()
     # To compare allocators.
     of_allocators = {name: value for name, value in os.environ.items() if name.startswith(("MALLOC_", "LD_PRELOAD"))}
-    settings = f"[render]\nmodel_cache_bytes = {asked.models * MIB}\n[http]\nbody_cache_bytes = {asked.bodies * MIB}\n"
+    settings = f"[render]\ncache_bytes = {asked.cache * MIB}\n"
     network = ["--network", asked.network] if asked.network else []
     environment = {"ISOCORTEX_LOG": "warn", **of_allocators}
     with Server(environment=environment, settings=settings, arguments=network) as server:

@@ -18,9 +18,9 @@ import os
 
 from attack import FORM, Report, Server, form, gzip_of_zeros, head, is_short, memory_mb, nifti_header, zip_of
 
-# What the caches may hold, in MiB, and what the server may hold beside them, in MB.
-MODELS_MIB, BODIES_MIB, BESIDE_CACHES_MB = 64, 16, 150
-SETTINGS = f"[render]\nmodel_cache_bytes = {MODELS_MIB << 20}\n[http]\nbody_cache_bytes = {BODIES_MIB << 20}\n"
+# What the cache may hold, in MiB, and what the server may hold beside them, in MB.
+CACHE_MIB, BESIDE_CACHE_MB = 128, 150
+SETTINGS = f"[render]\ncache_bytes = {CACHE_MIB << 20}\n"
 
 # Cases that are kept at a time, and the most handles that may be open once nobody is connected, beyond those at the start.
 LIVE, HANDLES_LEFT = 24, 12
@@ -305,7 +305,7 @@ def main():
     report = Report(f"a soak of {seconds / 60:g} minutes")
     heads = [head(spacing_mm) for spacing_mm in ((10.0, 8.0) if asked.short else (8.0, 6.0, 4.0, 3.0))]
     real = {"volume": read(asked.volume), **({"mask": read(asked.mask)} if asked.mask else {})} if asked.volume else None
-    allowed_mb = (MODELS_MIB * 7 / 4 + BODIES_MIB) * (1 << 20) / 1e6 + BESIDE_CACHES_MB
+    allowed_mb = CACHE_MIB * (1 << 20) / 1e6 + BESIDE_CACHE_MB
     with Server(environment={"ISOCORTEX_LOG": "warn"}, settings=SETTINGS) as server:
         first_handles = handles(server.process.pid)
         soak = Soak(server, seconds, asked.seed)

@@ -10,15 +10,14 @@ use geometry::phantom::head;
 use crate::server::form;
 use crate::several_machines::{Process, get, send};
 
-/// Cases of which the models and bodies would need more than is allowed, if none was dropped.
+/// Cases of which the models and answers would need more than is allowed, if none was dropped.
 const CASES: u8 = 12;
 
 /// Edge of a voxel of each head: the volume of one has 3 MB.
 const SPACING_MM: f64 = 1.5;
 
-/// What the caches may hold, and what the server may hold beside them, in MiB.
-const MODELS_MIB: u64 = 16;
-const BODIES_MIB: u64 = 4;
+/// What the cache may hold, and what the server may hold beside it, in MiB.
+const CACHE_MIB: u64 = 20;
 const BESIDE_MIB: u64 = 150;
 
 /// The resident memory of a process, in MiB.
@@ -29,7 +28,7 @@ fn resident_mib(pid: u32) -> u64 {
     kib.unwrap().parse::<u64>().unwrap() / 1024
 }
 
-/// Uploads a head, waits until it is ready, and loads it into every cache.
+/// Uploads a head, waits until it is ready, and loads every part of it into the cache.
 async fn use_case(server: SocketAddr, upload: &[u8]) {
     let case = send(server, "POST", "/v1/cases", Some(upload)).await.json();
     let address = case["links"]["self"].as_str().unwrap();
@@ -45,13 +44,12 @@ async fn use_case(server: SocketAddr, upload: &[u8]) {
 }
 
 #[tokio::test]
-async fn a_server_holds_no_more_than_its_caches_after_many_cases() {
+async fn a_server_holds_no_more_than_its_cache_after_many_cases() {
     let folder = tempfile::tempdir().unwrap();
     let config = folder.path().join("config.toml");
     let text = format!(
-        "[render]\nmodel_cache_bytes = {}\n[http]\nbody_cache_bytes = {}\n[limits]\nmaps = \"off\"\n",
-        MODELS_MIB << 20,
-        BODIES_MIB << 20
+        "[render]\ncache_bytes = {}\n[limits]\nmaps = \"off\"\n",
+        CACHE_MIB << 20
     );
     std::fs::write(&config, text).unwrap();
     let options = ["--config", config.to_str().unwrap()];
@@ -74,8 +72,5 @@ async fn a_server_holds_no_more_than_its_caches_after_many_cases() {
     }
     let resident_mib = resident_mib(process.id());
     println!("{resident_mib} MiB");
-    assert!(
-        resident_mib <= MODELS_MIB + BODIES_MIB + BESIDE_MIB,
-        "{resident_mib} MiB"
-    );
+    assert!(resident_mib <= CACHE_MIB + BESIDE_MIB, "{resident_mib} MiB");
 }

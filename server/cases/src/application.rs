@@ -1,8 +1,7 @@
 //! The application, which a protocol needs to serve cases.
 
-use std::fmt;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use audit::Audit;
@@ -14,19 +13,14 @@ use quick_cache::sync::Cache;
 use storage::{Location, Store, StoreError};
 
 use crate::apart::Apart;
+use crate::cache::Part;
 use crate::check_memory::CheckMemory;
 use crate::dicom::{DicomReader, HeaderReader, Program, ReaderMemory};
 use crate::error::Error;
-use crate::library::Library;
+use crate::library::{Library, LibraryOptions};
 use crate::limit::ConcurrencyLimit;
-use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel, WholeVolumes};
+use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel};
 use crate::pictures::{Graphics, GraphicsOptions};
-
-/// The memory for maps, as a fraction of the memory for loaded cases, in addition to it.
-const MAPS_PART: u64 = 4;
-
-/// The same for whole volumes, which slices show.
-const WHOLE_PART: u64 = 4;
 
 /// The largest DICOM file of a PACS, in bytes: a multi-frame image of a head has some 100 MB.
 pub const MAX_INSTANCE_BYTES: u64 = 512 << 20;
@@ -54,8 +48,8 @@ pub struct Options {
     pub render_threads: usize,
     /// The number of these that may wait.
     pub max_queued_renders: usize,
-    /// Memory for loaded cases, in bytes.
-    pub model_cache_bytes: u64,
+    /// Memory for what is kept of cases, in bytes.
+    pub cache_bytes: u64,
     /// Threads of each preparation.
     pub preparation_threads: usize,
     /// Whether each preparation runs in a process of its own, which is `dicom_program`.
@@ -112,12 +106,12 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
             apart.preparation(pipeline.has_network())
         }
     };
-    let library = if options.makes_maps {
-        let cache_bytes = options.model_cache_bytes / MAPS_PART;
-        Library::with_maps(store, preparation, options.limits, cache_bytes)
-    } else {
-        Library::new(store, preparation, options.limits)
+    let library_options = LibraryOptions {
+        limits: options.limits,
+        makes_maps: options.makes_maps,
+        cache_bytes: options.cache_bytes,
     };
+    let library = Library::new(store, preparation, library_options);
     Ok(library.with_audit(options.audit.clone()))
 }
 
@@ -130,8 +124,6 @@ pub struct Cases {
     pub library: Library,
     /// Cases in memory.
     pub models: Models,
-    /// Whole volumes in memory.
-    whole_volumes: WholeVolumes,
     /// The queue for pictures, meshes and all other CPU work for clients.
     pub queue: ConcurrencyLimit,
     /// The graphics device, if there is one.
@@ -145,45 +137,8 @@ pub struct Cases {
     /// One registration of cases at a time: pictures get their turns between them.
     pub(crate) registering: Arc<tokio::sync::Mutex<()>>,
     deidentify: bool,
-    remembered: Arc<Remembered>,
-}
-
-type ForgetHook = Box<dyn Fn(&CaseId) + Send + Sync>;
-
-/// The cases that were ready recently, and the other caches of cases.
-struct Remembered {
-    ready: Cache<CaseId, (Instant, Arc<CaseFacts>)>,
-    /// Held only briefly.
-    hooks: Mutex<Vec<ForgetHook>>,
-}
-
-impl Remembered {
-    fn hooks(&self) -> MutexGuard<'_, Vec<ForgetHook>> {
-        self.hooks.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn forget(&self, id: &CaseId) {
-        self.ready.remove(id);
-        for hook in self.hooks().iter() {
-            hook(id);
-        }
-    }
-}
-
-impl Default for Remembered {
-    fn default() -> Self {
-        Self {
-            ready: Cache::new(REMEMBERED_CASES),
-            hooks: Mutex::default(),
-        }
-    }
-}
-
-impl fmt::Debug for Remembered {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (ready, hooks) = (self.ready.len(), self.hooks().len());
-        write!(formatter, "Remembered({ready} cases, {hooks} hooks)")
-    }
+    /// The cases that were ready recently. They are not in the cache of the library: if the database is away, they stay.
+    remembered: Arc<Cache<CaseId, (Instant, Arc<CaseFacts>)>>,
 }
 
 impl Cases {
@@ -199,12 +154,10 @@ impl Cases {
 
     /// The application on a library.
     pub fn on(library: Library, options: &Options) -> Self {
-        let remembered = Arc::<Remembered>::default();
-        let weak = Arc::downgrade(&remembered);
+        let remembered = Arc::new(Cache::new(REMEMBERED_CASES));
+        let ready = Arc::clone(&remembered);
         library.store().on_delete(move |id| {
-            if let Some(remembered) = weak.upgrade() {
-                remembered.forget(id);
-            }
+            ready.remove(id);
         });
         let dicom = DicomReader::new(
             options.dicom_program.clone(),
@@ -213,10 +166,8 @@ impl Cases {
         );
         let memory = ReaderMemory::default();
         let dicom = dicom.with_memory(memory.clone());
-        let whole_bytes = options.model_cache_bytes / WHOLE_PART;
-        let cases = Self {
-            models: Models::new(library.clone(), options.model_cache_bytes),
-            whole_volumes: WholeVolumes::new(library.clone(), whole_bytes),
+        Self {
+            models: Models::new(library.clone()),
             library,
             queue: ConcurrencyLimit::new(options.render_threads, options.max_queued_renders),
             graphics: Graphics::start(options.graphics),
@@ -231,10 +182,7 @@ impl Cases {
             registering: Arc::default(),
             deidentify: options.deidentify,
             remembered,
-        };
-        let whole_volumes = cases.whole_volumes.clone();
-        cases.on_forget(move |id| whole_volumes.forget(id));
-        cases
+        }
     }
 
     /// The store of the cases.
@@ -265,7 +213,7 @@ impl Cases {
     /// # Errors
     /// [`Error::NoSuchCase`], [`Error::NotReady`], the failure of a failed case, or an error of the store.
     pub async fn ready(&self, id: &CaseId) -> Result<Arc<CaseFacts>, Error> {
-        let remembered = self.remembered.ready.get(id);
+        let remembered = self.remembered.get(id);
         if let Some((since, facts)) = &remembered
             && since.elapsed() < REMEMBERED_FOR
         {
@@ -284,7 +232,6 @@ impl Cases {
             (CaseState::Ready, Some(facts), _) => {
                 let facts = Arc::new(facts);
                 self.remembered
-                    .ready
                     .insert(*id, (Instant::now(), Arc::clone(&facts)));
                 Ok(facts)
             }
@@ -308,7 +255,7 @@ impl Cases {
 
     /// The verdict on the mask of a recently requested case.
     pub fn known_quality(&self, id: &CaseId) -> Option<QualityState> {
-        let (_, facts) = self.remembered.ready.get(id)?;
+        let (_, facts) = self.remembered.get(id)?;
         facts.quality.as_ref().map(|quality| quality.state)
     }
 
@@ -340,10 +287,19 @@ impl Cases {
     /// # Errors
     /// As [`Cases::ready`].
     pub async fn whole_volume(&self, id: &CaseId) -> Result<Arc<Volume>, Error> {
-        if let Some(volume) = self.whole_volumes.get(id).await? {
-            return Ok(volume);
+        let load = async {
+            let volume = self.library.whole_volume(id).await?;
+            volume.ok_or(Error::NoSuchCase)
+        };
+        match self
+            .library
+            .cache()
+            .get_or_make(id, Part::WholeVolume, load)
+            .await
+        {
+            Err(Error::NoSuchCase) => Err(self.gone(id).await),
+            loaded => loaded,
         }
-        Err(self.gone(id).await)
     }
 
     /// The whole acquired volume of a case in any state: from its source, unless the case is ready.
@@ -355,7 +311,7 @@ impl Cases {
         if self.case(id).await?.state == CaseState::Ready {
             return self.whole_volume(id).await;
         }
-        let read = Box::pin(async {
+        let read = async {
             let names = self.store().case_objects(id).await?;
             let Some(source) = self.library.source(id, &names).await? else {
                 return Err(Error::from(Failure::source_damaged()));
@@ -367,14 +323,15 @@ impl Cases {
                 pipeline::read_volume(&source, &limits)
             });
             Ok(volume.await.map_err(StoreError::from)??)
-        });
-        self.whole_volumes.get_or_read(id, read).await
+        };
+        let cache = self.library.cache();
+        cache.get_or_make(id, Part::WholeVolume, read).await
     }
 
     /// The reason why a case that was ready a moment ago cannot be read: it has been deleted, or has failed because its
     /// source is lost.
     pub(crate) async fn gone(&self, id: &CaseId) -> Error {
-        self.remembered.forget(id);
+        self.forget(id);
         self.ready(id).await.err().unwrap_or(Error::Unavailable)
     }
 
@@ -384,13 +341,12 @@ impl Cases {
     /// As [`Store::delete`].
     pub async fn delete(&self, id: &CaseId) -> Result<bool, Error> {
         let deleted = self.store().delete(id).await;
-        self.remembered.forget(id);
+        self.forget(id);
         Ok(deleted?)
     }
 
-    /// Calls `hook` whenever a case is found missing, or is removed by this process or, if the database reports it, by
-    /// others.
-    pub fn on_forget(&self, hook: impl Fn(&CaseId) + Send + Sync + 'static) {
-        self.remembered.hooks().push(Box::new(hook));
+    fn forget(&self, id: &CaseId) {
+        self.remembered.remove(id);
+        self.library.cache().forget(id);
     }
 }

@@ -5,7 +5,7 @@
 mod apart;
 mod application;
 pub mod arrivals;
-mod cache;
+pub mod cache;
 mod check_memory;
 mod confine;
 mod decoded_uploads;
@@ -34,5 +34,5 @@ pub use confine::{Confinement, hide};
 pub use error::Error;
 pub use fair::{Client, for_client};
 pub use intake::VolumeFiles;
-pub use library::{Library, Preparation};
+pub use library::{Library, LibraryOptions, Preparation};
 pub use limit::{ConcurrencyLimit, Queued, Turn};

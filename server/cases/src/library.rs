@@ -2,7 +2,6 @@
 //!
 //! Everything except the uploaded files is derived from them; a missing or damaged derived object is rebuilt here.
 
-mod layer_cache;
 mod layers;
 mod loaded_maps;
 mod maps;
@@ -15,10 +14,9 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use self::layer_cache::{LayerCache, layer_cache};
 pub use self::layers::LayerVoxels;
-use self::loaded_maps::MapsCache;
 pub use self::loaded_maps::{LoadedMaps, MapsState};
+use crate::cache::CaseCache;
 use crate::decoded_uploads::{DecodedUploads, OfferedUpload};
 use audit::Audit;
 use bytes::Bytes;
@@ -32,8 +30,26 @@ use storage::{
     Attempt, Count, ObjectName, Publisher, Store, StoreError, Submitted, Upload, frame_all,
 };
 
-/// Memory for layers of a library without maps, in bytes.
-const LAYER_BYTES: u64 = 256 << 20;
+/// What a library may take, and what it makes.
+#[derive(Debug, Clone, Copy)]
+pub struct LibraryOptions {
+    /// The limits of uploads.
+    pub limits: Limits,
+    /// Whether maps of the cases are computed.
+    pub makes_maps: bool,
+    /// Memory for what is kept of cases, in bytes.
+    pub cache_bytes: u64,
+}
+
+impl Default for LibraryOptions {
+    fn default() -> Self {
+        Self {
+            limits: Limits::default(),
+            makes_maps: false,
+            cache_bytes: 1 << 30,
+        }
+    }
+}
 
 /// The work on an upload: returns the objects and facts of a case, or the reason why there are none.
 ///
@@ -98,71 +114,36 @@ pub struct Library {
 struct Inner {
     store: Store,
     preparation: Preparation,
-    /// The limits of uploads.
-    limits: Limits,
+    options: LibraryOptions,
     /// One rebuild at a time in this process, because it needs the memory of a whole preparation; held across awaits.
     /// Each case is rebuilt by one process at a time ([`Store::rebuild_alone`]).
     rebuilding: tokio::sync::Mutex<()>,
     /// One division of a brain at a time in this process; held across awaits.
     dividing: tokio::sync::Mutex<()>,
-    /// `None` if no maps are computed.
-    maps: Option<MapsCache>,
-    /// Layers in memory.
-    layers: LayerCache,
+    /// What is kept of cases.
+    cache: CaseCache,
     /// Volumes that were decoded for their check.
     decoded_uploads: DecodedUploads,
 }
 
 impl Library {
-    /// The cases of a store with this preparation and these limits, without maps.
-    pub fn new(store: Store, preparation: Preparation, limits: Limits) -> Self {
-        Self::on(store, preparation, limits, None, LAYER_BYTES)
-    }
-
-    /// The same with maps, and a limit on the bytes of maps, and of layers, in memory.
-    pub fn with_maps(
-        store: Store,
-        preparation: Preparation,
-        limits: Limits,
-        cache_bytes: u64,
-    ) -> Self {
-        let maps = MapsCache::new(cache_bytes);
-        Self::on(store, preparation, limits, Some(maps), cache_bytes)
-    }
-
-    fn on(
-        store: Store,
-        preparation: Preparation,
-        limits: Limits,
-        maps: Option<MapsCache>,
-        layer_bytes: u64,
-    ) -> Self {
-        let is_apart = preparation.is_apart;
-        let library = Self {
+    /// The cases of a store with this preparation and these options.
+    pub fn new(store: Store, preparation: Preparation, options: LibraryOptions) -> Self {
+        let cache = CaseCache::new(options.cache_bytes);
+        let kept = cache.clone();
+        store.on_delete(move |id| kept.forget(id));
+        Self {
             inner: Arc::new(Inner {
+                decoded_uploads: DecodedUploads::new(!preparation.is_apart),
                 store,
                 preparation,
-                limits,
+                options,
                 rebuilding: tokio::sync::Mutex::default(),
                 dividing: tokio::sync::Mutex::default(),
-                maps,
-                layers: layer_cache(layer_bytes),
-                decoded_uploads: DecodedUploads::new(!is_apart),
+                cache,
             }),
             audit: Audit::default(),
-        };
-        let weak = Arc::downgrade(&library.inner);
-        library.store().on_delete(move |id| {
-            if let Some(inner) = weak.upgrade() {
-                let library = Self {
-                    inner,
-                    audit: Audit::default(),
-                };
-                library.forget_maps(id);
-                library.forget_layers(id);
-            }
-        });
-        library
+        }
     }
 
     /// The same, with a record of who does what.
@@ -178,7 +159,7 @@ impl Library {
 
     /// The cases of a store, with the usual preparation.
     pub fn of(store: Store) -> Self {
-        Self::new(store, Preparation::default(), Limits::default())
+        Self::new(store, Preparation::default(), LibraryOptions::default())
     }
 
     /// The store.
@@ -186,14 +167,19 @@ impl Library {
         &self.inner.store
     }
 
+    /// What is kept of the cases in memory.
+    pub fn cache(&self) -> &CaseCache {
+        &self.inner.cache
+    }
+
     /// The limits of uploads.
     pub fn limits(&self) -> Limits {
-        self.inner.limits
+        self.inner.options.limits
     }
 
     /// Whether maps of the cases are computed.
     pub fn makes_maps(&self) -> bool {
-        self.inner.maps.is_some()
+        self.inner.options.makes_maps
     }
 
     /// Whether the preparation has a network for brain extraction.
@@ -215,7 +201,7 @@ impl Library {
         cancelled: &AtomicBool,
     ) -> Result<Derived, Failure> {
         let prepare = &self.inner.preparation.prepare;
-        let limits = &self.inner.limits;
+        let limits = &self.inner.options.limits;
         prepare(input, parameters, limits, observe, cancelled)
     }
 
@@ -229,7 +215,7 @@ impl Library {
         source: Source,
         parameters: Parameters,
     ) -> Result<Submitted, StoreError> {
-        let (limits, has_network) = (self.inner.limits, self.has_network());
+        let (limits, has_network) = (self.limits(), self.has_network());
         let settle = move || (settled(&source, parameters, &limits, has_network), source);
         let ((parameters, read), source) = tokio::task::spawn_blocking(settle).await?;
         let volume = self.store().spool_all(source.volume).await?;

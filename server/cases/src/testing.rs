@@ -6,12 +6,11 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use case::{Case, CaseId, CaseState, Failure, ObjectKind, Parameters, Progress, Stage};
-use imaging::Limits;
 use pipeline::{Derived, Source};
 use storage::testing::{facts, failure};
 use storage::{Options, Store};
 
-use crate::library::{Library, Preparation};
+use crate::library::{Library, LibraryOptions, Preparation};
 
 /// A preparation that takes as long as it is told, and whose results are made of the source's bytes.
 #[derive(Debug, Default)]
@@ -99,7 +98,7 @@ pub(crate) fn fake_objects(volume: &[u8]) -> Vec<(ObjectKind, Bytes)> {
 
 /// The library of a store whose cases are prepared by a fake.
 pub(crate) fn library_on(store: Store, fake: &Arc<Fake>) -> Library {
-    Library::new(store, fake.preparation(), Limits::default())
+    Library::new(store, fake.preparation(), LibraryOptions::default())
 }
 
 /// Options of a store whose workers are quick to look for work.

@@ -103,7 +103,6 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
             idle: Duration::from_secs(config.http.upload_idle_secs),
             whole: Duration::from_secs(config.http.upload_timeout_secs),
         },
-        body_cache_bytes: config.http.body_cache_bytes,
         answer_timeout: Duration::from_secs(config.http.answer_timeout_secs),
         frame_ancestors,
         guard_all: config.http.guard_all,

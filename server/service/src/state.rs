@@ -23,8 +23,6 @@ pub struct HttpOptions {
     pub access: Access,
     /// What uploads may take.
     pub uploads: UploadLimits,
-    /// Memory for compressed bodies, in bytes.
-    pub body_cache_bytes: u64,
     /// Time for an answer.
     pub answer_timeout: Duration,
     /// Origins in whose frames the page may stand, beside its own.
@@ -63,7 +61,7 @@ impl AppState {
     pub fn new(cases: Cases, options: HttpOptions) -> Self {
         let metrics = Metrics::new();
         Self {
-            bodies: Bodies::new(&cases, options.body_cache_bytes),
+            bodies: Bodies::new(&cases),
             uploads: Uploads::new(options.uploads, metrics.clone()),
             cases,
             metrics,

@@ -32,7 +32,7 @@ fn application(store: Store, script: &str) -> Cases {
         head: HeadLimits::default(),
         render_threads: 1,
         max_queued_renders: 4,
-        model_cache_bytes: 1 << 20,
+        cache_bytes: 1 << 20,
         graphics: GraphicsOptions::of_one(GpuUse::Off),
         dicom_program: Program::other("/bin/sh".into(), arguments),
         max_dicom_bytes: 1 << 20,

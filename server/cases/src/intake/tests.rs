@@ -17,7 +17,7 @@ use super::*;
 use crate::application::Options;
 use crate::dicom::Program;
 use crate::jobs::Workers;
-use crate::library::{Library, Preparation};
+use crate::library::{Library, LibraryOptions, Preparation};
 use crate::pictures::{GpuUse, GraphicsOptions};
 use crate::testing::{settled_state, until};
 
@@ -50,7 +50,7 @@ async fn setup() -> Setup {
         head: HeadLimits::default(),
         render_threads: 1,
         max_queued_renders: 4,
-        model_cache_bytes: 1 << 20,
+        cache_bytes: 1 << 20,
         graphics: GraphicsOptions::of_one(GpuUse::Off),
         dicom_program: Program::default(),
         max_dicom_bytes: 1 << 20,
@@ -70,7 +70,11 @@ async fn setup() -> Setup {
         }),
     };
     let store = Store::open_with(directory.path(), options.store.clone());
-    let library = Library::new(store.await.unwrap(), preparation, options.limits);
+    let library_options = LibraryOptions {
+        limits: options.limits,
+        ..LibraryOptions::default()
+    };
+    let library = Library::new(store.await.unwrap(), preparation, library_options);
     Setup {
         cases: Cases::on(library, &options),
         was_read,

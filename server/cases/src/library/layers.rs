@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
-use case::{CaseFacts, CaseId, Failure, Layer as LayerRow, LayerFacts, LayerKind, ObjectKind};
+use case::{CaseFacts, Failure, Layer as LayerRow, LayerFacts, LayerKind, ObjectKind};
 use geometry::{Envelope, Volume};
 use pipeline::codec::decode_volume;
 use pipeline::layers::{
@@ -14,6 +14,7 @@ use render::{KeyedLayer, Layer, LayerKey, LayerValues};
 use storage::StoreError;
 
 use super::Library;
+use crate::cache::Part;
 use crate::error::Error;
 use crate::pictures::ready;
 use crate::profile::{ProfileLayer, SampledLayer};
@@ -97,7 +98,7 @@ impl Library {
     /// # Errors
     /// As [`Library::layer_voxels`].
     pub async fn layer(&self, row: &LayerRow) -> Result<KeyedLayer, Error> {
-        let key = (row.case, row.id, row.name.clone());
+        let part = Part::Layer(row.id, row.name.clone());
         let load = async {
             let voxels = self.layer_voxels(row).await?;
             let owned = row.clone();
@@ -108,7 +109,8 @@ impl Library {
                 layer: Arc::new(layer.map_err(StoreError::from)??),
             })
         };
-        self.inner.layers.get_or_insert_async(&key, load).await
+        let kept = self.cache().get_or_make(&row.case, part, load).await?;
+        Ok((*kept).clone())
     }
 
     /// A layer for a profile.
@@ -157,11 +159,6 @@ impl Library {
             facts,
             kind: row.parameters.kind,
         })
-    }
-
-    /// Drops the layers of a case from memory.
-    pub(super) fn forget_layers(&self, id: &CaseId) {
-        self.inner.layers.retain(|(case, ..), _| case != id);
     }
 
     /// Prepares a layer on a blocking thread; `None` if its case is gone.

@@ -1,20 +1,14 @@
 //! The maps of cases in memory.
 
-use std::fmt;
 use std::sync::Arc;
 
-use case::{CandidateFacts, CaseId, JunctionBandFacts, MapName, RegionFacts};
+use case::{CandidateFacts, JunctionBandFacts, MapName, RegionFacts};
 use geometry::Grid;
 use glam::DAffine3;
 use pipeline::maps::{CaseMaps, NoMaps, map_unit};
-use quick_cache::Weighter;
-use quick_cache::sync::Cache;
 use render::{KeyedLayer, Layer, LayerKey, LayerValues};
 
-use crate::cache;
-
-/// The expected number of cases with maps in memory.
-const EXPECTED_CASES: usize = 16;
+use crate::cache::CacheValue;
 
 /// The maps of a case in memory, ready for drawing.
 #[derive(Debug)]
@@ -112,43 +106,17 @@ pub enum MapsState {
 /// The cached state of the maps of a case.
 pub(super) type Known = Result<Arc<LoadedMaps>, NoMaps>;
 
-impl From<Known> for MapsState {
-    fn from(known: Known) -> Self {
+impl From<&Known> for MapsState {
+    fn from(known: &Known) -> Self {
         match known {
-            Ok(maps) => Self::Ready(maps),
-            Err(reason) => Self::Undefined(reason),
+            Ok(maps) => Self::Ready(Arc::clone(maps)),
+            Err(reason) => Self::Undefined(reason.clone()),
         }
     }
 }
 
-/// The maps in memory.
-pub(super) struct MapsCache {
-    pub(super) known: Cache<CaseId, Known, ByBytes>,
-}
-
-impl MapsCache {
-    /// An empty cache with a limit in bytes.
-    pub(super) fn new(cache_bytes: u64) -> Self {
-        Self {
-            known: cache::one_shard(ByBytes, cache_bytes, EXPECTED_CASES),
-        }
-    }
-}
-
-impl fmt::Debug for MapsCache {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter
-            .debug_struct("MapsCache")
-            .field("known", &self.known.len())
-            .finish()
-    }
-}
-
-#[derive(Debug, Clone)]
-pub(super) struct ByBytes;
-
-impl Weighter<CaseId, Known> for ByBytes {
-    fn weight(&self, _: &CaseId, known: &Known) -> u64 {
-        known.as_ref().map_or(1, |maps| maps.bytes().max(1))
+impl CacheValue for Known {
+    fn bytes(&self) -> u64 {
+        self.as_ref().map_or(1, |maps| maps.bytes())
     }
 }

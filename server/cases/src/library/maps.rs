@@ -11,7 +11,8 @@ use pipeline::maps::{MapsOrReason, NoMaps, compute_maps};
 use storage::{NewJob, ObjectName, Publisher, StoreError, frame_all};
 
 use super::Library;
-use super::loaded_maps::{LoadedMaps, MapsCache, MapsState};
+use super::loaded_maps::{Known, LoadedMaps, MapsState};
+use crate::cache::Part;
 
 /// Why maps were not read.
 enum NotRead {
@@ -26,11 +27,11 @@ impl Library {
     /// # Errors
     /// If the store cannot be reached.
     pub async fn maps(&self, id: &CaseId) -> Result<MapsState, StoreError> {
-        let Some(cache) = &self.inner.maps else {
+        if !self.makes_maps() {
             return Ok(MapsState::Off);
-        };
-        if let Some(known) = cache.known.get(id) {
-            return Ok(known.into());
+        }
+        if let Some(known) = self.cache().get::<Known>(id, Part::Maps) {
+            return Ok((&*known).into());
         }
         let key = id.to_string();
         let job = self.store().latest_job(JobKind::MAPS, &key).await?;
@@ -38,7 +39,7 @@ impl Library {
         if job.as_ref().is_some_and(|job| !job.state.has_ended()) {
             return Ok(MapsState::Making);
         }
-        if let Some(found) = self.stored_maps(cache, id).await? {
+        if let Some(found) = self.stored_maps(id).await? {
             return Ok(found);
         }
         // If only the store failed, they may be computed now.
@@ -66,18 +67,15 @@ impl Library {
     }
 
     /// The maps in memory or in the store; `None` if they must be computed.
-    async fn stored_maps(
-        &self,
-        cache: &MapsCache,
-        id: &CaseId,
-    ) -> Result<Option<MapsState>, StoreError> {
+    async fn stored_maps(&self, id: &CaseId) -> Result<Option<MapsState>, StoreError> {
         let read = async {
             let read = self.read_maps(id).await.map_err(NotRead::Failed)?;
             let maps = read.ok_or(NotRead::NotStored)?;
-            Ok(maps.map(|maps| Arc::new(LoadedMaps::new(id.number(), maps))))
+            let known: Known = maps.map(|maps| Arc::new(LoadedMaps::new(id.number(), maps)));
+            Ok(known)
         };
-        match cache.known.get_or_insert_async(id, read).await {
-            Ok(known) => Ok(Some(known.into())),
+        match self.cache().get_or_make(id, Part::Maps, read).await {
+            Ok(known) => Ok(Some((&*known).into())),
             Err(NotRead::Failed(error)) => Err(error),
             Err(NotRead::NotStored) => Ok(None),
         }
@@ -88,27 +86,18 @@ impl Library {
     /// # Errors
     /// If the store cannot be reached.
     pub async fn maps_now(&self, id: &CaseId) -> Result<MapsState, StoreError> {
-        if let Some(cache) = &self.inner.maps
-            && self.stored_maps(cache, id).await?.is_none()
-        {
+        if self.makes_maps() && self.stored_maps(id).await?.is_none() {
             self.make_maps(id).await?;
         }
         self.maps(id).await
     }
 
-    /// Drops the maps of a case from memory.
-    pub(super) fn forget_maps(&self, id: &CaseId) {
-        if let Some(cache) = &self.inner.maps {
-            cache.known.remove(id);
-        }
-    }
-
     /// Computes the maps of a case and stores them, unless they are there.
     pub(crate) async fn make_maps(&self, id: &CaseId) -> Result<(), StoreError> {
         const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume];
-        let Some(cache) = &self.inner.maps else {
+        if !self.makes_maps() {
             return Ok(());
-        };
+        }
         if self.read_maps(id).await?.is_some() {
             return Ok(());
         }
@@ -132,7 +121,7 @@ impl Library {
         let framed = frame_all(vec![(ObjectKind::Maps, payload.into())]).await?;
         let publisher = Publisher::Rebuild(id);
         self.store().publish(publisher, &framed, &facts).await?;
-        cache.known.remove(id);
+        self.cache().drop_part(id, Part::Maps);
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
         tracing::info!(
             case = id.short(),

@@ -1,27 +1,21 @@
-//! Loaded models: the data of cases for rendering, kept in memory within a budget of bytes.
+//! Loaded models: the data of cases for rendering, kept in memory.
 
 mod model;
 #[cfg(test)]
 mod tests;
-mod whole;
 
-use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
-
-use quick_cache::Weighter;
-use quick_cache::sync::Cache;
 
 use case::{CaseId, CaseState, SurfaceName};
 use pipeline::surfaces::NoSurfaces;
 use storage::StoreError;
 
-use crate::cache;
+use crate::cache::{CacheValue, Part};
 use crate::library::Library;
 
 pub use self::model::{PathKind, PathsError, WarmModel};
-pub use self::whole::WholeVolumes;
 
 /// How long a model is used before the rows are checked for a deletion of its case by another process.
 const TRUST_FOR: Duration = Duration::from_secs(2);
@@ -32,35 +26,22 @@ pub(crate) const REMEMBERED_WHILE_AWAY: Duration = Duration::from_secs(600);
 /// The same in ms.
 const REMEMBERED_WHILE_AWAY_MS: u64 = REMEMBERED_WHILE_AWAY.as_secs() * 1000;
 
-/// The models in memory, at most a budget of bytes of them. Cheap to clone.
-///
-/// A model that exceeds the budget by itself is loaded for each use.
-#[derive(Clone)]
+/// The models of the cases of a library, in its cache. Cheap to clone.
+#[derive(Debug, Clone)]
 pub struct Models {
-    inner: Arc<Inner>,
-}
-
-struct Inner {
     library: Library,
-    cache: Cache<ModelKey, Entry, ByBytes>,
     begun: Instant,
 }
 
-type ModelKey = (CaseId, SurfaceName);
-
-#[derive(Clone)]
 struct Entry {
     model: Arc<WarmModel>,
-    /// When the case was last known to exist, in ms since `Inner::begun`.
-    seen_ms: Arc<AtomicU64>,
+    /// When the case was last known to exist, in ms since `Models::begun`.
+    seen_ms: AtomicU64,
 }
 
-#[derive(Debug, Clone, Copy)]
-struct ByBytes;
-
-impl Weighter<ModelKey, Entry> for ByBytes {
-    fn weight(&self, _: &ModelKey, entry: &Entry) -> u64 {
-        entry.model.bytes()
+impl CacheValue for Entry {
+    fn bytes(&self) -> u64 {
+        self.model.bytes()
     }
 }
 
@@ -83,20 +64,10 @@ pub enum ModelError {
 }
 
 impl Models {
-    /// Models of the cases of a library, at most `budget_bytes`.
-    pub fn new(library: Library, budget_bytes: u64) -> Self {
-        let inner = Arc::new(Inner {
-            cache: cache::one_shard(ByBytes, budget_bytes, 32),
-            begun: Instant::now(),
-            library: library.clone(),
-        });
-        let weak = Arc::downgrade(&inner);
-        library.store().on_delete(move |id| {
-            if let Some(inner) = weak.upgrade() {
-                inner.forget(id);
-            }
-        });
-        Self { inner }
+    /// Models of the cases of a library.
+    pub fn new(library: Library) -> Self {
+        let begun = Instant::now();
+        Self { library, begun }
     }
 
     /// The model of a surface of a case that is ready; `None` if there is no such case or it is not ready.
@@ -111,35 +82,15 @@ impl Models {
         id: &CaseId,
         surface: SurfaceName,
     ) -> Result<Option<Arc<WarmModel>>, ModelError> {
-        let key = (*id, surface);
-        if let Some(entry) = self.inner.cache.get(&key) {
-            return Ok(self.inner.confirm(id, entry).await?);
+        let (cache, part) = (self.library.cache(), Part::Model(surface));
+        if let Some(entry) = cache.get(id, part.clone()) {
+            return Ok(self.confirm(id, &entry).await?);
         }
-        // Loading is rare, and its future large: on the heap, it does not weigh on the stack of every caller.
-        let load = Box::pin(self.inner.load(id, surface));
-        match self.inner.cache.get_or_insert_async(&key, load).await {
-            Ok(entry) => Ok(Some(entry.model)),
+        match cache.get_or_make(id, part, self.load(id, surface)).await {
+            Ok(entry) => Ok(Some(Arc::clone(&entry.model))),
             Err(NotLoaded::NotReady) => Ok(None),
             Err(NotLoaded::NoSurfaces(reason)) => Err(ModelError::NoSurfaces(reason)),
             Err(NotLoaded::Failed(error)) => Err(error.into()),
-        }
-    }
-
-    /// Bytes of the models in memory.
-    pub fn bytes(&self) -> u64 {
-        self.inner.cache.weight()
-    }
-
-    /// Number of models in memory.
-    pub fn count(&self) -> usize {
-        self.inner.cache.len()
-    }
-}
-
-impl Inner {
-    fn forget(&self, id: &CaseId) {
-        for surface in SurfaceName::ALL {
-            self.cache.remove(&(*id, surface));
         }
     }
 
@@ -151,24 +102,24 @@ impl Inner {
     async fn confirm(
         &self,
         id: &CaseId,
-        entry: Entry,
+        entry: &Entry,
     ) -> Result<Option<Arc<WarmModel>>, StoreError> {
         let now = self.now_ms();
         let unseen_ms = now.saturating_sub(entry.seen_ms.load(Ordering::Relaxed));
         if u128::from(unseen_ms) >= TRUST_FOR.as_millis() {
             let case = match self.library.store().case(id).await {
                 Err(error) if error.is_away() && unseen_ms < REMEMBERED_WHILE_AWAY_MS => {
-                    return Ok(Some(entry.model));
+                    return Ok(Some(Arc::clone(&entry.model)));
                 }
                 asked => asked?,
             };
             if case.is_none_or(|case| case.state != CaseState::Ready) {
-                self.forget(id);
+                self.library.cache().forget(id);
                 return Ok(None);
             }
             entry.seen_ms.store(now, Ordering::Relaxed);
         }
-        Ok(Some(entry.model))
+        Ok(Some(Arc::clone(&entry.model)))
     }
 
     async fn load(&self, id: &CaseId, surface: SurfaceName) -> Result<Entry, NotLoaded> {
@@ -185,22 +136,12 @@ impl Inner {
                 }
                 Ok(Entry {
                     model: Arc::new(model),
-                    seen_ms: Arc::new(AtomicU64::new(seen_ms)),
+                    seen_ms: AtomicU64::new(seen_ms),
                 })
             }
             Ok(None) => Err(NotLoaded::NotReady),
             Err(ModelError::NoSurfaces(reason)) => Err(NotLoaded::NoSurfaces(reason)),
             Err(ModelError::Store(error)) => Err(NotLoaded::Failed(error)),
         }
-    }
-}
-
-impl fmt::Debug for Models {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter
-            .debug_struct("Models")
-            .field("count", &self.count())
-            .field("bytes", &self.bytes())
-            .finish_non_exhaustive()
     }
 }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use bytes::Bytes;
 use case::{Parameters, SurfaceName};
 use geometry::MeshSize;
 use imaging::Limits;
@@ -13,10 +14,8 @@ use storage::{Options, Store};
 
 use super::*;
 use crate::jobs::Workers;
+use crate::library::{LibraryOptions, Preparation};
 use crate::testing::settled_state;
-
-/// Memory for about twenty heads of 256³, in bytes.
-const BUDGET_BYTES: u64 = 1 << 30;
 
 struct Ready {
     directory: tempfile::TempDir,
@@ -39,7 +38,7 @@ async fn ready() -> Ready {
     let id = submitted.case.id;
     assert_eq!(settled_state(&library, &id).await, Some(CaseState::Ready));
     workers.shut_down(Duration::from_secs(60)).await;
-    let models = Models::new(library.clone(), BUDGET_BYTES);
+    let models = Models::new(library.clone());
     Ready {
         directory,
         library,
@@ -55,6 +54,21 @@ impl Ready {
             .await
             .unwrap()
             .unwrap()
+    }
+
+    /// Models of the same store, none of which is in memory.
+    fn cold(&self) -> Models {
+        Models::new(Library::of(self.library.store().clone()))
+    }
+
+    /// The same, within a budget of bytes.
+    fn within(&self, cache_bytes: u64) -> Library {
+        let options = LibraryOptions {
+            cache_bytes,
+            ..LibraryOptions::default()
+        };
+        let store = self.library.store().clone();
+        Library::new(store, Preparation::default(), options)
     }
 
     fn damage(&self, kind: &str) {
@@ -82,10 +96,8 @@ async fn a_model_is_what_was_prepared() {
     assert!(**model.model() == prepared.built.model);
     assert_eq!(model.facts.max_depth_mm, prepared.facts.max_depth_mm);
     assert!(model.distance().await.unwrap() == Some(prepared.built.distance));
-    assert_eq!(
-        (ready.models.count(), ready.models.bytes()),
-        (1, model.bytes())
-    );
+    let cache = ready.library.cache();
+    assert_eq!((cache.count(), cache.bytes()), (1, model.bytes()));
     // Loaded once: the second is the first.
     assert!(Arc::ptr_eq(&model, &ready.model().await));
 }
@@ -131,7 +143,7 @@ async fn a_damaged_forest_is_made_again_when_a_table_needs_it() {
     let size = MeshSize::new(10, 12).unwrap();
     let expected = model.paths(size, PathKind::Forest).await.unwrap();
     ready.damage("forest");
-    let other = Models::new(ready.library.clone(), BUDGET_BYTES);
+    let other = ready.cold();
     let model = other
         .get(&ready.id, SurfaceName::Whole)
         .await
@@ -147,7 +159,7 @@ async fn damaged_objects_are_made_again_before_a_model_is_served() {
     let first = ready.model().await;
     for (rebuilds, kind) in ["volume", "envelope", "paths"].into_iter().enumerate() {
         ready.damage(kind);
-        let cold = Models::new(ready.library.clone(), BUDGET_BYTES);
+        let cold = ready.cold();
         let model = cold
             .get(&ready.id, SurfaceName::Whole)
             .await
@@ -191,24 +203,6 @@ async fn a_lost_whole_volume_comes_from_the_source_and_the_case_is_not_prepared_
 }
 
 #[tokio::test]
-async fn whole_volumes_are_kept_within_their_budget_until_the_case_is_forgotten() {
-    let ready = ready().await;
-    let bytes = 2 * phantom().volume.voxels().len() as u64;
-    let volumes = WholeVolumes::new(ready.library.clone(), 2 * bytes);
-    let first = volumes.get(&ready.id).await.unwrap().unwrap();
-    assert_eq!(volumes.bytes(), bytes);
-    assert!(Arc::ptr_eq(
-        &first,
-        &volumes.get(&ready.id).await.unwrap().unwrap()
-    ));
-    volumes.forget(&ready.id);
-    assert_eq!(volumes.bytes(), 0);
-    let tight = WholeVolumes::new(ready.library.clone(), bytes - 1);
-    assert!(tight.get(&ready.id).await.unwrap().is_some());
-    assert_eq!(tight.bytes(), 0);
-}
-
-#[tokio::test]
 async fn a_deleted_case_has_no_model() {
     let ready = ready().await;
     let model = ready.model().await;
@@ -221,7 +215,7 @@ async fn a_deleted_case_has_no_model() {
             .unwrap()
             .is_none()
     );
-    assert_eq!(ready.models.bytes(), 0);
+    assert_eq!(ready.library.cache().count(), 0);
     let size = MeshSize::new(10, 10).unwrap();
     assert!(matches!(
         model.paths(size, PathKind::Flow).await,
@@ -253,7 +247,7 @@ async fn a_queued_case_has_no_model_yet() {
         .submit(upload(&phantom()), Parameters::default())
         .await
         .unwrap();
-    let models = Models::new(library, BUDGET_BYTES);
+    let models = Models::new(library);
     assert!(
         models
             .get(&queued.case.id, SurfaceName::Whole)
@@ -267,13 +261,35 @@ async fn a_queued_case_has_no_model_yet() {
 async fn the_budget_bounds_what_is_kept() {
     let ready = ready().await;
     let bytes = ready.model().await.bytes();
-    let tight = Models::new(ready.library.clone(), bytes - 1);
-    assert!(
-        tight
-            .get(&ready.id, SurfaceName::Whole)
-            .await
-            .unwrap()
-            .is_some()
+    let tight = ready.within(bytes - 1);
+    let models = Models::new(tight.clone());
+    let model = models.get(&ready.id, SurfaceName::Whole).await;
+    assert!(model.unwrap().is_some());
+    assert_eq!((tight.cache().count(), tight.cache().bytes()), (0, 0));
+}
+
+#[tokio::test]
+async fn all_parts_of_a_case_share_one_budget() {
+    let ready = ready().await;
+    let answer = |length: usize| async move { Ok::<_, StoreError>(Bytes::from(vec![1; length])) };
+    let model_bytes = ready.model().await.bytes();
+    let (budget_bytes, length) = (2 * model_bytes, model_bytes as usize / 4 * 3);
+    let library = ready.within(budget_bytes);
+    let (cache, models) = (library.cache(), Models::new(library.clone()));
+    models.get(&ready.id, SurfaceName::Whole).await.unwrap();
+    let named = |name: &str| Part::Answer(name.into());
+    let first = cache.get_or_make(&ready.id, named("a"), answer(length));
+    let first = first.await.unwrap();
+    assert_eq!(
+        (cache.count(), cache.bytes()),
+        (2, model_bytes + length as u64)
     );
-    assert_eq!((tight.count(), tight.bytes()), (0, 0));
+    // It is not made again, unlike another name.
+    let again = cache.get_or_make(&ready.id, named("a"), answer(1));
+    assert!(Arc::ptr_eq(&first, &again.await.unwrap()));
+    let second = cache.get_or_make(&ready.id, named("b"), answer(length));
+    assert_eq!(second.await.unwrap().len(), length);
+    assert!(cache.bytes() <= budget_bytes, "{}", cache.bytes());
+    cache.forget(&ready.id);
+    assert_eq!(cache.count(), 0);
 }

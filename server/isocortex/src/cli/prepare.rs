@@ -11,9 +11,9 @@ use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
 use super::{MAX_DICOM_BYTES, VolumeOptions, head_of, read_input};
 use case::{CaseId, CaseState, Parameters};
-use cases::Library;
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::Workers;
+use cases::{Library, LibraryOptions};
 use pipeline::{Limits, Pipeline, Source};
 use storage::Store;
 
@@ -124,7 +124,7 @@ async fn into_store(
     pipeline: Pipeline,
 ) -> Result<(), CliError> {
     let store = Store::open(data).await?;
-    let library = Library::new(store.clone(), pipeline.into(), Limits::default());
+    let library = Library::new(store.clone(), pipeline.into(), LibraryOptions::default());
     let workers = Workers::start(library.clone(), 1);
     let submitted = library.submit(source, parameters).await?;
     let id = submitted.case.id;

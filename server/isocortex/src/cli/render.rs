@@ -6,10 +6,9 @@ use std::path::{Path, PathBuf};
 use case::CaseId;
 use cases::jobs::Workers;
 use cases::pictures::{GpuUse, GraphicsOptions, PictureRequest, PictureSeries, SeriesPicture};
-use cases::{Cases, Error, Library, Preparation};
+use cases::{Cases, Error, Library, LibraryOptions, Preparation};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use http_support::{query, sent};
-use pipeline::Limits;
 use render::choice::Renderer;
 use storage::{Location, Store};
 
@@ -114,13 +113,14 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
             Some(id) => (open(args).await?, id),
             None => prepared(args).await?,
         };
-        let library = match layers.is_any() {
-            true => Library::with_maps(store, Preparation::default(), Limits::default(), u64::MAX),
-            false => Library::of(store),
+        let library_options = LibraryOptions {
+            makes_maps: layers.is_any(),
+            cache_bytes: u64::MAX,
+            ..LibraryOptions::default()
         };
+        let library = Library::new(store, Preparation::default(), library_options);
         let options = cases::Options {
             graphics: GraphicsOptions::of_one(use_of),
-            model_cache_bytes: u64::MAX,
             ..Config::default().cases()?
         };
         let cases = Cases::on(library, &options);
@@ -161,7 +161,7 @@ async fn prepared(args: &RenderArgs) -> Result<(Store, CaseId), CliError> {
     let parameters = args.options.parameters(None)?;
     let store = Store::in_memory(storage::Options::default()).await?;
     let pipeline = args.options.pipeline()?;
-    let library = Library::new(store.clone(), pipeline.into(), Limits::default());
+    let library = Library::new(store.clone(), pipeline.into(), LibraryOptions::default());
     let workers = Workers::start(library.clone(), 1);
     let id = library.submit(source, parameters).await?.case.id;
     let ready = wait_until_ready(&store, &id).await;

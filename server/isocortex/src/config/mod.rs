@@ -474,7 +474,7 @@ impl Config {
             },
             render_threads: self.render.threads,
             max_queued_renders: self.limits.max_queued_renders,
-            model_cache_bytes: self.render.model_cache_bytes,
+            cache_bytes: self.render.cache_bytes,
             preparation_threads: self.limits.preparation_threads,
             prepares_apart: self.prepares_apart,
             preparation_cpu_seconds: self.prepare.max_cpu_secs,

@@ -56,8 +56,6 @@ pub struct Http {
     pub upload_timeout_secs: u64,
     /// Time for running requests when the server stops, in seconds.
     pub shutdown_grace_secs: u64,
-    /// Memory for compressed answers, in bytes.
-    pub body_cache_bytes: u64,
 }
 
 impl Default for Http {
@@ -83,7 +81,6 @@ impl Default for Http {
             upload_idle_secs: 30,
             upload_timeout_secs: 3600,
             shutdown_grace_secs: 20,
-            body_cache_bytes: 64 << 20,
         }
     }
 }
@@ -248,8 +245,8 @@ pub struct Render {
     pub gpu: GpuUse,
     /// GPU memory for cases, in bytes.
     pub gpu_case_bytes: u64,
-    /// Memory for loaded cases, in bytes.
-    pub model_cache_bytes: u64,
+    /// Memory for what is kept of cases, in bytes.
+    pub cache_bytes: u64,
 }
 
 impl Default for Render {
@@ -258,7 +255,7 @@ impl Default for Render {
             threads: cores(),
             gpu: GpuUse::default(),
             gpu_case_bytes: 1 << 30,
-            model_cache_bytes: 512 << 20,
+            cache_bytes: 960 << 20,
         }
     }
 }

@@ -1,22 +1,16 @@
-//! A cache of compressed bodies within a budget of bytes.
-
-use std::sync::Arc;
+//! Compressed bodies, kept in memory.
 
 use bytes::Bytes;
 use geometry::MeshSize;
-use quick_cache::Weighter;
-use quick_cache::sync::Cache;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use case::{CaseId, LayerId, MapName};
+use cases::cache::{CaseCache, Part};
 use cases::models::PathKind;
 use cases::{Cases, ConcurrencyLimit};
 use http_support::negotiate::Coding;
 use http_support::problem::AppError;
-
-/// The fewest entries that the cache makes room for in its books.
-const EXPECTED_BODIES: usize = 64;
 
 /// The content of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -63,35 +57,18 @@ pub struct BodyKey {
     pub coding: Coding,
 }
 
-#[derive(Debug, Clone)]
-struct ByLength;
-
-impl Weighter<BodyKey, Bytes> for ByLength {
-    fn weight(&self, _key: &BodyKey, body: &Bytes) -> u64 {
-        body.len() as u64
-    }
-}
-
-/// The bodies in memory. Concurrent requests for the same body compute it once. Cheap to clone.
+/// The bodies in memory, in the cache of the library. Concurrent requests for the same body compute it once. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Bodies {
-    cache: Arc<Cache<BodyKey, Bytes, ByLength>>,
+    cache: CaseCache,
     queue: ConcurrencyLimit,
 }
 
 impl Bodies {
-    /// An empty cache of at most `budget_bytes`. The bodies of a case are dropped when the case is forgotten.
-    pub fn new(cases: &Cases, budget_bytes: u64) -> Self {
-        let cache = Cache::with_weighter(EXPECTED_BODIES, budget_bytes, ByLength);
-        let cache = Arc::new(cache);
-        let weak = Arc::downgrade(&cache);
-        cases.on_forget(move |id| {
-            if let Some(cache) = weak.upgrade() {
-                cache.retain(|key: &BodyKey, _| key.id != *id);
-            }
-        });
+    /// The bodies of cases.
+    pub fn new(cases: &Cases) -> Self {
         Self {
-            cache,
+            cache: cases.library.cache().clone(),
             queue: cases.queue.clone(),
         }
     }
@@ -102,16 +79,18 @@ impl Bodies {
     /// [`Error::Busy`](cases::Error::Busy) if too much work waits, and those of `source`.
     pub async fn get<S: Send + 'static, E: Into<AppError>>(
         &self,
-        key: BodyKey,
+        BodyKey { id, kind, coding }: BodyKey,
         source: impl Future<Output = Result<S, E>>,
         encode: impl FnOnce(S) -> Bytes + Send + 'static,
     ) -> Result<Bytes, AppError> {
         let made = async {
             let turn = self.queue.turn().await?;
             let source = source.await.map_err(Into::into)?;
-            let encode = move || key.coding.compress(&encode(source));
-            Ok(turn.run(encode).await?)
+            let encode = move || coding.compress(&encode(source));
+            Ok::<_, AppError>(turn.run(encode).await?)
         };
-        self.cache.get_or_insert_async(&key, made).await
+        let part = Part::Answer(format!("{kind:?}, {coding:?}"));
+        let body = self.cache.get_or_make(&id, part, made).await?;
+        Ok((*body).clone())
     }
 }
