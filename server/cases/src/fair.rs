@@ -1,12 +1,11 @@
-//! A limit on concurrent work that gives each client its turn.
+//! A limit on concurrent work that gives each client its place and its turn.
 
 use std::collections::{HashMap, VecDeque};
 use std::net::IpAddr;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::oneshot;
-
-use crate::error::Error;
 
 /// The client of a request; `None` for this program itself and if the address is unknown.
 pub type Client = Option<IpAddr>;
@@ -25,24 +24,50 @@ pub(crate) fn this_client() -> Client {
     CLIENT.try_with(|client| *client).ok().flatten()
 }
 
-/// A limit on work at a time. A free turn goes to the waiting client with the fewest turns, among those to the one whose last
-/// turn began first, and among its requests to the one that has waited longest, so that a client with many requests delays its
-/// own.
+/// A limit on places, and on the work at a time of those who have one.
+///
+/// A free turn goes to the waiting client with the fewest turns, among those to the one whose last turn began first, and among its
+/// requests to the one that has waited longest, so that a client with many requests delays its own. If all places are taken, the
+/// client with the most of them loses the last of those that have not had a turn to a client with fewer.
 #[derive(Debug, Clone)]
 pub(crate) struct FairLimit {
     running: usize,
-    waiting: usize,
+    places: usize,
     queue: Arc<Mutex<Queue>>,
 }
 
 #[derive(Debug, Default)]
 struct Queue {
-    /// The number of turns of each client that has any.
-    turns: HashMap<Client, usize>,
-    /// When the last turn of each client that is here began, in turns.
-    last: HashMap<Client, u64>,
+    /// What each client has that has anything.
+    clients: HashMap<Client, Share>,
+    /// The number of turns that ever began.
     begun: u64,
-    waiting: VecDeque<(Client, oneshot::Sender<FairTurn>)>,
+    waiting: VecDeque<Waiting>,
+}
+
+#[derive(Debug, Default)]
+struct Share {
+    places: usize,
+    /// Places that were taken away, whose holders have not left yet.
+    lost: usize,
+    turns: usize,
+    /// When the last turn began, in turns.
+    last: u64,
+}
+
+#[derive(Debug)]
+struct Waiting {
+    client: Client,
+    is_first: bool,
+    turn: oneshot::Sender<FairTurn>,
+}
+
+/// A place, for work with one or several turns, until it is dropped.
+#[derive(Debug)]
+pub(crate) struct FairPlace {
+    client: Client,
+    limit: FairLimit,
+    had_turn: AtomicBool,
 }
 
 /// The right to run, until it is dropped.
@@ -54,34 +79,27 @@ pub(crate) struct FairTurn {
 }
 
 impl FairLimit {
-    /// `running` at a time, and `waiting` more.
-    pub(crate) fn new(running: usize, waiting: usize) -> Self {
+    /// `running` at a time, of those who have one of `places`.
+    pub(crate) fn new(running: usize, places: usize) -> Self {
         Self {
             running,
-            waiting,
+            places,
             queue: Arc::default(),
         }
     }
 
-    /// Waits for a turn of a client.
-    ///
-    /// # Errors
-    /// [`Error::Busy`] if too many wait.
-    pub(crate) async fn turn(&self, client: Client) -> Result<FairTurn, Error> {
-        let turn = {
-            let mut queue = self.lock();
-            queue.waiting.retain(|(_, waiting)| !waiting.is_closed());
-            if queue.running() < self.running {
-                return Ok(self.begin(&mut queue, client));
-            }
-            if queue.waiting.len() >= self.waiting {
-                return Err(Error::Busy);
-            }
-            let (sender, turn) = oneshot::channel();
-            queue.waiting.push_back((client, sender));
-            turn
-        };
-        turn.await.map_err(|_| Error::Unavailable)
+    /// A place for a client; `None` if all are taken and no other client has many more.
+    pub(crate) fn enter(&self, client: Client) -> Option<FairPlace> {
+        let mut queue = self.lock();
+        if queue.places() >= self.places && !queue.make_room(client) {
+            return None;
+        }
+        queue.clients.entry(client).or_default().places += 1;
+        Some(FairPlace {
+            client,
+            limit: self.clone(),
+            had_turn: AtomicBool::new(false),
+        })
     }
 
     fn begin(&self, queue: &mut Queue, client: Client) -> FairTurn {
@@ -95,21 +113,22 @@ impl FairLimit {
     fn give_back(&self, client: Client) {
         let mut queue = self.lock();
         queue.end(client);
-        while queue.running() < self.running {
-            let Some((next, waiting)) = queue.take_next() else {
+        while queue.turns() < self.running {
+            let Some(next) = queue.take_next() else {
                 break;
             };
-            let turn = self.begin(&mut queue, next);
-            if let Err(mut unwanted) = waiting.send(turn) {
+            let turn = self.begin(&mut queue, next.client);
+            if let Err(mut unwanted) = next.turn.send(turn) {
                 unwanted.limit = None;
-                queue.end(next);
+                queue.end(next.client);
             }
         }
     }
 
-    /// The number of turns.
-    pub(crate) fn taken(&self) -> usize {
-        self.lock().running()
+    /// The number of taken places, and of turns.
+    pub(crate) fn taken(&self) -> (usize, usize) {
+        let queue = self.lock();
+        (queue.places(), queue.turns())
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, Queue> {
@@ -118,37 +137,110 @@ impl FairLimit {
     }
 }
 
+impl FairPlace {
+    /// Waits for a turn; `None` if the place was lost to another client.
+    pub(crate) async fn turn(&self) -> Option<FairTurn> {
+        let turn = {
+            let mut queue = self.limit.lock();
+            queue.waiting.retain(|waiting| !waiting.turn.is_closed());
+            if queue.turns() < self.limit.running {
+                self.had_turn.store(true, Ordering::Relaxed);
+                return Some(self.limit.begin(&mut queue, self.client));
+            }
+            let (sender, turn) = oneshot::channel();
+            queue.waiting.push_back(Waiting {
+                client: self.client,
+                is_first: !self.had_turn.load(Ordering::Relaxed),
+                turn: sender,
+            });
+            turn
+        };
+        let turn = turn.await.ok()?;
+        self.had_turn.store(true, Ordering::Relaxed);
+        Some(turn)
+    }
+}
+
 impl Queue {
-    fn running(&self) -> usize {
-        self.turns.values().sum()
+    fn places(&self) -> usize {
+        self.clients.values().map(|share| share.places).sum()
+    }
+
+    fn turns(&self) -> usize {
+        self.clients.values().map(|share| share.turns).sum()
+    }
+
+    /// Takes a place away from the client with the most, if that has at least two more than this one.
+    fn make_room(&mut self, client: Client) -> bool {
+        let own = self.clients.get(&client).map_or(0, |share| share.places);
+        let waits = |other: &Client| {
+            let mut waiting = self.waiting.iter();
+            waiting.any(|waiting| waiting.is_first && waiting.client == *other)
+        };
+        let others = self
+            .clients
+            .iter()
+            .filter(|(other, share)| other.is_some() && share.places >= own + 2 && waits(other));
+        let Some((&greedy, _)) = others.max_by_key(|(_, share)| share.places) else {
+            return false;
+        };
+        let mut waiting = self.waiting.iter();
+        let last = waiting.rposition(|waiting| waiting.is_first && waiting.client == greedy);
+        // Whoever waits for this turn learns that it will not come.
+        last.and_then(|last| self.waiting.remove(last));
+        if let Some(share) = self.clients.get_mut(&greedy) {
+            share.places -= 1;
+            share.lost += 1;
+        }
+        true
+    }
+
+    fn leave(&mut self, client: Client) {
+        let Some(share) = self.clients.get_mut(&client) else {
+            return;
+        };
+        match share.lost {
+            0 => share.places -= 1,
+            _ => share.lost -= 1,
+        }
+        self.forget_if_gone(client);
     }
 
     fn begin(&mut self, client: Client) {
-        *self.turns.entry(client).or_default() += 1;
         self.begun += 1;
-        self.last.insert(client, self.begun);
+        let share = self.clients.entry(client).or_default();
+        share.turns += 1;
+        share.last = self.begun;
     }
 
     fn end(&mut self, client: Client) {
-        match self.turns.get_mut(&client) {
-            Some(turns) if *turns > 1 => *turns -= 1,
-            _ => {
-                self.turns.remove(&client);
-                if self.waiting.iter().all(|(waiting, _)| *waiting != client) {
-                    self.last.remove(&client);
-                }
-            }
+        if let Some(share) = self.clients.get_mut(&client) {
+            share.turns -= 1;
+            self.forget_if_gone(client);
         }
     }
 
-    fn take_next(&mut self) -> Option<(Client, oneshot::Sender<FairTurn>)> {
-        let had = |client: &Client| {
-            let turns = self.turns.get(client).copied().unwrap_or(0);
-            (turns, self.last.get(client).copied().unwrap_or(0))
+    fn forget_if_gone(&mut self, client: Client) {
+        let share = self.clients.get(&client);
+        if share.is_some_and(|share| share.places + share.lost + share.turns == 0) {
+            self.clients.remove(&client);
+        }
+    }
+
+    fn take_next(&mut self) -> Option<Waiting> {
+        let had = |waiting: &Waiting| {
+            let share = self.clients.get(&waiting.client);
+            share.map_or((0, 0), |share| (share.turns, share.last))
         };
-        let clients = self.waiting.iter().map(|(client, _)| had(client));
-        let (place, _) = clients.enumerate().min_by_key(|(_, had)| *had)?;
+        let clients = self.waiting.iter().map(had).enumerate();
+        let (place, _) = clients.min_by_key(|(_, had)| *had)?;
         self.waiting.remove(place)
+    }
+}
+
+impl Drop for FairPlace {
+    fn drop(&mut self) {
+        self.limit.lock().leave(self.client);
     }
 }
 
@@ -172,15 +264,21 @@ mod tests {
         Some(IpAddr::from([10, 0, 0, number]))
     }
 
+    /// A place and its turn.
+    async fn turn(limit: &FairLimit, client: Client) -> (FairTurn, FairPlace) {
+        let place = limit.enter(client).expect("there is a place");
+        (place.turn().await.expect("the place is kept"), place)
+    }
+
     #[tokio::test]
     async fn one_client_with_many_requests_delays_its_own() {
         let limit = FairLimit::new(2, 8);
         let [greedy, other] = [1, 2].map(client);
-        let first = limit.turn(greedy).await.unwrap();
-        let second = limit.turn(greedy).await.unwrap();
-        let mut third = pin!(limit.turn(greedy));
-        let mut fourth = pin!(limit.turn(greedy));
-        let mut late = pin!(limit.turn(other));
+        let first = turn(&limit, greedy).await;
+        let second = turn(&limit, greedy).await;
+        let mut third = pin!(turn(&limit, greedy));
+        let mut fourth = pin!(turn(&limit, greedy));
+        let mut late = pin!(turn(&limit, other));
         assert!(poll!(&mut third).is_pending());
         assert!(poll!(&mut fourth).is_pending());
         assert!(poll!(&mut late).is_pending());
@@ -189,20 +287,20 @@ mod tests {
             poll!(&mut third).is_pending(),
             "the other client has no turn yet"
         );
-        let late = late.await.unwrap();
+        let late = late.await;
         drop(second);
-        let third = third.await.unwrap();
+        let third = third.await;
         assert!(poll!(&mut fourth).is_pending());
         drop((third, late));
-        fourth.await.unwrap();
+        fourth.await;
     }
 
     #[tokio::test]
     async fn those_with_as_many_turns_come_in_their_order() {
         let limit = FairLimit::new(1, 8);
-        let held = limit.turn(client(1)).await.unwrap();
+        let held = turn(&limit, client(1)).await;
         let mut waiting: Vec<_> = (2..6)
-            .map(|number| Box::pin(limit.turn(client(number))))
+            .map(|number| Box::pin(turn(&limit, client(number))))
             .collect();
         for turn in &mut waiting {
             assert!(poll!(turn).is_pending());
@@ -212,7 +310,7 @@ mod tests {
             let std::task::Poll::Ready(turn) = poll!(&mut turn) else {
                 panic!("another one came first");
             };
-            drop(turn.unwrap());
+            drop(turn);
         }
     }
 
@@ -220,44 +318,86 @@ mod tests {
     async fn with_one_turn_at_a_time_clients_alternate() {
         let limit = FairLimit::new(1, 8);
         let [greedy, other] = [1, 2].map(client);
-        let held = limit.turn(greedy).await.unwrap();
-        let mut second = pin!(limit.turn(greedy));
-        let mut late = pin!(limit.turn(other));
+        let held = turn(&limit, greedy).await;
+        let mut second = pin!(turn(&limit, greedy));
+        let mut late = pin!(turn(&limit, other));
         assert!(poll!(&mut second).is_pending());
         assert!(poll!(&mut late).is_pending());
         drop(held);
         assert!(poll!(&mut second).is_pending(), "the greedy one had a turn");
-        drop(late.await.unwrap());
-        drop(second.await.unwrap());
-        assert!(limit.lock().last.is_empty());
+        drop(late.await);
+        drop(second.await);
+        assert!(limit.lock().clients.is_empty());
+    }
+
+    #[tokio::test]
+    async fn the_client_with_the_most_places_loses_its_last_to_another() {
+        let limit = FairLimit::new(1, 4);
+        let [greedy, other, third] = [1, 2, 3].map(client);
+        let held = turn(&limit, greedy).await;
+        let places: Vec<_> = (0..3).map(|_| limit.enter(greedy).unwrap()).collect();
+        let mut turns: Vec<_> = places.iter().map(|place| Box::pin(place.turn())).collect();
+        for turn in &mut turns {
+            assert!(poll!(turn).is_pending());
+        }
+        assert!(limit.enter(greedy).is_none(), "nobody has more than it");
+        let mut late = Box::pin(turn(&limit, other));
+        assert!(poll!(&mut late).is_pending());
+        assert!(turns.pop().unwrap().await.is_none(), "the last one is lost");
+        // Its holder has not left yet; the place is counted once.
+        assert_eq!(limit.taken(), (4, 1));
+        let mut latest = Box::pin(turn(&limit, third));
+        assert!(poll!(&mut latest).is_pending());
+        assert!(turns.pop().unwrap().await.is_none());
+        assert!(limit.enter(other).is_none(), "the other two have one more");
+        drop(held);
+        drop(late.await);
+        drop(latest.await);
+        drop(turns.pop().unwrap().await.unwrap());
+        drop(turns);
+        drop(places);
+        assert!(limit.lock().clients.is_empty());
+    }
+
+    #[tokio::test]
+    async fn work_that_has_begun_keeps_its_place() {
+        let limit = FairLimit::new(1, 2);
+        let [greedy, other] = [1, 2].map(client);
+        let [one, two] = [0, 1].map(|_| limit.enter(greedy).unwrap());
+        drop(two.turn().await.unwrap());
+        let _held = one.turn().await.unwrap();
+        let mut again = Box::pin(two.turn());
+        assert!(poll!(&mut again).is_pending());
+        assert!(limit.enter(other).is_none());
+        assert!(poll!(&mut again).is_pending());
     }
 
     #[tokio::test]
     async fn who_leaves_makes_room_and_gets_no_turn() {
-        let limit = FairLimit::new(1, 1);
-        let held = limit.turn(None).await.unwrap();
-        let mut gone = Box::pin(limit.turn(client(1)));
+        let limit = FairLimit::new(1, 2);
+        let held = turn(&limit, None).await;
+        let mut gone = Box::pin(turn(&limit, client(1)));
         assert!(poll!(&mut gone).is_pending());
-        assert!(matches!(limit.turn(None).await, Err(Error::Busy)));
+        assert!(limit.enter(None).is_none());
         drop(gone);
-        let mut kept = Box::pin(limit.turn(client(2)));
+        let mut kept = Box::pin(turn(&limit, client(2)));
         assert!(poll!(&mut kept).is_pending());
         drop(held);
-        drop(kept.await.unwrap());
-        assert_eq!(limit.lock().running(), 0);
+        drop(kept.await);
+        assert_eq!(limit.taken(), (0, 0));
     }
 
     #[tokio::test]
     async fn a_turn_that_came_and_was_never_used_is_given_back() {
-        let limit = FairLimit::new(1, 2);
-        let held = limit.turn(client(1)).await.unwrap();
-        let mut unused = Box::pin(limit.turn(client(2)));
-        let mut next = Box::pin(limit.turn(client(3)));
+        let limit = FairLimit::new(1, 3);
+        let held = turn(&limit, client(1)).await;
+        let mut unused = Box::pin(turn(&limit, client(2)));
+        let mut next = Box::pin(turn(&limit, client(3)));
         assert!(poll!(&mut unused).is_pending());
         assert!(poll!(&mut next).is_pending());
         drop(held);
         drop(unused);
-        next.await.unwrap();
-        assert_eq!(limit.lock().running(), 0);
+        drop(next.await);
+        assert_eq!(limit.taken(), (0, 0));
     }
 }

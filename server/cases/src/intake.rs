@@ -20,7 +20,7 @@ use crate::arrivals::SeriesOfUpload;
 use crate::decoded_uploads::OfferedUpload;
 use crate::dicom::{Choice, Input, Options};
 use crate::error::Error;
-use crate::fair::Client;
+use crate::fair::this_client;
 
 /// The received files of a volume.
 #[derive(Debug)]
@@ -42,11 +42,9 @@ impl Cases {
         volume: VolumeFiles,
         mask: Option<Spooled>,
         options: &Options,
-        client: Client,
     ) -> Result<(Upload, Option<Choice>), Error> {
         let is_removed = self.deidentifies();
-        self.read_upload(volume, mask, options, client, is_removed)
-            .await
+        self.read_upload(volume, mask, options, is_removed).await
     }
 
     /// As [`Cases::upload`], whether or not the identity of the patient is removed.
@@ -55,11 +53,10 @@ impl Cases {
         volume: VolumeFiles,
         mask: Option<Spooled>,
         options: &Options,
-        client: Client,
         is_identity_removed: bool,
     ) -> Result<(Upload, Option<Choice>), Error> {
         let (store, scratch) = (self.store(), self.store().scratch());
-        let read = async |input| self.dicom.read_for(client, input, options, &scratch).await;
+        let read = async |input| self.dicom.read(input, options, &scratch).await;
         let reading = match volume {
             VolumeFiles::Dicom(directory) => read(Input::Directory(&directory)).await?,
             VolumeFiles::One(volume) => {
@@ -97,13 +94,12 @@ impl Cases {
         upload: Upload,
         mut parameters: Parameters,
         keep_name: bool,
-        client: Client,
     ) -> Result<Submitted, Error> {
         parameters.check()?;
         if keep_name && self.is_named(&upload, &parameters).await? {
             parameters.name = None;
         }
-        let submitted = self.submit_after(upload, parameters, None, client).await?;
+        let submitted = self.submit_after(upload, parameters, None).await?;
         let case = submitted.case.id.short();
         tracing::info!(case, is_new = submitted.created, "an upload was accepted");
         Ok(submitted)
@@ -115,14 +111,13 @@ impl Cases {
         upload: Upload,
         parameters: Parameters,
         previous: Option<CaseId>,
-        client: Client,
     ) -> Result<Submitted, Error> {
         let (mut parameters, offer) = self.check_upload(&upload, parameters).await?;
         if parameters.name.is_none() && !self.is_named(&upload, &parameters).await? {
             parameters.name = self.label_of(&upload).await?;
         }
         let series = SeriesOfUpload::read(&upload).await?;
-        let store = self.store().for_client(client);
+        let store = self.store().for_client(this_client());
         let submitted = store.submit_after(upload, parameters, previous).await?;
         self.index(submitted.case.id, series).await?;
         offer.keep_if(submitted.created);
@@ -150,15 +145,11 @@ impl Cases {
     ///
     /// # Errors
     /// As [`Cases::submit`]; [`Error::NoSuchCase`] if the case was deleted.
-    pub async fn submit_version(
-        &self,
-        mut version: Version,
-        client: Client,
-    ) -> Result<Submitted, Error> {
+    pub async fn submit_version(&self, mut version: Version) -> Result<Submitted, Error> {
         let of = version.of;
         let offer;
         (version.parameters, offer) = self.check_version(&version).await?;
-        let store = self.store().for_client(client);
+        let store = self.store().for_client(this_client());
         let submitted = store.submit_version(version).await?;
         let submitted = submitted.ok_or(Error::NoSuchCase)?;
         self.index_version(&of, submitted.case.id).await?;

@@ -8,7 +8,6 @@ use storage::{LayerChange, LayerName, LayerUpload, StoreError, SubmittedLayer};
 use crate::application::Cases;
 use crate::dicom::{Choice, Options, SeriesView};
 use crate::error::Error;
-use crate::fair::Client;
 use crate::intake::VolumeFiles;
 use crate::pictures::LayerRef;
 
@@ -29,8 +28,6 @@ pub struct NewLayer {
     pub unit: Option<String>,
     /// The other parameters.
     pub parameters: LayerParameters,
-    /// The client that sends it.
-    pub client: Client,
 }
 
 /// A layer that was added.
@@ -92,13 +89,7 @@ impl Cases {
             return Err(failure.into());
         }
         let (files, choice) = self
-            .read_upload(
-                new.volume,
-                None,
-                &new.options,
-                new.client,
-                is_identity_removed,
-            )
+            .read_upload(new.volume, None, &new.options, is_identity_removed)
             .await?;
         let has_options = new.options.series.is_some() || new.options.allow_gaps;
         if choice.is_none() && has_options {

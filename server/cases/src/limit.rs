@@ -5,22 +5,20 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use render::Wanted;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::task;
 
 use crate::error::Error;
-use crate::fair::{Client, FairLimit, FairTurn, this_client};
+use crate::fair::{FairLimit, FairPlace, FairTurn, this_client};
 
 /// Admits a bounded number of pieces of work at a time and lets a bounded number wait. Clients ([`for_client`](crate::for_client))
-/// take turns; the requests of one have theirs in the order in which they came. Cheap to clone.
+/// take turns; the requests of one have theirs in the order in which they came. If nothing more may wait, the client with the most
+/// requests loses its last to one with fewer. Cheap to clone.
 ///
 /// Dropping a future leaves the queue at once.
 #[derive(Debug, Clone)]
 pub struct ConcurrencyLimit {
-    running: FairLimit,
+    fair: FairLimit,
     at_a_time: usize,
-    /// What runs and what waits.
-    inside: Bound,
     recent: Arc<Recent>,
 }
 
@@ -47,41 +45,18 @@ impl Recent {
     }
 }
 
-/// A semaphore with its number of permits.
-#[derive(Debug, Clone)]
-struct Bound {
-    permits: Arc<Semaphore>,
-    most: usize,
-}
-
-impl Bound {
-    fn new(most: usize) -> Self {
-        let most = most.min(Semaphore::MAX_PERMITS);
-        Self {
-            permits: Arc::new(Semaphore::new(most)),
-            most,
-        }
-    }
-
-    fn taken(&self) -> usize {
-        self.most.saturating_sub(self.permits.available_permits())
-    }
-}
-
 /// A place in the queue, for work with one or several turns. Between them, others get their turns.
 #[derive(Debug)]
 pub struct Queued {
-    running: FairLimit,
-    client: Client,
-    inside: Arc<OwnedSemaphorePermit>,
-    recent: Arc<Recent>,
+    limit: ConcurrencyLimit,
+    place: Arc<FairPlace>,
 }
 
 /// A turn: the right to keep one CPU busy. It lasts as long as any of its clones, and as its work.
 #[derive(Debug, Clone)]
 pub struct Turn {
     _running: Arc<Running>,
-    _inside: Arc<OwnedSemaphorePermit>,
+    _place: Arc<FairPlace>,
 }
 
 #[derive(Debug)]
@@ -101,10 +76,8 @@ impl ConcurrencyLimit {
     /// `running` at a time, and `waiting` more.
     pub fn new(running: usize, waiting: usize) -> Self {
         Self {
-            // The places bound the number that wait.
-            running: FairLimit::new(running, usize::MAX),
+            fair: FairLimit::new(running, running.saturating_add(waiting)),
             at_a_time: running,
-            inside: Bound::new(running.saturating_add(waiting)),
             recent: Arc::default(),
         }
     }
@@ -114,18 +87,17 @@ impl ConcurrencyLimit {
     /// # Errors
     /// [`Error::BusyFor`] about as long as all who are inside will take, if it is full.
     pub fn enter(&self) -> Result<Queued, Error> {
-        let inside = Arc::clone(&self.inside.permits).try_acquire_owned();
+        let place = self.fair.enter(this_client());
         Ok(Queued {
-            running: self.running.clone(),
-            client: this_client(),
-            inside: Arc::new(inside.map_err(|_| Error::BusyFor(self.wait()))?),
-            recent: Arc::clone(&self.recent),
+            place: Arc::new(place.ok_or_else(|| Error::BusyFor(self.wait()))?),
+            limit: self.clone(),
         })
     }
 
     /// How long those who are inside will take.
     fn wait(&self) -> Duration {
-        let rounds = self.inside.taken().div_ceil(self.at_a_time.max(1));
+        let (places, _) = self.fair.taken();
+        let rounds = places.div_ceil(self.at_a_time.max(1));
         let rounds = u32::try_from(rounds).unwrap_or(u32::MAX);
         self.recent.mean().saturating_mul(rounds)
     }
@@ -151,7 +123,8 @@ impl ConcurrencyLimit {
 
     /// The number of waiting turns.
     pub fn waiting(&self) -> usize {
-        self.inside.taken().saturating_sub(self.running.taken())
+        let (places, turns) = self.fair.taken();
+        places.saturating_sub(turns)
     }
 }
 
@@ -159,15 +132,17 @@ impl Queued {
     /// Waits for the next turn.
     ///
     /// # Errors
-    /// None in practice: the limit outlives whoever waits.
+    /// [`Error::BusyFor`] if the place was lost to a client with fewer; never after the first turn.
     pub async fn turn(&self) -> Result<Turn, Error> {
+        let turn = self.place.turn().await;
+        let turn = turn.ok_or_else(|| Error::BusyFor(self.limit.wait()))?;
         Ok(Turn {
             _running: Arc::new(Running {
-                _turn: self.running.turn(self.client).await?,
+                _turn: turn,
                 since: Instant::now(),
-                recent: Arc::clone(&self.recent),
+                recent: Arc::clone(&self.limit.recent),
             }),
-            _inside: Arc::clone(&self.inside),
+            _place: Arc::clone(&self.place),
         })
     }
 }

@@ -20,7 +20,7 @@ use super::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
 use super::{Choice, Input, Reading, SUBCOMMAND};
 use crate::confine::Confinement;
 use crate::error::Error;
-use crate::fair::{Client, FairLimit};
+use crate::limit::ConcurrencyLimit;
 use case::{Failure, FailureKind};
 
 /// The time limit for a series. The largest ones take seconds.
@@ -139,7 +139,7 @@ pub struct DicomReader {
     limits: Limits,
     pub(super) max_input_bytes: u64,
     pub(super) longest: Duration,
-    pub(super) limit: FairLimit,
+    pub(super) limit: ConcurrencyLimit,
     pub(super) memory: ReaderMemory,
 }
 
@@ -151,7 +151,7 @@ impl DicomReader {
             limits,
             max_input_bytes,
             longest: LONGEST,
-            limit: FairLimit::new(at_a_time(), WAITING),
+            limit: ConcurrencyLimit::new(at_a_time(), WAITING),
             memory: ReaderMemory::default(),
         }
     }
@@ -168,34 +168,20 @@ impl DicomReader {
         Self { longest, ..self }
     }
 
-    /// Reads a series for this program itself; as [`DicomReader::read_for`].
-    ///
-    /// # Errors
-    /// As [`DicomReader::read_for`].
-    pub async fn read(
-        &self,
-        input: Input<'_>,
-        options: &Options,
-        scratch: &Path,
-    ) -> Result<Reading, Error> {
-        self.read_for(None, input, options, scratch).await
-    }
-
-    /// Reads a series for a client. If many wait, the clients take turns.
+    /// Reads a series. If many wait, the clients ([`for_client`](crate::for_client)) take turns.
     ///
     /// `scratch` is a directory where temporary files may be. Dropping the future ends the child.
     ///
     /// # Errors
     /// A [`Failure`] that states what is wrong with the files, or how the child died; [`Error::Busy`] if too many
     /// wait; [`Error::Internal`], logged, if the child cannot be started.
-    pub async fn read_for(
+    pub async fn read(
         &self,
-        client: Client,
         input: Input<'_>,
         options: &Options,
         scratch: &Path,
     ) -> Result<Reading, Error> {
-        let _turn = self.limit.turn(client).await?;
+        let _turn = self.limit.turn().await?;
         self.read_now(input, options, scratch).await
     }
 

@@ -174,7 +174,7 @@ impl Cases {
         count: usize,
         task: StoredTask,
     ) -> Result<Read, Error> {
-        let _turn = self.dicom.limit.turn(None).await?;
+        let _turn = self.dicom.limit.turn().await?;
         let output = self.store().spool_directory().await?;
         let absolute = |folder: &TempDir| std::path::absolute(folder.path()).map_err(cannot_run);
         let _memory = self.dicom.memory.take(BASE_BYTES).await?;

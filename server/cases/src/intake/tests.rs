@@ -148,10 +148,7 @@ async fn an_upload_is_read_once_and_written_once() {
         path.metadata().unwrap().ino()
     };
     let written = inode(&spooled);
-    let submitted = setup
-        .cases
-        .submit(upload, parameters(10.0), false, None)
-        .await;
+    let submitted = setup.cases.submit(upload, parameters(10.0), false).await;
     let submitted = submitted.unwrap();
     assert!(submitted.created && !spooled.exists());
     setup.is_ready(&submitted.case.id).await;
@@ -171,10 +168,7 @@ async fn what_was_handed_over_is_prepared_as_what_is_read_from_the_store() {
     handed.until_idle().await;
     let submit = async |setup: &Setup| {
         let upload = setup.phantom().await;
-        let submitted = setup
-            .cases
-            .submit(upload, parameters(8.0), false, None)
-            .await;
+        let submitted = setup.cases.submit(upload, parameters(8.0), false).await;
         submitted.unwrap().case.id
     };
     let id = submit(&handed).await;
@@ -213,10 +207,7 @@ async fn a_version_is_read_once_more_and_not_twice() {
     let workers = Workers::start(setup.cases.library.clone(), 1);
     setup.until_idle().await;
     let upload = setup.phantom().await;
-    let first = setup
-        .cases
-        .submit(upload, parameters(10.0), false, None)
-        .await;
+    let first = setup.cases.submit(upload, parameters(10.0), false).await;
     let of = first.unwrap().case.id;
     setup.is_ready(&of).await;
     setup.until_idle().await;
@@ -227,14 +218,14 @@ async fn a_version_is_read_once_more_and_not_twice() {
     };
     let made = setup
         .cases
-        .submit_version(version(NewMask::Kept, parameters(8.0)), None);
+        .submit_version(version(NewMask::Kept, parameters(8.0)));
     let made = made.await.unwrap();
     assert!(made.created);
     setup.is_ready(&made.case.id).await;
     assert_eq!(setup.was_read(), [true, true]);
     let again = setup
         .cases
-        .submit_version(version(NewMask::Kept, parameters(8.0)), None);
+        .submit_version(version(NewMask::Kept, parameters(8.0)));
     assert!(!again.await.unwrap().created);
     let twice = Parameters {
         mask: MaskSource::Volume,
@@ -242,13 +233,13 @@ async fn a_version_is_read_once_more_and_not_twice() {
     };
     let refused = setup
         .cases
-        .submit_version(version(NewMask::None, twice), None)
+        .submit_version(version(NewMask::None, twice))
         .await;
     assert!(matches!(refused, Err(Error::Failure(failure)) if failure.name == "mask-missing"));
     setup.cases.delete(&of).await.unwrap();
     let gone = setup
         .cases
-        .submit_version(version(NewMask::Kept, parameters(9.0)), None);
+        .submit_version(version(NewMask::Kept, parameters(9.0)));
     assert!(matches!(gone.await, Err(Error::NoSuchCase)));
     workers.shut_down(GRACE).await;
     assert_eq!(setup.was_read(), [true, true]);
@@ -302,7 +293,7 @@ async fn what_cannot_be_prepared_leaves_nothing() {
     ];
     for (volume, mask, parameters, name) in table {
         let upload = setup.upload(volume.clone(), mask.cloned()).await;
-        match setup.cases.submit(upload, parameters, false, None).await {
+        match setup.cases.submit(upload, parameters, false).await {
             Err(Error::Failure(failure)) => assert_eq!(failure.name, name),
             other => panic!("{name}: {other:?}"),
         }

@@ -110,7 +110,7 @@ impl Cases {
         let files = VolumeFiles::Dicom(directory);
         let (upload, choice) = self
             // Images have lost the identity of the patient when they came, if it is not to be kept.
-            .read_upload(files, None, &reading(due), None, false)
+            .read_upload(files, None, &reading(due), false)
             .await?;
         let is_t1 = choice.is_some_and(|choice| choice.is_t1);
         let (is_case, otherwise) = match due.taken.map(|taken| taken.kind) {
@@ -139,7 +139,7 @@ impl Cases {
             Some(case) => (Some(case.id), case.parameters),
             None => (None, Parameters::default()),
         };
-        let submitted = self.submit_after(upload, parameters, of, None).await?;
+        let submitted = self.submit_after(upload, parameters, of).await?;
         Ok(Outcome::Case(submitted.case.id))
     }
 }
@@ -179,7 +179,6 @@ impl Cases {
             kind: None,
             unit: None,
             parameters: LayerParameters::default(),
-            client: None,
         };
         let outcome = match self.add_layer_of(new, false).await {
             Ok(added) => {

@@ -19,7 +19,6 @@ use crate::state::Uploads;
 use case::{CaseFacts, CaseId, MaskKind, MaskSource, ObjectKind, Parameters};
 use cases::pictures::window_of;
 use http_support::conditional::{self, Content, Format, Question};
-use http_support::listen::Peer;
 use http_support::negotiate::{GZIP, media_type};
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath, NoQuery};
@@ -241,16 +240,12 @@ pub async fn put_mask(
         });
     }
     refuse_too_large(request.headers(), uploads.limits.max_bytes)?;
-    let client = Peer::of(&request);
     let _room = uploads.begin(&request)?;
     let case = cases.case(&id).await?;
     let body = Incoming::begin(cases.store(), &uploads).await?;
     let body = body.spool(request.into_body().into_data_stream()).await?;
     let version = query.values.version(id, case.parameters, body)?;
-    Ok(submitted(
-        cases.submit_version(version, client).await?,
-        None,
-    ))
+    Ok(submitted(cases.submit_version(version).await?, None))
 }
 
 /// Nine slices for checking the mask

@@ -19,7 +19,6 @@ use crate::state::Uploads;
 use http_support::conditional;
 use http_support::form_body::HeaderBudget;
 use http_support::fresh::fresh_json;
-use http_support::listen::Peer;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 use http_support::sent::from_json;
@@ -89,7 +88,6 @@ pub async fn create_layer(
 ) -> Result<Response, AppError> {
     cases.case(&id).await?;
     refuse_early(request.headers(), uploads.limits.max_bytes)?;
-    let client = Peer::of(&request);
     let _room = uploads.begin(&request)?;
     let incoming = Incoming::begin(cases.store(), &uploads).await?;
     let Received {
@@ -111,7 +109,6 @@ pub async fn create_layer(
         kind: sent.kind,
         unit: sent.unit,
         parameters,
-        client,
     };
     let added = cases.add_layer(new).await?;
     let status = match added.created {

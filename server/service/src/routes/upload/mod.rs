@@ -18,7 +18,6 @@ use super::cases::{CaseView, address_of};
 use crate::state::Uploads;
 use http_support::conditional;
 use http_support::fresh::fresh_json;
-use http_support::listen::Peer;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, NoQuery};
 
@@ -77,19 +76,16 @@ pub async fn create_case(
     request: Request,
 ) -> Result<Response, AppError> {
     refuse_early(request.headers(), uploads.limits.max_bytes)?;
-    let client = Peer::of(&request);
     let _room = uploads.begin(&request)?;
     let incoming = Incoming::begin(cases.store(), &uploads).await?;
     let Form { volume, mask, sent } = Form::read(&incoming, request).await?;
     // Before the DICOM files are read, which takes long.
     sent.parameters.check()?;
-    let (upload, choice) = cases.upload(volume, mask, &sent.options, client).await?;
+    let (upload, choice) = cases.upload(volume, mask, &sent.options).await?;
     if choice.is_none() && sent.options != Options::default() {
         return Err(not_of_nifti());
     }
-    let accepted = cases
-        .submit(upload, sent.parameters, !sent.renames, client)
-        .await?;
+    let accepted = cases.submit(upload, sent.parameters, !sent.renames).await?;
     Ok(submitted(accepted, choice))
 }
 
