@@ -9,7 +9,7 @@ use quick_cache::sync::Cache;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use case::{CaseId, LayerId, MapName};
+use case::{CaseId, LayerId, MapName, SurfaceName};
 use cases::models::PathKind;
 use cases::{Cases, ConcurrencyLimit};
 use http_support::negotiate::Coding;
@@ -23,16 +23,16 @@ const EXPECTED_BODIES: usize = 64;
 pub enum BodyKind {
     /// A texture of the volume, with this number of bits.
     Volume(u8, Extent),
-    /// The distance texture, every n-th voxel.
-    Distance(usize),
+    /// The distance texture of a surface, every n-th voxel.
+    Distance(usize, SurfaceName),
     /// The triangles of a mesh.
     Triangles(MeshSize),
     /// The texture of a map.
     Layer(MapName),
     /// The texture of an added layer.
     AddedLayer(LayerId),
-    /// Every depth of a mesh.
-    Paths(MeshSize, PathKind),
+    /// Every depth of a mesh of a surface.
+    Paths(MeshSize, PathKind, SurfaceName),
 }
 
 /// The part of the acquired volume.
