@@ -42,6 +42,8 @@ export interface SurfaceOptions {
   readonly onStatus: (status: SurfaceStatus) => void;
   /** The voxels of a layer. */
   readonly layer: (name: string) => Promise<Block>;
+  /** Hears that a surface of a part cannot be shown, and why. */
+  readonly noPart: (problem: unknown) => void;
   /** Only the server draws (`?renderer=server`). */
   readonly serverOnly: boolean;
 }
@@ -67,6 +69,12 @@ export interface Surface {
   probe(position_in_patient: Vec3): Probed | null;
   /** The depth as a function of the position; null where nothing here knows (yet). */
   readonly depths: Depths | null;
+  /** The depth below the envelope of the whole brain, in mm, whichever surface is shown; null where nothing here knows (yet). */
+  wholeDepth(position_in_patient: Vec3): number | null;
+  /** The greatest depth below the surface that is shown, if it is that of a part; else null. */
+  readonly deepest_mm: number | null;
+  /** The state as the server is asked for it: a part is fitted into its pictures by its own sphere. */
+  served(state: ViewState): ViewState;
   /** Whether a position is within the head; true where nothing here knows (yet). */
   isInHead(position_in_patient: Vec3): boolean;
   /** Whether the page draws slices of a state now. */
