@@ -171,7 +171,7 @@ test(
     }
     await bare(page, false);
     // Marked on the inner side, a point lies on that half.
-    await show(page, `#${id}&f=left&r=exact&d=8&v=right&g=0`, "exact");
+    await show(page, `#${id}&f=left&r=exact&d=8&v=right&g=0&p=0,-35`, "exact");
     await page.locator("#surface").focus();
     await page.keyboard.press("Enter");
     const marked = ((await fragment(page)).x ?? "").split(",").map(Number);

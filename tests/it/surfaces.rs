@@ -214,6 +214,7 @@ async fn a_side_that_a_surface_lacks_and_a_head_without_parts_are_refused_with_a
         let answer = server.get(&format!("{case}/render?surface=left")).await;
         assert_eq!(answer.status, StatusCode::CONFLICT);
         assert_eq!(answer.problem(), "no-surfaces");
+        assert_eq!(answer.json()["reason"], "coarse-voxels");
         let detail = answer.json()["detail"].as_str().unwrap().to_owned();
         assert!(
             detail.starts_with("only the whole brain has a surface: "),

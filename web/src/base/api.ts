@@ -22,6 +22,8 @@ export class Problem extends Error {
     readonly detail: string,
     /** Seconds after which the server would like to be asked again; 0 where it did not say. */
     readonly retryAfter = 0,
+    /** The name of the reason, if it is one of several; else empty. */
+    readonly reason = "",
   ) {
     super(detail || kind || `status ${status}`);
   }
@@ -113,6 +115,7 @@ export function problemFrom(status: number, headers: { get(name: string): string
     kind,
     String(problem.detail ?? problem.title ?? ""),
     Number(headers.get("retry-after")) || 0,
+    String(problem.reason ?? ""),
   );
 }
 
