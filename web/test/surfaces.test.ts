@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 
 import { NAMED_VIEWS, project } from "../src/model/camera.ts";
+import { looksOf } from "../src/model/checklist.ts";
 import { gradients } from "../src/model/field.ts";
 import { depthsOf } from "../src/model/isosurface.ts";
 import type { Vec2, Vec3 } from "../src/model/space.ts";
@@ -78,4 +79,13 @@ test("the fence is taken out of the depths of a part, and makes them unknown at 
   assert.equal(depths.isFenced?.([1.4, 1, 1]), true);
   assert.equal(depths.isFenced?.([1.6, 1, 1]), false);
   assert.equal(depthsOf(field, field).isFenced, undefined);
+});
+
+test("one half is looked at from its outer side alone", () => {
+  const state = { ...firstState(SHOWN), surface: "left" } as const;
+  assert.deepEqual(looksOf({ ...state, orientation: NAMED_VIEWS.left }), ["left"]);
+  assert.deepEqual(looksOf({ ...state, orientation: NAMED_VIEWS.right, layout: "slices" }), ["slices"]);
+  assert.deepEqual(looksOf({ ...state, orientation: NAMED_VIEWS.anterior }), []);
+  assert.deepEqual(looksOf({ ...state, orientation: NAMED_VIEWS.left, layout: "mirror" }), ["left", "right"]);
+  assert.deepEqual(looksOf({ ...state, surface: "cerebrum", orientation: NAMED_VIEWS.right }), ["right"]);
 });

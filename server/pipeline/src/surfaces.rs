@@ -14,7 +14,7 @@ use crate::cuts::cuts_of;
 use crate::maps::{MapsOrReason, compute_division, compute_maps_and_division};
 
 /// The version of the surfaces; part of the entity tags of everything that shows them.
-pub const SURFACES_FORMAT: u32 = 1;
+pub const SURFACES_FORMAT: u32 = 2;
 
 /// Why a case has no surfaces of parts.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]

@@ -1,6 +1,6 @@
 // The pane of the surface: the picture, what stands on it, and the hands on it.
 
-import { edgesOf, mirrored, project, towardsViewer, viewName } from "../model/camera.ts";
+import { type View, edgesOf, mirrored, project, towardsViewer, viewName } from "../model/camera.ts";
 import type { MirrorPlane, ReadyCase } from "../model/case.ts";
 import {
   type Change,
@@ -14,12 +14,12 @@ import {
   wheelZoom,
   zoomAt,
 } from "../model/controls.ts";
-import { type Marked, surfaceMarks } from "../model/marks.ts";
+import { type Mark, type Marked, surfaceMarks } from "../model/marks.ts";
 import { type Side, mirrorPlane, plainPlane, reflected, sideOf, sideSeen } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
-import { isHalf, mirroredSurface } from "../model/surfaces.ts";
+import { type SurfaceName, isHalf, mirroredSurface } from "../model/surfaces.ts";
 import type { Block } from "../model/wire.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText } from "../base/dom.ts";
@@ -240,14 +240,25 @@ export class SurfacePane {
     const sphere = this.#shown.envelope_sphere;
     const size = this.size(state);
     const mirror = isMirrored(state) ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
-    this.#overlay.marks(surfaceMarks(this.#marked, state.depth_mm, project(state, sphere, size)), size);
-    const other = isHalved(state) ? surfaceMarks(this.#marked, state.depth_mm, project(mirror, sphere, size)) : [];
+    const [own, others] = [state.surface, isMirrored(state) ? mirroredSurface(state.surface) : state.surface];
+    const marksOf = (surface: SurfaceName, view: View): readonly Mark[] =>
+      surfaceMarks(this.#marksOn(surface), state.depth_mm, project(view, sphere, size));
+    this.#overlay.marks(marksOf(own, state), size);
+    const other = isHalved(state) ? marksOf(others, mirror) : [];
     // The other half is flipped.
     const flip = ([x, y]: Vec2): Vec2 => [isMirrored(state) ? size[0] - x : x, y];
     this.#otherOverlay.marks(
       other.map((mark) => ({ ...mark, parts: mark.parts.map((part) => part.map(flip)) })),
       size,
     );
+  }
+
+  /** What is marked on a surface: what lies in the other half is not seen on one half, from whichever side. */
+  #marksOn(surface: SurfaceName): readonly Marked[] {
+    if (!isHalf(surface)) return this.#marked;
+    const plane = mirrorPlane(this.#shown);
+    const isOther = (point: Vec3): boolean => sideOf(point, plane) === mirroredSurface(surface);
+    return this.#marked.filter(({ points_in_patient }) => !points_in_patient.every(isOther));
   }
 
   /** The cross on the picture that is up: beside the mirrored one at the same place of both halves. */

@@ -138,7 +138,7 @@ impl Division {
         let closed = cut_envelope(&BrainMask::from_stored(own)?, radius_mm, cuts)?;
         let marks = self.marks_on(closed.grid());
         let closed = closed.clipped(|index| part.has(marks[index]))?;
-        let fence = self.fence(part, closed.mask());
+        let fence = without_specks(closed.mask(), &self.fence(part, closed.mask()));
         Ok(closed.with_fence(fence))
     }
 
@@ -199,6 +199,56 @@ impl Division {
             .filter(is_fence)
             .collect()
     }
+}
+
+/// How far around a border voxel it is counted whether the border is a fence, in mm.
+const SPECK_MM: f64 = 3.0;
+
+/// The border voxels around which most of the border is a fence, ascending: specks of a fence on dura, and of dura in a fence, become
+/// what is around them.
+fn without_specks(closed: &Mask, fence: &[u32]) -> Vec<u32> {
+    const BORDER: u8 = 1;
+    const FENCE: u8 = 2;
+    let grid = closed.grid();
+    let [nx, ny, _] = grid.size();
+    let voxels = closed.voxels();
+    let is_border = |&index: &u32| {
+        let index = index as usize;
+        voxels[index] && face_neighbours(grid.size(), index).any(|(_, beyond)| !voxels[beyond])
+    };
+    let border: Vec<u32> = (0..voxels.len() as u32)
+        .into_par_iter()
+        .filter(is_border)
+        .collect();
+    let mut kinds = vec![0; voxels.len()];
+    for &index in &border {
+        kinds[index as usize] = BORDER;
+    }
+    for &index in fence {
+        kinds[index as usize] = FENCE;
+    }
+    let radius = SPECK_MM / grid.spacing_mm()[0];
+    let reach = radius as i64;
+    let along = || -reach..=reach;
+    let is_near = |[x, y, z]: [i64; 3]| ((x * x + y * y + z * z) as f64) <= radius * radius;
+    // Beyond the margin of the block, an offset leads to the next row, where no border is so near.
+    let offsets: Vec<i64> = along()
+        .flat_map(|z| along().flat_map(move |y| along().map(move |x| [x, y, z])))
+        .filter(|offset| is_near(*offset))
+        .map(|[x, y, z]| x + nx as i64 * (y + ny as i64 * z))
+        .collect();
+    let stays = |&index: &u32| {
+        let mut counts = [0u32; 3];
+        for offset in &offsets {
+            let kind = usize::try_from(i64::from(index) + offset)
+                .ok()
+                .and_then(|there| kinds.get(there));
+            counts[usize::from(kind.copied().unwrap_or(0))] += 1;
+        }
+        let [_, dura, fence] = counts;
+        fence > dura || (fence == dura && kinds[index as usize] == FENCE)
+    };
+    border.into_par_iter().filter(stays).collect()
 }
 
 /// The marks of the voxels of the working grid.
@@ -426,6 +476,43 @@ pub(super) mod tests {
         let scan = BrainPhantom::PLAIN.scan(&grid());
         let none = Division::new(scan.head(), Some(RegionDoubt::PrunedMask));
         assert_eq!(none.unwrap_err().code(), "regions-pruned-mask");
+    }
+
+    #[test]
+    fn specks_of_a_fence_and_in_a_fence_are_taken_away_and_its_body_stays() {
+        let grid = Grid::aligned([50; 3], [1.0; 3], DVec3::splat(-24.5)).unwrap();
+        let place = |index: usize| {
+            let voxel = grid.voxel(index).map(|along| along as f64);
+            grid.patient_from_voxel().transform_point3(voxel.into())
+        };
+        let count = grid.voxel_count();
+        let voxels = (0..count).map(|index| place(index).length() <= 18.0);
+        let ball = Mask::new(grid.clone(), voxels.collect()).unwrap();
+        let is_border = |index: usize| {
+            ball.voxels()[index]
+                && face_neighbours(grid.size(), index).any(|(_, beyond)| !ball.voxels()[beyond])
+        };
+        let border: Vec<u32> = (0..count as u32)
+            .filter(|&index| is_border(index as usize))
+            .collect();
+        let is_fence = |index: u32| {
+            let place = place(index as usize);
+            let hole = place.distance(DVec3::new(18.0, 0.0, 0.0)) < 2.5;
+            let speck = place.distance(DVec3::new(-18.0, 0.0, 0.0)) < 1.8;
+            (place.x > 4.0 && !hole) || speck
+        };
+        let fence: Vec<u32> = border
+            .iter()
+            .copied()
+            .filter(|&index| is_fence(index))
+            .collect();
+        let clean = without_specks(&ball, &fence);
+        for &index in &border {
+            let x = place(index as usize).x;
+            let is_in = clean.binary_search(&index).is_ok();
+            assert!(is_in == (x > 4.0) || (x - 4.0).abs() < 2.0, "{x} {is_in}");
+        }
+        assert!(fence.len() > 500 && without_specks(&ball, &[]).is_empty());
     }
 
     /// How much of each half of a phantom lies in the surface of that half and in that of the other one; `None` with a reason for
