@@ -542,11 +542,11 @@ export class Viewer {
   /** Brings a place to the viewer, on the part that is shown if it lies there, else on the whole brain. */
   #bring(position: Vec3, depth_mm: number, layout: Layout): void {
     this.#stopSweep();
-    const isOnPart = this.#surface.surface.deepest_mm !== null && this.#state.surface !== "whole";
-    const own_mm = isOnPart ? (this.#surface.probe(position)?.depth_mm ?? -1) : -1;
-    const onPart = own_mm >= 0;
-    const surface = onPart ? this.#state.surface : "whole";
-    this.#change({ ...broughtTo(position, onPart ? own_mm : depth_mm, layout, this.shown), surface }, true);
+    // A part that is still being fetched is drawn once the place is shown.
+    const isPart = this.#surface.surface.deepest_mm !== null;
+    const own_mm = isPart ? (this.#surface.probe(position)?.depth_mm ?? NaN) : depth_mm;
+    const at = broughtTo(position, own_mm >= 0 ? own_mm : depth_mm, layout, this.shown);
+    this.#change({ ...at, ...(own_mm >= 0 ? {} : { surface: "whole" }) }, true);
   }
 
   #goToDepth(depth_mm: number): void {

@@ -490,7 +490,8 @@ class Cortex implements Surface {
 
   #tell(): void {
     const canSlice = this.#state !== null && this.canSlice(this.#state);
-    const status = { way: this.#way, fallback: this.#fallback, trouble: this.#trouble, canSlice };
+    const [fallback, trouble, surface] = [this.#fallback, this.#trouble, this.#surface];
+    const status = { way: this.#way, fallback, trouble, canSlice, surface };
     const told = JSON.stringify(status);
     if (told === this.#told) return;
     this.#told = told;

@@ -8,6 +8,7 @@ import type { Profile } from "../model/profile.ts";
 import type { SliceView } from "../model/slice-geometry.ts";
 import type { Vec3 } from "../model/space.ts";
 import type { ViewState, Way } from "../model/state.ts";
+import type { SurfaceName } from "../model/surfaces.ts";
 import type { Block } from "../model/wire.ts";
 
 /** What is being fetched, in bytes. `total` is 0 until it is known. */
@@ -30,6 +31,8 @@ export interface SurfaceStatus {
   readonly trouble: string;
   /** Whether the page draws slices now. */
   readonly canSlice: boolean;
+  /** The surface that is drawn now: that of the whole brain, until the one that is wanted has come. */
+  readonly surface: SurfaceName;
 }
 
 export interface SurfaceOptions {
