@@ -202,7 +202,7 @@ impl Division {
 }
 
 /// How far around a border voxel it is counted whether the border is a fence, in mm.
-const SPECK_MM: f64 = 3.0;
+const SPECK_MM: f64 = 4.0;
 
 /// The border voxels around which most of the border is a fence, ascending: specks of a fence on dura, and of dura in a fence, become
 /// what is around them.
