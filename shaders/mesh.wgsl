@@ -32,5 +32,5 @@ const UNKNOWN: f32 = -1e30;
 fn mesh_height(point: OnFacet) -> @location(0) f32 {
     let from_centre = point.position_in_field - picture.sphere_centre;
     let height = dot(from_centre, picture.towards_viewer) * picture.voxel_mm;
-    return select(UNKNOWN, height, known_at(point.position_in_field) > 0.0);
+    return select(UNKNOWN, height, known_at(point.position_in_field, around(point.position_in_field)) > 0.0);
 }

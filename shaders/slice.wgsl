@@ -69,13 +69,16 @@ fn under_contours(color: vec3<f32>, place: vec2<f32>) -> vec3<f32> {
     let highs = max(max(above, level), under);
     let least = min(min(lows.x, lows.y), lows.z);
     let greatest = max(max(highs.x, highs.y), highs.z);
-    let known = known_mm(foot_of(place)) * contours.px_per_mm + contours.cuts_px;
+    let foot = foot_of(place);
+    let known = known_mm(foot) * contours.px_per_mm + contours.cuts_px;
+    let is_unfenced = unfenced_of(around(foot)) > 0.0;
     var result = color;
     for (var index = 0u; index < contours.count; index++) {
         let wanted = contours.levels[index / 4u][index % 4u];
         let passed = wanted - LEVEL_MARGIN;
         let cover = clamp(REACH - abs(depth - wanted) / slope, 0.0, 1.0);
-        let share = select(0.0, cover, least <= passed && passed <= greatest && wanted + REACH <= known);
+        let is_drawn = is_unfenced && least <= passed && passed <= greatest && wanted + REACH <= known;
+        let share = select(0.0, cover, is_drawn);
         result = floor(mix(result, CONTOUR_COLORS[index % 8u], share) + 0.5);
     }
     return result;

@@ -172,6 +172,7 @@ fn trace_shaded(pixel: OnScreen) -> @location(0) vec4<f32> {
 fn trace_height(pixel: OnScreen) -> @location(0) f32 {
     let foot = foot_of(pixel.place_in_frame);
     let found = first_hit(foot);
-    let is_there = found.y >= 0.5 && known_at(at_height(foot, found.x)) > 0.0;
+    let place = at_height(foot, found.x);
+    let is_there = found.y >= 0.5 && known_at(place, around(place)) > 0.0;
     return select(MISS, found.x * picture.voxel_mm, is_there);
 }

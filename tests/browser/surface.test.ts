@@ -8,6 +8,7 @@ import type { Browser, CDPSession, Page } from "playwright-core";
 
 import { NAMED_VIEWS, mirrored } from "../../web/src/model/camera.ts";
 import type { ReadyCase } from "../../web/src/model/case.ts";
+import { fitted } from "../../web/src/model/surfaces.ts";
 import { agreement, bare, canvasSize, show } from "./pixels.ts";
 import {
   type Server,
@@ -58,8 +59,9 @@ interface Facts {
   };
 }
 
-async function facts(): Promise<Facts> {
-  const found = (await (await fetch(new URL(`v1/cases/${id}`, server.address))).json()) as Facts & { intensity: Facts };
+async function facts(surface = "whole"): Promise<Facts> {
+  const answer = await fetch(new URL(`v1/cases/${id}?surface=${surface}`, server.address));
+  const found = (await answer.json()) as Facts & { intensity: Facts };
   return { window: found.intensity.window, envelope_sphere: found.envelope_sphere };
 }
 
@@ -128,6 +130,55 @@ test(
     console.log(`averaged over 1 mm at 0.5 mm: ${averaged.share}; not averaged: ${sharp.share}`);
     assert.ok(averaged.share >= 0.99 && sharp.share < averaged.share, `${averaged.share}, ${sharp.share}`);
     assert.equal(await page.locator("#surface .pane-title").first().textContent(), "0.5 mm, mean of 1.0 mm  Left");
+    assert.deepEqual(troubles, []);
+    await close();
+  },
+);
+
+test(
+  "the halves and the cerebrum are the server's pictures, at the place of the whole brain, and points are found on them",
+  { skip, timeout: 600_000 },
+  async () => {
+    const { page, troubles, close } = await loadedPage("&d=8&v=right");
+    await page.locator("#surface").focus();
+    await page.keyboard.press("q");
+    await page.waitForSelector('#surface[data-surface="left"]');
+    assert.equal((await fragment(page)).f, "left");
+    const title = await page.locator("#surface .pane-title").first().textContent();
+    assert.equal(title, "8.0 mm  Left hemisphere, inner side");
+    await keep(page, "surface-left-inner");
+    const size = await canvasSize(page);
+    const whole = (await facts()).envelope_sphere;
+    await bare(page);
+    for (const [surface, view, way] of [
+      ["left", "right", "exact"],
+      ["right", "left", "exact"],
+      ["right", "right", "mesh"],
+      ["cerebrum", "inferior", "exact"],
+    ] as const) {
+      await show(page, `#${id}&f=${surface}&r=${way}&d=8&v=${view}&g=0&z=1.2&p=5,-3`, way);
+      assert.equal(await page.locator("#surface").getAttribute("data-surface"), surface);
+      const camera = { orientation: NAMED_VIEWS[view], zoom: 1.2, pan_mm: [5, -3] as const };
+      const { zoom, pan_mm } = fitted(camera, whole, (await facts(surface)).envelope_sphere);
+      const renderer = way === "mesh" ? "mesh" : "trace";
+      const address = await rendered(view, 8, renderer, size);
+      const own = `${address}&surface=${surface}&zoom=${zoom}&pan=${pan_mm.join(",")}`;
+      const { share, share_of_lit } = await agreement(page, own);
+      console.log(`${surface} ${view} ${way}: ${share} (${share_of_lit})`);
+      assert.ok(share >= 0.99 && share_of_lit >= 0.97, `${surface}, ${view}, ${way}: ${share}, ${share_of_lit}`);
+      const other = await agreement(page, `${address}&zoom=1.2&pan=5,-3`);
+      assert.ok(other.share < 0.9, `the whole brain would do as well: ${other.share}`);
+    }
+    await bare(page, false);
+    // Marked on the inner side, a point lies on that half.
+    await show(page, `#${id}&f=left&r=exact&d=8&v=right&g=0&p=0,-35`, "exact");
+    await page.locator("#surface").focus();
+    await page.keyboard.press("Enter");
+    const marked = ((await fragment(page)).x ?? "").split(",").map(Number);
+    assert.ok((marked[0] ?? 0) > 0 && (marked[0] ?? 0) < 40, marked.join());
+    await page.locator(".surfaces button", { hasText: "Whole" }).click();
+    await page.waitForSelector('#surface[data-surface="whole"]');
+    assert.equal((await fragment(page)).f, undefined);
     assert.deepEqual(troubles, []);
     await close();
   },

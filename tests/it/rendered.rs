@@ -271,6 +271,7 @@ async fn what_cannot_be_rendered_is_refused_with_its_reason() {
         ),
         ("depth_mm=NaN", "query-value-out-of-range", "`depth_mm`"),
         ("colormap=pink", "query-value-out-of-range", "`colormap`"),
+        ("surface=back", "query-value-out-of-range", "`surface`"),
     ] {
         let refused = server.get(&format!("{STUDY}/rendered3D?{query}")).await;
         assert_eq!(refused.status, 400, "{query}");
@@ -278,4 +279,15 @@ async fn what_cannot_be_rendered_is_refused_with_its_reason() {
         let detail = refused.json()["detail"].as_str().unwrap().to_owned();
         assert!(detail.contains(named), "{query}: {detail}");
     }
+    // The voxels of this head are too large to tell its hemispheres apart.
+    let part = server
+        .get(&format!("{STUDY}/rendered3D?surface=left"))
+        .await;
+    assert_eq!(
+        (part.status.as_u16(), &*part.problem()),
+        (409, "no-surfaces")
+    );
+    let address = format!("{STUDY}/rendered3D?viewport=64,64");
+    let whole = server.get(&format!("{address}&surface=whole")).await;
+    assert!(whole.body == server.get(&address).await.body);
 }

@@ -5,8 +5,10 @@ use axum::http::StatusCode;
 use cases::pictures::GpuUse;
 use geometry::{Rescale, Volume};
 use glam::DVec3;
+use isocortex::config::MapsUse;
 
 use crate::server::{Answer, Server};
+use crate::until::until;
 
 /// A bright ball beside the falx, on the patient's left: along the axes of the phantom, in mm.
 const BALL: DVec3 = DVec3::new(6.0, 55.0, 30.0);
@@ -54,6 +56,14 @@ fn head(is_mirrored: bool) -> [Vec<u8>; 2] {
 async fn case_of(server: &Server, [volume, mask]: [Vec<u8>; 2]) -> String {
     let parts = [("volume", &volume[..]), ("mask", &mask[..])];
     server.prepared(&parts).await
+}
+
+/// How many objects the surfaces of parts have in the store of a server.
+fn stored(server: &Server) -> usize {
+    let files = server.stored_files().into_iter();
+    let is_of_surfaces =
+        |file: &std::path::PathBuf| file.components().any(|part| part.as_os_str() == "surfaces");
+    files.filter(is_of_surfaces).count()
 }
 
 fn bright_count(answer: &Answer) -> usize {
@@ -110,15 +120,12 @@ async fn a_ball_on_the_left_lies_on_the_left_surface_alone_and_the_mirrored_head
 
 #[tokio::test]
 async fn a_surface_is_made_when_it_is_first_asked_for_kept_and_told_apart_from_the_whole_brain() {
-    let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
+    let server = Server::start_with(|config| {
+        config.render.gpu = GpuUse::Off;
+        config.limits.maps = MapsUse::Off;
+    })
+    .await;
     let case = case_of(&server, head(false)).await;
-    let stored = |server: &Server| {
-        let files = server.stored_files().into_iter();
-        let is_of_surfaces = |file: &std::path::PathBuf| {
-            file.components().any(|part| part.as_os_str() == "surfaces")
-        };
-        files.filter(is_of_surfaces).count()
-    };
     let whole = server.get(&format!("{case}/render?depth_mm=8")).await;
     let said = server
         .get(&format!("{case}/render?depth_mm=8&surface=whole"))
@@ -207,6 +214,7 @@ async fn a_side_that_a_surface_lacks_and_a_head_without_parts_are_refused_with_a
         let answer = server.get(&format!("{case}/render?surface=left")).await;
         assert_eq!(answer.status, StatusCode::CONFLICT);
         assert_eq!(answer.problem(), "no-surfaces");
+        assert_eq!(answer.json()["reason"], "coarse-voxels");
         let detail = answer.json()["detail"].as_str().unwrap().to_owned();
         assert!(
             detail.starts_with("only the whole brain has a surface: "),
@@ -216,4 +224,143 @@ async fn a_side_that_a_surface_lacks_and_a_head_without_parts_are_refused_with_a
     }
     let whole = server.get(&format!("{case}/render?surface=whole")).await;
     assert_eq!(whole.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn the_parts_of_a_head_are_stored_with_its_maps_and_are_those_that_are_made_on_request() {
+    let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
+    let case = case_of(&server, head(false)).await;
+    let is_ready = async || {
+        let layer = server.get(&format!("{case}/layers/blur")).await.json();
+        (layer["state"] == "ready").then_some(())
+    };
+    until("the maps are made", is_ready).await;
+    assert_eq!(stored(&server), 1);
+    let address = format!("{case}/render?depth_mm=8&surface=left&view=mesial-left");
+    let with_maps = server.get(&address).await;
+    assert_eq!(with_maps.status, StatusCode::OK);
+    assert_eq!(stored(&server), 1);
+
+    let without = Server::start_with(|config| {
+        config.render.gpu = GpuUse::Off;
+        config.limits.maps = MapsUse::Off;
+    })
+    .await;
+    let case = case_of(&without, head(false)).await;
+    let address = format!("{case}/render?depth_mm=8&surface=left&view=mesial-left");
+    assert!(without.get(&address).await.body == with_maps.body);
+}
+
+#[tokio::test]
+async fn meshes_textures_facts_slices_and_profiles_are_of_the_surface_that_is_asked_for() {
+    let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
+    let case = case_of(&server, head(false)).await;
+    let raw = [("accept", "application/octet-stream")];
+    let is_on_side = |x: f32, surface: &str| if surface == "left" { x > -2.0 } else { x < 2.0 };
+    for surface in ["left", "right"] {
+        let mesh = format!("{case}/mesh?depth_mm=6&paths=flow&surface={surface}");
+        let mesh = server.get_with(&mesh, &raw).await;
+        let positions = mesh.positions().into_iter();
+        let known: Vec<_> = positions.filter(|place| !place[0].is_nan()).collect();
+        let unknown: usize = mesh.header("x-isocortex-unknown-vertices").parse().unwrap();
+        assert_eq!(known.len() + unknown, 902);
+        assert!(unknown > 0 && known.len() > 600, "{unknown}");
+        assert!(known.iter().all(|place| is_on_side(place[0], surface)));
+        assert!(mesh.header("cache-control").contains("no-cache"));
+
+        let distance = server
+            .get(&format!("{case}/distance?surface={surface}"))
+            .await;
+        assert_eq!(distance.header("x-isocortex-format"), "i16");
+        let values = distance.body.chunks_exact(2);
+        let values = values.map(|pair| i16::from_le_bytes([pair[0], pair[1]]));
+        let (mut fenced, mut inside) = (0u32, 0u32);
+        for value in values.filter(|value| *value >= 0) {
+            inside += 1;
+            fenced += u32::from(value & 1 == 1);
+        }
+        assert!(
+            inside > 100_000 && fenced > 1_000 && fenced < inside / 2,
+            "{fenced} {inside}"
+        );
+        let coarse = server
+            .get(&format!("{case}/distance?step=4&surface={surface}"))
+            .await;
+        assert!(coarse.body.len() < distance.body.len() / 40);
+
+        let facts = server
+            .get(&format!("{case}?surface={surface}"))
+            .await
+            .json();
+        assert_eq!(facts["surface"], surface);
+        let centre = facts["envelope_sphere"]["center_in_patient"][0]
+            .as_f64()
+            .unwrap();
+        assert!(
+            centre.abs() > 20.0 && is_on_side(centre as f32, surface),
+            "{centre}"
+        );
+        let table = server
+            .get(&format!("{case}/mesh/paths?surface={surface}"))
+            .await;
+        let deepest = f32::from_le_bytes(*table.body[48..].first_chunk().unwrap());
+        let said = facts["max_depth_mm"].as_f64().unwrap();
+        assert!((f64::from(deepest) - said).abs() < 0.01, "{deepest} {said}");
+    }
+    let whole = server.get(&case).await.json();
+    assert!(whole.get("surface").is_none());
+    assert_eq!(
+        whole["id"],
+        server.get(&format!("{case}?surface=cerebrum")).await.json()["id"]
+    );
+
+    // A slice is framed as that of the whole brain, and the contour follows the falx.
+    let slice = async |keys: &str| {
+        let address = format!("{case}/slices/coronal?depth_mm=4&{keys}");
+        image::load_from_memory(&server.get(&address).await.body)
+            .unwrap()
+            .to_rgb8()
+    };
+    let (plain, left, right) = (
+        slice("").await,
+        slice("surface=left").await,
+        slice("surface=right").await,
+    );
+    let lined = |picture: &image::RgbImage, columns: std::ops::Range<u32>| {
+        let pixels = picture
+            .enumerate_pixels()
+            .filter(|(x, ..)| columns.contains(x));
+        pixels
+            .filter(|(.., pixel)| pixel[0] > pixel[2].saturating_add(60))
+            .count()
+    };
+    // The patient's left is at the right.
+    assert!(lined(&left, 270..512) > 300 && lined(&left, 0..240) == 0);
+    assert!(lined(&right, 0..240) > 300 && lined(&right, 270..512) == 0);
+    assert!(lined(&plain, 0..240) > 150 && lined(&plain, 270..512) > 150);
+
+    let beside_falx = DVec3::new(8.0, 4.0, 52.0);
+    let place = BrainPhantom::PLAIN.placed.transform_point3(beside_falx);
+    let profile = async |keys: &str| {
+        let [x, y, z] = place.to_array();
+        let address = format!("{case}/profile?position={x},{y},{z}{keys}");
+        let ask = async || {
+            let answer = server.get(&address).await;
+            (answer.status == StatusCode::OK).then(|| answer.json())
+        };
+        until("the maps are made", ask).await
+    };
+    let depth_of = |answer: &serde_json::Value| answer["point"]["depth_mm"].as_f64().unwrap();
+    let of_half = profile("&surface=left").await;
+    let of_whole = profile("").await;
+    assert!(
+        (depth_of(&of_half["own"]) - 7.5).abs() < 2.0,
+        "{}",
+        depth_of(&of_half["own"])
+    );
+    assert!(depth_of(&of_whole["own"]) > 15.0);
+    assert!((depth_of(&of_half["mirrored"]) - 7.5).abs() < 2.5);
+    let [x, y, z] = place.to_array();
+    let other = format!("{case}/profile?position={x},{y},{z}&surface=right");
+    assert_eq!(server.get(&other).await.status, StatusCode::BAD_REQUEST);
 }

@@ -77,6 +77,15 @@ bool is_in_volume(vec3 position_1) {
     return all(equal(clamp(position_1, vec3(-0.5), (_e5 - vec3(0.5))), position_1));
 }
 
+vec3 inward_of(vec4 around_1) {
+    vec3 gradient = around_1.xyz;
+    return (gradient / vec3(max(length(gradient), 1e-6)));
+}
+
+float unfenced_of(vec4 around_2) {
+    return ((around_2.w < 0.5) ? 1.0 : 0.0);
+}
+
 float brightness(float stored) {
     float _e3 = _group_0_binding_0_vs.window_black;
     float _e7 = _group_0_binding_0_vs.window_factor;
@@ -140,9 +149,10 @@ float known_mm(vec3 position_in_field_2) {
     return _e25;
 }
 
-float known_at(vec3 position_in_field_3) {
-    float _e1 = known_mm(position_in_field_3);
-    return ((_e1 >= 0.0) ? 1.0 : 0.0);
+float known_at(vec3 position_in_field_3, vec4 around_3) {
+    float _e2 = known_mm(position_in_field_3);
+    float _e8 = unfenced_of(around_3);
+    return (((_e2 >= 0.0) ? 1.0 : 0.0) * _e8);
 }
 
 vec3 foot_of(vec2 place_in_frame) {

@@ -113,12 +113,26 @@ float below(vec3 position_2) {
     return ((_e35 * _e38) - _e42);
 }
 
-vec3 inward_at(vec3 position_3) {
+vec4 around(vec3 position_3) {
     vec3 _e6 = _group_0_binding_0_vs.field_size;
     vec3 place_2 = ((position_3 + vec3(0.5)) / _e6);
     vec4 _e11 = textureLod(_group_0_binding_3_vs, vec3(place_2), 0.0);
-    vec3 gradient = _e11.xyz;
+    return _e11;
+}
+
+vec3 inward_of(vec4 around_1) {
+    vec3 gradient = around_1.xyz;
     return (gradient / vec3(max(length(gradient), 1e-6)));
+}
+
+float unfenced_of(vec4 around_2) {
+    return ((around_2.w < 0.5) ? 1.0 : 0.0);
+}
+
+vec3 inward_at(vec3 position_4) {
+    vec4 _e1 = around(position_4);
+    vec3 _e2 = inward_of(_e1);
+    return _e2;
 }
 
 vec3 stored_position(uint index) {
@@ -191,7 +205,7 @@ uint first_piece_of(uint vertex_1) {
 }
 
 vec3 shrunk(uint vertex_2) {
-    vec3 position_4 = vec3(0.0);
+    vec3 position_5 = vec3(0.0);
     uint piece = 0u;
     bool local = false;
     uint _e3 = _group_1_binding_0_vs.row;
@@ -205,7 +219,7 @@ vec3 shrunk(uint vertex_2) {
     vec3 _e25 = stored_position(index_2);
     uint _e28 = _group_1_binding_0_vs.vertex_count;
     vec3 _e30 = stored_position((index_2 + _e28));
-    position_4 = mix(_e25, _e30, fraction);
+    position_5 = mix(_e25, _e30, fraction);
     uint _e35 = _group_1_binding_0_vs.first_piece;
     uint _e38 = _group_1_binding_0_vs.piece_count;
     uint end = (_e35 + _e38);
@@ -243,11 +257,11 @@ vec3 shrunk(uint vertex_2) {
             bool _e71 = local;
             if (_e71) {
                 vec3 _e72 = on_piece(start_1, depths_mm_1);
-                position_4 = _e72;
+                position_5 = _e72;
             }
         }
     }
-    vec3 _e76 = position_4;
+    vec3 _e76 = position_5;
     return _e76;
 }
 

@@ -48,6 +48,7 @@ const MAPS: Maps = {
 };
 const SIZE: Vec2 = [200, 100];
 const LOOK: Look = {
+  surface: "whole",
   orientation: NAMED_VIEWS.anterior,
   zoom: 1,
   pan_mm: [0, 0],

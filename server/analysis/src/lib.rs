@@ -43,7 +43,7 @@ mod width;
 
 pub use candidates::{BORDERLINE_FROM, Candidate, ScoreLimits, Side, UNUSUAL_ABOVE, Unusual};
 pub use head::Head;
-pub use maps::{MapParameters, Maps, maps};
+pub use maps::{MapParameters, Maps, maps, maps_and_division};
 pub use midsagittal::{MidsagittalFit, MidsagittalPlane, midsagittal_fit, midsagittal_plane};
 pub use regions::{
     Division, NoDivision, Region, RegionDoubt, RegionNumbers, Regions, Sheet, SurfacePart,

@@ -10,7 +10,7 @@ use crate::gradient::{Slope, weighted_gradient};
 use crate::head::Head;
 use crate::junction::junction_density;
 use crate::mirror::{Widths, differences, intensity_differences};
-use crate::regions::{RegionDoubt, Regions, regions};
+use crate::regions::{Division, NoDivision, RegionDoubt, Regions, regions};
 use crate::robust::Robust;
 use crate::sharpness::{Sharpness, sharpness};
 use crate::slant::{DepthBand, depth_bands};
@@ -131,6 +131,30 @@ impl Maps {
 pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUndefined> {
     let (block, values, tissue) = tissue_of(head)?;
     let regions = regions(head, &block, &values, parameters.doubt);
+    Ok(maps_of(head, (block, values, tissue), regions, parameters))
+}
+
+/// The maps of a head, and its parts, for which the same regions are found.
+///
+/// # Errors
+/// As [`maps`]; the parts have their own reason.
+pub fn maps_and_division(
+    head: Head<'_>,
+    parameters: &MapParameters,
+) -> Result<(Maps, Result<Division, NoDivision>), MapsUndefined> {
+    let (block, values, tissue) = tissue_of(head)?;
+    let regions = regions(head, &block, &values, parameters.doubt);
+    let division = Division::of(head, (&block, &values), &regions);
+    let maps = maps_of(head, (block, values, tissue), regions, parameters);
+    Ok((maps, division))
+}
+
+fn maps_of(
+    head: Head<'_>,
+    (block, values, tissue): (Block, Vec<f32>, TissueScale),
+    regions: Regions,
+    parameters: &MapParameters,
+) -> Maps {
     let store = |kind, voxels: &[u32], values: &[f32]| {
         let values = voxels.iter().map(|&voxel| values[voxel as usize]);
         StoredMap::new(kind, &block.grid, voxels, values)
@@ -184,7 +208,7 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
     let thickness_map = store(MapKind::Thickness, defined, &thick);
     let limits = ScoreLimits::THICKNESS;
     let thick = candidates(&block, &scores, (head, &regions), (choice, limits));
-    Ok(Maps {
+    Maps {
         maps: vec![
             sharpness_map,
             junction_map,
@@ -201,7 +225,7 @@ pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUnde
         tissue,
         widths: parameters.width_table(block.spacing_mm),
         grid: block.grid,
-    })
+    }
 }
 
 /// The score for a thick cortex at each voxel of a block, NaN where it is undefined.

@@ -23,7 +23,7 @@ pub enum ObjectKind {
     Paths,
     /// The maps of the junction of grey and white matter, or why there are none; made once the case is ready.
     Maps,
-    /// The closed parts of the brain, or why there are none; made when one is first shown.
+    /// The closed parts of the brain, or why there are none; made with the maps, or else when one is first shown.
     Surfaces,
     /// A DICOM file that came from a PACS and is part of no case yet.
     Instance,

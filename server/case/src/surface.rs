@@ -42,6 +42,16 @@ impl SurfaceName {
         }
     }
 
+    /// The surface of the mirrored places: of a half, the other half.
+    #[must_use]
+    pub fn mirrored(self) -> Self {
+        match self {
+            Self::Left => Self::Right,
+            Self::Right => Self::Left,
+            both => both,
+        }
+    }
+
     /// Whether it is the whole brain.
     pub fn is_whole(&self) -> bool {
         *self == Self::Whole

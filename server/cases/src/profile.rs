@@ -119,7 +119,7 @@ pub struct ProfileSample {
     pub distance_mm: f64,
     /// LPS mm.
     pub position_in_patient: [f64; 3],
-    /// The depth below the envelope; null near a face of the volume that cuts the brain.
+    /// The depth below the surface; null near a face of the volume that cuts the brain, and where a fence is nearer than the dura.
     pub depth_mm: Option<f32>,
     /// The intensity, interpolated.
     pub intensity: Option<f32>,
@@ -140,12 +140,13 @@ pub struct ProfileSample {
     pub layers: Vec<Option<f32>>,
 }
 
-/// The profile of a case through a point (LPS mm), with the values of its layers and of its maps if there are any.
+/// The profile below a surface of a case through a point (LPS mm), with the values of its layers and of its maps if there are any.
+/// `opposite` is the surface of the mirrored point, [`SurfaceName::mirrored`](case::SurfaceName::mirrored).
 ///
 /// # Errors
 /// [`Error::Parameter`] if the point is outside the envelope.
 pub fn profile(
-    warm: &WarmModel,
+    [warm, opposite]: [&WarmModel; 2],
     maps: Result<&LoadedMaps, NoMaps>,
     layers: &[SampledLayer],
     position_in_patient: DVec3,
@@ -163,6 +164,10 @@ pub fn profile(
     };
     let own = probe.point(position_in_patient).ok_or_else(outside)?;
     let plane = mirror_plane(&warm.facts);
+    let probe = Probe {
+        model: opposite.model(),
+        ..probe
+    };
     Ok(Profile {
         own,
         mirrored: probe.point(plane.reflected(position_in_patient)),
@@ -246,7 +251,11 @@ impl Probe<'_> {
         let field = self.model.field();
         let voxel_mm = f64::from(field.spacing_mm());
         let mut cuts = field.cuts().iter();
-        let is_known = cuts.all(|cut| cut.leaves(position, f64::from(depth_mm), voxel_mm));
+        let fenced = field.fenced();
+        let is_fenced =
+            fenced.is_some_and(|fenced| fenced.covers(in_voxels(field, position).to_array()));
+        let is_known =
+            !is_fenced && cuts.all(|cut| cut.leaves(position, f64::from(depth_mm), voxel_mm));
         ProfileSample {
             distance_mm,
             position_in_patient: position.to_array(),

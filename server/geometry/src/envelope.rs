@@ -1,7 +1,6 @@
 //! The closed mask that hugs the dura.
 
 use crate::beyond_cuts::Extended;
-use crate::mask::MARGIN;
 use crate::runs::{Connectivity, fill_holes, keep_largest_component};
 use crate::transform::{MAX_DISTANCE, transformed};
 use crate::{BrainMask, Cut, GeometryError, Grid, Mask};
@@ -56,11 +55,8 @@ impl Envelope {
         let voxels = self.mask.voxels().iter().enumerate();
         let kept = voxels.map(|(index, &is_inside)| is_inside && is_kept(index));
         let kept = Mask::new(self.grid().clone(), kept.collect())?;
-        let kept = kept.largest_component().filled();
-        let [first, last] = kept.bounds().ok_or(GeometryError::EmptyMask)?;
-        let first = first.map(|voxel| voxel as i64 - MARGIN);
-        let size = [0, 1, 2].map(|axis| (last[axis] as i64 + 1 + MARGIN - first[axis]) as usize);
-        Ok(Self::from_stored(kept.block(first, size)?)?.with_cuts(self.cuts.clone()))
+        let kept = kept.largest_component().filled().cropped()?;
+        Ok(Self::from_stored(kept)?.with_cuts(self.cuts.clone()))
     }
 
     /// The working grid.

@@ -137,6 +137,17 @@ impl Mask {
         working_grid(self, volume_grid)
     }
 
+    /// The same mask on the block of its grid that a working grid has around it.
+    ///
+    /// # Errors
+    /// If the mask is empty.
+    pub fn cropped(&self) -> Result<Self, GeometryError> {
+        let [first, last] = self.bounds().ok_or(GeometryError::EmptyMask)?;
+        let first = first.map(|voxel| voxel as i64 - MARGIN);
+        let size = [0, 1, 2].map(|axis| (last[axis] as i64 + 1 + MARGIN - first[axis]) as usize);
+        self.block(first, size)
+    }
+
     /// The set inside a block of `size` voxels that starts at voxel `first`, which may lie outside the grid.
     pub(crate) fn block(&self, first: [i64; 3], size: [usize; 3]) -> Result<Self, GeometryError> {
         let grid = self.grid.block(first, size)?;

@@ -39,6 +39,9 @@ pub struct Problem {
     /// The key of the query or the part of the form with the error.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub parameter: Option<String>,
+    /// The stable name of the reason, for translations, if it is one of several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
 }
 
 /// Every error of a request.
@@ -347,6 +350,14 @@ impl AppError {
             status: status.as_u16(),
             detail: self.detail(),
             parameter: self.parameter(),
+            reason: self.reason(),
+        }
+    }
+
+    fn reason(&self) -> Option<String> {
+        match self {
+            Self::Cases(Error::NoSurfaces(reason)) => Some(reason.code.to_string()),
+            _ => None,
         }
     }
 }

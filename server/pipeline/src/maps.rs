@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use analysis::{
-    Candidate, DepthBand, Head, MapKind, MapParameters, MapsUndefined, MidsagittalPlane, Region,
-    RegionDoubt, Regions, Side, StoredMap, WidthTable,
+    Candidate, DepthBand, Division, Head, MapKind, MapParameters, Maps, MapsUndefined,
+    MidsagittalPlane, NoDivision, Region, RegionDoubt, Regions, Side, StoredMap, WidthTable,
 };
 use case::{
     BrainRegion, CandidateFacts, CaseFacts, JunctionBandFacts, MapName, MaskMethod, PatientSide,
@@ -90,9 +90,32 @@ pub fn mirror_plane(facts: &CaseFacts) -> MidsagittalPlane {
 
 /// Computes the maps of a case; the reason if they are undefined.
 pub fn compute_maps(facts: &CaseFacts, envelope: &Envelope, volume: &Volume) -> MapsOrReason {
+    let maps = of_head(facts, envelope, volume, analysis::maps)?;
+    Ok(maps.into())
+}
+
+/// The same, and the parts of the brain, which are found with the regions that the maps need.
+pub(crate) fn compute_maps_and_division(
+    facts: &CaseFacts,
+    envelope: &Envelope,
+    volume: &Volume,
+) -> (MapsOrReason, Result<Division, NoDivision>) {
+    match of_head(facts, envelope, volume, analysis::maps_and_division) {
+        Ok((maps, division)) => (Ok(maps.into()), division),
+        Err(reason) => (Err(reason.into()), Err(reason.into())),
+    }
+}
+
+/// Computes something of the head of a case, with the parameters of its maps.
+fn of_head<T>(
+    facts: &CaseFacts,
+    envelope: &Envelope,
+    volume: &Volume,
+    compute: impl FnOnce(Head<'_>, &MapParameters) -> Result<T, MapsUndefined>,
+) -> Result<T, MapsUndefined> {
     let quality = facts.quality.as_ref();
     if quality.is_some_and(|quality| quality.state == QualityState::Failed) {
-        return Err(MapsUndefined::FailedEnvelope.into());
+        return Err(MapsUndefined::FailedEnvelope);
     }
     let is_pruned = quality.is_some_and(|quality| quality.method == MaskMethod::TreePruning);
     let parameters = MapParameters {
@@ -104,15 +127,32 @@ pub fn compute_maps(facts: &CaseFacts, envelope: &Envelope, volume: &Volume) -> 
         depth: &DepthField::new(&geometry::distance_map(envelope)),
         plane: &mirror_plane(facts),
     };
-    let maps = analysis::maps(head, &parameters)?;
-    Ok(CaseMaps {
-        candidates: maps.candidates.iter().map(candidate_facts).collect(),
-        elsewhere: maps.elsewhere.iter().map(candidate_facts).collect(),
-        thick: (maps.thick.each_ref()).map(|places| places.iter().map(candidate_facts).collect()),
-        regions: region_facts(&maps.regions),
-        junction_by_depth: maps.depth_bands.iter().map(junction_band_facts).collect(),
-        maps: maps.into_maps(),
-    })
+    compute(head, &parameters)
+}
+
+/// The parts of the brain of a case; the reason if it has none.
+pub(crate) fn compute_division(
+    facts: &CaseFacts,
+    envelope: &Envelope,
+    volume: &Volume,
+) -> Result<Division, NoDivision> {
+    let divide =
+        |head: Head<'_>, parameters: &MapParameters| Ok(Division::new(head, parameters.doubt));
+    of_head(facts, envelope, volume, divide)?
+}
+
+impl From<Maps> for CaseMaps {
+    fn from(maps: Maps) -> Self {
+        Self {
+            candidates: maps.candidates.iter().map(candidate_facts).collect(),
+            elsewhere: maps.elsewhere.iter().map(candidate_facts).collect(),
+            thick: (maps.thick.each_ref())
+                .map(|places| places.iter().map(candidate_facts).collect()),
+            regions: region_facts(&maps.regions),
+            junction_by_depth: maps.depth_bands.iter().map(junction_band_facts).collect(),
+            maps: maps.into_maps(),
+        }
+    }
 }
 
 /// The side of a position that is so far from the midsagittal plane, to the patient's left.

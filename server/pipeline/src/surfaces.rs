@@ -2,20 +2,19 @@
 
 use std::borrow::Cow;
 
-use analysis::{Division, Head, NoDivision, RegionDoubt, SurfacePart};
-use case::{CaseFacts, MaskMethod, Parameters, QualityState, SphereFacts, SurfaceName};
+use analysis::{Division, NoDivision, SurfacePart};
+use case::{CaseFacts, Parameters, SphereFacts, SurfaceName};
 use geometry::{
-    BrainMask, BuiltModel, ClosedBrain, DeformableModel, DepthField, Envelope, GeometryError, Mask,
-    Volume, cut_envelope, distance_map,
+    BrainMask, BuiltModel, ClosedBrain, DeformableModel, Envelope, GeometryError, Volume,
 };
 use serde::{Deserialize, Serialize};
 
 use crate::brain::closing_radius_mm;
 use crate::cuts::cuts_of;
-use crate::maps::mirror_plane;
+use crate::maps::{MapsOrReason, compute_division, compute_maps_and_division};
 
 /// The version of the surfaces; part of the entity tags of everything that shows them.
-pub const SURFACES_FORMAT: u32 = 1;
+pub const SURFACES_FORMAT: u32 = 2;
 
 /// Why a case has no surfaces of parts.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
@@ -68,55 +67,41 @@ impl Surfaces {
     }
 }
 
-/// Closes the parts of a brain; the reason if it cannot be divided.
-///
-/// A part is the brain within its region, closed by the ball that closes the whole brain, and clipped to the region: the closing
-/// crosses neither the falx nor the tentorium. Where its border runs through tissue it is a fence, not dura.
-pub fn compute_surfaces(
-    (facts, parameters): (&CaseFacts, &Parameters),
-    brain: &BrainMask,
-    envelope: &Envelope,
-    volume: &Volume,
-) -> SurfacesOrReason {
-    let quality = facts.quality.as_ref();
-    if quality.is_some_and(|quality| quality.state == QualityState::Failed) {
-        return Err(NoDivision::from(analysis::MapsUndefined::FailedEnvelope).into());
-    }
-    let is_pruned = quality.is_some_and(|quality| quality.method == MaskMethod::TreePruning);
-    let head = Head {
-        volume,
-        depth: &DepthField::new(&distance_map(envelope)),
-        plane: &mirror_plane(facts),
-    };
-    let division = Division::new(head, is_pruned.then_some(RegionDoubt::PrunedMask))?;
-    let radius_mm = closing_radius_mm(parameters);
-    let closed = |part| closed_part((&division, part), brain, envelope, radius_mm);
-    let [left, right, cerebrum] = SurfacePart::ALL.map(closed);
+/// The case of which the parts are computed.
+#[derive(Debug, Clone, Copy)]
+pub struct DividedCase<'a> {
+    /// Its facts.
+    pub facts: &'a CaseFacts,
+    /// How it was prepared.
+    pub parameters: &'a Parameters,
+    /// The brain before closing.
+    pub brain: &'a BrainMask,
+    /// The closed brain.
+    pub envelope: &'a Envelope,
+    /// The intensities around it.
+    pub volume: &'a Volume,
+}
+
+/// Closes the parts of a brain, each by the ball that closes the whole brain; the reason if it cannot be divided.
+pub fn compute_surfaces(case: DividedCase<'_>) -> SurfacesOrReason {
+    let division = compute_division(case.facts, case.envelope, case.volume);
+    closed_parts(case, division)
+}
+
+/// The maps of a case and the closed parts of its brain, in less time than one after the other.
+pub fn compute_maps_and_surfaces(case: DividedCase<'_>) -> (MapsOrReason, SurfacesOrReason) {
+    let (maps, division) = compute_maps_and_division(case.facts, case.envelope, case.volume);
+    (maps, closed_parts(case, division))
+}
+
+fn closed_parts(case: DividedCase<'_>, division: Result<Division, NoDivision>) -> SurfacesOrReason {
+    let division = division?;
+    let closing = (closing_radius_mm(case.parameters), case.envelope.cuts());
+    let [left, right, cerebrum] =
+        SurfacePart::ALL.map(|part| division.closed(part, case.brain, closing));
     Ok(Surfaces {
         envelopes: [left?, right?, cerebrum?],
     })
-}
-
-fn closed_part(
-    (division, part): (&Division, SurfacePart),
-    brain: &BrainMask,
-    envelope: &Envelope,
-    radius_mm: f64,
-) -> Result<Envelope, GeometryError> {
-    let grid = brain.mask().grid();
-    if grid != envelope.grid() {
-        return Err(GeometryError::ValueCount {
-            values: grid.voxel_count(),
-            voxels: envelope.grid().voxel_count(),
-        });
-    }
-    let voxels = brain.mask().voxels().iter().enumerate();
-    let own = voxels.map(|(index, &is_brain)| is_brain && division.has(part, index));
-    let own = Mask::new(grid.clone(), own.collect())?;
-    let closed = cut_envelope(&BrainMask::from_stored(own)?, radius_mm, envelope.cuts())?;
-    let closed = closed.clipped(|index| division.has(part, index))?;
-    let fence = division.fence(part, closed.mask());
-    Ok(closed.with_fence(fence))
 }
 
 /// A closed part with the cuts of the volume of its case, which are stored as facts.

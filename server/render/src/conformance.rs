@@ -226,6 +226,7 @@ pub fn check(backend: RenderBackend, limits: Limits) {
     a_head_light_is_brightest_where_the_surface_faces_the_viewer(renderer);
     outside_of_the_volume_nothing_is_shown(renderer);
     beside_a_cut_nothing_is_shown(renderer);
+    beside_a_fence_nothing_is_shown(renderer);
     colours_are_those_of_the_map(renderer);
     deeper_than_the_deepest_there_is_nothing(renderer);
     a_slab_averages_over_depth_but_not_beyond_the_envelope(renderer);
@@ -560,6 +561,55 @@ fn beside_a_cut_nothing_is_shown(renderer: &Renderer) {
             let is_below = view == NamedView::Inferior;
             assert_eq!(is_bare, is_below, "{view:?} at {depth_mm} mm");
         }
+    }
+}
+
+/// A fence in the upper half of the patient's right side: what is nearer to it than to other border is bare, the rest is as without.
+fn beside_a_fence_nothing_is_shown(renderer: &Renderer) {
+    let whole = bright();
+    let envelope = envelope_where(|_| true);
+    let grid = envelope.grid().clone();
+    let inside = envelope.mask().voxels();
+    let is_fence = |&index: &u32| {
+        let index = index as usize;
+        let voxel = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
+        let place = grid.patient_from_voxel().transform_point3(voxel);
+        let mut around = geometry::face_neighbours(grid.size(), index);
+        let is_border = inside[index] && around.any(|(_, beyond)| !inside[beyond]);
+        is_border && place.x < CENTRE.x - 5.0 && place.z > CENTRE.z
+    };
+    let fence: Vec<u32> = (0..inside.len() as u32).filter(is_fence).collect();
+    let native = Grid::new([80, 90, 70], aligned()).unwrap();
+    let volume = phantom::volume(native, |_| 200);
+    let part = Phantom::of(volume, envelope.with_fence(fence));
+    let fenced = part.case.model.field().fenced().expect("a fence");
+    for depth_mm in [2.0, 8.0] {
+        let request = request(RenderParameters {
+            depth_mm,
+            camera: Camera::named(NamedView::Right),
+            background: Background::Transparent,
+            ..parameters()
+        });
+        let hits = renderer.hits(&whole, &request);
+        let (of_whole, of_part) = (
+            renderer.draw(&whole, &request),
+            renderer.draw(&part, &request),
+        );
+        let (mut shown, mut bare, mut wrong) = (0, 0, 0);
+        for index in 0..96 * 96 {
+            let (column, row) = (index % 96, index / 96);
+            let Some(position) = hits.position_in_patient(column, row) else {
+                continue;
+            };
+            let voxel = grid.voxel_from_patient().transform_point3(position);
+            let is_bare = of_part.pixel(column, row).unwrap()[1] == 0;
+            bare += u32::from(is_bare);
+            shown += u32::from(of_part.pixel(column, row) == of_whole.pixel(column, row));
+            wrong += u32::from(is_bare != fenced.covers(voxel.as_vec3().to_array()));
+        }
+        assert!(bare > 300 && shown > 600, "{depth_mm} mm: {bare} {shown}");
+        // Where half of the depths around are unknown, rounding decides.
+        assert!(wrong <= 40, "{depth_mm} mm: {wrong}");
     }
 }
 

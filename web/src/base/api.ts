@@ -3,6 +3,7 @@
 import type { Case, ProblemBody } from "../model/case.ts";
 import type { Layer, LayerList } from "../model/layers.ts";
 import type { CandidateList, ListingMap } from "../model/maps.ts";
+import type { PartName } from "../model/surfaces.ts";
 import { wait } from "./patience.ts";
 
 let token = "";
@@ -21,6 +22,8 @@ export class Problem extends Error {
     readonly detail: string,
     /** Seconds after which the server would like to be asked again; 0 where it did not say. */
     readonly retryAfter = 0,
+    /** The name of the reason, if it is one of several; else empty. */
+    readonly reason = "",
   ) {
     super(detail || kind || `status ${status}`);
   }
@@ -112,6 +115,7 @@ export function problemFrom(status: number, headers: { get(name: string): string
     kind,
     String(problem.detail ?? problem.title ?? ""),
     Number(headers.get("retry-after")) || 0,
+    String(problem.reason ?? ""),
   );
 }
 
@@ -134,8 +138,10 @@ export async function anyArrivals(): Promise<boolean> {
   return ((await answer.json()) as { readonly arrivals: readonly unknown[] }).arrivals.length > 0;
 }
 
-export async function getCase(id: string): Promise<Case> {
-  return (await send(`v1/cases/${id}`, { cache: "no-store" })).json() as Promise<Case>;
+/** A case; with a part, its facts are those of that surface. */
+export async function getCase(id: string, part: PartName | null = null): Promise<Case> {
+  const query = part ? `?surface=${part}` : "";
+  return (await send(`v1/cases/${id}${query}`, { cache: "no-store" })).json() as Promise<Case>;
 }
 
 /** Renames a case, or keeps it whatever its age, or no longer; the case as it is then. */

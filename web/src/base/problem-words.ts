@@ -16,6 +16,8 @@ export const troubleWords = (problem: unknown): string =>
 export function problemWords(problem: unknown): string {
   if (!(problem instanceof Problem)) return t("problem.unexpected");
   const key = known(`problem.${problem.kind}`);
+  const reason = known(`reason.${problem.reason}`);
+  if (key && reason) return `${t(key)} ${t(reason)}`;
   if (key && (spoken() !== "en" || !problem.detail)) return withNumbers(t(key), problem.detail);
   if (problem.detail) return t("problem.english", { detail: sentence(problem.detail) });
   return t("problem.status", { status: problem.status });

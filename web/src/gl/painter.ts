@@ -41,6 +41,7 @@ import {
   type Maps,
   type TexelGrid,
 } from "./uniforms.ts";
+import type { SurfaceName } from "../model/surfaces.ts";
 import type { Block, PathsTable } from "../model/wire.ts";
 
 /** Bytes that are handed to the device at once. */
@@ -82,11 +83,11 @@ export class Painter {
   #mesh: { readonly vertices: Vertices; readonly indexCount: number } | null = null;
   /** What the vertices' positions are of. */
   #positioned: { readonly depth_mm: number; readonly by: FieldTextures | "server" } | null = null;
-  #shrinking: Shrinking | null = null;
+  readonly #shrinkings = new Map<SurfaceName, Shrinking>();
   #volume: VolumeTexture | null = null;
   /** By name or id, the one that came last at the end. */
   readonly #layers = new Map<string, Texture>();
-  #field: FieldTextures | null = null;
+  readonly #fields = new Map<SurfaceName, FieldTextures>();
   #coarse: Target | null = null;
   #slice: Target | null = null;
   #depths: DepthTarget | null = null;
@@ -128,13 +129,15 @@ export class Painter {
     this.#positioned = { depth_mm, by: "server" };
   }
 
-  /** Takes the table of all depths. */
-  setPaths(table: PathsTable): void {
+  /** Takes the table of all depths of a surface. */
+  setPaths(table: PathsTable, surface: SurfaceName = "whole"): void {
     const gl = this.#gl;
     const rows = inLines(table.rows, 4);
     const pieces = inLines(table.pieces, 1);
     gl.activeTexture(gl.TEXTURE0 + UNITS.rows);
-    this.#shrinking = {
+    const former = this.#shrinkings.get(surface);
+    for (const old of former ? [former.rows, former.pieces] : []) gl.deleteTexture(old);
+    this.#shrinkings.set(surface, {
       table,
       rows: createTable(
         gl,
@@ -148,7 +151,7 @@ export class Painter {
         pieces.size,
         pieces.texels,
       ),
-    };
+    });
   }
 
   /** Takes intensities, some slices at a time; the ones before them are drawn with until all are there. */
@@ -178,8 +181,8 @@ export class Painter {
     this.#layers.delete(name);
   }
 
-  /** Takes depths, or with `smoothed` null their gradients alone, some slices at a time. */
-  *setField(maps: FieldMaps): Generator<void, void> {
+  /** Takes the depths of a surface, or with `smoothed` null their gradients alone, some slices at a time. */
+  *setField(maps: FieldMaps, surface: SurfaceName = "whole"): Generator<void, void> {
     const gl = this.#gl;
     const { field, smoothed } = maps;
     const format = { internal: gl.RGBA8_SNORM, layout: gl.RGBA, type: gl.BYTE };
@@ -192,13 +195,14 @@ export class Painter {
           yield* this.#uploaded(depths, field.size, smoothed),
         ] as const)
       : null;
-    for (const old of [this.#field?.normals, ...(this.#field?.depths ?? [])]) gl.deleteTexture(old ?? null);
-    this.#field = {
+    const former = this.#fields.get(surface);
+    for (const old of [former?.normals, ...(former?.depths ?? [])]) gl.deleteTexture(old ?? null);
+    this.#fields.set(surface, {
       grid: depthGrid(field, depths.unit, STEPS_PER_VOXEL),
       borderBox: maps.borderBox,
       normals,
       depths: textures,
-    };
+    });
   }
 
   *#uploaded(
@@ -222,11 +226,18 @@ export class Painter {
     return texture;
   }
 
+  /** Whether all data of a surface are present. */
+  hasSurface(surface: SurfaceName): boolean {
+    return this.#fields.get(surface)?.depths != null && this.#shrinkings.has(surface);
+  }
+
   /** Whether all data for a picture are present. */
-  canDraw(way: Drawn, depth_mm: number): boolean {
-    if (!this.#volume || !this.#field) return false;
-    if (way === "exact") return this.#field.depths !== null;
-    return this.#mesh !== null && (this.#shrinking !== null || this.#positioned?.depth_mm === depth_mm);
+  canDraw(way: Drawn, depth_mm: number, surfaces: readonly SurfaceName[]): boolean {
+    const fields = surfaces.map((surface) => this.#fields.get(surface));
+    if (!this.#volume || !fields.every((field) => field !== undefined)) return false;
+    if (way === "exact") return fields.every(({ depths }) => depths !== null);
+    const isPositioned = surfaces.every((surface) => surface === "whole") && this.#positioned?.depth_mm === depth_mm;
+    return this.#mesh !== null && (isPositioned || surfaces.every((surface) => this.#shrinkings.has(surface)));
   }
 
   /** Draws panes into the canvas. */
@@ -242,7 +253,7 @@ export class Painter {
     for (const pane of panes) {
       const [width, height] = scaled(pane.size, share);
       const maps = this.#takeUp(pane.look, [width, height]);
-      if (way === "mesh") this.#drawDepths(pane.look.depth_mm, scaled([width, height], depths));
+      if (way === "mesh") this.#drawDepths(pane.look, scaled([width, height], depths));
       const [left, top] = [pane.left, pane.top].map((part) => Math.round(part * share)) as [number, number];
       gl.bindFramebuffer(gl.FRAMEBUFFER, frame);
       gl.viewport(left, size[1] - top - height, width, height);
@@ -265,7 +276,7 @@ export class Painter {
 
   /** Whether all data for slices are present. */
   get canSlice(): boolean {
-    return this.#volume?.isWhole === true && this.#field?.depths != null;
+    return this.#volume?.isWhole === true && this.#fields.get("whole")?.depths != null;
   }
 
   /** Draws a slice of `size` pixels, beside the canvas. */
@@ -285,7 +296,7 @@ export class Painter {
   /** Hands over what all passes of a pane are given. */
   #takeUp(look: Look, size: Vec2, sphere = this.#case.sphere): Maps {
     const volume = made(this.#volume);
-    const field = made(this.#field);
+    const field = made(this.#fields.get(look.surface) ?? null);
     const layer = look.layer && this.#layers.get(look.layer.id);
     const overlay = look.overlay && this.#layers.get(look.overlay.name);
     const { grid, borderBox } = field;
@@ -311,10 +322,10 @@ export class Painter {
   }
 
   /** Draws the mesh into a depth buffer of `size`. */
-  #drawDepths(depth_mm: number, size: Vec2): void {
+  #drawDepths(look: Look, size: Vec2): void {
     const gl = this.#gl;
     const mesh = made(this.#mesh);
-    this.#shrink(mesh.vertices, depth_mm);
+    this.#shrink(mesh.vertices, look);
     gl.activeTexture(gl.TEXTURE0 + UNITS.depths);
     this.#depths = fitting(this.#depths, size) ?? createDepthTarget(gl, size);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.#depths.frame);
@@ -329,10 +340,11 @@ export class Painter {
   }
 
   /** Brings the vertices to a depth, unless they are there. */
-  #shrink(vertices: Vertices, depth_mm: number): void {
-    const field = this.#field;
-    if (this.#positioned?.depth_mm === depth_mm && (!this.#shrinking || this.#positioned.by === field)) return;
-    const { table, rows, pieces } = made(this.#shrinking);
+  #shrink(vertices: Vertices, { depth_mm, surface }: Look): void {
+    const field = this.#fields.get(surface) ?? null;
+    const shrinking = this.#shrinkings.get(surface) ?? null;
+    if (this.#positioned?.depth_mm === depth_mm && (!shrinking || this.#positioned.by === field)) return;
+    const { table, rows, pieces } = made(shrinking);
     this.#paths.write(pathsFields(table, depth_mm));
     this.#bind(UNITS.rows, rows, this.#gl.TEXTURE_2D);
     this.#bind(UNITS.pieces, pieces, this.#gl.TEXTURE_2D);

@@ -10,6 +10,8 @@ export interface FieldMaps {
   /** On the field's grid; null where only the light is drawn with it. */
   readonly smoothed: Int16Array<ArrayBuffer> | null;
   readonly gradients: Int8Array<ArrayBuffer>;
+  /** Where a fence makes the depth unknown, 1 or 0; null for the whole brain, which has none. */
+  readonly fenced?: Uint8Array<ArrayBuffer> | null;
   readonly borderBox: readonly [Vec3, Vec3] | null;
 }
 

@@ -8,6 +8,7 @@ import { SOFT_PART } from "../model/maps.ts";
 import { CUT_REACH } from "../model/points.ts";
 import { reflected, reflection } from "../model/midsagittal.ts";
 import { windowEnds } from "../model/state.ts";
+import type { SurfaceName } from "../model/surfaces.ts";
 import { add, inverted, length, subtract, transform, type Affine, type Vec2, type Vec3 } from "../model/space.ts";
 import type { PathsTable, TextureLayout } from "../model/wire.ts";
 
@@ -69,6 +70,8 @@ export interface OverlayLook extends Moved {
 
 /** What a pane shows. */
 export interface Look extends View {
+  /** The surface that is drawn, or that has the contours. */
+  readonly surface: SurfaceName;
   readonly depth_mm: number;
   readonly window: Window;
   readonly slab_mm: number;

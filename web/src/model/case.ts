@@ -35,6 +35,8 @@ export interface ProblemBody {
   readonly type?: string;
   readonly title?: string;
   readonly detail?: string;
+  /** The name of the reason, if it is one of several. */
+  readonly reason?: string;
 }
 
 /** A series among DICOM files. */

@@ -2,6 +2,7 @@
 
 import { NAMED_VIEWS, VIEW_NAMES, type ViewName, towardsViewer } from "./camera.ts";
 import { dot } from "./space.ts";
+import { isHalf } from "./surfaces.ts";
 import { type ViewState, hasSlices, isMirrored } from "./state.ts";
 
 /** The depths at which the bands begin, in mm; the last one has no end. */
@@ -34,7 +35,10 @@ export function looksOf(state: ViewState): readonly Look[] {
   if (state.layout === "closer") return ["closer"];
   const view = nearestView(state);
   const other = isMirrored(state) ? OTHER[view] : undefined;
-  return [view, ...(other ? [other] : []), ...(hasSlices(state) ? (["slices"] as const) : [])];
+  // One half is all of the head from its outer side alone; its inner side is no look at the other half.
+  const isWhole = !isHalf(state.surface) || view === state.surface;
+  const views = isWhole ? [view, ...(other ? [other] : [])] : [];
+  return [...views, ...(hasSlices(state) ? (["slices"] as const) : [])];
 }
 
 /** How long each view, the slices and the close-up were looked at in each band of depths. */

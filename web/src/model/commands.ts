@@ -6,6 +6,7 @@ import { type Change, type ChangingCommand, deepen, invert, lookFrom, pan, turn,
 import { firstOverlay, toggled } from "./maps.ts";
 import { mirrorPlane, sideOf, sideSeen } from "./midsagittal.ts";
 import type { Vec2, Vec3 } from "./space.ts";
+import { nextSurface } from "./surfaces.ts";
 import { type Layout, type ViewState, clampDepth, firstState, isMirrored, presetWindow, textureOf } from "./state.ts";
 
 /** `size` is that of the pane, in pixels; `isStep`: Back undoes it. */
@@ -30,11 +31,16 @@ export function changeOf(
       return { change: { window: presetWindow(command.preset, textureOf(state, shown)) }, isStep: true };
     case "map":
       return { change: { overlay: toggled(state.overlay, firstOverlay(command.name)) }, isStep: true };
+    case "surface":
+      return { change: { surface: command.name ?? nextSurface(state.surface) }, isStep: true };
     case "invert":
       return { change: invert(state), isStep: true };
     case "reset": {
-      const { layout, way, convention, outlines_mm, averages_shallow } = state;
-      return { change: { ...firstState(shown), layout, way, convention, outlines_mm, averages_shallow }, isStep: true };
+      const { surface, layout, way, convention, outlines_mm, averages_shallow } = state;
+      return {
+        change: { ...firstState(shown), surface, layout, way, convention, outlines_mm, averages_shallow },
+        isStep: true,
+      };
     }
   }
 }

@@ -3,6 +3,7 @@
 import { NAMED_VIEWS, VIEW_NAMES, type View, type ViewName, project } from "./camera.ts";
 import type { Intensity, ReadyCase, Window } from "./case.ts";
 import type { MapName } from "./maps.ts";
+import type { SurfaceName } from "./surfaces.ts";
 import { type Vec2, compose, turnAbout, unit } from "./space.ts";
 import {
   DEPTH_STEP_MM,
@@ -175,6 +176,8 @@ export type ChangingCommand =
   | { readonly kind: "window"; readonly preset: WindowPreset }
   /** Over the picture, or not any more. */
   | { readonly kind: "map"; readonly name: MapName }
+  /** A surface, or the next one. */
+  | { readonly kind: "surface"; readonly name: SurfaceName | null }
   | { readonly kind: "invert" | "reset" };
 
 /** What changes how layers are shown. */
@@ -251,6 +254,7 @@ const PLAIN: Readonly<Record<string, Command>> = {
   g: { kind: "layouts" },
   ",": { kind: "place", steps: -1 },
   ".": { kind: "place", steps: 1 },
+  q: { kind: "surface", name: null },
   u: { kind: "map", name: "blur" },
   y: { kind: "map", name: "thickness" },
   a: { kind: "map", name: "asymmetry" },

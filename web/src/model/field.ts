@@ -66,11 +66,16 @@ function convolve(values: Depths, start: number, { stride, side }: Axis, line: I
 }
 
 /**
- * Central differences per voxel, in 1/127, four bytes a voxel, the last 0. On the faces, where there is nothing to
+ * Central differences per voxel, in 1/127, four bytes a voxel, the last 127 where a fence makes the depth unknown, else 0. On the faces, where there is nothing to
  * take a difference with, all are 0. Of a coarse field, of which every `coarseStep`th depth is there, faces have the
  * differences with the depth before them.
  */
-export function* gradients(values: Depths, size: Vec3, coarseStep?: number): Generator<void, Int8Array<ArrayBuffer>> {
+export function* gradients(
+  values: Depths,
+  size: Vec3,
+  coarseStep?: number,
+  fenced: Uint8Array | null = null,
+): Generator<void, Int8Array<ArrayBuffer>> {
   const [nx, ny, nz] = size;
   const out = new Int8Array(4 * values.length);
   const axes = axesOf(size);
@@ -83,6 +88,7 @@ export function* gradients(values: Depths, size: Vec3, coarseStep?: number): Gen
         out[4 * index] = difference(values, index, x, axes[0], voxels);
         out[4 * index + 1] = difference(values, index, y, axes[1], voxels);
         out[4 * index + 2] = difference(values, index, z, axes[2], voxels);
+        if (fenced) out[4 * index + 3] = 127 * (fenced[index] as number);
       }
     }
     yield;

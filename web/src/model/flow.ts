@@ -79,12 +79,12 @@ class Flow {
 
 /** Keeps the ways through positions: each is walked once. */
 export class Flows {
-  readonly #depths: Depths;
+  readonly depths: Depths;
   readonly #deepest_mm: number;
   readonly #flows = new Map<string, Flow>();
 
   constructor(depths: Depths, deepest_mm: number) {
-    this.#depths = depths;
+    this.depths = depths;
     this.#deepest_mm = deepest_mm;
   }
 
@@ -96,7 +96,7 @@ export class Flows {
   at(position: Vec3, depth_mm: number): Vec3 {
     const key = position.join();
     let flow = this.#flows.get(key);
-    if (!flow) this.#flows.set(key, (flow = new Flow(this.#depths, position, this.#deepest_mm)));
+    if (!flow) this.#flows.set(key, (flow = new Flow(this.depths, position, this.#deepest_mm)));
     return flow.at(depth_mm);
   }
 }

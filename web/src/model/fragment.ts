@@ -6,6 +6,7 @@ import type { ReadyCase, Window } from "./case.ts";
 import { type Change, boundWindow } from "./controls.ts";
 import { isLayerId, overlayText, readOverlay } from "./maps.ts";
 import { type Quat, type Vec2, type Vec3, unit } from "./space.ts";
+import { SURFACES } from "./surfaces.ts";
 import {
   COLORMAPS,
   LAYOUTS,
@@ -54,6 +55,7 @@ export function writeAddress(state: ViewState, shown: ReadyCase): string {
     if (text !== usual) pairs.push([key, text]);
   };
   const name = viewName(state.orientation);
+  say("f", state.surface, first.surface);
   say("d", short(state.depth_mm, 2), short(first.depth_mm, 2));
   if (name) say("v", name, "left");
   else say("q", list(state.orientation, 4), "");
@@ -113,6 +115,7 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string, befor
     return found === undefined ? UNREAD : { change: change(found), isWhole: true };
   };
   return {
+    f: (text) => word(text, SURFACES, (surface) => ({ surface })),
     d: (text) => number(text, 0, clampDepth(Infinity, shown), (depth) => ({ depth_mm: clampDepth(depth, shown) })),
     v: (text) => word(text, VIEW_NAMES, (view) => ({ orientation: NAMED_VIEWS[view] })),
     q: (text) => {

@@ -25,19 +25,23 @@ export interface Depths {
   depthAt(position_in_patient: Vec3): number;
   /** The same of the smoothed field. */
   smoothAt(position_in_patient: Vec3): number;
+  /** Whether a fence makes the depth at a position unknown; of the whole brain there is none. */
+  isFenced?(position_in_patient: Vec3): boolean;
   /** The unit vector inwards, across the smoothed field; the null vector where there is none. */
   inwardAt(position_in_patient: Vec3): Vec3;
 }
 
-/** `smooth` lies on the grid of `field`; the grid lies along the patient's axes. */
-export function depthsOf(field: Block, smooth: Block): Depths {
+/** `smooth` and the fence lie on the grid of `field`; the grid lies along the patient's axes. */
+export function depthsOf(field: Block, smooth: Block, fenced: Uint8Array<ArrayBuffer> | null = null): Depths {
   const [raw, soft] = [samplerOf(field), samplerOf(smooth)];
   const voxel_mm = Math.hypot(...[0, 1, 2].map((row) => field.patient_from_voxel[row]?.[0] ?? 0));
   const through = (sampler: Sampler, position: Vec3): number =>
     sampler.at(transform(sampler.voxel_from_patient, position));
   const smoothAt = (position: Vec3): number => through(soft, position);
+  const fence = fenced && samplerOf({ ...field, voxels: fenced, format: "u8", scale: 1, offset: 0 });
   return {
     voxel_mm,
+    ...(fence && { isFenced: (position: Vec3) => through(fence, position) >= 0.5 }),
     depthAt: (position) => through(raw, position),
     smoothAt,
     inwardAt([x, y, z]) {

@@ -23,7 +23,7 @@ export interface Picked {
 
 /** The depth and intensity at a position. */
 export interface Probed {
-  /** NaN beside a cut through the brain, where it is unknown. */
+  /** NaN beside a cut through the brain or a fence, where it is unknown. */
   readonly depth_mm: number;
   readonly intensity: number;
 }
@@ -59,21 +59,25 @@ export class Points {
     return new Points(this.#case, this.depths, volume);
   }
 
-  /** What is seen at a place of a pane of `size`, of which each half can be a view; else null. */
-  pick(state: ViewState, [x, y]: Vec2, pane: Vec2): Picked | null {
+  /**
+   * What is seen at a place of a pane of `size`, of which each half can be a view; else null. `other` are the points of the surface
+   * in the mirrored half.
+   */
+  pick(state: ViewState, [x, y]: Vec2, pane: Vec2, other: Points = this): Picked | null {
     const sphere = this.#case.envelope_sphere;
     const size = viewSize(state, pane);
     const stacked = isStacked(state, pane);
     const isOther = isHalved(state) && (stacked ? y >= size[1] : x >= size[0]);
     const [column, row] = !isOther ? [x, y] : stacked ? [x, y - size[1]] : [x - size[0], y];
     const isMirror = isOther && isMirrored(state);
+    if (isMirror && other !== this) return other.pick(state, [x, y], pane);
     const view = isMirror ? mirrored(state, mirrorPlane(this.#case), sphere) : state;
     const place: Vec2 = [isMirror ? size[0] - column : column, row];
     const reach_mm = sphere.radius_mm + MARGIN_MM;
     const from = project(view, sphere, size).positionOf([...place, reach_mm]);
     const direction = scale(towardsViewer(view.orientation), -1);
     const position = firstHit(this.depths, { from, direction, reach_mm: 2 * reach_mm }, state.depth_mm);
-    if (!position || !isKnown(this.#case, position, state.depth_mm)) return null;
+    if (!position || !this.#isKnown(position, state.depth_mm)) return null;
     const intensity = this.#volume.atPatient(position);
     return {
       position_in_patient: position,
@@ -108,6 +112,10 @@ export class Points {
   /** The depth at a position; NaN where it is unknown. */
   #depthAt(position: Vec3): number {
     const depth_mm = this.depths.depthAt(position);
-    return isKnown(this.#case, position, depth_mm) ? depth_mm : NaN;
+    return this.#isKnown(position, depth_mm) ? depth_mm : NaN;
+  }
+
+  #isKnown(position: Vec3, depth_mm: number): boolean {
+    return isKnown(this.#case, position, depth_mm) && !this.depths.isFenced?.(position);
   }
 }

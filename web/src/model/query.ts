@@ -25,6 +25,7 @@ function addColours(query: URLSearchParams, state: Pick<ViewState, "window" | "c
 /** What of a state a render depends on. */
 export type RenderState = Pick<
   ViewState,
+  | "surface"
   | "depth_mm"
   | "orientation"
   | "zoom"
@@ -42,6 +43,7 @@ export type RenderState = Pick<
 /** The query of a render of `size` pixels. */
 export function renderQuery(state: RenderState, size: Vec2): URLSearchParams {
   const query = new URLSearchParams({ depth_mm: short(state.depth_mm, 2) });
+  if (state.surface !== "whole") query.set("surface", state.surface);
   const name = viewName(state.orientation);
   if (name) query.set("view", name);
   else query.set("orientation", state.orientation.map((part) => short(part, 6)).join(","));
@@ -101,6 +103,7 @@ export function acrossQuery(
 function addSlice(query: URLSearchParams, state: ViewState, size: Vec2): void {
   const depths = outlinesOf(state).map((depth) => short(depth, 2));
   query.set("depth_mm", depths.join(","));
+  if (state.surface !== "whole") query.set("surface", state.surface);
   addColours(query, state);
   query.set("width", String(size[0]));
   query.set("height", String(size[1]));

@@ -15,7 +15,7 @@ export function pictureBody(state: RenderState, size: Vec2): Record<string, Json
   // What is saved need not be drawn as fast as what moves.
   const query = renderQuery({ ...state, way: state.way === "auto" ? "exact" : state.way }, size);
   const lists = ["orientation", "pan", "window", "overlay_window"];
-  const words = ["view", "colormap", "layer", "overlay", "overlay_colormap", "renderer"];
+  const words = ["surface", "view", "colormap", "layer", "overlay", "overlay_colormap", "renderer"];
   const entries = [...query].map(([key, text]): [string, Json] => {
     if (lists.includes(key)) return [key, text.split(",").map(Number)];
     return [key, words.includes(key) ? text : Number(text)];

@@ -4,6 +4,7 @@ import { NAMED_VIEWS } from "./camera.ts";
 import type { Intensity, ReadyCase, Window } from "./case.ts";
 import type { GreyLayer, LayerOverlay } from "./maps.ts";
 import type { Quat, Vec2, Vec3 } from "./space.ts";
+import { type SurfaceName, mirroredSurface } from "./surfaces.ts";
 
 /** The colour maps, as the server names them. */
 export const COLORMAPS = ["grey", "inverted", "bone", "hot", "viridis"] as const;
@@ -56,6 +57,8 @@ export type HalfLook = Pick<ViewState, "layer" | "overlay" | "window" | "colorma
 
 /** All that a picture depends on. */
 export interface ViewState {
+  /** The surface below which depth is measured. */
+  readonly surface: SurfaceName;
   /** Below the envelope, 0 to the case's greatest depth. */
   readonly depth_mm: number;
   /** From patient to view space, as the server's `orientation`. */
@@ -112,6 +115,7 @@ export const clamp = (value: number, low: number, high: number): number => Math.
 /** How a ready case is first shown. */
 export function firstState(shown: ReadyCase): ViewState {
   return {
+    surface: "whole",
     depth_mm: clampDepth(FIRST_DEPTH_MM, shown),
     orientation: NAMED_VIEWS.left,
     zoom: 1,
@@ -154,6 +158,12 @@ export const leftOf = (state: ViewState): ViewState => ({ ...state, ...state.bes
 /** The layers of a state, by name or id. */
 export const layersOf = (state: ViewState): readonly string[] =>
   [state, leftOf(state)].flatMap(({ layer, overlay }) => [layer?.id ?? [], overlay?.name ?? []].flat());
+
+/** The surfaces that a picture shows: beside the mirrored half of one half, the other half too. */
+export const surfacesOf = (state: ViewState): readonly SurfaceName[] => {
+  const other = mirroredSurface(state.surface);
+  return isMirrored(state) && other !== state.surface ? [state.surface, other] : [state.surface];
+};
 
 /** The picture without its layers. */
 export const bareOf = (state: ViewState): ViewState => ({

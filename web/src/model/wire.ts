@@ -188,3 +188,28 @@ export function decodeDistance(bytes: ArrayBuffer, layout: TextureLayout): Block
   refuseUnless(layout.format === "i16");
   return { ...layout, voxels: new Int16Array(bytes) };
 }
+
+/**
+ * The depths of a part, whose lowest bits are 1 where the depth is unknown: the bits are taken out of the depths, and are a block of
+ * their own.
+ */
+export function* unfenced({
+  voxels,
+  ...layout
+}: Block<Int16Array<ArrayBuffer>>): Generator<
+  void,
+  { readonly field: Block<Int16Array<ArrayBuffer>>; readonly fenced: Uint8Array<ArrayBuffer> }
+> {
+  const fenced = new Uint8Array(voxels.length);
+  const depths = new Int16Array(voxels.length);
+  const slice = layout.size[0] * layout.size[1];
+  for (let start = 0; start < voxels.length; start += slice) {
+    for (let at = start; at < start + slice; at += 1) {
+      const value = voxels[at] as number;
+      fenced[at] = value & 1;
+      depths[at] = value & ~1;
+    }
+    yield;
+  }
+  return { field: { ...layout, voxels: depths }, fenced };
+}

@@ -173,7 +173,7 @@ export function helpDialog(preferences: Preferences, change: (change: Partial<Pr
 
 /** The server's own picture of a state, and its address to copy. */
 export function serverPictureDialog({ shown: { id }, state, surface }: OnScreen): void {
-  const query = renderQuery(state, pictureSize(surface.size(), devicePixelRatio, 1024));
+  const query = renderQuery(surface.surface.served(state), pictureSize(surface.size(), devicePixelRatio, 1024));
   query.set("annotate", "true");
   const path = `${id}/render?${query}`;
   const address = new URL(`v1/cases/${path}`, document.baseURI).href;

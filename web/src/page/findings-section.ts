@@ -5,7 +5,6 @@ import { h, iconButton, quiet, tell } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { broughtTo } from "../model/commands.ts";
 import {
   type Finding,
   LONGEST_LABEL,
@@ -40,7 +39,7 @@ export interface ReaderName {
 
 export interface FindingsSectionHost {
   readonly shown: ReadyCase;
-  readonly actions: Pick<Actions, "change">;
+  readonly actions: Pick<Actions, "bring">;
   state(): ViewState;
   /** The depth of a place below the envelope, if it is known. */
   depthAt(position: readonly [number, number, number]): number | null;
@@ -334,7 +333,7 @@ export class FindingsSection {
   #row(finding: Finding): FindingRow {
     const { shown, actions } = this.#host;
     const row: FindingRow = new FindingRow(finding, shown, !this.#hidden.has(finding.id), {
-      go: (to) => actions.change(broughtTo(middleOf(to), to.depth_mm, this.#host.state().layout, shown), true),
+      go: (to) => actions.bring(middleOf(to), to.depth_mm),
       remove: () => {
         this.#step(this.#sync.list.filter((one) => one.id !== row.id));
         this.#host.announce(t("findings.removed"));
@@ -374,7 +373,7 @@ export class FindingsSection {
     clearTimeout(this.#walking);
     const depths = this.#host.depths();
     if (!depths) return;
-    const flows = (this.#flows ??= new Flows(depths, this.#host.shown.max_depth_mm));
+    const flows = (this.#flows = this.#flows?.depths === depths ? this.#flows : this.#flowsOf(depths));
     const unknown = this.#sync.list.flatMap((one) => one.points_in_patient).filter((point) => !flows.has(point));
     if (unknown.length === 0) return;
     const end = performance.now() + WALK_MS;
@@ -388,8 +387,12 @@ export class FindingsSection {
     }) as unknown as number;
   }
 
-  /** The depth is known now. */
+  #flowsOf(depths: Depths): Flows {
+    return new Flows(depths, this.#host.shown.max_depth_mm);
+  }
+
+  /** The depth is known now, or that below another surface is shown. */
   redraw(): void {
-    if (!this.#flows) this.#draw();
+    if (this.#flows?.depths !== this.#host.depths()) this.#draw();
   }
 }

@@ -5,7 +5,6 @@ import { number, t } from "../base/i18n.ts";
 import { reasonIn } from "../base/case-words.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { broughtTo } from "../model/commands.ts";
 import type { Finding } from "../model/findings.ts";
 import type { JunctionBand, Layer, LayerList } from "../model/layers.ts";
 import {
@@ -32,7 +31,6 @@ interface MapsActions extends Actions {
 
 export class MapsSection {
   readonly element: HTMLElement;
-  readonly #shown: ReadyCase;
   readonly #layers: CaseLayers;
   readonly #actions: MapsActions;
   readonly #names: HTMLElement;
@@ -51,7 +49,6 @@ export class MapsSection {
   #state: ViewState | null = null;
 
   constructor(shown: ReadyCase, layers: CaseLayers, actions: MapsActions) {
-    this.#shown = shown;
     this.#layers = layers;
     this.#actions = actions;
     this.#names = choiceOfButtons(
@@ -64,8 +61,7 @@ export class MapsSection {
       const made: PlacesList = new PlacesList(map, shown, {
         go: ({ position_in_patient, depth_mm }, layout) => {
           this.#stepped = made;
-          const wanted = layout ?? this.#state?.layout ?? "single";
-          this.#actions.change(broughtTo(position_in_patient, depth_mm, wanted, this.#shown), true);
+          this.#actions.bring(position_in_patient, depth_mm, layout ?? undefined);
         },
         used: () => (this.#stepped = made),
         sharpness: () => this.#layers.voxels("sharpness"),

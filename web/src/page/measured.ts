@@ -4,6 +4,7 @@ import { listLayers, send } from "../base/api.ts";
 import { known, number, t } from "../base/i18n.ts";
 import type { Curve, Measured, PointMeasured, SidedCurves } from "../model/profile.ts";
 import { isBusy } from "../model/layers.ts";
+import type { SurfaceName } from "../model/surfaces.ts";
 import { wait } from "../base/patience.ts";
 import { patiently } from "./case-layers.ts";
 
@@ -11,13 +12,19 @@ import { patiently } from "./case-layers.ts";
 const REST_MS = 500;
 
 /** The server's answer about a point (LPS mm); it waits for the maps. */
-export async function measuredAt(id: string, position: readonly number[], signal: AbortSignal): Promise<Measured> {
+export async function measuredAt(
+  id: string,
+  position: readonly number[],
+  surface: SurfaceName,
+  signal: AbortSignal,
+): Promise<Measured> {
   // A list tells without an error that something is still being made.
   do {
     await wait(REST_MS);
     signal.throwIfAborted();
   } while ((await listLayers(id)).layers.some(isBusy));
-  const path = `v1/cases/${id}/profile?position=${position.map((part) => part.toFixed(2)).join(",")}`;
+  const of = surface === "whole" ? "" : `&surface=${surface}`;
+  const path = `v1/cases/${id}/profile?position=${position.map((part) => part.toFixed(2)).join(",")}${of}`;
   return (await patiently(() => send(path, { signal }), signal)).json() as Promise<Measured>;
 }
 

@@ -31,7 +31,7 @@ const BORDER_MM = 0.05;
 export interface OnDemandHost {
   readonly shown: ReadyCase;
   onScreen(): Omit<OnScreen, "shown">;
-  readonly actions: Pick<Actions, "change" | "command">;
+  readonly actions: Pick<Actions, "bring" | "change" | "command">;
   readonly announce: (words: string) => void;
   readonly goTo: (depth_mm: number) => void;
   readonly made: (one: Case, wasThere: boolean) => void;
@@ -125,7 +125,7 @@ export class OnDemand {
     // Outside the envelope, and on its border, nothing is measured.
     if (!(Number(this.#host.onScreen().surface.probe(point)?.depth_mm) > BORDER_MM)) return;
     const { signal } = (this.#asked = new AbortController());
-    ask(this.#host.shown.id, point, signal).then(
+    ask(this.#host.shown.id, point, this.#onScreen.state.surface, signal).then(
       (measured) => {
         if (signal.aborted) return;
         this.#measured = measured;
@@ -160,7 +160,7 @@ export class OnDemand {
         actions,
         listed,
         reader,
-        depthAt: (position) => surface.probe(position)?.depth_mm ?? null,
+        depthAt: (position) => surface.surface.wholeDepth(position),
         draw: (marked) => this.#mark({ findings: marked }),
       });
       this.#findings = findings;
@@ -235,7 +235,10 @@ export class OnDemand {
   /** Adds what there is for a case from DICOM; a server without a PACS has nothing. */
   meetNeighbour(viewer: HTMLElement): void {
     if (!this.#host.shown.links?.dicom) return;
-    const render = (side: number) => pictureBody(this.#onScreen.state, [side, side]);
+    const render = (side: number) => {
+      const { state, surface } = this.#onScreen;
+      return pictureBody(surface.surface.served(state), [side, side]);
+    };
     const marks = (): Marks => this.#findings ?? { list: [], flush: async () => {} };
     const meet = ({ meetNeighbour }: Parts): unknown => meetNeighbour(this.#host.shown.id, viewer, render, marks);
     later()

@@ -20,6 +20,7 @@ import {
   textureOf,
 } from "../model/state.ts";
 import { readDepths } from "../model/query.ts";
+import { SURFACES } from "../model/surfaces.ts";
 import type { Actions } from "./actions.ts";
 import {
   Slider,
@@ -67,6 +68,7 @@ export class Panel {
   readonly #shown: ReadyCase;
   readonly #actions: Actions;
   readonly #views: HTMLElement;
+  readonly #surfaces: HTMLElement;
   readonly #presets: HTMLElement;
   readonly #zoom: Slider;
   readonly #window: Readonly<Record<keyof Window, { range: HTMLInputElement; number: HTMLInputElement }>>;
@@ -104,6 +106,13 @@ export class Panel {
       one.setAttribute("aria-label", name);
       one.setAttribute("title", name);
     }
+    this.#surfaces = choiceOfButtons(
+      t("panel.surface"),
+      SURFACES,
+      (name) => t(`surface.${name}`),
+      (name) => actions.command({ kind: "surface", name }),
+    );
+    this.#surfaces.classList.add("surfaces");
     this.#zoom = new Slider("zoom", t("zoom.label"), [...ZOOM_RANGE.map(Math.log2), 0.05], (value) =>
       actions.change({ zoom: 2 ** value }),
     );
@@ -204,6 +213,7 @@ export class Panel {
           t("panel.view"),
           true,
           this.#views,
+          this.#surfaces,
           this.#zoom.element,
           this.#pads(),
           row(
@@ -250,6 +260,7 @@ export class Panel {
       this.#rangeWindow();
     }
     press(this.#views, viewName(state.orientation));
+    press(this.#surfaces, state.surface);
     const same = (window: Window): boolean =>
       Math.abs(window.center - state.window.center) + Math.abs(window.width - state.window.width) <
       1e-3 * state.window.width;

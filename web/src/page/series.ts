@@ -56,13 +56,14 @@ export function seriesDialog({ shown, state, surface }: OnScreen, sweep: SweepCh
   const make = h("button", { type: "button", class: "primary", click: () => void save() }, t("series.make"));
   const size = movingSize(surface.size());
   const bodyOf = (wanted: Kind): unknown => {
-    if (wanted === "sweep") return sweepBody(state, sweep, SWEEP_STEP_MM, size);
+    const asked = surface.surface.served(state);
+    if (wanted === "sweep") return sweepBody(asked, sweep, SWEEP_STEP_MM, size);
     if (wanted === "turn") {
       const lasts = Math.min(Math.max(seconds.valueAsNumber || 6, 1), 60);
-      return turnBody(state, TURN_PICTURES, Math.round((1000 * lasts) / TURN_PICTURES), size);
+      return turnBody(asked, TURN_PICTURES, Math.round((1000 * lasts) / TURN_PICTURES), size);
     }
     const wished = readDepths(depths.value, deepest_mm);
-    return wished && sheetBody(state, wished, SHEET_VIEWS, SHEET_PIXELS);
+    return wished && sheetBody(asked, wished, SHEET_VIEWS, SHEET_PIXELS);
   };
   const save = async (): Promise<void> => {
     const wanted = KINDS.find((one) => one === kind.value) ?? "sheet";

@@ -26,7 +26,9 @@ function spokenWords(state: ViewState, places: Places): string {
   const layers = beside
     ? [t("beside.said", { left: lookWords(beside), right: lookWords(state) })]
     : [state.layer ? titleWords(state.layer.about) : "", state.overlay ? overlayWords(state.overlay) : ""];
-  const words = [t("depth.said", { depth: number(state.depth_mm, 1) }), view, ...layers.filter(Boolean)];
+  const surface = state.surface === "whole" ? "" : t(`surface.${state.surface}-said`);
+  const depth = t("depth.said", { depth: number(state.depth_mm, 1) });
+  const words = [depth, view, ...[surface, ...layers].filter(Boolean)];
   const shown = `${words.join(", ")}.`;
   if (!position) return shown;
   return `${shown} ${t(marked ? "said.point" : "said.middle", { place: placeWords(position, places) })}`;

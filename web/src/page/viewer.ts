@@ -2,7 +2,7 @@
 
 import { mirrored } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { changeOf, laidOut, turnedTo } from "../model/commands.ts";
+import { broughtTo, changeOf, laidOut, turnedTo } from "../model/commands.ts";
 import { type Change, type Command, dragWindow } from "../model/controls.ts";
 import { readState, writeAddress } from "../model/fragment.ts";
 import type { StateHistory } from "../model/history.ts";
@@ -13,6 +13,7 @@ import type { Vec2, Vec3 } from "../model/space.ts";
 import { clampDepth, type Layout, type ViewState, hasSlices, leftOf } from "../model/state.ts";
 import { h } from "../base/dom.ts";
 import { type Key, t } from "../base/i18n.ts";
+import { problemWords } from "../base/problem-words.ts";
 import { positionWords, valueWords } from "../base/readout.ts";
 import type { Closer } from "../panes/closer.ts";
 import { SliceGroup } from "../panes/slice-group.ts";
@@ -318,7 +319,7 @@ export class Viewer {
     }
     const { change, isStep } = changeOf(command, this.#state, this.shown, this.#surface.size());
     this.#change(change, isStep);
-    const words = spokenCommand(command);
+    const words = command.kind === "surface" ? t(`surface.${this.#state.surface}-said`) : spokenCommand(command);
     if (words) this.#host.announce(words);
   }
 
@@ -391,6 +392,7 @@ export class Viewer {
       pick: (place) => this.#pick(place),
       tool: () => this.#onDemand.tool,
       layer: (name) => this.#aids.voxels(name),
+      noPart: (problem) => this.#showNoPart(problem),
       busy: (busy) => {
         this.#moving = busy;
         if (!busy) this.#schedule();
@@ -481,6 +483,11 @@ export class Viewer {
     this.#notices.trouble(trouble);
     if (!this.#disposed) this.#schedule();
     this.#onDemand?.surfaceKnown();
+    // Below its deepest place a part shows nothing.
+    const deepest_mm = this.#surface?.surface.deepest_mm ?? null;
+    if (deepest_mm !== null && this.#state.depth_mm > deepest_mm) {
+      this.#change({ depth_mm: Math.floor(deepest_mm * 100) / 100 });
+    }
     // More may be known of the point than when it was marked.
     const { crosshair_mm } = this.#state;
     if (crosshair_mm && this.element.dataset.loaded) this.#tellPoint(crosshair_mm);
@@ -488,6 +495,14 @@ export class Viewer {
 
   #stopSweep(): void {
     if (this.#sweep.stop()) this.#apply({});
+  }
+
+  /** Shows the whole brain in the place of a part that cannot be shown, and says why. */
+  #showNoPart(problem: unknown): void {
+    const words = problemWords(problem);
+    this.#notices.remark(words);
+    this.#host.announce(words);
+    if (this.#state.surface !== "whole") this.#change({ surface: "whole" });
   }
 
   /** Puts the cross where the surface is seen at a place of the pane. */
@@ -522,6 +537,16 @@ export class Viewer {
       [this.#state, this.#unmoved] = [this.#unmoved, null];
     }
     this.#change({ crosshair_mm: position, ...(done ? turnedTo(position, this.shown) : {}) }, done);
+  }
+
+  /** Brings a place to the viewer, on the part that is shown if it lies there, else on the whole brain. */
+  #bring(position: Vec3, depth_mm: number, layout: Layout): void {
+    this.#stopSweep();
+    // A part that is still being fetched is drawn once the place is shown.
+    const isPart = this.#surface.surface.deepest_mm !== null;
+    const own_mm = isPart ? (this.#surface.probe(position)?.depth_mm ?? NaN) : depth_mm;
+    const at = broughtTo(position, own_mm >= 0 ? own_mm : depth_mm, layout, this.shown);
+    this.#change({ ...at, ...(own_mm >= 0 ? {} : { surface: "whole" }) }, true);
   }
 
   #goToDepth(depth_mm: number): void {
@@ -559,6 +584,7 @@ export class Viewer {
         this.#change(change, step);
       },
       command: (command) => this.command(command),
+      bring: (position, depth_mm, layout = this.#state.layout) => this.#bring(position, depth_mm, layout),
       turnToCross: () => {
         if (this.#state.crosshair_mm) this.#change(turnedTo(this.#state.crosshair_mm, this.shown), true);
       },

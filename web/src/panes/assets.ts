@@ -2,6 +2,7 @@
 
 import { send } from "../base/api.ts";
 import { MESH_PATHS, MESH_QUERY, PAGE_MESH } from "../model/query.ts";
+import type { SurfaceName } from "../model/surfaces.ts";
 import type { LoadProgress } from "./surface.ts";
 import {
   byteLength,
@@ -66,11 +67,14 @@ export class Assets {
   readonly #id: string;
   readonly #signal: AbortSignal;
   readonly #count: ByteCount;
+  /** What queries about one of the case's surfaces end with. */
+  readonly #ofSurface: string;
 
-  constructor(id: string, signal: AbortSignal, count: ByteCount) {
+  constructor(id: string, signal: AbortSignal, count: ByteCount, surface: SurfaceName = "whole") {
     this.#id = id;
     this.#signal = signal;
     this.#count = count;
+    this.#ofSurface = surface === "whole" ? "" : `&surface=${surface}`;
   }
 
   /** Three vertex numbers for each triangle of the page's mesh. */
@@ -82,7 +86,7 @@ export class Assets {
   /** The vertices of the page's mesh at one depth. */
   async positions(depth_mm: number): Promise<Float32Array<ArrayBuffer>> {
     const { bytes } = await this.#get(
-      `mesh?depth_mm=${depth_mm}&${MESH_QUERY}&${MESH_PATHS}`,
+      `mesh?depth_mm=${depth_mm}&${MESH_QUERY}&${MESH_PATHS}${this.#ofSurface}`,
       12 * vertexCount(PAGE_MESH),
     );
     return decodePositions(bytes, PAGE_MESH);
@@ -91,7 +95,7 @@ export class Assets {
   /** The same at every depth. */
   async paths(): Promise<PathsTable> {
     const guess = 1000 * vertexCount(PAGE_MESH);
-    const { bytes } = await this.#get(`mesh/paths?${MESH_QUERY}&${MESH_PATHS}`, guess);
+    const { bytes } = await this.#get(`mesh/paths?${MESH_QUERY}&${MESH_PATHS}${this.#ofSurface}`, guess);
     const table = decodePaths(bytes);
     refuseUnless(vertexCount(table.mesh) === vertexCount(PAGE_MESH));
     return table;
@@ -109,7 +113,8 @@ export class Assets {
 
   /** The depths: `coarse` for the light of a first picture, or all. */
   async distance(extent: "coarse" | "all", guess: number): Promise<Block<Int16Array<ArrayBuffer>>> {
-    const query = extent === "coarse" ? `?step=${COARSE_STEP}` : "";
+    const step = extent === "coarse" ? COARSE_STEP : 1;
+    const query = step > 1 ? `?step=${step}` : this.#ofSurface.replace("&", "?");
     const { bytes, headers } = await this.#get(`distance${query}`, guess);
     return decodeDistance(bytes, readLayout(headers));
   }

@@ -2,7 +2,8 @@
 
 import { borderBox, gradients, smoothed } from "../model/field.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { voxelCount, type Block, type PathsTable } from "../model/wire.ts";
+import type { PartName } from "../model/surfaces.ts";
+import { unfenced, voxelCount, type Block, type PathsTable } from "../model/wire.ts";
 import { patiently } from "../base/patience.ts";
 import type { FieldMaps } from "../gl/scene.ts";
 import { Assets, ByteCount, COARSE_STEP } from "./assets.ts";
@@ -22,6 +23,14 @@ export interface Fetched {
   /** Whether the volume is all that was acquired. */
   isWhole: boolean;
   field: FieldMaps | null;
+  /** The surfaces of parts of the brain that were asked for. */
+  readonly parts: Map<PartName, PartFetched>;
+}
+
+/** What has been fetched of the surface of a part. */
+export interface PartFetched {
+  readonly field: FieldMaps;
+  readonly paths: PathsTable;
 }
 
 /** Gets the data as they arrive. `CaseData` waits for what takes long. */
@@ -42,6 +51,7 @@ export class CaseData {
     volume: null,
     isWhole: false,
     field: null,
+    parts: new Map(),
   };
   readonly #case: ReadyCase;
   readonly #gone: AbortSignal;
@@ -87,6 +97,21 @@ export class CaseData {
     const whole = await assets.volume(16, bytes, "whole");
     await this.#take({ volume: whole, isWhole: true }, this.#gone);
     return whole;
+  }
+
+  /** Fetches the surface of a part; the volume is that of the whole brain. */
+  async loadPart(surface: PartName): Promise<PartFetched> {
+    const assets = new Assets(this.#case.id, this.#gone, new ByteCount(() => {}), surface);
+    const [field, paths] = await Promise.all([
+      assets.distance("all", voxelCount(this.#case.grid.size)),
+      assets.paths(),
+    ]);
+    const part = { field: await patiently(partMaps(field), this.#gone), paths };
+    await this.#listener.more({ parts: new Map([[surface, part]]) }, this.#gone);
+    // The gradients are on the device, as of the whole brain.
+    const kept = { ...part, field: { ...part.field, gradients: new Int8Array() } };
+    this.fetched.parts.set(surface, kept);
+    return kept;
   }
 
   #take(part: Partial<Fetched>, signal: AbortSignal): Promise<void> {
@@ -173,8 +198,17 @@ function* fieldMaps(field: Block<Int16Array<ArrayBuffer>>): Generator<void, Fiel
   return { field, smoothed: smooth, gradients: slopes, borderBox: borderBox(field.voxels, field.size) };
 }
 
+/** The same of a part, with its fence. */
+function* partMaps(coded: Block<Int16Array<ArrayBuffer>>): Generator<void, FieldMaps> {
+  const { field, fenced } = yield* unfenced(coded);
+  const smooth = yield* smoothed(field.voxels, field.size);
+  const slopes = yield* gradients(smooth, field.size, undefined, fenced);
+  return { field, smoothed: smooth, gradients: slopes, borderBox: borderBox(field.voxels, field.size), fenced };
+}
+
 /** The maps with their gradients, which are not kept once they are on the device. */
 export async function withGradients(maps: FieldMaps | null, signal: AbortSignal): Promise<FieldMaps | null> {
   if (!maps?.smoothed || maps.gradients.length > 0) return maps;
-  return { ...maps, gradients: await patiently(gradients(maps.smoothed, maps.field.size), signal) };
+  const { field, smoothed: smooth, fenced = null } = maps;
+  return { ...maps, gradients: await patiently(gradients(smooth, field.size, undefined, fenced), signal) };
 }

@@ -5,11 +5,12 @@ import { type Depths, depthsOf } from "../model/isosurface.ts";
 import { type Picked, Points, type Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import { pictureSize } from "../model/query.ts";
-import { samplerOf } from "../model/sampler.ts";
+import { type Sampler, samplerOf } from "../model/sampler.ts";
 import type { SliceView } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { clampDepth, FIRST_DEPTH_MM, layersOf, type ViewState, type Way } from "../model/state.ts";
-import { Problem } from "../base/api.ts";
+import { clampDepth, FIRST_DEPTH_MM, layersOf, surfacesOf, type ViewState, type Way } from "../model/state.ts";
+import { type PartName, type SurfaceName, fitted, isPart, mirroredSurface } from "../model/surfaces.ts";
+import { getCase, Problem } from "../base/api.ts";
 import { h } from "../base/dom.ts";
 import { troubleWords } from "../base/problem-words.ts";
 import { TooLarge } from "../gl/gl.ts";
@@ -46,7 +47,15 @@ class Cortex implements Surface {
   readonly #pace = new Pace(() => this.#schedule());
   readonly #standIn: StandIn;
   #fallback: Fallback | null = null;
-  #points: Points | null = null;
+  /** What single points are found with: of the whole brain, once it is all here, and of parts; and the intensities. */
+  readonly #fields = new Map<SurfaceName, Depths>();
+  #volume: Sampler | null = null;
+  readonly #points = new Map<SurfaceName, Points>();
+  /** The facts of the surfaces of parts, and those that are being fetched. */
+  readonly #parts = new Map<PartName, ReadyCase>();
+  readonly #askedParts = new Set<PartName>();
+  /** The surface that is drawn. */
+  #surface: SurfaceName = "whole";
   #state: ViewState | null = null;
   #moving = false;
   #frame = 0;
@@ -79,6 +88,7 @@ class Cortex implements Surface {
         this.#options.onDrawn({ ...state, swipe: null });
       },
       trouble: (words) => this.#say(words),
+      served: (view) => this.served(view),
     });
     this.#device = options.serverOnly ? null : this.#taken();
     this.#way = this.#isServed() ? "server" : "mesh";
@@ -89,7 +99,7 @@ class Cortex implements Surface {
   async load(signal: AbortSignal, onProgress: (progress: LoadProgress) => void): Promise<void> {
     const both = AbortSignal.any([signal, this.#gone.signal]);
     // Everything is here already.
-    if (!fitsMemory(this.#case) || this.#points) return;
+    if (!fitsMemory(this.#case) || this.#isComplete) return;
     this.#gaveUp = false;
     try {
       const depth_mm = this.#state?.depth_mm ?? clampDepth(FIRST_DEPTH_MM, this.#case);
@@ -113,23 +123,38 @@ class Cortex implements Surface {
   }
 
   pick(state: ViewState, x: number, y: number): Picked | null {
-    return this.#points?.pick(state, [x, y], this.#cssSize()) ?? null;
+    const drawn = this.#drawnSurface(state);
+    const other = this.#pointsOf(mirroredSurface(drawn)) ?? undefined;
+    return this.#pointsOf(drawn)?.pick(state, [x, y], this.#cssSize(), other) ?? null;
   }
 
   profile(position_in_patient: Vec3): Profile | null {
-    return this.#points?.profile(position_in_patient) ?? null;
+    return this.#pointsOf(this.#surface)?.profile(position_in_patient) ?? null;
   }
 
   probe(position_in_patient: Vec3): Probed | null {
-    return this.#points?.probe(position_in_patient) ?? null;
+    return this.#pointsOf(this.#surface)?.probe(position_in_patient) ?? null;
   }
 
   get depths(): Depths | null {
-    return this.#points?.depths ?? null;
+    return this.#pointsOf(this.#surface)?.depths ?? null;
+  }
+
+  wholeDepth(position_in_patient: Vec3): number | null {
+    return this.#pointsOf("whole")?.probe(position_in_patient).depth_mm ?? null;
+  }
+
+  get deepest_mm(): number | null {
+    return isPart(this.#surface) ? (this.#parts.get(this.#surface)?.max_depth_mm ?? null) : null;
+  }
+
+  served(state: ViewState): ViewState {
+    const part = isPart(state.surface) ? this.#parts.get(state.surface) : undefined;
+    return part ? fitted(state, this.#case.envelope_sphere, part.envelope_sphere) : state;
   }
 
   isInHead(position_in_patient: Vec3): boolean {
-    return this.#points?.isInHead(position_in_patient) ?? true;
+    return this.#pointsOf("whole")?.isInHead(position_in_patient) ?? true;
   }
 
   async picture(state: ViewState, ratio: number): Promise<CanvasImageSource> {
@@ -155,7 +180,10 @@ class Cortex implements Surface {
     this.#hasSlices = true;
     void this.#bringWhole();
     const painter = this.#isServed(state) ? null : this.#device?.painter;
-    if (painter) this.#bringLayers(state);
+    if (painter) {
+      this.#bringLayers(state);
+      this.#bringParts(state);
+    }
     if (!painter || !this.canSlice(state)) return null;
     const size = pictureSize(view.size, this.#ratio, MOST_SLICE_PIXELS);
     try {
@@ -190,7 +218,7 @@ class Cortex implements Surface {
     this.#standIn.leave();
     this.#device?.dispose();
     for (const element of [this.#canvas, this.#times]) element.remove();
-    this.#points = null;
+    this.#points.clear();
   }
 
   // -- What has come
@@ -207,21 +235,76 @@ class Cortex implements Surface {
   }
 
   #onWhole(volume: Voxels8Or16, { field, smoothed }: FieldMaps): void {
-    const depths = depthsOf(field, { ...field, voxels: smoothed ?? field.voxels });
-    this.#points = new Points(this.#case, depths, samplerOf(volume));
+    this.#fields.set("whole", depthsOf(field, { ...field, voxels: smoothed ?? field.voxels }));
+    this.#volume = samplerOf(volume);
+    this.#points.clear();
     this.#schedule();
     void this.#bringWhole();
   }
 
   /** Fetches all that was acquired once the surface has all that it needs. Without it, the server draws the slices. */
   async #bringWhole(): Promise<void> {
-    if (this.#wholeAsked || !this.#hasSlices || !this.#points) return;
+    if (this.#wholeAsked || !this.#hasSlices || !this.#isComplete) return;
     this.#wholeAsked = true;
     const whole = await this.#data.loadWhole().catch(() => null);
     if (!whole || this.#gone.signal.aborted) return;
-    this.#points = this.#points.within(samplerOf(whole));
+    this.#volume = samplerOf(whole);
+    this.#points.clear();
     this.#canvas.dataset.whole = "true";
     this.#tell();
+  }
+
+  /** Whether the whole brain is all here. */
+  get #isComplete(): boolean {
+    return this.#fields.has("whole") && this.#volume !== null;
+  }
+
+  /** What finds points of a surface; null where it is not here (yet). */
+  #pointsOf(surface: SurfaceName): Points | null {
+    const [depths, volume] = [this.#fields.get(surface), this.#volume];
+    if (!depths || !volume) return null;
+    const points = this.#points.get(surface) ?? new Points(this.#case, depths, volume);
+    this.#points.set(surface, points);
+    return points;
+  }
+
+  /** Fetches the surfaces of parts that a state shows, each once. */
+  #bringParts(state: ViewState): void {
+    for (const part of surfacesOf(state).filter(isPart)) {
+      if (this.#askedParts.has(part) || !(this.#isComplete || this.#isServed(state))) continue;
+      this.#askedParts.add(part);
+      this.#bringPart(part, !this.#isServed(state)).catch((problem: unknown) => {
+        this.#askedParts.delete(part);
+        if (!this.#gone.signal.aborted) this.#options.noPart(problem);
+      });
+    }
+  }
+
+  async #bringPart(part: PartName, draws: boolean): Promise<void> {
+    if (!this.#parts.has(part)) {
+      const shown = await getCase(this.#case.id, part);
+      if (shown.state === "ready") this.#parts.set(part, shown);
+    }
+    if (draws) {
+      const { field, smoothed, fenced } = (await this.#data.loadPart(part)).field;
+      this.#fields.set(part, depthsOf(field, { ...field, voxels: smoothed ?? field.voxels }, fenced));
+    }
+    // The server draws with the facts alone; the rest is fetched once the page draws.
+    else this.#askedParts.delete(part);
+    this.#schedule();
+  }
+
+  /** Whether a surface can be drawn, here or by the server. */
+  #hasSurface(surface: SurfaceName, isServed: boolean): boolean {
+    if (!isPart(surface)) return true;
+    if (!this.#parts.has(surface)) return false;
+    return isServed || (this.#fields.has(surface) && this.#device?.painter?.hasSurface(surface) === true);
+  }
+
+  /** The surface that is drawn of a state: that of the whole brain, until the one that is wanted has come. */
+  #drawnSurface(state: ViewState): SurfaceName {
+    const isServed = this.#isServed(state);
+    return surfacesOf(state).every((surface) => this.#hasSurface(surface, isServed)) ? state.surface : "whole";
   }
 
   async #bring(work: (painter: Painter) => Generator<void, void>, signal: AbortSignal): Promise<void> {
@@ -247,7 +330,7 @@ class Cortex implements Surface {
     else if (!this.#isServed(state) && this.#data.hasFirst) this.#data.wantDepth(state.depth_mm);
     else if (this.#isServed(state)) this.#drawThere(state);
     // Until there is anything to draw with, a small picture of the server's: it is there in a moment.
-    else this.#standIn.draw(state, true);
+    else this.#standIn.draw({ ...state, surface: "whole" }, true);
   }
 
   #drawHere(state: ViewState, way: Drawn): void {
@@ -256,7 +339,10 @@ class Cortex implements Surface {
     const quality = this.#pace.qualityOf(way);
     const drawn = this.#available(state);
     const isWhole = drawn === state;
-    if (!isWhole) this.#bringLayers(state);
+    if (!isWhole) {
+      this.#bringLayers(state);
+      this.#bringParts(state);
+    }
     const isLast = quality === FULL_QUALITY && (state.way !== "auto" || way === "exact");
     const draw = (): void => {
       this.#fitCanvas();
@@ -273,16 +359,20 @@ class Cortex implements Surface {
     this.#canvas.style.visibility = "visible";
     this.#way = way;
     this.#canvas.dataset.frames = String(this.#pace.frames);
-    this.#canvas.dataset.complete = String(this.#points !== null);
+    this.#canvas.dataset.complete = String(this.#isComplete);
     this.#canvas.dataset.quality = isLast && isWhole ? "full" : "less";
     if (this.#asked.size === 0) this.#say("");
+    this.#surface = drawn.surface;
     this.#options.onDrawn(drawn);
     this.#tell();
   }
 
   #drawThere(state: ViewState): void {
     this.#way = "server";
-    this.#standIn.draw(state, this.#moving);
+    const drawn = { ...state, surface: this.#drawnSurface(state) };
+    if (drawn.surface !== state.surface) this.#bringParts(state);
+    this.#surface = drawn.surface;
+    this.#standIn.draw(drawn, this.#moving);
     this.#tell();
   }
 
@@ -291,8 +381,10 @@ class Cortex implements Surface {
     const painter = this.#device?.painter;
     if (!painter || this.#isServed(state)) return null;
     const wanted = state.way === "auto" ? this.#pace.way : state.way;
-    if (wanted === "exact" && painter.canDraw("exact", state.depth_mm)) return "exact";
-    return painter.canDraw("mesh", state.depth_mm) ? "mesh" : null;
+    const drawn = { ...state, surface: this.#drawnSurface(state) };
+    const canDraw = (way: Drawn): boolean => painter.canDraw(way, state.depth_mm, surfacesOf(drawn));
+    if (wanted === "exact" && canDraw("exact")) return "exact";
+    return canDraw("mesh") ? "mesh" : null;
   }
 
   /** Whether the server draws: permanently, or while the state asks for it. */
@@ -304,9 +396,14 @@ class Cortex implements Surface {
     return panesOf(state, [this.#canvas.width, this.#canvas.height]);
   }
 
-  /** The state with those of its layers whose voxels are here; without its texture, with the case's own. */
+  /**
+   * The state with those of its layers whose voxels are here, and with its surface if that is; without its texture, with the case's
+   * own.
+   */
   #available(state: ViewState): ViewState {
-    return withLayers(state, this.#case, (name) => this.#device?.painter?.hasLayer(name) ?? false);
+    const surface = this.#drawnSurface(state);
+    const known = surface === state.surface ? state : { ...state, surface };
+    return withLayers(known, this.#case, (name) => this.#device?.painter?.hasLayer(name) ?? false);
   }
 
   /** Fetches the voxels of layers, each once, and draws with them. */
@@ -393,7 +490,8 @@ class Cortex implements Surface {
 
   #tell(): void {
     const canSlice = this.#state !== null && this.canSlice(this.#state);
-    const status = { way: this.#way, fallback: this.#fallback, trouble: this.#trouble, canSlice };
+    const [fallback, trouble, surface] = [this.#fallback, this.#trouble, this.#surface];
+    const status = { way: this.#way, fallback, trouble, canSlice, surface };
     const told = JSON.stringify(status);
     if (told === this.#told) return;
     this.#told = told;

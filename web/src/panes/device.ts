@@ -7,7 +7,8 @@ import type { Vec2 } from "../model/space.ts";
 import type { Gl } from "../gl/gl.ts";
 import { Painter } from "../gl/painter.ts";
 import { fits, textureBytes } from "../gl/sizes.ts";
-import { withGradients, type Fetched } from "./case-data.ts";
+import type { PartName } from "../model/surfaces.ts";
+import { withGradients, type Fetched, type PartFetched } from "./case-data.ts";
 
 /** The most bytes on the device that a case may take. */
 const MOST_TEXTURE_BYTES = 1 << 30;
@@ -116,11 +117,21 @@ export class Device {
     });
     let taken: Fetched;
     do {
-      taken = { ...fetched };
+      taken = { ...fetched, parts: new Map(fetched.parts) };
       const field = await withGradients(taken.field, signal);
-      await patiently(handOver(painter, { ...taken, field }), signal);
+      const parts = new Map<PartName, PartFetched>();
+      for (const [name, part] of taken.parts) {
+        const maps = await withGradients(part.field, signal);
+        if (maps) parts.set(name, { ...part, field: maps });
+      }
+      await patiently(handOver(painter, { ...taken, field, parts }), signal);
       // What came meanwhile is brought as well.
-    } while (taken.paths !== fetched.paths || taken.volume !== fetched.volume || taken.field !== fetched.field);
+    } while (
+      taken.paths !== fetched.paths ||
+      taken.volume !== fetched.volume ||
+      taken.field !== fetched.field ||
+      taken.parts.size !== fetched.parts.size
+    );
     signal.throwIfAborted();
     return painter;
   }
@@ -139,12 +150,16 @@ export class Device {
 
 /** Hands over what has been fetched, or a part of it. */
 export function* handOver(painter: Painter, part: Partial<Fetched>): Generator<void, void> {
-  const { triangles, positions, paths, volume, isWhole = false, field } = part;
+  const { triangles, positions, paths, volume, isWhole = false, field, parts = [] } = part;
   if (triangles) painter.setTriangles(triangles);
   if (positions) painter.setPositions(positions.positions, positions.depth_mm);
   if (paths) painter.setPaths(paths);
   if (volume) yield* painter.setVolume(volume, isWhole);
   if (field) yield* painter.setField(field);
+  for (const [surface, one] of parts) {
+    yield* painter.setField(one.field, surface);
+    painter.setPaths(one.paths, surface);
+  }
 }
 
 function rendererOf(gl: Gl): string {

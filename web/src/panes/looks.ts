@@ -18,6 +18,7 @@ import {
   slabOf,
   viewSize,
 } from "../model/state.ts";
+import { mirroredSurface } from "../model/surfaces.ts";
 import { colorRow } from "../gl/colors.ts";
 import type { Painter } from "../gl/painter.ts";
 import type { Pane, SliceLook } from "../gl/scene.ts";
@@ -46,6 +47,9 @@ const lookOf = (state: ViewState): Look => ({
   isMirrored: false,
 });
 
+/** What the mirrored half shows: of one half, the other half. */
+const mirroredLook = (look: Look): Look => ({ ...look, isMirrored: true, surface: mirroredSurface(look.surface) });
+
 /** A state without those of its layers that are not here; in the place of a texture, the case's own intensities. */
 export function withLayers(state: ViewState, { intensity }: ReadyCase, isHere: (name: string) => boolean): ViewState {
   if (layersOf(state).every(isHere)) return state;
@@ -63,7 +67,7 @@ export function panesOf(state: ViewState, canvas: Vec2): Pane[] {
   const views = isHalved(state) ? [leftOf(state), state] : [state];
   return views.flatMap((view, at) =>
     partsOf(view).map(([part, clip]) => ({
-      look: { ...lookOf(part), isMirrored: at > 0 && isMirrored(state) },
+      look: at > 0 && isMirrored(state) ? mirroredLook(lookOf(part)) : lookOf(part),
       left: at * (canvas[0] - across),
       top: at * (canvas[1] - down),
       size: [across, down],

@@ -7,6 +7,7 @@ import { mirrorPlane } from "../model/midsagittal.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
 import type { Vec2 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
+import { mirroredSurface } from "../model/surfaces.ts";
 import { h } from "../base/dom.ts";
 import { FollowingPicture, served } from "../base/picture.ts";
 import { troubleWords } from "../base/problem-words.ts";
@@ -20,6 +21,8 @@ interface ServedListener {
   /** A picture of the server is up, in front of the canvas. */
   drawn(state: ViewState): void;
   trouble(words: string): void;
+  /** The view as the server is asked for it. */
+  served(view: ViewState): ViewState;
 }
 
 export class StandIn {
@@ -77,12 +80,15 @@ export class StandIn {
   /** The views that the server draws: of a mirrored half before it is flipped. */
   #views(state: ViewState): readonly ViewState[] {
     const { envelope_sphere: sphere } = this.#case;
-    if (isMirrored(state)) return [state, { ...state, ...mirrored(state, mirrorPlane(this.#case), sphere) }];
+    if (isMirrored(state)) {
+      const surface = mirroredSurface(state.surface);
+      return [state, { ...state, ...mirrored(state, mirrorPlane(this.#case), sphere), surface }];
+    }
     return state.beside ? [leftOf(state), state] : [state];
   }
 
   #path(view: ViewState, size: Vec2): string {
-    return `${this.#case.id}/render?${renderQuery(view, size)}`;
+    return `${this.#case.id}/render?${renderQuery(this.#listener.served(view), size)}`;
   }
 
   #size(state: ViewState, ratio: number, most: number): Vec2 {

@@ -1,7 +1,7 @@
 // The pane of the surface: the picture, what stands on it, and the hands on it.
 
-import { edgesOf, mirrored, project, towardsViewer, viewName } from "../model/camera.ts";
-import type { ReadyCase } from "../model/case.ts";
+import { type View, edgesOf, mirrored, project, towardsViewer, viewName } from "../model/camera.ts";
+import type { MirrorPlane, ReadyCase } from "../model/case.ts";
 import {
   type Change,
   type Command,
@@ -14,11 +14,12 @@ import {
   wheelZoom,
   zoomAt,
 } from "../model/controls.ts";
-import { type Marked, surfaceMarks } from "../model/marks.ts";
-import { mirrorPlane, plainPlane, reflected, sideSeen } from "../model/midsagittal.ts";
+import { type Mark, type Marked, surfaceMarks } from "../model/marks.ts";
+import { type Side, mirrorPlane, plainPlane, reflected, sideOf, sideSeen } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
+import { type SurfaceName, isHalf, mirroredSurface } from "../model/surfaces.ts";
 import type { Block } from "../model/wire.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText } from "../base/dom.ts";
@@ -54,6 +55,8 @@ export interface SurfacePaneListener {
   tool(): PointTool | null;
   /** The voxels of a layer. */
   layer(name: string): Promise<Block>;
+  /** The surface of a part of the brain cannot be shown, and why. */
+  noPart(problem: unknown): void;
   /** A hand rests on the pane, or has left it. */
   busy(busy: boolean): void;
   status(status: SurfaceStatus): void;
@@ -114,6 +117,7 @@ export class SurfacePane {
       onDrawn: (state) => this.#onDrawn(state),
       onStatus: (status) => this.#onStatus(status),
       layer: listener.layer,
+      noPart: listener.noPart,
       serverOnly,
     };
     this.surface = kept ?? createSurface(this.host, shown, options);
@@ -151,11 +155,11 @@ export class SurfacePane {
     setText(this.#keys, `${words} ${t("surface.keys")}`);
   }
 
-  /** The layers that are seen, which can be fewer than those of a state, and the window that belongs to them. */
-  get layers(): Pick<ViewState, "layer" | "overlay" | "window" | "beside"> {
-    const none = { layer: null, overlay: null, beside: null };
-    const { layer, overlay, window, beside } = this.#drawn ?? { ...this.#listener.state(), ...none };
-    return { layer, overlay, window, beside };
+  /** The surface and the layers that are seen, which can be fewer than those of a state, and the window that belongs to them. */
+  get layers(): Pick<ViewState, "surface" | "layer" | "overlay" | "window" | "beside"> {
+    const none = { surface: "whole", layer: null, overlay: null, beside: null } as const;
+    const { surface, layer, overlay, window, beside } = this.#drawn ?? { ...this.#listener.state(), ...none };
+    return { surface, layer, overlay, window, beside };
   }
 
   /** Whether it is known where the surface is. */
@@ -195,6 +199,7 @@ export class SurfacePane {
     this.#cube.show(state.orientation);
     Object.assign(this.element.dataset, {
       depth: state.depth_mm,
+      surface: state.surface,
       overlay: state.overlay?.name ?? "",
       layer: state.layer?.id ?? "",
       beside: beside ? [beside.layer?.id, beside.overlay?.name].join() : "",
@@ -207,15 +212,16 @@ export class SurfacePane {
   #tellSides(state: ViewState): void {
     const sphere = this.#shown.envelope_sphere;
     const plane = mirrorPlane(this.#shown);
-    const side = sideSeen(towardsViewer(state.orientation), plane);
+    const side = sideShown(state, plane);
     this.#overlay.title(titleOf(state, state.orientation), t(`mirror.${side}`));
     const edges = edgesOf(mirrored(state, plane, sphere).orientation);
     this.#otherOverlay.letter({ ...edges, left: edges.right, right: edges.left });
     // Of the side that is seen, from however near to its name's direction.
     const { orientation } = mirrored(state, plainPlane(sphere), sphere);
+    const other = { ...state, surface: mirroredSurface(state.surface) };
     const words = t(`flipped.${OPPOSITE[side]}`);
     const doubt = this.#shown.midsagittal?.doubtful ? `; ${t("mirror.doubtful")}` : "";
-    this.#otherOverlay.title(titleOf(state, orientation), `${words}${doubt}`);
+    this.#otherOverlay.title(titleOf(other, orientation), `${words}${doubt}`);
   }
 
   #onStatus(status: SurfaceStatus): void {
@@ -234,14 +240,25 @@ export class SurfacePane {
     const sphere = this.#shown.envelope_sphere;
     const size = this.size(state);
     const mirror = isMirrored(state) ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
-    this.#overlay.marks(surfaceMarks(this.#marked, state.depth_mm, project(state, sphere, size)), size);
-    const other = isHalved(state) ? surfaceMarks(this.#marked, state.depth_mm, project(mirror, sphere, size)) : [];
+    const [own, others] = [state.surface, isMirrored(state) ? mirroredSurface(state.surface) : state.surface];
+    const marksOf = (surface: SurfaceName, view: View): readonly Mark[] =>
+      surfaceMarks(this.#marksOn(surface), state.depth_mm, project(view, sphere, size));
+    this.#overlay.marks(marksOf(own, state), size);
+    const other = isHalved(state) ? marksOf(others, mirror) : [];
     // The other half is flipped.
     const flip = ([x, y]: Vec2): Vec2 => [isMirrored(state) ? size[0] - x : x, y];
     this.#otherOverlay.marks(
       other.map((mark) => ({ ...mark, parts: mark.parts.map((part) => part.map(flip)) })),
       size,
     );
+  }
+
+  /** What is marked on a surface: what lies in the other half is not seen on one half, from whichever side. */
+  #marksOn(surface: SurfaceName): readonly Marked[] {
+    if (!isHalf(surface)) return this.#marked;
+    const plane = mirrorPlane(this.#shown);
+    const isOther = (point: Vec3): boolean => sideOf(point, plane) === mirroredSurface(surface);
+    return this.#marked.filter(({ points_in_patient }) => !points_in_patient.every(isOther));
   }
 
   /** The cross on the picture that is up: beside the mirrored one at the same place of both halves. */
@@ -259,8 +276,12 @@ export class SurfacePane {
     const { pixelOf } = project(state, this.#shown.envelope_sphere, size);
     const [own, reflection] = [pixelOf(position), pixelOf(reflected(position, mirrorPlane(this.#shown)))];
     // Of the two halves the one that has the point in front: the other one has its mirror image.
-    const seen = sideSeen(towardsViewer(state.orientation), mirrorPlane(this.#shown));
-    const isOther = mirror && seen !== "middle" && reflection[2] > own[2];
+    const plane = mirrorPlane(this.#shown);
+    const seen = sideSeen(towardsViewer(state.orientation), plane);
+    const isOtherHalf = sideOf(position, plane) === mirroredSurface(state.surface);
+    const isFarther = seen !== "middle" && reflection[2] > own[2];
+    // One half alone shows its own side, also from within.
+    const isOther = mirror && (isHalf(state.surface) ? isOtherHalf : isFarther);
     const [x, y] = isOther ? reflection : own;
     const stacked = isStacked(state, this.#whole);
     const place: Vec2 = !isOther ? [x, y] : stacked ? [x, size[1] + y] : [size[0] + x, y];
@@ -343,9 +364,19 @@ export class SurfacePane {
   }
 }
 
-/** Depth and direction, as they stand on a picture. */
+/** The side of the head that a picture shows as it was acquired. */
+const sideShown = ({ surface, orientation }: ViewState, plane: MirrorPlane): Side =>
+  isHalf(surface) ? surface : sideSeen(towardsViewer(orientation), plane);
+
+/** Depth, direction and surface, as they stand on a picture. */
 function titleOf(state: ViewState, orientation: ViewState["orientation"]): string {
+  const { surface } = state;
   const name = viewName(orientation);
+  if (surface !== "whole") {
+    const isInner = isHalf(surface) && name === mirroredSurface(surface);
+    const direction = name && name !== surface && !isInner ? `  ${t(`view.${name}`)}` : "";
+    return `${depthWords(state)}${direction}  ${t(isInner ? `surface.${surface}-inner` : `surface.${surface}-said`)}`;
+  }
   // Beside the mirrored half the side has a place of its own.
   const isSaid = isMirrored(state) && (name === "left" || name === "right");
   return `${depthWords(state)}${name && !isSaid ? `  ${t(`view.${name}`)}` : ""}`;

@@ -8,6 +8,7 @@ import type { Profile } from "../model/profile.ts";
 import type { SliceView } from "../model/slice-geometry.ts";
 import type { Vec3 } from "../model/space.ts";
 import type { ViewState, Way } from "../model/state.ts";
+import type { SurfaceName } from "../model/surfaces.ts";
 import type { Block } from "../model/wire.ts";
 
 /** What is being fetched, in bytes. `total` is 0 until it is known. */
@@ -30,6 +31,8 @@ export interface SurfaceStatus {
   readonly trouble: string;
   /** Whether the page draws slices now. */
   readonly canSlice: boolean;
+  /** The surface that is drawn now: that of the whole brain, until the one that is wanted has come. */
+  readonly surface: SurfaceName;
 }
 
 export interface SurfaceOptions {
@@ -42,6 +45,8 @@ export interface SurfaceOptions {
   readonly onStatus: (status: SurfaceStatus) => void;
   /** The voxels of a layer. */
   readonly layer: (name: string) => Promise<Block>;
+  /** Hears that a surface of a part cannot be shown, and why. */
+  readonly noPart: (problem: unknown) => void;
   /** Only the server draws (`?renderer=server`). */
   readonly serverOnly: boolean;
 }
@@ -67,6 +72,12 @@ export interface Surface {
   probe(position_in_patient: Vec3): Probed | null;
   /** The depth as a function of the position; null where nothing here knows (yet). */
   readonly depths: Depths | null;
+  /** The depth below the envelope of the whole brain, in mm, whichever surface is shown; null where nothing here knows (yet). */
+  wholeDepth(position_in_patient: Vec3): number | null;
+  /** The greatest depth below the surface that is shown, if it is that of a part; else null. */
+  readonly deepest_mm: number | null;
+  /** The state as the server is asked for it: a part is fitted into its pictures by its own sphere. */
+  served(state: ViewState): ViewState;
   /** Whether a position is within the head; true where nothing here knows (yet). */
   isInHead(position_in_patient: Vec3): boolean;
   /** Whether the page draws slices of a state now. */

@@ -1,6 +1,8 @@
 //! The parts of a brain that have surfaces of their own, on the working grid.
 
-use geometry::{Grid, Mask, face_neighbours, flood};
+use geometry::{
+    BrainMask, Cut, Envelope, GeometryError, Grid, Mask, cut_envelope, face_neighbours, flood,
+};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -84,11 +86,23 @@ impl Division {
             return Err(NoDivision::Doubt(doubt));
         }
         let (block, values, _) = tissue_of(head)?;
-        let regions = regions(head, &block, &values, None);
+        Self::of(
+            head,
+            (&block, &values),
+            &regions(head, &block, &values, None),
+        )
+    }
+
+    /// The same, from regions that were found before; `values` is the tissue scale of each voxel of the block.
+    pub(crate) fn of(
+        head: Head<'_>,
+        (block, values): (&Block, &[f32]),
+        regions: &Regions,
+    ) -> Result<Self, NoDivision> {
         match (regions.doubts.first(), &regions.sheet) {
             (None, Some(sheet)) => Ok(Self {
                 grid: head.depth.grid().clone(),
-                marks: marks(head, &block, (&regions, sheet), &values),
+                marks: marks(head, block, (regions, sheet), values),
                 joining: sheet.joining(),
                 sheet: sheet.clone(),
             }),
@@ -98,9 +112,59 @@ impl Division {
         }
     }
 
-    /// Whether a voxel of the working grid belongs to a part.
-    pub fn has(&self, part: SurfacePart, index: usize) -> bool {
-        part.has(self.marks[index])
+    /// A part of the brain, closed on its own.
+    ///
+    /// It is the brain within its region, closed by the ball that closes the whole brain, and clipped to the region: the closing
+    /// crosses neither the falx nor the tentorium. Where its border runs through tissue it is a fence, not dura.
+    ///
+    /// # Errors
+    /// If the brain is on another grid, or if nothing is left of the part.
+    pub fn closed(
+        &self,
+        part: SurfacePart,
+        brain: &BrainMask,
+        (radius_mm, cuts): (f64, &[Cut]),
+    ) -> Result<Envelope, GeometryError> {
+        let brain = brain.mask();
+        if brain.grid() != &self.grid {
+            return Err(GeometryError::ValueCount {
+                values: brain.voxels().len(),
+                voxels: self.marks.len(),
+            });
+        }
+        let voxels = brain.voxels().par_iter().zip(&self.marks);
+        let own = voxels.map(|(&is_brain, &mark)| is_brain && part.has(mark));
+        let own = Mask::new(self.grid.clone(), own.collect())?.cropped()?;
+        let closed = cut_envelope(&BrainMask::from_stored(own)?, radius_mm, cuts)?;
+        let marks = self.marks_on(closed.grid());
+        let closed = closed.clipped(|index| part.has(marks[index]))?;
+        let fence = without_specks(closed.mask(), &self.fence(part, closed.mask()));
+        Ok(closed.with_fence(fence))
+    }
+
+    /// The marks on a block of the working grid; nothing beyond the working grid.
+    fn marks_on(&self, grid: &Grid) -> Vec<u8> {
+        let own_from_block = self.grid.voxel_from_patient() * grid.patient_from_voxel();
+        let first = own_from_block.translation.round();
+        let first = first.to_array().map(|along| along as i64);
+        let [nx, ny, nz] = self.grid.size();
+        let [columns, rows, _] = grid.size();
+        let mut marks = vec![0; grid.voxel_count()];
+        let fill = |(row, marks): (usize, &mut [u8])| {
+            let y = (row % rows) as i64 + first[1];
+            let z = (row / rows) as i64 + first[2];
+            if !(0..ny as i64).contains(&y) || !(0..nz as i64).contains(&z) {
+                return;
+            }
+            let start = nx * (y as usize + ny * z as usize);
+            for (x, mark) in (first[0]..).zip(marks) {
+                if (0..nx as i64).contains(&x) {
+                    *mark = self.marks[start + x as usize];
+                }
+            }
+        };
+        marks.par_chunks_mut(columns).enumerate().for_each(fill);
+        marks
     }
 
     /// The border voxels of a part at which its border runs through tissue, ascending: at the sheet between the hemispheres through
@@ -108,24 +172,13 @@ impl Division {
     /// touch across the falx or the tentorium.
     ///
     /// `closed` is the closed part, on a block of the working grid.
-    pub fn fence(&self, part: SurfacePart, closed: &Mask) -> Vec<u32> {
+    fn fence(&self, part: SurfacePart, closed: &Mask) -> Vec<u32> {
         let grid = closed.grid();
-        let own_from_closed = self.grid.voxel_from_patient() * grid.patient_from_voxel();
-        let first = own_from_closed.translation.round();
-        let size = DVec3::from_array(self.grid.size().map(|side| side as f64));
-        let own = |index: usize| {
-            let voxel = DVec3::from_array(grid.voxel(index).map(|along| along as f64)) + first;
-            let is_inside = voxel.cmpge(DVec3::ZERO).all() && voxel.cmplt(size).all();
-            is_inside.then(|| {
-                self.grid
-                    .index(voxel.to_array().map(|along| along as usize))
-            })
-        };
-        let mark = |index: usize| own(index).map_or(0, |index| self.marks[index]);
-        let is_through_tissue = |index: usize, beyond: usize| match mark(beyond) {
+        let marks = self.marks_on(grid);
+        let is_through_tissue = |index: usize, beyond: usize| match marks[beyond] {
             outside if outside & PART == 0 || part.has(outside) => false,
             removed if removed & PART == REMOVED => removed & NO_CORTEX != 0,
-            _ if mark(index) & NO_CORTEX != 0 => true,
+            _ if marks[index] & NO_CORTEX != 0 => true,
             _ => {
                 let place = |index: usize| {
                     let voxel = grid.voxel(index).map(|along| along as f64);
@@ -146,6 +199,56 @@ impl Division {
             .filter(is_fence)
             .collect()
     }
+}
+
+/// How far around a border voxel it is counted whether the border is a fence, in mm.
+const SPECK_MM: f64 = 4.0;
+
+/// The border voxels around which most of the border is a fence, ascending: specks of a fence on dura, and of dura in a fence, become
+/// what is around them.
+fn without_specks(closed: &Mask, fence: &[u32]) -> Vec<u32> {
+    const BORDER: u8 = 1;
+    const FENCE: u8 = 2;
+    let grid = closed.grid();
+    let [nx, ny, _] = grid.size();
+    let voxels = closed.voxels();
+    let is_border = |&index: &u32| {
+        let index = index as usize;
+        voxels[index] && face_neighbours(grid.size(), index).any(|(_, beyond)| !voxels[beyond])
+    };
+    let border: Vec<u32> = (0..voxels.len() as u32)
+        .into_par_iter()
+        .filter(is_border)
+        .collect();
+    let mut kinds = vec![0; voxels.len()];
+    for &index in &border {
+        kinds[index as usize] = BORDER;
+    }
+    for &index in fence {
+        kinds[index as usize] = FENCE;
+    }
+    let radius = SPECK_MM / grid.spacing_mm()[0];
+    let reach = radius as i64;
+    let along = || -reach..=reach;
+    let is_near = |[x, y, z]: [i64; 3]| ((x * x + y * y + z * z) as f64) <= radius * radius;
+    // Beyond the margin of the block, an offset leads to the next row, where no border is so near.
+    let offsets: Vec<i64> = along()
+        .flat_map(|z| along().flat_map(move |y| along().map(move |x| [x, y, z])))
+        .filter(|offset| is_near(*offset))
+        .map(|[x, y, z]| x + nx as i64 * (y + ny as i64 * z))
+        .collect();
+    let stays = |&index: &u32| {
+        let mut counts = [0u32; 3];
+        for offset in &offsets {
+            let kind = usize::try_from(i64::from(index) + offset)
+                .ok()
+                .and_then(|there| kinds.get(there));
+            counts[usize::from(kind.copied().unwrap_or(0))] += 1;
+        }
+        let [_, dura, fence] = counts;
+        fence > dura || (fence == dura && kinds[index as usize] == FENCE)
+    };
+    border.into_par_iter().filter(stays).collect()
 }
 
 /// The marks of the voxels of the working grid.
@@ -219,11 +322,12 @@ fn fill_open(grid: &Grid, marks: &mut [u8]) {
 
 #[cfg(test)]
 pub(super) mod tests {
-    use geometry::{BrainMask, Envelope, cut_envelope, distance_map};
+    use geometry::distance_map;
 
     use super::*;
     use crate::phantom::{Scan, mirrored};
     use crate::regions::phantom::{BrainPhantom, grid};
+    use crate::regions::tests::{cut_scan, turned};
 
     /// The surface of a part of a brain.
     pub(in crate::regions) fn closed(
@@ -233,14 +337,7 @@ pub(super) mod tests {
         part: SurfacePart,
     ) -> Envelope {
         let brain = BrainMask::from_mask(mask, scan.volume.grid()).unwrap();
-        assert_eq!(brain.mask().grid(), &division.grid);
-        let own = brain.mask().voxels().iter().enumerate();
-        let own = own.map(|(index, &is_brain)| is_brain && division.has(part, index));
-        let own = Mask::new(division.grid.clone(), own.collect()).unwrap();
-        let envelope = cut_envelope(&BrainMask::from_stored(own).unwrap(), 10.0, &[]).unwrap();
-        let envelope = envelope.clipped(|index| division.has(part, index)).unwrap();
-        let fence = division.fence(part, envelope.mask());
-        envelope.with_fence(fence)
+        division.closed(part, &brain, (10.0, &[])).unwrap()
     }
 
     fn divided(phantom: &BrainPhantom) -> (Scan, Division) {
@@ -379,5 +476,135 @@ pub(super) mod tests {
         let scan = BrainPhantom::PLAIN.scan(&grid());
         let none = Division::new(scan.head(), Some(RegionDoubt::PrunedMask));
         assert_eq!(none.unwrap_err().code(), "regions-pruned-mask");
+    }
+
+    #[test]
+    fn specks_of_a_fence_and_in_a_fence_are_taken_away_and_its_body_stays() {
+        let grid = Grid::aligned([50; 3], [1.0; 3], DVec3::splat(-24.5)).unwrap();
+        let place = |index: usize| {
+            let voxel = grid.voxel(index).map(|along| along as f64);
+            grid.patient_from_voxel().transform_point3(voxel.into())
+        };
+        let count = grid.voxel_count();
+        let voxels = (0..count).map(|index| place(index).length() <= 18.0);
+        let ball = Mask::new(grid.clone(), voxels.collect()).unwrap();
+        let is_border = |index: usize| {
+            ball.voxels()[index]
+                && face_neighbours(grid.size(), index).any(|(_, beyond)| !ball.voxels()[beyond])
+        };
+        let border: Vec<u32> = (0..count as u32)
+            .filter(|&index| is_border(index as usize))
+            .collect();
+        let is_fence = |index: u32| {
+            let place = place(index as usize);
+            let hole = place.distance(DVec3::new(18.0, 0.0, 0.0)) < 2.5;
+            let speck = place.distance(DVec3::new(-18.0, 0.0, 0.0)) < 1.8;
+            (place.x > 4.0 && !hole) || speck
+        };
+        let fence: Vec<u32> = border
+            .iter()
+            .copied()
+            .filter(|&index| is_fence(index))
+            .collect();
+        let clean = without_specks(&ball, &fence);
+        for &index in &border {
+            let x = place(index as usize).x;
+            let is_in = clean.binary_search(&index).is_ok();
+            assert!(is_in == (x > 4.0) || (x - 4.0).abs() < 2.0, "{x} {is_in}");
+        }
+        assert!(fence.len() > 500 && without_specks(&ball, &[]).is_empty());
+    }
+
+    /// How much of each half of a phantom lies in the surface of that half and in that of the other one; `None` with a reason for
+    /// no surfaces.
+    fn shares(phantom: &BrainPhantom, scan: &Scan, mask: &Mask) -> Option<[[f64; 2]; 2]> {
+        let division = match Division::new(scan.head(), None) {
+            Ok(division) => division,
+            Err(reason) => {
+                assert!(!reason.code().is_empty() && !reason.to_string().is_empty());
+                println!("{}: {reason}", reason.code());
+                return None;
+            }
+        };
+        let surfaces =
+            [SurfacePart::Left, SurfacePart::Right].map(|part| closed(mask, scan, &division, part));
+        let halves = [Region::LeftCerebrum, Region::RightCerebrum];
+        Some(halves.map(|half| {
+            let mut counts = [0u32; 3];
+            for index in (0..mask.voxels().len()).filter(|&index| mask.voxels()[index]) {
+                let voxel = mask.grid().voxel(index).map(|along| along as f64);
+                let place = mask
+                    .grid()
+                    .patient_from_voxel()
+                    .transform_point3(voxel.into());
+                let own = phantom.placed.inverse().transform_point3(place);
+                if phantom.at(own).is_none_or(|(region, _)| region != half) {
+                    continue;
+                }
+                counts[2] += 1;
+                for (surface, count) in surfaces.iter().zip(&mut counts) {
+                    let grid = surface.grid();
+                    let voxel = grid.voxel_from_patient().transform_point3(place).round();
+                    let is_in = grid.contains(voxel)
+                        && surface.mask().voxels()
+                            [grid.index(voxel.to_array().map(|along| along as usize))];
+                    *count += u32::from(is_in);
+                }
+            }
+            [0, 1].map(|surface| f64::from(counts[surface]) / f64::from(counts[2]))
+        }))
+    }
+
+    #[test]
+    fn a_turned_or_cut_head_has_both_hemispheres_whole_or_a_reason_and_one_side_and_thick_slices_a_reason()
+     {
+        let plain = BrainPhantom::PLAIN;
+        let turned = BrainPhantom {
+            placed: turned([30.0, 0.0, 0.0]) * plain.placed,
+            ..plain
+        };
+        let around = grid().block([-10, -10, -25], [170, 210, 200]).unwrap();
+        let check = |found: Option<[[f64; 2]; 2]>| {
+            println!("{found:.3?}");
+            if let Some([[left, left_in_right], [right_in_left, right]]) = found {
+                assert!(left > 0.97 && right > 0.97, "{left} {right}");
+                assert!(left_in_right < 0.02 && right_in_left < 0.02);
+            }
+            found.is_some()
+        };
+        assert!(check(shares(
+            &turned,
+            &turned.scan(&around),
+            &turned.mask(&around)
+        )));
+        let size = grid().size();
+        for lost in [8, 40] {
+            let cut = grid()
+                .block([0; 3], [size[0], size[1], size[2] - lost])
+                .unwrap();
+            let scan = cut_scan(&plain, &cut);
+            assert!(check(shares(&plain, &scan, &plain.mask(&cut))) || lost > 8);
+        }
+
+        let placed = DVec3::from_array([0, 1, 2].map(|axis| {
+            let whole = grid().patient_from_voxel().translation[axis];
+            whole + if axis == 2 { 2.0 } else { 0.0 }
+        }));
+        let thick =
+            Grid::aligned([size[0], size[1], size[2] / 5], [1.0, 1.0, 5.0], placed).unwrap();
+        let none = Division::new(plain.scan(&thick).head(), None).unwrap_err();
+        assert_eq!(none.code(), "coarse-voxels");
+
+        let mut one_side = plain.mask(&grid()).voxels().to_vec();
+        for (index, is_brain) in one_side.iter_mut().enumerate() {
+            let voxel = grid().voxel(index).map(|along| along as f64);
+            *is_brain &= grid().patient_from_voxel().transform_point3(voxel.into()).x > 0.0;
+        }
+        let one_side = Mask::new(grid(), one_side).unwrap();
+        let scan = Scan::new(plain.scan(&grid()).volume, &one_side);
+        assert!(matches!(
+            Division::new(scan.head(), None),
+            Err(NoDivision::Doubt(_))
+        ));
     }
 }

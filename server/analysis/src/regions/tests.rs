@@ -106,7 +106,7 @@ fn mirrored_region(region: Region) -> Region {
 }
 
 /// Turned about all three axes, and moved.
-fn turned(degrees: [f64; 3]) -> DAffine3 {
+pub(super) fn turned(degrees: [f64; 3]) -> DAffine3 {
     let [x, y, z] = degrees.map(f64::to_radians);
     let turn = DQuat::from_rotation_z(z) * DQuat::from_rotation_y(y) * DQuat::from_rotation_x(x);
     DAffine3::from_rotation_translation(turn, DVec3::new(3.3, -5.4, 2.7))
@@ -326,7 +326,7 @@ fn thick_slices_are_doubted_and_have_no_maps() {
 }
 
 /// The envelope of a volume that ends within the brain is closed at the cut, as the pipeline does it.
-fn cut_scan(phantom: &BrainPhantom, cut: &Grid) -> Scan {
+pub(super) fn cut_scan(phantom: &BrainPhantom, cut: &Grid) -> Scan {
     let mut scan = phantom.scan(cut);
     let brain = BrainMask::from_mask(&phantom.mask(cut), cut).unwrap();
     let envelope = cut_envelope(&brain, 10.0, &brain.cut_by(&scan.volume).cuts).unwrap();

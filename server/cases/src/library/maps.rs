@@ -5,9 +5,10 @@ use std::time::Instant;
 
 use bytes::Bytes;
 use case::{CaseFacts, CaseId, JobKind, ObjectKind, STORE_FAILED};
-use pipeline::codec::{decode_maps, decode_volume, encode_maps};
+use pipeline::codec::{decode_brain, decode_maps, decode_volume, encode_maps, encode_surfaces};
 use pipeline::envelope_of;
-use pipeline::maps::{MapsOrReason, NoMaps, compute_maps};
+use pipeline::maps::{MapsOrReason, NoMaps};
+use pipeline::surfaces::{DividedCase, compute_maps_and_surfaces};
 use storage::{NewJob, ObjectName, Publisher, StoreError, frame_all};
 
 use super::Library;
@@ -94,7 +95,7 @@ impl Library {
 
     /// Computes the maps of a case and stores them, unless they are there.
     pub(crate) async fn make_maps(&self, id: &CaseId) -> Result<(), StoreError> {
-        const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume];
+        const KINDS: &[ObjectKind] = &[ObjectKind::Mask, ObjectKind::Envelope, ObjectKind::Volume];
         if !self.makes_maps() {
             return Ok(());
         }
@@ -102,23 +103,32 @@ impl Library {
             return Ok(());
         }
         let begun = Instant::now();
-        let compute = |facts: &CaseFacts, payloads: &[Bytes]| {
-            let [envelope, volume] = payloads else {
-                return None;
-            };
-            let maps = compute_maps(
-                facts,
-                &envelope_of(facts, envelope)?,
-                &decode_volume(volume)?,
-            );
-            let undefined = maps.as_ref().err().map(|reason| reason.code.clone());
-            Some((encode_maps(&maps), undefined, facts.clone()))
-        };
-        let Some((payload, undefined, facts)) = self.load(id, KINDS, compute).await? else {
-            // Deleted meanwhile.
+        // Deleted meanwhile, if there is none.
+        let Some(case) = self.store().case(id).await? else {
             return Ok(());
         };
-        let framed = frame_all(vec![(ObjectKind::Maps, payload.into())]).await?;
+        let compute = move |facts: &CaseFacts, payloads: &[Bytes]| {
+            let [brain, envelope, volume] = payloads else {
+                return None;
+            };
+            let (maps, surfaces) = compute_maps_and_surfaces(DividedCase {
+                facts,
+                parameters: &case.parameters,
+                brain: &decode_brain(brain)?,
+                envelope: &envelope_of(facts, envelope)?,
+                volume: &decode_volume(volume)?,
+            });
+            let undefined = maps.as_ref().err().map(|reason| reason.code.clone());
+            let payloads = [
+                (ObjectKind::Maps, encode_maps(&maps).into()),
+                (ObjectKind::Surfaces, encode_surfaces(&surfaces).into()),
+            ];
+            Some((payloads, undefined, facts.clone()))
+        };
+        let Some((payloads, undefined, facts)) = self.load(id, KINDS, compute).await? else {
+            return Ok(());
+        };
+        let framed = frame_all(payloads.into()).await?;
         let publisher = Publisher::Rebuild(id);
         self.store().publish(publisher, &framed, &facts).await?;
         self.cache().drop_part(id, Part::Maps);

@@ -1,4 +1,4 @@
-//! The surfaces of parts of a brain: computed when one is first shown, and stored as one object of its case.
+//! The surfaces of parts of a brain: computed with the maps, or else when one is first shown, and stored as one object of its case.
 
 use std::time::Instant;
 
@@ -8,7 +8,8 @@ use geometry::{DeformableModel, DistanceMap, Envelope, GeometryError};
 use pipeline::codec::{decode_brain, decode_surfaces, decode_volume, encode_surfaces};
 use pipeline::envelope_of;
 use pipeline::surfaces::{
-    NoSurfaces, SurfacesOrReason, compute_surfaces, surface_facts, surface_model, with_cuts_of,
+    DividedCase, NoSurfaces, SurfacesOrReason, compute_surfaces, surface_facts, surface_model,
+    with_cuts_of,
 };
 use storage::{Publisher, StoreError, frame_all};
 
@@ -107,12 +108,13 @@ impl Library {
             let [brain, envelope, volume] = payloads else {
                 return None;
             };
-            let surfaces = compute_surfaces(
-                (facts, &case.parameters),
-                &decode_brain(brain)?,
-                &envelope_of(facts, envelope)?,
-                &decode_volume(volume)?,
-            );
+            let surfaces = compute_surfaces(DividedCase {
+                facts,
+                parameters: &case.parameters,
+                brain: &decode_brain(brain)?,
+                envelope: &envelope_of(facts, envelope)?,
+                volume: &decode_volume(volume)?,
+            });
             Some((encode_surfaces(&surfaces), surfaces, facts.clone()))
         };
         let Some((payload, surfaces, facts)) = self.load(id, KINDS, compute).await? else {

@@ -10,12 +10,10 @@ use crate::error::Error;
 use crate::limit::Turn;
 use crate::models::WarmModel;
 
-/// The backend for a picture on this machine. Splatting does not wait for the graphics device. The surfaces of parts of a brain
-/// are drawn by the CPU: a device does not know their fences.
+/// The backend for a picture on this machine. Splatting does not wait for the graphics device.
 pub async fn backend_for(picture: &PictureRequest, graphics: &Graphics) -> RenderBackend {
     let device = match picture.renderer {
         Renderer::Splat => None,
-        _ if !picture.surface.is_whole() => None,
         _ => graphics.pool().await,
     };
     RenderBackend::choose(picture.renderer, device)

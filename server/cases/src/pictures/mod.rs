@@ -25,7 +25,7 @@ pub use self::plan::{Frames, Layout, MAX_PICTURES, Part, PicturePlan, PlanError,
 pub use self::request::{
     CheckedPicture, MAX_CONTOURS, MAX_PIXELS, MAX_POINTS, PictureRequest, check_annotation,
     check_count, default_count, default_picture_count, default_side, default_zoom, mesh_size,
-    picture_size, window_of, window_of_numbers,
+    picture_size, surface_version, window_of, window_of_numbers,
 };
 pub use self::series::{PictureSeries, SeriesPicture};
 pub use self::slice::{

@@ -216,6 +216,11 @@ impl Default for PictureRequest {
     }
 }
 
+/// The version of a surface, on which everything that shows it depends; `None` for the whole brain, which never changes.
+pub fn surface_version(surface: SurfaceName) -> Option<String> {
+    (!surface.is_whole()).then(|| format!("surfaces {SURFACES_FORMAT}"))
+}
+
 impl PictureRequest {
     /// The checked values.
     ///
@@ -301,7 +306,7 @@ impl PictureRequest {
 
     /// The version of the surface; `None` for the whole brain, which never changes.
     pub fn surface_version(&self) -> Option<String> {
-        (!self.surface.is_whole()).then(|| format!("surfaces {SURFACES_FORMAT}"))
+        surface_version(self.surface)
     }
 
     /// The requested layers.

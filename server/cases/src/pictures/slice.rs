@@ -1,6 +1,6 @@
 //! Pictures of slices with the contours of isosurfaces.
 
-use case::{CaseFacts, CaseId, MapName};
+use case::{CaseFacts, CaseId, MapName, SurfaceName};
 use geometry::DeformableModel;
 use glam::DVec3;
 use render::{
@@ -12,7 +12,8 @@ use serde::{Deserialize, Serialize};
 use super::across::{Across, across_the_sulcus};
 use super::{
     ChosenLayers, DepthMm, LayerChoice, LayerRef, NumberList, Numbers, PictureLayers,
-    check_annotation, default_side, default_zoom, picture_size, window_of, window_of_numbers,
+    check_annotation, default_side, default_zoom, picture_size, surface_version, window_of,
+    window_of_numbers,
 };
 use crate::Cases;
 use crate::error::Error;
@@ -36,6 +37,11 @@ pub struct SliceQuery {
     /// Turns the plane across the sulcus about the normal of the surface, in degrees. Not with `normal`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub turn_deg: Option<f64>,
+    /// The surface below which depths are measured. `left` and `right` are the halves of the cerebrum, closed along the falx;
+    /// `cerebrum` is without cerebellum and brain stem. There are no contours where a fence is nearer than the dura.
+    #[serde(default, skip_serializing_if = "SurfaceName::is_whole")]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub surface: SurfaceName,
     /// Depths in mm of the contours: at most 16, separated by commas.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "5,10"))]
@@ -113,6 +119,7 @@ impl Default for SliceQuery {
             position: None,
             normal: None,
             turn_deg: None,
+            surface: SurfaceName::default(),
             depth_mm: NumberList::default(),
             width: default_side(),
             height: default_side(),
@@ -438,21 +445,24 @@ impl SlicePicture {
         self.identity.as_deref()
     }
 
-    /// The versions of the layers; `None` if there are no layers.
+    /// The versions of the layers and of a part's surface; `None` if there are none.
     pub fn version(&self) -> Option<String> {
         let steepness = self.steepness.as_ref().map(|(_, version)| version.clone());
-        let versions: Vec<_> = self.layers.version().into_iter().chain(steepness).collect();
+        let surface = surface_version(self.slice.asked.surface);
+        let versions = self.layers.version().into_iter();
+        let versions: Vec<_> = versions.chain(steepness).chain(surface).collect();
         (!versions.is_empty()).then(|| versions.join(", "))
     }
 
     /// Draws it.
     ///
     /// # Errors
-    /// As [`Cases::model`]; [`Error::Busy`] if too much work waits; those of the layers.
+    /// As [`Cases::surface`]; [`Error::Busy`] if too much work waits; those of the layers.
     pub async fn draw(self, cases: &Cases) -> Result<DrawnSlice, Error> {
         let facts = cases.ready(&self.id).await?;
         let layers = self.layers.load(&cases.library, &self.id).await?;
-        let model = cases.model(&self.id).await?;
+        let whole = cases.model(&self.id).await?;
+        let model = cases.surface(&self.id, self.slice.asked.surface).await?;
         let steepness = self
             .steepness
             .as_ref()
@@ -464,6 +474,8 @@ impl SlicePicture {
         let draw = move || {
             let scene = Scene {
                 volume: &volume,
+                // A slice shows the whole head, whichever surface has its contours.
+                bounds: whole.scene().bounds,
                 ..model.scene().with_layers(layers.layers())
             };
             let frame = render::draw_slice(&scene, &request);

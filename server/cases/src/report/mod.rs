@@ -188,7 +188,7 @@ impl Cases {
         let position = DVec3::from_array(finding.middle_in_patient());
         let find = move || {
             let maps = maps.as_ref().map(|maps| &**maps).map_err(Clone::clone);
-            profile(&model, maps, &[], position)
+            profile([&model, &model], maps, &[], position)
         };
         match self.queue.run(find).await? {
             Ok(found) => Ok(Some(Numbers {

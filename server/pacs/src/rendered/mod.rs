@@ -5,13 +5,14 @@ mod query;
 mod stored;
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
-use case::{CaseFacts, CaseId, CaseState};
+use case::{CaseFacts, CaseId, CaseState, SurfaceName};
 use cases::pictures::{PictureSeries, SeriesPicture};
 use cases::{Cases, Error};
 use serde_json::{Value, json};
@@ -335,10 +336,15 @@ async fn render(
     let asked = RenderedQuery::read(&keys)?;
     let cases = pacs.cases();
     let id = held_case(pacs, &named).await?;
-    let facts = cases.ready(&id).await?;
+    let surface = asked.surface()?;
+    let facts = match surface.is_whole() {
+        true => cases.ready(&id).await?,
+        // It is framed by its own sphere.
+        false => Arc::new(cases.surface(&id, surface).await?.facts.clone()),
+    };
     let shown = asked.shown(&facts, side)?;
     if asked.is_metadata() {
-        let body = json!([metadata(&shown, &facts)]).to_string();
+        let body = json!([metadata(&shown, surface, &facts)]).to_string();
         return Ok(response("application/dicom+json", body.into()));
     }
     let answer = accepted(asked.accept(), headers, shown.pictures.len() > 1)?;
@@ -419,7 +425,7 @@ fn response(kind: &str, body: Body) -> Response {
 }
 
 /// The view in DICOM's terms (PS3.3 C.11.26, C.11.2), for requests with an explicit viewpoint.
-fn metadata(shown: &Shown, facts: &CaseFacts) -> Value {
+fn metadata(shown: &Shown, surface: SurfaceName, facts: &CaseFacts) -> Value {
     let numbers = |values: &[f64]| json!({"vr": "FD", "Value": values});
     let text = |vr: &str, value: &str| json!({"vr": vr, "Value": [value]});
     let decimals = |value: f64| json!({"vr": "DS", "Value": [value]});
@@ -438,8 +444,9 @@ fn metadata(shown: &Shown, facts: &CaseFacts) -> Value {
         "0070120D": text("CS", "VOLUME_RENDERED"),
         "00720510": text("CS", "3D_RENDERING"),
         "00082111": text("ST", &format!(
-            "Isosurface {} mm below the envelope of the brain. {}",
+            "Isosurface {} mm below the envelope of the {}. {}",
             shown.depth_mm.min(facts.max_depth_mm),
+            surface.words().unwrap_or("brain"),
             render::RESEARCH_USE_NOTICE
         )),
     });

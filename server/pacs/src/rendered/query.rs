@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use case::{CaseFacts, SphereFacts};
+use case::{CaseFacts, SphereFacts, SurfaceName};
 use cases::Error;
 use cases::pictures::{
     CheckedPicture, Layout, MAX_PICTURES, Numbers, Part, PicturePlan, PictureRequest, PlanError,
@@ -41,7 +41,7 @@ const DIRECTION_STEP: f64 = 1e-9;
 const AS_OF_RENDER: &str = "As of `GET /v1/cases/{id}/render`";
 
 /// The keys of the standard, and our own, with what they mean.
-pub(crate) const KEYS: [(&str, &str); 25] = [
+pub(crate) const KEYS: [(&str, &str); 26] = [
     ("accept", "The accepted media types, instead of the header"),
     (
         "orientation",
@@ -78,6 +78,7 @@ pub(crate) const KEYS: [(&str, &str); 25] = [
         "`yes` for the values of the view instead of a picture",
     ),
     ("depth_mm", "Depth below the envelope, in mm; 8 by default"),
+    ("surface", AS_OF_RENDER),
     ("renderer", AS_OF_RENDER),
     ("colormap", AS_OF_RENDER),
     ("slab_mm", AS_OF_RENDER),
@@ -223,6 +224,11 @@ impl<'a> RenderedQuery<'a> {
         number.map(Some).ok_or_else(|| wrong(key, &rule))
     }
 
+    /// The surface below which depth is measured.
+    pub(crate) fn surface(&self) -> Result<SurfaceName, AppError> {
+        Ok(self.own()?.surface)
+    }
+
     /// The values of our own keys that mean the same as for every picture.
     fn own(&self) -> Result<PictureRequest, AppError> {
         let own = KEYS.iter().filter(|(_, words)| *words == AS_OF_RENDER);
@@ -234,7 +240,7 @@ impl<'a> RenderedQuery<'a> {
         })
     }
 
-    /// What is drawn of a case; `side` is the width and height if none are requested.
+    /// What is drawn of a case, whose facts are those of the requested surface; `side` is the width and height if none are requested.
     pub(crate) fn shown(&self, facts: &CaseFacts, side: u32) -> Result<Shown, AppError> {
         match self.text("renderingmethod") {
             None | Some("volume_rendered") => {}

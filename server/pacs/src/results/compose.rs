@@ -607,7 +607,8 @@ fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
         false => format!("{} to {}", first.slab_mm, last.slab_mm),
     };
     let mut text = format!(
-        "Isosurface {depth} mm below the envelope of the brain (closing radius {radius} mm), {width} x {height} pixels, renderer {}, ",
+        "Isosurface {depth} mm below the envelope of the {} (closing radius {radius} mm), {width} x {height} pixels, renderer {}, ",
+        first.surface.words().unwrap_or("brain"),
         drawing.renderer(),
     );
     text += &match &drawing.plan().layout {

@@ -417,10 +417,6 @@ impl ResultRequest {
             annotate: true,
             ..PictureRequest::default()
         });
-        if !render.surface.is_whole() {
-            let detail = "`render.surface` must be `whole` in a result";
-            return Err(out_of_range("render.surface", detail));
-        }
         let plan = match self.what {
             What::Envelope
             | What::Mask
@@ -572,7 +568,7 @@ mod tests {
                 "`depth_mm`",
             ),
             (
-                r#"{"what": "view", "render": {"surface": "left"}}"#,
+                r#"{"what": "view", "render": {"surface": "back"}}"#,
                 "`render.surface`",
             ),
             (r#"{"what": "sheet", "sheet": {"views": []}}"#, "`sheet`"),

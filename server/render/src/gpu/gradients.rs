@@ -5,7 +5,8 @@ use rayon::prelude::*;
 
 /// Central differences of a field, per voxel, in 1/127: the values that [`DepthField::gradient`] interpolates.
 ///
-/// The fourth byte is 0. On the faces of the grid, where a neighbour is missing, the gradient is 0.
+/// The fourth byte is 127 where a fence makes the depth unknown, else 0. On the faces of the grid, where a neighbour is missing, all
+/// are 0.
 pub(super) fn gradients(field: &DepthField) -> Vec<[i8; 4]> {
     let [nx, ny, nz] = field.grid().size();
     let values = field.values();
@@ -16,6 +17,11 @@ pub(super) fn gradients(field: &DepthField) -> Vec<[i8; 4]> {
         (steps * scale).round() as i8
     };
     let mut gradients = vec![[0; 4]; values.len()];
+    let fence = |x: usize, row: usize| {
+        let voxel = [x, row % ny, row / ny].map(|along| along as i64);
+        let fenced = field.fenced();
+        i8::MAX * i8::from(fenced.is_some_and(|fenced| fenced.contains(voxel)))
+    };
     gradients
         .par_chunks_exact_mut(nx)
         .enumerate()
@@ -28,7 +34,7 @@ pub(super) fn gradients(field: &DepthField) -> Vec<[i8; 4]> {
                         difference(index, 1),
                         difference(index, nx),
                         difference(index, plane),
-                        0,
+                        fence(x, row),
                     ];
                 }
             }

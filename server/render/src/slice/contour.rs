@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use geometry::DepthField;
+use geometry::{DepthField, Fenced};
 use rayon::prelude::*;
 
 use crate::Projection;
@@ -37,18 +37,19 @@ const LEAST_SLOPE: f32 = 0.2;
 const LEVEL_MARGIN_PX: f32 = 1e-3;
 
 /// The depth at every pixel of a slice and a pixel beyond each side.
-pub(super) struct Contours {
+pub(super) struct Contours<'a> {
     columns: usize,
     rays: Rays,
     cuts: Vec<CutPlane>,
+    fenced: Option<&'a Fenced>,
     px_per_mm: f32,
     depths_px: Vec<f32>,
     levels_px: Vec<(f32, [u8; 3])>,
 }
 
-impl Contours {
+impl<'a> Contours<'a> {
     /// Contours of the depths `depths_mm` for the pixels of `projection`.
-    pub(super) fn new(field: &DepthField, projection: &Projection, depths_mm: &[f64]) -> Self {
+    pub(super) fn new(field: &'a DepthField, projection: &Projection, depths_mm: &[f64]) -> Self {
         let size = projection.size();
         let [columns, rows] = [size.width(), size.height()].map(|side| side as usize + 2);
         let sampler = Sampler::new(field.values(), field.grid().size());
@@ -75,6 +76,7 @@ impl Contours {
             columns,
             rays,
             cuts: cut_planes(field, 0.0),
+            fenced: field.fenced(),
             px_per_mm: px_per_mm as f32,
             depths_px,
             levels_px,
@@ -92,8 +94,13 @@ impl Contours {
         let slope = (across * across + down * down).sqrt().max(LEAST_SLOPE);
         let passes = self.range_around(here);
         let known_px = || {
-            let ray = self.rays.through(column as f32 + 0.5, row as f32 + 0.5);
-            deepest_known_mm(&self.cuts, ray.at(0.0)) * self.px_per_mm
+            let place = (self.rays)
+                .through(column as f32 + 0.5, row as f32 + 0.5)
+                .at(0.0);
+            match self.fenced {
+                Some(fenced) if fenced.covers(place) => f32::NEG_INFINITY,
+                _ => deepest_known_mm(&self.cuts, place) * self.px_per_mm,
+            }
         };
         self.levels_px.iter().fold(color, |color, (level, line)| {
             if !passes.contains(&(level - LEVEL_MARGIN_PX)) || level + REACH > known_px() {

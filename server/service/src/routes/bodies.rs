@@ -5,7 +5,7 @@ use geometry::MeshSize;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use case::{CaseId, LayerId, MapName};
+use case::{CaseId, LayerId, MapName, SurfaceName};
 use cases::cache::{CaseCache, Part};
 use cases::models::PathKind;
 use cases::{Cases, ConcurrencyLimit};
@@ -17,16 +17,16 @@ use http_support::problem::AppError;
 pub enum BodyKind {
     /// A texture of the volume, with this number of bits.
     Volume(u8, Extent),
-    /// The distance texture, every n-th voxel.
-    Distance(usize),
+    /// The distance texture of a surface, every n-th voxel.
+    Distance(usize, SurfaceName),
     /// The triangles of a mesh.
     Triangles(MeshSize),
     /// The texture of a map.
     Layer(MapName),
     /// The texture of an added layer.
     AddedLayer(LayerId),
-    /// Every depth of a mesh.
-    Paths(MeshSize, PathKind),
+    /// Every depth of a mesh of a surface.
+    Paths(MeshSize, PathKind, SurfaceName),
 }
 
 /// The part of the acquired volume.

@@ -10,9 +10,9 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use case::{CandidateFacts, RegionFacts};
+use case::{CandidateFacts, RegionFacts, SurfaceName};
 use cases::library::{LoadedMaps, MapsState};
-use cases::pictures::{MAPS_OFF, Numbers, check_count, maps_of, ready};
+use cases::pictures::{MAPS_OFF, Numbers, check_count, maps_of, ready, surface_version};
 use cases::profile::{PointProfile, Profile, profile};
 use cases::{Cases, Error};
 use http_support::conditional::{Format, Question};
@@ -206,6 +206,11 @@ pub struct ProfileQuery {
     /// LPS coordinates of a point below the envelope, in mm: `x,y,z`.
     #[param(value_type = String, example = "-38,-42,30")]
     position: Numbers<3>,
+    /// The surface from which the profile begins: of the whole brain, or of a part, as for pictures. The mirrored profile of a half
+    /// is that of the other half.
+    #[serde(default, skip_serializing_if = "SurfaceName::is_whole")]
+    #[param(inline)]
+    surface: SurfaceName,
 }
 
 impl Asked for ProfileQuery {
@@ -231,7 +236,7 @@ impl Asked for ProfileQuery {
         (status = 200, description = "The profiles; without maps, the values of maps are null", content((Profile = "application/json"), (String = "text/csv"))),
         (status = 400, description = "A key or value of the query is invalid, or the point is outside the envelope"),
         (status = 406, description = "Neither JSON nor CSV is accepted"),
-        (status = 409, description = "The case or its maps are not ready"),
+        (status = 409, description = "The case or its maps are not ready, or it has only the surface of the whole brain: `no-surfaces`"),
         (status = 503, description = "Too much work is waiting"),
     )
 )]
@@ -263,10 +268,16 @@ pub async fn get_profile(
         .map(|layer| format!("{} {}", layer.id, layer.name))
         .collect();
     let format = Format::of(kind)
-        .variant(format!("{kind} {MAP_FORMAT} {has_maps} {versions:?}"))
+        .variant(format!(
+            "{kind} {MAP_FORMAT} {has_maps} {versions:?}{}",
+            surface_version(query.surface).unwrap_or_default()
+        ))
         .revalidated();
     let work = async |_| {
-        let model = cases.model(&id).await?;
+        let models = [
+            cases.surface(&id, query.surface).await?,
+            cases.surface(&id, query.surface.mirrored()).await?,
+        ];
         let position = DVec3::from_array(query.position.0);
         let mut layers = Vec::with_capacity(ready.len());
         for layer in ready {
@@ -274,7 +285,8 @@ pub async fn get_profile(
         }
         let find = move || {
             let maps = maps.as_ref().map(|maps| &**maps).map_err(Clone::clone);
-            profile(&model, maps, &layers, position)
+            let [own, opposite] = &models;
+            profile([own, opposite], maps, &layers, position)
         };
         let found = cases.queue.run(find).await??;
         let body = match kind {

@@ -12,7 +12,9 @@ use utoipa::{IntoParams, ToSchema};
 use super::layers::MapsView;
 use case::Quality;
 use case::arrivals::Superseded;
-use case::{Case, CaseFacts, CaseId, CaseState, CutFacts, ImageRun, MaskKind, Parameters};
+use case::{
+    Case, CaseFacts, CaseId, CaseState, CutFacts, ImageRun, MaskKind, Parameters, SurfaceName,
+};
 use cases::dicom::Choice;
 use cases::pictures::{check_count, window_of};
 use http_support::fresh::fresh_json;
@@ -102,6 +104,9 @@ pub struct ProgressView {
 /// The facts about a ready case.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct ReadyView {
+    /// The surface that `max_depth_mm`, `envelope_ml` and `envelope_sphere` describe; absent if it is that of the whole brain.
+    #[serde(skip_serializing_if = "SurfaceName::is_whole")]
+    surface: SurfaceName,
     /// The working grid.
     grid: GridView,
     /// The volume as it was acquired.
@@ -341,6 +346,7 @@ impl From<CaseFacts> for ReadyView {
         let dicom = facts.dicom;
         let known = dicom.as_ref();
         Self {
+            surface: SurfaceName::Whole,
             grid: GridView {
                 size: facts.grid_size,
                 spacing_mm: facts.spacing_mm,
@@ -461,20 +467,51 @@ pub async fn list_cases(
     Ok(fresh_json(StatusCode::OK, &page))
 }
 
+/// Which surface of a case is described.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct CaseQuery {
+    /// The surface that `max_depth_mm`, `envelope_ml` and `envelope_sphere` describe: of the whole brain, or of a part, as for pictures.
+    #[serde(default, skip_serializing_if = "SurfaceName::is_whole")]
+    #[param(inline)]
+    surface: SurfaceName,
+}
+
+impl Asked for CaseQuery {
+    type Values = ();
+
+    fn checked(&self) -> Result<(), AppError> {
+        Ok(())
+    }
+}
+
 /// One case
 #[utoipa::path(
     get, path = "/v1/cases/{id}", tag = "cases",
-    params(("id" = String, Path, description = "The case")),
+    params(("id" = String, Path, description = "The case"), CaseQuery),
     responses(
         (status = 200, description = "The case", body = CaseView),
+        (status = 409, description = "A part is asked for, and the case is not ready, or has only the surface of the whole brain: `no-surfaces`"),
     )
 )]
 pub async fn get_case(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    _no_query: ApiQuery<NoQuery>,
+    ApiQuery { asked, .. }: ApiQuery<CaseQuery>,
 ) -> Result<Response, AppError> {
-    Ok(fresh_json(StatusCode::OK, &view_of(&cases, &id).await?))
+    let mut view = view_of(&cases, &id).await?;
+    if !asked.surface.is_whole() {
+        cases.ready(&id).await?;
+        let model = cases.surface(&id, asked.surface).await?;
+        let maps = view.ready.and_then(|whole| whole.maps);
+        view.ready = Some(ReadyView {
+            surface: asked.surface,
+            maps,
+            ..ReadyView::from(model.facts.clone())
+        });
+    }
+    Ok(fresh_json(StatusCode::OK, &view))
 }
 
 /// A case with the state of its maps.

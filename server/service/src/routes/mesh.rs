@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
-use super::depth_headers;
+use super::{depth_headers, of_surface};
 use crate::wire;
-use case::CaseFacts;
+use case::SurfaceName;
 use cases::Cases;
 use cases::models::PathKind;
 use cases::pictures::{DepthMm, default_count, mesh_size};
@@ -44,6 +44,10 @@ pub struct MeshQuery {
     #[serde(default)]
     #[param(minimum = 0, default = 0)]
     depth_mm: f32,
+    /// The surface below which depth is measured: of the whole brain, or of a part, as for pictures.
+    #[serde(default, skip_serializing_if = "SurfaceName::is_whole")]
+    #[param(inline)]
+    surface: SurfaceName,
     /// Number of sagittal contours, N_F in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 512, default = 30)]
@@ -78,6 +82,10 @@ pub struct TrianglesQuery {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct PathsQuery {
+    /// The surface: of the whole brain, or of a part, as for pictures.
+    #[serde(default, skip_serializing_if = "SurfaceName::is_whole")]
+    #[param(inline)]
+    surface: SurfaceName,
     /// Number of sagittal contours, N_F in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 512, default = 30)]
@@ -144,14 +152,14 @@ impl Asked for PathsQuery {
         (status = 200, description = "The mesh", headers(
             ("X-Isocortex-Depth-Mm" = f32, description = "The depth of this mesh"),
             ("X-Isocortex-Depth-Clamped" = bool, description = "Whether the requested depth exceeded the maximum"),
-            ("X-Isocortex-Unknown-Vertices" = usize, description = "How many vertices have no known depth, because a face that cuts the brain is nearer than the dura; their positions are NaN in `application/octet-stream`"),
+            ("X-Isocortex-Unknown-Vertices" = usize, description = "How many vertices have no known depth, because a face that cuts the brain, or the fence of a part, is nearer than the dura; their positions are NaN in `application/octet-stream`"),
             ("X-Isocortex-Shallow-Vertices" = usize, description = "How many vertices are shallower than the mesh, because their paths end before its depth"),
             ("ETag" = String, description = "A strong tag"),
         ), content(
             (Vec<u8> = "application/octet-stream"), (Vec<u8> = "model/gltf-binary"), (Vec<u8> = "model/stl"),
             (String = "model/obj"), (Vec<u8> = "application/ply"),
         )),
-        (status = 409, description = "The case is not ready"),
+        (status = 409, description = "The case is not ready, or has only the surface of the whole brain: `no-surfaces`"),
         (status = 503, description = "Too much work is waiting"),
     )
 )]
@@ -168,9 +176,9 @@ pub async fn get_mesh(
         query: &asked,
         request: &request,
     };
-    let work = async |facts: Arc<CaseFacts>| {
-        let (size, depth) = (values.size, values.depth.shown_in(&facts));
-        let model = cases.model(&id).await?;
+    let work = async |_| {
+        let model = cases.surface(&id, asked.surface).await?;
+        let (size, depth) = (values.size, values.depth.shown_in(&model.facts));
         let shrunk = model.shrink(size, asked.paths, depth.mm);
         let (body, lacking) = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
             // This takes microseconds, so it does not wait for a turn.
@@ -194,7 +202,8 @@ pub async fn get_mesh(
             ..body.into()
         })
     };
-    question.answer(&cases, Format::of(format), work).await
+    let format = of_surface(Format::of(format), format, asked.surface);
+    question.answer(&cases, format, work).await
 }
 
 /// How many vertices of a mesh have no true depth.
@@ -287,7 +296,7 @@ pub async fn get_triangles(
     params(("id" = String, Path, description = "The case"), PathsQuery),
     responses(
         (status = 200, description = "The table of positions by depth", body = Vec<u8>, content_type = "application/vnd.isocortex.paths"),
-        (status = 409, description = "The case is not ready"),
+        (status = 409, description = "The case is not ready, or has only the surface of the whole brain: `no-surfaces`"),
         (status = 503, description = "Too much work is waiting"),
     )
 )]
@@ -311,11 +320,12 @@ pub async fn get_paths(
     };
     // The layout counts in the tag.
     let format = Format::compressed(PATHS, &request).variant("paths 2");
+    let format = of_surface(format, "paths 2", asked.surface);
     let coding = format.coding();
     let work = async |_| {
         let paths = asked.paths;
-        let model = cases.model(&id).await?;
-        let kind = BodyKind::Paths(size, paths);
+        let model = cases.surface(&id, asked.surface).await?;
+        let kind = BodyKind::Paths(size, paths, asked.surface);
         let on_envelope = Arc::clone(model.model());
         let encode = move |table: Arc<PathTable>| {
             let field = on_envelope.field();

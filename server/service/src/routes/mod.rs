@@ -32,13 +32,13 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use ::cases::Cases;
-use ::cases::pictures::ShownDepth;
+use ::cases::pictures::{ShownDepth, surface_version};
 use ::render::RESEARCH_USE_NOTICE;
-use case::CaseId;
+use case::{CaseId, SurfaceName};
 
 use crate::state::{AnswerTimeout, AppState, GuardAll, Uploads};
 use http_support::auth::{self, Access, Guard};
-use http_support::conditional;
+use http_support::conditional::{self, Format};
 use http_support::problem::AppError;
 use http_support::scopes::{Row, ScopeTable};
 use http_support::sent::MAX_BODY_BYTES;
@@ -211,6 +211,17 @@ async fn say_quality(
             .insert(QUALITY, HeaderValue::from_static(quality.name()));
     }
     response
+}
+
+/// The format of an answer about a surface: what shows a part of the brain must be validated before each use, because a later version of
+/// this program may divide it otherwise.
+fn of_surface(format: Format, variant: &str, surface: SurfaceName) -> Format {
+    match surface_version(surface) {
+        None => format,
+        Some(version) => format
+            .variant(format!("{variant}; {version}"))
+            .revalidated(),
+    }
 }
 
 /// Adds the headers with the depth of an answer, and whether it was clamped.

@@ -10,7 +10,9 @@ use utoipa::IntoParams;
 use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use super::bodies::{Bodies, BodyKey, BodyKind, Extent};
+use super::of_surface;
 use crate::wire::{self, Texture, Voxels};
+use case::SurfaceName;
 use cases::Cases;
 use cases::pictures::check_count;
 use http_support::conditional::{self, Content, Format, Question};
@@ -43,6 +45,10 @@ pub struct VolumeQuery {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct DistanceQuery {
+    /// The surface from which depth is measured: of the whole brain, or of a part, as for pictures.
+    #[serde(default, skip_serializing_if = "SurfaceName::is_whole")]
+    #[param(inline)]
+    surface: SurfaceName,
     /// Every n-th voxel along each axis, from the first on; 4 is enough for the shading of a first picture.
     #[serde(default = "every_voxel")]
     #[param(minimum = 1, maximum = 16, default = 1)]
@@ -134,6 +140,7 @@ pub async fn get_volume(
         &bodies,
         question,
         Source {
+            surface: SurfaceName::Whole,
             kind: BodyKind::Volume(query.bits, query.extent),
             texture,
         },
@@ -148,6 +155,9 @@ pub async fn get_volume(
 /// Outside the envelope, distances are exact up to 6 voxels; farther voxels have the distance of 6 voxels. If the case
 /// has `cuts`, a value is the distance to the nearest border, either dura or cut; it is a depth only if the voxel is
 /// farther than that, plus one voxel, from each cut.
+///
+/// Of a part, the lowest bit of each value is not part of the distance: it is 1 where the depth is unknown, because a fence is nearer
+/// than the dura.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/distance", tag = "textures",
     params(("id" = String, Path, description = "The case"), DistanceQuery),
@@ -160,7 +170,7 @@ pub async fn get_volume(
             ("X-Isocortex-Patient-From-Voxel" = String, description = "Three rows of the affine from voxel centres to LPS mm"),
         )),
         (status = 206, description = "The requested range"),
-        (status = 409, description = "The case is not ready"),
+        (status = 409, description = "The case is not ready, or has only the surface of the whole brain: `no-surfaces`"),
         (status = 416, description = "The range begins beyond the end"),
         (status = 503, description = "Too much work is waiting"),
     )
@@ -173,7 +183,7 @@ pub async fn get_distance(
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let texture = async || {
-        let model = cases.model(&id).await?;
+        let model = cases.surface(&id, query.surface).await?;
         Ok(match query.step {
             1 => wire::depth_texture(&model),
             step => wire::coarse_depth_texture(&model, step),
@@ -190,7 +200,8 @@ pub async fn get_distance(
         &bodies,
         question,
         Source {
-            kind: BodyKind::Distance(query.step),
+            kind: BodyKind::Distance(query.step, query.surface),
+            surface: query.surface,
             texture,
         },
     )
@@ -200,6 +211,7 @@ pub async fn get_distance(
 /// Where a texture comes from.
 struct Source<F> {
     kind: BodyKind,
+    surface: SurfaceName,
     texture: F,
 }
 
@@ -209,10 +221,15 @@ async fn answer(
     question: Question<'_, impl Serialize>,
     source: Source<impl AsyncFnOnce() -> Result<Texture, AppError>>,
 ) -> Result<Response, AppError> {
-    let Source { kind, texture } = source;
+    let Source {
+        kind,
+        surface,
+        texture,
+    } = source;
     let (id, request) = (question.id, question.request);
     media_type(request, &[MEDIA_TYPE])?;
     let format = Format::compressed(MEDIA_TYPE, request);
+    let format = of_surface(format, MEDIA_TYPE, surface);
     let coding = format.coding();
     let work = async |_| {
         let texture = texture().await?;

@@ -194,11 +194,22 @@ pub fn added_layer_texture(voxels: LayerVoxels) -> Result<Texture, cases::Error>
     })
 }
 
-/// The signed depth of a case on the working grid, in mm.
+/// The signed depth below a surface on its working grid, in mm; of a part, with the fence in the lowest bit.
 pub fn depth_texture(model: &Arc<WarmModel>) -> Texture {
     let grid = model.model().field().grid();
     Texture {
-        voxels: Voxels::Shared(shared_voxels(model, |model| model.model().field().values())),
+        voxels: if model.surface().is_whole() {
+            Voxels::Shared(shared_voxels(model, |model| model.model().field().values()))
+        } else {
+            let shared = Arc::clone(model);
+            let bytes = |value: i16| value.to_le_bytes();
+            let make = move || {
+                fenced_depths(shared.model().field())
+                    .flat_map(bytes)
+                    .collect()
+            };
+            Voxels::Made(Box::new(make))
+        },
         format: "i16",
         scale: grid.spacing_mm()[0] as f32 / DepthField::STEPS_PER_VOXEL,
         offset: 0.0,
@@ -214,7 +225,15 @@ pub fn coarse_depth_texture(model: &Arc<WarmModel>, step: usize) -> Texture {
     let shared = Arc::clone(model);
     let make = move || {
         let field = shared.model().field();
-        let values = every(step, field.grid(), field.values());
+        let values = if shared.surface().is_whole() {
+            every(step, field.grid(), field.values())
+        } else {
+            every(
+                step,
+                field.grid(),
+                &fenced_depths(field).collect::<Vec<_>>(),
+            )
+        };
         values.into_iter().flat_map(i16::to_le_bytes).collect()
     };
     Texture {
@@ -223,6 +242,19 @@ pub fn coarse_depth_texture(model: &Arc<WarmModel>, step: usize) -> Texture {
         patient_from_voxel: rows_of(affine * DAffine3::from_scale(DVec3::splat(step as f64))),
         ..whole
     }
+}
+
+/// The depths of a field, whose lowest bits are 1 where a fence makes the depth unknown.
+fn fenced_depths(field: &DepthField) -> impl Iterator<Item = i16> + '_ {
+    let fenced = field.fenced();
+    field
+        .values()
+        .iter()
+        .enumerate()
+        .map(move |(index, value)| {
+            let voxel = field.grid().voxel(index).map(|along| along as i64);
+            value & !1 | i16::from(fenced.is_some_and(|fenced| fenced.contains(voxel)))
+        })
 }
 
 /// Every `step`th value along each axis, from the first on.
