@@ -20,7 +20,7 @@ use crate::error::Error;
 use crate::library::Library;
 use crate::limit::ConcurrencyLimit;
 use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel, WholeVolumes};
-use crate::pictures::{Graphics, GraphicsOptions};
+use crate::pictures::{Graphics, GraphicsOptions, PictureRequest};
 
 /// The memory for maps, as a fraction of the memory for loaded cases, in addition to it.
 const MAPS_PART: u64 = 4;
@@ -333,6 +333,22 @@ impl Cases {
             return Ok(model);
         }
         Err(self.gone(id).await)
+    }
+
+    /// The models of the surfaces that a picture of a ready case shows.
+    ///
+    /// # Errors
+    /// As [`Cases::surface`].
+    pub async fn surfaces_of(
+        &self,
+        id: &CaseId,
+        picture: &PictureRequest,
+    ) -> Result<Vec<Arc<WarmModel>>, Error> {
+        let mut models = Vec::new();
+        for surface in picture.surfaces() {
+            models.push(self.surface(id, surface).await?);
+        }
+        Ok(models)
     }
 
     /// The whole acquired volume of a case that is ready.

@@ -421,6 +421,10 @@ impl ResultRequest {
             let detail = "`render.surface` must be `whole` in a result";
             return Err(out_of_range("render.surface", detail));
         }
+        if !render.projection.is_orthographic() {
+            let detail = "`render.projection` must be `orthographic` in a result";
+            return Err(out_of_range("render.projection", detail));
+        }
         let plan = match self.what {
             What::Envelope
             | What::Mask
