@@ -1,7 +1,9 @@
 // The surface of a case in its pane: drawn here by WebGL where that can be, else by the server.
 
 import type { ReadyCase } from "../model/case.ts";
+import { type Centres, centresOf } from "../model/flat-map.ts";
 import { type Depths, depthsOf } from "../model/isosurface.ts";
+import { mirrorPlane } from "../model/midsagittal.ts";
 import { type Picked, Points, type Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import { pictureSize } from "../model/query.ts";
@@ -11,13 +13,14 @@ import type { Vec2, Vec3 } from "../model/space.ts";
 import { clampDepth, FIRST_DEPTH_MM, layersOf, type ViewState, type Way } from "../model/state.ts";
 import { Problem } from "../base/api.ts";
 import { h } from "../base/dom.ts";
+import { patiently } from "../base/patience.ts";
 import { troubleWords } from "../base/problem-words.ts";
 import { TooLarge } from "../gl/gl.ts";
 import type { Painter } from "../gl/painter.ts";
 import { FULL_QUALITY, type Drawn, type FieldMaps, type Pane } from "../gl/scene.ts";
 import { CaseData, type Voxels8Or16 } from "./case-data.ts";
 import { Device, fitsMemory, handOver } from "./device.ts";
-import { panesOf, slicePicture, withLayers } from "./looks.ts";
+import { mapLooks, panesOf, slicePicture, withLayers } from "./looks.ts";
 import { Pace } from "./pace.ts";
 import { StandIn } from "./stand-in.ts";
 import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions } from "./surface.ts";
@@ -47,6 +50,7 @@ class Cortex implements Surface {
   readonly #standIn: StandIn;
   #fallback: Fallback | null = null;
   #points: Points | null = null;
+  #centres: Centres | null = null;
   #state: ViewState | null = null;
   #moving = false;
   #frame = 0;
@@ -166,6 +170,28 @@ class Cortex implements Surface {
     }
   }
 
+  get centres(): Centres | null {
+    return this.#centres;
+  }
+
+  canMap(state: ViewState): boolean {
+    // The inner sides are those of other surfaces, which are not here.
+    if (this.#isServed(state) || state.map.has_inner || !this.#centres) return false;
+    return this.#device?.painter?.canDraw("exact", state.depth_mm) === true && this.#available(state) === state;
+  }
+
+  async map(state: ViewState, size: Vec2): Promise<ImageData | null> {
+    const painter = this.#isServed(state) ? null : this.#device?.painter;
+    if (painter) this.#bringLayers(state);
+    if (!painter || !this.#centres || !this.canMap(state)) return null;
+    try {
+      return await painter.map(mapLooks(state, this.#centres, this.#case), size);
+    } catch (error) {
+      this.#fail(error);
+      return null;
+    }
+  }
+
   showTimer(shown: boolean): void {
     this.#times.hidden = !shown;
     this.#showTimes();
@@ -210,7 +236,19 @@ class Cortex implements Surface {
     const depths = depthsOf(field, { ...field, voxels: smoothed ?? field.voxels });
     this.#points = new Points(this.#case, depths, samplerOf(volume));
     this.#schedule();
+    void this.#findCentres(field);
     void this.#bringWhole();
+  }
+
+  /** Finds the middles of the hemispheres, which the flat map is drawn around. */
+  async #findCentres(field: FieldMaps["field"]): Promise<void> {
+    try {
+      this.#centres = await patiently(centresOf(field, mirrorPlane(this.#case)), this.#gone.signal);
+      this.#told = "";
+      this.#tell();
+    } catch {
+      // The case is closed.
+    }
   }
 
   /** Fetches all that was acquired once the surface has all that it needs. Without it, the server draws the slices. */
