@@ -201,14 +201,39 @@ export function scaleAt(positions: MapPositions, [x, y]: Vec2): number | null {
   return Math.max(length(across), length(down)) > FOLD * 2 * step * side ? null : side;
 }
 
+/** The place that shows the point nearest to a position; null if that is farther than `most_mm`. */
+export function nearestPlace({ size, step, xyz }: MapPositions, [x, y, z]: Vec3, most_mm: number): Vec2 | null {
+  let [nearest, index] = [most_mm * most_mm, -1];
+  for (let at = 0; at < size[0] * size[1]; at += 1) {
+    const away =
+      ((xyz[3 * at] ?? NaN) - x) ** 2 + ((xyz[3 * at + 1] ?? NaN) - y) ** 2 + ((xyz[3 * at + 2] ?? NaN) - z) ** 2;
+    if (away < nearest) [nearest, index] = [away, at];
+  }
+  return index < 0 ? null : [((index % size[0]) + 0.5) * step, (Math.floor(index / size[0]) + 0.5) * step];
+}
+
+/** The whole multiples of `every` from one value up to another. */
+export function multiples(every: number): (low: number, high: number) => readonly number[] {
+  return (low, high) => {
+    const first = Math.ceil(low / every);
+    return first * every < high ? [first * every] : [];
+  };
+}
+
+/** One level alone, if it lies from one value up to another. */
+export const single =
+  (level: number) =>
+  (low: number, high: number): readonly number[] =>
+    low <= level && level < high ? [level] : [];
+
 /**
- * The curves on a map along which a coordinate of the position has one of the `levels`: pieces of lines, each from x, y to x, y
- * in pixels. Folds interrupt them.
+ * The curves on a map along which a coordinate of the position has one of some levels: pieces of lines, each from x, y to x, y in
+ * pixels. `levels` gives those from a value up to another. Folds interrupt the curves.
  */
 export function curvesOf(
   { size, step, xyz }: MapPositions,
   axis: 0 | 1 | 2,
-  levels: readonly number[],
+  levels: (low: number, high: number) => readonly number[],
   isWithin: (place: Vec2) => boolean = () => true,
 ): readonly (readonly [number, number, number, number])[] {
   const longest = FOLD * typicalStep(size, xyz);
@@ -221,8 +246,7 @@ export function curvesOf(
       for (let at = 0; at < 4; at += 1) corner[at] = xyz[(indices[at] ?? 0) + axis] ?? NaN;
       const [low, high] = [Math.min(...corner), Math.max(...corner)];
       if (!(high - low >= 0) || high - low > longest) continue;
-      for (const level of levels) {
-        if (level < low || level >= high) continue;
+      for (const level of levels(low, high)) {
         const place: Vec2 = [(column + 1) * step, (row + 1) * step];
         if (!isWithin(place)) continue;
         const ends = crossings(corner, level).map(([right, down]): Vec2 => [

@@ -30,17 +30,20 @@ import {
   discAt,
   discsOf,
   mapExtent,
+  multiples,
+  nearestPlace,
   pixelsPerUnit,
   placeOnMap,
   projectDisc,
   radiusAt,
   scaleAt,
   shownAt,
+  single,
 } from "../model/flat-map.ts";
 import { firstHit } from "../model/isosurface.ts";
 import { type Marked, surfaceMarks } from "../model/marks.ts";
 import { mirrorPlane } from "../model/midsagittal.ts";
-import { mapQuery, pictureSize } from "../model/query.ts";
+import { PLANES, PLANE_NAMES, mapQuery, pictureSize } from "../model/query.ts";
 import { type Vec2, type Vec3, add, dot, length, scale, subtract } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
 import { listen } from "./gestures.ts";
@@ -122,6 +125,8 @@ export class MapPane {
   #state: ViewState | null = null;
   #marked: readonly Marked[] = [];
   #positions: MapPositions | null = null;
+  /** The curves that are drawn, and what they are of. */
+  #drawn: readonly [MapPositions | null, Vec3 | null] = [null, null];
   /** What the positions are of. */
   #known = "";
   #asking: AbortController | null = null;
@@ -162,8 +167,9 @@ export class MapPane {
     const size = this.#size;
     if (size[0] < STEP || size[1] < STEP) return;
     const { surface } = this.#listener;
+    const { moved } = state.layer ?? state.overlay ?? {};
     this.#picture.show(
-      `${this.#path(state, this.#pixels(devicePixelRatio, MOST_PIXELS))}#${surface().canMap(state)}`,
+      `${this.#path(state, this.#pixels(devicePixelRatio, MOST_PIXELS))}#${[moved, surface().canMap(state)].join()}`,
       state,
     );
     this.#picture.again();
@@ -294,23 +300,23 @@ export class MapPane {
     }
   }
 
-  /** Until the page knows the middles of the hemispheres, nothing stands on the map. */
-  get #centres(): Centres | null {
-    return this.#listener.surface().centres;
+  /** The middles of the hemispheres; until the page knows them, that of the head, with which the discs have their places. */
+  get #centres(): Centres {
+    const { center_in_patient: middle } = this.#shown.envelope_sphere;
+    return this.#listener.surface().centres ?? { left: middle, right: middle };
   }
 
   #discs(state: ViewState): readonly DiscProjection[] {
-    const centres = this.#centres;
-    const discs = centres ? discsOf(centres, mirrorPlane(this.#shown), state.map.has_inner) : [];
+    const discs = discsOf(this.#centres, mirrorPlane(this.#shown), state.map.has_inner);
     return discs.map((disc) => projectDisc(disc, state.map, this.#size));
   }
 
   /** The position that is shown at a place: exactly, where the page knows the surface. */
   #positionAt(state: ViewState, place: Vec2): Vec3 | null {
     const disc = discAt(this.#discs(state), place);
-    const { depths } = this.#listener.surface();
+    const { depths, centres } = this.#listener.surface();
     const direction = disc?.directionAt(place);
-    if (!disc || !direction || !depths || disc.disc.face === "inner") {
+    if (!disc || !direction || !depths || !centres || disc.disc.face === "inner") {
       return this.#positions && shownAt(this.#positions, place);
     }
     const from = add(disc.disc.center_in_patient, scale(direction, REACH_MM));
@@ -327,17 +333,24 @@ export class MapPane {
     this.#lines.setAttribute("viewBox", `0 0 ${size[0]} ${size[1]}`);
     Object.assign(this.#lines.style, { width: `${size[0]}px`, height: `${size[1]}px` });
     this.#letters.replaceChildren(...discs.flatMap((disc) => this.#lettersOf(disc, size)));
-    this.#curves.replaceChildren(...this.#curvesOf(state, discs));
+    this.#drawCurves(state, discs);
     this.#showLooking(state, discs);
-    const marks = discs.flatMap((disc) =>
+    const isKnown = this.#listener.surface().centres !== null;
+    const marks = (isKnown ? discs : []).flatMap((disc) =>
       surfaceMarks(this.#marked, state.depth_mm, { pixelOf: onDisc(disc, discs, this.#shown) }),
     );
     this.#overlay.marks(marks, size);
-    const found = state.crosshair_mm && placeOnMap(discs, mirrorPlane(this.#shown), state.crosshair_mm);
-    const seen = found && this.#positions ? shownAt(this.#positions, found.place) : null;
-    const isHidden = seen && state.crosshair_mm && length(subtract(seen, state.crosshair_mm)) > HIDDEN_MM;
-    this.#overlay.cursor(found?.place ?? null, size, { kind: isHidden ? "hidden" : "mark" });
+    this.#showCross(state, discs, isKnown);
     this.#showDisc();
+  }
+
+  #showCross({ crosshair_mm: marked }: ViewState, discs: readonly DiscProjection[], isKnown: boolean): void {
+    const positions = this.#positions;
+    const projected = marked && isKnown ? (placeOnMap(discs, mirrorPlane(this.#shown), marked)?.place ?? null) : null;
+    const place = projected ?? (marked && positions && nearestPlace(positions, marked, 2 * HIDDEN_MM));
+    const seen = place && positions ? shownAt(positions, place) : null;
+    const isHidden = seen && marked && length(subtract(seen, marked)) > HIDDEN_MM;
+    this.#overlay.cursor(place, this.#size, { kind: isHidden ? "hidden" : "mark" });
   }
 
   #lettersOf(disc: DiscProjection, [width, height]: Vec2): readonly SVGElement[] {
@@ -366,11 +379,13 @@ export class MapPane {
     return [...rim, at(words, corner, top + 26, `side ${isLeft ? "end" : "start"}`)];
   }
 
-  #curvesOf({ crosshair_mm }: ViewState, discs: readonly DiscProjection[]): readonly SVGElement[] {
+  #drawCurves({ crosshair_mm }: ViewState, discs: readonly DiscProjection[]): void {
     const positions = this.#positions;
-    if (!positions) return [];
+    if (positions === this.#drawn[0] && crosshair_mm === this.#drawn[1]) return;
+    this.#drawn = [positions, crosshair_mm];
+    if (!positions) return this.#curves.replaceChildren();
     const isWithin = (place: Vec2): boolean => discs.some((disc) => radiusAt(disc, place) < MAP_RIM);
-    const path = (axis: 0 | 1 | 2, levels: readonly number[], name: string): SVGElement => {
+    const path = (axis: 0 | 1 | 2, levels: Parameters<typeof curvesOf>[2], name: string): SVGElement => {
       const pieces = curvesOf(positions, axis, levels, isWithin);
       const d = pieces
         .map((ends) =>
@@ -382,15 +397,12 @@ export class MapPane {
         .join("");
       return svg("path", { d, class: name });
     };
-    const levels = Array.from({ length: 41 }, (_, at) => (at - 20) * GRATICULE_MM);
+    const levels = multiples(GRATICULE_MM);
     const graticule = [path(1, levels, "graticule"), path(2, levels, "graticule")];
-    if (!crosshair_mm) return graticule;
-    return [
-      ...graticule,
-      path(2, [crosshair_mm[2]], "axial"),
-      path(1, [crosshair_mm[1]], "coronal"),
-      path(0, [crosshair_mm[0]], "sagittal"),
-    ];
+    const planes = crosshair_mm
+      ? PLANE_NAMES.map((plane) => path(PLANES[plane].axis, single(crosshair_mm[PLANES[plane].axis]), plane))
+      : [];
+    this.#curves.replaceChildren(...graticule, ...planes);
   }
 
   /** Where the other pane looks: what faces the viewer there. */
