@@ -21,7 +21,7 @@ fn mesh_vertex(@location(0) position_in_patient: vec3<f32>) -> OnFacet {
 
 @fragment
 fn mesh_shaded(point: OnFacet) -> @location(0) vec4<f32> {
-    return shaded(point.position_in_field);
+    return shaded(point.position_in_field, picture.towards_viewer);
 }
 
 // Below every height: nothing is known of the facet there.

@@ -69,6 +69,11 @@ struct Picture {
     volume_has_gaps: u32,
     // 1 if a position has the value of the overlay's nearest voxel, as labels have.
     overlay_is_nearest: u32,
+    // On a disc of the flat map: its centre in pixels, and the part of the radius of the sphere of directions that a pixel is wide, 0
+    // elsewhere. The columns of field_from_frame are then the directions to the right, up and towards the viewer, and the middle of
+    // the hemisphere.
+    map_centre: vec2<f32>,
+    map_units_per_pixel: f32,
 }
 
 @group(0) @binding(0) var<uniform> picture: Picture;

@@ -16,5 +16,5 @@ fn resolved(place_in_frame: vec2<f32>, samples: vec4<f32>) -> vec4<f32> {
     let is_near = select(vec4<f32>(0.0), vec4<f32>(1.0), samples <= vec4<f32>(nearest + picture.clip_piece));
     let height = height_of(dot(samples, is_near) / dot(is_near, vec4<f32>(1.0)));
     let coverage = dot(select(vec4<f32>(0.0), vec4<f32>(0.25), samples < vec4<f32>(1.0)), vec4<f32>(1.0));
-    return shaded(at_height(foot_of(place_in_frame), height)) * coverage;
+    return shaded(at_height(foot_of(place_in_frame), height), picture.towards_viewer) * coverage;
 }

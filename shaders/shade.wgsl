@@ -37,13 +37,13 @@ fn known_at(position_in_field: vec3<f32>, around: vec4<f32>) -> f32 {
     return select(0.0, 1.0, known_mm(position_in_field) >= 0.0) * unfenced_of(around);
 }
 
-// The pixel of a surface point in voxel coordinates of the depth field: background where the volume holds nothing or the isosurface is unknown.
-fn shaded(position_in_field: vec3<f32>) -> vec4<f32> {
+// The pixel of a surface point in voxel coordinates of the depth field, seen from the direction `towards`: background where the volume holds nothing or the isosurface is unknown.
+fn shaded(position_in_field: vec3<f32>, towards: vec3<f32>) -> vec4<f32> {
     let surroundings = around(position_in_field);
     let inward = inward_of(surroundings);
     let position = (picture.volume_from_field * vec4<f32>(position_in_field, 1.0)).xyz;
     let stored = stored_on(position, inward);
-    let facing = -dot(inward, picture.towards_viewer);
+    let facing = -dot(inward, towards);
     let texture_color = color_in(picture.color_row, brightness(stored.x));
     let lit = under_overlay(texture_color, position_in_field) * light_on(facing);
     return vec4<f32>(floor(lit + 0.5) / 255.0, 1.0) * stored.y * known_at(position_in_field, surroundings);

@@ -28,37 +28,39 @@ const MISS: f32 = -1e30;
 // The least and the greatest height at which the isosurface may be met: in the ball and the box around it.
 //
 // What lies at depth D of a ball or a box is in the ball or the box that is smaller by D.
-fn reach(foot: vec3<f32>) -> vec2<f32> {
-    let from_centre = foot - picture.sphere_centre;
-    let aside = from_centre - dot(from_centre, picture.towards_viewer) * picture.towards_viewer;
+fn reach(sight: Sight) -> vec2<f32> {
+    let from_centre = sight.foot - picture.sphere_centre;
+    let aside = from_centre - dot(from_centre, sight.towards) * sight.towards;
     let half_squared = picture.sphere_radius * picture.sphere_radius - dot(aside, aside);
     if half_squared < 0.0 || picture.sphere_radius < 0.0 {
         return vec2<f32>(0.0, -1.0);
     }
     let half = sqrt(half_squared);
-    let middle = -dot(from_centre, picture.towards_viewer);
+    let middle = -dot(from_centre, sight.towards);
     // Along a face of the box a line of sight is all inside of it or all outside.
-    let direction = select(picture.towards_viewer, vec3<f32>(1e-6), abs(picture.towards_viewer) < vec3<f32>(1e-6));
-    let low = (picture.box_low - foot) / direction;
-    let high = (picture.box_high - foot) / direction;
+    let direction = select(sight.towards, vec3<f32>(1e-6), abs(sight.towards) < vec3<f32>(1e-6));
+    let low = (picture.box_low - sight.foot) / direction;
+    let high = (picture.box_high - sight.foot) / direction;
     let near = min(low, high);
     let far = max(low, high);
+    // On a map, lines of sight end in the middle of the hemisphere.
+    let end = select(middle - half, max(middle - half, 0.0), is_map());
     return vec2<f32>(
-        max(max(near.x, near.y), max(near.z, middle - half)),
+        max(max(near.x, near.y), max(near.z, end)),
         min(min(far.x, far.y), min(far.z, middle + half)),
     );
 }
 
 // The height of the isosurface between a place above it and one below it, both given as height and distance below the
 // isosurface: by false position (the Illinois variant), and where a bend of the field defies that, by halving.
-fn between(foot: vec3<f32>, above: vec2<f32>, under: vec2<f32>) -> f32 {
+fn between(sight: Sight, above: vec2<f32>, under: vec2<f32>) -> f32 {
     var high = above;
     var low = under;
     var side = 0;
     for (var round = 0; round < MAX_ROUNDS; round++) {
         let share = select(0.5, high.y / (high.y - low.y), round < FALSE_POSITIONS);
         let height = high.x + (low.x - high.x) * share;
-        let here = below(at_height(foot, height));
+        let here = below(along(sight, height));
         if abs(here) <= TOLERANCE {
             return height;
         }
@@ -77,12 +79,12 @@ fn between(foot: vec3<f32>, above: vec2<f32>, under: vec2<f32>) -> f32 {
 
 // Follows a line of sight from where it enters the isosurface, until it is outside again or deep enough: the height there, and
 // how far below the isosurface it got, in voxels.
-fn deepest_below(foot: vec3<f32>, start: f32, enough: f32) -> vec2<f32> {
+fn deepest_below(sight: Sight, start: f32, enough: f32) -> vec2<f32> {
     var height = start;
     var deepest = 0.0;
     for (var steps = 0; steps < MAX_STEPS; steps++) {
         height -= max(1.5 * (enough - deepest), SHORTEST_STEP);
-        let here = below(at_height(foot, height));
+        let here = below(along(sight, height));
         deepest = max(deepest, here);
         if here < 0.0 || deepest >= enough {
             break;
@@ -99,12 +101,12 @@ fn deepest_below(foot: vec3<f32>, start: f32, enough: f32) -> vec2<f32> {
 //
 // A step is at most as long as it is known to be safe, from its beginning and from its end: nothing is passed over but
 // what is less than NEAR voxels thick along the line of sight.
-fn first_hit(foot: vec3<f32>) -> vec2<f32> {
-    let ends = reach(foot);
+fn first_hit(sight: Sight) -> vec2<f32> {
+    let ends = reach(sight);
     let width = min(length(picture.field_from_frame[0].xyz), WIDEST);
     var found = vec2<f32>(MISS, 0.0);
     var height = ends.y;
-    var distance = -below(at_height(foot, height));
+    var distance = -below(along(sight, height));
     // How much nearer the isosurface comes in a voxel's length.
     var slope = 1.0;
     for (var steps = 0; steps < MAX_STEPS; steps++) {
@@ -123,18 +125,18 @@ fn first_hit(foot: vec3<f32>) -> vec2<f32> {
             if passing < NEAR * slope {
                 step = passing / slope;
             }
-            var ahead = -below(at_height(foot, height - step));
+            var ahead = -below(along(sight, height - step));
             if ahead > 0.0 {
                 if safe + ahead / STEEPEST < step {
                     step = safe;
-                    ahead = -below(at_height(foot, height - step));
+                    ahead = -below(along(sight, height - step));
                 }
                 slope = (distance - ahead) / step;
                 height -= step;
                 distance = ahead;
                 continue;
             }
-            hit = between(foot, vec2<f32>(height, -distance), vec2<f32>(height - step, -ahead));
+            hit = between(sight, vec2<f32>(height, -distance), vec2<f32>(height - step, -ahead));
         }
         // What lies behind an edge covers the pixel's other part.
         if found.y >= 0.5 {
@@ -145,34 +147,48 @@ fn first_hit(foot: vec3<f32>) -> vec2<f32> {
         if slope > STEEP {
             break;
         }
-        let inside = deepest_below(foot, hit, 0.5 * width);
+        let inside = deepest_below(sight, hit, 0.5 * width);
         found.y = min(0.5 + inside.y / width, 1.0);
         if found.y >= 1.0 {
             break;
         }
         height = inside.x;
-        distance = -below(at_height(foot, height));
+        distance = -below(along(sight, height));
         slope = 0.0;
     }
     return found;
 }
 
-@fragment
-fn trace_shaded(pixel: OnScreen) -> @location(0) vec4<f32> {
-    let foot = foot_of(pixel.place_in_frame);
-    let found = first_hit(foot);
-    if found.y <= 0.0 {
-        return vec4<f32>(0.0);
+// What a line of sight shows: the height, and the covered share of the pixel. A disc of a map is full of surface: its own edge alone
+// is soft.
+fn shown_at(place_in_frame: vec2<f32>, sight: Sight) -> vec2<f32> {
+    let covered = share_on_map(place_in_frame);
+    if covered <= 0.0 {
+        return vec2<f32>(MISS, 0.0);
     }
-    return shaded(at_height(foot, found.x)) * found.y;
+    let found = first_hit(sight);
+    let share = select(found.y, select(0.0, 1.0, found.y >= 0.5), is_map());
+    return vec2<f32>(found.x, share * covered);
 }
 
-// The height of the isosurface above the plane through the target's centre, in mm; MISS where there is none.
+@fragment
+fn trace_shaded(pixel: OnScreen) -> @location(0) vec4<f32> {
+    let sight = sight_of(pixel.place_in_frame);
+    let shown = shown_at(pixel.place_in_frame, sight);
+    if shown.y <= 0.0 {
+        return vec4<f32>(0.0);
+    }
+    return shaded(along(sight, shown.x), sight.towards) * shown.y;
+}
+
+// The height of the isosurface above the plane through the target's centre, on a map above the middle of the hemisphere, in mm; MISS
+// where there is none.
 @fragment
 fn trace_height(pixel: OnScreen) -> @location(0) f32 {
-    let foot = foot_of(pixel.place_in_frame);
-    let found = first_hit(foot);
-    let place = at_height(foot, found.x);
-    let is_there = found.y >= 0.5 && known_at(place, around(place)) > 0.0;
-    return select(MISS, found.x * picture.voxel_mm, is_there);
+    let sight = sight_of(pixel.place_in_frame);
+    let shown = shown_at(pixel.place_in_frame, sight);
+    let is_covered = select(shown.y >= 0.5, shown.y > 0.0, is_map());
+    let place = along(sight, shown.x);
+    let is_there = is_covered && known_at(place, around(place)) > 0.0;
+    return select(MISS, shown.x * picture.voxel_mm, is_there);
 }

@@ -43,8 +43,8 @@ fn the_device_traces_colin27_as_the_processor_does() {
 /// How far each point that a picture shows is from its depth, in mm, where the surface does not graze the line of sight.
 fn off_depth(head: &Head, hits: &Hits, depth_mm: f64) -> Vec<f64> {
     let field = head.model().field();
-    let size = hits.projection().size();
-    let towards_viewer = hits.projection().towards_viewer_in_patient();
+    let size = hits.projection().unwrap().size();
+    let towards_viewer = hits.projection().unwrap().towards_viewer_in_patient();
     let pixels = (0..size.height()).flat_map(|y| (0..size.width()).map(move |x| [x, y]));
     let off = |[x, y]: [u32; 2]| {
         let position = hits.position_in_patient(x, y)?;

@@ -16,10 +16,10 @@ const BALL_MM: f64 = 4.0;
 const BALL_INTENSITY: u16 = 3000;
 
 /// Black up to white matter, so that only the ball is bright.
-const BALL_WINDOW: &str = "window=2200,1000&ambient=1";
+pub(crate) const BALL_WINDOW: &str = "window=2200,1000&ambient=1";
 
 /// A phantom with a ball on its left, as files: volume and mask; mirrored on request.
-fn head(is_mirrored: bool) -> [Vec<u8>; 2] {
+pub(crate) fn head(is_mirrored: bool) -> [Vec<u8>; 2] {
     let phantom = BrainPhantom::PLAIN;
     let grid = regions_phantom::grid();
     let scan = phantom.scan(&grid);
@@ -53,7 +53,7 @@ fn head(is_mirrored: bool) -> [Vec<u8>; 2] {
     ]
 }
 
-async fn case_of(server: &Server, [volume, mask]: [Vec<u8>; 2]) -> String {
+pub(crate) async fn case_of(server: &Server, [volume, mask]: [Vec<u8>; 2]) -> String {
     let parts = [("volume", &volume[..]), ("mask", &mask[..])];
     server.prepared(&parts).await
 }

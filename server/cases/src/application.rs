@@ -20,7 +20,7 @@ use crate::error::Error;
 use crate::library::{Library, LibraryOptions};
 use crate::limit::ConcurrencyLimit;
 use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel};
-use crate::pictures::{Graphics, GraphicsOptions};
+use crate::pictures::{Graphics, GraphicsOptions, PictureRequest};
 
 /// The largest DICOM file of a PACS, in bytes: a multi-frame image of a head has some 100 MB.
 pub const MAX_INSTANCE_BYTES: u64 = 512 << 20;
@@ -280,6 +280,22 @@ impl Cases {
             return Ok(model);
         }
         Err(self.gone(id).await)
+    }
+
+    /// The models of the surfaces that a picture of a ready case shows.
+    ///
+    /// # Errors
+    /// As [`Cases::surface`].
+    pub async fn surfaces_of(
+        &self,
+        id: &CaseId,
+        picture: &PictureRequest,
+    ) -> Result<Vec<Arc<WarmModel>>, Error> {
+        let mut models = Vec::new();
+        for surface in picture.surfaces() {
+            models.push(self.surface(id, surface).await?);
+        }
+        Ok(models)
     }
 
     /// The whole acquired volume of a case that is ready.

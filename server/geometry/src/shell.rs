@@ -1,5 +1,8 @@
 //! The voxels of the envelope, sorted by depth.
 
+use glam::DVec3;
+use rayon::prelude::*;
+
 use crate::{DistanceMap, Grid};
 
 /// A voxel of the envelope: its coordinates on the working grid, 10 bits each.
@@ -73,6 +76,24 @@ impl ShellIndex {
     /// All voxels of the envelope, shallowest first.
     pub fn voxels(&self) -> &[ShellVoxel] {
         &self.voxels
+    }
+
+    /// The centroid in LPS mm of the voxels for which `is_part` of their centre; `None` if there is none.
+    ///
+    /// Sums of coordinates on the grid are whole numbers, so the result does not depend on the order of the voxels.
+    pub fn centroid(&self, is_part: impl Fn(DVec3) -> bool + Sync) -> Option<DVec3> {
+        let patient_from_voxel = self.grid.patient_from_voxel();
+        let part = |voxel: &ShellVoxel| {
+            let position = DVec3::from(voxel.position().map(f64::from));
+            let is_part = is_part(patient_from_voxel.transform_point3(position));
+            is_part.then_some((position, 1.0))
+        };
+        let parts = self.voxels.par_iter().filter_map(part);
+        let (sum, count) = parts.reduce(
+            || (DVec3::ZERO, 0.0),
+            |(sum, count), (other, others)| (sum + other, count + others),
+        );
+        (count > 0.0).then(|| patient_from_voxel.transform_point3(sum / count))
     }
 
     /// The voxels with a depth in `[depth_mm, depth_mm + thickness_mm)`.

@@ -117,7 +117,7 @@ fn canvas_of(frame: Frame) -> Canvas {
 }
 
 /// The lines in the corner of a picture: its place, its window, and the texture if that is a layer.
-fn lines(place: String, window: Window, layers: &Layers<'_>) -> Vec<String> {
+pub(crate) fn lines(place: String, window: Window, layers: &Layers<'_>) -> Vec<String> {
     let function = match window.function() {
         WindowFunction::Linear => "",
         WindowFunction::Sigmoid => " sigmoid",
@@ -129,15 +129,15 @@ fn lines(place: String, window: Window, layers: &Layers<'_>) -> Vec<String> {
 }
 
 /// The text in the upper left corner.
-struct Corner {
-    lines: Vec<String>,
+pub(crate) struct Corner {
+    pub(crate) lines: Vec<String>,
     /// Whether the first line names the case; it may be as wide as the picture.
     is_named: bool,
 }
 
 impl Corner {
     /// The lines, headed by as much of the name of the case as fits.
-    fn new(canvas: &Canvas, named: Option<&str>, others: Vec<String>) -> Self {
+    pub(crate) fn new(canvas: &Canvas, named: Option<&str>, others: Vec<String>) -> Self {
         let room = canvas.size().width() as i32 - canvas.line_height();
         let first = named.map(|words| fitting(canvas, words, room));
         Self {
@@ -174,7 +174,7 @@ fn fitting(canvas: &Canvas, text: &str, room: i32) -> String {
 
 /// The colours of an overlay on grey between the values of their ends, below its name and its threshold, in the lower
 /// right corner: a head leaves the corners free. Labels are listed in the lower right quarter.
-fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
+pub(crate) fn color_bar(canvas: &mut Canvas, layers: &Layers<'_>, size: FrameSize) {
     let Some(Overlay { layer, style }) = layers.overlay else {
         return;
     };
@@ -409,8 +409,7 @@ pub fn edge_letters(orientation: DQuat) -> [String; 4] {
 
 /// The letters of a patient direction: the nearest axis, and a second one if the direction is oblique.
 fn letters(direction: DVec3) -> String {
-    let mut axes = [0, 1, 2].map(|axis| (direction[axis], LETTERS[axis]));
-    axes.sort_by(|(a, _), (b, _)| b.abs().total_cmp(&a.abs()));
+    let axes = nearest_axes(direction);
     let letter = |(along, [towards, against]): (f64, [char; 2])| {
         if along > 0.0 { towards } else { against }
     };
@@ -419,6 +418,19 @@ fn letters(direction: DVec3) -> String {
         text.push(letter(axes[1]));
     }
     text
+}
+
+/// The letter of the axis nearest to a patient direction.
+pub(crate) fn letter_of(direction: DVec3) -> char {
+    let [(along, [towards, against]), ..] = nearest_axes(direction);
+    if along > 0.0 { towards } else { against }
+}
+
+/// The components of a direction with the letters along and against their axes, the greatest first.
+fn nearest_axes(direction: DVec3) -> [(f64, [char; 2]); 3] {
+    let mut axes = [0, 1, 2].map(|axis| (direction[axis], LETTERS[axis]));
+    axes.sort_by(|(a, _), (b, _)| b.abs().total_cmp(&a.abs()));
+    axes
 }
 
 /// A number with at most two decimals.

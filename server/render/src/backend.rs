@@ -102,8 +102,8 @@ impl RenderBackend {
     /// Draws a picture.
     ///
     /// # Errors
-    /// [`RenderError::MeshMissing`] for a job without a mesh that needs one, [`RenderError::Gpu`] if the graphics
-    /// device fails.
+    /// [`RenderError::MeshMissing`] for a job without a mesh that needs one, [`RenderError::NoMap`] for a map unless tracing
+    /// draws, [`RenderError::Gpu`] if the graphics device fails.
     pub fn draw(&self, job: &RenderJob) -> Result<RenderedFrame, RenderError> {
         let drawn = self.draw_while(job, &|| true)?;
         Ok(drawn.expect("a picture that stays wanted is drawn"))
@@ -134,6 +134,7 @@ impl RenderBackend {
         job: &RenderJob,
         is_wanted: &Wanted<'_>,
     ) -> Result<Option<RenderedFrame>, RenderError> {
+        self.check(job)?;
         let (scene, request) = (job.scene(), &job.request);
         let frame = match self {
             Self::Splat => draw_splat_while(&scene, request, is_wanted),
@@ -154,6 +155,7 @@ impl RenderBackend {
     /// # Errors
     /// As [`RenderBackend::draw`].
     pub fn hits(&self, job: &RenderJob) -> Result<Hits, RenderError> {
+        self.check(job)?;
         let (scene, request) = (job.case.scene(), &job.request);
         Ok(match self {
             Self::Splat => splat_hits(&scene, request),
@@ -163,7 +165,22 @@ impl RenderBackend {
         })
     }
 
+    /// Maps are for tracing alone.
+    fn check(&self, job: &RenderJob) -> Result<(), RenderError> {
+        let is_map = job.request.parameters().map.is_some();
+        match is_map && !self.draws_maps() {
+            true => Err(RenderError::NoMap),
+            false => Ok(()),
+        }
+    }
+
+    /// Whether it draws the discs of maps.
+    pub fn draws_maps(&self) -> bool {
+        matches!(self, Self::Trace | Self::GpuTrace(_))
+    }
+
     fn gpu_job(&self, job: &RenderJob) -> Result<GpuJob, RenderError> {
+        self.check(job)?;
         let surface = if self.needs_mesh() {
             let SizedMesh { size, mesh } = job.mesh.clone().ok_or(RenderError::MeshMissing)?;
             GpuSurface::Mesh { size, mesh }

@@ -118,7 +118,7 @@ impl Canvas {
     }
 
     /// Blends a level of grey over a pixel.
-    fn blend(&mut self, x: i32, y: i32, (level, share): (u8, f32)) {
+    pub(crate) fn blend(&mut self, x: i32, y: i32, (level, share): (u8, f32)) {
         let format = self.format;
         let Some(pixel) = self.pixel(x, y).filter(|_| share > 0.0) else {
             return;

@@ -35,6 +35,9 @@ pub enum RenderError {
     /// The backend draws a mesh, and the job has none.
     #[error("this renderer needs a mesh")]
     MeshMissing,
+    /// The backend does not draw maps.
+    #[error("this renderer draws no map; choose trace")]
+    NoMap,
     /// The number of values of a layer differs from its number of voxels.
     #[error("the layer has {found} values for {expected} voxels")]
     LayerSize {

@@ -119,6 +119,23 @@ impl Frame {
         &self.bytes
     }
 
+    /// Adds the discs of another picture of the same map, whose pixels are 0 where this one has any.
+    ///
+    /// # Panics
+    /// If its size or format differs.
+    #[must_use]
+    pub fn joined(mut self, other: &Self) -> Self {
+        assert_eq!(
+            (self.size, self.format),
+            (other.size, other.format),
+            "the pictures of one map are alike"
+        );
+        for (byte, other) in self.bytes.iter_mut().zip(&other.bytes) {
+            *byte |= other;
+        }
+        self
+    }
+
     /// The bytes of a pixel, `None` outside the picture.
     pub fn pixel(&self, x: u32, y: u32) -> Option<&[u8]> {
         if x >= self.size.width || y >= self.size.height {

@@ -4,40 +4,52 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::Projection;
+use crate::rays::Look;
 
 /// For each pixel of a picture the point of the surface that it shows, for picking and for tests.
 #[derive(Debug, Clone)]
 pub struct Hits {
-    projection: Projection,
+    look: Look,
     heights_mm: Vec<f32>,
 }
 
 impl Hits {
-    /// The hits of a picture from their frame-space z in mm, row by row; a value that is not finite is no hit.
+    /// The hits of a picture from their heights in mm, which are frame-space z or on a map distances from the centre of the
+    /// hemisphere, row by row; a value that is not finite is no hit.
     ///
     /// # Panics
     /// If the number of values differs from the number of pixels.
-    pub(crate) fn new(projection: Projection, heights_mm: Vec<f32>) -> Self {
+    pub(crate) fn new(look: impl Into<Look>, heights_mm: Vec<f32>) -> Self {
+        let look = look.into();
         assert_eq!(
             heights_mm.len(),
-            projection.size().pixel_count(),
+            look.size().pixel_count(),
             "one for each pixel"
         );
-        Self {
-            projection,
-            heights_mm,
+        Self { look, heights_mm }
+    }
+
+    /// The projection of the picture; `None` for a map.
+    pub fn projection(&self) -> Option<&Projection> {
+        match &self.look {
+            Look::Parallel(projection) => Some(projection),
+            Look::Map(_) => None,
         }
     }
 
-    /// The projection of the picture.
-    pub fn projection(&self) -> &Projection {
-        &self.projection
+    /// Fills the gaps of positions with these hits: those of another disc of the same map.
+    pub fn fill(&self, positions: &mut [[f32; 3]]) {
+        for (position, other) in positions.iter_mut().zip(self.positions_in_patient()) {
+            if position[0].is_nan() {
+                *position = other;
+            }
+        }
     }
 
     /// Position in LPS mm of the surface at pixel (x, y); `None` if it shows the background or lies outside the
     /// picture.
     pub fn position_in_patient(&self, x: u32, y: u32) -> Option<DVec3> {
-        let size = self.projection.size();
+        let size = self.look.size();
         if x >= size.width() || y >= size.height() {
             return None;
         }
@@ -58,13 +70,18 @@ impl Hits {
 
     /// The position at a pixel, counted row by row.
     fn position_at(&self, index: usize) -> Option<DVec3> {
-        let width = self.projection.size().width() as usize;
+        let width = self.look.size().width() as usize;
         let [x, y] = [index % width, index / width].map(|place| place as f64 + 0.5);
         let height_mm = f64::from(self.heights_mm[index]);
-        height_mm.is_finite().then(|| {
-            self.projection
-                .patient_from_frame()
-                .transform_point3(DVec3::new(x, y, height_mm))
-        })
+        if !height_mm.is_finite() {
+            return None;
+        }
+        match &self.look {
+            Look::Parallel(projection) => {
+                let in_frame = DVec3::new(x, y, height_mm);
+                Some(projection.patient_from_frame().transform_point3(in_frame))
+            }
+            Look::Map(projection) => projection.position_in_patient([x, y], height_mm),
+        }
     }
 }

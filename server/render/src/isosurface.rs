@@ -163,17 +163,20 @@ fn face_block(
 ) {
     let count = LANES.min(points.heights.len() - first);
     let mut positions = [[0.0; LANES]; 3];
+    let mut towards_viewer = [[0.0; LANES]; 3];
     let heights = &points.heights[first..first + count];
     for (lane, &height) in heights.iter().enumerate() {
         let column = (first + lane) as u32 as i32 as f32;
-        let position = rays.through(column + 0.5, row as f32 + 0.5).at(height);
-        [positions[0][lane], positions[1][lane], positions[2][lane]] = position;
+        let ray = rays.through(column + 0.5, row as f32 + 0.5);
+        [positions[0][lane], positions[1][lane], positions[2][lane]] = ray.at(height);
+        let [x, y, z] = &mut towards_viewer;
+        [x[lane], y[lane], z[lane]] = ray.towards_viewer();
     }
     let mut inward = [[0.0; LANES]; 3];
     isosurface
         .normals
         .gradient_at_each(&positions, count, &mut inward);
-    let [x, y, z] = rays.towards_viewer();
+    let [x, y, z] = &towards_viewer;
     let facing = &mut points.facing[first..first + count];
     for (lane, facing) in facing.iter_mut().enumerate() {
         let [along_x, along_y, along_z] = [inward[0][lane], inward[1][lane], inward[2][lane]];
@@ -181,7 +184,7 @@ fn face_block(
         let factor = 1.0 / squared.sqrt().max(1e-6);
         let unit = [along_x * factor, along_y * factor, along_z * factor];
         [inward[0][lane], inward[1][lane], inward[2][lane]] = unit;
-        *facing = -(unit[0] * x + unit[1] * y + unit[2] * z);
+        *facing = -(unit[0] * x[lane] + unit[1] * y[lane] + unit[2] * z[lane]);
     }
     if !points.inward.is_empty() {
         let directions = &mut points.inward[first..first + count];

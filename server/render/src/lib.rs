@@ -34,6 +34,8 @@ mod known;
 mod layer;
 mod lettering;
 mod light;
+mod map;
+mod map_marks;
 mod mesh;
 mod notice;
 mod png;
@@ -70,6 +72,10 @@ pub use layer::{
     OverlayStyle,
 };
 pub use light::Light;
+pub use map::{
+    Hemisphere, MAP_MARGIN, MAP_RADIUS_MM, MAP_RIM, MapDisc, MapFace, MapProjection, MapSides,
+};
+pub use map_marks::{DrawnMap, MapScale, annotate_map};
 pub use mesh::{Facets, draw_mesh, draw_mesh_while, mesh_hits};
 pub use notice::{RESEARCH_USE_NOTICE, SHORT_NOTICE};
 pub use png::encode_png;

@@ -3,17 +3,59 @@
 use geometry::Grid;
 use glam::{DAffine3, DVec3};
 
-use crate::Projection;
+use crate::{FrameSize, MapProjection, Projection};
+
+/// How a picture sees a head.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Look {
+    /// All lines of sight are parallel.
+    Parallel(Projection),
+    /// All lines of sight of a disc end at the centre of a hemisphere.
+    Map(MapProjection),
+}
+
+impl From<&Projection> for Look {
+    fn from(projection: &Projection) -> Self {
+        Self::Parallel(*projection)
+    }
+}
+
+impl From<&MapProjection> for Look {
+    fn from(projection: &MapProjection) -> Self {
+        Self::Map(*projection)
+    }
+}
+
+impl Look {
+    /// The picture's size.
+    pub(crate) fn size(&self) -> FrameSize {
+        match self {
+            Self::Parallel(projection) => projection.size(),
+            Self::Map(projection) => projection.size(),
+        }
+    }
+}
 
 /// Maps positions in the frame to voxel coordinates of a grid: each pixel has a line of sight.
 ///
-/// *Heights* count towards the viewer from the plane through the target's centre, in units of `unit_mm`.
+/// *Heights* count towards the viewer from the plane through the target's centre, in units of `unit_mm`; on a map, from the
+/// centre of the hemisphere.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rays {
     corner: [f32; 3],
     per_column: [f32; 3],
     per_row: [f32; 3],
     per_height: [f32; 3],
+    disc: Option<Disc>,
+}
+
+/// The directions of the lines of sight of a map, which all have their foot at the corner.
+#[derive(Debug, Clone, Copy)]
+struct Disc {
+    centre: [f32; 2],
+    units_per_pixel: f32,
+    /// Voxel coordinates of a unit of height to the right, up and towards the viewer.
+    axes: [[f32; 3]; 3],
 }
 
 /// A line of sight, in voxel coordinates.
@@ -24,17 +66,40 @@ pub(crate) struct Ray {
 }
 
 impl Rays {
-    /// The lines of sight of a projection through `grid`.
-    pub(crate) fn new(projection: &Projection, grid: &Grid, unit_mm: f64) -> Self {
-        Self::through_voxels(projection, grid.voxel_from_patient(), unit_mm)
+    /// The lines of sight of a picture through `grid`.
+    pub(crate) fn new(look: impl Into<Look>, grid: &Grid, unit_mm: f64) -> Self {
+        Self::through_voxels(look, grid.voxel_from_patient(), unit_mm)
     }
 
-    /// The lines of sight of a projection through voxels with this transform.
+    /// The lines of sight of a picture through voxels with this transform.
     pub(crate) fn through_voxels(
-        projection: &Projection,
+        look: impl Into<Look>,
         voxel_from_patient: DAffine3,
         unit_mm: f64,
     ) -> Self {
+        match look.into() {
+            Look::Parallel(projection) => Self::parallel(&projection, voxel_from_patient, unit_mm),
+            Look::Map(projection) => Self::of_disc(&projection, voxel_from_patient, unit_mm),
+        }
+    }
+
+    fn of_disc(projection: &MapProjection, voxel_from_patient: DAffine3, unit_mm: f64) -> Self {
+        let axes = voxel_from_patient.matrix3 * projection.axes() * unit_mm;
+        let [x, y] = projection.centre().map(|place| place as f32);
+        Self {
+            corner: single(voxel_from_patient.transform_point3(projection.centre_in_patient())),
+            per_column: [0.0; 3],
+            per_row: [0.0; 3],
+            per_height: [0.0; 3],
+            disc: Some(Disc {
+                centre: [x, y],
+                units_per_pixel: projection.units_per_pixel() as f32,
+                axes: [axes.x_axis, axes.y_axis, axes.z_axis].map(single),
+            }),
+        }
+    }
+
+    fn parallel(projection: &Projection, voxel_from_patient: DAffine3, unit_mm: f64) -> Self {
         let voxel_from_frame = voxel_from_patient
             * projection.patient_from_frame()
             * DAffine3::from_scale(DVec3::new(1.0, 1.0, unit_mm));
@@ -44,12 +109,19 @@ impl Rays {
             per_column: single(axes.x_axis),
             per_row: single(axes.y_axis),
             per_height: single(axes.z_axis),
+            disc: None,
         }
     }
 
     /// The line of sight through a place of the picture, in pixels from its top left corner.
     #[inline(always)]
     pub(crate) fn through(&self, x: f32, y: f32) -> Ray {
+        if let Some(disc) = &self.disc {
+            return Ray {
+                foot: self.corner,
+                per_height: disc.direction(x, y),
+            };
+        }
         Ray {
             foot: [
                 self.corner[0] + x * self.per_column[0] + y * self.per_row[0],
@@ -60,12 +132,6 @@ impl Rays {
         }
     }
 
-    /// Voxel coordinates of a unit of height: the direction to the viewer.
-    #[inline(always)]
-    pub(crate) fn towards_viewer(&self) -> [f32; 3] {
-        self.per_height
-    }
-
     /// Voxel coordinates of a step of one pixel to the right.
     pub(crate) fn per_pixel_right(&self) -> [f32; 3] {
         self.per_column
@@ -74,6 +140,23 @@ impl Rays {
     /// Voxel coordinates of a step of one pixel down.
     pub(crate) fn per_pixel_down(&self) -> [f32; 3] {
         self.per_row
+    }
+}
+
+impl Disc {
+    /// Voxel coordinates of a unit of height at a place of the picture.
+    #[inline(always)]
+    fn direction(&self, x: f32, y: f32) -> [f32; 3] {
+        let right = (x - self.centre[0]) * self.units_per_pixel;
+        let up = (self.centre[1] - y) * self.units_per_pixel;
+        let squared = right * right + up * up;
+        let rest = 1.0 - 0.25 * squared;
+        let stretch = (if rest > 0.0 { rest } else { 0.0 }).sqrt();
+        let [right, up, towards] = [right * stretch, up * stretch, 1.0 - 0.5 * squared];
+        let [along_x, along_y, along_z] = self.axes;
+        std::array::from_fn(|axis| {
+            right * along_x[axis] + up * along_y[axis] + towards * along_z[axis]
+        })
     }
 }
 

@@ -3,8 +3,10 @@
 use geometry::{BoundingSphere, DeformableModel, DepthField, ShellIndex, Volume};
 
 use crate::error::checked;
+use crate::rays::Look;
 use crate::{
-    Camera, ColorMap, FrameSize, Layers, Light, NamedView, Projection, RenderError, Window,
+    Camera, ColorMap, FrameSize, Layers, Light, MapDisc, MapProjection, NamedView, Projection,
+    RenderError, Window,
 };
 
 /// The data of a case that a renderer needs. Cheap to make, because it borrows everything.
@@ -64,6 +66,8 @@ pub struct RenderParameters {
     pub depth_mm: f64,
     /// The camera.
     pub camera: Camera,
+    /// A disc of the flat map instead of the orthographic picture. Zoom and pan of the camera move the map.
+    pub map: Option<MapDisc>,
     /// Size of the picture.
     pub size: FrameSize,
     /// The display window.
@@ -85,6 +89,7 @@ impl RenderParameters {
         Self {
             depth_mm: 0.0,
             camera: Camera::named(NamedView::Left),
+            map: None,
             size: FrameSize::default(),
             window,
             colormap: ColorMap::Grey,
@@ -137,7 +142,21 @@ impl RenderRequest {
         &self.0
     }
 
-    /// The projection of `scene` by the camera of the request.
+    /// The projection of the disc, if the request is for a disc of a map.
+    pub fn map_projection(&self) -> Option<MapProjection> {
+        let disc = self.0.map?;
+        Some(disc.projection(&self.0.camera, self.0.size))
+    }
+
+    /// How the picture sees `scene`.
+    pub(crate) fn look(&self, scene: &Scene<'_>) -> Look {
+        match self.map_projection() {
+            Some(projection) => Look::Map(projection),
+            None => Look::Parallel(self.projection(scene)),
+        }
+    }
+
+    /// The orthographic projection of `scene` by the camera of the request.
     pub fn projection(&self, scene: &Scene<'_>) -> Projection {
         self.0.camera.projection(&scene.bounds, self.0.size)
     }

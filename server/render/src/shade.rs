@@ -6,12 +6,11 @@ use multiversion::multiversion;
 
 use crate::layer::{LayerSampler, OverlayRamp};
 use crate::points::PointRow;
-use crate::rays::{Rays, single};
+use crate::rays::{Look, Rays, single};
 use crate::sampler::{Sampler, trilinear, whole};
 use crate::window::WindowLine;
 use crate::{
-    Background, Layers, Light, Overlay, PixelFormat, Projection, RenderParameters, RenderRequest,
-    Scene,
+    Background, Layers, Light, Overlay, PixelFormat, RenderParameters, RenderRequest, Scene,
 };
 
 /// The most samples to either side of the isosurface that a slab is averaged over.
@@ -92,11 +91,11 @@ pub(crate) struct OverlayPaint<'a> {
 
 impl<'a> OverlayPaint<'a> {
     /// For the pixels of a picture; heights are in units of `unit_mm`.
-    pub(crate) fn new(overlay: Overlay<'a>, projection: &Projection, unit_mm: f64) -> Self {
+    pub(crate) fn new(overlay: Overlay<'a>, look: impl Into<Look>, unit_mm: f64) -> Self {
         let from_case = overlay.layer.voxel_from_case();
         Self {
             layer: overlay.layer.sampler(),
-            rays: Rays::through_voxels(projection, from_case, unit_mm),
+            rays: Rays::through_voxels(look, from_case, unit_mm),
             ramp: overlay.style.ramp(),
             colors: overlay.style.parameters().colormap.table(),
         }
@@ -170,20 +169,20 @@ impl<'a> Shade<'a> {
     /// Shading for the pixels of a picture; surface heights are in units of `unit_mm`.
     pub(crate) fn new(
         scene: &Scene<'a>,
-        projection: &Projection,
+        look: Look,
         request: &RenderRequest,
         unit_mm: f64,
     ) -> Self {
         let parameters = request.parameters();
         Self {
             texture: Texture::of(scene),
-            rays: Rays::through_voxels(projection, texture_from_patient(scene), unit_mm),
+            rays: Rays::through_voxels(look, texture_from_patient(scene), unit_mm),
             window: parameters.window.line(texture_rescale(scene)),
             colors: parameters.colormap.table(),
             overlay: scene
                 .layers
                 .overlay
-                .map(|overlay| OverlayPaint::new(overlay, projection, unit_mm)),
+                .map(|overlay| OverlayPaint::new(overlay, look, unit_mm)),
             light: parameters.light,
             format: pixel_format(parameters, &scene.layers),
             slab: Slab::new(parameters, scene),

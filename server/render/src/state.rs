@@ -31,7 +31,9 @@ pub fn state_texts(
         ("renderer", renderer.to_owned()),
         ("depth_mm", parameters.depth_mm.to_string()),
     ];
-    texts.extend(camera_texts(&parameters.camera));
+    let camera = camera_texts(&parameters.camera).into_iter();
+    // A map does not turn.
+    texts.extend(camera.filter(|(key, _)| parameters.map.is_none() || *key != "orientation"));
     texts.extend([
         ("window", window_text(parameters.window)),
         ("colormap", parameters.colormap.name().to_owned()),

@@ -6,10 +6,10 @@ use rayon::prelude::*;
 
 use crate::known::Known;
 use crate::points::PointRow;
-use crate::rays::Rays;
+use crate::rays::{Look, Rays};
 use crate::shade::Shade;
 use crate::silhouette::Silhouette;
-use crate::{Frame, FrameSize, Hits, Projection, RenderRequest, Scene};
+use crate::{Frame, FrameSize, Hits, RenderRequest, Scene};
 
 /// Rows per piece of work of a thread.
 pub(crate) const BAND: usize = 16;
@@ -28,15 +28,16 @@ pub(crate) fn draw(
     surface: &impl Surface,
     scene: &Scene<'_>,
     request: &RenderRequest,
-    projection: &Projection,
+    look: impl Into<Look>,
 ) -> Frame {
-    let shade = Shade::new(scene, projection, request, voxel_mm(scene));
-    let size = projection.size();
+    let look = look.into();
+    let shade = Shade::new(scene, look, request, voxel_mm(scene));
+    let size = look.size();
     let row_bytes = size.width() as usize * shade.format().bytes_per_pixel();
     let mut bytes = vec![0; row_bytes * size.height() as usize];
     let with_inward = shade.asks_for_inward();
     let known = Known::new(scene.field, request.parameters().depth_mm);
-    let rays = working_rays(scene, projection);
+    let rays = working_rays(scene, look);
     let finish = |row: usize, points: &mut PointRow, pixels: &mut [u8]| {
         known.leave_bare(&rays, row, points);
         shade.row(row, points, pixels);
@@ -51,7 +52,7 @@ pub(crate) fn draw(
             };
             picture.for_each_row(&mut bytes, finish);
         }
-        None => for_each_row(surface, projection, with_inward, &mut bytes, finish),
+        None => for_each_row(surface, look.size(), with_inward, &mut bytes, finish),
     }
     Frame::new(size, shade.format(), bytes)
 }
@@ -135,10 +136,11 @@ pub(crate) fn draw_while(
     surface: &impl Surface,
     scene: &Scene<'_>,
     request: &RenderRequest,
+    look: impl Into<Look>,
     is_wanted: &Wanted<'_>,
 ) -> Option<Frame> {
     let surface = WhileWanted { surface, is_wanted };
-    let frame = draw(&surface, scene, request, &request.projection(scene));
+    let frame = draw(&surface, scene, request, look);
     is_wanted().then_some(frame)
 }
 
@@ -165,15 +167,16 @@ pub(crate) fn hits(
     surface: &impl Surface,
     scene: &Scene<'_>,
     request: &RenderRequest,
-    projection: &Projection,
+    look: impl Into<Look>,
 ) -> Hits {
+    let look = look.into();
     let known = Known::new(scene.field, request.parameters().depth_mm);
-    let rays = working_rays(scene, projection);
+    let rays = working_rays(scene, look);
     let voxel_mm = voxel_mm(scene) as f32;
-    let mut heights_mm = vec![f32::NEG_INFINITY; projection.size().pixel_count()];
+    let mut heights_mm = vec![f32::NEG_INFINITY; look.size().pixel_count()];
     for_each_row(
         surface,
-        projection,
+        look.size(),
         false,
         &mut heights_mm,
         |row, points, heights_mm| {
@@ -183,12 +186,12 @@ pub(crate) fn hits(
             }
         },
     );
-    Hits::new(*projection, heights_mm)
+    Hits::new(look, heights_mm)
 }
 
 /// The lines of sight of a picture through the working grid; heights are in working voxels.
-pub(crate) fn working_rays(scene: &Scene<'_>, projection: &Projection) -> Rays {
-    Rays::new(projection, scene.field.grid(), voxel_mm(scene))
+pub(crate) fn working_rays(scene: &Scene<'_>, look: impl Into<Look>) -> Rays {
+    Rays::new(look, scene.field.grid(), voxel_mm(scene))
 }
 
 /// A height below everything that `scene` holds, in working voxels.
@@ -197,19 +200,18 @@ pub(crate) fn bottom(scene: &Scene<'_>) -> f32 {
 }
 
 /// Edge of a working voxel, in mm.
-fn voxel_mm(scene: &Scene<'_>) -> f64 {
+pub(crate) fn voxel_mm(scene: &Scene<'_>) -> f64 {
     scene.field.grid().spacing_mm()[0]
 }
 
 /// Calls `take` with each row's number, points and share of `out`, on all threads.
 fn for_each_row<T: Send>(
     surface: &impl Surface,
-    projection: &Projection,
+    size: FrameSize,
     with_inward: bool,
     out: &mut [T],
     take: impl Fn(usize, &mut PointRow, &mut [T]) + Sync,
 ) {
-    let size = projection.size();
     let per_row = out.len() / size.height() as usize;
     out.par_chunks_mut(per_row * BAND)
         .enumerate()

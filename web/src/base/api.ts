@@ -208,6 +208,16 @@ export async function getFile(path: string, accept = "*/*"): Promise<Blob> {
   return (await send(`v1/cases/${path}`, { headers: { accept } })).blob();
 }
 
+/** The positions that the pixels of a picture show, in LPS mm, and the size of the picture. */
+export async function getPositions(
+  path: string,
+  signal: AbortSignal,
+): Promise<{ readonly xyz: Float32Array; readonly size: readonly [number, number] }> {
+  const answer = await send(`v1/cases/${path}`, { headers: { accept: "application/octet-stream" }, signal });
+  const [width = 0, height = 0] = (answer.headers.get("x-isocortex-size") ?? "").split(",").map(Number);
+  return { xyz: new Float32Array(await answer.arrayBuffer()), size: [width, height] };
+}
+
 /** Attributes of the DICOM files that a case was made of, by keyword: patient data, asked for only when wanted. */
 export async function getDicom(id: string): Promise<Readonly<Record<string, string>>> {
   const answer = (await (await send(`v1/cases/${id}/dicom`, { cache: "no-store" })).json()) as {

@@ -90,6 +90,7 @@ export class Painter {
   readonly #fields = new Map<SurfaceName, FieldTextures>();
   #coarse: Target | null = null;
   #slice: Target | null = null;
+  #map: Target | null = null;
   #depths: DepthTarget | null = null;
 
   /** Compiles the shaders and finds out what the device can do. */
@@ -272,6 +273,24 @@ export class Painter {
     gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
     gl.blitFramebuffer(0, 0, ...size, 0, 0, ...full, gl.COLOR_BUFFER_BIT, gl.LINEAR);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+  }
+
+  /** Draws the discs of a map into a picture of `size` pixels, beside the canvas. */
+  map(discs: readonly Look[], size: Vec2): Promise<ImageData | null> {
+    const gl = this.#gl;
+    this.#map = fitting(this.#map, size) ?? createTarget(gl, size);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.#map.frame);
+    gl.viewport(0, 0, ...size);
+    gl.clearColor(0, 0, 0, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    for (const look of discs) {
+      const { left, top, size: extent } = extentOf(look, this.#takeUp(look, size), size);
+      gl.enable(gl.SCISSOR_TEST);
+      gl.scissor(left, size[1] - top - extent[1], ...extent);
+      this.#shade("exact");
+      gl.disable(gl.SCISSOR_TEST);
+    }
+    return readTarget(gl, this.#map);
   }
 
   /** Whether all data for slices are present. */

@@ -3,6 +3,7 @@
 import { fromColumns, inColumns, product, scaleThenMove, transformDirection } from "../model/affine.ts";
 import { project, towardsViewer, type Projection, type View } from "../model/camera.ts";
 import type { MirrorPlane, Sphere, Window } from "../model/case.ts";
+import { type Disc, MAP_MARGIN, type MapView, projectDisc } from "../model/flat-map.ts";
 import { smoothShare } from "../model/isosurface.ts";
 import { SOFT_PART } from "../model/maps.ts";
 import { CUT_REACH } from "../model/points.ts";
@@ -84,6 +85,8 @@ export interface Look extends View {
   readonly overlay: OverlayLook | null;
   /** Whether the head is mirrored at the plane between its hemispheres. */
   readonly isMirrored: boolean;
+  /** A disc of the flat map, in the place of a view from one direction. */
+  readonly onMap?: { readonly disc: Disc; readonly view: MapView };
 }
 
 /**
@@ -185,6 +188,21 @@ function overlayFields(look: OverlayLook | null, { overlay, field }: Maps): Fiel
   };
 }
 
+/** The fields of the block `Picture` that are of a disc of the flat map. */
+function mapFields({ onMap }: Look, { field }: Maps, size: Vec2): Fields {
+  if (!onMap) return { map_units_per_pixel: 0 };
+  const { disc, view } = onMap;
+  const { center, pixels_per_unit } = projectDisc(disc, view, size);
+  const [right, up, towards] = disc.axes;
+  // The grid of the depths lies along the patient's axes: a voxel's length is a voxel's length in all directions.
+  const middle = transform(inverse(field.patient_from_voxel), disc.center_in_patient);
+  return {
+    field_from_frame: inColumns(fromColumns(right, up, towards, middle)),
+    map_centre: center,
+    map_units_per_pixel: 1 / pixels_per_unit,
+  };
+}
+
 /** The block `Picture` for a pane of `size` pixels. */
 export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
   const { field, volume, sphere, plane } = maps;
@@ -234,6 +252,7 @@ export function pictureFields(look: Look, maps: Maps, size: Vec2): Fields {
     cuts: cutPlanes(maps, look.depth_mm),
     volume_has_gaps: maps.isLayer ? 1 : 0,
     ...overlayFields(look.overlay, maps),
+    ...mapFields(look, maps, size),
   };
 }
 
@@ -261,6 +280,7 @@ export function extentOf(
   maps: Maps,
   size: Vec2,
 ): { readonly left: number; readonly top: number; readonly size: Vec2 } {
+  if (look.onMap) return extentOfDisc(look.onMap, size);
   const { patient_from_voxel, size: voxels } = maps.field;
   const [low, high] = maps.borderBox ?? [[0, 0, 0], subtract(voxels, [1, 1, 1])];
   const frame_from_field = product(
@@ -278,6 +298,18 @@ export function extentOf(
   const span = (axis: 0 | 1): readonly [number, number] => {
     const places = corners.map((corner) => Math.min(Math.max(corner[axis], 0), size[axis]));
     return [Math.floor(Math.min(...places)), Math.ceil(Math.max(...places))];
+  };
+  const [[left, right], [top, bottom]] = [span(0), span(1)];
+  return { left, top, size: [right - left, bottom - top] };
+}
+
+/** The square around a disc of the flat map, within the pane. */
+function extentOfDisc({ disc, view }: NonNullable<Look["onMap"]>, size: Vec2): ReturnType<typeof extentOf> {
+  const { center, pixels_per_unit } = projectDisc(disc, view, size);
+  const radius = MAP_MARGIN * pixels_per_unit + 1;
+  const span = (axis: 0 | 1): readonly [number, number] => {
+    const within = (place: number): number => Math.min(Math.max(place, 0), size[axis]);
+    return [Math.floor(within(center[axis] - radius)), Math.ceil(within(center[axis] + radius))];
   };
   const [[left, right], [top, bottom]] = [span(0), span(1)];
   return { left, top, size: [right - left, bottom - top] };

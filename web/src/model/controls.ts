@@ -2,6 +2,7 @@
 
 import { NAMED_VIEWS, VIEW_NAMES, type View, type ViewName, project } from "./camera.ts";
 import type { Intensity, ReadyCase, Window } from "./case.ts";
+import { MAP_RADIUS_MM } from "./flat-map.ts";
 import type { MapName } from "./maps.ts";
 import type { SurfaceName } from "./surfaces.ts";
 import { type Vec2, compose, turnAbout, unit } from "./space.ts";
@@ -71,6 +72,27 @@ export function zoomAt(
   };
 }
 
+/** A drag by `move` pixels takes the flat map with it, of which a radius has so many pixels. */
+export function panMap({ map }: Pick<ViewState, "map">, move: Vec2, pixels_per_unit: number): Pick<ViewState, "map"> {
+  const mm_per_pixel = MAP_RADIUS_MM / pixels_per_unit;
+  const { pan_mm } = panned(map.pan_mm[0] + move[0] * mm_per_pixel, map.pan_mm[1] - move[1] * mm_per_pixel);
+  return { map: { ...map, pan_mm } };
+}
+
+/** Zooms the flat map by `factor`; what is `away` pixels from the middle of the pane stays there. */
+export function zoomMap(
+  { map }: Pick<ViewState, "map">,
+  factor: number,
+  away: Vec2,
+  pixels_per_unit: number,
+): Pick<ViewState, "map"> {
+  const zoom = clamp(map.zoom * factor, ...MAP_ZOOM_RANGE);
+  const grown = zoom / map.zoom;
+  const shift: Vec2 = [away[0] * (1 - grown), away[1] * (1 - grown)];
+  const moved = panMap({ map: { ...map, zoom } }, shift, pixels_per_unit * grown);
+  return moved;
+}
+
 /** The pixels of a drag that change the window by the case's own width. */
 const WINDOW_DRAG_PIXELS = 400;
 
@@ -129,6 +151,9 @@ export function pinch(
 const LINE_PIXELS = 40;
 /** `WheelEvent.DOM_DELTA_PIXEL`. */
 const IN_PIXELS = 0;
+
+/** A map that is smaller than its pane shows no more. */
+const MAP_ZOOM_RANGE = [1, 20] as const;
 
 /** A wheel's movement in pixels; positive is towards the user. */
 export function wheelPixels({
@@ -211,7 +236,9 @@ export type Command =
         | "outline"
         | "undo"
         | "redo"
-        | "patient";
+        | "patient"
+        /** The flat map, or on it the inner sides. */
+        | "flat-map";
     };
 
 /** A key, as a keyboard event has it. */
@@ -252,6 +279,7 @@ const PLAIN: Readonly<Record<string, Command>> = {
   x: { kind: "across" },
   k: { kind: "ruler" },
   g: { kind: "layouts" },
+  m: { kind: "flat-map" },
   ",": { kind: "place", steps: -1 },
   ".": { kind: "place", steps: 1 },
   q: { kind: "surface", name: null },

@@ -78,6 +78,8 @@ export function writeAddress(state: ViewState, shown: ReadyCase): string {
   say("a", short(state.ambient, 2), short(first.ambient, 2));
   say("r", state.way, first.way);
   say("l", state.layout, first.layout);
+  say("j", list([state.map.zoom, ...state.map.pan_mm], 2), list([1, 0, 0], 2));
+  say("i", state.map.has_inner ? "1" : "", "");
   say("c", state.convention === "neurological" ? "n" : "", "");
   say("o", list(state.outlines_mm, 1), "");
   say("x", state.crosshair_mm ? list(state.crosshair_mm, 1) : "", "");
@@ -153,6 +155,15 @@ function readers(shown: ReadyCase): Readonly<Record<string, (text: string, befor
     a: (text) => number(text, 0, 1, (ambient) => ({ ambient })),
     r: (text) => word(text, WAYS, (way) => ({ way })),
     l: (text) => word(text, LAYOUTS, (layout) => ({ layout })),
+    j: (text, { map }) => {
+      const [zoom, ...pan] = numbers(text, 3) ?? [];
+      if (!zoom) return UNREAD;
+      const bound = (value = 0): number => clamp(value, -PAN_LIMIT_MM, PAN_LIMIT_MM);
+      const kept = { zoom: clamp(zoom, 1, ZOOM_RANGE[1]), pan_mm: [bound(pan[0]), bound(pan[1])] as const };
+      const isWhole = kept.zoom === zoom && kept.pan_mm.every((part, axis) => part === pan[axis]);
+      return { change: { map: { ...map, ...kept } }, isWhole };
+    },
+    i: (text, { map }) => word(text, ["1"], () => ({ map: { ...map, has_inner: true } })),
     c: (text) => word(text, ["n"], () => ({ convention: "neurological" })),
     o: (text) => {
       const depths = numbers(text, text.split(",").length);

@@ -63,6 +63,16 @@ export function renderQuery(state: RenderState, size: Vec2): URLSearchParams {
   return query;
 }
 
+/** The query of the flat map in a picture of `size` pixels. */
+export function mapQuery(state: ViewState, size: Vec2): URLSearchParams {
+  const { zoom, pan_mm, has_inner } = state.map;
+  const query = renderQuery({ ...state, zoom, pan_mm, way: "exact" }, size);
+  for (const key of ["view", "orientation"]) query.delete(key);
+  query.set("projection", "map");
+  if (has_inner) query.set("sides", "both");
+  return query;
+}
+
 /** The slice planes; `axis` is the patient's across them. */
 export const PLANES = { axial: { axis: 2 }, coronal: { axis: 1 }, sagittal: { axis: 0 } } as const;
 export type Plane = keyof typeof PLANES;

@@ -1,6 +1,7 @@
 // What is shown, as plain values: readonly data in, new data out.
 
 import { NAMED_VIEWS } from "./camera.ts";
+import { FIRST_MAP, type MapView } from "./flat-map.ts";
 import type { Intensity, ReadyCase, Window } from "./case.ts";
 import type { GreyLayer, LayerOverlay } from "./maps.ts";
 import type { Quat, Vec2, Vec3 } from "./space.ts";
@@ -16,9 +17,9 @@ export type Way = (typeof WAYS)[number];
 
 /**
  * Which panes there are: the surface alone; with three slices; beside the other hemisphere, mirrored; both; or a
- * close-up of the marked place in slices.
+ * close-up of the marked place in slices; or the flat map of both hemispheres beside the surface.
  */
-export const LAYOUTS = ["single", "slices", "mirror", "both", "closer"] as const;
+export const LAYOUTS = ["single", "slices", "mirror", "both", "closer", "map"] as const;
 export type Layout = (typeof LAYOUTS)[number];
 
 /** Whether the surface is seen beside the other hemisphere, mirrored. */
@@ -89,6 +90,8 @@ export interface ViewState {
   readonly ambient: number;
   readonly way: Way;
   readonly layout: Layout;
+  /** How the flat map is seen. */
+  readonly map: MapView;
   readonly convention: Convention;
   /** Depths whose outlines the slices show besides that of `depth_mm`. */
   readonly outlines_mm: readonly number[];
@@ -132,6 +135,7 @@ export function firstState(shown: ReadyCase): ViewState {
     ambient: DEFAULT_AMBIENT,
     way: "auto",
     layout: "single",
+    map: FIRST_MAP,
     convention: "radiological",
     outlines_mm: [],
     crosshair_mm: null,

@@ -12,6 +12,7 @@ import { writer } from "../panes/map-bar.ts";
 import { overlayWords, titleWords } from "../panes/overlay.ts";
 import { type Placed, panesPainter } from "../panes/screenshot.ts";
 import type { Closer } from "../panes/closer.ts";
+import type { MapPane } from "../panes/flat-map.ts";
 import type { SliceGroup } from "../panes/slice-group.ts";
 import type { SurfacePane } from "../panes/surface-pane.ts";
 import { captioned, programWords, saveFile } from "./picture-file.ts";
@@ -25,6 +26,8 @@ export interface OnScreen {
   readonly slices: SliceGroup;
   /** The close-up, if it is shown. */
   readonly closer: Closer | null;
+  /** The flat map, if it is shown. */
+  readonly map: MapPane | null;
 }
 
 /** How a file of a case begins: with the first digits of its id. */
@@ -65,14 +68,17 @@ function aboveWords(overlay: LayerOverlay): string {
 }
 
 /** The panes with their caption, as PNG. */
-async function pictureOf({ shown, state, panes, surface, slices, closer }: OnScreen, times: number): Promise<Blob> {
+async function pictureOf(
+  { shown, state, panes, surface, slices, closer, map }: OnScreen,
+  times: number,
+): Promise<Blob> {
   const ratio = times * devicePixelRatio;
   const surfaces = async (): Promise<readonly Placed[]> => [
     { element: surface.host, picture: await surface.picture(ratio), isFlipped: false },
   ];
   const placed: readonly (readonly Placed[] | Promise<readonly Placed[]>)[] = closer
     ? [closer.pictures(ratio)]
-    : [surfaces(), hasSlices(state) ? slices.pictures(ratio) : []];
+    : [surfaces(), hasSlices(state) ? slices.pictures(ratio) : [], map?.pictures(ratio) ?? []];
   const [caption, ...all] = await Promise.all([captionOf(shown, state), ...placed]);
   const { clientWidth: width, clientHeight: height } = panes;
   return captioned({ width, height, ratio, caption }, await panesPainter(panes, all.flat()));

@@ -9,6 +9,7 @@ export { measuredAt } from "./measured.ts";
 export { SlicePane } from "../panes/slices.ts";
 export { AcrossPane } from "../panes/across.ts";
 export { Closer } from "../panes/closer.ts";
+export { MapPane } from "../panes/flat-map.ts";
 export { ChecklistSection } from "./checklist-section.ts";
 export { CaseSection } from "./case-section.ts";
 export { Comparison } from "./comparison.ts";

@@ -188,8 +188,8 @@ export class OnDemand {
   /** Draws what is marked in all panes. */
   #mark(marked: Partial<AllMarked>): void {
     this.#marked = { ...this.#marked, ...marked };
-    const { surface, slices, closer } = this.#host.onScreen();
-    for (const panes of [surface, slices, closer]) panes?.mark(this.marked);
+    const { surface, slices, closer, map } = this.#host.onScreen();
+    for (const panes of [surface, slices, closer, map]) panes?.mark(this.marked);
   }
 
   /** All that is marked and measured. */

@@ -16,6 +16,7 @@ import { type Key, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { positionWords, valueWords } from "../base/readout.ts";
 import type { Closer } from "../panes/closer.ts";
+import type { MapPane, MapPaneListener } from "../panes/flat-map.ts";
 import { SliceGroup } from "../panes/slice-group.ts";
 import type { SliceListener } from "../panes/slice-parts.ts";
 import type { Surface, SurfaceStatus } from "../panes/surface.ts";
@@ -43,6 +44,8 @@ export class Viewer {
   readonly #slices: SliceGroup;
   /** The close-up, while it is shown. */
   #closer: Closer | null = null;
+  /** The flat map, while it is shown. */
+  #map: MapPane | null = null;
   /** What the close-up was opened from. */
   #beforeCloser: Pick<ViewState, "layout" | "beside"> = { layout: "both", beside: null };
   readonly #notices: Notices;
@@ -128,8 +131,8 @@ export class Viewer {
     if (this.#explained) this.element.append(this.#explained.line);
     this.element.append(this.#depthBar.element);
     this.#surface = this.#surfacePane();
-    const closer = h("div", { class: "closer" });
-    this.#panes.append(this.#surface.element, this.#slices.element, closer, this.#notices.loading);
+    const [closer, map] = [h("div", { class: "closer" }), h("div", { class: "flat-map" })];
+    this.#panes.append(map, this.#surface.element, this.#slices.element, closer, this.#notices.loading);
     this.#observer = new ResizeObserver(redraw);
     for (const { element } of [this.#surface, this.#slices]) this.#observer.observe(element);
     this.#notices.unread(unread);
@@ -250,6 +253,44 @@ export class Viewer {
     this.#closer.show(this.#aids.drawable(this.#state));
   }
 
+  /** Shows the flat map, or takes it away. */
+  async #showMap(state: ViewState): Promise<void> {
+    if (state.layout !== "map") {
+      if (!this.#map) return;
+      this.#map.element.replaceWith(h("div", { class: "flat-map" }));
+      this.#map.dispose();
+      this.#map = null;
+      return;
+    }
+    if (!this.#map) {
+      const { MapPane } = await later();
+      if (this.#disposed || this.#state.layout !== "map" || this.#map) return;
+      const map = (this.#map = new MapPane(this.shown, this.#mapListener()));
+      map.mark(this.#onDemand.marked);
+      this.#panes.querySelector(".flat-map")?.replaceWith(map.element);
+      this.#observer.observe(map.element);
+    }
+    this.#map.show(this.#aids.drawable(this.#state));
+  }
+
+  #mapListener(): MapPaneListener {
+    return {
+      surface: () => this.#surface.surface,
+      hands: () => this.#host.preferences(),
+      change: (change) => this.#change(change),
+      command: (command) => this.command(command),
+      mark: (position) => this.#moveCross(position, true),
+      missed: () => this.#tellMissed("point.none"),
+      tool: () => this.#onDemand.tool,
+      busy: (busy) => {
+        this.#moving = busy;
+        if (!busy) this.#schedule();
+      },
+      remark: (words) => this.remark(words),
+      complain: (problem) => this.#notices.complain(problem),
+    };
+  }
+
   /** A drag changes the window of the half that it is in. */
   #dragHalf(move: Vec2, isRight: boolean): void {
     const { beside } = this.#state;
@@ -285,6 +326,12 @@ export class Viewer {
       case "across": {
         const { across_deg, layout } = this.#state;
         return this.#showAcross(across_deg === null || !hasSlices({ layout }) ? (across_deg ?? 0) : null);
+      }
+      case "flat-map": {
+        const { layout, map } = this.#state;
+        if (layout !== "map") return this.setLayout("map");
+        this.#change({ map: { ...map, has_inner: !map.has_inner } }, true);
+        return this.#host.announce(t(map.has_inner ? "flat-map.outer-shown" : "flat-map.inner-shown"));
       }
       case "place":
         return void this.#aids.step(command.steps);
@@ -353,7 +400,7 @@ export class Viewer {
     cancelAnimationFrame(this.#frame);
     this.#loadAbort.abort();
     this.#observer.disconnect();
-    for (const part of [this.#slices, this.#closer, this.#aids, this.#onDemand]) part?.dispose();
+    for (const part of [this.#slices, this.#closer, this.#map, this.#aids, this.#onDemand]) part?.dispose();
     if (!this.#isReleased) this.#surface.surface.dispose();
     for (const { element } of [this, this.panel]) element.remove();
   }
@@ -367,6 +414,7 @@ export class Viewer {
         surface: this.#surface,
         slices: this.#slices,
         closer: this.#closer,
+        map: this.#map,
       }),
       actions: this.#actions(),
       announce: this.#host.announce,
@@ -455,7 +503,7 @@ export class Viewer {
     this.element.dataset.rested = "true";
     if (this.#explained && this.#state.depth_mm !== this.#explained.depth_mm) this.#dismissExplanation();
     const words = this.#speaker.say(this.#aids.drawable(this.#state), this.#surface);
-    for (const pane of [this.#surface, this.#slices, this.#closer]) pane?.describe(words);
+    for (const pane of [this.#surface, this.#slices, this.#closer, this.#map]) pane?.describe(words);
   }
 
   /** Whoever has changed the depth knows how. */
@@ -472,7 +520,8 @@ export class Viewer {
       const state = this.#aids.drawable(this.#state);
       this.#surface.draw(state, this.#moving || this.#sweep.isRunning);
       if (hasSlices(state)) this.#slices.show(state);
-      this.#showCloser(state).catch((problem: unknown) => this.#notices.complain(problem));
+      for (const shown of [this.#showCloser(state), this.#showMap(state)])
+        shown.catch((problem: unknown) => this.#notices.complain(problem));
     });
   }
 

@@ -1,7 +1,9 @@
 // The surface of a case in its pane: drawn here by WebGL where that can be, else by the server.
 
 import type { ReadyCase } from "../model/case.ts";
+import { type Centres, centresOf } from "../model/flat-map.ts";
 import { type Depths, depthsOf } from "../model/isosurface.ts";
+import { mirrorPlane } from "../model/midsagittal.ts";
 import { type Picked, Points, type Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import { pictureSize } from "../model/query.ts";
@@ -12,13 +14,14 @@ import { clampDepth, FIRST_DEPTH_MM, layersOf, surfacesOf, type ViewState, type 
 import { type PartName, type SurfaceName, fitted, isPart, mirroredSurface } from "../model/surfaces.ts";
 import { getCase, Problem } from "../base/api.ts";
 import { h } from "../base/dom.ts";
+import { patiently } from "../base/patience.ts";
 import { troubleWords } from "../base/problem-words.ts";
 import { TooLarge } from "../gl/gl.ts";
 import type { Painter } from "../gl/painter.ts";
 import { FULL_QUALITY, type Drawn, type FieldMaps, type Pane } from "../gl/scene.ts";
 import { CaseData, type Voxels8Or16 } from "./case-data.ts";
 import { Device, fitsMemory, handOver } from "./device.ts";
-import { panesOf, slicePicture, withLayers } from "./looks.ts";
+import { mapLooks, panesOf, slicePicture, withLayers } from "./looks.ts";
 import { Pace } from "./pace.ts";
 import { StandIn } from "./stand-in.ts";
 import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions } from "./surface.ts";
@@ -56,6 +59,7 @@ class Cortex implements Surface {
   readonly #askedParts = new Set<PartName>();
   /** The surface that is drawn. */
   #surface: SurfaceName = "whole";
+  #centres: Centres | null = null;
   #state: ViewState | null = null;
   #moving = false;
   #frame = 0;
@@ -140,6 +144,10 @@ class Cortex implements Surface {
     return this.#pointsOf(this.#surface)?.depths ?? null;
   }
 
+  get wholeDepths(): Depths | null {
+    return this.#fields.get("whole") ?? null;
+  }
+
   wholeDepth(position_in_patient: Vec3): number | null {
     return this.#pointsOf("whole")?.probe(position_in_patient).depth_mm ?? null;
   }
@@ -194,6 +202,30 @@ class Cortex implements Surface {
     }
   }
 
+  get centres(): Centres | null {
+    return this.#centres;
+  }
+
+  canMap(state: ViewState): boolean {
+    // The inner sides are those of other surfaces, which are not here.
+    if (this.#isServed(state) || state.map.has_inner || !this.#centres) return false;
+    return (
+      this.#device?.painter?.canDraw("exact", state.depth_mm, ["whole"]) === true && this.#available(state) === state
+    );
+  }
+
+  async map(state: ViewState, size: Vec2): Promise<ImageData | null> {
+    const painter = this.#isServed(state) ? null : this.#device?.painter;
+    if (painter) this.#bringLayers(state);
+    if (!painter || !this.#centres || !this.canMap(state)) return null;
+    try {
+      return await painter.map(mapLooks(state, this.#centres, this.#case), size);
+    } catch (error) {
+      this.#fail(error);
+      return null;
+    }
+  }
+
   showTimer(shown: boolean): void {
     this.#times.hidden = !shown;
     this.#showTimes();
@@ -239,7 +271,19 @@ class Cortex implements Surface {
     this.#volume = samplerOf(volume);
     this.#points.clear();
     this.#schedule();
+    void this.#findCentres(field);
     void this.#bringWhole();
+  }
+
+  /** Finds the middles of the hemispheres, which the flat map is drawn around. */
+  async #findCentres(field: FieldMaps["field"]): Promise<void> {
+    try {
+      this.#centres = await patiently(centresOf(field, mirrorPlane(this.#case)), this.#gone.signal);
+      this.#told = "";
+      this.#tell();
+    } catch {
+      // The case is closed.
+    }
   }
 
   /** Fetches all that was acquired once the surface has all that it needs. Without it, the server draws the slices. */

@@ -1,7 +1,9 @@
 // What of a state the painter draws.
 
 import type { ReadyCase } from "../model/case.ts";
+import { type Centres, discsOf } from "../model/flat-map.ts";
 import { type LayerOverlay, isDiverging, styleOf } from "../model/maps.ts";
+import { mirrorPlane } from "../model/midsagittal.ts";
 import { type SliceView, isFlipped, sliceCamera, sliceCenter } from "../model/slice-geometry.ts";
 import type { Vec2 } from "../model/space.ts";
 import {
@@ -75,6 +77,13 @@ export function panesOf(state: ViewState, canvas: Vec2): Pane[] {
     })),
   );
 }
+
+/** The discs of the flat map. */
+export const mapLooks = (state: ViewState, centres: Centres, shown: ReadyCase): readonly Look[] =>
+  discsOf(centres, mirrorPlane(shown), state.map.has_inner).map((disc) => ({
+    ...lookOf(state),
+    onMap: { disc, view: state.map },
+  }));
 
 /** A slice: flat, lit everywhere alike. */
 function sliceLookOf(

@@ -29,7 +29,9 @@ export type Paint = (context: CanvasRenderingContext2D) => void;
 export async function panesPainter(panes: HTMLElement, pictures: readonly Placed[]): Promise<Paint> {
   const isShown = shownIn(panes);
   const shown = [
-    ...panes.querySelectorAll<SVGSVGElement>("svg:is(.mask-outline, .finding-marks, .trace, .cursor, .cube)"),
+    ...panes.querySelectorAll<SVGSVGElement>(
+      "svg:is(.mask-outline, .map-lines, .finding-marks, .trace, .cursor, .cube)",
+    ),
   ].filter(isShown);
   const drawings = await Promise.all(
     shown.map(async (drawing) => ({ ...within(panes, drawing), picture: await svgPicture(drawing) })),

@@ -2,11 +2,12 @@
 // else of the page; what stands on the picture (letters, scale, cursor) the page puts there.
 
 import type { ReadyCase } from "../model/case.ts";
+import type { Centres } from "../model/flat-map.ts";
 import type { Depths } from "../model/isosurface.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import type { SliceView } from "../model/slice-geometry.ts";
-import type { Vec3 } from "../model/space.ts";
+import type { Vec2, Vec3 } from "../model/space.ts";
 import type { ViewState, Way } from "../model/state.ts";
 import type { SurfaceName } from "../model/surfaces.ts";
 import type { Block } from "../model/wire.ts";
@@ -74,6 +75,8 @@ export interface Surface {
   readonly depths: Depths | null;
   /** The depth below the envelope of the whole brain, in mm, whichever surface is shown; null where nothing here knows (yet). */
   wholeDepth(position_in_patient: Vec3): number | null;
+  /** The depths of the whole brain; null until they are here. */
+  readonly wholeDepths: Depths | null;
   /** The greatest depth below the surface that is shown, if it is that of a part; else null. */
   readonly deepest_mm: number | null;
   /** The state as the server is asked for it: a part is fitted into its pictures by its own sphere. */
@@ -84,6 +87,12 @@ export interface Surface {
   canSlice(state: ViewState): boolean;
   /** A slice with contours, drawn by the page; null if the server has to draw it, perhaps only for now. */
   slice(state: ViewState, view: SliceView, contours_mm: readonly number[]): Promise<ImageData | null>;
+  /** The middles of the hemispheres; null where nothing here knows (yet). */
+  readonly centres: Centres | null;
+  /** Whether the page draws the flat map of a state now. */
+  canMap(state: ViewState): boolean;
+  /** The flat map in so many pixels, drawn by the page; null if the server has to draw it, perhaps only for now. */
+  map(state: ViewState, size: Vec2): Promise<ImageData | null>;
   /** A picture of the state as it stands in the pane, with so many pixels to a CSS pixel, for a screenshot. */
   picture(state: ViewState, ratio: number): Promise<CanvasImageSource>;
   /** Whether the frame timer stands on the picture. */

@@ -1,7 +1,7 @@
 //! The data of one case for rendering and meshes.
 
 use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use bytes::Bytes;
 use case::{CaseFacts, CaseId, ObjectKind, SurfaceName};
@@ -9,12 +9,13 @@ use geometry::{
     DeformableModel, DepthMaps, DistanceMap, Forest, GeometryError, MeshSize, PathTable, Paths,
     ShrunkMesh,
 };
+use glam::DVec3;
 use pipeline::codec::{decode_forest, decode_paths, decode_volume};
 use pipeline::envelope_of;
 use quick_cache::Weighter;
 use quick_cache::sync::Cache;
-use render::Scene;
 use render::gpu::{CaseKey, KeyedModel};
+use render::{Hemisphere, Scene};
 use serde::{Deserialize, Serialize};
 use storage::StoreError;
 
@@ -37,6 +38,8 @@ pub struct WarmModel {
     library: Library,
     id: CaseId,
     surface: SurfaceName,
+    /// The centroids of its left and its right half.
+    centres: OnceLock<[Option<DVec3>; 2]>,
 }
 
 type TableKey = (MeshSize, PathKind);
@@ -88,6 +91,7 @@ impl WarmModel {
             library: library.clone(),
             id: *id,
             surface,
+            centres: OnceLock::new(),
         }))
     }
 
@@ -122,6 +126,24 @@ impl WarmModel {
             // Ids are digests: another surface of another case has this key as rarely as another case.
             key: CaseKey(self.id.number().wrapping_add(self.surface as u128)),
             model: Arc::clone(&self.model),
+        }
+    }
+
+    /// The centroid of the surface's part of a hemisphere, LPS mm, where the lines of sight of a map end; `None` if it has no
+    /// voxel there.
+    pub fn hemisphere_centre(&self, hemisphere: Hemisphere) -> Option<DVec3> {
+        let centre = |hemisphere: Hemisphere| {
+            let normal = DVec3::from_array(self.facts.midsagittal.normal);
+            let offset_mm = self.facts.midsagittal.offset_mm;
+            let is_of_both = matches!(self.surface, SurfaceName::Whole | SurfaceName::Cerebrum);
+            let is_part =
+                |position: DVec3| !is_of_both || hemisphere.has(normal.dot(position) - offset_mm);
+            self.model.shell().centroid(is_part)
+        };
+        let [left, right] = self.centres.get_or_init(|| Hemisphere::ALL.map(centre));
+        match hemisphere {
+            Hemisphere::Left => *left,
+            Hemisphere::Right => *right,
         }
     }
 

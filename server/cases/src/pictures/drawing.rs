@@ -1,14 +1,20 @@
 //! Drawing of pictures.
 
+use std::sync::Arc;
+
 use render::choice::Renderer;
-use render::{Hits, RenderBackend, RenderError, RenderJob, RenderedFrame, SizedMesh, Wanted};
+use render::{
+    Hits, MapDisc, RenderBackend, RenderError, RenderJob, RenderedFrame, SizedMesh, Wanted,
+};
 
 use super::PictureLayers;
+use super::depth::ShownDepth;
 use super::graphics::Graphics;
 use super::request::{CheckedPicture, PictureRequest};
 use crate::error::Error;
 use crate::limit::Turn;
 use crate::models::WarmModel;
+use storage::StoreError;
 
 /// The backend for a picture on this machine. Splatting does not wait for the graphics device.
 pub async fn backend_for(picture: &PictureRequest, graphics: &Graphics) -> RenderBackend {
@@ -30,12 +36,49 @@ pub struct PictureJob {
     pub backend: RenderBackend,
 }
 
-/// The job of drawing a picture of a loaded case. Call it in a turn, because the vertices of a mesh may have to walk
-/// first.
+/// The pictures that make up a picture of a loaded case: itself, or each disc of a map. `models` are those of its surfaces. Call it
+/// in a turn, because the vertices of a mesh may have to walk first.
 ///
 /// # Errors
-/// If the mesh cannot be made.
-pub async fn warm_job(
+/// If the mesh cannot be made, or a hemisphere has no centre.
+pub async fn warm_jobs(
+    models: &[Arc<WarmModel>],
+    picture: &CheckedPicture,
+    layers: &PictureLayers,
+    backend: &RenderBackend,
+) -> Result<Vec<PictureJob>, Error> {
+    let Some(map) = picture.asked.map() else {
+        let job = warm_job(&models[0], picture, layers.clone(), backend.clone()).await?;
+        return Ok(vec![job]);
+    };
+    let depth = shown_depth(models, picture);
+    let job = |(disc, warm): (MapDisc, Arc<WarmModel>)| PictureJob {
+        job: RenderJob {
+            case: warm.keyed(),
+            request: picture.of_disc(disc, depth, &warm.facts, layers),
+            mesh: None,
+            layers: layers.keyed.clone(),
+        },
+        asked: picture.asked.renderer,
+        backend: backend.clone(),
+    };
+    // The centres of the hemispheres are computed once.
+    let models = models.to_vec();
+    let find = tokio::task::spawn_blocking(move || map.discs(&models));
+    let discs = find.await.map_err(StoreError::from)??;
+    Ok(discs.into_iter().map(job).collect())
+}
+
+/// The depth that a picture shows in all its models.
+pub fn shown_depth(models: &[Arc<WarmModel>], picture: &CheckedPicture) -> ShownDepth {
+    let depths = models
+        .iter()
+        .map(|model| picture.depth.shown_in(&model.facts));
+    let shallowest = depths.min_by(|a, b| a.mm.total_cmp(&b.mm));
+    shallowest.expect("a picture shows a surface")
+}
+
+async fn warm_job(
     warm: &WarmModel,
     picture: &CheckedPicture,
     layers: PictureLayers,
@@ -73,12 +116,61 @@ pub struct DrawnPicture {
     pub backend: RenderBackend,
 }
 
+/// Draws the parts of a picture in a turn, and joins them.
+///
+/// # Errors
+/// As [`PictureJob::draw`].
+///
+/// # Panics
+/// If there are none.
+pub(super) async fn draw_all(jobs: Vec<PictureJob>, turn: &Turn) -> Result<DrawnPicture, Error> {
+    let mut drawn: Option<DrawnPicture> = None;
+    for job in jobs {
+        let part = job.draw(turn).await?;
+        drawn = Some(match drawn {
+            None => part,
+            Some(mut before) => {
+                before.rendered.frame = before.rendered.frame.joined(&part.rendered.frame);
+                before
+            }
+        });
+    }
+    Ok(drawn.expect("a picture has a part"))
+}
+
+/// Finds in a turn the position in LPS mm of what each pixel of a picture shows, row by row, NaN if that is nothing, and with
+/// which backend.
+///
+/// # Errors
+/// As [`PictureJob::draw`].
+///
+/// # Panics
+/// If there are no jobs.
+pub async fn positions(
+    jobs: Vec<PictureJob>,
+    turn: &Turn,
+) -> Result<(Vec<[f32; 3]>, RenderBackend), Error> {
+    let mut found: Option<(Vec<[f32; 3]>, RenderBackend)> = None;
+    for job in jobs {
+        let (hits, backend) = job.hits(turn).await?;
+        let add = move || match found {
+            None => (hits.positions_in_patient(), backend),
+            Some((mut positions, backend)) => {
+                hits.fill(&mut positions);
+                (positions, backend)
+            }
+        };
+        found = Some(turn.run(add).await?);
+    }
+    Ok(found.expect("a picture has a part"))
+}
+
 impl PictureJob {
     /// Draws in a turn. If a graphics device fails, the CPU draws with the same renderer.
     ///
     /// # Errors
     /// [`Error::Parameter`] if the picture cannot be drawn, and as [`Turn::run`].
-    pub async fn draw(self, turn: &Turn) -> Result<DrawnPicture, Error> {
+    async fn draw(self, turn: &Turn) -> Result<DrawnPicture, Error> {
         match self.draw_on_device().await {
             Ok(Some(rendered)) => Ok(DrawnPicture {
                 rendered,
@@ -99,7 +191,7 @@ impl PictureJob {
     ///
     /// # Errors
     /// As [`PictureJob::draw`].
-    pub async fn hits(self, turn: &Turn) -> Result<(Hits, RenderBackend), Error> {
+    async fn hits(self, turn: &Turn) -> Result<(Hits, RenderBackend), Error> {
         let find = move || match self.backend.hits(&self.job) {
             Err(RenderError::Gpu(error)) => {
                 tracing::warn!(%error, "the graphics device failed; the CPU finds these positions");

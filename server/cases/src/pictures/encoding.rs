@@ -1,9 +1,12 @@
 //! Encodes a picture as PNG with its state.
 
 use case::{CaseId, SurfaceName};
-use render::{Caption, Frame, KeyedLayers, Projection, RenderBackend, RenderJob, RenderRequest};
+use render::{
+    Caption, DrawnMap, Frame, KeyedLayers, MapDisc, MapFace, MapSides, Projection, RenderBackend,
+    RenderRequest,
+};
 
-use super::drawing::DrawnPicture;
+use super::drawing::{DrawnPicture, PictureJob};
 use crate::error::Error;
 
 /// The metadata of a picture: its state and its annotation.
@@ -16,11 +19,20 @@ pub struct ImageMetadata {
     request: RenderRequest,
     projection: Projection,
     layers: KeyedLayers,
+    /// The discs of a map.
+    discs: Vec<MapDisc>,
+    /// What each pixel of a map shows, if it is to be annotated.
+    positions: Vec<[f32; 3]>,
 }
 
 impl ImageMetadata {
     /// The metadata of a picture of a case; `None` for a picture of a file, whose name may be a patient's.
-    pub fn of(case: Option<&CaseId>, job: &RenderJob) -> Self {
+    ///
+    /// # Panics
+    /// If it has no part.
+    pub fn of(case: Option<&CaseId>, parts: &[PictureJob]) -> Self {
+        let job = &parts.first().expect("a picture has a part").job;
+        let parameters = parts.iter().map(|part| part.job.request.parameters());
         Self {
             case: case.copied(),
             named: None,
@@ -28,6 +40,8 @@ impl ImageMetadata {
             request: job.request,
             projection: job.request.projection(&job.case.scene()),
             layers: job.layers.clone(),
+            discs: parameters.filter_map(|parameters| parameters.map).collect(),
+            positions: Vec::new(),
         }
     }
 
@@ -43,7 +57,13 @@ impl ImageMetadata {
         Self { surface, ..self }
     }
 
-    /// The projection of the picture.
+    /// The same, of a map with these positions of its pixels.
+    #[must_use]
+    pub(super) fn with_positions(self, positions: Vec<[f32; 3]>) -> Self {
+        Self { positions, ..self }
+    }
+
+    /// The orthographic projection of the picture.
     pub fn projection(&self) -> &Projection {
         &self.projection
     }
@@ -57,8 +77,27 @@ impl ImageMetadata {
         if !self.surface.is_whole() {
             texts.push(("surface", self.surface.name().to_owned()));
         }
+        texts.extend(self.map_texts());
         texts.retain(|(_, text)| !text.is_empty());
         texts
+    }
+}
+
+impl ImageMetadata {
+    /// The keys of a map.
+    fn map_texts(&self) -> Vec<(&'static str, String)> {
+        let faces = [MapFace::Outer, MapFace::Inner];
+        let [outer, inner] = faces.map(|face| self.discs.iter().any(|disc| disc.face == face));
+        let sides = match (outer, inner) {
+            (false, false) => return Vec::new(),
+            (true, false) => MapSides::Outer,
+            (false, true) => MapSides::Inner,
+            (true, true) => MapSides::Both,
+        };
+        vec![
+            ("projection", "map".to_owned()),
+            ("sides", sides.name().to_owned()),
+        ]
     }
 }
 
@@ -93,20 +132,22 @@ pub fn encode(
 
 /// The picture, annotated on request.
 pub fn annotated(frame: Frame, metadata: &ImageMetadata, annotate: bool) -> Frame {
-    if annotate {
-        render::annotate(
-            frame,
-            &metadata.request,
-            &metadata.projection,
-            &metadata.layers.layers(),
-            Caption {
-                named: metadata.named.as_deref(),
-                surface: metadata.surface.words(),
-            },
-        )
-    } else {
-        frame
+    if !annotate {
+        return frame;
     }
+    let (request, layers) = (&metadata.request, &metadata.layers.layers());
+    let caption = Caption {
+        named: metadata.named.as_deref(),
+        surface: metadata.surface.words(),
+    };
+    if metadata.discs.is_empty() {
+        return render::annotate(frame, request, &metadata.projection, layers, caption);
+    }
+    let map = DrawnMap {
+        discs: &metadata.discs,
+        positions: &metadata.positions,
+    };
+    render::annotate_map(frame, request, &map, layers, caption)
 }
 
 /// The picture with nothing but the patient's left and right, if they lie in it.

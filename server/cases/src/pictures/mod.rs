@@ -6,6 +6,7 @@ mod drawing;
 mod encoding;
 mod graphics;
 mod layers;
+mod map;
 mod numbers;
 mod plan;
 mod request;
@@ -13,13 +14,14 @@ mod series;
 mod slice;
 
 pub use self::depth::{DepthMm, ShownDepth};
-pub use self::drawing::{DrawnPicture, PictureJob, backend_for, warm_job};
+pub use self::drawing::{DrawnPicture, PictureJob, backend_for, positions, shown_depth, warm_jobs};
 pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode, marked};
 pub use self::graphics::{GpuUse, Graphics, GraphicsOptions, GraphicsState};
 pub use self::layers::{
     ChosenLayer, ChosenLayers, LayerChoice, LayerRef, LayerStyle, MAPS_OFF, PictureLayers, maps_of,
     ready,
 };
+pub use self::map::{MapRequest, PictureProjection};
 pub use self::numbers::{NumberList, Numbers};
 pub use self::plan::{Frames, Layout, MAX_PICTURES, Part, PicturePlan, PlanError, Sweep};
 pub use self::request::{

@@ -5,12 +5,13 @@ use geometry::{DeformableModel, MeshSize};
 use pipeline::surfaces::SURFACES_FORMAT;
 use render::choice::Renderer;
 use render::{
-    Background, Camera, ColorMap, FrameSize, Light, MIN_ANNOTATED_SIDE, NamedView,
-    RenderParameters, RenderRequest, Window, WindowFunction,
+    Background, Camera, ColorMap, FrameSize, Light, MIN_ANNOTATED_SIDE, MapDisc, MapSides,
+    NamedView, RenderParameters, RenderRequest, Window, WindowFunction,
 };
 use serde::{Deserialize, Serialize};
 
-use super::depth::DepthMm;
+use super::depth::{DepthMm, ShownDepth};
+use super::map::{MapRequest, PictureProjection};
 use super::{LayerChoice, LayerRef, Numbers, PictureLayers};
 use crate::error::Error;
 use crate::models::PathKind;
@@ -80,6 +81,17 @@ pub struct PictureRequest {
     #[serde(default, skip_serializing_if = "SurfaceName::is_whole")]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub surface: SurfaceName,
+    /// `map` is the flat map: each hemisphere as an equal-area disc around its outer or inner side, left on the left, of which every
+    /// pixel is a line of sight to the middle of the hemisphere. Then `view` and `orientation` are not accepted, and only
+    /// `renderer=trace` draws.
+    #[serde(default, skip_serializing_if = "PictureProjection::is_orthographic")]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub projection: PictureProjection,
+    /// With `projection=map`, the sides to show: by default `outer`. Inner sides are those of the surfaces `left` and `right`, whatever
+    /// `surface` is; without them, the answer is 409 `no-surfaces`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", param(inline))]
+    pub sides: Option<MapSides>,
     /// A named view; by default `left`, unless `orientation` is given. `mesial-left`, the inner side of the left hemisphere, is
     /// for `surface=left` alone, and `mesial-right` for `surface=right`.
     #[cfg_attr(feature = "openapi", param(inline))]
@@ -100,11 +112,11 @@ pub struct PictureRequest {
     #[serde(default = "default_side")]
     #[cfg_attr(feature = "openapi", param(minimum = 1, maximum = 4096, default = 512))]
     pub height: u32,
-    /// The magnification; 1 fits the bounding sphere of the envelope into the smaller side.
+    /// The magnification; 1 fits the bounding sphere of the envelope into the smaller side, or the map into the picture.
     #[serde(default = "default_zoom")]
     #[cfg_attr(feature = "openapi", param(minimum = 0.01, maximum = 100, default = 1))]
     pub zoom: f64,
-    /// The shift of the head to the right and up, in mm: `x,y`.
+    /// The shift of the head to the right and up, in mm: `x,y`. A map shifts as a sphere with a radius of 70 mm would.
     #[cfg_attr(feature = "openapi", schema(value_type = Option<Vec<f64>>))]
     #[cfg_attr(feature = "openapi", param(value_type = Option<String>, example = "0,0"))]
     pub pan: Option<Numbers<2>>,
@@ -189,6 +201,8 @@ impl Default for PictureRequest {
         Self {
             depth_mm: 0.0,
             surface: SurfaceName::default(),
+            projection: PictureProjection::default(),
+            sides: None,
             view: None,
             orientation: None,
             renderer: Renderer::default(),
@@ -230,6 +244,7 @@ impl PictureRequest {
         let depth = DepthMm::new(self.depth_mm)?;
         let mesh = mesh_size(self.contours, self.points)?;
         let camera = self.camera()?;
+        self.check_map()?;
         check_annotation(self.annotate, [self.width, self.height])?;
         self.layers().check()?;
         let window = self.window()?;
@@ -278,6 +293,54 @@ impl PictureRequest {
         Err(Error::out_of_range("view", detail))
     }
 
+    /// Whether the keys go with the projection.
+    fn check_map(&self) -> Result<(), Error> {
+        if self.projection.is_orthographic() {
+            return match self.sides {
+                Some(_) => Err(Error::out_of_range(
+                    "sides",
+                    "is only accepted with `projection=map`",
+                )),
+                None => Ok(()),
+            };
+        }
+        let refused = |key| {
+            Err(Error::out_of_range(
+                key,
+                "is not accepted with `projection=map`",
+            ))
+        };
+        match (self.view, self.orientation) {
+            (Some(_), _) => return refused("view"),
+            (None, Some(_)) => return refused("orientation"),
+            (None, None) => {}
+        }
+        match self.renderer {
+            Renderer::Auto | Renderer::Trace => Ok(()),
+            Renderer::Splat | Renderer::Mesh => {
+                let detail =
+                    "must be `auto` or `trace` with `projection=map`: no other renderer draws maps";
+                Err(Error::out_of_range("renderer", detail))
+            }
+        }
+    }
+
+    /// The surfaces and discs of the map; `None` for an orthographic picture.
+    pub fn map(&self) -> Option<MapRequest> {
+        (!self.projection.is_orthographic()).then(|| MapRequest {
+            surface: self.surface,
+            sides: self.sides.unwrap_or_default(),
+        })
+    }
+
+    /// The surfaces that the picture is made of, each once, the requested one first.
+    pub fn surfaces(&self) -> Vec<SurfaceName> {
+        match self.map() {
+            Some(map) => map.surfaces(),
+            None => vec![self.surface],
+        }
+    }
+
     fn camera(&self) -> Result<Camera, Error> {
         let camera = match (self.orientation, self.view) {
             (Some(_), Some(_)) => {
@@ -294,8 +357,14 @@ impl PictureRequest {
     /// The same picture turned around its vertical axis.
     ///
     /// # Errors
-    /// [`Error::Parameter`] for an invalid view.
+    /// [`Error::Parameter`] for an invalid view, and for a map, which does not turn.
     pub fn turned(&self, angle_rad: f64) -> Result<Self, Error> {
+        if !self.projection.is_orthographic() {
+            return Err(Error::out_of_range(
+                "projection",
+                "must be `orthographic`: a map does not turn",
+            ));
+        }
         let orientation = glam::DQuat::from_rotation_y(angle_rad) * self.camera()?.orientation();
         Ok(Self {
             view: None,
@@ -304,9 +373,9 @@ impl PictureRequest {
         })
     }
 
-    /// The version of the surface; `None` for the whole brain, which never changes.
+    /// The version of the surfaces; `None` if only that of the whole brain is shown, which never changes.
     pub fn surface_version(&self) -> Option<String> {
-        surface_version(self.surface)
+        self.surfaces().into_iter().find_map(surface_version)
     }
 
     /// The requested layers.
@@ -321,8 +390,11 @@ impl PictureRequest {
         }
     }
 
-    /// The name of the view, or the orientation.
+    /// The name of the view, the orientation, or the sides on a map.
     pub fn direction(&self) -> String {
+        if let Some(map) = self.map() {
+            return map.title();
+        }
         match (self.orientation, self.view) {
             (Some(Numbers([x, y, z, w])), _) => format!("{x:.2},{y:.2},{z:.2},{w:.2}"),
             (None, view) => view.unwrap_or(NamedView::Left).name().to_owned(),
@@ -347,6 +419,22 @@ pub struct CheckedPicture {
 }
 
 impl CheckedPicture {
+    /// The request to the renderer for a disc of a map, at a depth.
+    pub(crate) fn of_disc(
+        &self,
+        disc: MapDisc,
+        depth: ShownDepth,
+        facts: &CaseFacts,
+        layers: &PictureLayers,
+    ) -> RenderRequest {
+        let request = self.of_case(facts, layers);
+        RenderRequest::within_limits(RenderParameters {
+            depth_mm: depth.mm.into(),
+            map: Some(disc),
+            ..*request.parameters()
+        })
+    }
+
     /// The request to the renderer for a case, with its layers.
     pub fn of_case(&self, facts: &CaseFacts, layers: &PictureLayers) -> RenderRequest {
         let depth_mm = self.depth.shown_in(facts).mm.into();
@@ -354,6 +442,7 @@ impl CheckedPicture {
         RenderRequest::within_limits(RenderParameters {
             depth_mm,
             camera: self.camera,
+            map: None,
             size: self.size,
             window: self.window.unwrap_or_else(usual),
             colormap: self.asked.colormap,

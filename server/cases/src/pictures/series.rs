@@ -3,13 +3,14 @@
 use case::CaseId;
 use render::{Frame, RenderBackend};
 
-use super::drawing::{DrawnPicture, backend_for, warm_job};
+use super::drawing::{DrawnPicture, backend_for, draw_all, positions, shown_depth, warm_jobs};
 use super::encoding::{EncodedImage, ImageMetadata, annotated, encode};
 use super::request::{CheckedPicture, PictureRequest};
 use super::{ChosenLayers, PictureLayers, ShownDepth};
 use crate::error::Error;
 use crate::limit::Turn;
 use crate::{Cases, models::WarmModel};
+use std::sync::Arc;
 
 /// Pictures of one case, with their layers and backends.
 #[derive(Debug)]
@@ -146,20 +147,20 @@ impl PictureSeries {
         mut kept: T,
         add: impl Fn(&mut T, SeriesPicture) -> Result<(), Error> + Clone + Send + 'static,
     ) -> Result<T, Error> {
-        let mut model = match self.pictures.first() {
-            Some(first) => cases.surface(&self.id, first.picture.asked.surface).await?,
+        let mut models = match self.pictures.first() {
+            Some(first) => cases.surfaces_of(&self.id, &first.picture.asked).await?,
             None => return Ok(kept),
         };
         let queued = cases.queue.enter()?;
         for (number, planned) in self.pictures.into_iter().enumerate() {
-            let surface = planned.picture.asked.surface;
-            if model.surface() != surface {
-                model = cases.surface(&self.id, surface).await?;
+            let surfaces = planned.picture.asked.surfaces();
+            if !models.iter().map(|model| model.surface()).eq(surfaces) {
+                models = cases.surfaces_of(&self.id, &planned.picture.asked).await?;
             }
             let turn = queued.turn().await?;
             let loaded = planned.layers.load(&cases.library, &self.id).await?;
             let named = (self.is_named.then_some(&self.id), self.identity.clone());
-            let picture = planned.draw(named, number, &model, loaded, &turn);
+            let picture = planned.draw(named, number, &models, loaded, &turn);
             let (picture, add) = (picture.await?, add.clone());
             let add_it = move || add(&mut kept, picture).map(|()| kept);
             kept = turn.run(add_it).await??;
@@ -173,19 +174,23 @@ impl Planned {
         self,
         (id, identity): (Option<&CaseId>, Option<String>),
         number: usize,
-        model: &WarmModel,
+        models: &[Arc<WarmModel>],
         layers: PictureLayers,
         turn: &Turn,
     ) -> Result<SeriesPicture, Error> {
-        let job = warm_job(model, &self.picture, layers, self.backend).await?;
-        let depth = self.picture.depth.shown_in(&model.facts);
+        let jobs = warm_jobs(models, &self.picture, &layers, &self.backend).await?;
+        let depth = shown_depth(models, &self.picture);
         let request = self.picture.asked;
-        let metadata = ImageMetadata::of(id, &job.job).of_surface(request.surface);
+        let mut metadata = ImageMetadata::of(id, &jobs).of_surface(request.surface);
+        if request.map().is_some() && request.annotate {
+            let (positions, _) = positions(jobs.clone(), turn).await?;
+            metadata = metadata.with_positions(positions);
+        }
         Ok(SeriesPicture {
             number,
             depth,
             metadata: metadata.named(identity.filter(|_| request.annotate)),
-            drawn: job.draw(turn).await?,
+            drawn: draw_all(jobs, turn).await?,
             request,
         })
     }

@@ -417,6 +417,10 @@ impl ResultRequest {
             annotate: true,
             ..PictureRequest::default()
         });
+        if !render.projection.is_orthographic() {
+            let detail = "`render.projection` must be `orthographic` in a result";
+            return Err(out_of_range("render.projection", detail));
+        }
         let plan = match self.what {
             What::Envelope
             | What::Mask

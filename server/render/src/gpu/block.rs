@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 
 use super::GpuSurface;
 use super::job::Call;
-use crate::FrameSize;
+use crate::{FrameSize, MAP_MARGIN};
 
 /// How far the isosurface may lie outside the bounding ball shrunk by its depth, in working voxels: see `uniforms`.
 const BALL_MARGIN: f64 = 4.0;
@@ -22,6 +22,11 @@ pub(super) struct Block {
 impl Block {
     /// The pixels that a picture may cover: those around its vertices, or around the ball that contains its isosurface.
     pub(super) fn around(call: &Call<'_>) -> Self {
+        if let Some(map) = call.request.map_projection() {
+            let centre = DVec2::from_array(map.centre());
+            let radius = MAP_MARGIN * map.pixels_per_unit();
+            return Self::between(centre - radius, centre + radius, map.size());
+        }
         let projection = call.request.projection(&call.scene);
         let frame_from_patient = projection.frame_from_patient();
         let place = |position: DVec3| frame_from_patient.transform_point3(position).truncate();

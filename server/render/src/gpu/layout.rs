@@ -52,7 +52,9 @@ pub(super) struct Picture {
     pub(super) overlay_is_diverging: u32,
     pub(super) volume_has_gaps: u32,
     pub(super) overlay_is_nearest: u32,
-    pub(super) _padding_of_overlay: [u32; 2],
+    pub(super) map_centre: [f32; 2],
+    pub(super) map_units_per_pixel: f32,
+    pub(super) _padding_of_map: [u32; 3],
 }
 
 /// Twin of `Paths` in `shrink.wgsl`.

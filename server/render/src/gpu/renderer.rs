@@ -126,8 +126,7 @@ impl GpuRenderer {
             surface: &surface,
             ..call
         })?;
-        let projection = call.request.projection(&call.scene);
-        Ok(Hits::new(projection, heights_mm))
+        Ok(Hits::new(call.request.look(&call.scene), heights_mm))
     }
 
     /// The height of each pixel's point above the plane through the centre of the target, in mm; −∞ for the background. A

@@ -10,7 +10,7 @@ use crate::known::{CutPlane, MOST_CUTS, cut_planes};
 use crate::layer::OverlayRamp;
 use crate::rays::single;
 use crate::shade::{slab_offsets, texture_rescale};
-use crate::{ColorMap, RenderRequest, Scene};
+use crate::{ColorMap, MapProjection, RenderRequest, Scene};
 
 /// How far the isosurface may lie outside the bounding ball and box shrunk by its depth, in voxels.
 ///
@@ -42,6 +42,7 @@ pub(super) fn picture(
 ) -> Picture {
     let parameters = request.parameters();
     let projection = parameters.camera.projection(&scene.bounds, parameters.size);
+    let map = request.map_projection();
     let field_grid = scene.field.grid();
     let voxel_mm = field_grid.spacing_mm()[0];
     let field_from_patient = field_grid.voxel_from_patient();
@@ -58,9 +59,10 @@ pub(super) fn picture(
     let ramp = style.map(|style| style.ramp());
     let of_ramp = |number: fn(&OverlayRamp) -> f32| ramp.as_ref().map_or(0.0, number);
     Picture {
-        field_from_frame: columns(
-            field_from_patient * projection.patient_from_frame() * heights_in_voxels,
-        ),
+        field_from_frame: columns(match &map {
+            Some(map) => field_from_disc(field_from_patient, map, voxel_mm),
+            None => field_from_patient * projection.patient_from_frame() * heights_in_voxels,
+        }),
         volume_from_field: columns(match base {
             Some(base) => base.voxel_from_case * patient_from_field,
             None => volume_from_field(scene, maps),
@@ -114,8 +116,18 @@ pub(super) fn picture(
         overlay_is_diverging: u32::from(ramp.is_some_and(|ramp| ramp.is_diverging)),
         volume_has_gaps: u32::from(base.is_some()),
         overlay_is_nearest: u32::from(overlay.is_some_and(|overlay| overlay.is_nearest)),
-        _padding_of_overlay: [0; 2],
+        map_centre: map.map_or([0.0; 2], |map| map.centre().map(|place| place as f32)),
+        map_units_per_pixel: map.map_or(0.0, |map| map.units_per_pixel() as f32),
+        _padding_of_map: [0; 3],
         clip_piece: (PIECE_PIXELS * projection.mm_per_pixel() / (2.0 * reach_mm)) as f32,
+    }
+}
+
+/// The directions of a disc to the right, up and towards the viewer, a working voxel long, and the middle of its hemisphere.
+fn field_from_disc(field_from_patient: DAffine3, map: &MapProjection, voxel_mm: f64) -> DAffine3 {
+    DAffine3 {
+        matrix3: field_from_patient.matrix3 * map.axes() * voxel_mm,
+        translation: field_from_patient.transform_point3(map.centre_in_patient()),
     }
 }
 

@@ -42,8 +42,9 @@ pub fn draw_mesh_while(
     facets: Facets<'_>,
     is_wanted: &Wanted<'_>,
 ) -> Option<Frame> {
+    let projection = request.projection(scene);
     let drawn = DrawnMesh::new(scene, request, facets, Samples::FOUR);
-    surface::draw_while(&drawn, scene, request, is_wanted)
+    surface::draw_while(&drawn, scene, request, &projection, is_wanted)
 }
 
 /// Finds what the centre of each pixel of [`draw_mesh`] shows, without drawing it: points on the facets.

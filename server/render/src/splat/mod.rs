@@ -39,8 +39,9 @@ pub fn draw_splat_while(
     request: &RenderRequest,
     is_wanted: &Wanted<'_>,
 ) -> Option<Frame> {
-    let surface = pixels(scene, request, &request.projection(scene));
-    surface::draw_while(&surface, scene, request, is_wanted)
+    let projection = request.projection(scene);
+    let surface = pixels(scene, request, &projection);
+    surface::draw_while(&surface, scene, request, &projection, is_wanted)
 }
 
 /// Finds what each pixel of [`draw_splat`] shows, without drawing it: points at most 1 voxel off the isosurface.

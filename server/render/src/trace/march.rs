@@ -127,6 +127,7 @@ struct Marchers<'a> {
     state: [u32; LANES],
     rounds: [u32; LANES],
     foot: [Lanes; 3],
+    towards_viewer: [Lanes; 3],
     end: Lanes,
     /// Where it is looked, and how far above the isosurface that is.
     place: Lanes,
@@ -156,6 +157,7 @@ impl<'a> Marchers<'a> {
             state: [FRESH; LANES],
             rounds: [0; LANES],
             foot: [[0.0; LANES]; 3],
+            towards_viewer: [[0.0; LANES]; 3],
             end: [0.0; LANES],
             place: [0.0; LANES],
             distance: [0.0; LANES],
@@ -170,9 +172,11 @@ impl<'a> Marchers<'a> {
     #[inline(always)]
     fn begin(&mut self, lane: usize, index: u32, sight: &Sight) {
         let [column, row] = sight.pixel.map(|place| place as i32 as f32 + 0.5);
-        let foot = self.rays.through(column, row).foot();
-        for (axis, foot) in self.foot.iter_mut().zip(foot) {
-            axis[lane] = foot;
+        let ray = self.rays.through(column, row);
+        let (foot, towards_viewer) = (ray.foot(), ray.towards_viewer());
+        for axis in 0..3 {
+            self.foot[axis][lane] = foot[axis];
+            self.towards_viewer[axis][lane] = towards_viewer[axis];
         }
         self.sight[lane] = index;
         self.state[lane] = FRESH;
@@ -184,7 +188,7 @@ impl<'a> Marchers<'a> {
     /// Lets another lane go on with a line of sight.
     #[inline(always)]
     fn move_lane(&mut self, from: usize, to: usize) {
-        for axis in &mut self.foot {
+        for axis in self.foot.iter_mut().chain(&mut self.towards_viewer) {
             axis[to] = axis[from];
         }
         for numbers in [&mut self.sight, &mut self.state, &mut self.rounds] {
@@ -206,12 +210,11 @@ impl<'a> Marchers<'a> {
     /// Finds how far above the isosurface each place is.
     #[inline(always)]
     fn look(&mut self, count: usize) {
-        let towards_viewer = self.rays.towards_viewer();
         let mut positions = [[0.0; LANES]; 3];
         for (axis, positions) in positions.iter_mut().enumerate() {
-            let lanes = positions.iter_mut().zip(&self.foot[axis]).zip(&self.place);
-            for ((position, foot), place) in lanes {
-                *position = foot + place * towards_viewer[axis];
+            let [foot, towards_viewer] = [&self.foot[axis], &self.towards_viewer[axis]];
+            for (lane, position) in positions.iter_mut().enumerate() {
+                *position = foot[lane] + self.place[lane] * towards_viewer[lane];
             }
         }
         self.isosurface

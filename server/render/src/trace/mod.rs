@@ -4,28 +4,34 @@
 //! A coarse z-buffer of the shell's voxels ([`crate::seeds`]) gives the start of each line of sight; from there, many
 //! are followed at once by sphere tracing ([`march`]).
 
+mod map;
 mod march;
 
 use std::ops::Range;
 
 use crate::isosurface::Isosurface;
 use crate::points::PointRow;
-use crate::rays::Rays;
+use crate::rays::{Look, Rays};
 use crate::seeds::{Lattice, Seeds};
 use crate::silhouette::Silhouette;
 use crate::surface::{self, Surface, Wanted, bottom, working_rays};
 use crate::{Frame, Hits, Projection, RenderRequest, Scene};
+use map::Mapped;
 use march::{Sight, first_hits};
 
-/// Draws the isosurface {depth = D} exactly; pixels have the formats and soft edges of [`crate::draw_splat`].
+/// Draws the isosurface {depth = D} exactly; pixels have the formats and soft edges of [`crate::draw_splat`]. The only renderer of
+/// the flat map.
 pub fn draw_trace(scene: &Scene<'_>, request: &RenderRequest) -> Frame {
-    let projection = request.projection(scene);
-    surface::draw(
-        &Traced::new(scene, request, &projection),
-        scene,
-        request,
-        &projection,
-    )
+    match request.look(scene) {
+        Look::Parallel(projection) => {
+            let surface = Traced::new(scene, request, &projection);
+            surface::draw(&surface, scene, request, &projection)
+        }
+        Look::Map(projection) => {
+            let surface = Mapped::new(scene, request, &projection);
+            surface::draw(&surface, scene, request, &projection)
+        }
+    }
 }
 
 /// As [`draw_trace`]; `None` soon after the picture is no longer wanted.
@@ -34,8 +40,16 @@ pub fn draw_trace_while(
     request: &RenderRequest,
     is_wanted: &Wanted<'_>,
 ) -> Option<Frame> {
-    let surface = Traced::new(scene, request, &request.projection(scene));
-    surface::draw_while(&surface, scene, request, is_wanted)
+    match request.look(scene) {
+        Look::Parallel(projection) => {
+            let surface = Traced::new(scene, request, &projection);
+            surface::draw_while(&surface, scene, request, &projection, is_wanted)
+        }
+        Look::Map(projection) => {
+            let surface = Mapped::new(scene, request, &projection);
+            surface::draw_while(&surface, scene, request, &projection, is_wanted)
+        }
+    }
 }
 
 /// Finds what each pixel of [`draw_trace`] shows, without drawing it: points within 0.01 voxel of depth of the
@@ -44,13 +58,16 @@ pub fn draw_trace_while(
 /// Within 5 voxels of the envelope that is the isosurface without the terraces of the envelope's voxels, at most about
 /// a voxel off the raw one.
 pub fn trace_hits(scene: &Scene<'_>, request: &RenderRequest) -> Hits {
-    let projection = request.projection(scene);
-    surface::hits(
-        &Traced::new(scene, request, &projection),
-        scene,
-        request,
-        &projection,
-    )
+    match request.look(scene) {
+        Look::Parallel(projection) => {
+            let surface = Traced::new(scene, request, &projection);
+            surface::hits(&surface, scene, request, &projection)
+        }
+        Look::Map(projection) => {
+            let surface = Mapped::new(scene, request, &projection);
+            surface::hits(&surface, scene, request, &projection)
+        }
+    }
 }
 
 /// The isosurface along the lines of sight of a picture.

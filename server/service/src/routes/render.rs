@@ -8,7 +8,7 @@ use axum::response::Response;
 use case::CaseFacts;
 use cases::pictures::{
     CheckedPicture, EncodedImage, PictureLayers, PictureRequest, PictureSeries, SeriesPicture,
-    ShownDepth, backend_for, warm_job,
+    ShownDepth, backend_for, positions, shown_depth, warm_jobs,
 };
 use cases::{Cases, Error};
 use render::RenderBackend;
@@ -104,12 +104,7 @@ async fn answer_positions(
     picture: &CheckedPicture,
     backend: RenderBackend,
 ) -> Result<Response, AppError> {
-    let PictureRequest {
-        width,
-        height,
-        surface,
-        ..
-    } = *question.query;
+    let PictureRequest { width, height, .. } = *question.query;
     if width as usize * height as usize > MAX_POSITIONS {
         let detail =
             format!("times `height` must be at most {MAX_POSITIONS} pixels for their positions");
@@ -126,14 +121,13 @@ async fn answer_positions(
         Some(_) => format.revalidated(),
     };
     let work = async |_: Arc<CaseFacts>| {
-        let model = cases.surface(&id, surface).await?;
+        let models = cases.surfaces_of(&id, &picture.asked).await?;
         let turn = cases.queue.turn().await?;
-        let job = warm_job(&model, picture, PictureLayers::default(), backend).await?;
-        let (hits, backend) = job.hits(&turn).await?;
-        let body = turn
-            .run(move || wire::positions(&hits.positions_in_patient()))
-            .await?;
-        let mut headers = depth_headers(picture.depth.shown_in(&model.facts));
+        let layers = PictureLayers::default();
+        let jobs = warm_jobs(&models, picture, &layers, &backend).await?;
+        let (positions, backend) = positions(jobs, &turn).await?;
+        let body = turn.run(move || wire::positions(&positions)).await?;
+        let mut headers = depth_headers(shown_depth(&models, picture));
         describe_backend(&backend, &mut headers);
         let size = HeaderName::from_static("x-isocortex-size");
         conditional::insert(&mut headers, size, &format!("{width},{height}"));

@@ -9,8 +9,9 @@ use super::super::{GpuError, GpuJob, GpuSurface};
 use super::support::{Case, LIMITS, parameters, trace, worker};
 use crate::conformance::is_beside_black;
 use crate::{
-    Background, Camera, ColorMap, Facets, Frame, FrameSize, Light, NamedView, PixelFormat,
-    RenderParameters, RenderRequest, Window, draw_mesh, draw_splat, draw_trace,
+    Background, Camera, ColorMap, Facets, Frame, FrameSize, Hemisphere, Light, MapDisc, MapSides,
+    NamedView, PixelFormat, RenderParameters, RenderRequest, Window, draw_mesh, draw_splat,
+    draw_trace, trace_hits,
 };
 
 fn frame(worker: &mut GpuWorker, job: &GpuJob) -> Frame {
@@ -152,7 +153,7 @@ fn the_traced_isosurface_is_at_its_depth() {
         for depth_mm in [0.0, 2.5, 5.0, 7.0, 12.0] {
             let job = trace(&case, parameters(view, depth_mm));
             let hits = worker.attempt(|renderer| renderer.hits(&job)).unwrap();
-            let towards_viewer = hits.projection().towards_viewer_in_patient();
+            let towards_viewer = hits.projection().unwrap().towards_viewer_in_patient();
             for (x, y) in (0..128).flat_map(|y| (0..128).map(move |x| (x, y))) {
                 let Some(position) = hits.position_in_patient(x, y) else {
                     continue;
@@ -543,4 +544,49 @@ fn a_mesh_of_other_vertices_is_refused() {
         })
     );
     assert_eq!(job.case.key, case.keyed.key);
+}
+
+#[test]
+fn a_map_is_that_of_the_cpu_and_so_are_its_positions() {
+    let Some(mut worker) = worker(LIMITS) else {
+        return;
+    };
+    let case = lumpy(29);
+    let centre = |hemisphere: Hemisphere| {
+        let is_part = |position: DVec3| hemisphere.has(position.x);
+        case.model().shell().centroid(is_part)
+    };
+    let discs = MapDisc::of_map(&Hemisphere::ALL, MapSides::Both, DVec3::X, centre).unwrap();
+    for disc in discs {
+        for depth_mm in [0.0, 5.0] {
+            let job = trace(
+                &case,
+                RenderParameters {
+                    map: Some(disc),
+                    ..parameters(NamedView::Left, depth_mm)
+                },
+            );
+            let exact = draw_trace(&case.scene(), &job.request);
+            let apart = share_apart(&exact, &frame(&mut worker, &job));
+            assert!(apart < 0.03, "{disc:?} {depth_mm}: {apart}");
+            let hits = worker.attempt(|renderer| renderer.hits(&job)).unwrap();
+            let expected = trace_hits(&case.scene(), &job.request);
+            let places = (0..128).flat_map(|y| (0..128).map(move |x| (x, y)));
+            let both =
+                places.map(|(x, y)| [&hits, &expected].map(|hits| hits.position_in_patient(x, y)));
+            let mut far = 0;
+            let mut found = 0;
+            for [here, there] in both {
+                let off = match (here, there) {
+                    (None, None) => continue,
+                    (Some(here), Some(there)) => here.distance(there),
+                    _ => f64::INFINITY,
+                };
+                found += 1;
+                far += usize::from(off > 0.05);
+            }
+            // At folds and at the edge of the disc.
+            assert!(found > 2000 && far < found / 100, "{far} of {found}");
+        }
+    }
 }

@@ -80,7 +80,7 @@ fn the_twins_lie_in_memory_as_the_shaders_want_them() {
         slab_first, slab_step, clip_reach, clip_piece, smooth_share, window_is_sigmoid, cuts,
         overlay_from_field, overlay_size, overlay_scale, overlay_offset, overlay_low, overlay_factor,
         overlay_threshold, overlay_steepness, overlay_opacity, overlay_color_row, overlay_is_diverging,
-        volume_has_gaps, overlay_is_nearest);
+        volume_has_gaps, overlay_is_nearest, map_centre, map_units_per_pixel);
     assert_eq!(layout(&module, "Picture"), (twin, size_of::<Picture>()));
     let twin = offsets!(Paths:
         origin_in_patient, step_mm, depth_mm, row_mm, row, vertex_count, first_piece, piece_count);

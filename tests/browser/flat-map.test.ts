@@ -1,0 +1,138 @@
+// The flat map: drawn by the page as the server draws it, left on the left; and the hands on it.
+
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+
+import type { Browser, Page } from "playwright-core";
+
+import { violations } from "./axe.ts";
+import { brainMask, markedVolume } from "./phantom.ts";
+import { picturesAgree } from "./pixels.ts";
+import {
+  type Server,
+  fragment,
+  keep,
+  launchBrowser,
+  openPage,
+  rested,
+  scratchFolder,
+  shown,
+  skip,
+  startServer,
+  until,
+} from "./support.ts";
+import { sendCase } from "./uploads.ts";
+
+let scratch: Awaited<ReturnType<typeof scratchFolder>> | undefined;
+let server: Server;
+let browser: Browser;
+let page: Page;
+let troubles: readonly string[] = [];
+let id: string;
+
+before(
+  async () => {
+    if (skip) return;
+    scratch = await scratchFolder();
+    server = await startServer({ command: "serve", data: scratch.folder });
+    browser = await launchBrowser();
+    ({ page, troubles } = await openPage(browser));
+    id = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
+    await page.goto(new URL(`/#${id}&l=map&r=exact`, server.address).href);
+    await shown(page);
+    await page.waitForSelector(".flat-map[data-way=page][data-known]");
+  },
+  { timeout: 600_000 },
+);
+
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+  await scratch?.clean();
+});
+
+/** The map's own pixels, as a data URL. */
+const canvasUrl = (): Promise<string> =>
+  page.locator(".map-image canvas").evaluate((canvas: HTMLCanvasElement) => canvas.toDataURL());
+
+/** The server's picture of the map as it stands, of as many pixels. */
+async function servedAddress(): Promise<string> {
+  const { width, height } = await page
+    .locator(".map-image canvas")
+    .evaluate(({ width, height }: HTMLCanvasElement) => ({ width, height }));
+  const known = new URLSearchParams((await page.locator(".flat-map").getAttribute("data-known")) ?? "");
+  known.set("width", String(width));
+  known.set("height", String(height));
+  const { intensity } = (await (await fetch(new URL(`v1/cases/${id}`, server.address))).json()) as {
+    readonly intensity: { readonly window: { readonly center: number; readonly width: number } };
+  };
+  known.set("window", `${intensity.window.center},${intensity.window.width}`);
+  known.set("ambient", "0.3");
+  return `v1/cases/${id}/render?${known}`;
+}
+
+test("the page draws the map that the server draws, with the right side on the right", { skip }, async () => {
+  const share = await picturesAgree(page, await canvasUrl(), await servedAddress());
+  assert.ok(share > 0.99, `${share}`);
+  // The ball lies on the patient's right: the only bright place of the right disc's middle.
+  const [left, right] = await page.locator(".map-image canvas").evaluate((canvas: HTMLCanvasElement) => {
+    const { width, height } = canvas;
+    const data = canvas.getContext("2d")?.getImageData(0, 0, width, height).data ?? new Uint8ClampedArray();
+    const at = (share: number): number => data[4 * (Math.floor(height / 2) * width + Math.floor(share * width))] ?? 0;
+    return [at(0.25), at(0.75)] as const;
+  });
+  assert.ok(right > 200 && left < 200, `${left} ${right}`);
+  assert.deepEqual(await page.locator(".map-lines .side").allTextContents(), ["L", "R"]);
+  assert.deepEqual(await page.locator(".map-lines .rim").allTextContents(), [..."PASI", ..."APSI"]);
+  assert.ok(((await page.locator(".graticule").first().getAttribute("d")) ?? "").length > 1000);
+  assert.deepEqual(await violations(page), []);
+  await keep(page, "flat-map");
+});
+
+test(
+  "a click marks what the map shows there, the surface turns to it, and planes go through it",
+  { skip },
+  async () => {
+    const box = await page.locator(".flat-map").boundingBox();
+    assert.ok(box);
+    await page.mouse.move(box.x + 0.75 * box.width, box.y + 0.5 * box.height);
+    await page.waitForSelector(".scale-disc:not([hidden])");
+    assert.match(await page.locator(".map-scale").innerText(), /10 mm.*100 pixels here: \d+ mm/);
+    await page.mouse.click(box.x + 0.75 * box.width, box.y + 0.5 * box.height);
+    const { x = "", v } = await fragment(page);
+    const [left = 0, posterior = 99, superior = 99] = x.split(",").map(Number);
+    // 10 mm below the rightmost point of the brain, which reaches 50 mm to the right.
+    assert.ok(left < -33 && left > -45, x);
+    assert.ok(Math.hypot(posterior, superior) < 6, x);
+    assert.notEqual(v, "left");
+    await page.waitForSelector(".flat-map .cursor.mark:not([hidden])");
+    for (const plane of ["axial", "coronal"])
+      assert.ok(((await page.locator(`.map-lines .${plane}`).getAttribute("d")) ?? "").length > 200, plane);
+    await page.waitForSelector(".flat-map[data-looking=right]");
+  },
+);
+
+test("keys and wheel move the map alone, and the address keeps it", { skip }, async () => {
+  await page.locator(".flat-map").focus();
+  const { z: zoom, p: pan } = await fragment(page);
+  await page.keyboard.press("+");
+  await page.keyboard.press("ArrowRight");
+  await rested(page);
+  const { j: map = "", z, p } = await fragment(page);
+  assert.deepEqual([z, p], [zoom, pan], "the surface stays");
+  assert.match(map, /^1\.2,[\d.]+,0$/);
+  await page.keyboard.press("Home");
+  await until(
+    () => fragment(page),
+    ({ j }) => j === undefined,
+  );
+  // The ellipsoid has no fissure, and so no inner sides: the page says so, and shows the outer ones.
+  await page.keyboard.press("m");
+  await page.waitForSelector(".notice-line");
+  await page.waitForSelector(".flat-map[data-inner=false]");
+  assert.equal((await fragment(page)).i, undefined);
+  assert.deepEqual(
+    troubles.filter((trouble) => !trouble.includes("409")),
+    [],
+  );
+});

@@ -1,0 +1,526 @@
+// The pane of the flat map: the discs of both hemispheres, and what stands on them.
+
+import { Problem, getPositions } from "../base/api.ts";
+import { caseIdentity } from "../base/case-words.ts";
+import { h, setText, svg } from "../base/dom.ts";
+import { number, t } from "../base/i18n.ts";
+import { FollowingPicture, type Wish, served } from "../base/picture.ts";
+import { problemWords } from "../base/problem-words.ts";
+import { depthWords } from "../base/readout.ts";
+import { towardsViewer } from "../model/camera.ts";
+import type { ReadyCase } from "../model/case.ts";
+import {
+  type Change,
+  type Command,
+  type DragDirection,
+  type WheelUse,
+  dragWindow,
+  panMap,
+  wheelZoom,
+  zoomMap,
+} from "../model/controls.ts";
+import {
+  type Centres,
+  type DiscProjection,
+  FIRST_MAP,
+  MAP_MARGIN,
+  MAP_RIM,
+  type MapPositions,
+  curvesOf,
+  discAt,
+  discsOf,
+  mapExtent,
+  multiples,
+  nearestPlace,
+  pixelsPerUnit,
+  placeOnMap,
+  projectDisc,
+  radiusAt,
+  scaleAt,
+  shownAt,
+  single,
+} from "../model/flat-map.ts";
+import { firstHit } from "../model/isosurface.ts";
+import { type Marked, surfaceMarks } from "../model/marks.ts";
+import { mirrorPlane } from "../model/midsagittal.ts";
+import { PLANES, PLANE_NAMES, mapQuery, pictureSize } from "../model/query.ts";
+import { type Vec2, type Vec3, add, dot, length, scale, subtract } from "../model/space.ts";
+import type { ViewState } from "../model/state.ts";
+import { listen } from "./gestures.ts";
+import { MapBar } from "./map-bar.ts";
+import { Overlay } from "./overlay.ts";
+import type { PointTool } from "./point-tool.ts";
+import type { Placed } from "./screenshot.ts";
+import type { Surface } from "./surface.ts";
+
+/** CSS pixels from one known position to the next. */
+const STEP = 2;
+/** The larger side of a picture of the server. */
+const MOST_PIXELS = 1600;
+const MOST_SAVED_PIXELS = 4096;
+/** How long the map must rest before its positions are fetched, in ms. */
+const REST_MS = 150;
+/** The distance of the lines of the graticule, in mm. */
+const GRATICULE_MM = 20;
+/** The diameter of the disc under the pointer, in mm. */
+const DISC_MM = 10;
+/** A marked point that lies farther than this from what its place shows is not on the map. */
+const HIDDEN_MM = 3;
+/** An arrow key moves the map by so many pixels. */
+const ARROW_PIXELS = 40;
+/** Longer than any way through a head. */
+const REACH_MM = 400;
+
+const ARROWS: Readonly<Record<string, Vec2>> = {
+  ArrowLeft: [-ARROW_PIXELS, 0],
+  ArrowRight: [ARROW_PIXELS, 0],
+  ArrowUp: [0, -ARROW_PIXELS],
+  ArrowDown: [0, ARROW_PIXELS],
+};
+
+/** The letters of the patient along and against L, P and S. */
+const LETTERS = [
+  ["L", "R"],
+  ["P", "A"],
+  ["S", "I"],
+] as const;
+
+function letterOf(direction: Vec3): string {
+  const sizes = direction.map(Math.abs);
+  const axis = sizes.indexOf(Math.max(...sizes));
+  return LETTERS[axis]?.[(direction[axis] ?? 0) > 0 ? 0 : 1] ?? "";
+}
+
+export interface MapPaneListener {
+  surface(): Surface;
+  hands(): { readonly drag: DragDirection; readonly wheel: WheelUse };
+  change(change: Change): void;
+  command(command: Command): void;
+  /** A place of the surface is marked. */
+  mark(position_in_patient: Vec3): void;
+  missed(): void;
+  tool(): PointTool | null;
+  busy(busy: boolean): void;
+  /** Something to know, which can be dismissed. */
+  remark(words: string): void;
+  complain(problem: unknown): void;
+}
+
+export class MapPane {
+  readonly element: HTMLElement;
+  readonly #shown: ReadyCase;
+  readonly #listener: MapPaneListener;
+  readonly #image = h("div", { class: "map-image" });
+  readonly #lines = svg("svg", { class: "map-lines", "aria-hidden": "true" });
+  readonly #curves = svg("g");
+  readonly #letters = svg("g");
+  readonly #looking = svg("circle", { class: "looking", r: 9 });
+  readonly #disc = svg("circle", { class: "scale-disc", hidden: true });
+  readonly #overlay: Overlay;
+  readonly #bar = new MapBar();
+  readonly #scale = h("span", { class: "map-scale" });
+  readonly #inner = h("button", { type: "button", class: "map-inner", click: () => this.#toggleInner() });
+  readonly #keys = h("p", { id: "map-keys", class: "visually-hidden" });
+  readonly #picture: FollowingPicture<ViewState, HTMLElement>;
+  #state: ViewState | null = null;
+  #marked: readonly Marked[] = [];
+  #positions: MapPositions | null = null;
+  /** The curves that are drawn, and what they are of. */
+  #drawn: readonly [MapPositions | null, Vec3 | null] = [null, null];
+  /** What the positions are of. */
+  #known = "";
+  #asking: AbortController | null = null;
+  #timer = 0;
+  #pointer: Vec2 | null = null;
+
+  constructor(shown: ReadyCase, listener: MapPaneListener) {
+    this.#shown = shown;
+    this.#listener = listener;
+    this.element = h(
+      "section",
+      {
+        class: "pane flat-map",
+        id: "flat-map",
+        role: "application",
+        tabindex: 0,
+        "aria-label": t("flat-map.label"),
+        "aria-describedby": "map-keys",
+        keydown: (event: KeyboardEvent) => this.#onKey(event),
+      },
+      this.#image,
+    );
+    this.#overlay = new Overlay(this.element);
+    this.#overlay.identity(caseIdentity(shown));
+    this.#lines.append(this.#curves, this.#letters, this.#looking, this.#disc);
+    this.#overlay.element.prepend(this.#lines);
+    this.#scale.title = t("flat-map.about");
+    this.element.append(this.#bar.element, this.#scale, this.#inner, this.#keys);
+    this.#picture = new FollowingPicture<ViewState, HTMLElement>(
+      { put: (image, state) => this.#put(image, state), complain: (problem) => this.#complain(problem) },
+      (wish) => this.#load(wish),
+    );
+    this.#listen();
+  }
+
+  show(shown: ViewState): void {
+    // The outer discs show both hemispheres, and the inner ones theirs, whichever surface the other pane shows.
+    const state: ViewState = { ...shown, surface: "whole" };
+    this.#state = state;
+    const size = this.#size;
+    if (size[0] < STEP || size[1] < STEP) return;
+    const { surface } = this.#listener;
+    const { moved } = state.layer ?? state.overlay ?? {};
+    this.#picture.show(
+      `${this.#path(state, this.#pixels(devicePixelRatio, MOST_PIXELS))}#${[moved, surface().canMap(state)].join()}`,
+      state,
+    );
+    this.#picture.again();
+    this.#askForPositions(state);
+    setText(this.#inner, t(state.map.has_inner ? "flat-map.without-inner" : "flat-map.with-inner"));
+    this.#inner.setAttribute("aria-pressed", String(state.map.has_inner));
+    this.#write(state);
+  }
+
+  mark(marked: readonly Marked[]): void {
+    this.#marked = marked;
+    if (this.#state) this.#write(this.#state);
+  }
+
+  describe(words: string): void {
+    setText(this.#keys, `${words} ${t("flat-map.keys")}`);
+  }
+
+  /** The map as it lies in its pane, with so many pixels to a CSS pixel, for a screenshot. */
+  async pictures(ratio: number): Promise<readonly Placed[]> {
+    const state = this.#state;
+    if (!state) return [];
+    const pixels = this.#pixels(ratio, MOST_SAVED_PIXELS);
+    const picture = (await this.#draw(state, pixels)) ?? (await served({ path: this.#path(state, pixels) }));
+    return [{ element: this.#image, picture, isFlipped: false }];
+  }
+
+  dispose(): void {
+    this.#picture.stop();
+    clearTimeout(this.#timer);
+    this.#asking?.abort();
+    this.element.remove();
+  }
+
+  // -- The picture
+
+  /** Of which each position that is known is the middle of a square of as many pixels. */
+  get #size(): Vec2 {
+    const whole = (side: number): number => Math.floor(side / STEP) * STEP;
+    return [whole(this.element.clientWidth), whole(this.element.clientHeight)];
+  }
+
+  #pixels(ratio: number, most: number): Vec2 {
+    return pictureSize(this.#size, ratio, most);
+  }
+
+  #path(state: ViewState, size: Vec2): string {
+    return `${this.#shown.id}/render?${mapQuery(state, size)}`;
+  }
+
+  async #load({ path, about }: Wish<ViewState>): Promise<HTMLElement> {
+    const drawn = await this.#draw(about, this.#pixels(this.#ratio, MOST_SAVED_PIXELS));
+    return drawn ?? Object.assign(await served({ path }), { alt: t("flat-map.label") });
+  }
+
+  /** Pixels to a CSS pixel where the page draws. */
+  get #ratio(): number {
+    return Math.min(devicePixelRatio, 2);
+  }
+
+  async #draw(state: ViewState, size: Vec2): Promise<HTMLCanvasElement | null> {
+    const drawn = await this.#listener.surface().map(state, size);
+    if (!drawn) return null;
+    const canvas = h("canvas", {
+      width: drawn.width,
+      height: drawn.height,
+      role: "img",
+      "aria-label": t("flat-map.label"),
+    });
+    canvas.getContext("2d")?.putImageData(drawn, 0, 0);
+    return canvas;
+  }
+
+  #put(image: HTMLElement, state: ViewState): void {
+    const [width, height] = this.#size;
+    Object.assign(this.#image.style, { width: `${width}px`, height: `${height}px` });
+    this.#image.replaceChildren(image);
+    this.#bar.show(state.overlay);
+    Object.assign(this.element.dataset, {
+      way: image instanceof HTMLCanvasElement ? "page" : "server",
+      depth: state.depth_mm,
+      inner: state.map.has_inner,
+      overlay: state.overlay?.name ?? "",
+      layer: state.layer?.id ?? "",
+    });
+    this.#write(this.#state ?? state);
+  }
+
+  #complain(problem: unknown): void {
+    const state = this.#state;
+    // Without surfaces of its halves, a head has no inner sides.
+    if (problem instanceof Problem && problem.kind === "no-surfaces" && state?.map.has_inner) {
+      this.#listener.change({ map: { ...state.map, has_inner: false } });
+      return this.#listener.remark(problemWords(problem));
+    }
+    this.element.classList.toggle("troubled", problem !== null);
+    this.#listener.complain(problem);
+  }
+
+  // -- What it shows where
+
+  /** Fetches the positions of a map that rests. */
+  #askForPositions(state: ViewState): void {
+    const [width, height] = this.#size;
+    const path = this.#path({ ...state, layer: null, overlay: null }, [width / STEP, height / STEP]);
+    // Colours have no influence on what is seen where.
+    const wanted = path.replace(/&(window|colormap|ambient)=[^&]*/g, "");
+    if (wanted === this.#known) return;
+    this.#known = wanted;
+    this.#positions = null;
+    this.#asking?.abort();
+    clearTimeout(this.#timer);
+    this.#timer = window.setTimeout(() => void this.#fetch(wanted), REST_MS);
+  }
+
+  async #fetch(path: string): Promise<void> {
+    this.#asking = new AbortController();
+    const { signal } = this.#asking;
+    try {
+      const { xyz, size } = await getPositions(path, signal);
+      if (signal.aborted) return;
+      this.#positions = { xyz, size, step: STEP };
+      this.element.dataset.known = path.split("?")[1] ?? "";
+      if (this.#state) this.#write(this.#state);
+    } catch {
+      // The picture complains of a server that does not answer.
+      if (!signal.aborted) this.#known = "";
+    }
+  }
+
+  /** The middles of the hemispheres; until the page knows them, that of the head, with which the discs have their places. */
+  get #centres(): Centres {
+    const { center_in_patient: middle } = this.#shown.envelope_sphere;
+    return this.#listener.surface().centres ?? { left: middle, right: middle };
+  }
+
+  #discs(state: ViewState): readonly DiscProjection[] {
+    const discs = discsOf(this.#centres, mirrorPlane(this.#shown), state.map.has_inner);
+    return discs.map((disc) => projectDisc(disc, state.map, this.#size));
+  }
+
+  /** The position that is shown at a place: exactly, where the page knows the surface. */
+  #positionAt(state: ViewState, place: Vec2): Vec3 | null {
+    const disc = discAt(this.#discs(state), place);
+    const { wholeDepths: depths, centres } = this.#listener.surface();
+    const direction = disc?.directionAt(place);
+    if (!disc || !direction || !depths || !centres || disc.disc.face === "inner") {
+      return this.#positions && shownAt(this.#positions, place);
+    }
+    const from = add(disc.disc.center_in_patient, scale(direction, REACH_MM));
+    const ray = { from, direction: scale(direction, -1), reach_mm: REACH_MM };
+    return firstHit(depths, ray, state.depth_mm);
+  }
+
+  // -- What stands on it
+
+  #write(state: ViewState): void {
+    const size = this.#size;
+    const discs = this.#discs(state);
+    this.#overlay.title(`${t("layout.map")} · ${depthWords(state)}`);
+    this.#lines.setAttribute("viewBox", `0 0 ${size[0]} ${size[1]}`);
+    Object.assign(this.#lines.style, { width: `${size[0]}px`, height: `${size[1]}px` });
+    this.#letters.replaceChildren(...discs.flatMap((disc) => this.#lettersOf(disc, size)));
+    this.#drawCurves(state, discs);
+    this.#showLooking(state, discs);
+    const isKnown = this.#listener.surface().centres !== null;
+    const marks = (isKnown ? discs : []).flatMap((disc) =>
+      surfaceMarks(this.#marked, state.depth_mm, { pixelOf: onDisc(disc, discs, this.#shown) }),
+    );
+    this.#overlay.marks(marks, size);
+    this.#showCross(state, discs, isKnown);
+    this.#showDisc();
+  }
+
+  #showCross({ crosshair_mm: marked }: ViewState, discs: readonly DiscProjection[], isKnown: boolean): void {
+    const positions = this.#positions;
+    const projected = marked && isKnown ? (placeOnMap(discs, mirrorPlane(this.#shown), marked)?.place ?? null) : null;
+    const place = projected ?? (marked && positions && nearestPlace(positions, marked, 2 * HIDDEN_MM));
+    const seen = place && positions ? shownAt(positions, place) : null;
+    const isHidden = seen && marked && length(subtract(seen, marked)) > HIDDEN_MM;
+    this.#overlay.cursor(place, this.#size, { kind: isHidden ? "hidden" : "mark" });
+  }
+
+  #lettersOf(disc: DiscProjection, [width, height]: Vec2): readonly SVGElement[] {
+    const { center, pixels_per_unit, disc: about } = disc;
+    const [right, up] = about.axes;
+    const away = ((MAP_RIM + MAP_MARGIN) / 2) * pixels_per_unit;
+    const at = (words: string, x: number, y: number, name: string): SVGElement => {
+      const text = svg("text", { x, y, class: name });
+      text.textContent = words;
+      return text;
+    };
+    const [x, y] = center;
+    const rim = [
+      at(letterOf(right), x + away, y, "rim"),
+      at(letterOf(scale(right, -1)), x - away, y, "rim"),
+      at(letterOf(up), x, y - away, "rim"),
+      at(letterOf(scale(up, -1)), x, y + away, "rim"),
+    ];
+    const reach = MAP_MARGIN * pixels_per_unit;
+    if (x + reach < 0 || x - reach > width || y + reach < 0 || y - reach > height) return rim;
+    const isLeft = about.hemisphere === "left";
+    const words = `${isLeft ? "L" : "R"}${about.face === "inner" ? ` ${t("flat-map.inner")}` : ""}`;
+    // At the upper corner towards the middle of the map, or within the pane.
+    const corner = Math.min(Math.max(isLeft ? x + reach : x - reach, 8), width - 8);
+    const top = Math.min(Math.max(y - reach, 4), height - 40);
+    return [...rim, at(words, corner, top + 26, `side ${isLeft ? "end" : "start"}`)];
+  }
+
+  #drawCurves({ crosshair_mm }: ViewState, discs: readonly DiscProjection[]): void {
+    const positions = this.#positions;
+    if (positions === this.#drawn[0] && crosshair_mm === this.#drawn[1]) return;
+    this.#drawn = [positions, crosshair_mm];
+    if (!positions) return this.#curves.replaceChildren();
+    const isWithin = (place: Vec2): boolean => discs.some((disc) => radiusAt(disc, place) < MAP_RIM);
+    const path = (axis: 0 | 1 | 2, levels: Parameters<typeof curvesOf>[2], name: string): SVGElement => {
+      const pieces = curvesOf(positions, axis, levels, isWithin);
+      const d = pieces
+        .map((ends) =>
+          ends
+            .map((end) => end.toFixed(1))
+            .join(" ")
+            .replace(/^(\S+ \S+) /, "M$1L"),
+        )
+        .join("");
+      return svg("path", { d, class: name });
+    };
+    const levels = multiples(GRATICULE_MM);
+    const graticule = [path(1, levels, "graticule"), path(2, levels, "graticule")];
+    const planes = crosshair_mm
+      ? PLANE_NAMES.map((plane) => path(PLANES[plane].axis, single(crosshair_mm[PLANES[plane].axis]), plane))
+      : [];
+    this.#curves.replaceChildren(...graticule, ...planes);
+  }
+
+  /** Where the other pane looks: what faces the viewer there. */
+  #showLooking({ orientation }: ViewState, discs: readonly DiscProjection[]): void {
+    const towards = towardsViewer(orientation);
+    const { normal } = mirrorPlane(this.#shown);
+    const isLeft = dot(normal, towards) >= 0;
+    const disc = discs.find(({ disc: { hemisphere, face } }) => face === "outer" && (hemisphere === "left") === isLeft);
+    const position = disc && add(disc.disc.center_in_patient, towards);
+    const place = position && disc.placeOf(position);
+    this.#looking.toggleAttribute("hidden", !place);
+    if (!place) return;
+    this.#looking.setAttribute("cx", place[0].toFixed(1));
+    this.#looking.setAttribute("cy", place[1].toFixed(1));
+    this.element.dataset.looking = isLeft ? "left" : "right";
+  }
+
+  /** A disc of 10 mm under the pointer, with the scale there. */
+  #showDisc(): void {
+    const place = this.#pointer;
+    const mm_per_pixel = place && this.#positions && scaleAt(this.#positions, place);
+    this.#disc.toggleAttribute("hidden", !mm_per_pixel);
+    if (!place || !mm_per_pixel) return setText(this.#scale, place && this.#positions ? t("flat-map.no-scale") : "");
+    this.#disc.setAttribute("cx", place[0].toFixed(1));
+    this.#disc.setAttribute("cy", place[1].toFixed(1));
+    this.#disc.setAttribute("r", (DISC_MM / 2 / mm_per_pixel).toFixed(1));
+    setText(this.#scale, t("flat-map.scale", { mm: number(100 * mm_per_pixel, 0) }));
+  }
+
+  // -- Hands and keys
+
+  #toggleInner(): void {
+    const state = this.#state;
+    if (state) this.#listener.change({ map: { ...state.map, has_inner: !state.map.has_inner } });
+  }
+
+  /** Pixels of the radius of the sphere. */
+  #unit(state: ViewState): number {
+    return pixelsPerUnit(mapExtent(state.map), state.map, this.#size);
+  }
+
+  #pan(move: Vec2): void {
+    if (this.#state) this.#listener.change(panMap(this.#state, move, this.#unit(this.#state)));
+  }
+
+  #zoom(factor: number, place: Vec2): void {
+    const [width, height] = this.#size;
+    const away: Vec2 = [place[0] - width / 2, place[1] - height / 2];
+    if (this.#state) this.#listener.change(zoomMap(this.#state, factor, away, this.#unit(this.#state)));
+  }
+
+  #pick(place: Vec2): void {
+    const state = this.#state;
+    const position = state && this.#positionAt(state, place);
+    if (!position) return this.#listener.missed();
+    const tool = this.#listener.tool();
+    if (tool) tool.add(position, "surface");
+    else this.#listener.mark(position);
+  }
+
+  #listen(): void {
+    const { hands, change, command, busy } = this.#listener;
+    listen(this.element, {
+      drag: (kind, move) => {
+        if (kind === "window" && this.#state) change(dragWindow(this.#state, this.#shown, move, hands().drag));
+        else this.#pan(move);
+      },
+      pinch: ({ from, to }) => {
+        const middle = ([a, b]: readonly [Vec2, Vec2]): Vec2 => [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
+        const apart = ([a, b]: readonly [Vec2, Vec2]): number => Math.max(Math.hypot(a[0] - b[0], a[1] - b[1]), 1);
+        const [before, after] = [middle(from), middle(to)];
+        this.#zoom(apart(to) / apart(from), before);
+        this.#pan([after[0] - before[0], after[1] - before[1]]);
+      },
+      wheel: (pixels, notches, place, event) => {
+        const isDepth = !event.ctrlKey && event.altKey !== (hands().wheel === "depth");
+        if (!isDepth) this.#zoom(wheelZoom(event.ctrlKey ? pixels * 5 : pixels), place);
+        else if (notches !== 0) command({ kind: "depth", steps: notches, fine: event.shiftKey });
+      },
+      tap: (place) => this.#pick(place),
+      pick: () => {},
+      busy,
+    });
+    this.element.addEventListener("pointermove", (event) => this.#hover(event));
+    this.element.addEventListener("pointerleave", () => this.#hover(null));
+  }
+
+  #hover(event: PointerEvent | null): void {
+    const { left, top } = this.element.getBoundingClientRect();
+    this.#pointer = event && event.buttons === 0 ? [event.clientX - left, event.clientY - top] : null;
+    const tool = this.#listener.tool();
+    if (tool && this.#state) tool.hover(this.#pointer && this.#positionAt(this.#state, this.#pointer));
+    this.#showDisc();
+  }
+
+  /** Its own keys, while it has the focus. */
+  #onKey(event: KeyboardEvent): void {
+    if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
+    const middle: Vec2 = [this.#size[0] / 2, this.#size[1] / 2];
+    const arrow = ARROWS[event.key];
+    if (arrow) this.#pan(arrow);
+    else if (event.key === "+" || event.key === "=") this.#zoom(1.2, middle);
+    else if (event.key === "-") this.#zoom(1 / 1.2, middle);
+    else if (event.key === "Home" && this.#state)
+      this.#listener.change({ map: { ...FIRST_MAP, has_inner: this.#state.map.has_inner } });
+    else if (event.key === "Enter") this.#pick(middle);
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+}
+
+/** The places of positions on one disc; a position that lies on another one has a negative height. */
+const onDisc =
+  (disc: DiscProjection, discs: readonly DiscProjection[], shown: ReadyCase) =>
+  (position: Vec3): Vec3 => {
+    const found = placeOnMap(discs, mirrorPlane(shown), position);
+    return found?.on === disc ? [...found.place, 1] : [0, 0, -1];
+  };
