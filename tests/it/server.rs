@@ -12,6 +12,7 @@ use http_body_util::BodyExt as _;
 use http_support::listen;
 use http_support::tls::ReloadedTls;
 use isocortex::config::Config;
+use pipeline::atlas::AtlasChoice;
 use isocortex::start;
 use pacs::Pacs;
 use serde_json::Value;
@@ -132,6 +133,8 @@ impl Server {
         let directory = tempfile::tempdir().unwrap();
         let mut config = Config::default();
         config.storage.data = directory.path().to_owned();
+        // The same on every machine; heads of the tests that need names have an atlas of their own.
+        config.prepare.atlas = AtlasChoice::Off;
         configure(&mut config);
         Self::on(directory, config).await
     }

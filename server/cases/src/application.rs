@@ -9,6 +9,7 @@ use audit::Audit;
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, QualityState, SurfaceName};
 use geometry::Volume;
 use imaging::Limits;
+use pipeline::atlas::{Atlas, AtlasChoice, Gyri, NoAtlas};
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
 use storage::{Location, Store, StoreError};
@@ -17,6 +18,7 @@ use crate::apart::Apart;
 use crate::check_memory::CheckMemory;
 use crate::dicom::{DicomReader, HeaderReader, Program, ReaderMemory};
 use crate::error::Error;
+use crate::gyri::REMEMBERED_GYRI;
 use crate::library::Library;
 use crate::limit::ConcurrencyLimit;
 use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel, WholeVolumes};
@@ -46,6 +48,8 @@ pub struct Options {
     pub store: storage::Options,
     /// The file with the weights for brain extraction; by default the one beside the program.
     pub network: Option<PathBuf>,
+    /// The atlas that names gyri.
+    pub atlas: AtlasChoice,
     /// The limits of a preparation.
     pub limits: Limits,
     /// The limits on the dimensions of a head.
@@ -84,6 +88,9 @@ pub enum StartError {
     /// The weights of the network cannot be used.
     #[error(transparent)]
     Network(#[from] NoNetwork),
+    /// The atlas cannot be used.
+    #[error(transparent)]
+    Atlas(#[from] NoAtlas),
     /// The store cannot be opened.
     #[error("the store cannot be opened: {0}")]
     Store(#[from] StoreError),
@@ -144,6 +151,9 @@ pub struct Cases {
     pub(crate) max_layers: usize,
     /// One registration of cases at a time: pictures get their turns between them.
     pub(crate) registering: Arc<tokio::sync::Mutex<()>>,
+    /// The atlas that names gyri, if there is one, and the names of the cases that were asked for.
+    pub(crate) atlas: Option<Arc<Atlas>>,
+    pub(crate) known_gyri: Arc<Cache<CaseId, Option<Arc<Gyri>>>>,
     deidentify: bool,
     remembered: Arc<Remembered>,
 }
@@ -194,10 +204,14 @@ impl Cases {
     pub async fn open(options: Options) -> Result<Self, StartError> {
         // Boxed, because the compiler rejects futures that are nested deeper.
         let library = Box::pin(open_library(&options)).await?;
-        Ok(Self::on(library, &options))
+        let atlas = Atlas::open(&options.atlas)?.map(Arc::new);
+        Ok(Self {
+            atlas,
+            ..Self::on(library, &options)
+        })
     }
 
-    /// The application on a library.
+    /// The application on a library, without an atlas.
     pub fn on(library: Library, options: &Options) -> Self {
         let remembered = Arc::<Remembered>::default();
         let weak = Arc::downgrade(&remembered);
@@ -229,11 +243,17 @@ impl Cases {
             checks: CheckMemory::new(options.head, options.limits),
             max_layers: options.max_layers,
             registering: Arc::default(),
+            atlas: None,
+            known_gyri: Arc::new(Cache::new(REMEMBERED_GYRI)),
             deidentify: options.deidentify,
             remembered,
         };
         let whole_volumes = cases.whole_volumes.clone();
-        cases.on_forget(move |id| whole_volumes.forget(id));
+        let known_gyri = Arc::clone(&cases.known_gyri);
+        cases.on_forget(move |id| {
+            whole_volumes.forget(id);
+            known_gyri.remove(id);
+        });
         cases
     }
 

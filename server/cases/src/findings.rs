@@ -88,6 +88,11 @@ impl Cases {
         }
         let space = Space::of(&facts);
         check(&list, &|point| space.contains(point)).map_err(NotReplaced::Refused)?;
+        // A finding is kept without a name rather than not at all.
+        let gyri = match list.is_empty() {
+            true => None,
+            false => self.gyri(id).await.ok().flatten(),
+        };
         let now = Timestamp::now().to_string();
         let old: HashMap<&str, &Finding> = before.list.iter().map(|f| (&*f.id, f)).collect();
         for finding in &mut list {
@@ -97,7 +102,10 @@ impl Cases {
             finding.created_at = created_at.or_else(|| Some(now.clone()));
             let changed_at = unchanged.and_then(|old| old.changed_at.clone());
             finding.changed_at = changed_at.or_else(|| Some(now.clone()));
-            finding.side = Some(side_at(space.left_mm(&finding.middle_in_patient())));
+            let middle = finding.middle_in_patient();
+            finding.side = Some(side_at(space.left_mm(&middle)));
+            let gyri = gyri.as_ref();
+            finding.gyrus = gyri.and_then(|gyri| gyri.at(DVec3::from_array(middle)));
         }
         let document = serde_json::to_string(&list).map_err(StoreError::from)?;
         let replaced = self.store().replace_findings(id, before.version, document);
@@ -231,6 +239,7 @@ fn of_mark(mark: Mark, number: usize) -> Result<Finding, FindingRefused> {
         is_dismissed: mark.is_dismissed,
         author: mark.author,
         side: None,
+        gyrus: None,
         created_at: None,
         changed_at: None,
     })

@@ -219,13 +219,13 @@ fn represented(tag: EntityTag, media_type: &'static str, body: Bytes) -> Represe
 /// A row for each point.
 fn csv(findings: &[Finding]) -> String {
     let mut text = "finding,kind,point,left_mm,posterior_mm,superior_mm,depth_mm,side,certainty,dismissed,map,label,note,\
-                    colour,author,created_at,changed_at\r\n"
+                    colour,author,created_at,changed_at,gyrus\r\n"
         .to_owned();
     for finding in findings {
         for (number, [x, y, z]) in (1..).zip(&finding.points_in_patient) {
             let _ = write!(
                 text,
-                "{},{},{number},{x},{y},{z},{},{},{},{},{},{},{},{},{},{},{}\r\n",
+                "{},{},{number},{x},{y},{z},{},{},{},{},{},{},{},{},{},{},{},{}\r\n",
                 finding.id,
                 finding.kind.name(),
                 finding.depth_mm,
@@ -239,6 +239,7 @@ fn csv(findings: &[Finding]) -> String {
                 quoted(finding.author.as_deref().unwrap_or_default()),
                 finding.created_at.as_deref().unwrap_or_default(),
                 finding.changed_at.as_deref().unwrap_or_default(),
+                finding.gyrus.map_or("", case::Gyrus::name),
             );
         }
     }
