@@ -42,7 +42,7 @@ pub enum NotReplaced {
     Changed(Findings),
     /// One of them is wrong.
     Refused(FindingRefused),
-    /// A report is of another patient, or of another frame of reference: a sentence.
+    /// A file is of another patient, or of another frame of reference: a sentence.
     Elsewhere(&'static str),
     /// Another error.
     Other(Error),
@@ -144,11 +144,11 @@ impl Cases {
         self.queue.run(draw).await?
     }
 
-    /// The findings of a DICOM measurement report that this program wrote about the patient of a case.
+    /// The findings of a DICOM measurement report or a segmentation that this program wrote about the patient of a case.
     ///
     /// # Errors
     /// [`NotReplaced::Elsewhere`] if it is about another patient or place; a failure that states what is wrong with the file.
-    pub async fn findings_of_report(
+    pub async fn findings_of_dicom(
         &self,
         id: &CaseId,
         file: Bytes,
@@ -168,12 +168,12 @@ impl Cases {
         let known = OF_PATIENT.map(of_case);
         if known[0].is_empty() || known != patient.each_ref().map(String::as_str) {
             return Err(NotReplaced::Elsewhere(
-                "the report is about another patient than the case",
+                "the file is about another patient than the case",
             ));
         }
         if !marks.is_empty() && frame_of_reference != of_case("FrameOfReferenceUID") {
             return Err(NotReplaced::Elsewhere(
-                "the findings of the report lie in another frame of reference than the case",
+                "the findings of the file lie in another frame of reference than the case",
             ));
         }
         let numbered = marks.into_iter().enumerate();
@@ -212,7 +212,7 @@ fn paint(labels: &mut [u16], grid: &Grid, number: u16, finding: &Finding) {
     }
 }
 
-/// The finding that a report states.
+/// The finding that a file states.
 fn of_mark(mark: Mark, number: usize) -> Result<Finding, FindingRefused> {
     let unknown = |member: &str| FindingRefused {
         path: format!("findings[{number}].{member}"),
