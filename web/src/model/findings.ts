@@ -215,6 +215,12 @@ export const markedFindings = (
     // A way to a target is straight, whatever depth is shown.
     const isWay = kind === "trajectory";
     const isBeside = !isWay && off(finding);
+    // The head turns more often than the depth changes.
+    let slid: { readonly mm: number; readonly points: readonly Vec3[] } | null = null;
+    const slidTo = (mm: number): readonly Vec3[] => {
+      if (slid?.mm !== mm) slid = { mm, points: points_in_patient.map((point) => slide(point, mm)) };
+      return slid.points;
+    };
     return {
       words: String(at + 1),
       points_in_patient,
@@ -224,9 +230,7 @@ export const markedFindings = (
       isOnSurface: true,
       isOff: isBeside,
       pointsAt: (shown_mm) =>
-        isWay || isBeside || Math.abs(shown_mm - depth_mm) < OWN_MM
-          ? points_in_patient
-          : points_in_patient.map((point) => slide(point, shown_mm)),
+        isWay || isBeside || Math.abs(shown_mm - depth_mm) < OWN_MM ? points_in_patient : slidTo(shown_mm),
     };
   });
 
