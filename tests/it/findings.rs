@@ -191,13 +191,7 @@ async fn a_report_of_findings_is_valid_and_comes_back_as_it_was() {
         let elsewhere = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
         other.server.until_ready(&elsewhere).await;
         for file in [&report, &segments] {
-            let refused = put(
-                &other.server,
-                &elsewhere,
-                "application/dicom",
-                file.clone(),
-            )
-            .await;
+            let refused = put(&other.server, &elsewhere, "application/dicom", file.clone()).await;
             assert_eq!(refused.status, 409, "{refused:?}");
             assert_eq!(refused.problem(), "findings-elsewhere");
             let detail = refused.json()["detail"].as_str().unwrap().to_owned();
