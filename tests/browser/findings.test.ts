@@ -77,7 +77,7 @@ test("a finding is kept on the server, with its side, and is there again", { ski
   await until(stored, ([one]) => one?.note === "seen on the cut" && one.certainty === "probable");
   const [one] = await stored();
   assert.deepEqual([one?.label, one?.side, one?.author], ["<b>thick</b> gyrus", "right", "Dr. A"]);
-  await page.waitForSelector(".slice .finding-marks path.casing[d*=a]", { state: "attached" });
+  await page.waitForSelector(".slice .finding-marks[data-words]:not([hidden])");
   await keep(page, "findings");
 
   await page.reload();

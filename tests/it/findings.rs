@@ -135,10 +135,23 @@ async fn a_report_of_findings_is_valid_and_comes_back_as_it_was() {
     assert_eq!(restored.status, 200, "{restored:?}");
     assert_eq!(of_reader(&restored.json()), of_reader(&stored));
 
+    // Segments bring back what was not dismissed, to the last digit.
+    let segments = made(server, &case, "finding-segments", folder.path()).await;
+    let from_segments = put(server, &case, "application/dicom", segments.clone()).await;
+    assert_eq!(from_segments.status, 200, "{from_segments:?}");
+    let mut looked_at = stored.clone();
+    let list = looked_at["findings"].as_array_mut().unwrap();
+    list.retain(|finding| finding["is_dismissed"] == false);
+    assert_eq!(of_reader(&from_segments.json()), of_reader(&looked_at));
+    let mask = made(server, &case, "mask", folder.path()).await;
+    let restored = put(server, &case, "application/dicom", report.clone()).await;
+    assert_eq!(restored.status, 200, "{restored:?}");
+
     // Neither another object nor half of one is a report, and nothing changes.
     let slice = identified_head().remove(0);
     for (file, status, kind) in [
         (slice, 422, "dicom-damaged"),
+        (mask, 422, "dicom-damaged"),
         (report[..report.len() / 2].to_vec(), 422, "dicom-damaged"),
         (b"{\"findings\": []}".to_vec(), 415, "dicom-none"),
     ] {
@@ -177,20 +190,16 @@ async fn a_report_of_findings_is_valid_and_comes_back_as_it_was() {
         let arrival = other.settled().await;
         let elsewhere = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
         other.server.until_ready(&elsewhere).await;
-        let refused = put(
-            &other.server,
-            &elsewhere,
-            "application/dicom",
-            report.clone(),
-        )
-        .await;
-        assert_eq!(refused.status, 409, "{refused:?}");
-        assert_eq!(refused.problem(), "findings-elsewhere");
-        let detail = refused.json()["detail"].as_str().unwrap().to_owned();
-        assert!(
-            detail.contains(words) && !detail.contains("P-7"),
-            "{detail}"
-        );
+        for file in [&report, &segments] {
+            let refused = put(&other.server, &elsewhere, "application/dicom", file.clone()).await;
+            assert_eq!(refused.status, 409, "{refused:?}");
+            assert_eq!(refused.problem(), "findings-elsewhere");
+            let detail = refused.json()["detail"].as_str().unwrap().to_owned();
+            assert!(
+                detail.contains(words) && !detail.contains("P-7"),
+                "{detail}"
+            );
+        }
     }
 }
 

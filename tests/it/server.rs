@@ -14,6 +14,7 @@ use http_support::tls::ReloadedTls;
 use isocortex::config::Config;
 use isocortex::start;
 use pacs::Pacs;
+use pipeline::atlas::AtlasChoice;
 use serde_json::Value;
 use service::state::AppState;
 use tempfile::TempDir;
@@ -132,6 +133,8 @@ impl Server {
         let directory = tempfile::tempdir().unwrap();
         let mut config = Config::default();
         config.storage.data = directory.path().to_owned();
+        // The same on every machine; heads of the tests that need names have an atlas of their own.
+        config.prepare.atlas = AtlasChoice::Off;
         configure(&mut config);
         Self::on(directory, config).await
     }

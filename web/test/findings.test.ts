@@ -292,7 +292,7 @@ test("a file of findings is taken by the server or not at all, and what it repla
   sync.change([a]);
   // A list of a file comes in the place of what is stored, and is joined with what was there.
   const before = [a];
-  await sync.take(JSON.stringify({ findings: [b] }), "application/dicom", (given) => joined(before, given));
+  await sync.take(JSON.stringify({ findings: [b] }), "application/dicom", (given) => joined(before, given).list);
   assert.deepEqual(
     [notes(sync.list), notes(server.list)],
     [
@@ -327,16 +327,18 @@ test("what is not sent yet when a case is left is shown and sent when it is open
   );
 });
 
-test("findings of a file are added once, and none takes the place of another one", () => {
+test("findings of a file are added once, and where it says something else both are kept side by side", () => {
   const rounded = finding("a", { points_in_patient: [[1.0002, 2, 3]], side: "left" });
   const other = finding("a", { note: "of another reader" });
-  assert.deepEqual(joined([a], [rounded]), [a]);
-  const list = joined([a], [other, b]);
+  assert.deepEqual(joined([a], [rounded]), { list: [a], doubled: 0 });
+  const c = finding("c");
+  const { list, doubled } = joined([a, c], [other, b, { ...c, gyrus: "insula" }]);
   assert.deepEqual(
     list.map(({ note }) => note),
-    ["", "of another reader", ""],
+    ["", "of another reader", "", ""],
   );
-  assert.equal(new Set(list.map(({ id }) => id)).size, 3);
+  assert.deepEqual([list[0]?.id, list[2]?.id, list[3]?.id, doubled], ["a", "c", "b", 1]);
+  assert.equal(new Set(list.map(({ id }) => id)).size, 4);
   // What the server added is not the file's to say.
   const text = JSON.stringify({ findings: [{ ...a, side: "left", created_at: "x" }] });
   assert.deepEqual(readFindings(text), [a]);

@@ -41,6 +41,16 @@ test("a new change forgets what was undone, and the same state twice is one", ()
   assert.equal(history.undo(at(20))?.depth_mm, 8);
 });
 
+test("the time of what can be undone is known", () => {
+  const history = new StateHistory(at(8));
+  assert.equal(history.done_ms(at(8), 50), null);
+  history.record(at(9), 100);
+  history.record(at(10), 200);
+  assert.deepEqual([history.done_ms(at(10), 300), history.done_ms(at(11), 300)], [200, 300]);
+  history.undo(at(10));
+  assert.equal(history.done_ms(at(9), 400), 100);
+});
+
 test("only so many states are remembered", () => {
   const history = new StateHistory(at(0));
   for (let step = 1; step <= 500; step += 1) history.record(at(step / 20));

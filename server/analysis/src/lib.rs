@@ -5,7 +5,7 @@
 //!   most blurred places: [`maps`]. Everything comes from the head itself; there is no database of normal heads.
 //! * The regions of the brain: cerebrum by side, cerebellum, brain stem: [`Regions`]; and its parts with surfaces of their
 //!   own: [`Division`].
-//! * The position of another volume of the same head: [`register`].
+//! * The position of another volume of the same head: [`register`]; of the head in the space of an atlas: [`align`].
 //!
 //! The feature `study` also exports the steps of the maps, for the experiments of the laboratory.
 
@@ -48,7 +48,9 @@ pub use midsagittal::{MidsagittalFit, MidsagittalPlane, midsagittal_fit, midsagi
 pub use regions::{
     Division, NoDivision, Region, RegionDoubt, RegionNumbers, Regions, Sheet, SurfacePart,
 };
-pub use registration::{Doubt, Registration, Verdict, register};
+pub use registration::{
+    Aligned, Alignment, Doubt, Misfit, Registration, Verdict, align, register, shared_points,
+};
 pub use slant::DepthBand;
 pub use stored::{MAP_FORMAT, MapKind, Scale, StoredMap, StoredMapError, UNDEFINED};
 pub use tissue::TissueScale;

@@ -218,8 +218,13 @@ impl Case {
     ///
     /// The label is what a user gave, never an identity out of DICOM.
     pub fn identity(&self) -> String {
+        self.identity_with(|day| format!("added {day}"))
+    }
+
+    /// The same in another language: `added` says of a day, as `2026-03-01`, that the case was added then.
+    pub fn identity_with(&self, added: impl Fn(&str) -> String) -> String {
         let id = self.id.to_string();
-        let day = self.created_at.strftime("added %Y-%m-%d").to_string();
+        let day = added(&self.created_at.strftime("%Y-%m-%d").to_string());
         let parts = [self.parameters.name.as_deref(), Some(&day), Some(&id[..8])];
         parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
     }

@@ -6,7 +6,7 @@ use std::collections::HashSet;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{MapName, PatientSide, is_control};
+use crate::{Gyrus, MapName, PatientSide, is_control};
 
 /// The most findings of a case.
 pub const MAX_FINDINGS: usize = 1_000;
@@ -130,6 +130,11 @@ pub struct Finding {
     /// was not ready.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub side: Option<PatientSide>,
+    /// About which gyrus the middle of its points is in, from an atlas. Set by the server, which ignores what a client sends;
+    /// absent if there is no atlas, or the head does not surely fit it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>))]
+    pub gyrus: Option<Gyrus>,
     /// When it was first stored (RFC 3339). Set by the server, which ignores what a client sends.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub created_at: Option<String>,
@@ -163,6 +168,7 @@ impl Finding {
     pub fn says_the_same_as(&self, other: &Self) -> bool {
         let of_reader = |finding: &Self| Self {
             side: None,
+            gyrus: None,
             created_at: None,
             changed_at: None,
             ..finding.clone()
@@ -279,6 +285,7 @@ mod tests {
             is_dismissed: false,
             author: None,
             side: None,
+            gyrus: None,
             created_at: None,
             changed_at: None,
         }

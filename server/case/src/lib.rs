@@ -7,6 +7,7 @@ pub mod arrivals;
 mod facts;
 mod failure;
 pub mod findings;
+mod gyrus;
 mod id;
 mod job;
 mod layer;
@@ -22,6 +23,7 @@ pub use facts::{
     WindowFacts,
 };
 pub use failure::{Failure, FailureKind};
+pub use gyrus::{Gyrus, Lobe};
 pub use id::{CaseId, NotACaseId};
 pub use job::{JobKind, JobState, STORE_FAILED};
 pub use layer::{

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::QualityState;
+use crate::{Gyrus, QualityState};
 
 /// A map of the junction of grey and white matter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -189,6 +189,11 @@ pub struct CandidateFacts {
     pub region: BrainRegion,
     /// Whether the score is higher than those of heads without a lesion.
     pub unusual: Unusual,
+    /// About which gyrus it is in, from an atlas; absent if there is no atlas, or the head does not surely fit it. It is not
+    /// stored with the maps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>))]
+    pub gyrus: Option<Gyrus>,
 }
 
 impl CandidateFacts {

@@ -8,6 +8,7 @@ use audit::Audit;
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, QualityState, SurfaceName};
 use geometry::Volume;
 use imaging::Limits;
+use pipeline::atlas::{Atlas, AtlasChoice, Gyri, NoAtlas};
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
 use storage::{Location, Store, StoreError};
@@ -40,6 +41,8 @@ pub struct Options {
     pub store: storage::Options,
     /// The file with the weights for brain extraction; by default the one beside the program.
     pub network: Option<PathBuf>,
+    /// The atlas that names gyri.
+    pub atlas: AtlasChoice,
     /// The limits of a preparation.
     pub limits: Limits,
     /// The limits on the dimensions of a head.
@@ -78,6 +81,9 @@ pub enum StartError {
     /// The weights of the network cannot be used.
     #[error(transparent)]
     Network(#[from] NoNetwork),
+    /// The atlas cannot be used.
+    #[error(transparent)]
+    Atlas(#[from] NoAtlas),
     /// The store cannot be opened.
     #[error("the store cannot be opened: {0}")]
     Store(#[from] StoreError),
@@ -136,6 +142,8 @@ pub struct Cases {
     pub(crate) max_layers: usize,
     /// One registration of cases at a time: pictures get their turns between them.
     pub(crate) registering: Arc<tokio::sync::Mutex<()>>,
+    /// The atlas that names gyri, if there is one.
+    pub(crate) atlas: Option<Arc<Atlas>>,
     deidentify: bool,
     /// The cases that were ready recently. They are not in the cache of the library: if the database is away, they stay.
     remembered: Arc<Cache<CaseId, (Instant, Arc<CaseFacts>)>>,
@@ -149,10 +157,14 @@ impl Cases {
     pub async fn open(options: Options) -> Result<Self, StartError> {
         // Boxed, because the compiler rejects futures that are nested deeper.
         let library = Box::pin(open_library(&options)).await?;
-        Ok(Self::on(library, &options))
+        let atlas = Atlas::open(&options.atlas)?.map(Arc::new);
+        Ok(Self {
+            atlas,
+            ..Self::on(library, &options)
+        })
     }
 
-    /// The application on a library.
+    /// The application on a library, without an atlas.
     pub fn on(library: Library, options: &Options) -> Self {
         let remembered = Arc::new(Cache::new(REMEMBERED_CASES));
         let ready = Arc::clone(&remembered);
@@ -180,6 +192,7 @@ impl Cases {
             checks: CheckMemory::new(options.head, options.limits),
             max_layers: options.max_layers,
             registering: Arc::default(),
+            atlas: None,
             deidentify: options.deidentify,
             remembered,
         }

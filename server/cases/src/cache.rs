@@ -27,6 +27,8 @@ pub enum Part {
     WholeVolume,
     /// The maps, or the reason why there are none.
     Maps,
+    /// The names of gyri, if the head fits the atlas.
+    Gyri,
     /// A layer under this name, which is part of its legend.
     Layer(LayerId, String),
     /// An encoded answer, under a name that its protocol chooses.

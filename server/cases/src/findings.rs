@@ -42,7 +42,7 @@ pub enum NotReplaced {
     Changed(Findings),
     /// One of them is wrong.
     Refused(FindingRefused),
-    /// A report is of another patient, or of another frame of reference: a sentence.
+    /// A file is of another patient, or of another frame of reference: a sentence.
     Elsewhere(&'static str),
     /// Another error.
     Other(Error),
@@ -88,6 +88,11 @@ impl Cases {
         }
         let space = Space::of(&facts);
         check(&list, &|point| space.contains(point)).map_err(NotReplaced::Refused)?;
+        // A finding is kept without a name rather than not at all.
+        let gyri = match list.is_empty() {
+            true => None,
+            false => self.gyri(id).await.ok().flatten(),
+        };
         let now = Timestamp::now().to_string();
         let old: HashMap<&str, &Finding> = before.list.iter().map(|f| (&*f.id, f)).collect();
         for finding in &mut list {
@@ -97,7 +102,10 @@ impl Cases {
             finding.created_at = created_at.or_else(|| Some(now.clone()));
             let changed_at = unchanged.and_then(|old| old.changed_at.clone());
             finding.changed_at = changed_at.or_else(|| Some(now.clone()));
-            finding.side = Some(side_at(space.left_mm(&finding.middle_in_patient())));
+            let middle = finding.middle_in_patient();
+            finding.side = Some(side_at(space.left_mm(&middle)));
+            let gyri = gyri.as_ref();
+            finding.gyrus = gyri.and_then(|gyri| gyri.at(DVec3::from_array(middle)));
         }
         let document = serde_json::to_string(&list).map_err(StoreError::from)?;
         let replaced = self.store().replace_findings(id, before.version, document);
@@ -136,11 +144,11 @@ impl Cases {
         self.queue.run(draw).await?
     }
 
-    /// The findings of a DICOM measurement report that this program wrote about the patient of a case.
+    /// The findings of a DICOM measurement report or a segmentation that this program wrote about the patient of a case.
     ///
     /// # Errors
     /// [`NotReplaced::Elsewhere`] if it is about another patient or place; a failure that states what is wrong with the file.
-    pub async fn findings_of_report(
+    pub async fn findings_of_dicom(
         &self,
         id: &CaseId,
         file: Bytes,
@@ -160,12 +168,12 @@ impl Cases {
         let known = OF_PATIENT.map(of_case);
         if known[0].is_empty() || known != patient.each_ref().map(String::as_str) {
             return Err(NotReplaced::Elsewhere(
-                "the report is about another patient than the case",
+                "the file is about another patient than the case",
             ));
         }
         if !marks.is_empty() && frame_of_reference != of_case("FrameOfReferenceUID") {
             return Err(NotReplaced::Elsewhere(
-                "the findings of the report lie in another frame of reference than the case",
+                "the findings of the file lie in another frame of reference than the case",
             ));
         }
         let numbered = marks.into_iter().enumerate();
@@ -204,7 +212,7 @@ fn paint(labels: &mut [u16], grid: &Grid, number: u16, finding: &Finding) {
     }
 }
 
-/// The finding that a report states.
+/// The finding that a file states.
 fn of_mark(mark: Mark, number: usize) -> Result<Finding, FindingRefused> {
     let unknown = |member: &str| FindingRefused {
         path: format!("findings[{number}].{member}"),
@@ -231,6 +239,7 @@ fn of_mark(mark: Mark, number: usize) -> Result<Finding, FindingRefused> {
         is_dismissed: mark.is_dismissed,
         author: mark.author,
         side: None,
+        gyrus: None,
         created_at: None,
         changed_at: None,
     })

@@ -13,6 +13,7 @@ pub mod dicom;
 mod error;
 mod fair;
 pub mod findings;
+pub mod gyri;
 mod intake;
 pub mod jobs;
 pub mod layers;

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use case::{CaseFacts, MapName, PatientSide};
+use case::{CaseFacts, Gyrus, MapName, PatientSide};
 use geometry::{DeformableModel, DepthField};
 use glam::DVec3;
+use pipeline::atlas::Gyri;
 use pipeline::maps::{JunctionWidth, NoMaps, mirror_plane, side_at, width_table};
 use serde::Serialize;
 
@@ -72,6 +73,11 @@ pub struct SampledLayer {
 pub struct PointProfile {
     /// The side of the plane between the hemispheres.
     pub side: PatientSide,
+    /// About which gyrus the point is in, from an atlas; absent if there is no atlas, the head does not surely fit it, or no
+    /// gyrus of this side is near.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "openapi", schema(value_type = Option<String>))]
+    pub gyrus: Option<Gyrus>,
     /// The width of the junction of grey and white matter.
     pub junction_width: JunctionWidthView,
     /// The position of the point.
@@ -140,8 +146,9 @@ pub struct ProfileSample {
     pub layers: Vec<Option<f32>>,
 }
 
-/// The profile below a surface of a case through a point (LPS mm), with the values of its layers and of its maps if there are any.
-/// `opposite` is the surface of the mirrored point, [`SurfaceName::mirrored`](case::SurfaceName::mirrored).
+/// The profile below a surface of a case through a point (LPS mm), with the values of its layers and of its maps if there are any,
+/// and the names of its gyri. `opposite` is the surface of the mirrored point,
+/// [`SurfaceName::mirrored`](case::SurfaceName::mirrored).
 ///
 /// # Errors
 /// [`Error::Parameter`] if the point is outside the envelope.
@@ -149,6 +156,7 @@ pub fn profile(
     [warm, opposite]: [&WarmModel; 2],
     maps: Result<&LoadedMaps, NoMaps>,
     layers: &[SampledLayer],
+    gyri: Option<&Gyri>,
     position_in_patient: DVec3,
 ) -> Result<Profile, Error> {
     let probe = Probe {
@@ -156,6 +164,7 @@ pub fn profile(
         model: warm.model(),
         facts: &warm.facts,
         maps: maps.as_ref().ok().copied(),
+        gyri,
     };
     let outside = || {
         let detail =
@@ -182,6 +191,7 @@ struct Probe<'a> {
     facts: &'a CaseFacts,
     maps: Option<&'a LoadedMaps>,
     layers: &'a [SampledLayer],
+    gyri: Option<&'a Gyri>,
 }
 
 impl Probe<'_> {
@@ -196,6 +206,7 @@ impl Probe<'_> {
             samples.extend(self.way(position, 1.0));
             PointProfile {
                 side: side_at(plane.normal().dot(position) - plane.offset_mm()),
+                gyrus: self.gyri.and_then(|gyri| gyri.at(position)),
                 junction_width: self.width(&point),
                 point,
                 samples,
@@ -321,6 +332,7 @@ mod tests {
             facts,
             maps: None,
             layers: &[],
+            gyri: None,
         }
     }
 

@@ -69,7 +69,7 @@ impl Cases {
     }
 
     /// The parts of a case that are compared: its volume around the brain, and its envelope.
-    async fn placed(&self, id: &CaseId) -> Result<PlacedCase, Error> {
+    pub(crate) async fn placed(&self, id: &CaseId) -> Result<PlacedCase, Error> {
         const KINDS: &[ObjectKind] = &[ObjectKind::Volume, ObjectKind::Envelope];
         let decode = |facts: &CaseFacts, payloads: &[bytes::Bytes]| {
             let [volume, envelope] = payloads else {

@@ -4,6 +4,7 @@
 //! result depends only on the upload and the parameters, so a case can be rebuilt at any time.
 
 mod affine;
+pub mod atlas;
 mod brain;
 mod check;
 pub mod codec;

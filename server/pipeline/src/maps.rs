@@ -186,6 +186,7 @@ fn candidate_facts(candidate: &Candidate) -> CandidateFacts {
             analysis::Unusual::Borderline => Unusual::Borderline,
             analysis::Unusual::No => Unusual::No,
         },
+        gyrus: None,
     }
 }
 

@@ -1,13 +1,9 @@
 //! The place of one case in the patient space of another.
 
-use analysis::{Verdict, register};
-use geometry::{Envelope, Mask, Volume};
-use glam::{DAffine3, DVec3};
+use analysis::{Verdict, register, shared_points};
+use geometry::{Envelope, Volume};
 
 use crate::affine::rows_of;
-
-/// The distance between compared points of the envelopes, in voxels.
-const LATTICE_VOXELS: usize = 3;
 
 /// The place of another case in the patient space of a case.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,28 +59,4 @@ pub fn place_case(case: &PlacedCase, other: &PlacedCase) -> FoundPlace {
         overlap: found.overlap,
         residual_mm: found.residual_mm,
     }
-}
-
-/// The number of points inside both envelopes, of a lattice in the other one.
-fn shared_points(case: &Envelope, other: &Envelope, case_from_other: DAffine3) -> usize {
-    let (case, other) = (case.mask(), other.mask());
-    let voxel_from_other_voxel =
-        case.grid().voxel_from_patient() * case_from_other * other.grid().patient_from_voxel();
-    let lattice = |axis: usize| (0..other.grid().size()[axis]).step_by(LATTICE_VOXELS);
-    let is_inside = |mask: &Mask, voxel: DVec3| {
-        let nearest = voxel.round();
-        mask.grid().contains(nearest)
-            && mask.voxels()[mask
-                .grid()
-                .index(nearest.to_array().map(|along| along as usize))]
-    };
-    let points =
-        lattice(2).flat_map(|z| lattice(1).flat_map(move |y| lattice(0).map(move |x| [x, y, z])));
-    points
-        .map(|place| DVec3::from_array(place.map(|along| along as f64)))
-        .filter(|&place| {
-            is_inside(other, place)
-                && is_inside(case, voxel_from_other_voxel.transform_point3(place))
-        })
-        .count()
 }

@@ -61,6 +61,12 @@ export function wordsBetween(first: Key, end: Key): readonly string[] {
 /** The key where the page has words for it. */
 export const known = (key: string): Key | null => (key in words ? (key as Key) : null);
 
+/** The name of a gyrus, which is about where a place is; empty where it is not known. */
+export function gyrusWords(gyrus: string | undefined): string {
+  const key = known(`gyrus.${gyrus}`);
+  return key ? t(key) : "";
+}
+
 /** A number as the language writes it, with exactly so many digits after the point. */
 export function number(value: number, digits = 0): string {
   const format = new Intl.NumberFormat(language, { minimumFractionDigits: digits, maximumFractionDigits: digits });

@@ -27,6 +27,7 @@ export interface Finding {
   readonly author?: string;
   /** Set by the server. */
   readonly side?: Side;
+  readonly gyrus?: string;
   readonly created_at?: string;
   readonly changed_at?: string;
 }
@@ -72,8 +73,13 @@ export function middleOf({ points_in_patient }: Pick<Finding, "points_in_patient
 }
 
 /** What a reader wrote, without what the server adds. */
-const written = ({ side: _side, created_at: _created, changed_at: _changed, ...rest }: Finding): string =>
-  JSON.stringify(Object.entries(rest).sort(([one], [other]) => (one < other ? -1 : 1)));
+const written = ({
+  side: _side,
+  gyrus: _gyrus,
+  created_at: _created,
+  changed_at: _changed,
+  ...rest
+}: Finding): string => JSON.stringify(Object.entries(rest).sort(([one], [other]) => (one < other ? -1 : 1)));
 
 /** Whether a reader wrote the same in both. */
 export const isSame = (one: Finding | undefined, other: Finding | undefined): boolean =>
@@ -125,15 +131,22 @@ const isRounded = (one: Finding, other: Finding): boolean =>
   one.points_in_patient.length === other.points_in_patient.length &&
   one.points_in_patient.every((point, at) => length(subtract(point, other.points_in_patient[at] ?? point)) < SAME_MM);
 
-/** A list with those of a file behind it. What is there already is not added; what has the id of another one gets its own. */
-export function joined(own: readonly Finding[], given: readonly Finding[]): readonly Finding[] {
-  const ids = new Map(own.map((finding) => [finding.id, finding]));
-  const added = given.flatMap((finding) => {
-    const known = ids.get(finding.id);
-    if (known && isRounded(finding, known)) return [];
-    return known ? { ...finding, id: crypto.randomUUID() } : finding;
+/**
+ * A list with those of a file behind it. What is there already is not added. What is there but says something else is kept as
+ * both say it, that of the file behind the one that was there.
+ */
+export function joined(own: readonly Finding[], given: readonly Finding[]): Merged {
+  const ids = new Set(own.map(({ id }) => id));
+  const added = given.filter(({ id }) => !ids.has(id));
+  const others = new Map(given.map((finding) => [finding.id, finding]));
+  let doubled = 0;
+  const list = own.flatMap((known) => {
+    const other = others.get(known.id);
+    if (!other || isRounded(other, known)) return known;
+    doubled += 1;
+    return [known, { ...other, id: crypto.randomUUID() }];
   });
-  return [...own, ...added];
+  return { list: [...list, ...added], doubled };
 }
 
 /** The text of a file as findings; null if it is no list of them. The server checks the values. */
@@ -156,7 +169,7 @@ function readFinding(given: unknown): Finding | null {
   const points = Array.isArray(one.points_in_patient) ? one.points_in_patient : [];
   const arePoints = points.length > 0 && points.every(isPoint);
   if (typeof one.id !== "string" || !kind || !arePoints || typeof one.depth_mm !== "number") return null;
-  const { side: _side, created_at: _created, changed_at: _changed, ...rest } = one;
+  const { side: _side, gyrus: _gyrus, created_at: _created, changed_at: _changed, ...rest } = one;
   const { label = "", note = "", colour = FIRST_COLOUR, is_dismissed = false } = rest;
   if (![label, note, colour].every((text) => typeof text === "string")) return null;
   return { ...rest, label, note, colour, is_dismissed } as Finding;
@@ -202,6 +215,12 @@ export const markedFindings = (
     // A way to a target is straight, whatever depth is shown.
     const isWay = kind === "trajectory";
     const isBeside = !isWay && off(finding);
+    // The head turns more often than the depth changes.
+    let slid: { readonly mm: number; readonly points: readonly Vec3[] } | null = null;
+    const slidTo = (mm: number): readonly Vec3[] => {
+      if (slid?.mm !== mm) slid = { mm, points: points_in_patient.map((point) => slide(point, mm)) };
+      return slid.points;
+    };
     return {
       words: String(at + 1),
       points_in_patient,
@@ -211,9 +230,7 @@ export const markedFindings = (
       isOnSurface: true,
       isOff: isBeside,
       pointsAt: (shown_mm) =>
-        isWay || isBeside || Math.abs(shown_mm - depth_mm) < OWN_MM
-          ? points_in_patient
-          : points_in_patient.map((point) => slide(point, shown_mm)),
+        isWay || isBeside || Math.abs(shown_mm - depth_mm) < OWN_MM ? points_in_patient : slidTo(shown_mm),
     };
   });
 

@@ -190,6 +190,8 @@ export interface Candidate {
   readonly score: number;
   readonly size_mm: number;
   readonly unusual: Unusual;
+  /** About which gyrus it is in, where the server knows. */
+  readonly gyrus?: string;
 }
 
 /** The places that the server lists, the highest score first. */

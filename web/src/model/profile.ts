@@ -19,6 +19,8 @@ export type Curve = readonly (readonly [number, number])[];
 
 /** What the server measures at a point, and on the way in through it. */
 export interface PointMeasured {
+  /** About which gyrus it is in, where the server knows. */
+  readonly gyrus?: string;
   readonly junction_width: { readonly verdict: string; readonly mm?: number };
   readonly samples: readonly {
     readonly depth_mm: number | null;

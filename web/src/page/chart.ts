@@ -1,7 +1,7 @@
 // The depth profile: intensity against depth below a point of the surface, with the mirrored point's curve.
 
 import { h, setText, svg } from "../base/dom.ts";
-import { intensity, number, t } from "../base/i18n.ts";
+import { gyrusWords, intensity, number, t } from "../base/i18n.ts";
 import { greyWords } from "../base/readout.ts";
 import { type Curve, type Measured, PROFILE_STEP_MM, type Profile } from "../model/profile.ts";
 import { svgPicture } from "../panes/paint-svg.ts";
@@ -157,12 +157,24 @@ export function profileView(profile: Profile, depth_mm: number, uses: ProfileUse
     ),
   );
   const width = uses.measured && widthWords(uses.measured);
+  const gyrus = gyrusWords(uses.measured?.own.gyrus);
   const files = row(
     button(t("profile.png"), () => void savePicture(picture, layers, uses)),
     button(t("profile.csv"), () => void saveTable(profile, uses)),
   );
   const junction = width ? h("p", { class: "junction-width" }, `${t("point.width")}: ${width}`) : null;
-  return h("div", { class: "profile" }, junction, picture, legend, read, files, tableOf(shallow, columns, layers));
+  const place = gyrus ? h("p", { class: "gyrus" }, `${t("gyrus.about")}: ${gyrus}`) : null;
+  return h(
+    "div",
+    { class: "profile" },
+    place,
+    junction,
+    picture,
+    legend,
+    read,
+    files,
+    tableOf(shallow, columns, layers),
+  );
 }
 
 /** The height of a line of the legend in a saved chart. */

@@ -1,7 +1,7 @@
 // A finding in the list: its name, what is written about it, and how it is shown. It stays as long as the finding does.
 
 import { h, iconButton, quiet, setText, setValue } from "../base/dom.ts";
-import { number, t } from "../base/i18n.ts";
+import { gyrusWords, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { CERTAINTIES, type Certainty, type Finding, LONGEST_LABEL, LONGEST_NOTE, middleOf } from "../model/findings.ts";
@@ -141,6 +141,8 @@ export class FindingRow {
     this.#dismissed.checked = finding.is_dismissed;
     this.element.classList.toggle("dismissed", finding.is_dismissed);
     const author = finding.author && t("findings.by", { reader: finding.author });
-    setText(this.#where, [positionWords(middle), author].filter(Boolean).join(" · "));
+    const gyrus = gyrusWords(finding.gyrus);
+    const about = gyrus && `${t("gyrus.about")}: ${gyrus}`;
+    setText(this.#where, [about, positionWords(middle), author].filter(Boolean).join(" · "));
   }
 }

@@ -5,7 +5,7 @@ import { h, setText, tell } from "../base/dom.ts";
 import { number, spoken, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { type Finding, joined, readFindings } from "../model/findings.ts";
+import { type Finding, type Merged, joined, readFindings } from "../model/findings.ts";
 import { fileStem } from "./export.ts";
 import { button, choice, fileButton, fileInput, row, ticked } from "./fields.ts";
 import type { FindingsSync } from "./findings-sync.ts";
@@ -17,6 +17,8 @@ export interface FindingFilesHost {
   readonly status: HTMLElement;
   /** Findings of a file have been added to those before. */
   added(before: readonly Finding[], after: readonly Finding[]): void;
+  /** So many findings are in the file and in the list, and say something else: both are kept. */
+  doubled(count: number): void;
 }
 
 /** As what findings can be saved; those of DICOM if the case was made of it. */
@@ -25,7 +27,7 @@ type Format = (typeof FORMATS)[number];
 
 const DICOM = "application/dicom";
 
-export function findingFiles({ shown, sync, status, added }: FindingFilesHost): readonly HTMLElement[] {
+export function findingFiles({ shown, sync, status, added, doubled }: FindingFilesHost): readonly HTMLElement[] {
   const path = `${shown.id}/findings`;
   const results = (what: string): Promise<Blob> => postForFile(`v1/cases/${shown.id}/dicom-results`, { what });
   const files: Readonly<Record<Format, readonly [string, () => Promise<Blob>]>> = {
@@ -57,16 +59,16 @@ export function findingFiles({ shown, sync, status, added }: FindingFilesHost): 
     if (!file) return;
     tell(status, t("export.working"));
     const before = sync.list;
-    let all = before;
+    let all: Merged = { list: before, doubled: 0 };
     try {
       if ((await file.slice(128, 132).text()) === "DICM")
-        await sync.take(file, DICOM, (given) => (all = joined(before, given)));
+        await sync.take(file, DICOM, (given) => (all = joined(before, given)).list);
       else {
         const given = readFindings(await file.text());
         if (!given) return tell(status, t("findings.unreadable"));
         // All of it goes to the server, which takes all or nothing.
         all = joined(before, given);
-        const body = JSON.stringify({ findings: all });
+        const body = JSON.stringify({ findings: all.list });
         await sync.take(body, "application/json", (stored) => stored);
       }
     } catch (problem) {
@@ -74,9 +76,10 @@ export function findingFiles({ shown, sync, status, added }: FindingFilesHost): 
     }
     // What others have added meanwhile is not taken back with the file.
     const known = new Set(before.map(({ id }) => id));
-    const ids = new Set(all.map(({ id }) => id).filter((id) => !known.has(id)));
+    const ids = new Set(all.list.map(({ id }) => id).filter((id) => !known.has(id)));
     const taken = sync.list.filter(({ id }) => ids.has(id));
     added(before, [...before, ...taken]);
+    if (all.doubled > 0) doubled(all.doubled);
     tell(status, t("findings.added", { count: number(taken.length) }));
   };
 

@@ -58,6 +58,8 @@ export interface FindingsSectionHost {
 interface Step {
   readonly before: readonly Finding[];
   readonly after: readonly Finding[];
+  /** When it was taken. */
+  readonly at_ms: number;
 }
 
 /** What the server has not got yet of cases that were left, by case: it is sent again and again, and shown again. */
@@ -112,8 +114,8 @@ export class FindingsSection {
     };
     this.#sync = UNSENT.get(host.shown.id) ?? new FindingsSync(hears);
     this.#sync.meet(hears);
-    this.#undo = iconButton("undo", t("findings.undo-last"), () => this.#go(this.#done, this.#undone));
-    this.#redo = iconButton("redo", t("findings.redo-last"), () => this.#go(this.#undone, this.#done));
+    this.#undo = iconButton("undo", t("findings.undo-last"), () => this.undo());
+    this.#redo = iconButton("redo", t("findings.redo-last"), () => this.redo());
     for (const one of [this.#undo, this.#redo]) one.disabled = true;
     const add = button(t("findings.add"), () => this.#add());
     const files = findingFiles({
@@ -121,6 +123,7 @@ export class FindingsSection {
       sync: this.#sync,
       status: this.#status,
       added: (before, after) => this.#did(before, after),
+      doubled: (count) => tell(this.#doubled, t("findings.otherwise", { count: number(count) })),
     });
     const reader = h("input", {
       type: "text",
@@ -204,7 +207,7 @@ export class FindingsSection {
 
   #did(before: readonly Finding[], after: readonly Finding[]): void {
     if (areSame(before, after)) return;
-    this.#done.push({ before, after });
+    this.#done.push({ before, after, at_ms: performance.now() });
     this.#undone = [];
     this.#ways();
     // Whoever takes one of the doubled findings out has seen them.
@@ -217,11 +220,28 @@ export class FindingsSection {
     this.#redo.disabled = this.#undone.length === 0;
   }
 
+  /** When the step was taken that can be undone; null: there is none. */
+  get done_ms(): number | null {
+    return this.#done.at(-1)?.at_ms ?? null;
+  }
+
+  get canRedo(): boolean {
+    return this.#undone.length > 0;
+  }
+
+  undo(): void {
+    this.#go(this.#done, this.#undone);
+  }
+
+  redo(): void {
+    this.#go(this.#undone, this.#done);
+  }
+
   /** Takes the last step of a way back; what others have changed meanwhile stays. */
   #go(way: Step[], back: Step[]): void {
     const step = way.pop();
     if (!step) return;
-    back.push({ before: step.after, after: step.before });
+    back.push({ before: step.after, after: step.before, at_ms: step.at_ms });
     this.#sync.change(merged(step.after, step.before, this.#sync.list).list);
   }
 
@@ -232,7 +252,7 @@ export class FindingsSection {
     const field = [id, ...Object.keys(text)].join();
     const step = this.#done.at(-1);
     if (step && this.#writing?.field === field && this.#writing.step === step) {
-      const longer = { before: step.before, after: written(step.after) };
+      const longer = { ...step, after: written(step.after), at_ms: performance.now() };
       this.#done[this.#done.length - 1] = longer;
       this.#writing = { field, step: longer };
       return this.#sync.change(written(this.#sync.list));

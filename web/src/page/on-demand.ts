@@ -222,6 +222,19 @@ export class OnDemand {
     this.#layouts?.recall(at);
   }
 
+  /** When the step of the findings was taken that can be undone; null: there is none. */
+  get done_ms(): number | null {
+    return this.#findings?.done_ms ?? null;
+  }
+
+  /** Undoes the last step of the findings, or does it again; whether there was one. */
+  goTo(which: "undo" | "redo"): boolean {
+    const findings = this.#findings;
+    if (!findings || (which === "undo" ? findings.done_ms === null : !findings.canRedo)) return false;
+    findings[which]();
+    return true;
+  }
+
   /** A place of the list becomes a finding, is dismissed, or neither. */
   judge(place: Candidate, judgement: "kept" | "dismissed" | null, map: ListingMap): void {
     this.#findings?.judge(place, judgement, map);

@@ -1,7 +1,7 @@
 // The places of the list as a table: a row for each, and below the open one what is known of it.
 
 import { h, setText } from "../base/dom.ts";
-import { number, t } from "../base/i18n.ts";
+import { gyrusWords, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
 import { mirrorPlane, reflected } from "../model/midsagittal.ts";
 import type { ReadyCase } from "../model/case.ts";
@@ -16,7 +16,9 @@ import { button, choiceOfButtons, line, press, row } from "./fields.ts";
 const BESIDE = ["closer", "slices", "mirror", "both"] as const satisfies readonly Layout[];
 /** A bar of this score is as wide as its column. */
 const WIDEST_SCORE: Readonly<Record<ListingMap, number>> = { blur: 4, thickness: 8 };
-const COLUMNS = ["rank", "side", "depth", "score", "seen"] as const;
+const COLUMNS = ["rank", "side", "gyrus", "depth", "score", "seen"] as const;
+type Column = (typeof COLUMNS)[number];
+const headOf = (column: Column): string => t(column === "gyrus" ? "gyrus.about" : `places.${column}`);
 
 /** What a reader decides about a place. */
 const JUDGEMENTS = ["kept", "dismissed"] as const;
@@ -58,7 +60,7 @@ export class PlacesTable {
     this.#map = map;
     this.#shown = shown;
     this.#listener = listener;
-    const heads = COLUMNS.map((name) => h("th", { scope: "col" }, t(`places.${name}`)));
+    const heads = COLUMNS.map((name) => h("th", { scope: "col", class: name }, headOf(name)));
     this.#table = h(
       "table",
       { class: "candidates", "aria-label": t(map === "blur" ? "candidates.ask" : "thick.ask") },
@@ -76,6 +78,11 @@ export class PlacesTable {
     this.#places = places;
     this.#open = null;
     this.element.hidden = places.length === 0;
+    // Without an atlas no place has a name, and the column no place.
+    this.#table.classList.toggle(
+      "named",
+      places.some(({ gyrus }) => gyrusWords(gyrus) !== ""),
+    );
     this.#body.replaceChildren(...places.map((place, at) => this.#row(place, at)));
     this.#fold.hidden = places.every(standsOut);
     this.#unfold(false);
@@ -139,7 +146,9 @@ export class PlacesTable {
 
   #row(place: Candidate, at: number): HTMLElement {
     const { side, depth_mm, score, unusual } = place;
-    const words = t("candidates.place", { rank: number(at + 1), side: t(`side.${side}`), depth: number(depth_mm, 1) });
+    const gyrus = gyrusWords(place.gyrus);
+    const where = [t(`side.${side}`), gyrus].filter(Boolean).join(" ");
+    const words = t("candidates.place", { rank: number(at + 1), side: where, depth: number(depth_mm, 1) });
     const go = (): void => this.#listener.go(place, null);
     const bar = h("span", { class: "score-bar", "aria-hidden": "true" });
     bar.style.width = `${100 * Math.min(score / WIDEST_SCORE[this.#map], 1)}%`;
@@ -149,6 +158,7 @@ export class PlacesTable {
       // The row's own click follows.
       h("td", {}, h("button", { class: "candidate", "aria-label": words, "aria-keyshortcuts": ", ." }, number(at + 1))),
       h("td", {}, t(`side.${side}`)),
+      h("td", { class: "gyrus", title: gyrus }, gyrus || "–"),
       h("td", {}, `${number(depth_mm, 1)} mm`),
       h("td", { class: "score" }, bar, h("span", {}, t(`unusual.${unusual}`, { score: number(score, 1) }))),
       h("td", {}, h("span", { class: "dot", role: "img" })),

@@ -57,6 +57,10 @@ export class Viewer {
   readonly #speaker: Speaker;
   readonly #observer: ResizeObserver;
   readonly #history: StateHistory;
+  /** When the view changed last. */
+  #changed_ms = 0;
+  /** What was undone, the last at the end. */
+  readonly #undone: ("view" | "findings")[] = [];
   #loadAbort = new AbortController();
   #state: ViewState;
   #picked: Picked | null = null;
@@ -450,12 +454,26 @@ export class Viewer {
     return new SurfacePane(this.shown, this.#host.serverOnly, listener, this.#host.surface);
   }
 
-  /** Shows the state before, or the one that was undone. */
+  /** Undoes what was done last, to the view or to the findings, or does again what was undone last. */
   #goTo(which: "undo" | "redo"): void {
+    const view_ms = this.#history.done_ms(this.#state, this.#changed_ms);
+    const findings_ms = this.#onDemand.done_ms;
+    const isOfFindings =
+      which === "undo" ? findings_ms !== null && findings_ms >= (view_ms ?? 0) : this.#undone.at(-1) === "findings";
+    if (isOfFindings && this.#onDemand.goTo(which)) {
+      this.#hasGone(which, "findings");
+      return this.#host.announce(t(`done.${which}`));
+    }
     const state = this.#history[which](this.#state);
+    if (state) this.#hasGone(which, "view");
     if (state) this.#take(state);
     this.#address.replace();
     this.#host.announce(t(state ? `done.${which}` : `none.${which}`));
+  }
+
+  #hasGone(which: "undo" | "redo", what: "view" | "findings"): void {
+    if (which === "undo") this.#undone.push(what);
+    else this.#undone.pop();
   }
 
   #take(state: ViewState): void {
@@ -467,11 +485,12 @@ export class Viewer {
 
   #change(change: Change, step = false): void {
     if (step) {
-      this.#history.record(this.#state);
+      this.#history.record(this.#state, this.#changed_ms);
       this.#address.push();
     }
     this.#state = this.#aids.paired({ ...this.#state, ...change });
-    if (step) this.#history.record(this.#state);
+    this.#changed_ms = performance.now();
+    if (step) this.#history.record(this.#state, this.#changed_ms);
     this.#apply(change);
     if (step) this.#address.replace();
   }
@@ -498,7 +517,7 @@ export class Viewer {
     if (this.#panes.querySelector(":is(.slices, .closer):active")) return this.#address.stir();
     this.#unmoved = null;
     this.#address.replace();
-    this.#history.record(this.#state);
+    this.#history.record(this.#state, this.#changed_ms);
     this.panel.showHistory(this.#history);
     this.element.dataset.rested = "true";
     if (this.#explained && this.#state.depth_mm !== this.#explained.depth_mm) this.#dismissExplanation();

@@ -1,61 +1,106 @@
-// What a reader has marked and measured, on a picture: a dot for a point, a line for all others, and words beside it.
+// What a reader has marked and measured, on a picture: a ring for a point, a line for all others, and words beside it. They are
+// painted all at once: as elements, ten thousand points would cost several times the picture.
 
-import { svg } from "../base/dom.ts";
+import { h } from "../base/dom.ts";
 import type { Mark } from "../model/marks.ts";
 import type { Vec2 } from "../model/space.ts";
 
 /** The radius of a point, in CSS pixels: what is marked lies free in the middle. */
 const RADIUS = 7;
+const LINE = 1.8;
+/** Dark below a line, so that it is seen on white. */
+const CASING = { width: 3.6, opacity: 0.6 } as const;
+/** So near to others, in CSS pixels, words would hide one another: then the first ones stand alone. */
+const WORDS_APART: Vec2 = [24, 12];
+const AWAY = { dash: [3, 3], opacity: 0.75 } as const;
 
 export class Marks {
-  readonly element = svg("svg", { class: "finding-marks", "aria-hidden": "true" });
-  #size = "";
-  readonly #drawn: DrawnMark[] = [];
+  readonly element = h("canvas", { class: "finding-marks", hidden: true, "aria-hidden": "true" });
+  // Graphics devices are slow at long lines.
+  readonly #context = this.element.getContext("2d", { willReadFrequently: true });
+  #font = "";
 
   show(marks: readonly Mark[], [width, height]: Vec2): void {
-    const size = `0 0 ${width} ${height}`;
-    if (size !== this.#size) this.element.setAttribute("viewBox", (this.#size = size));
-    for (const { element } of this.#drawn.splice(marks.length)) element.remove();
-    for (const [at, mark] of marks.entries()) {
-      const drawn = (this.#drawn[at] ??= new DrawnMark());
-      if (!drawn.element.parentNode) this.element.append(drawn.element);
-      drawn.show(mark);
-    }
+    const { element } = this;
+    element.hidden = marks.length === 0;
+    // What is painted cannot be read from a canvas: the words, how many are dashed, and where the last one ends.
+    Object.assign(element.dataset, {
+      words: marks.map(({ words }) => words).join("\n"),
+      away: marks.filter(({ isAway }) => isAway).length,
+      end:
+        marks
+          .at(-1)
+          ?.parts.at(-1)
+          ?.at(-1)
+          ?.map((along) => along.toFixed(1)) ?? "",
+    });
+    if (element.hidden || !this.#context) return;
+    const [wide, high] = [width, height].map((side) => Math.round(side * devicePixelRatio));
+    if (element.width !== wide || element.height !== high) [element.width, element.height] = [wide ?? 0, high ?? 0];
+    this.#font ||= fontOf(element);
+    paint(this.#context, marks, this.#font);
   }
 }
 
-/** A mark on the picture: its shapes stay, and are moved when the picture turns. */
-class DrawnMark {
-  readonly #line = svg("path");
-  /** Dark below the line, so that it is seen on white: a filter of all marks would cost more than the picture. */
-  readonly #casing = svg("path", { class: "casing" });
-  readonly #words = svg("text");
-  readonly element = svg("g", {}, this.#casing, this.#line, this.#words);
-  #shown = "";
-  #look = "";
+const fontOf = (element: Element): string => {
+  const { fontWeight, fontSize, fontFamily } = getComputedStyle(element);
+  return `${fontWeight} ${fontSize} ${fontFamily}`;
+};
 
-  show({ words, parts, colour, isAway }: Mark): void {
+function paint(context: CanvasRenderingContext2D, marks: readonly Mark[], font: string): void {
+  context.setTransform(1, 0, 0, 1, 0, 0);
+  context.clearRect(0, 0, context.canvas.width, context.canvas.height);
+  context.scale(devicePixelRatio, devicePixelRatio);
+  context.lineJoin = "bevel";
+  const looks = new Map<string, Mark[]>();
+  for (const mark of marks) {
+    const look = `${mark.colour} ${mark.isAway}`;
+    const alike = looks.get(look);
+    if (alike) alike.push(mark);
+    else looks.set(look, [mark]);
+  }
+  for (const alike of looks.values()) {
+    const { colour = "", isAway = false } = alike[0] ?? {};
+    context.setLineDash(isAway ? AWAY.dash : []);
+    const opacity = isAway ? AWAY.opacity : 1;
+    context.beginPath();
+    for (const { parts } of alike) for (const places of parts) trace(context, places);
+    stroke(context, "#000", CASING.width, opacity * CASING.opacity);
+    stroke(context, colour, LINE, opacity);
+  }
+  context.setLineDash([]);
+  context.font = font;
+  context.lineWidth = 3;
+  context.strokeStyle = "#000";
+  const taken = new Set<string>();
+  for (const { words, parts, colour, isAway } of marks) {
     const [x, y] = parts[0]?.[0] ?? [0, 0];
-    const d = parts.map((places) => (places.length === 1 ? dot(places[0]) : line(places))).join("");
-    if (d !== this.#shown) {
-      this.#shown = d;
-      for (const path of [this.#casing, this.#line]) path.setAttribute("d", d);
-      this.#words.setAttribute("x", (x + RADIUS + 3).toFixed(1));
-      this.#words.setAttribute("y", (y - RADIUS).toFixed(1));
-    }
-    const look = [words, colour, isAway].join("\n");
-    if (look === this.#look) return;
-    this.#look = look;
-    this.element.setAttribute("class", isAway ? "away" : "");
-    this.element.setAttribute("stroke", colour);
-    this.#words.setAttribute("fill", colour);
-    this.#words.textContent = words;
+    const cell = `${Math.floor(x / WORDS_APART[0])} ${Math.floor(y / WORDS_APART[1])}`;
+    if (taken.has(cell)) continue;
+    taken.add(cell);
+    const at = [x + RADIUS + 3, y - RADIUS] as const;
+    context.globalAlpha = isAway ? AWAY.opacity : 1;
+    context.fillStyle = colour;
+    context.strokeText(words, ...at);
+    context.fillText(words, ...at);
   }
+  context.globalAlpha = 1;
 }
 
-const line = (places: readonly Vec2[]): string =>
-  `M${places.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`).join("L")}`;
+function trace(context: CanvasRenderingContext2D, places: readonly Vec2[]): void {
+  const [[x, y] = [0, 0], ...rest] = places;
+  if (rest.length === 0) {
+    context.moveTo(x + RADIUS, y);
+    context.arc(x, y, RADIUS, 0, 2 * Math.PI);
+    return;
+  }
+  context.moveTo(x, y);
+  for (const [nextX, nextY] of rest) context.lineTo(nextX, nextY);
+}
 
-/** A circle around a place. */
-const dot = ([x, y]: Vec2 = [0, 0]): string =>
-  `M${(x - RADIUS).toFixed(1)} ${y.toFixed(1)}a${RADIUS} ${RADIUS} 0 1 0 ${2 * RADIUS} 0a${RADIUS} ${RADIUS} 0 1 0 ${-2 * RADIUS} 0`;
+function stroke(context: CanvasRenderingContext2D, colour: string, width: number, opacity: number): void {
+  context.strokeStyle = colour;
+  context.lineWidth = width;
+  context.globalAlpha = opacity;
+  context.stroke();
+}

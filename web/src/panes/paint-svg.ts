@@ -7,7 +7,7 @@ const STYLED =
   "display opacity fill stroke stroke-width stroke-dasharray paint-order font-family font-size font-weight text-anchor dominant-baseline";
 
 /** A drawing as a picture, in CSS pixels. */
-interface SvgPicture {
+export interface SvgPicture {
   readonly image: CanvasImageSource;
   readonly width: number;
   readonly height: number;

@@ -1,6 +1,6 @@
 // The panes as one picture: what they show, then what stands on it.
 
-import { svgPicture } from "./paint-svg.ts";
+import { type SvgPicture, svgPicture } from "./paint-svg.ts";
 
 /** A picture in its place. */
 export interface Placed {
@@ -29,12 +29,12 @@ export type Paint = (context: CanvasRenderingContext2D) => void;
 export async function panesPainter(panes: HTMLElement, pictures: readonly Placed[]): Promise<Paint> {
   const isShown = shownIn(panes);
   const shown = [
-    ...panes.querySelectorAll<SVGSVGElement>(
-      "svg:is(.mask-outline, .map-lines, .finding-marks, .trace, .cursor, .cube)",
+    ...panes.querySelectorAll<SVGSVGElement | HTMLCanvasElement>(
+      "svg:is(.mask-outline, .map-lines, .trace, .cursor, .cube), canvas.finding-marks",
     ),
   ].filter(isShown);
   const drawings = await Promise.all(
-    shown.map(async (drawing) => ({ ...within(panes, drawing), picture: await svgPicture(drawing) })),
+    shown.map(async (drawing) => ({ ...within(panes, drawing), picture: await drawingOf(drawing) })),
   );
   return (context) => {
     context.fillStyle = "#000";
@@ -43,6 +43,13 @@ export async function panesPainter(panes: HTMLElement, pictures: readonly Placed
     for (const { x, y, picture } of drawings) context.drawImage(picture.image, x, y, picture.width, picture.height);
     paintWriting(context, panes);
   };
+}
+
+/** What is drawn over a picture; a canvas is its own, before it is painted anew. */
+async function drawingOf(drawing: SVGSVGElement | HTMLCanvasElement): Promise<SvgPicture> {
+  if (!(drawing instanceof HTMLCanvasElement)) return svgPicture(drawing);
+  const { width, height } = drawing.getBoundingClientRect();
+  return { image: await createImageBitmap(drawing), width, height };
 }
 
 function paintPictures(context: CanvasRenderingContext2D, panes: HTMLElement, pictures: readonly Placed[]): void {

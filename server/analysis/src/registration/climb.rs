@@ -12,22 +12,25 @@ const MAX_SHORTENINGS: usize = 8;
 /// The fraction of the expected gain that a step must reach (Armijo).
 const LEAST_RISE: f64 = 1e-4;
 
-type Six = [f64; 6];
+/// The parameters of a rigid motion: turns and shifts.
+pub(super) const RIGID: usize = 6;
+/// Those of an affine transform: also the strains along and between the axes.
+pub(super) const AFFINE: usize = 12;
 
-/// Takes quasi-Newton steps (Broyden, Fletcher, Goldfarb, Shanno), none longer than `longest_mm`. Turns are measured by
-/// the movement of a point at `radius_mm`.
-pub(super) fn climb(
+/// Takes quasi-Newton steps (Broyden, Fletcher, Goldfarb, Shanno) of the first `N` parameters, [`RIGID`] or [`AFFINE`], none
+/// longer than `longest_mm`. Turns and strains are measured by the movement of a point at `radius_mm`.
+pub(super) fn climb<const N: usize>(
     comparison: &Comparison,
     begun: Pose,
     radius_mm: f64,
     longest_mm: f64,
 ) -> (Pose, Score) {
-    let in_mm = |slope: Motion| six(slope.turn / radius_mm, slope.shift);
-    let moved = |pose: Pose, step: &Six| pose.after(motion(step, radius_mm));
+    let in_mm = |slope: Motion| parameters::<N>(slope, 1.0 / radius_mm);
+    let moved = |pose: Pose, step: &[f64; N]| pose.after(motion(step, radius_mm));
     let mut pose = begun;
     let (mut score, slope) = comparison.score_and_slope(pose);
     let mut slope = in_mm(slope);
-    let mut curvature: Option<[Six; 6]> = None;
+    let mut curvature: Option<[[f64; N]; N]> = None;
     for _ in 0..MAX_STEPS {
         let mut step = match &curvature {
             Some(inverse) => product(inverse, &slope),
@@ -51,7 +54,7 @@ pub(super) fn climb(
             continue;
         };
         let next_slope = in_mm(next_slope);
-        let bend: Six = std::array::from_fn(|k| slope[k] - next_slope[k]);
+        let bend: [f64; N] = std::array::from_fn(|k| slope[k] - next_slope[k]);
         curvature = updated(curvature, &taken, &bend);
         (pose, score, slope) = (next, next_score, next_slope);
         if length(&taken) < LEAST_STEP_MM {
@@ -62,14 +65,14 @@ pub(super) fn climb(
 }
 
 /// The first of successively shorter steps with enough gain.
-fn first_rise(
+fn first_rise<const N: usize>(
     comparison: &Comparison,
     pose: Pose,
     score: Score,
-    slope: &Six,
-    mut step: Six,
-    moved: &impl Fn(Pose, &Six) -> Pose,
-) -> Option<(Pose, Score, Motion, Six)> {
+    slope: &[f64; N],
+    mut step: [f64; N],
+    moved: &impl Fn(Pose, &[f64; N]) -> Pose,
+) -> Option<(Pose, Score, Motion, [f64; N])> {
     for _ in 0..MAX_SHORTENINGS {
         let next = moved(pose, &step);
         let (next_score, next_slope) = comparison.score_and_slope(next);
@@ -85,7 +88,11 @@ fn first_rise(
 }
 
 /// Updates the inverse curvature after a step.
-fn updated(inverse: Option<[Six; 6]>, step: &Six, bend: &Six) -> Option<[Six; 6]> {
+fn updated<const N: usize>(
+    inverse: Option<[[f64; N]; N]>,
+    step: &[f64; N],
+    bend: &[f64; N],
+) -> Option<[[f64; N]; N]> {
     let along = dot(step, bend);
     if along <= 1e-12 * length(step) * length(bend) {
         return inverse;
@@ -104,29 +111,43 @@ fn updated(inverse: Option<[Six; 6]>, step: &Six, bend: &Six) -> Option<[Six; 6]
     }))
 }
 
-fn six(turn: DVec3, shift: DVec3) -> Six {
-    [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z]
+/// The first parameters of a motion; turns and strains are multiplied by `lever`.
+fn parameters<const N: usize>(motion: Motion, lever: f64) -> [f64; N] {
+    let Motion {
+        turn,
+        shift,
+        stretch,
+        shear,
+    } = motion;
+    let all = [turn * lever, shift, stretch * lever, shear * lever].map(|three| three.to_array());
+    std::array::from_fn(|k| all[k / 3][k % 3])
 }
 
-fn motion(step: &Six, radius_mm: f64) -> Motion {
+fn motion<const N: usize>(step: &[f64; N], radius_mm: f64) -> Motion {
+    let three = |first: usize| {
+        let at = |k: usize| step.get(first + k).copied().unwrap_or(0.0);
+        DVec3::new(at(0), at(1), at(2))
+    };
     Motion {
-        turn: DVec3::new(step[0], step[1], step[2]) / radius_mm,
-        shift: DVec3::new(step[3], step[4], step[5]),
+        turn: three(0) / radius_mm,
+        shift: three(3),
+        stretch: three(6) / radius_mm,
+        shear: three(9) / radius_mm,
     }
 }
 
-fn dot(a: &Six, b: &Six) -> f64 {
+fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-fn length(a: &Six) -> f64 {
+fn length<const N: usize>(a: &[f64; N]) -> f64 {
     dot(a, a).sqrt()
 }
 
-fn scaled(a: &Six, factor: f64) -> Six {
+fn scaled<const N: usize>(a: &[f64; N], factor: f64) -> [f64; N] {
     a.map(|value| value * factor)
 }
 
-fn product(matrix: &[Six; 6], vector: &Six) -> Six {
+fn product<const N: usize>(matrix: &[[f64; N]; N], vector: &[f64; N]) -> [f64; N] {
     std::array::from_fn(|row| dot(&matrix[row], vector))
 }

@@ -109,7 +109,7 @@ impl Comparison {
         joint
     }
 
-    /// The score, and the gradient of the mutual information by turns of the case about the centre and by its shifts.
+    /// The score, and the gradient of the mutual information by turns and strains of the case about the centre and by its shifts.
     pub(super) fn score_and_slope(&self, pose: Pose) -> (Score, Motion) {
         let (linear, target) = self.transform(pose);
         let mut joint = Joint::new();
@@ -132,11 +132,7 @@ impl Comparison {
         }
         let score = joint.score(self.samples.places.len());
         if score == Score::NOTHING {
-            let none = Motion {
-                turn: DVec3::ZERO,
-                shift: DVec3::ZERO,
-            };
-            return (score, none);
+            return (score, Motion::default());
         }
         let worth = joint.worth_of_a_count();
         let (mut force, mut moment) = (Vec3::ZERO, Mat3::ZERO);
@@ -168,6 +164,12 @@ impl Comparison {
         let slope = Motion {
             turn,
             shift: to_case * force_sum,
+            stretch: DVec3::new(moment.x_axis.x, moment.y_axis.y, moment.z_axis.z),
+            shear: DVec3::new(
+                moment.y_axis.z + moment.z_axis.y,
+                moment.z_axis.x + moment.x_axis.z,
+                moment.x_axis.y + moment.y_axis.x,
+            ),
         };
         (score, slope)
     }

@@ -1,5 +1,6 @@
-//! Rigid registration of another volume of the same head, by normalised mutual information.
+//! Registration by normalised mutual information: rigid, of another volume of the same head; affine, to the template of an atlas.
 
+mod align;
 mod blocks;
 mod climb;
 mod image;
@@ -14,13 +15,15 @@ use geometry::{Envelope, Volume};
 use glam::{DAffine3, Vec3};
 
 use self::blocks::shifts_of_parts_mm;
-use self::climb::climb;
+use self::climb::{RIGID, climb};
 use self::image::Image;
-use self::metric::{BINS, Comparison};
+use self::metric::{BINS, Comparison, Score};
 use self::pose::Pose;
 use self::samples::{Range, Region, Samples};
 use self::search::{LEAST_OVERLAP, by_worth, offsets, summits, worth};
 use crate::{MidsagittalPlane, midsagittal_plane};
+
+pub use self::align::{Aligned, Alignment, Misfit, align, shared_points};
 
 /// The margin around the envelope that is compared too, in mm.
 const MARGIN_MM: f64 = 8.0;
@@ -102,21 +105,13 @@ pub fn register(case: &Volume, envelope: &Envelope, layer: &Volume) -> Registrat
     let pair = Pair::new(case, envelope, layer);
     let identity = Pose::identity(pair.region.centre);
     let radius_mm = pair.region.radius_mm;
-    let coarse = pair.comparison(0, None);
-    let offsets = offsets(&pair.case[0], &pair.layer[0], pair.region.centre);
-    let begun = summits(&coarse, &offsets, identity, radius_mm);
-    let middle = begun.into_iter().map(|pose| {
-        let (pose, score) = climb(
-            &pair.comparison(1, Some(pose)),
-            pose,
-            radius_mm,
-            STEPS_MM[1],
-        );
-        (worth(score), pose)
-    });
-    let best = by_worth(middle)[0];
+    let middle = pair
+        .begun()
+        .into_iter()
+        .map(|pose| pair.climbed::<RIGID>(1, pose));
+    let best = by_worth(middle.map(|(pose, score)| (worth(score), pose)))[0];
     let fine = pair.comparison(2, Some(best));
-    let (pose, score) = climb(&fine, best, radius_mm, STEPS_MM[2]);
+    let (pose, score) = climb::<RIGID>(&fine, best, radius_mm, STEPS_MM[2]);
     let plane = midsagittal_plane(envelope, case);
     let residual_mm = median(shifts_of_parts_mm(&fine, pose, STEPS_MM[2]));
     let doubt = if score.overlap < LEAST_OVERLAP {
@@ -187,12 +182,31 @@ impl Pair {
         }
     }
 
+    /// The rigid poses that fit best on the coarsest images.
+    fn begun(&self) -> Vec<Pose> {
+        let centre = self.region.centre;
+        let coarse = self.comparison(0, None);
+        let offsets = offsets(&self.case[0], &self.layer[0], centre);
+        summits(
+            &coarse,
+            &offsets,
+            Pose::identity(centre),
+            self.region.radius_mm,
+        )
+    }
+
+    /// The best pose near another one, at one resolution.
+    fn climbed<const N: usize>(&self, level: usize, pose: Pose) -> (Pose, Score) {
+        let comparison = self.comparison(level, Some(pose));
+        climb::<N>(&comparison, pose, self.region.radius_mm, STEPS_MM[level])
+    }
+
     /// The ratio by which the information grows when the case is mirrored.
     fn gain_of_mirroring(&self, plane: &MidsagittalPlane, pose: Pose) -> f64 {
         let plain = self.comparison(1, Some(pose));
         let known = plain.score(pose).nmi - 1.0;
         let mirrored = plain.mirrored(self.region.centre, plane);
-        let (_, score) = climb(&mirrored, pose, self.region.radius_mm, STEPS_MM[1]);
+        let (_, score) = climb::<RIGID>(&mirrored, pose, self.region.radius_mm, STEPS_MM[1]);
         (worth(score) - 1.0) / known.max(1e-9)
     }
 

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::climb::climb;
+use super::climb::{RIGID, climb};
 use super::image::Image;
 use super::metric::{Comparison, Score};
 use super::pose::{Motion, Pose};
@@ -49,7 +49,7 @@ pub(super) fn summits(
     let mut begun = apart(&ranked, CLIMBS, APART_MM, radius_mm);
     begun.push(identity);
     let climbed = begun.into_iter().map(|pose| {
-        let (pose, score) = climb(comparison, pose, radius_mm, LONGEST_MM);
+        let (pose, score) = climb::<RIGID>(comparison, pose, radius_mm, LONGEST_MM);
         (worth(score), pose)
     });
     apart(&by_worth(climbed), SUMMITS, SUMMITS_APART_MM, radius_mm)
@@ -90,13 +90,13 @@ fn starts(offsets: &[DVec3], identity: Pose) -> Vec<Pose> {
     for &offset in offsets {
         for &shift in &shifts {
             let shifted = identity.after(Motion {
-                turn: DVec3::ZERO,
                 shift: offset + shift,
+                ..Motion::default()
             });
             starts.extend(turns.iter().map(|&turn| {
                 shifted.after(Motion {
                     turn,
-                    shift: DVec3::ZERO,
+                    ..Motion::default()
                 })
             }));
         }

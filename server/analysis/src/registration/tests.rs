@@ -203,16 +203,36 @@ fn the_slope_is_the_differences_of_the_score() {
     let pose = Pose::identity(DVec3::new(3.0, -2.0, 1.0));
     let (score, slope) = comparison.score_and_slope(pose);
     assert_eq!(score, comparison.score(pose));
-    let moved =
-        |turn: DVec3, shift: DVec3| comparison.score(pose.after(Motion { turn, shift })).nmi;
+    let moved = |motion: Motion| comparison.score(pose.after(motion)).nmi;
+    let shift = |shift: DVec3| Motion {
+        shift,
+        ..Motion::default()
+    };
+    let turn = |turn: DVec3| Motion {
+        turn,
+        ..Motion::default()
+    };
+    let stretch = |stretch: DVec3| Motion {
+        stretch,
+        ..Motion::default()
+    };
+    let shear = |shear: DVec3| Motion {
+        shear,
+        ..Motion::default()
+    };
     let step = 0.02;
     for axis in DVec3::AXES {
+        let difference = |motion: &dyn Fn(DVec3) -> Motion, step: f64| {
+            (moved(motion(axis * step)) - moved(motion(axis * -step))) / (2.0 * step)
+        };
         let differences = [
-            (moved(DVec3::ZERO, axis * step) - moved(DVec3::ZERO, axis * -step)) / (2.0 * step),
-            (moved(axis * step / 60.0, DVec3::ZERO) - moved(axis * -step / 60.0, DVec3::ZERO))
-                / (2.0 * step / 60.0),
+            difference(&shift, step),
+            difference(&turn, step / 60.0),
+            difference(&stretch, step / 60.0),
+            difference(&shear, step / 60.0),
         ];
-        let slopes = [axis.dot(slope.shift), axis.dot(slope.turn)];
+        let slopes = [slope.shift, slope.turn, slope.stretch, slope.shear];
+        let slopes = slopes.map(|slope| axis.dot(slope));
         for (slope, difference) in slopes.into_iter().zip(differences) {
             let tolerance = 0.05 * difference.abs() + 2e-4;
             assert!(

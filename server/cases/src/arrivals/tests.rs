@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use imaging::Limits;
 use pipeline::HeadLimits;
+use pipeline::atlas::AtlasChoice;
 use storage::Store;
 use storage::arrivals::{ArrivalSource, ArrivalState, NewInstance, SeriesQuery, SeriesUids, Uid};
 
@@ -28,6 +29,7 @@ fn application(store: Store, script: &str) -> Cases {
         max_layers: 20,
         store: crate::testing::options(),
         network: None,
+        atlas: AtlasChoice::Off,
         limits: Limits::default(),
         head: HeadLimits::default(),
         render_threads: 1,

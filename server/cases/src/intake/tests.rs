@@ -7,6 +7,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use case::{MaskSource, ObjectKind};
 use imaging::Limits;
+use pipeline::atlas::AtlasChoice;
 use pipeline::testing::{phantom, upload as phantom_upload};
 use pipeline::{HeadLimits, Pipeline};
 use storage::Store;
@@ -46,6 +47,7 @@ async fn setup() -> Setup {
             ..crate::testing::options()
         },
         network: None,
+        atlas: AtlasChoice::Off,
         limits: Limits::default(),
         head: HeadLimits::default(),
         render_threads: 1,

@@ -1,12 +1,14 @@
 //! What a report says and shows, in its order. [`super::html`] and [`super::pdf`] write it.
 
 use case::findings::Finding;
-use case::{CandidateFacts, PatientSide, QualityState};
+use case::{CandidateFacts, Gyrus, PatientSide, QualityState};
+use pipeline::atlas::Gyri;
 use render::NamedView;
 
 use super::shots::{DEPTHS_MM, FindingPictures, Shot, Shows};
 use super::words::Words;
 use super::{Numbers, Report, ReportedFinding};
+use crate::gyri::named;
 use crate::library::LoadedMaps;
 use crate::profile::ProfileSample;
 
@@ -173,7 +175,7 @@ impl Report {
             language: self.query.language.tag(),
             title: words.title,
             notice: words.notice,
-            identity: self.case.identity(),
+            identity: words.identity(&self.case),
             doubt: self.doubt(words),
             unprintable: words.unprintable,
             sections,
@@ -207,7 +209,7 @@ impl Report {
     }
 
     fn about(&self, words: &Words) -> Facts {
-        let identity = Line::foreign(&self.case.identity());
+        let identity = Line::foreign(&words.identity(&self.case));
         let mut facts = vec![(words.case, identity.and(format!(" · {}", self.case.id)))];
         if let Some(patient) = &self.patient {
             let mut line = Line::default();
@@ -231,7 +233,7 @@ impl Report {
 
     fn acquisition(&self, words: &Words) -> Line {
         let [x, y, z] = self.facts.native_size;
-        let spacing = self.facts.native_spacing_mm.map(|mm| format!("{mm:.2}"));
+        let spacing = self.facts.native_spacing_mm.map(|mm| words.number(mm, 2));
         let dicom = self.facts.dicom.as_ref();
         let sequence = dicom.and_then(|dicom| dicom.sequence.as_deref());
         let size = format!(
@@ -260,7 +262,9 @@ impl Report {
         if self.findings.is_empty() {
             blocks.push(Block::Text(words.no_findings.into()));
         } else {
-            let head = [
+            let mut all = self.findings.iter();
+            let has_gyri = all.any(|reported| reported.finding.gyrus.is_some());
+            let mut head = vec![
                 "",
                 words.side,
                 words.depth,
@@ -268,21 +272,28 @@ impl Report {
                 words.certainty,
                 words.label,
             ];
+            if has_gyri {
+                head.insert(2, words.about_gyrus());
+            }
             let row = |(number, ReportedFinding { finding, .. }): (usize, &ReportedFinding)| {
                 let certainty = finding
                     .certainty
                     .map(|certainty| words.certainty(certainty));
-                vec![
+                let mut row = vec![
                     number.to_string().into(),
                     side_of(words, finding).into(),
-                    depth(finding.depth_mm).into(),
+                    depth(words, finding.depth_mm).into(),
                     position(words, finding.middle_in_patient()).into(),
                     certainty.unwrap_or_default().into(),
                     Line::foreign(&finding.label),
-                ]
+                ];
+                if has_gyri {
+                    row.insert(2, gyrus_of(words, finding.gyrus).into());
+                }
+                row
             };
             blocks.push(Block::Table(Table {
-                head: head.to_vec(),
+                head,
                 rows: (1..).zip(&self.findings).map(row).collect(),
             }));
         }
@@ -309,13 +320,17 @@ impl Report {
         let heading = Line::from(format!("{} {number}: ", words.finding));
         let mut facts = vec![
             (words.side, Line::strong(side_of(words, finding))),
-            (words.depth, depth(finding.depth_mm).into()),
+            (words.depth, depth(words, finding.depth_mm).into()),
             (
                 words.position,
                 position(words, finding.middle_in_patient()).into(),
             ),
             (words.kind, words.kind(finding.kind).into()),
         ];
+        if finding.gyrus.is_some() {
+            let name = gyrus_of(words, finding.gyrus);
+            facts.insert(1, (words.about_gyrus(), name.into()));
+        }
         if let Some(certainty) = finding.certainty {
             facts.push((words.certainty, words.certainty(certainty).into()));
         }
@@ -351,7 +366,7 @@ impl Report {
             _ => words.other_side,
         };
         let view = words.view(pictures.view);
-        let depth = depth(finding.depth_mm);
+        let depth = depth(words, finding.depth_mm);
         let picture = |shot: &'a Shot, shown: String| {
             let caption = self.what(words, shot.shows).and(format!(", {shown}"));
             Picture::new(words, shot, caption)
@@ -383,7 +398,7 @@ impl Report {
         match (shows, &self.layer) {
             (Shows::Anatomy, _) | (Shows::Layer, None) => words.anatomy.into(),
             (Shows::Layer, Some(layer)) => Line::foreign(&layer.name),
-            (Shows::Map, _) => format!("{}, {}", words.anatomy, words.map).into(),
+            (Shows::Map(map), _) => format!("{}, {}", words.anatomy, words.map(map)).into(),
         }
     }
 
@@ -395,14 +410,14 @@ impl Report {
                 let why = words.reason(&reason.code, &reason.sentence);
                 blocks.push(Block::Text(format!("{} {why}", words.no_maps).into()));
             }
-            Ok(maps) => blocks.extend(places(words, maps)),
+            Ok(maps) => blocks.extend(places(words, maps, self.gyri.as_deref())),
         }
         blocks
     }
 }
 
 /// The places that stand out, or that none does; then all others.
-fn places(words: &Words, maps: &LoadedMaps) -> Vec<Block<'static>> {
+fn places(words: &Words, maps: &LoadedMaps, gyri: Option<&Gyri>) -> Vec<Block<'static>> {
     let mut blocks = Vec::new();
     if maps.nothing_stands_out() {
         blocks.push(Block::Text(words.nothing_stands_out().into()));
@@ -413,15 +428,16 @@ fn places(words: &Words, maps: &LoadedMaps) -> Vec<Block<'static>> {
         let doubt = words.doubt_of_regions(words.reason(code, reason));
         blocks.push(Block::Text(doubt.into()));
     }
-    let ranked = || (1_usize..).zip(maps.candidates.iter().take(MAX_CANDIDATES));
+    let candidates = named(&maps.candidates, gyri);
+    let ranked = || (1_usize..).zip(candidates.iter().take(MAX_CANDIDATES));
     let of_cerebrum = |stands_out: bool| -> Vec<_> {
         let chosen = ranked().filter(|(_, place)| place.stands_out() == stands_out);
         chosen
-            .map(|(rank, place)| row_of(words, &rank.to_string(), place))
+            .map(|(rank, place)| (rank.to_string(), *place))
             .collect()
     };
-    let elsewhere = maps.elsewhere.iter().take(MAX_ELSEWHERE);
-    let elsewhere = elsewhere.map(|place| row_of(words, "", place)).collect();
+    let elsewhere = named(&maps.elsewhere, gyri).into_iter().take(MAX_ELSEWHERE);
+    let elsewhere = elsewhere.map(|place| (String::new(), place)).collect();
     for (heading, note, rows) in [
         (None, words.candidates_note, of_cerebrum(true)),
         (
@@ -441,7 +457,7 @@ fn places(words: &Words, maps: &LoadedMaps) -> Vec<Block<'static>> {
         }
         blocks.push(table_of_places(words, rows));
     }
-    blocks.extend(thick_places(words, &maps.thick[0]));
+    blocks.extend(thick_places(words, &named(&maps.thick[0], gyri)));
     blocks
 }
 
@@ -450,7 +466,7 @@ fn thick_places(words: &Words, places: &[CandidateFacts]) -> Vec<Block<'static>>
     let ranked = (1_usize..).zip(places.iter().take(MAX_CANDIDATES));
     let rows: Vec<_> = ranked
         .filter(|(_, place)| place.stands_out())
-        .map(|(rank, place)| row_of(words, &rank.to_string(), place))
+        .map(|(rank, place)| (rank.to_string(), *place))
         .collect();
     let heading = Block::Subheading(words.thickness().into());
     if rows.is_empty() {
@@ -460,8 +476,10 @@ fn thick_places(words: &Words, places: &[CandidateFacts]) -> Vec<Block<'static>>
     vec![heading, note, table_of_places(words, rows)]
 }
 
-fn table_of_places(words: &Words, rows: Vec<Vec<Line>>) -> Block<'static> {
-    let head = [
+/// A table of places with their ranks; with gyri if any has one.
+fn table_of_places(words: &Words, places: Vec<(String, CandidateFacts)>) -> Block<'static> {
+    let has_gyri = places.iter().any(|(_, place)| place.gyrus.is_some());
+    let mut head = vec![
         words.rank,
         words.side,
         words.region,
@@ -471,10 +489,21 @@ fn table_of_places(words: &Words, rows: Vec<Vec<Line>>) -> Block<'static> {
         words.unusual,
         words.size,
     ];
-    Block::Table(Table {
-        head: head.to_vec(),
-        rows,
-    })
+    let mut rows: Vec<_> = places
+        .iter()
+        .map(|(rank, place)| row_of(words, rank, place))
+        .collect();
+    if has_gyri {
+        head.insert(2, words.about_gyrus());
+        for (row, (_, place)) in rows.iter_mut().zip(&places) {
+            row.insert(2, gyrus_of(words, place.gyrus).into());
+        }
+    }
+    Block::Table(Table { head, rows })
+}
+
+fn gyrus_of(words: &Words, gyrus: Option<Gyrus>) -> &'static str {
+    gyrus.map_or("–", |gyrus| words.gyrus(gyrus))
 }
 
 fn row_of(words: &Words, rank: &str, place: &CandidateFacts) -> Vec<Line> {
@@ -482,19 +511,23 @@ fn row_of(words: &Words, rank: &str, place: &CandidateFacts) -> Vec<Line> {
         rank.into(),
         words.side(place.side).into(),
         words.region(place.region).into(),
-        format!("{:.1} mm", place.depth_mm).into(),
+        depth(words, place.depth_mm).into(),
         position(words, place.position_in_patient).into(),
-        format!("{:.2}", place.score).into(),
+        words.number(place.score, 2).into(),
         words.unusual(place.unusual).into(),
         format!("{:.0} mm", place.size_mm).into(),
     ]
 }
 
 fn line_about(words: &Words, finding: &Finding) -> Line {
+    let gyrus = finding
+        .gyrus
+        .map(|gyrus| format!(" {}", words.gyrus(gyrus)));
     let place = format!(
-        " ({}, {}, {})",
+        " ({}{}, {}, {})",
         side_of(words, finding),
-        depth(finding.depth_mm),
+        gyrus.unwrap_or_default(),
+        depth(words, finding.depth_mm),
         position(words, finding.middle_in_patient()),
     );
     let line = Line::foreign(&finding.label).and(place);
@@ -514,8 +547,8 @@ fn minute(time: &str) -> String {
     format!("{day} {clock} UTC")
 }
 
-fn depth(mm: f64) -> String {
-    format!("{mm:.1} mm")
+fn depth(words: &Words, mm: impl Into<f64>) -> String {
+    format!("{} mm", words.number(mm, 1))
 }
 
 /// A position with the sides of its coordinates, as the page has it: `R 35.0 · A 29.0 · S 32.0`.
@@ -523,14 +556,14 @@ fn position(words: &Words, in_patient: [f64; 3]) -> String {
     let sides = ["LR", "PA", "SI"];
     let coordinates = in_patient.iter().zip(sides).map(|(mm, sides)| {
         let side = &sides[usize::from(*mm < 0.0)..][..1];
-        format!("{} {:.1}", words.directions(side), mm.abs())
+        format!("{} {}", words.directions(side), words.number(mm.abs(), 1))
     });
     coordinates.collect::<Vec<_>>().join(" · ")
 }
 
 /// The values here and on the other side.
 fn table_of(words: &Words, numbers: &Numbers) -> Table {
-    let value = |value: Option<f32>| value.map_or("–".to_owned(), |value| format!("{value:.2}"));
+    let value = |value: Option<f32>| value.map_or("–".to_owned(), |value| words.number(value, 2));
     let other = numbers.mirrored.as_ref().map(|mirrored| &mirrored.point);
     let thickness = format!("{} (z)", words.thickness());
     let row = |name: &str, of: &dyn Fn(&ProfileSample) -> Option<f32>| {
@@ -609,6 +642,7 @@ mod tests {
                 patient: false,
             },
             patient: None,
+            gyri: None,
             maps: Err(NoMaps {
                 code: "failed-envelope".into(),
                 sentence: "the mask is wrong".into(),

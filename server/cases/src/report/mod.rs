@@ -14,6 +14,7 @@ use case::findings::Finding;
 use case::{Case, CaseFacts, CaseId, Layer, LayerKind, MapName, QualityState};
 use glam::DVec3;
 use imaging::dicom::Attributes;
+use pipeline::atlas::Gyri;
 use pipeline::maps::NoMaps;
 use serde::{Deserialize, Serialize};
 
@@ -67,6 +68,8 @@ struct Report {
     /// Attributes of the patient and the study, for people; `None` unless requested.
     patient: Option<Vec<(&'static str, String)>>,
     maps: Result<Arc<LoadedMaps>, NoMaps>,
+    /// The names of places, if there is an atlas that the head fits.
+    gyri: Option<Arc<Gyri>>,
     /// The acquired layer beside the anatomy, if there is one.
     layer: Option<ShownLayer>,
     /// Those to look at, with their pictures and numbers, in the order of the list.
@@ -125,6 +128,7 @@ impl Cases {
             Err(Error::MapsUndefined(reason)) => Err(reason),
             Err(other) => return Err(other),
         };
+        let gyri = self.gyri(id).await?;
         let layers = self.layers(id).await?;
         let layer = beside(&layers);
         let reference = layer.map(|(layer, _)| LayerRef::from(layer.id));
@@ -132,8 +136,14 @@ impl Cases {
             name: layer.name.clone(),
             may_lie_elsewhere: quality != QualityState::Ok,
         });
+        let mut list = self.findings(id).await?.list;
+        for finding in &mut list {
+            // The atlas of today counts, not that of when it was written.
+            let middle = DVec3::from_array(finding.middle_in_patient());
+            finding.gyrus = gyri.as_ref().and_then(|gyri| gyri.at(middle));
+        }
         let (dismissed, findings): (Vec<_>, Vec<_>) =
-            (self.findings(id).await?.list.into_iter()).partition(|finding| finding.is_dismissed);
+            (list.into_iter()).partition(|finding| finding.is_dismissed);
         let (pictures, overview) = shots::draw(
             self,
             id,
@@ -161,6 +171,7 @@ impl Cases {
             query,
             patient,
             maps,
+            gyri,
             layer,
             findings: reported,
             dismissed,
@@ -188,7 +199,7 @@ impl Cases {
         let position = DVec3::from_array(finding.middle_in_patient());
         let find = move || {
             let maps = maps.as_ref().map(|maps| &**maps).map_err(Clone::clone);
-            profile([&model, &model], maps, &[], position)
+            profile([&model, &model], maps, &[], None, position)
         };
         match self.queue.run(find).await? {
             Ok(found) => Ok(Some(Numbers {
@@ -234,7 +245,10 @@ fn beside(layers: &[Layer]) -> Option<(&Layer, QualityState)> {
     usable.min_by_key(order)
 }
 
-/// The map of the report.
-fn map_of_report() -> LayerRef {
-    MapName::Blur.into()
+/// The map that shows a finding: the one in whose list it was found, if that lists the thickness; else that of blur.
+fn map_of(finding: &Finding) -> MapName {
+    match finding.from_map {
+        Some(MapName::Thickness) => MapName::Thickness,
+        _ => MapName::Blur,
+    }
 }

@@ -3,12 +3,12 @@
 use std::sync::Arc;
 
 use case::findings::{Finding, FindingKind};
-use case::{CaseFacts, CaseId};
+use case::{CaseFacts, CaseId, MapName};
 use glam::{DMat3, DQuat, DVec3};
 use pipeline::maps::mirror_plane;
 use render::{NamedView, Projection, SlicePlane, edge_letters};
 
-use super::map_of_report;
+use super::map_of;
 use crate::pictures::{
     LayerRef, Numbers, PictureRequest, PictureSeries, SeriesPicture, SliceKind, SlicePicture,
     SliceQuery,
@@ -96,7 +96,7 @@ impl Shot {
 pub(super) enum Shows {
     Anatomy,
     Layer,
-    Map,
+    Map(MapName),
 }
 
 /// The pictures of a finding.
@@ -130,23 +130,27 @@ pub(super) async fn draw(
     facts: &Arc<CaseFacts>,
     (findings, layer, has_maps): (&[Finding], Option<&LayerRef>, bool),
 ) -> Result<(Vec<FindingPictures>, Overview), Error> {
-    let shown = || {
+    let shown = |finding: &Finding| {
         let layer = layer.map(|_| Shows::Layer);
-        let map = has_maps.then_some(Shows::Map);
+        let map = has_maps.then(|| Shows::Map(map_of(finding)));
         [Some(Shows::Anatomy), layer, map].into_iter().flatten()
     };
     let with = |request: PictureRequest, shows: Shows| PictureRequest {
         layer: layer.filter(|_| shows == Shows::Layer).cloned(),
-        overlay: (shows == Shows::Map).then(map_of_report),
+        overlay: match shows {
+            Shows::Map(map) => Some(map.into()),
+            Shows::Anatomy | Shows::Layer => None,
+        },
         ..request
     };
     let mut requests = Vec::new();
     for finding in findings {
-        for shows in shown() {
+        for shows in shown(finding) {
             requests.extend(cut_and_mirror(facts, finding).map(|cut| with(cut, shows)));
         }
     }
-    for shows in [Shows::Anatomy, Shows::Map] {
+    let of_map = Shows::Map(MapName::Blur);
+    for shows in [Shows::Anatomy, of_map] {
         if shows == Shows::Anatomy || has_maps {
             requests.extend(overview().map(|request| with(request, shows)));
         }
@@ -155,7 +159,7 @@ pub(super) async fn draw(
     let mut pictures = Vec::with_capacity(findings.len());
     for finding in findings {
         let mut cuts = Vec::new();
-        for shows in shown() {
+        for shows in shown(finding) {
             let mut next = |is_flipped| {
                 let (png, projection) = drawn.next().ok_or(Error::Internal)?;
                 Ok::<_, Error>(marked(
@@ -182,7 +186,7 @@ pub(super) async fn draw(
     };
     let overview = Overview {
         anatomy: rows(Shows::Anatomy),
-        map: rows(Shows::Map),
+        map: rows(of_map),
     };
     Ok((pictures, overview))
 }

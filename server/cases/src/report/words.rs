@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use super::shots::Through;
 use case::arrivals::Superseded;
 use case::findings::{Certainty, FindingKind};
-use case::{BrainRegion, PatientSide, QualityState, Unusual};
+use case::{BrainRegion, Case, Gyrus, MapName, PatientSide, QualityState, Unusual};
 use render::NamedView;
 use serde::{Deserialize, Serialize};
 
@@ -103,7 +103,8 @@ pub(super) struct Words {
     pub(super) blur: &'static str,
     pub(super) sharpness: &'static str,
     pub(super) anatomy: &'static str,
-    pub(super) map: &'static str,
+    /// The maps of blur and of thickness.
+    maps: [&'static str; 2],
     pub(super) as_acquired: &'static str,
     pub(super) flipped: &'static str,
     views: [&'static str; 8],
@@ -112,6 +113,8 @@ pub(super) struct Words {
     pub(super) unprintable: &'static str,
     /// The letters for left and right.
     sides_in_pictures: [char; 2],
+    /// What separates the whole part of a number from its decimals.
+    decimal: char,
     page: &'static PageWords,
 }
 
@@ -166,6 +169,31 @@ impl Words {
     {
         let known = self.page.get(&format!("reason.{code}"));
         known.map_or(sentence, String::as_str)
+    }
+
+    /// A number with so many decimals.
+    pub(super) fn number(&self, number: impl Into<f64>, decimals: usize) -> String {
+        let text = format!("{:.decimals$}", number.into());
+        text.replace('.', &self.decimal.to_string())
+    }
+
+    /// See [`Case::identity`].
+    pub(super) fn identity(&self, case: &Case) -> String {
+        case.identity_with(|day| self.of_page("case.added").replace("{day}", day))
+    }
+
+    pub(super) fn gyrus(&self, gyrus: Gyrus) -> &'static str {
+        self.of_page(&format!("gyrus.{}", gyrus.name()))
+    }
+
+    /// The head of a column of gyri.
+    pub(super) fn about_gyrus(&self) -> &'static str {
+        self.of_page("gyrus.about")
+    }
+
+    /// A map that lists places.
+    pub(super) fn map(&self, map: MapName) -> &'static str {
+        self.maps[usize::from(map == MapName::Thickness)]
     }
 
     pub(super) fn nothing_stands_out(&self) -> &'static str {
@@ -255,7 +283,7 @@ const ENGLISH: Words = Words {
     blur: "Blur (z)",
     sharpness: "Sharpness (per mm)",
     anatomy: "T1",
-    map: "map of blur",
+    maps: ["map of blur", "map of thickness"],
     as_acquired: "as acquired",
     flipped: "flipped",
     views: [
@@ -272,6 +300,7 @@ const ENGLISH: Words = Words {
     across: "across the sulcus",
     unprintable: "A character that the font of this file lacks is shown by its number in Unicode, as ‹U+1F9E0›. The report as HTML shows it.",
     sides_in_pictures: ['L', 'R'],
+    decimal: '.',
     page: &ENGLISH_PAGE,
 };
 
@@ -329,7 +358,7 @@ const PORTUGUESE: Words = Words {
     blur: "Borramento (z)",
     sharpness: "Nitidez (por mm)",
     anatomy: "T1",
-    map: "mapa de borramento",
+    maps: ["mapa de borramento", "mapa de espessura"],
     as_acquired: "como adquirido",
     flipped: "espelhado",
     views: [
@@ -346,6 +375,7 @@ const PORTUGUESE: Words = Words {
     across: "através do sulco",
     unprintable: "Um caractere que falta na fonte deste arquivo é indicado pelo seu número em Unicode, como ‹U+1F9E0›. O relatório em HTML o mostra.",
     sides_in_pictures: ['E', 'D'],
+    decimal: ',',
     page: &PORTUGUESE_PAGE,
 };
 
@@ -360,12 +390,16 @@ mod tests {
             (&PORTUGUESE, "Nada se destaca.", "Nenhuma substância branca"),
         ] {
             assert!(words.nothing_stands_out().starts_with(nothing));
+            assert!(!words.about_gyrus().is_empty() && !words.of_page("case.added").is_empty());
             for text in [
                 words.thickness(),
                 words.thickness_note(),
                 words.nothing_is_thick(),
             ] {
                 assert!(!text.is_empty());
+            }
+            for gyrus in Gyrus::all() {
+                assert!(!words.gyrus(gyrus).is_empty());
             }
             let doubt = words.doubt_of_regions("<reason>");
             assert!(

@@ -1,4 +1,4 @@
-//! What readers have marked, as a measurement report states it.
+//! What readers have marked, as a measurement report or a segmentation states it.
 
 use dicom_core::Tag;
 use dicom_dictionary_std::{tags, uids};
@@ -15,7 +15,11 @@ use crate::{Format, sniff};
 const MAX_MARKS: usize = 1_000;
 const MAX_POINTS: usize = 20_001;
 
-const WANTED: [Tag; 20] = [
+/// What a segment is of, in private attributes of its item: a [`Mark`] as JSON.
+pub(super) const SEGMENT_CREATOR: (Tag, &str) = (Tag(0x0063, 0x0010), "ISOCORTEX");
+pub(super) const SEGMENT_MARK: Tag = Tag(0x0063, 0x1001);
+
+const WANTED: [Tag; 24] = [
     tags::SPECIFIC_CHARACTER_SET,
     tags::SOP_CLASS_UID,
     tags::PATIENT_ID,
@@ -36,6 +40,10 @@ const WANTED: [Tag; 20] = [
     tags::GRAPHIC_DATA,
     tags::GRAPHIC_TYPE,
     tags::REFERENCED_FRAME_OF_REFERENCE_UID,
+    tags::FRAME_OF_REFERENCE_UID,
+    tags::SEGMENT_SEQUENCE,
+    SEGMENT_CREATOR.0,
+    SEGMENT_MARK,
 ];
 
 /// A side of the patient.
@@ -63,6 +71,9 @@ pub struct Mark {
     pub depth_mm: f64,
     /// Its side; `None` in the middle.
     pub side: Option<Side>,
+    /// About which gyrus it is in.
+    #[serde(default)]
+    pub gyrus: Option<String>,
     /// A line of text.
     pub label: String,
     /// Text.
@@ -79,7 +90,7 @@ pub struct Mark {
     pub author: Option<String>,
 }
 
-/// The findings of a measurement report that this program wrote. The patient must not reach a log, an error or an address.
+/// The findings of a measurement report or a segmentation that this program wrote. The patient must not reach a log, an error or an address.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MarkedPatient {
@@ -87,11 +98,11 @@ pub struct MarkedPatient {
     pub patient: [String; 3],
     /// The frame of reference of the points.
     pub frame_of_reference: String,
-    /// In the order of the report.
+    /// In the order of the file.
     pub marks: Vec<Mark>,
 }
 
-/// Reads a measurement report of this program.
+/// Reads a measurement report or a segmentation of findings of this program.
 ///
 /// # Errors
 /// If it is not DICOM, is damaged, or is another object.
@@ -102,16 +113,25 @@ pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
     let mut wanted = WANTED;
     wanted.sort_unstable();
     let report = parse(&scan(file, &wanted)?)?;
-    let is_report = text(&report, tags::SOP_CLASS_UID).as_deref()
-        == Some(uids::COMPREHENSIVE3_DSR_STORAGE)
-        && is_named(&report, code::IMAGING_MEASUREMENT_REPORT);
-    if !is_report {
-        return Err(not_ours());
-    }
-    let measurements = item_named(&report, code::IMAGING_MEASUREMENTS).ok_or_else(not_ours)?;
-    let groups = content(measurements)
-        .iter()
-        .filter(|item| is_named(item, code::MEASUREMENT_GROUP));
+    let each: Vec<_> = match text(&report, tags::SOP_CLASS_UID).as_deref() {
+        Some(uids::COMPREHENSIVE3_DSR_STORAGE)
+            if is_named(&report, code::IMAGING_MEASUREMENT_REPORT) =>
+        {
+            let measurements = item_named(&report, code::IMAGING_MEASUREMENTS);
+            let measurements = content(measurements.ok_or_else(not_ours)?).iter();
+            let groups = measurements.filter(|item| is_named(item, code::MEASUREMENT_GROUP));
+            groups.map(mark).collect()
+        }
+        Some(uids::SEGMENTATION_STORAGE) => {
+            let frame_of_reference = text(&report, tags::FRAME_OF_REFERENCE_UID);
+            let frame_of_reference = frame_of_reference.ok_or_else(not_ours)?;
+            let segments = items(&report, tags::SEGMENT_SEQUENCE).iter();
+            let marks =
+                segments.map(|segment| Some((of_segment(segment)?, frame_of_reference.clone())));
+            marks.collect()
+        }
+        _ => return Err(not_ours()),
+    };
     let mut found = MarkedPatient {
         patient: [
             tags::PATIENT_ID,
@@ -123,8 +143,8 @@ pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
         marks: Vec::new(),
     };
     let mut points = 0;
-    for group in groups {
-        let (mark, frame_of_reference) = mark(group).ok_or_else(not_ours)?;
+    for each in each {
+        let (mark, frame_of_reference) = each.ok_or_else(not_ours)?;
         points += mark.points_in_patient.len();
         let is_first = found.marks.is_empty();
         if found.marks.len() == MAX_MARKS || points > MAX_POINTS {
@@ -145,8 +165,18 @@ pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
 
 fn not_ours() -> DicomError {
     DicomError::Damaged {
-        what: "it is not a measurement report with findings of this program",
+        what: "it is neither a measurement report nor a segmentation with findings of this program",
     }
+}
+
+/// The finding that a segment is of; `None` if it is not of this program.
+fn of_segment(segment: &InMemDicomObject) -> Option<Mark> {
+    let (creator, name) = SEGMENT_CREATOR;
+    if text(segment, creator)? != name {
+        return None;
+    }
+    let json = segment.get(SEGMENT_MARK)?.to_str().ok()?;
+    serde_json::from_str(json.trim_end_matches(['\0', ' '])).ok()
 }
 
 /// A finding and its frame of reference; `None` if something is missing.
@@ -188,6 +218,7 @@ fn mark(group: &InMemDicomObject) -> Option<(Mark, String)> {
         points_in_patient: points,
         depth_mm: text(depth, tags::NUMERIC_VALUE)?.parse().ok()?,
         side: side(group),
+        gyrus: text_of(code::GYRUS),
         label: text_of(code::LABEL).unwrap_or_default(),
         note: text_of(code::COMMENT).unwrap_or_default(),
         certainty: word_of(code::CERTAINTY),
@@ -272,6 +303,7 @@ pub(super) mod code {
         KIND "99ISOCORTEX" "form" "Form of a finding"
         LABEL "99ISOCORTEX" "label" "Label"
         COLOUR "99ISOCORTEX" "colour" "Colour"
+        GYRUS "99ISOCORTEX" "gyrus" "Gyrus, about, from an atlas"
         MAP "99ISOCORTEX" "map" "Map in whose list it was found"
         AUTHOR "99ISOCORTEX" "author" "Author, as stated by the client"
         CERTAINTY "99ISOCORTEX" "certainty" "Certainty that it is abnormal"
@@ -283,7 +315,11 @@ pub(super) mod code {
 mod tests {
     use super::*;
     use crate::dicom::Attributes;
-    use crate::dicom::write::{Head, WriteError, measurement_report};
+    use crate::dicom::write::{
+        About, Algorithm, Head, Property, Segment, WriteError, measurement_report, segmentation,
+    };
+    use geometry::{Grid, Mask};
+    use glam::DVec3;
 
     fn source() -> Attributes {
         let texts = [
@@ -300,8 +336,8 @@ mod tests {
         }
     }
 
-    fn written(source: &Attributes, marks: &[Mark]) -> Result<Vec<u8>, WriteError> {
-        let head = Head {
+    fn head(source: &Attributes) -> Head<'_> {
+        Head {
             source,
             series_uid: "2.25.1",
             instance_uid: "2.25.2",
@@ -315,8 +351,50 @@ mod tests {
             offset: None,
             is_annotated: false,
             is_recognizable: None,
+        }
+    }
+
+    fn written(source: &Attributes, marks: &[Mark]) -> Result<Vec<u8>, WriteError> {
+        measurement_report(&head(source), marks)
+    }
+
+    /// Segments, of findings if they have any.
+    fn segments(source: &Attributes, marks: &[Option<Mark>]) -> Vec<u8> {
+        let grid = Grid::aligned([4, 4, 4], [1.0; 3], DVec3::ZERO).unwrap();
+        let each = marks.iter().map(|mark| {
+            let segment = Segment {
+                label: "a".to_owned(),
+                description: "b".to_owned(),
+                algorithm: Algorithm::Manual,
+                property: Property::SelectedRegion,
+                mark: mark.clone(),
+            };
+            (segment, Mask::new(grid.clone(), vec![true; 64]).unwrap())
+        });
+        let about = About {
+            content_label: "FINDINGS",
+            description: "c",
         };
-        measurement_report(&head, marks)
+        let each: Vec<_> = each.collect();
+        segmentation(&head(source), &about, &each, &grid, &[None; 4]).unwrap()
+    }
+
+    #[test]
+    fn segments_are_read_as_they_were_written_and_foreign_ones_are_refused() {
+        let all = [
+            mark("point", &[[0.0, 0.1, 1.0 / 3.0]]),
+            mark("line", &[[0.0, 0.0, 1.0], [9.0, 0.0, 2.5]]),
+        ];
+        let read = marks(&segments(&source(), &all.clone().map(Some))).unwrap();
+        assert_eq!(read.marks, all);
+        assert_eq!(read.frame_of_reference, "1.3");
+        assert_eq!(read.patient, ["P-1", "", "19670312"]);
+        for foreign in [
+            segments(&source(), &[None]),
+            segments(&source(), &[Some(all[0].clone()), None]),
+        ] {
+            assert!(marks(&foreign).is_err());
+        }
     }
 
     fn mark(kind: &str, points: &[[f64; 3]]) -> Mark {
@@ -327,6 +405,7 @@ mod tests {
             points_in_patient: points.to_vec(),
             depth_mm: 12.75,
             side: Some(Side::Right),
+            gyrus: Some("insula".to_owned()),
             label: "ü \\ <b>".to_owned(),
             note: "one\ntwo".to_owned(),
             certainty: Some("unlikely".to_owned()),
@@ -347,6 +426,7 @@ mod tests {
         ];
         let bare = Mark {
             side: None,
+            gyrus: None,
             label: String::new(),
             note: String::new(),
             certainty: None,

@@ -8,8 +8,8 @@ use crate::start;
 
 /// Check a configuration without starting anything
 ///
-/// Takes the options and variables of `serve`. Reads the files that it names: the token, passwords, certificates and the
-/// weights of the network. Opens no store and no port, and asks no node (`isocortex test-node`). The exit status is 0 if a
+/// Takes the options and variables of `serve`. Reads the files that it names: the token, passwords, certificates, the
+/// weights of the network and the atlas. Opens no store and no port, and asks no node (`isocortex test-node`). The exit status is 0 if a
 /// server could start with it, otherwise 78.
 #[derive(Debug, Clone, Args)]
 pub(super) struct CheckConfigArgs {
@@ -27,6 +27,12 @@ pub(super) fn run(args: &CheckConfigArgs) -> Result<(), CliError> {
     let extractor = pipeline::Extractor::open(config.prepare.network.as_deref());
     let extractor = extractor.map_err(|error| CliError::new(ExitStatus::Config, error))?;
     println!("brains are extracted {}", extractor.words());
+    let atlas = pipeline::atlas::Atlas::open(&config.prepare.atlas);
+    let atlas = atlas.map_err(|error| CliError::new(ExitStatus::Config, error))?;
+    match atlas {
+        Some(atlas) => println!("gyri are named by the atlas {}", atlas.path().display()),
+        None => println!("gyri have no names, because no atlas is installed"),
+    }
     for line in checked.lines {
         println!("{line}");
     }

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use pipeline::atlas::AtlasChoice;
 use storage::environment::variable;
 
 use super::choices;
@@ -72,6 +73,10 @@ pub(super) struct CommonArgs {
     /// The file with the weights for brain extraction. [default: deepbet-1.0.2-py3-none-any.whl beside the program]
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_NETWORK")]
     pub(super) network: Option<PathBuf>,
+    /// The atlas that names gyri: a folder with aal.nii.gz, aal.nii.txt and ch2.nii.gz, or a file with labels that has the others
+    /// beside it, or none. [default: that of Debian's package mricron-data, if it is installed]
+    #[arg(long, value_name = "DIR|FILE|none", env = "ISOCORTEX_ATLAS")]
+    pub(super) atlas: Option<String>,
     /// The folder of the audit record, which must exist. [default: nothing is recorded]
     #[arg(long, value_name = "FOLDER", env = "ISOCORTEX_AUDIT")]
     pub(super) audit: Option<PathBuf>,
@@ -90,6 +95,8 @@ impl CommonArgs {
         set_some(&mut config.storage.keep_days, self.keep_days.as_ref());
         set(&mut config.prepare.workers, self.workers.as_ref());
         set_some(&mut config.prepare.network, self.network.as_ref());
+        let atlas = self.atlas.clone().map(AtlasChoice::from);
+        set(&mut config.prepare.atlas, atlas.as_ref());
         set_some(&mut config.audit.folder, self.audit.as_ref());
         set(&mut config.log_format, self.log_format.as_ref());
         set(&mut config.log, self.log.as_ref());

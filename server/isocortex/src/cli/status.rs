@@ -98,9 +98,9 @@ impl From<StartError> for CliError {
                 let message = format!("the store cannot be opened: {}", error.message);
                 Self { message, ..error }
             }
-            error @ StartError::Cases(cases::StartError::Network(_)) => {
-                Self::new(ExitStatus::Config, error)
-            }
+            error @ StartError::Cases(
+                cases::StartError::Network(_) | cases::StartError::Atlas(_),
+            ) => Self::new(ExitStatus::Config, error),
         }
     }
 }

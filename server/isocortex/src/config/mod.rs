@@ -463,6 +463,7 @@ impl Config {
                 ..storage::Options::default()
             },
             network: self.prepare.network.clone(),
+            atlas: self.prepare.atlas.clone(),
             limits: pipeline::Limits {
                 max_voxels: self.limits.max_voxels,
                 ..pipeline::Limits::default()

@@ -7,6 +7,7 @@ use std::str::FromStr;
 use cases::pictures::GpuUse;
 use ipnet::IpNet;
 use pipeline::HeadLimits;
+use pipeline::atlas::AtlasChoice;
 use serde::Deserialize;
 
 /// The default address.
@@ -221,6 +222,9 @@ pub struct Prepare {
     pub max_cpu_secs: u64,
     /// The file with the weights for brain extraction; by default the one beside the program, if there is one.
     pub network: Option<PathBuf>,
+    /// The folder of the atlas that names gyri, or its file with labels, or `none`; by default that of Debian's package
+    /// `mricron-data`, if it is installed.
+    pub atlas: AtlasChoice,
 }
 
 impl Default for Prepare {
@@ -231,6 +235,7 @@ impl Default for Prepare {
             max_secs: 900,
             max_cpu_secs: 120,
             network: None,
+            atlas: AtlasChoice::default(),
         }
     }
 }

@@ -333,6 +333,7 @@ fn mark(source: &Attributes, finding: &Finding) -> Mark {
             Some(PatientSide::Right) => Some(Side::Right),
             Some(PatientSide::Middle) | None => None,
         },
+        gyrus: finding.gyrus.map(|gyrus| gyrus.name().to_owned()),
         label: finding.label.clone(),
         note: finding.note.clone(),
         certainty: finding
@@ -363,6 +364,7 @@ fn segments(
             description: format!("Marked by a reader; {SHORT_NOTICE}"),
             algorithm: Algorithm::Manual,
             property: Property::SelectedRegion,
+            mark: Some(mark(head.source, finding)),
         };
         Some((segment, voxels_of(finding, &native)?))
     };
@@ -696,6 +698,7 @@ fn segmentation(
         label: label.to_owned(),
         description: description.to_owned(),
         property: Property::Brain,
+        mark: None,
         algorithm: match method {
             Some(MaskMethod::Network) => Algorithm::Automatic("Isocortex, deepbet network"),
             Some(MaskMethod::TreePruning) => Algorithm::Automatic("Isocortex, tree pruning"),

@@ -10,7 +10,8 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use case::{CandidateFacts, RegionFacts, SurfaceName};
+use case::{CandidateFacts, Gyrus, RegionFacts, SurfaceName};
+use cases::gyri::named;
 use cases::library::{LoadedMaps, MapsState};
 use cases::pictures::{MAPS_OFF, Numbers, check_count, maps_of, ready, surface_version};
 use cases::profile::{PointProfile, Profile, profile};
@@ -19,6 +20,7 @@ use http_support::conditional::{Format, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath};
+use pipeline::atlas::Gyri;
 use pipeline::maps::{MAP_FORMAT, ScoreLimits};
 
 const JSON: &str = "application/json";
@@ -106,7 +108,8 @@ pub struct LimitsView {
 /// Places where the junction is less sharp than in its surroundings and on the other side, or the cortex thicker
 ///
 /// Most are normal: they are places to look at, and nothing is detected. Each states whether its score is higher than those
-/// of heads without a lesion. The list has the cerebrum alone unless `region=all`. As JSON, or with `Accept: text/csv` as CSV.
+/// of heads without a lesion, and about which gyrus it is in if an atlas is installed and the head surely fits it: a coarse name,
+/// not a measurement. The list has the cerebrum alone unless `region=all`. As JSON, or with `Accept: text/csv` as CSV.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/candidates", tag = "layers",
     params(("id" = String, Path, description = "The case"), CandidatesQuery),
@@ -130,11 +133,12 @@ pub async fn get_candidates(
         request: &request,
     };
     let format = Format::of(kind)
-        .variant(format!("{kind} {MAP_FORMAT}"))
+        .variant(format!("{kind} {MAP_FORMAT} {}", cases.atlas_tag()))
         .revalidated();
     let work = async |_| {
         let maps = maps_of(&cases.library, &id).await?;
-        let list = CandidateList::of(&maps, &query);
+        let gyri = cases.gyri(&id).await?;
+        let list = CandidateList::of(&maps, gyri.as_deref(), &query);
         let body = match kind {
             CSV => list.csv().into_bytes(),
             _ => json(&list)?,
@@ -149,7 +153,7 @@ fn json(value: &impl Serialize) -> Result<Vec<u8>, AppError> {
 }
 
 impl CandidateList {
-    fn of(maps: &LoadedMaps, query: &CandidatesQuery) -> Self {
+    fn of(maps: &LoadedMaps, gyri: Option<&Gyri>, query: &CandidatesQuery) -> Self {
         let ([in_cerebrum, elsewhere], limits) = match query.map {
             MapAsked::Blur => ([&maps.candidates, &maps.elsewhere], ScoreLimits::BLUR),
             MapAsked::Thickness => (maps.thick.each_ref(), ScoreLimits::THICKNESS),
@@ -162,7 +166,7 @@ impl CandidateList {
         }
         candidates.truncate(query.limit);
         Self {
-            candidates,
+            candidates: named(&candidates, gyri),
             nothing_stands_out: !in_cerebrum.iter().any(CandidateFacts::stands_out),
             limits: LimitsView {
                 unusual_above: limits.unusual_above,
@@ -174,14 +178,15 @@ impl CandidateList {
 
     fn csv(&self) -> String {
         let mut text =
-            "rank,left_mm,posterior_mm,superior_mm,depth_mm,side,score,size_mm,region,unusual\r\n"
+            "rank,left_mm,posterior_mm,superior_mm,depth_mm,side,score,size_mm,region,unusual,gyrus\r\n"
                 .to_owned();
         for (rank, candidate) in (1..).zip(&self.candidates) {
             let [x, y, z] = candidate.position_in_patient;
-            let [side, region, unusual] = [
+            let [side, region, unusual, gyrus] = [
                 candidate.side.name(),
                 candidate.region.name(),
                 candidate.unusual.name(),
+                candidate.gyrus.map_or("", Gyrus::name),
             ];
             let CandidateFacts {
                 depth_mm,
@@ -190,7 +195,7 @@ impl CandidateList {
                 ..
             } = candidate;
             let row = format!(
-                "{rank},{x},{y},{z},{depth_mm},{side},{score},{size_mm},{region},{unusual}\r\n"
+                "{rank},{x},{y},{z},{depth_mm},{side},{score},{size_mm},{region},{unusual},{gyrus}\r\n"
             );
             text.push_str(&row);
         }
@@ -228,7 +233,7 @@ impl Asked for ProfileQuery {
 /// The profile through a point, and through its mirrored point
 ///
 /// From the envelope inwards along the gradient of the depth: intensities, maps, and the width of the junction of grey
-/// and white matter at the point. As JSON, or with `Accept: text/csv` the samples as CSV.
+/// and white matter at the point; and about which gyrus the point is in if an atlas is installed. As JSON, or with `Accept: text/csv` the samples as CSV.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/profile", tag = "layers",
     params(("id" = String, Path, description = "The case"), ProfileQuery),
@@ -269,7 +274,8 @@ pub async fn get_profile(
         .collect();
     let format = Format::of(kind)
         .variant(format!(
-            "{kind} {MAP_FORMAT} {has_maps} {versions:?}{}",
+            "{kind} {MAP_FORMAT} {has_maps} {versions:?} {}{}",
+            cases.atlas_tag(),
             surface_version(query.surface).unwrap_or_default()
         ))
         .revalidated();
@@ -278,6 +284,7 @@ pub async fn get_profile(
             cases.surface(&id, query.surface).await?,
             cases.surface(&id, query.surface.mirrored()).await?,
         ];
+        let gyri = cases.gyri(&id).await?;
         let position = DVec3::from_array(query.position.0);
         let mut layers = Vec::with_capacity(ready.len());
         for layer in ready {
@@ -286,7 +293,7 @@ pub async fn get_profile(
         let find = move || {
             let maps = maps.as_ref().map(|maps| &**maps).map_err(Clone::clone);
             let [own, opposite] = &models;
-            profile([own, opposite], maps, &layers, position)
+            profile([own, opposite], maps, &layers, gyri.as_deref(), position)
         };
         let found = cases.queue.run(find).await??;
         let body = match kind {

@@ -86,8 +86,8 @@ pub async fn get_findings(
 
 /// Replace what readers have marked and written
 ///
-/// The body is the whole list, or with `Content-Type: application/dicom` a measurement report that this program has made of
-/// findings of the same patient (`POST …/dicom-results`). `If-Match` must have the `ETag` of the list that the client has changed, so that nobody
+/// The body is the whole list, or with `Content-Type: application/dicom` a measurement report or a segmentation that this program has
+/// made of findings of the same patient (`POST …/dicom-results`). A segmentation has no dismissed ones. `If-Match` must have the `ETag` of the list that the client has changed, so that nobody
 /// undoes what somebody else wrote meanwhile: the answer is then 412, with the findings as they are. A new case has the
 /// empty list, with an `ETag` as well. An answer with 200 has the stored list, with the sides and times that the server
 /// adds, and comes after they are durable. A version of the case begins with a copy; from then on each has its own.
@@ -101,11 +101,11 @@ pub async fn get_findings(
     responses(
         (status = 200, description = "The findings as they are now", body = FindingList, headers(("ETag" = String, description = "The new one"))),
         (status = 400, description = "The body is invalid; `parameter` states where"),
-        (status = 409, description = "The case is not ready, or the report is about another patient or another frame of reference (`findings-elsewhere`)"),
+        (status = 409, description = "The case is not ready, or the file is about another patient or another frame of reference (`findings-elsewhere`)"),
         (status = 412, description = "Somebody has changed the findings; the answer has them as they are", body = FindingsChanged, content_type = "application/problem+json", headers(("ETag" = String, description = "The current one"))),
         (status = 413, description = "The body is larger than 4 MiB"),
         (status = 415, description = "The body should be a DICOM file, and is none"),
-        (status = 422, description = "The report is damaged, or is another object"),
+        (status = 422, description = "The DICOM file is damaged, or is no report or segmentation of findings of this program"),
         (status = 428, description = "`If-Match` is missing"),
     )
 )]
@@ -122,7 +122,7 @@ pub async fn put_findings(
         let file = body.map_err(|_| AppError::TooLarge {
             limit_bytes: MAX_BYTES as u64,
         })?;
-        match cases.findings_of_report(&id, file).await {
+        match cases.findings_of_dicom(&id, file).await {
             Ok(findings) => cases.replace_findings(&id, &known, findings).await,
             Err(refused) => Err(refused),
         }
@@ -219,13 +219,13 @@ fn represented(tag: EntityTag, media_type: &'static str, body: Bytes) -> Represe
 /// A row for each point.
 fn csv(findings: &[Finding]) -> String {
     let mut text = "finding,kind,point,left_mm,posterior_mm,superior_mm,depth_mm,side,certainty,dismissed,map,label,note,\
-                    colour,author,created_at,changed_at\r\n"
+                    colour,author,created_at,changed_at,gyrus\r\n"
         .to_owned();
     for finding in findings {
         for (number, [x, y, z]) in (1..).zip(&finding.points_in_patient) {
             let _ = write!(
                 text,
-                "{},{},{number},{x},{y},{z},{},{},{},{},{},{},{},{},{},{},{}\r\n",
+                "{},{},{number},{x},{y},{z},{},{},{},{},{},{},{},{},{},{},{},{}\r\n",
                 finding.id,
                 finding.kind.name(),
                 finding.depth_mm,
@@ -239,6 +239,7 @@ fn csv(findings: &[Finding]) -> String {
                 quoted(finding.author.as_deref().unwrap_or_default()),
                 finding.created_at.as_deref().unwrap_or_default(),
                 finding.changed_at.as_deref().unwrap_or_default(),
+                finding.gyrus.map_or("", case::Gyrus::name),
             );
         }
     }

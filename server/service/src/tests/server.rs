@@ -12,6 +12,7 @@ use cases::jobs::Workers;
 use cases::pictures::{GpuUse, GraphicsOptions};
 use cases::{Cases, Options};
 use http_body_util::BodyExt as _;
+use pipeline::atlas::AtlasChoice;
 use pipeline::testing::{phantom, upload};
 use pipeline::{HeadLimits, Limits};
 use serde_json::Value;
@@ -128,6 +129,7 @@ impl Server {
                 ..storage::Options::default()
             },
             network: None,
+            atlas: AtlasChoice::Off,
             limits: Limits {
                 max_voxels: 64 << 20,
                 ..Limits::default()

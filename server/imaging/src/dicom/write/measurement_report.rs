@@ -116,6 +116,7 @@ fn group(mark: &Mark, frame_of_reference: &str) -> Item {
         word(code::KIND, &mark.kind),
     ];
     let written = [
+        (code::GYRUS, mark.gyrus.as_ref()),
         (code::LABEL, Some(&mark.label)),
         (code::COMMENT, Some(&mark.note)),
         (code::COLOUR, Some(&mark.colour)),

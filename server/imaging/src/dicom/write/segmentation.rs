@@ -10,7 +10,8 @@ use glam::DVec3;
 use super::common::{Head, WriteError, cut, file, reference, source_image};
 use super::item::{Code, Item};
 use super::uid::uid_of;
-use crate::dicom::Instance;
+use crate::dicom::marks::{SEGMENT_CREATOR, SEGMENT_MARK};
+use crate::dicom::{Instance, Mark};
 
 const CLASS: &str = uids::SEGMENTATION_STORAGE;
 
@@ -87,6 +88,8 @@ pub struct Segment<'a> {
     pub algorithm: Algorithm<'a>,
     /// What it shows.
     pub property: Property,
+    /// What a reader has marked there, which [`marks`](crate::dicom::marks) reads back.
+    pub mark: Option<Mark>,
 }
 
 /// A binary Segmentation with a frame for each slice of `native` in which a mask has a voxel, segment after segment.
@@ -270,6 +273,12 @@ fn described(number: u16, segment: &Segment<'_>) -> Item {
         .codes(tags::SEGMENTED_PROPERTY_TYPE_CODE_SEQUENCE, &[property]);
     if let Some(name) = name {
         item.text(tags::SEGMENT_ALGORITHM_NAME, VR::LO, name);
+    }
+    let json = segment.mark.as_ref().map(serde_json::to_string);
+    if let Some(Ok(json)) = json {
+        let (creator, program) = SEGMENT_CREATOR;
+        item.text(creator, VR::LO, program)
+            .text(SEGMENT_MARK, VR::UT, &json);
     }
     item
 }
