@@ -10,6 +10,7 @@ mod command_line;
 mod corrections;
 mod dicom;
 mod dicomweb;
+mod encryption;
 mod extraction;
 mod faults;
 mod findings;

@@ -91,7 +91,13 @@ impl Logged {
 }
 
 /// The status and the body of a GET.
-fn get(address: &str, path: &str, token: &str) -> (u16, String) {
+pub(crate) fn get(address: &str, path: &str, token: &str) -> (u16, String) {
+    let (status, body) = get_bytes(address, path, token);
+    (status, String::from_utf8(body).unwrap())
+}
+
+/// The status and the body of a GET, which need not be text.
+pub(crate) fn get_bytes(address: &str, path: &str, token: &str) -> (u16, Vec<u8>) {
     let mut stream = TcpStream::connect(address).unwrap();
     stream
         .set_read_timeout(Some(Duration::from_secs(60)))
@@ -100,11 +106,13 @@ fn get(address: &str, path: &str, token: &str) -> (u16, String) {
         "GET {path} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {token}\r\nConnection: close\r\n\r\n"
     );
     stream.write_all(request.as_bytes()).unwrap();
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).unwrap();
-    let status = answer.split(' ').nth(1).unwrap().parse().unwrap();
-    let body = answer.split_once("\r\n\r\n").unwrap().1;
-    (status, body.to_owned())
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    let end = answer.windows(4).position(|four| four == b"\r\n\r\n");
+    let body = answer.split_off(end.unwrap() + 4);
+    let head = String::from_utf8(answer).unwrap();
+    let status = head.split(' ').nth(1).unwrap().parse().unwrap();
+    (status, body)
 }
 
 const OLD: &str = "0123456789abcdef";

@@ -20,7 +20,7 @@ use http_support::tls::{BadTls, ListeningTls, serving_tls};
 use http_support::tokens::NamedToken;
 use pipeline::HeadLimits;
 use serde::Deserialize;
-use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
+use storage::{BadAddress, BadKeys, DatabaseAddress, Keys, Location, ObjectsAddress};
 
 use crate::logs::LogFormat;
 
@@ -151,6 +151,14 @@ pub enum ConfigError {
         key: &'static str,
         /// The reason.
         source: BadAddress,
+    },
+    /// The keys of the store cannot be used.
+    #[error("cannot use the keys in {} (`storage.key_file`): {source}", .path.display())]
+    Keys {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        source: BadKeys,
     },
     /// An origin is none.
     #[error("`{key}`: {source}")]
@@ -445,6 +453,7 @@ impl Config {
             folder: self.storage.data.clone(),
             database,
             objects: objects.map_err(wrong("storage.objects"))?,
+            keys: keys(self.storage.key_file.as_deref())?,
         })
     }
 
@@ -512,6 +521,20 @@ impl Config {
             shutdown_grace: Duration::from_secs(self.http.shutdown_grace_secs),
         }
     }
+}
+
+/// The keys of a store, if there is a file with them.
+///
+/// # Errors
+/// If they cannot be used.
+pub(crate) fn keys(file: Option<&Path>) -> Result<Keys, ConfigError> {
+    let Some(path) = file else {
+        return Ok(Keys::default());
+    };
+    Keys::read(path).map_err(|source| ConfigError::Keys {
+        path: path.to_owned(),
+        source,
+    })
 }
 
 fn days(count: u64) -> Duration {
