@@ -297,10 +297,23 @@ impl Config {
             path: path.clone(),
             source,
         })?;
-        tokens::parse(&text).map_err(|why| ConfigError::Tokens {
+        let wrong = |why| ConfigError::Tokens {
             path: path.clone(),
             why,
-        })
+        };
+        let tokens = tokens::parse(&text).map_err(wrong)?;
+        // The audit record names both.
+        let mut peers = self.pacs.dimse.peers.iter();
+        let is_named = |peer: &Peer| {
+            let mut names = tokens.iter().map(|token| &token.holder.name);
+            names.any(|name| **name == *peer.aet.trim())
+        };
+        match peers.find(|peer| is_named(peer)) {
+            None => Ok(tokens),
+            Some(Peer { aet, .. }) => Err(wrong(format!(
+                "the token `{aet}` has the title of a peer in `pacs.dimse.peers`, and the audit record could not tell them apart; choose another name"
+            ))),
+        }
     }
 
     /// The files that are read again when they change.
@@ -578,6 +591,25 @@ mod tests {
 
     fn secret() -> Option<Secret> {
         Some(Secret("0123456789abcdef".to_owned()))
+    }
+
+    #[test]
+    fn no_token_has_the_title_of_a_peer() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("tokens.toml");
+        let digest = blake3::hash(b"a token");
+        let entry =
+            format!("[[tokens]]\nname = \"ORTHANC\"\nscopes = [\"read\"]\nblake3 = \"{digest}\"\n");
+        std::fs::write(&file, entry).unwrap();
+        let text = |aet: &str| {
+            let file = file.display();
+            format!(
+                "[http]\ntokens_file = \"{file}\"\n[[pacs.dimse.peers]]\naet = \"{aet}\"\naddress = \"10.0.0.5\"\n"
+            )
+        };
+        assert!(parsed(&text("PACS")).unwrap().named_tokens().is_ok());
+        let error = parsed(&text("ORTHANC")).unwrap().access().unwrap_err();
+        assert!(error.to_string().contains("title of a peer"), "{error}");
     }
 
     #[test]
