@@ -51,6 +51,11 @@ impl Logged {
 
     /// Reads the log until a line has a message.
     pub(crate) fn until(&mut self, message: &str) -> Value {
+        self.until_one(|said| said == message)
+    }
+
+    /// Reads the log until a message is such a one.
+    fn until_one(&mut self, is_it: impl Fn(&str) -> bool) -> Value {
         loop {
             let mut line = String::new();
             assert!(
@@ -60,7 +65,7 @@ impl Logged {
             );
             let parsed: Value = serde_json::from_str(&line).expect(&line);
             self.lines.push(line);
-            if parsed["message"] == message {
+            if parsed["message"].as_str().is_some_and(&is_it) {
                 return parsed;
             }
         }
@@ -117,6 +122,15 @@ pub(crate) fn get_bytes(address: &str, path: &str, token: &str) -> (u16, Vec<u8>
 
 const OLD: &str = "0123456789abcdef";
 const NEW: &str = "fedcba9876543210";
+
+#[test]
+fn a_worker_says_how_far_the_process_with_a_strangers_file_is_confined() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().to_str().unwrap();
+    let mut worker = Logged::start(&["work", "--data", data]);
+    worker.until_one(|said| said.starts_with("the process that prepares heads has "));
+    worker.end();
+}
 
 #[test]
 fn a_named_token_opens_once_it_is_in_the_file_and_no_longer_once_it_is_not() {
