@@ -14,6 +14,7 @@ mod encryption;
 mod extraction;
 mod faults;
 mod findings;
+mod fuzzed;
 mod golden;
 mod head;
 mod heads;
