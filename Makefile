@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test check faults lab bench bench-record bench-times bench-peers bench-registration
+.PHONY: help setup web demo test check faults lab bench bench-record bench-times bench-peers bench-registration sbom
 
 help: ## list these commands
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -23,6 +23,9 @@ check: ## check format and lints and run the fast tests; installs nothing
 
 faults: ## attack the program with everything in tests/faults/ and report broken expectations
 	@scripts/faults.sh
+
+sbom: ## write the list of the crates that the program is made of, as CycloneDX JSON, into target/
+	@scripts/sbom.py
 
 lab: ## build and test the laboratory: the paper, the study, comparisons with other programs
 	@lab/scripts/test.sh

@@ -67,6 +67,22 @@ def main():
         writable = {mount["mountPath"] for mount in container["volumeMounts"] if not mount.get("readOnly")}
         report.expect(f"{container['name']} writes to /data and /tmp alone", hardened and writable == {"/data", "/tmp"}, writable)
 
+    labels = {}
+    for kind in ("StatefulSet", "Deployment"):
+        for document in by_kind[kind]:
+            pod = document["spec"]["template"]
+            names = {port["name"] for container in containers(document) for port in container["ports"]}
+            labels[pod["metadata"]["labels"]["app"]] = names
+    policies = {document["spec"]["podSelector"]["matchLabels"]["app"]: document["spec"] for document in by_kind["NetworkPolicy"]}
+    report.expect("there is a policy for the network of each kind of pod", set(policies) == set(labels), sorted(policies))
+    for app, policy in policies.items():
+        named = {port["port"] for rule in policy.get("ingress", []) for port in rule["ports"]}
+        report.expect(f"the policy of {app} opens ports that the pod has", named <= labels[app], sorted(named))
+        others = [peer["podSelector"]["matchLabels"].get("app") for rule in policy.get("egress", []) for peer in rule.get("to", [])]
+        report.expect(f"the policy of {app} names pods that there are", set(others) <= set(labels), others)
+    open_to_workers = {port["port"] for rule in policies["isocortex-worker"]["egress"] for port in rule["ports"]}
+    report.expect("workers reach the database", 5432 in open_to_workers, sorted(open_to_workers))
+
     # What the page says to do must name what the files use.
     with open(os.path.join(ROOT, "docs", "install.md")) as file:
         page = file.read()

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Command;
 
-use ::audit::verify;
+use ::audit::{digest_of_uid, verify};
 use axum::body::Body;
 use axum::http::{Method, Request};
 use cases::jobs::remove_expired;
@@ -303,6 +303,9 @@ async fn images_from_a_pacs_are_counted() {
     assert_eq!(outcomes(&lines), [("success", 1), ("success", 3)]);
     assert_eq!(lines[0]["name"], "DICOM Instances Transferred");
     assert_eq!(lines[0]["who"], "anybody");
+    for line in &lines {
+        assert_eq!(line["study"], *digest_of_uid("1.2.3"));
+    }
 }
 
 #[tokio::test]

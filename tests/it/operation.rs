@@ -51,6 +51,11 @@ impl Logged {
 
     /// Reads the log until a line has a message.
     pub(crate) fn until(&mut self, message: &str) -> Value {
+        self.until_one(|said| said == message)
+    }
+
+    /// Reads the log until a message is such a one.
+    fn until_one(&mut self, is_it: impl Fn(&str) -> bool) -> Value {
         loop {
             let mut line = String::new();
             assert!(
@@ -60,7 +65,7 @@ impl Logged {
             );
             let parsed: Value = serde_json::from_str(&line).expect(&line);
             self.lines.push(line);
-            if parsed["message"] == message {
+            if parsed["message"].as_str().is_some_and(&is_it) {
                 return parsed;
             }
         }
@@ -91,7 +96,13 @@ impl Logged {
 }
 
 /// The status and the body of a GET.
-fn get(address: &str, path: &str, token: &str) -> (u16, String) {
+pub(crate) fn get(address: &str, path: &str, token: &str) -> (u16, String) {
+    let (status, body) = get_bytes(address, path, token);
+    (status, String::from_utf8(body).unwrap())
+}
+
+/// The status and the body of a GET, which need not be text.
+pub(crate) fn get_bytes(address: &str, path: &str, token: &str) -> (u16, Vec<u8>) {
     let mut stream = TcpStream::connect(address).unwrap();
     stream
         .set_read_timeout(Some(Duration::from_secs(60)))
@@ -100,15 +111,26 @@ fn get(address: &str, path: &str, token: &str) -> (u16, String) {
         "GET {path} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {token}\r\nConnection: close\r\n\r\n"
     );
     stream.write_all(request.as_bytes()).unwrap();
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).unwrap();
-    let status = answer.split(' ').nth(1).unwrap().parse().unwrap();
-    let body = answer.split_once("\r\n\r\n").unwrap().1;
-    (status, body.to_owned())
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    let end = answer.windows(4).position(|four| four == b"\r\n\r\n");
+    let body = answer.split_off(end.unwrap() + 4);
+    let head = String::from_utf8(answer).unwrap();
+    let status = head.split(' ').nth(1).unwrap().parse().unwrap();
+    (status, body)
 }
 
 const OLD: &str = "0123456789abcdef";
 const NEW: &str = "fedcba9876543210";
+
+#[test]
+fn a_worker_says_how_far_the_process_with_a_strangers_file_is_confined() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().to_str().unwrap();
+    let mut worker = Logged::start(&["work", "--data", data]);
+    worker.until_one(|said| said.starts_with("the process that prepares heads has "));
+    worker.end();
+}
 
 #[test]
 fn a_named_token_opens_once_it_is_in_the_file_and_no_longer_once_it_is_not() {

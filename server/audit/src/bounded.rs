@@ -23,8 +23,19 @@ const BURST: f64 = 60.0;
 /// What was seen, and when last.
 #[derive(Debug)]
 struct Seen {
-    by_key: HashMap<Key, (u64, Instant)>,
+    by_key: HashMap<Key, Count>,
     remembered_for: Duration,
+    /// What was not recorded of keys that are not remembered any more.
+    forgotten: u64,
+}
+
+/// How often a key was seen.
+#[derive(Debug)]
+struct Count {
+    all: u64,
+    /// Of these, since one was last recorded.
+    unrecorded: u64,
+    last: Instant,
 }
 
 impl Seen {
@@ -32,32 +43,57 @@ impl Seen {
         Self {
             by_key: HashMap::new(),
             remembered_for,
+            forgotten: 0,
         }
     }
 
-    /// Counts one, and returns how many there were.
-    fn count(&mut self, key: Key, now: Instant) -> u64 {
-        let remembered_for = self.remembered_for;
-        let is_old = move |last: Instant| now.duration_since(last) >= remembered_for;
+    /// Counts one.
+    fn count(&mut self, key: Key, now: Instant) -> &mut Count {
         if self.by_key.len() >= KEYS && !self.by_key.contains_key(&key) {
             // The older half at once, so that a flood costs little.
-            let mut times: Vec<_> = self.by_key.values().map(|(_, last)| *last).collect();
+            let mut times: Vec<_> = self.by_key.values().map(|count| count.last).collect();
             let (_, &mut middle, _) = times.select_nth_unstable(KEYS / 2);
             let mut keep = KEYS / 2;
-            self.by_key.retain(|_, (_, last)| {
-                let is_kept = !is_old(*last) && *last >= middle && keep > 0;
+            self.forget(now, |count| {
+                let is_kept = count.last >= middle && keep > 0;
                 keep -= usize::from(is_kept);
-                is_kept
+                !is_kept
             });
         }
-        let (count, last) = self.by_key.entry(key).or_insert((0, now));
-        if is_old(*last) {
-            *count = 0;
+        let count = self.by_key.entry(key).or_insert(Count {
+            all: 0,
+            unrecorded: 0,
+            last: now,
+        });
+        if now.duration_since(count.last) >= self.remembered_for {
+            count.all = 0;
         }
-        *count += 1;
-        *last = now;
-        *count
+        count.all += 1;
+        count.unrecorded += 1;
+        count.last = now;
+        count
     }
+
+    /// Forgets the keys that were not seen for a while, and some others.
+    fn forget(&mut self, now: Instant, mut others: impl FnMut(&Count) -> bool) {
+        let (remembered_for, forgotten) = (self.remembered_for, &mut self.forgotten);
+        self.by_key.retain(|_, count| {
+            let goes = now.duration_since(count.last) >= remembered_for || others(count);
+            if goes {
+                *forgotten += count.unrecorded;
+            }
+            !goes
+        });
+    }
+}
+
+/// Refusals that are to be recorded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Due {
+    /// Those of the key since one of it was last recorded.
+    pub(crate) own: u64,
+    /// Those of keys that are not remembered any more.
+    pub(crate) others: u64,
 }
 
 /// Which refusals and sign-ins are recorded.
@@ -67,8 +103,6 @@ pub(crate) struct Bounded {
     signed_in: Seen,
     room: f64,
     filled: Instant,
-    /// Refusals since the last one that was recorded.
-    skipped: u64,
 }
 
 impl Bounded {
@@ -78,28 +112,35 @@ impl Bounded {
             signed_in: Seen::new(SIGNED_IN_FOR),
             room: BURST,
             filled: Instant::now(),
-            skipped: 0,
         }
     }
 
-    /// Counts a refusal. If it is to be recorded, returns how many there were since the last one that was: the first, second, fourth,
-    /// eighth … of a key is, as long as these are no more than one a second for long.
-    pub(crate) fn refusal(&mut self, key: Key, now: Instant) -> Option<u64> {
-        self.skipped += 1;
-        let is_due = self.refused.count(key, now).is_power_of_two();
+    /// Counts a refusal. If it is to be recorded, returns how many there were since the last one of its key that was: the first, second,
+    /// fourth, eighth … of a key is, as long as these are no more than one a second for long.
+    pub(crate) fn refusal(&mut self, key: Key, now: Instant) -> Option<Due> {
         let passed = now.duration_since(self.filled).as_secs_f64();
         self.room = (self.room + passed).min(BURST);
         self.filled = now;
-        if !is_due || self.room < 1.0 {
+        let count = self.refused.count(key, now);
+        if !count.all.is_power_of_two() || self.room < 1.0 {
             return None;
         }
         self.room -= 1.0;
-        Some(std::mem::take(&mut self.skipped))
+        let own = std::mem::take(&mut count.unrecorded);
+        self.refused.forget(now, |_| false);
+        let others = std::mem::take(&mut self.refused.forgotten);
+        Some(Due { own, others })
+    }
+
+    /// All refusals that were not recorded.
+    pub(crate) fn rest(&mut self) -> u64 {
+        self.refused.forget(Instant::now(), |_| true);
+        std::mem::take(&mut self.refused.forgotten)
     }
 
     /// Whether somebody signs in by showing a token: for the first time in half a day from this address.
     pub(crate) fn is_sign_in(&mut self, key: Key, now: Instant) -> bool {
-        self.signed_in.count(key, now) == 1
+        self.signed_in.count(key, now).all == 1
     }
 
     /// Makes the next request of somebody a sign-in.
@@ -123,24 +164,51 @@ mod tests {
         let recorded: Vec<_> = (0..1024).map(|_| bounded.refusal(key(1), now)).collect();
         let counts: Vec<_> = recorded.into_iter().flatten().collect();
         assert_eq!(counts.len(), 11);
-        assert_eq!(counts.iter().sum::<u64>(), 1024);
+        assert_eq!(counts.iter().map(|due| due.own).sum::<u64>(), 1024);
         let later = now + REFUSED_FOR;
-        assert_eq!(bounded.refusal(key(1), later), Some(1), "it was forgotten");
+        let again = bounded.refusal(key(1), later).unwrap();
+        assert_eq!(again.own, 1, "it was forgotten");
     }
 
     #[test]
-    fn many_addresses_together_are_recorded_once_a_second() {
+    fn refusals_are_counted_for_their_own_address() {
+        let mut bounded = Bounded::new();
+        let now = Instant::now();
+        for _ in 0..7 {
+            bounded.refusal(key(1), now);
+        }
+        let other = bounded.refusal(key(2), now);
+        assert_eq!(other, Some(Due { own: 1, others: 0 }));
+        assert_eq!(bounded.refusal(key(1), now).unwrap().own, 4);
+        for _ in 0..3 {
+            bounded.refusal(key(1), now);
+        }
+        // What nobody comes back for is said with the next one.
+        let later = now + REFUSED_FOR;
+        let due = bounded.refusal(key(2), later);
+        assert_eq!(due, Some(Due { own: 1, others: 3 }));
+        bounded.refusal(key(3), later);
+        bounded.refusal(key(3), later);
+        bounded.refusal(key(3), later);
+        assert_eq!((bounded.rest(), bounded.rest()), (1, 0));
+    }
+
+    #[test]
+    fn many_addresses_together_are_recorded_once_a_second_and_none_is_uncounted() {
         let mut bounded = Bounded::new();
         let start = Instant::now();
-        let flood = |bounded: &mut Bounded, seconds: u64, from: u32| {
+        let mut counted = 0;
+        let mut flood = |bounded: &mut Bounded, seconds: u64, from: u32| {
             let now = start + Duration::from_secs(seconds);
             let some = (from..from + 10_000).filter_map(|number| bounded.refusal(key(number), now));
-            some.count()
+            let due: Vec<_> = some.collect();
+            counted += due.iter().map(|due| due.own + due.others).sum::<u64>();
+            due.len()
         };
         assert_eq!(flood(&mut bounded, 0, 0), 60);
         assert_eq!(flood(&mut bounded, 10, 10_000), 10);
         assert!(bounded.refused.by_key.len() <= KEYS);
-        assert!(bounded.skipped > 9_000);
+        assert_eq!(counted + bounded.rest(), 20_000);
     }
 
     #[test]

@@ -60,15 +60,19 @@ struct Keys<'a> {
     /// The line of the same event that has the count of its start.
     #[serde(skip_serializing_if = "Option::is_none")]
     first: Option<u64>,
+    /// The number of the file, in its first line.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    file: Option<u32>,
     previous: String,
 }
 
-/// The line of an event with its end, and where the next one stands.
+/// The line of an event with its end, and where the next one stands. The first line of a file has the number of the file.
 pub(crate) fn write(
     event: &Event,
     first: Option<u64>,
     process: &str,
     at: &Position,
+    begins_file: Option<u32>,
 ) -> (Vec<u8>, Position) {
     let (code, name) = event.kind.code();
     let now = Timestamp::now();
@@ -90,6 +94,7 @@ pub(crate) fn write(
         request: event.request.as_deref(),
         count: event.count,
         first,
+        file: begins_file,
         previous: at.previous.to_hex().to_string(),
     };
     // Numbers, texts and options cannot fail.
@@ -118,6 +123,8 @@ pub(crate) struct Read {
     pub(crate) is_sound: bool,
     /// Whether it is the last one of a process that stopped in order.
     pub(crate) is_stop: bool,
+    /// The number of the file that begins with it.
+    pub(crate) file: Option<u32>,
 }
 
 /// Reads a line without its end; `None` if it is none.
@@ -128,6 +135,7 @@ pub(crate) fn read(line: &[u8]) -> Option<Read> {
         process: String,
         event: String,
         object: String,
+        file: Option<u32>,
         previous: String,
         digest: String,
     }
@@ -138,6 +146,7 @@ pub(crate) fn read(line: &[u8]) -> Option<Read> {
     let is_sound = is_last_key && *blake3::hash(body).to_hex() == *known.digest;
     Some(Read {
         is_stop: known.event == "110100" && known.object == STOP,
+        file: known.file,
         seq: known.seq,
         process: known.process,
         previous: known.previous,
@@ -164,11 +173,12 @@ mod tests {
         );
         event.from = Some("::ffff:10.0.0.5".parse().unwrap());
         event.case = Some("0123".into());
-        let (line, next) = write(&event, None, "p", &Position::first());
+        let (line, next) = write(&event, None, "p", &Position::first(), Some(1));
         let json: serde_json::Value = serde_json::from_slice(&line).unwrap();
         assert_eq!(json["name"], "DICOM Instances Accessed");
         assert_eq!(json["from"], "10.0.0.5");
         assert_eq!((&json["seq"], &json["count"]), (&1.into(), &1.into()));
+        assert_eq!(json["file"], 1);
         assert_eq!(json["previous"], "0".repeat(64));
         assert_eq!(json["digest"], *next.previous.to_hex());
         let read = super::read(line.trim_ascii_end()).unwrap();

@@ -63,6 +63,10 @@ pub enum BreakKind {
     Strange,
     /// The file with this number is missing before it.
     FileMissing(u32),
+    /// The file does not begin with its first line.
+    Beheaded,
+    /// The file has another number than when it was begun.
+    Renumbered(u32),
 }
 
 impl fmt::Display for Break {
@@ -81,6 +85,10 @@ impl fmt::Display for Break {
             BreakKind::Strange => write!(formatter, "the line is of another process"),
             BreakKind::FileMissing(number) => {
                 write!(formatter, "the file {number:06} before this one is missing")
+            }
+            BreakKind::Beheaded => write!(formatter, "the beginning of the file is missing"),
+            BreakKind::Renumbered(number) => {
+                write!(formatter, "the file was begun as number {number:06}")
             }
         }
     }
@@ -172,6 +180,14 @@ fn verify_process(
                 report(at + 1, BreakKind::Strange);
                 continue;
             }
+            match (at, line.file) {
+                // The first file begins with the first line of the process.
+                (0, None) if number > 1 => report(1, BreakKind::Beheaded),
+                (_, Some(begun)) if begun != number => {
+                    report(at + 1, BreakKind::Renumbered(begun));
+                }
+                _ => {}
+            }
             if let Some(kind) = chain.follow(&line, begins_here) {
                 report(at + 1, kind);
             }
@@ -225,17 +241,24 @@ mod tests {
 
     const PROCESS: &str = "20260101T000000Z-00000001";
 
-    /// Six lines: a start, four events and a stop.
+    /// Six lines in one file: a start, four events and a stop.
     fn lines() -> Vec<String> {
+        lines_in(&[1, 0, 0, 0, 0, 0])
+    }
+
+    /// The same, of which those with a number begin the file with it.
+    fn lines_in(files: &[u32; 6]) -> Vec<String> {
         let mut at = Position::first();
+        let mut files = files.iter();
         let objects = ["start", "a", "b", "c", "d", STOP];
         let lines = objects.map(|object| {
+            let begins = files.next().copied().filter(|&file| file > 0);
             let kind = match object {
                 STOP => EventKind::ApplicationActivity,
                 _ => EventKind::Export,
             };
             let event = Event::new(kind, Action::Read, object, "somebody");
-            let (line, next) = write(&event, None, PROCESS, &at);
+            let (line, next) = write(&event, None, PROCESS, &at, begins);
             at = next;
             String::from_utf8(line).unwrap()
         });
@@ -259,7 +282,7 @@ mod tests {
 
     #[test]
     fn a_record_as_it_was_written_has_no_break_and_tells_its_last_line() {
-        let all = lines();
+        let all = lines_in(&[1, 0, 0, 2, 0, 0]);
         let (breaks, verified) = found(&[(1, all[..3].concat()), (2, all[3..].concat())]);
         assert_eq!(breaks, []);
         assert_eq!((verified.files, verified.lines), (2, 6));
@@ -283,6 +306,7 @@ mod tests {
                 seq: 3,
                 previous: blake3::Hash::from_hex(digest_of(&all[1])).unwrap(),
             },
+            None,
         );
         all[2] = String::from_utf8(other.0).unwrap();
         assert_eq!(broken(&all), [(4, BreakKind::Replaced)]);
@@ -336,12 +360,22 @@ mod tests {
 
     #[test]
     fn a_missing_file_is_found_unless_it_is_the_first() {
-        let all = lines();
+        let all = lines_in(&[1, 0, 2, 0, 3, 0]);
         let [one, two, three] = [0..2, 2..4, 4..6].map(|range| all[range].concat());
         let (breaks, _) = found(&[(1, one), (3, three.clone())]);
         assert_eq!(breaks, [(1, BreakKind::FileMissing(2))]);
         let (breaks, verified) = found(&[(2, two), (3, three)]);
         assert_eq!(breaks, []);
         assert!(verified.notes[0].contains("before 000002 are not here"));
+    }
+
+    #[test]
+    fn a_cut_head_is_found_although_the_files_before_are_gone() {
+        let all = lines_in(&[1, 0, 2, 0, 0, 0]);
+        assert_eq!(found(&[(2, all[2..].concat())]).0, []);
+        let (breaks, _) = found(&[(2, all[3..].concat())]);
+        assert_eq!(breaks, [(1, BreakKind::Beheaded)]);
+        let (breaks, _) = found(&[(7, all[2..].concat())]);
+        assert_eq!(breaks, [(1, BreakKind::Renumbered(2))]);
     }
 }

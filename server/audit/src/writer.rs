@@ -150,15 +150,19 @@ impl Audit {
         written.await.map_err(|_dropped| CannotRecord)
     }
 
-    /// Records a refusal durably, if it is to be recorded: of many that are alike, ever fewer are. Its count is that of all refusals
-    /// since the last one that was recorded. A refusal stays one if it cannot be recorded.
+    /// Records a refusal durably, if it is to be recorded: of many that are alike, ever fewer are. Its count is that of those that are alike
+    /// since one of them was last recorded; those that nobody has repeated for a while have a line together. A refusal stays one if it
+    /// cannot be recorded.
     pub async fn record_refusal(&self, mut event: Event) {
         let Some(inner) = &self.0 else {
             return;
         };
         let due = inner.bounded().refusal(key_of(&event), Instant::now());
-        if let Some(count) = due {
-            event.count = count;
+        if let Some(due) = due {
+            if due.others > 0 {
+                let _ = self.record(other_refusals(due.others));
+            }
+            event.count = due.own;
             let _ = self.record_durable(event).await;
         }
     }
@@ -187,6 +191,10 @@ impl Audit {
         let Some(inner) = &self.0 else {
             return;
         };
+        let rest = inner.bounded().rest();
+        if rest > 0 {
+            let _ = self.record(other_refusals(rest));
+        }
         let mut thread = inner.thread.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(thread) = thread.take() {
             // An error of either means that the thread has ended.
@@ -204,6 +212,16 @@ impl Audit {
         }
         let sent = inner.sender.try_send(Message::Record(Box::new(waiting)));
         sent.map_err(|_| CannotRecord)
+    }
+}
+
+/// Refusals that are too few, or too many, for lines of their own.
+fn other_refusals(count: u64) -> Event {
+    let kind = EventKind::SecurityAlert;
+    Event {
+        outcome: Outcome::MinorFailure,
+        count,
+        ..Event::new(kind, Action::Execute, "other refusals", "isocortex")
     }
 }
 
@@ -411,7 +429,8 @@ impl Writer {
         }
         let (mut lines, mut at) = (Vec::new(), self.at.clone());
         for one in waiting {
-            let (line, next) = write(&one.event, one.first, &self.process, &at);
+            let begins = (self.length == 0 && lines.is_empty()).then_some(self.number);
+            let (line, next) = write(&one.event, one.first, &self.process, &at, begins);
             lines.extend(line);
             at = next;
         }
@@ -441,11 +460,14 @@ impl Writer {
         Ok(())
     }
 
-    /// Whether the file was deleted while it was open.
+    /// Whether the file was deleted, or moved with its folder, while it was open.
     #[cfg(unix)]
     fn is_gone(&self) -> io::Result<bool> {
         use std::os::unix::fs::MetadataExt as _;
-        Ok(self.file.metadata()?.nlink() == 0)
+        let ours = self.file.metadata()?;
+        let path = path_of(&self.options.folder, &self.process, self.number);
+        let there = std::fs::symlink_metadata(path);
+        Ok(!there.is_ok_and(|there| (there.dev(), there.ino()) == (ours.dev(), ours.ino())))
     }
 
     #[cfg(not(unix))]
@@ -454,9 +476,13 @@ impl Writer {
     }
 }
 
+fn path_of(folder: &Path, process: &str, number: u32) -> PathBuf {
+    folder.join(format!("{process}-{number:06}.jsonl"))
+}
+
 /// Makes the file of a process with a number, for appending by its owner alone.
 fn make_file(folder: &Path, process: &str, number: u32) -> io::Result<File> {
-    let path = folder.join(format!("{process}-{number:06}.jsonl"));
+    let path = path_of(folder, process, number);
     let file = private().append(true).create_new(true).open(path)?;
     sync_folder(folder)?;
     Ok(file)
@@ -627,6 +653,39 @@ mod tests {
         assert_eq!(lines[1]["object"], "export");
         audit.shut_down();
         assert!(verify(&folder).unwrap().breaks.is_empty());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_folder_that_was_renamed_gets_no_more_lines_and_the_one_in_its_place_does() {
+        let outer = tempfile::tempdir().unwrap();
+        let (folder, away) = (outer.path().join("audit"), outer.path().join("away"));
+        std::fs::create_dir(&folder).unwrap();
+        let audit = audit(&folder, 1 << 20);
+        wait(audit.record_durable(event("export"))).unwrap();
+        std::fs::rename(&folder, &away).unwrap();
+        assert_eq!(
+            wait(audit.record_durable(event("export"))),
+            Err(CannotRecord)
+        );
+        std::fs::create_dir(&folder).unwrap();
+        while audit.is_full() {
+            std::thread::yield_now();
+        }
+        audit.shut_down();
+        assert_eq!(lines(&away).len(), 2);
+        assert_eq!(lines(&folder)[0]["object"], "recorded again");
+        // Together they are the whole record.
+        for file in std::fs::read_dir(&away).unwrap() {
+            let file = file.unwrap();
+            std::fs::rename(file.path(), folder.join(file.file_name())).unwrap();
+        }
+        let verified = verify(&folder).unwrap();
+        assert!(
+            verified.breaks.is_empty() && verified.notes.is_empty(),
+            "{verified:?}"
+        );
+        assert_eq!(verified.lines, 4);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use audit::Audit;
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, QualityState, SurfaceName};
 use geometry::Volume;
 use imaging::Limits;
-use pipeline::atlas::{Atlas, AtlasChoice, Gyri, NoAtlas};
+use pipeline::atlas::{Atlas, AtlasChoice, NoAtlas};
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
 use storage::{Location, Store, StoreError};

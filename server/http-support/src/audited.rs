@@ -1,5 +1,6 @@
 //! What is recorded of a request.
 
+use std::collections::BTreeMap;
 use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -98,6 +99,10 @@ impl Audited {
     }
 }
 
+/// The studies of the images that a request has stored, and how many: an extension of its answer.
+#[derive(Debug, Clone, Default)]
+pub struct StoredImages(pub BTreeMap<String, u64>);
+
 /// Who asks for what, for the record.
 pub(crate) struct Witness {
     audit: Audit,
@@ -177,9 +182,12 @@ impl Witness {
                 return full.into_response();
             }
         }
-        let response = next.run(request).await;
+        let mut response = next.run(request).await;
         event.outcome = outcome_of(response.status());
         name_new_case(&mut event, &response);
+        if let Some(StoredImages(studies)) = response.extensions_mut().remove() {
+            return self.stored(event, studies, response);
+        }
         let recorded = match when {
             When::Never => Ok(()),
             When::Counted => self.audit.record_counted(counted(event)).map_err(full),
@@ -195,6 +203,27 @@ impl Witness {
         match recorded {
             Ok(()) => response,
             Err(full) => full.into_response(),
+        }
+    }
+}
+
+impl Witness {
+    /// Records the images that a request has stored, for each study; and the request, if it failed or stored none.
+    fn stored(self, event: Event, studies: BTreeMap<String, u64>, response: Response) -> Response {
+        let of_study = |(study, &count): (&String, &u64)| Event {
+            outcome: Outcome::Success,
+            study: Some(digest_of_uid(study).into()),
+            count,
+            ..event.clone()
+        };
+        let mut events: Vec<_> = studies.iter().map(of_study).collect();
+        if event.outcome != Outcome::Success || events.is_empty() {
+            events.push(event);
+        }
+        let record = |event| self.audit.record_counted(counted(event));
+        match events.into_iter().try_for_each(record) {
+            Ok(()) => response,
+            Err(why) => full(why).into_response(),
         }
     }
 }

@@ -61,6 +61,10 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     let objects = location.objects.map(|objects| objects.to_string());
     let place = location.folder.display();
     say(format!("the store is in {place}"));
+    say(match location.keys.current() {
+        Some(key) => format!("its objects are encrypted with the key {key}"),
+        None => "its objects are not encrypted (`storage.key_file`)".to_owned(),
+    });
     match &config.audit.folder {
         Some(folder) => say(format!("who does what is recorded in {}", folder.display())),
         None => say("nothing is recorded of who does what (`audit.folder`)".to_owned()),

@@ -1,9 +1,9 @@
 //! STOW-RS (PS3.18 §10.5): images come as the parts of a request.
 
-use axum::body::HttpBody as _;
+use axum::body::{Body, HttpBody as _};
 use axum::extract::{Path, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
-use axum::response::Response;
+use axum::response::{IntoResponse as _, Response};
 use cases::Error;
 use cases::arrivals::Reception;
 use cases::dicom::InstanceIdentity;
@@ -16,6 +16,7 @@ use crate::address::StudyPath;
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
+use http_support::audited::StoredImages;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 
@@ -121,28 +122,17 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
         study,
         batch: Vec::new(),
         report: Report::default(),
+        stored: StoredImages::default(),
     };
-    let mut parts = Parts::new(request.into_body(), &boundary, *limits);
-    while let Some(kind) = parts.next().await? {
-        if images.report.count() == MAX_INSTANCES {
-            let detail = format!("the request has more than {MAX_INSTANCES} parts; send fewer");
-            return Err(AppError::new(
-                StatusCode::PAYLOAD_TOO_LARGE,
-                "too-many-files",
-                detail,
-            ));
-        }
-        if !is_dicom(kind.as_deref()) {
-            parts.skip().await?;
-            images.unknown(FailureReason::CannotUnderstand);
-            continue;
-        }
-        match parts.spool(pacs.cases().store()).await? {
-            Some(file) => images.add(file).await?,
-            None => images.unknown(FailureReason::OutOfResources),
-        }
-    }
-    images.finish().await
+    let parts = Parts::new(request.into_body(), &boundary, *limits);
+    let received = images.receive(parts).await;
+    let mut response = match received {
+        Ok(()) => std::mem::take(&mut images.report).answer(),
+        Err(error) => error.into_response(),
+    };
+    // What was stored before an error is stored.
+    response.extensions_mut().insert(images.stored);
+    Ok(response)
 }
 
 fn boundary(headers: &HeaderMap) -> Result<String, AppError> {
@@ -184,9 +174,35 @@ struct Images<'a> {
     /// Read, and not durable yet.
     batch: Vec<(InstanceIdentity, Spooled)>,
     report: Report,
+    /// For the audit record.
+    stored: StoredImages,
 }
 
 impl Images<'_> {
+    /// Reads all parts, and makes those durable that may be.
+    async fn receive(&mut self, mut parts: Parts<Body>) -> Result<(), AppError> {
+        while let Some(kind) = parts.next().await? {
+            if self.report.count() == MAX_INSTANCES {
+                let detail = format!("the request has more than {MAX_INSTANCES} parts; send fewer");
+                return Err(AppError::new(
+                    StatusCode::PAYLOAD_TOO_LARGE,
+                    "too-many-files",
+                    detail,
+                ));
+            }
+            if !is_dicom(kind.as_deref()) {
+                parts.skip().await?;
+                self.unknown(FailureReason::CannotUnderstand);
+                continue;
+            }
+            match parts.spool(self.pacs.cases().store()).await? {
+                Some(file) => self.add(file).await?,
+                None => self.unknown(FailureReason::OutOfResources),
+            }
+        }
+        self.finish().await
+    }
+
     async fn add(&mut self, file: Spooled) -> Result<(), AppError> {
         let identity = match self.pacs.cases().headers.read(&file).await {
             Ok(identity) => identity,
@@ -225,6 +241,10 @@ impl Images<'_> {
         let source = ArrivalSource::Stow;
         let receptions = self.pacs.cases().receive(batch, source).await?;
         for (identity, reception) in identities.iter().zip(receptions) {
+            if reception != Reception::Refused {
+                let study = identity.uids.study.as_str().to_owned();
+                *self.stored.0.entry(study).or_default() += 1;
+            }
             match reception {
                 Reception::Stored | Reception::Rejected => self.report.stored(identity, None),
                 Reception::Corrected => self.report.stored(identity, Some(CORRECTED)),
@@ -248,7 +268,7 @@ impl Images<'_> {
         self.report.unknown(reason);
     }
 
-    async fn finish(mut self) -> Result<Response, AppError> {
+    async fn finish(&mut self) -> Result<(), AppError> {
         self.flush().await?;
         if self.report.count() == 0 {
             return Err(AppError::bad_request(
@@ -267,7 +287,7 @@ impl Images<'_> {
             failed = failed.len() + others.len(),
             "images were stored by STOW-RS"
         );
-        Ok(self.report.answer())
+        Ok(())
     }
 }
 

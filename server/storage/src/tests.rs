@@ -3,6 +3,7 @@
 mod attempts;
 mod inspect;
 mod publish;
+mod rekey;
 mod sweep;
 
 use std::path::Path;

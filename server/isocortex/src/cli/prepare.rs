@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use imaging::sniff;
 
+use super::common::KeyArgs;
 use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
@@ -15,7 +16,7 @@ use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::Workers;
 use cases::{Library, LibraryOptions};
 use pipeline::{Limits, Pipeline, Source};
-use storage::Store;
+use storage::{Location, Store};
 
 /// The time for the worker to finish.
 pub(super) const GRACE: Duration = Duration::from_secs(5);
@@ -30,6 +31,8 @@ pub(super) struct PrepareArgs {
     /// The directory of the store. [default: isocortex-data]
     #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
     data: Option<PathBuf>,
+    #[command(flatten)]
+    key: KeyArgs,
     /// A label for lists; not the patient's name.
     #[arg(long)]
     name: Option<String>,
@@ -46,7 +49,13 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
-    super::block_on(into_store(&data, (source, parameters), layers, pipeline))
+    let location = args.key.location(&data)?;
+    super::block_on(into_store(
+        &location,
+        (source, parameters),
+        layers,
+        pipeline,
+    ))
 }
 
 /// Reads the files of an input. DICOM files, recognised by content, become a volume.
@@ -118,12 +127,12 @@ pub(super) async fn warn_of_doubts(store: &Store, id: &CaseId) -> Result<(), Cli
 }
 
 async fn into_store(
-    data: &Path,
+    location: &Location,
     (source, parameters): (Source, Parameters),
     layers: Vec<LayerFile>,
     pipeline: Pipeline,
 ) -> Result<(), CliError> {
-    let store = Store::open(data).await?;
+    let store = Store::open_at(location, storage::Options::default()).await?;
     let library = Library::new(store.clone(), pipeline.into(), LibraryOptions::default());
     let workers = Workers::start(library.clone(), 1);
     let submitted = library.submit(source, parameters).await?;

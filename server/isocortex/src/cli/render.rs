@@ -10,8 +10,9 @@ use cases::{Cases, Error, Library, LibraryOptions, Preparation};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use http_support::{query, sent};
 use render::choice::Renderer;
-use storage::{Location, Store};
+use storage::Store;
 
+use super::common::KeyArgs;
 use super::prepare::{GRACE, source, wait_until_ready, warn_of_doubts};
 use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, check_output, choices, write_output};
@@ -30,6 +31,8 @@ pub(super) struct RenderArgs {
     /// The directory of the store, for a case. [default: isocortex-data]
     #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
     data: Option<PathBuf>,
+    #[command(flatten)]
+    key: KeyArgs,
     /// The PNG file to write.
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
@@ -151,8 +154,9 @@ fn case_id(input: &Path) -> Option<CaseId> {
 async fn open(args: &RenderArgs) -> Result<Store, CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| Config::default().storage.data);
-    Location::from(&*data).must_exist().await?;
-    Ok(Store::open(&data).await?)
+    let location = args.key.location(&data)?;
+    location.must_exist().await?;
+    Ok(Store::open_at(&location, storage::Options::default()).await?)
 }
 
 /// The case of a volume, in a store in memory.

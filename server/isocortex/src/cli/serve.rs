@@ -2,6 +2,7 @@
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
@@ -12,8 +13,8 @@ use super::common::{CommonArgs, set, set_some};
 use super::status::{CliError, ExitStatus};
 use crate::config::{Config, Network, Secret};
 use crate::{figures, logs, start};
-use cases::Cases;
 use cases::arrivals::ArrivalReader;
+use cases::dicom::DicomReader;
 use cases::jobs::Workers;
 use cases::pictures::GpuUse;
 use http_support::auth::Access;
@@ -253,7 +254,8 @@ impl Server {
         let router = start::router(&state, &pacs);
         let serving = tokio::spawn(listen::serve(listener, router, limits, tls, stop));
         tracing::info!(%address, "listening");
-        tokio::spawn(tell_confinement(state.cases.clone()));
+        let reader = Arc::clone(&state.cases.dicom);
+        tokio::spawn(tell_confinement(reader, "reads DICOM files"));
         Ok(Self {
             arrivals: ArrivalReader::start(state.cases.clone(), config.pacs.arrivals()),
             background: Background::start(pacs),
@@ -286,16 +288,16 @@ impl Server {
     }
 }
 
-/// Says how far the process that reads the files of strangers is confined. It depends on the kernel.
-async fn tell_confinement(cases: Cases) {
+/// Says how far the process that does something with the files of strangers is confined. It depends on the kernel.
+pub(super) async fn tell_confinement(reader: Arc<DicomReader>, does: &'static str) {
     // If the process cannot be started, the log has said so.
-    let Ok(given) = cases.dicom.confinement().await else {
+    let Ok(given) = reader.confinement().await else {
         return;
     };
     match given.is_whole() {
-        true => tracing::info!("the process that reads DICOM files has {given}"),
+        true => tracing::info!("the process that {does} has {given}"),
         false => tracing::warn!(
-            "the process that reads DICOM files has {given}; code in a damaged file could read what the server may read"
+            "the process that {does} has {given}; code in a damaged file could read what this program may read"
         ),
     }
 }

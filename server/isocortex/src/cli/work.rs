@@ -1,14 +1,17 @@
 //! `isocortex work`.
 
 use std::net::SocketAddr;
+use std::sync::Arc;
 use std::time::Duration;
 
+use cases::dicom::DicomReader;
 use cases::jobs::Workers;
 use clap::Args;
 use http_support::listen;
+use pipeline::Limits;
 
 use super::common::{CommonArgs, set_some};
-use super::serve::{bind, told_to_stop};
+use super::serve::{bind, tell_confinement, told_to_stop};
 use super::status::CliError;
 use crate::config::ConfigError;
 use crate::{health, logs, start};
@@ -42,6 +45,9 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
         let library = start::open_library(&config).await?;
         let workers = Workers::start(library.clone(), config.prepare.workers);
         tracing::info!("preparing cases");
+        let program = config.dicom_program.clone();
+        let reader = DicomReader::new(program, Limits::default(), config.limits.max_upload_bytes);
+        tokio::spawn(tell_confinement(Arc::new(reader), "prepares heads"));
         let stop = told_to_stop();
         match config.prepare.listen {
             None => stop.await,

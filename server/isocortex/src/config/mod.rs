@@ -20,7 +20,7 @@ use http_support::tls::{BadTls, ListeningTls, serving_tls};
 use http_support::tokens::NamedToken;
 use pipeline::HeadLimits;
 use serde::Deserialize;
-use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
+use storage::{BadAddress, BadKeys, DatabaseAddress, Keys, Location, ObjectsAddress};
 
 use crate::logs::LogFormat;
 
@@ -151,6 +151,14 @@ pub enum ConfigError {
         key: &'static str,
         /// The reason.
         source: BadAddress,
+    },
+    /// The keys of the store cannot be used.
+    #[error("cannot use the keys in {} (`storage.key_file`): {source}", .path.display())]
+    Keys {
+        /// The file.
+        path: PathBuf,
+        /// The reason.
+        source: BadKeys,
     },
     /// An origin is none.
     #[error("`{key}`: {source}")]
@@ -289,10 +297,23 @@ impl Config {
             path: path.clone(),
             source,
         })?;
-        tokens::parse(&text).map_err(|why| ConfigError::Tokens {
+        let wrong = |why| ConfigError::Tokens {
             path: path.clone(),
             why,
-        })
+        };
+        let tokens = tokens::parse(&text).map_err(wrong)?;
+        // The audit record names both.
+        let mut peers = self.pacs.dimse.peers.iter();
+        let is_named = |peer: &Peer| {
+            let mut names = tokens.iter().map(|token| &token.holder.name);
+            names.any(|name| **name == *peer.aet.trim())
+        };
+        match peers.find(|peer| is_named(peer)) {
+            None => Ok(tokens),
+            Some(Peer { aet, .. }) => Err(wrong(format!(
+                "the token `{aet}` has the title of a peer in `pacs.dimse.peers`, and the audit record could not tell them apart; choose another name"
+            ))),
+        }
     }
 
     /// The files that are read again when they change.
@@ -445,6 +466,7 @@ impl Config {
             folder: self.storage.data.clone(),
             database,
             objects: objects.map_err(wrong("storage.objects"))?,
+            keys: keys(self.storage.key_file.as_deref())?,
         })
     }
 
@@ -515,6 +537,20 @@ impl Config {
     }
 }
 
+/// The keys of a store, if there is a file with them.
+///
+/// # Errors
+/// If they cannot be used.
+pub(crate) fn keys(file: Option<&Path>) -> Result<Keys, ConfigError> {
+    let Some(path) = file else {
+        return Ok(Keys::default());
+    };
+    Keys::read(path).map_err(|source| ConfigError::Keys {
+        path: path.to_owned(),
+        source,
+    })
+}
+
 fn days(count: u64) -> Duration {
     Duration::from_secs(count.saturating_mul(24 * 3600))
 }
@@ -556,6 +592,25 @@ mod tests {
 
     fn secret() -> Option<Secret> {
         Some(Secret("0123456789abcdef".to_owned()))
+    }
+
+    #[test]
+    fn no_token_has_the_title_of_a_peer() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("tokens.toml");
+        let digest = blake3::hash(b"a token");
+        let entry =
+            format!("[[tokens]]\nname = \"ORTHANC\"\nscopes = [\"read\"]\nblake3 = \"{digest}\"\n");
+        std::fs::write(&file, entry).unwrap();
+        let text = |aet: &str| {
+            let file = file.display();
+            format!(
+                "[http]\ntokens_file = \"{file}\"\n[[pacs.dimse.peers]]\naet = \"{aet}\"\naddress = \"10.0.0.5\"\n"
+            )
+        };
+        assert!(parsed(&text("PACS")).unwrap().named_tokens().is_ok());
+        let error = parsed(&text("ORTHANC")).unwrap().access().unwrap_err();
+        assert!(error.to_string().contains("title of a peer"), "{error}");
     }
 
     #[test]

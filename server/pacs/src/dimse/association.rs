@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::net::IpAddr;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use audit::{Action, Event, EventKind, Outcome, digest_of_uid};
 use cases::arrivals::Reception;
@@ -18,6 +18,7 @@ use crate::dimse::counts::{AssociationCounts, Rejection};
 use crate::dimse::head::file_head;
 use crate::dimse::negotiate::{Accepted, Context, negotiate, rejection};
 use crate::dimse::options::{DimseOptions, is_aet};
+use crate::dimse::pace::Pace;
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
 
 /// How long an image waits for the disk of the audit record. A disk that takes longer counts as full.
@@ -36,6 +37,8 @@ pub(crate) enum Abort {
     BadCommand,
     #[error("an image is larger than the limit of {MAX_INSTANCE_BYTES} bytes")]
     TooLarge,
+    #[error("the peer sends a message too slowly")]
+    TooSlow,
     #[error("the peer aborted it")]
     ByPeer,
     #[error("the peer is not listed, or asked for another one than us")]
@@ -47,7 +50,7 @@ impl Abort {
     fn reason(&self) -> Option<AbortRQServiceProviderReason> {
         match self {
             Self::Wire(WireError::Lost(_)) | Self::ByPeer | Self::Rejected => None,
-            Self::Wire(WireError::Silent) | Self::TooLarge => {
+            Self::Wire(WireError::Silent) | Self::TooLarge | Self::TooSlow => {
                 Some(AbortRQServiceProviderReason::ReasonNotSpecified)
             }
             Self::Unexpected => Some(AbortRQServiceProviderReason::UnexpectedPdu),
@@ -153,7 +156,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         is_announced: false,
     };
     let peer_max_length = peer_max_length(&request.user_variables);
-    let ended = exchange(wire, &mut messages, peer_max_length).await;
+    let ended = exchange(wire, &mut messages, peer_max_length, options).await;
     messages.record_end(ended.is_ok()).await;
     ended
 }
@@ -176,9 +179,28 @@ async fn exchange<S: AsyncRead + AsyncWrite + Unpin>(
     wire: &mut Wire<S>,
     messages: &mut Messages<'_>,
     peer_max_length: usize,
+    options: &DimseOptions,
 ) -> Result<usize, Abort> {
+    let mut pace = Pace::new(options.least_bytes_per_second);
     loop {
-        match wire.receive().await? {
+        let is_amid = messages.is_amid();
+        if !is_amid {
+            pace = Pace::new(options.least_bytes_per_second);
+        }
+        let patience = match is_amid {
+            true => options.idle.min(pace.patience()),
+            false => options.idle,
+        };
+        let asked = Instant::now();
+        let pdu = wire.receive_within(patience).await?;
+        if let (true, Pdu::PData { data }) = (is_amid, &pdu) {
+            let bytes = data.iter().map(|value| value.data.len()).sum();
+            let taken = options.counts.running() as f64 / options.max_associations.max(1) as f64;
+            if !pace.is_kept(bytes, asked.elapsed(), taken) {
+                return Err(Abort::TooSlow);
+            }
+        }
+        match pdu {
             // Otherwise a peer could keep its association for ever without sending anything.
             Pdu::PData { data }
                 if data
@@ -242,6 +264,11 @@ enum State {
 }
 
 impl Messages<'_> {
+    /// Whether a message has begun and not ended.
+    fn is_amid(&self) -> bool {
+        !matches!(&self.state, State::Command(bytes) if bytes.is_empty())
+    }
+
     /// Takes a fragment; after the last one of a message its context and its response.
     async fn take(&mut self, value: PDataValue) -> Result<Option<(u8, Vec<u8>)>, Abort> {
         let id = value.presentation_context_id;

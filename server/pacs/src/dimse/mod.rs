@@ -12,6 +12,7 @@ mod negotiate;
 mod node;
 mod options;
 mod outcome;
+mod pace;
 mod peers;
 mod wire;
 
@@ -25,3 +26,10 @@ pub use http_support::tls::{
     BadTls, ConnectingTls, ListeningTls, ReloadedTls, TlsAuthority, TlsIdentity, connecting_tls,
     listening_tls,
 };
+
+/// Whether bytes are a PDU, or a command, that is understood here. For tests of what strangers may send.
+pub fn is_understood(bytes: &[u8]) -> bool {
+    command::Request::parse(bytes).is_some()
+        || command::status_of_response(bytes).is_some()
+        || wire::parse_whole(bytes.to_vec())
+}

@@ -7,6 +7,7 @@ use bytes::Bytes;
 use dicom_ul::pdu::{
     PDU_HEADER_SIZE, PDataValue, PDataValueType, Pdu, UserVariableItem, read_pdu, write_pdu,
 };
+use futures_util::FutureExt as _;
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
 
 /// The largest PDU that we accept, without its head.
@@ -109,6 +110,12 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Wire<S> {
         });
         Ok(sent.await.map_err(|_elapsed| WireError::Silent)??)
     }
+}
+
+/// Whether bytes begin with a PDU that is accepted. They come from memory, so nothing is awaited.
+pub(super) fn parse_whole(bytes: Vec<u8>) -> bool {
+    let mut wire = Wire::new(io::Cursor::new(bytes), Duration::MAX);
+    matches!(wire.receive_now().now_or_never(), Some(Ok(_)))
 }
 
 /// A whole PDU. The reader of `dicom-ul` takes some lengths inside of a PDU on trust and panics if they lie.
