@@ -20,11 +20,7 @@ use storage::{Attempt, Keys, Location, ObjectName, Options, Store};
 type Failure = Box<dyn std::error::Error>;
 
 /// What a picture needs of a case.
-const KINDS: &[ObjectKind] = &[
-    ObjectKind::Envelope,
-    ObjectKind::Volume,
-    ObjectKind::Paths,
-];
+const KINDS: &[ObjectKind] = &[ObjectKind::Envelope, ObjectKind::Volume, ObjectKind::Paths];
 
 /// The model of a case, as the server makes it.
 fn decode(facts: &CaseFacts, payloads: &[Bytes]) -> Option<DeformableModel> {
@@ -34,7 +30,11 @@ fn decode(facts: &CaseFacts, payloads: &[Bytes]) -> Option<DeformableModel> {
     let default_paths = decode_paths(paths)?;
     let depth = DepthMaps::new(&geometry::distance_map(&envelope_of(facts, envelope)?));
     depth.normals();
-    Some(DeformableModel::new(decode_volume(volume)?, depth, default_paths))
+    Some(DeformableModel::new(
+        decode_volume(volume)?,
+        depth,
+        default_paths,
+    ))
 }
 
 /// A store with one case.
@@ -60,7 +60,11 @@ impl Subject {
     /// Seconds until the model is there.
     async fn model(&self) -> Result<f64, Failure> {
         let begun = Instant::now();
-        match self.store.read_derived(&self.id, KINDS, &Arc::new(decode)).await? {
+        match self
+            .store
+            .read_derived(&self.id, KINDS, &Arc::new(decode))
+            .await?
+        {
             Attempt::Read(_) => Ok(begun.elapsed().as_secs_f64()),
             other => Err(format!("{other:?}").into()),
         }
@@ -106,7 +110,10 @@ async fn main() -> Result<(), Failure> {
     for (what, times) in [("a model", models), ("every object of the case", objects)] {
         // The first of each is not warm.
         let [plain, sealed] = times.map(|times| median(times[1..].to_vec()) * 1e3);
-        println!("{what}: {plain:.2} ms, encrypted {sealed:.2} ms, ratio {:.3}", sealed / plain);
+        println!(
+            "{what}: {plain:.2} ms, encrypted {sealed:.2} ms, ratio {:.3}",
+            sealed / plain
+        );
     }
     Ok(())
 }
