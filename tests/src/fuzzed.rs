@@ -25,10 +25,10 @@ pub type Target = fn(&[u8]);
 /// envelope of a few bytes may have the greatest grid, which takes a while to unpack.
 pub const TARGETS: [(&str, Target, usize); 6] = [
     ("nifti", nifti, 400),
-    ("dicom", dicom, 400),
+    ("dicom", dicom, 200),
     ("multipart", multipart, 400),
     ("pdu", pdu, 400),
-    ("decoders", decoders, 40),
+    ("decoders", decoders, 10),
     ("query", query, 400),
 ];
 
