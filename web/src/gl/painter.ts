@@ -227,9 +227,9 @@ export class Painter {
     return texture;
   }
 
-  /** Whether all data of a surface are present. */
+  /** Whether the depths of a surface are present. */
   hasSurface(surface: SurfaceName): boolean {
-    return this.#fields.get(surface)?.depths != null && this.#shrinkings.has(surface);
+    return this.#fields.get(surface)?.depths != null;
   }
 
   /** Whether all data for a picture are present. */

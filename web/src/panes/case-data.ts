@@ -29,8 +29,8 @@ export interface Fetched {
 
 /** What has been fetched of the surface of a part. */
 export interface PartFetched {
-  readonly field: FieldMaps;
-  readonly paths: PathsTable;
+  readonly field: FieldMaps | null;
+  readonly paths: PathsTable | null;
 }
 
 /** Gets the data as they arrive. `CaseData` waits for what takes long. */
@@ -99,19 +99,23 @@ export class CaseData {
     return whole;
   }
 
-  /** Fetches the surface of a part; the volume is that of the whole brain. */
-  async loadPart(surface: PartName): Promise<PartFetched> {
+  /** Fetches the surface of a part; the volume is that of the whole brain. Its mesh follows, for it is not drawn at rest. */
+  async loadPart(surface: PartName): Promise<FieldMaps> {
     const assets = new Assets(this.#case.id, this.#gone, new ByteCount(() => {}), surface);
-    const [field, paths] = await Promise.all([
-      assets.distance("all", voxelCount(this.#case.grid.size)),
-      assets.paths(),
-    ]);
-    const part = { field: await patiently(partMaps(field), this.#gone), paths };
-    await this.#listener.more({ parts: new Map([[surface, part]]) }, this.#gone);
+    const coded = await assets.distance("all", voxelCount(this.#case.grid.size));
+    const made = await patiently(partMaps(coded), this.#gone);
+    await this.#listener.more({ parts: new Map([[surface, { field: made, paths: null }]]) }, this.#gone);
     // The gradients are on the device, as of the whole brain.
-    const kept = { ...part, field: { ...part.field, gradients: new Int8Array() } };
-    this.fetched.parts.set(surface, kept);
-    return kept;
+    const field = { ...made, gradients: new Int8Array() };
+    this.fetched.parts.set(surface, { field, paths: null });
+    const follow = async (): Promise<void> => {
+      const paths = await assets.paths();
+      this.fetched.parts.set(surface, { field, paths });
+      await this.#listener.more({ parts: new Map([[surface, { field: null, paths }]]) }, this.#gone);
+    };
+    // Without its mesh it is drawn exactly, however slow the device is.
+    follow().catch(() => {});
+    return field;
   }
 
   #take(part: Partial<Fetched>, signal: AbortSignal): Promise<void> {

@@ -330,7 +330,7 @@ class Cortex implements Surface {
       if (shown.state === "ready") this.#parts.set(part, shown);
     }
     if (draws) {
-      const { field, smoothed, fenced } = (await this.#data.loadPart(part)).field;
+      const { field, smoothed, fenced } = await this.#data.loadPart(part);
       this.#fields.set(part, depthsOf(field, { ...field, voxels: smoothed ?? field.voxels }, fenced));
     }
     // The server draws with the facts alone; the rest is fetched once the page draws.
@@ -427,8 +427,10 @@ class Cortex implements Surface {
     const wanted = state.way === "auto" ? this.#pace.way : state.way;
     const drawn = { ...state, surface: this.#drawnSurface(state) };
     const canDraw = (way: Drawn): boolean => painter.canDraw(way, state.depth_mm, surfacesOf(drawn));
-    if (wanted === "exact" && canDraw("exact")) return "exact";
-    return canDraw("mesh") ? "mesh" : null;
+    const hasMesh = canDraw("mesh");
+    // The mesh of a part comes after the part.
+    if ((wanted === "exact" || (!hasMesh && isPart(drawn.surface))) && canDraw("exact")) return "exact";
+    return hasMesh ? "mesh" : null;
   }
 
   /** Whether the server draws: permanently, or while the state asks for it. */

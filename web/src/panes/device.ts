@@ -121,8 +121,7 @@ export class Device {
       const field = await withGradients(taken.field, signal);
       const parts = new Map<PartName, PartFetched>();
       for (const [name, part] of taken.parts) {
-        const maps = await withGradients(part.field, signal);
-        if (maps) parts.set(name, { ...part, field: maps });
+        parts.set(name, { ...part, field: await withGradients(part.field, signal) });
       }
       await patiently(handOver(painter, { ...taken, field, parts }), signal);
       // What came meanwhile is brought as well.
@@ -130,7 +129,7 @@ export class Device {
       taken.paths !== fetched.paths ||
       taken.volume !== fetched.volume ||
       taken.field !== fetched.field ||
-      taken.parts.size !== fetched.parts.size
+      [...fetched.parts].some(([name, part]) => taken.parts.get(name) !== part)
     );
     signal.throwIfAborted();
     return painter;
@@ -157,8 +156,8 @@ export function* handOver(painter: Painter, part: Partial<Fetched>): Generator<v
   if (volume) yield* painter.setVolume(volume, isWhole);
   if (field) yield* painter.setField(field);
   for (const [surface, one] of parts) {
-    yield* painter.setField(one.field, surface);
-    painter.setPaths(one.paths, surface);
+    if (one.field) yield* painter.setField(one.field, surface);
+    if (one.paths) painter.setPaths(one.paths, surface);
   }
 }
 

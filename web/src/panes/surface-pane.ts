@@ -374,6 +374,11 @@ function titleOf(state: ViewState, orientation: ViewState["orientation"]): strin
   const name = viewName(orientation);
   if (surface !== "whole") {
     const isInner = isHalf(surface) && name === mirroredSurface(surface);
+    // Beside the mirrored half the hemisphere has a place of its own.
+    if (isMirrored(state) && isHalf(surface)) {
+      const words = isInner ? t("surface.inner") : name && name !== surface ? t(`view.${name}`) : "";
+      return `${depthWords(state)}  ${words}`.trimEnd();
+    }
     const direction = name && name !== surface && !isInner ? `  ${t(`view.${name}`)}` : "";
     return `${depthWords(state)}${direction}  ${t(isInner ? `surface.${surface}-inner` : `surface.${surface}-said`)}`;
   }
