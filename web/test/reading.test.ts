@@ -35,6 +35,20 @@ test("the checklist counts the seconds for which each view was shown in each ban
   assert.equal(list.seconds("left", 0), 0);
 });
 
+test("a marked place counts for its lobe and side as long as it is marked", () => {
+  const list = new Checklist();
+  const marked: ViewState = { ...first, depth_mm: 8, crosshair_mm: [40, 0, 10] };
+  list.show(marked, 0, "temporal left");
+  list.show({ ...marked, depth_mm: 12 }, 4000, "temporal left");
+  list.show({ ...first, depth_mm: 12 }, 9000, "temporal left");
+  list.show(null, 20_000);
+  assert.deepEqual(
+    ([6, 10] as const).map((band) => list.seconds("temporal left", band)),
+    [4, 5],
+  );
+  assert.deepEqual([list.seconds("temporal right", 6), list.seconds("left", 10)], [0, 16]);
+});
+
 test("beside the mirrored half both sides are looked at, and slices and the close-up count as such", () => {
   assert.deepEqual(looksOf(first), ["left"]);
   assert.deepEqual(looksOf({ ...first, layout: "mirror" }), ["left", "right"]);

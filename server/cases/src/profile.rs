@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use case::{CaseFacts, Gyrus, MapName, PatientSide};
+use case::{CaseFacts, Gyrus, Lobe, MapName, PatientSide};
 use geometry::{DeformableModel, DepthField};
 use glam::DVec3;
 use pipeline::atlas::Gyri;
@@ -78,6 +78,9 @@ pub struct PointProfile {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[cfg_attr(feature = "openapi", schema(value_type = Option<String>))]
     pub gyrus: Option<Gyrus>,
+    /// The lobe of that gyrus.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lobe: Option<Lobe>,
     /// The width of the junction of grey and white matter.
     pub junction_width: JunctionWidthView,
     /// The position of the point.
@@ -199,6 +202,7 @@ impl Probe<'_> {
     fn point(&self, position: DVec3) -> Option<PointProfile> {
         (self.field_depth_mm(position) >= 0.0).then(|| {
             let plane = mirror_plane(self.facts);
+            let gyrus = self.gyri.and_then(|gyri| gyri.at(position));
             let point = self.sample(position, 0.0);
             let mut samples = self.way(position, -1.0);
             samples.reverse();
@@ -206,7 +210,8 @@ impl Probe<'_> {
             samples.extend(self.way(position, 1.0));
             PointProfile {
                 side: side_at(plane.normal().dot(position) - plane.offset_mm()),
-                gyrus: self.gyri.and_then(|gyri| gyri.at(position)),
+                gyrus,
+                lobe: gyrus.map(Gyrus::lobe),
                 junction_width: self.width(&point),
                 point,
                 samples,

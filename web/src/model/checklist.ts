@@ -1,6 +1,7 @@
 // What of a head a reader has looked at, and for how long: pure.
 
 import { NAMED_VIEWS, VIEW_NAMES, type ViewName, towardsViewer } from "./camera.ts";
+import type { Side } from "./midsagittal.ts";
 import { dot } from "./space.ts";
 import { isHalf } from "./surfaces.ts";
 import { type ViewState, hasSlices, isMirrored } from "./state.ts";
@@ -29,6 +30,12 @@ const OTHER: Readonly<Partial<Record<ViewName, ViewName>>> = { left: "right", ri
 export const LOOKS = [...VIEW_NAMES, "slices", "closer"] as const;
 export type Look = (typeof LOOKS)[number];
 
+/** The lobes of which marked places are counted. */
+export const LOBES = ["frontal", "parietal", "temporal", "occipital", "insula", "cingulate"] as const;
+export type Lobe = (typeof LOBES)[number];
+/** Where a marked place is. */
+export type LobeSide = `${Lobe} ${Side}`;
+
 /** What is on the screen: beside the mirrored half, also the same view of the other side. */
 export function looksOf(state: ViewState): readonly Look[] {
   // The close-up shows slices alone.
@@ -41,21 +48,22 @@ export function looksOf(state: ViewState): readonly Look[] {
   return [...views, ...(hasSlices(state) ? (["slices"] as const) : [])];
 }
 
-/** How long each view, the slices and the close-up were looked at in each band of depths. */
+/** How long each view, the slices and the close-up were looked at in each band of depths, and marked places of each lobe. */
 export class Checklist {
   readonly #ms = new Map<string, number>();
   #shown: { readonly keys: readonly string[]; readonly since: number } | null = null;
 
-  /** This is on the screen from now on; null: nothing is. */
-  show(state: ViewState | null, now: number): void {
+  /** This is on the screen from now on, with a mark in a lobe, if its lobe is known; null: nothing is. */
+  show(state: ViewState | null, now: number, lobe: LobeSide | null = null): void {
     const { keys = [], since = now } = this.#shown ?? {};
     const ms = Math.min(Math.max(now - since, 0), LONGEST_MS);
     for (const key of keys) this.#ms.set(key, (this.#ms.get(key) ?? 0) + ms);
-    this.#shown = state && { keys: looksOf(state).map((look) => `${look} ${bandOf(state.depth_mm)}`), since: now };
+    const looks = state && [...looksOf(state), ...(lobe && state.crosshair_mm ? [lobe] : [])];
+    this.#shown = looks && { keys: looks.map((look) => `${look} ${bandOf(state.depth_mm)}`), since: now };
   }
 
   /** For how long it was looked at, in s; 0 if it was only passed by. */
-  seconds(look: Look, band: Band): number {
+  seconds(look: Look | LobeSide, band: Band): number {
     const ms = this.#ms.get(`${look} ${band}`) ?? 0;
     return ms < LEAST_MS ? 0 : Math.round(ms / 1000);
   }

@@ -1,6 +1,7 @@
 // Intensity against depth, from the surface inwards along the shortest way, beside the same of the mirrored point.
 
 import { wayIn, type Depths } from "./isosurface.ts";
+import type { Side } from "./midsagittal.ts";
 import type { Sampler } from "./sampler.ts";
 import type { Vec3 } from "./space.ts";
 
@@ -21,6 +22,8 @@ export type Curve = readonly (readonly [number, number])[];
 export interface PointMeasured {
   /** About which gyrus it is in, where the server knows. */
   readonly gyrus?: string;
+  readonly lobe?: string;
+  readonly side: Side;
   readonly junction_width: { readonly verdict: string; readonly mm?: number };
   readonly samples: readonly {
     readonly depth_mm: number | null;

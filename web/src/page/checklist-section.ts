@@ -2,7 +2,8 @@
 
 import { h, quiet, setText } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";
-import { BANDS_MM, Checklist, LOOKS, type Look } from "../model/checklist.ts";
+import { BANDS_MM, Checklist, LOBES, LOOKS, type LobeSide, type Look } from "../model/checklist.ts";
+import type { Side } from "../model/midsagittal.ts";
 import type { ViewState } from "../model/state.ts";
 import { button, row } from "./fields.ts";
 
@@ -22,7 +23,10 @@ export class ChecklistSection {
   readonly #cells: readonly { readonly cell: HTMLElement; write(): void }[];
   readonly #timer: number;
   #state: ViewState | null = null;
-  readonly #look = (): void => this.#list.show(document.hidden ? null : this.#state, performance.now());
+  /** Where the mark is, if the server knows. */
+  #lobe: LobeSide | null = null;
+  readonly #byLobe: HTMLElement;
+  readonly #look = (): void => this.#list.show(document.hidden ? null : this.#state, performance.now(), this.#lobe);
 
   constructor(id: string) {
     this.#list = LISTS.get(id) ?? new Checklist();
@@ -32,12 +36,45 @@ export class ChecklistSection {
       const depths = to === undefined ? `> ${number(band)} mm` : `${number(band)} – ${number(to)} mm`;
       return { depths, cells: LOOKS.map((look) => this.#cell(look, band)) };
     });
-    this.#cells = rows.flatMap(({ cells }) => cells);
+    const lobes = BANDS_MM.map(() =>
+      LOBES.map((lobe) => (["left", "right"] as const).map((side) => `${lobe} ${side}` as const)),
+    );
+    const ofLobes = lobes.map((row, at) => row.map((sides) => sides.map((one) => this.#cell(one, BANDS_MM[at] ?? 0))));
+    this.#cells = [...rows.flatMap(({ cells }) => cells), ...ofLobes.flat(2)];
     const heads = LOOKS.map((look) => h("th", { scope: "col", title: lookName(look) }, t(`letter.${look}`)));
     const clear = button(t("checklist.clear"), () => {
       this.#list.clear();
       this.#write();
     });
+    const lobeHeads = LOBES.map((lobe) =>
+      h("th", { scope: "colgroup", colspan: 2, title: t(`lobe.${lobe}`) }, t(`lobe.${lobe}.short`)),
+    );
+    const sideHeads = LOBES.flatMap(() => [
+      h("th", { scope: "col" }, t("letter.left")),
+      h("th", { scope: "col" }, t("letter.right")),
+    ]);
+    this.#byLobe = h(
+      "div",
+      { class: "by-lobe", hidden: true },
+      h(
+        "table",
+        { class: "checklist", "aria-label": t("checklist.lobes") },
+        h(
+          "thead",
+          {},
+          h("tr", {}, h("td", {}), ...lobeHeads),
+          h("tr", {}, h("th", { scope: "col" }, t("places.depth")), ...sideHeads),
+        ),
+        h(
+          "tbody",
+          {},
+          ...ofLobes.map((cells, at) =>
+            h("tr", {}, h("th", { scope: "row" }, rows[at]?.depths ?? ""), ...cells.flat().map(({ cell }) => cell)),
+          ),
+        ),
+      ),
+      quiet(t("checklist.about-lobes")),
+    );
     this.element = h(
       "div",
       { class: "group-body" },
@@ -54,6 +91,7 @@ export class ChecklistSection {
         ),
       ),
       quiet(t("checklist.about")),
+      this.#byLobe,
       row(clear),
     );
     document.addEventListener("visibilitychange", this.#look);
@@ -64,6 +102,14 @@ export class ChecklistSection {
   /** This is on the screen now. */
   show(state: ViewState): void {
     this.#state = state;
+    this.#look();
+  }
+
+  /** The mark is in a lobe; null: that is not known. */
+  place(lobe: string | undefined, side: Side | undefined): void {
+    const known = LOBES.find((one) => one === lobe);
+    this.#lobe = known && side ? `${known} ${side}` : null;
+    if (this.#lobe) this.#byLobe.hidden = false;
     this.#look();
   }
 

@@ -121,6 +121,7 @@ export class OnDemand {
   #measure(point: Vec3, ask: Parts["measuredAt"]): void {
     this.#point = point;
     this.#measured = null;
+    this.#checklist?.place(undefined, undefined);
     this.#asked.abort();
     // Outside the envelope, and on its border, nothing is measured.
     if (!(Number(this.#host.onScreen().surface.probe(point)?.depth_mm) > BORDER_MM)) return;
@@ -129,6 +130,7 @@ export class OnDemand {
       (measured) => {
         if (signal.aborted) return;
         this.#measured = measured;
+        this.#checklist?.place(measured.own.lobe, measured.own.side);
         this.#host.measured();
       },
       // Without an answer the page's own curves stand alone.

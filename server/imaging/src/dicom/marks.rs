@@ -388,6 +388,12 @@ mod tests {
         let read = marks(&segments(&source(), &all.clone().map(Some))).unwrap();
         assert_eq!(read.marks, all);
         assert_eq!(read.frame_of_reference, "1.3");
+        // Viewers place the frames by the functional groups.
+        let metadata =
+            crate::dicom::metadata(&segments(&source(), &all.clone().map(Some))).unwrap();
+        let groups =
+            ["52009229", "52009230"].map(|name| metadata[name]["Value"].as_array().map(Vec::len));
+        assert_eq!(groups, [Some(1), Some(8)]);
         assert_eq!(read.patient, ["P-1", "", "19670312"]);
         for foreign in [
             segments(&source(), &[None]),

@@ -43,8 +43,8 @@ impl Wanted<'_> {
     fn wants(self, tag: Tag) -> bool {
         match self {
             Self::These(tags) => tags.binary_search(&tag).is_ok(),
-            // Private groups are odd. Curves and overlays are pixels of a kind.
-            Self::Texts => tag.0.is_multiple_of(2) && !(0x5000..0x6100).contains(&tag.0),
+            // Private groups are odd. Curves (50xx) and overlays (60xx) are pixels of a kind; functional groups (5200) are not.
+            Self::Texts => tag.0.is_multiple_of(2) && !matches!(tag.0 >> 8, 0x50 | 0x60),
             Self::All => true,
         }
     }
