@@ -230,7 +230,7 @@ export function holderDialog(name: string, { scopes }: Holder): void {
     t("who.title"),
     "holder",
     h("p", { id: "holder" }, t("who.as", { name })),
-    quiet(t("who.may", { scopes: scopes.join(", ") })),
+    quiet(scopes.length > 0 ? t("who.may", { scopes: scopes.join(", ") }) : t("problem.missing-scope")),
     h(
       "div",
       { class: "row end" },

@@ -167,9 +167,11 @@ class App {
 
   /** Says who is signed in. The token without a name is nobody's. */
   async #sayWho(): Promise<void> {
-    const holder = await getHolder().catch(() => null);
-    if (!holder || holder.name === "anybody" || parent !== window) return;
+    if (parent !== window) return;
+    // Whoever may not even ask has signed in all the same, and can sign out.
+    const holder = await getHolder().catch(() => ({ name: "anybody", scopes: [] }));
     const name = session()?.name ?? (holder.name === "token" ? t("who.unnamed") : holder.name);
+    if (name === "anybody") return;
     this.#who.textContent = name;
     this.#who.title = t("who.as", { name });
     this.#who.hidden = false;
