@@ -29,6 +29,7 @@ mod maps;
 mod masks;
 mod memory;
 mod nifti;
+mod oidc;
 mod openapi;
 mod operation;
 mod orthanc;

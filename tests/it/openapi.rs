@@ -27,6 +27,8 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /readyz",
         "get /metrics",
         "get /version",
+        "get /sign-in",
+        "get /v1/session",
         "get /v1/cases",
         "post /v1/cases",
         "get /v1/cases/{id}",

@@ -148,7 +148,10 @@ impl Witness {
     pub(crate) async fn is_refused(&self, why: &AppError, has_token: bool) {
         let (kind, object) = match why {
             AppError::MissingScope { .. } => (EventKind::SecurityAlert, "missing scope"),
-            AppError::TokenEnded => (EventKind::UserAuthentication, "ended token"),
+            AppError::TokenEnded | AppError::SignInEnded => {
+                (EventKind::UserAuthentication, "ended token")
+            }
+            AppError::IssuerAway => (EventKind::UserAuthentication, "unverified token"),
             _ if has_token => (EventKind::UserAuthentication, "wrong token"),
             _ => (EventKind::UserAuthentication, "no token"),
         };

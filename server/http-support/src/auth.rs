@@ -21,6 +21,7 @@ use crate::audited::Witness;
 use crate::door::Connection;
 use crate::guesses::Guesses;
 use crate::listen::Peer;
+use crate::oidc::{Issuer, SignedIn, as_token};
 use crate::origins::Origins;
 use crate::problem::AppError;
 use crate::scopes::ScopeTable;
@@ -44,6 +45,8 @@ const BASIC: HeaderValue = HeaderValue::from_static("Basic realm=\"isocortex\", 
 pub struct Access {
     /// `None` if none is required. All clones share them, because they can be replaced.
     tokens: Arc<watch::Sender<Option<Tokens>>>,
+    /// Whose tokens open beside these.
+    issuer: Option<Issuer>,
     guesses: Arc<Guesses>,
     origins: Origins,
 }
@@ -81,6 +84,17 @@ impl Access {
         Self { origins, ..self }
     }
 
+    /// The same, for whoever has a token of an issuer too.
+    #[must_use]
+    pub fn with_issuer(self, issuer: Option<Issuer>) -> Self {
+        Self { issuer, ..self }
+    }
+
+    /// The issuer of tokens, if there is one.
+    pub fn issuer(&self) -> Option<&Issuer> {
+        self.issuer.as_ref()
+    }
+
     /// The origins whose pages have access.
     pub fn origins(&self) -> &Origins {
         &self.origins
@@ -114,6 +128,33 @@ impl Access {
         }
     }
 
+    /// Who asks, by a token of this server or of the issuer; `None` if no token is required.
+    async fn identify(&self, headers: &HeaderMap) -> Result<Option<Opened>, AppError> {
+        match (self.check_token(headers), &self.issuer) {
+            (Err(AppError::Unauthorized), Some(issuer)) => {
+                let given = given_token(headers).unwrap_or_default();
+                let token = as_token(&given).ok_or(AppError::Unauthorized)?;
+                let SignedIn { holder, ends } = issuer.open(token).await?;
+                Ok(Some(Opened {
+                    holder,
+                    by: OpenedBy::Issuer { ends },
+                }))
+            }
+            (checked, _) => Ok(checked?.map(|token| Opened {
+                holder: token.holder.clone(),
+                by: OpenedBy::Token(token),
+            })),
+        }
+    }
+
+    /// Resolves when a request would no longer open what this one has opened.
+    async fn no_longer(self, opened: Opened) {
+        match opened.by {
+            OpenedBy::Token(token) => self.closed(token).await,
+            OpenedBy::Issuer { ends } => until(ends).await,
+        }
+    }
+
     /// Resolves when a token no longer opens what it has opened: it has ended, was withdrawn, or has other scopes.
     fn closed(&self, token: NamedToken) -> impl Future<Output = ()> + Send + use<> {
         let mut tokens = self.tokens.subscribe();
@@ -128,10 +169,7 @@ impl Access {
                 };
                 let ended = async {
                     match ends {
-                        Some(end) => {
-                            let left = end.duration_since(SystemTime::now());
-                            tokio::time::sleep(left.unwrap_or_default()).await;
-                        }
+                        Some(end) => until(end).await,
                         None => pending().await,
                     }
                 };
@@ -160,6 +198,24 @@ impl Access {
             Err(AppError::WrongHost)
         }
     }
+}
+
+/// Somebody who may ask.
+struct Opened {
+    holder: Holder,
+    by: OpenedBy,
+}
+
+enum OpenedBy {
+    /// A token of this server, which may be withdrawn.
+    Token(NamedToken),
+    /// A token of the issuer, which is right until its end.
+    Issuer { ends: SystemTime },
+}
+
+async fn until(end: SystemTime) {
+    let left = end.duration_since(SystemTime::now());
+    tokio::time::sleep(left.unwrap_or_default()).await;
 }
 
 /// A token without a name, which opens everything.
@@ -202,7 +258,7 @@ fn without_port(host: &str) -> &str {
     }
 }
 
-fn is_name_of_this_machine(host: &str) -> bool {
+pub(crate) fn is_name_of_this_machine(host: &str) -> bool {
     let address = host
         .strip_prefix('[')
         .and_then(|rest| rest.strip_suffix(']'))
@@ -285,7 +341,8 @@ pub struct Guard {
 /// are too long to be guessed at any rate. Handlers find the [`Holder`] in the extensions of the request.
 ///
 /// # Errors
-/// [`AppError::Unauthorized`], [`AppError::TokenEnded`]; [`AppError::MissingScope`];
+/// [`AppError::Unauthorized`], [`AppError::TokenEnded`]; those of a token of the issuer: [`AppError::TokenRefused`],
+/// [`AppError::SignInEnded`], [`AppError::IssuerAway`]; [`AppError::MissingScope`];
 /// [`AppError::AuditFull`]; [`AppError::TooManyGuesses`] for one wrong token too soon after others; [`cases::Error::Busy`] if there are too many clients.
 pub async fn require_token(
     State(Guard {
@@ -297,10 +354,10 @@ pub async fn require_token(
     next: Next,
 ) -> Result<Response, AppError> {
     let connection = request.extensions().get::<Arc<Connection>>();
-    let refusal = match access.check_token(request.headers()) {
-        Ok(token) => {
-            let holder = match &token {
-                Some(token) => token.holder.clone(),
+    let refusal = match access.identify(request.headers()).await {
+        Ok(opened) => {
+            let holder = match &opened {
+                Some(opened) => opened.holder.clone(),
                 None => Holder::anybody(),
             };
             if let Some(Err(busy)) = connection.map(|connection| connection.admit()) {
@@ -310,7 +367,7 @@ pub async fn require_token(
             let path = path.map_or("", MatchedPath::as_str);
             let (scope, audited) = scopes.row(request.method(), path);
             let witness = Witness::new(&audit, &holder.name, &request);
-            if token.is_some() {
+            if opened.is_some() {
                 witness.signs_in().await?;
             }
             if !holder.scopes.contains(&scope) {
@@ -320,13 +377,13 @@ pub async fn require_token(
             }
             request.extensions_mut().insert(holder);
             let mut response = witness.watch(audited, request, next).await;
-            if token.is_some() {
+            if opened.is_some() {
                 // A browser keeps answers for the holder of this token alone.
                 let headers = response.headers_mut();
                 headers.append(header::VARY, HeaderValue::from_static("authorization"));
             }
-            return Ok(match token {
-                Some(token) if is_endless(&response) => ending(response, access.closed(token)),
+            return Ok(match opened {
+                Some(opened) if is_endless(&response) => ending(response, access.no_longer(opened)),
                 _ => response,
             });
         }
@@ -335,8 +392,13 @@ pub async fn require_token(
     let has_token = given_token(request.headers()).is_some();
     let witness = Witness::new(&audit, ANYBODY, &request);
     witness.is_refused(&refusal, has_token).await;
-    // A request without a token is not a guess, nor is a token that was right.
-    let is_guess = matches!(refusal, AppError::Unauthorized) && has_token;
+    // A request without a token is not a guess, nor is a token that was right or that somebody has signed.
+    let is_wrong = match refusal {
+        AppError::Unauthorized => true,
+        AppError::TokenRefused { is_signed, .. } => !is_signed,
+        _ => false,
+    };
+    let is_guess = is_wrong && has_token;
     let wait = match is_guess {
         true => access.guesses.record(Peer::of(&request)),
         false => None,

@@ -3,6 +3,7 @@
 
 pub mod audited;
 pub mod auth;
+pub mod client;
 pub mod conditional;
 mod door;
 pub mod form_body;
@@ -12,6 +13,7 @@ pub mod listen;
 pub mod logs;
 pub mod metrics;
 pub mod negotiate;
+pub mod oidc;
 pub mod origins;
 pub mod pace;
 pub mod problem;

@@ -113,6 +113,22 @@ pub enum AppError {
     /// The token was right and has ended.
     #[error("your token has ended; ask the administrator of this server for a new one")]
     TokenEnded,
+    /// A token of the issuer is not accepted.
+    #[error("the token was refused: {why}")]
+    TokenRefused {
+        /// Why.
+        why: &'static str,
+        /// Whether the issuer has signed it.
+        is_signed: bool,
+    },
+    /// A token of the issuer has ended.
+    #[error("your sign-in has ended; sign in again")]
+    SignInEnded,
+    /// Nobody can say whether the issuer has signed a token.
+    #[error(
+        "the issuer of your token does not answer, so the token cannot be verified; try again in a moment"
+    )]
+    IssuerAway,
     /// The token does not permit this.
     #[error("the token `{}` may not do this: it lacks the scope `{scope}`", .holder.name)]
     MissingScope {
@@ -307,7 +323,10 @@ impl AppError {
                 (StatusCode::RANGE_NOT_SATISFIABLE, "range-not-satisfiable")
             }
             Self::Unauthorized => (StatusCode::UNAUTHORIZED, "unauthorized"),
+            Self::TokenRefused { .. } => (StatusCode::UNAUTHORIZED, "token-refused"),
             Self::TokenEnded => (StatusCode::UNAUTHORIZED, "token-ended"),
+            Self::SignInEnded => (StatusCode::UNAUTHORIZED, "sign-in-ended"),
+            Self::IssuerAway => (StatusCode::SERVICE_UNAVAILABLE, "issuer-away"),
             Self::MissingScope { .. } => (StatusCode::FORBIDDEN, "missing-scope"),
             Self::AuditFull => (StatusCode::INSUFFICIENT_STORAGE, "audit-full"),
             Self::TooManyGuesses { .. } => (StatusCode::TOO_MANY_REQUESTS, "too-many-guesses"),
@@ -426,11 +445,15 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
             header::WWW_AUTHENTICATE,
             HeaderValue::from_static("Bearer realm=\"isocortex\""),
         )),
-        AppError::TokenEnded => Some((
+        AppError::TokenEnded | AppError::SignInEnded => Some((
             header::WWW_AUTHENTICATE,
             HeaderValue::from_static(
                 "Bearer realm=\"isocortex\", error=\"invalid_token\", error_description=\"the token has ended\"",
             ),
+        )),
+        AppError::TokenRefused { .. } => Some((
+            header::WWW_AUTHENTICATE,
+            HeaderValue::from_static("Bearer realm=\"isocortex\", error=\"invalid_token\""),
         )),
         AppError::MissingScope { scope, .. } => {
             let challenge = format!(

@@ -4,6 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use axum::http::Method;
+use serde::Deserialize;
 
 use crate::audited::Audited;
 
@@ -70,7 +71,8 @@ impl FromStr for Scope {
 }
 
 /// A name for several scopes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
 pub enum Role {
     /// Looks at cases.
     Viewer,
@@ -104,6 +106,29 @@ impl Role {
             Self::Pacs => &[Scope::Read, Scope::DicomStore],
             Self::Admin => &Scope::ALL,
         }
+    }
+}
+
+impl FromStr for Role {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        let found = Self::ALL.into_iter().find(|role| role.name() == word);
+        found.ok_or_else(|| {
+            let known = Self::ALL.map(Self::name).join(", ");
+            format!(
+                "`{}` is no role; the roles are {known}",
+                word.escape_debug()
+            )
+        })
+    }
+}
+
+impl TryFrom<String> for Role {
+    type Error = String;
+
+    fn try_from(word: String) -> Result<Self, String> {
+        word.parse()
     }
 }
 

@@ -4,6 +4,8 @@ use std::time::Duration;
 
 use axum::Router;
 use cases::{Cases, Library};
+use http_support::oidc::Issuer;
+use http_support::scopes::Role;
 use http_support::uploads::UploadLimits;
 use pacs::Pacs;
 use service::app::{Beside, app_beside};
@@ -46,10 +48,11 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     config.tls()?;
     let mut checked = Checked::default();
     let named = config.named_tokens()?.len();
-    let guard = match (access.wants_token(), named) {
-        (true, 0) => "with a token".to_owned(),
-        (true, named) => format!("with {named} named tokens"),
-        (false, _) => "without a token, for this machine alone".to_owned(),
+    let guard = match (access.wants_token(), named, access.issuer()) {
+        (true, 0, Some(_)) => "with the tokens of an issuer".to_owned(),
+        (true, 0, None) => "with a token".to_owned(),
+        (true, named, _) => format!("with {named} named tokens"),
+        (false, ..) => "without a token, for this machine alone".to_owned(),
     };
     let mut say = |line: String| checked.lines.push(line);
     let scheme = config.scheme();
@@ -57,6 +60,9 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         "listens on {scheme}://{} {guard}",
         config.http.listen
     ));
+    if let Some(issuer) = access.issuer() {
+        issuer_lines(issuer).into_iter().for_each(&mut say);
+    }
     let database = location.database.map(|database| database.to_string());
     let objects = location.objects.map(|objects| objects.to_string());
     let place = location.folder.display();
@@ -90,6 +96,34 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         }
     }
     Ok(checked)
+}
+
+/// Whose tokens are accepted, who may do what, and whether the page signs in.
+fn issuer_lines(issuer: &Issuer) -> [String; 3] {
+    let options = issuer.options();
+    let roles = &options.roles;
+    let known: Vec<_> = match roles.roles.is_empty() {
+        true => Role::ALL.map(|role| role.name().to_owned()).into(),
+        false => (roles.roles.iter())
+            .map(|(value, role)| format!("{value} = {}", role.name()))
+            .collect(),
+    };
+    let page = match &options.client_id {
+        Some(client) => format!("the page signs in there as the client {client}"),
+        None => "the page does not sign in there: `oidc.client_id` is not set".to_owned(),
+    };
+    [
+        format!(
+            "accepts tokens of {} for {}, whom nobody has asked yet",
+            options.issuer, options.audience
+        ),
+        format!(
+            "roles are read from the claim {}: {}",
+            roles.claim,
+            known.join(", ")
+        ),
+        page,
+    ]
 }
 
 /// Opens the store for serving. Cases are prepared only after workers are started on the library.

@@ -1,13 +1,14 @@
-// The server's interface. The token, if one is asked for, lives in this module's memory alone.
+// The server's interface. A token that was typed lives in this module's memory alone; that of a session in the storage of the tab.
 
 import type { Case, ProblemBody } from "../model/case.ts";
 import type { Layer, LayerList } from "../model/layers.ts";
 import type { CandidateList, ListingMap } from "../model/maps.ts";
 import type { PartName } from "../model/surfaces.ts";
 import { wait } from "./patience.ts";
+import { renewed, session } from "./session.ts";
 
 let token = "";
-let askForToken: (refused: boolean) => Promise<string> = async () => "";
+let askForToken: (refusal: Refusal) => Promise<string> = async () => "";
 let hearReach: (reachable: boolean) => void = () => {};
 let reachable = true;
 
@@ -29,11 +30,21 @@ export class Problem extends Error {
   }
 }
 
-/** `ask(refused)` resolves to the token that the user typed; it is called whenever the server answers 401. */
-export function onTokenWanted(ask: (refused: boolean) => Promise<string>): void {
+/** Why the server has not accepted a request. */
+export interface Refusal {
+  readonly problem: Problem;
+  /** Whether it came with a token. */
+  readonly hadToken: boolean;
+}
+
+/**
+ * `ask(refusal)` resolves to the token that the user typed, or to nothing once there is a session, or none; it is called whenever
+ * the server answers 401.
+ */
+export function onTokenWanted(ask: (refusal: Refusal) => Promise<string>): void {
   // Many requests may be refused at once; the user is asked once.
   let asking: Promise<string> | null = null;
-  askForToken = (refused) => (asking ??= ask(refused).finally(() => (asking = null)));
+  askForToken = (refusal) => (asking ??= ask(refusal).finally(() => (asking = null)));
 }
 
 /** `hear` is called when the server stops answering, and when it answers again. */
@@ -61,26 +72,51 @@ async function knock(): Promise<void> {
   }
 }
 
-const authorization = (): Record<string, string> => (token ? { authorization: `Bearer ${token}` } : {});
+/** What is sent: a token that was typed, or else that of the session. */
+const bearer = (): string => token || (session()?.access ?? "");
 
-/** Leaves the token to the next page, which asks nobody a second time, and what this one shows. */
+const authorization = (): Record<string, string> => (bearer() ? { authorization: `Bearer ${bearer()}` } : {});
+
+/** Leaves a token that was typed to the next page, which asks nobody a second time, and what this one shows. */
 export function handOver(): void {
   sessionStorage.token = token;
   sessionStorage.left = location.hash;
 }
 
+/** Takes what was left, once: a token, and what was shown. */
+export function takeHanded(): { readonly token: string; readonly left: string } {
+  const handed = { token: String(sessionStorage.token ?? ""), left: String(sessionStorage.left ?? "") };
+  sessionStorage.removeItem("token");
+  sessionStorage.removeItem("left");
+  return handed;
+}
+
 /** Waits for another token than the one `sent` where `problem` is a 401; true when it is worth trying again. */
-async function tokenEntered(problem: unknown, sent: string): Promise<boolean> {
+async function tokenEntered(problem: unknown, sent: string, isFirst: boolean): Promise<boolean> {
   if (!(problem instanceof Problem) || problem.status !== 401) return false;
+  // What the server does not accept for another reason than its age, or once more, would not be accepted the next time either.
+  const isOld = isFirst && problem.kind === "sign-in-ended";
   // Another request may have brought a token in the meantime.
-  if (token === sent) token = await askForToken(sent !== "");
-  return token !== "";
+  if (bearer() === sent && isOld) await renewed(sent);
+  if (bearer() === sent) token = await askForToken({ problem, hadToken: sent !== "" });
+  return bearer() !== "";
+}
+
+/** Whose token it is, and what it permits. */
+export interface Holder {
+  readonly name: string;
+  readonly scopes: readonly string[];
+}
+
+export async function getHolder(): Promise<Holder> {
+  return (await send("v1/session", { cache: "no-store" })).json() as Promise<Holder>;
 }
 
 /** A successful answer; anything else is a `Problem`, or the signal's reason. */
 export async function send(path: string, options: RequestInit = {}): Promise<Response> {
-  for (;;) {
-    const sent = token;
+  for (let isFirst = true; ; isFirst = false) {
+    await renewed();
+    const sent = bearer();
     let response: Response;
     try {
       response = await fetch(path, { ...options, headers: { ...options.headers, ...authorization() } });
@@ -92,7 +128,7 @@ export async function send(path: string, options: RequestInit = {}): Promise<Res
     reached(true);
     if (response.ok) return response;
     const problem = problemFrom(response.status, response.headers, await response.text().catch(() => ""));
-    if (!(await tokenEntered(problem, sent))) throw problem;
+    if (!(await tokenEntered(problem, sent, isFirst))) throw problem;
   }
 }
 
@@ -260,12 +296,13 @@ async function upload<Made>(
   signal: AbortSignal,
   observe: (progress: UploadProgress) => void,
 ): Promise<Uploaded<Made>> {
-  for (;;) {
-    const sent = token;
+  for (let isFirst = true; ; isFirst = false) {
+    await renewed();
+    const sent = bearer();
     try {
       return await postForm(path, form, signal, observe);
     } catch (error) {
-      if (!(await tokenEntered(error, sent))) throw error;
+      if (!(await tokenEntered(error, sent, isFirst))) throw error;
     }
   }
 }

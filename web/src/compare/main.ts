@@ -1,6 +1,6 @@
 // The page that shows two cases side by side, linked in angle, depth, window and point.
 
-import { handOver, listCases, onTokenWanted, send } from "../base/api.ts";
+import { handOver, listCases, onTokenWanted, send, takeHanded } from "../base/api.ts";
 import { h, quiet, setText } from "../base/dom.ts";
 import { learn, number, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
@@ -117,7 +117,7 @@ class Comparing {
       } catch (problem) {
         this.#trouble = problemWords(problem);
       }
-      sessionStorage.clear();
+      takeHanded();
     };
     return (this.#opened = this.#opened.then(open));
   }
@@ -183,8 +183,10 @@ class Comparing {
 }
 
 async function build(): Promise<void> {
-  // The page leaves what it shows beside the token, which is taken, with all that is there, by whoever asks for it.
+  // The page leaves what it shows beside the token, which is taken by whoever asks for it.
   const asked = (location.hash || String(sessionStorage.left ?? "")).replace(/^#/, "");
+  // Whoever must sign in comes back to this address.
+  if (asked) history.replaceState(null, "", `#${asked}`);
   const { language, theme } = loadPreferences();
   document.documentElement.dataset.theme = theme;
   await learn(language);

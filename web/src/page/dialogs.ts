@@ -1,11 +1,25 @@
 // Questions and help in front of the page.
 
-import { getPicture } from "../base/api.ts";
-import { h, iconButton, quiet } from "../base/dom.ts";
+import { type Holder, type Refusal, getPicture, takeHanded } from "../base/api.ts";
+import { h, iconButton, quiet, tell } from "../base/dom.ts";
 import { number, t, wordsBetween } from "../base/i18n.ts";
 import { decoded } from "../base/picture.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { DRAG_DIRECTIONS, WHEEL_USES } from "../model/controls.ts";
+import { type Issuer, type Session, NoTokens, session } from "../base/session.ts";
+import {
+  NotSignedIn,
+  OtherPerson,
+  answerFromWindow,
+  askForIssuer,
+  begin,
+  canSignIn,
+  enter,
+  finish,
+  isSignedOut,
+  leaveForIssuer,
+  signOut,
+} from "../base/sign-in.ts";
 import type { OnScreen } from "./export.ts";
 import type { Preferences } from "./preferences.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
@@ -108,22 +122,122 @@ export async function askText(title: string, label: string, value: string): Prom
   return (await closed) === "enter" ? input.value.trim() : "";
 }
 
-/** Asks for the token that the server requires; empty if none was typed. */
-export async function askToken(refused: boolean): Promise<string> {
+/** Asks for the token that the server requires, or lets its user sign in; empty if none was typed. */
+export async function askToken(refusal: Refusal): Promise<string> {
   // The page that opens a case from a PACS hands on what was typed there, once.
-  const handed = sessionStorage.getItem("token");
-  sessionStorage.clear();
+  const handed = takeHanded().token;
   if (handed) return handed;
+  let issuer: Issuer | null = null;
+  let problem: unknown = null;
+  try {
+    issuer = await askForIssuer();
+  } catch (why) {
+    // A token still works.
+    problem = why;
+  }
+  if (issuer) return askToSignIn(issuer, refusal);
   const input = h("input", { type: "password", autocomplete: "off", required: true, id: "token" });
+  const text = refusal.hadToken ? t("token.refused") : t("token.text");
   const { closed } = open(
     t("token.title"),
     "ask-token",
-    quiet(t(refused ? "token.refused" : "token.text")),
+    quiet(problem === null ? text : problemWords(problem)),
     h("label", {}, t("token.label"), input),
     h("div", { class: "row end" }, closing("enter", t("token.enter"), { class: "primary" })),
   );
   await closed;
   return input.value.trim();
+}
+
+/**
+ * Lets somebody sign in. Who comes without a session is led to the issuer and back; who has had one works in this page, which
+ * stays as it is: the issuer gets a window of its own.
+ */
+async function askToSignIn(issuer: Issuer, { problem, hadToken }: Refusal): Promise<string> {
+  const before = session();
+  if (!hadToken && !isSignedOut() && canSignIn() && parent === window) return leaveForIssuer(issuer);
+  const isEnded = hadToken && (problem.kind === "sign-in-ended" || (before !== null && before.ends < Date.now()));
+  const text = isEnded ? t("sign-in.ended") : hadToken ? problemWords(problem) : t("sign-in.text");
+  const input = h("input", { type: "password", autocomplete: "off", id: "token" });
+  const said = h("p", { class: "bad", role: "alert", hidden: true });
+  const enterButton = h(
+    "button",
+    { type: "button", id: "sign-in", class: "primary", autofocus: true },
+    t("sign-in.enter"),
+  );
+  const { dialog, closed } = open(
+    t("sign-in.title"),
+    "ask-sign-in",
+    quiet(text),
+    said,
+    h("div", { class: "row" }, enterButton),
+    h(
+      "details",
+      {},
+      h("summary", {}, t("sign-in.token")),
+      h("label", {}, t("token.label"), input),
+      h("div", { class: "row end" }, closing("enter", t("token.enter"))),
+    ),
+  );
+  const done = new AbortController();
+  // Another frame of this page may have signed in.
+  addEventListener("storage", () => session()?.access !== before?.access && session() && dialog.close(), {
+    signal: done.signal,
+  });
+  if (!canSignIn()) {
+    enterButton.disabled = true;
+    tell(said, t("sign-in.insecure"));
+  }
+  enterButton.onclick = () => {
+    if (!hadToken && parent === window) return void leaveForIssuer(issuer);
+    void signInBeside(issuer, before, done.signal).then(
+      () => dialog.close(),
+      (why: unknown) => {
+        if (!done.signal.aborted) tell(said, reasonOf(why));
+      },
+    );
+  };
+  await closed;
+  done.abort();
+  return input.value.trim();
+}
+
+/** Lets somebody sign in in a window of its own, while this page stays as it is. */
+async function signInBeside(issuer: Issuer, before: Session | null, signal: AbortSignal): Promise<void> {
+  // A browser opens a window as long as it remembers the click, some seconds.
+  const { attempt, address } = await begin(issuer);
+  const answer = answerFromWindow(attempt, signal);
+  if (!window.open(address, "_blank", "popup,width=520,height=720")) {
+    answer.catch(() => {});
+    throw new NotSignedIn("blocked");
+  }
+  const entered = await finish(attempt, await answer);
+  // What was written here is not somebody else's.
+  if (before && before.subject !== entered.subject) throw new OtherPerson(entered.name, before.name);
+  enter(entered);
+}
+
+function reasonOf(why: unknown): string {
+  if (why instanceof OtherPerson) return t("sign-in.other-person", { name: why.entered, owner: why.owner });
+  const reason = why instanceof NotSignedIn || why instanceof NoTokens ? why.message : "";
+  if (reason === "blocked") return t("sign-in.blocked");
+  return reason === "" ? t("signed-in.silent") : t("signed-in.failed", { reason });
+}
+
+/** Says who is signed in, what they may do, and lets them sign out. */
+export function holderDialog(name: string, { scopes }: Holder): void {
+  open(
+    t("who.title"),
+    "holder",
+    h("p", { id: "holder" }, t("who.as", { name })),
+    quiet(scopes.length > 0 ? t("who.may", { scopes: scopes.join(", ") }) : t("problem.missing-scope")),
+    h(
+      "div",
+      { class: "row end" },
+      h("button", { type: "button", id: "sign-out", click: () => void signOut() }, t("who.out")),
+      closing("close", t("close"), { class: "primary", autofocus: true }),
+    ),
+  );
 }
 
 /** What hands and keys do, and what can be chosen about them. */

@@ -1,6 +1,6 @@
 // What of the page is fetched when it is first wanted, as one file: see `later.ts`.
 
-export { askToken, confirmDelete, confirmRename, helpDialog, maskDialog } from "./dialogs.ts";
+export { askToken, confirmDelete, confirmRename, helpDialog, holderDialog, maskDialog } from "./dialogs.ts";
 export { captionOf, fileStem } from "./export.ts";
 export { exportSection } from "./export-section.ts";
 export { FindingsSection } from "./findings-section.ts";

@@ -1,6 +1,6 @@
 // The page: the list of cases at one side, the chosen case in the middle, its controls at the other side.
 
-import { anyArrivals, deleteCase, getCase, handOver, onReach, onTokenWanted } from "../base/api.ts";
+import { anyArrivals, deleteCase, getCase, getHolder, handOver, onReach, onTokenWanted } from "../base/api.ts";
 import { AcquiredSlices } from "./acquired.ts";
 import type { Case } from "../model/case.ts";
 import { caseIdentity, caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
@@ -16,6 +16,7 @@ import type { Surface } from "../panes/surface.ts";
 import { resizer } from "./resizer.ts";
 import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
 import { problemWords } from "../base/problem-words.ts";
+import { session } from "../base/session.ts";
 import { qualityOf } from "../model/quality.ts";
 import { ViewMemory } from "../model/memory.ts";
 import { LAYOUTS, hasSlices } from "../model/state.ts";
@@ -70,6 +71,8 @@ class App {
     { id: "arrivals", hidden: true, click: () => this.#showArrivals() },
     t("arrivals.open"),
   );
+  /** Who is signed in; hidden where nobody is. */
+  readonly #who = h("button", { id: "who", hidden: true });
   readonly #fold = iconButton("panel", t("panel.toggle"), () => {
     choose({ panel: !preferences.panel });
     this.#showPanel();
@@ -159,6 +162,20 @@ class App {
       this.#upload.open();
     }
     await this.#lookForArrivals();
+    await this.#sayWho();
+  }
+
+  /** Says who is signed in. The token without a name is nobody's. */
+  async #sayWho(): Promise<void> {
+    if (parent !== window) return;
+    // Whoever may not even ask has signed in all the same, and can sign out.
+    const holder = await getHolder().catch(() => ({ name: "anybody", scopes: [] }));
+    const name = session()?.name ?? (holder.name === "token" ? t("who.unnamed") : holder.name);
+    if (name === "anybody") return;
+    this.#who.textContent = name;
+    this.#who.title = t("who.as", { name });
+    this.#who.hidden = false;
+    this.#who.onclick = () => this.#open(({ holderDialog }) => holderDialog(name, holder));
   }
 
   /** Offers the list of what came from a PACS once anything has: of what was refused there is no case. */
@@ -346,6 +363,7 @@ class App {
       language,
       iconButton("theme", t("theme.toggle"), () => choose({ theme: preferences.theme === "dark" ? "light" : "dark" })),
       ...(document.fullscreenEnabled ? [iconButton("full", t("full-screen"), () => void toggleFullScreen())] : []),
+      this.#who,
       this.#fold,
       iconButton("help", t("help.title"), () => this.#help()),
     );
@@ -474,7 +492,7 @@ async function build(): Promise<void> {
 }
 
 dress();
-onTokenWanted(async (refused) => (await later()).askToken(refused));
+onTokenWanted(async (refusal) => (await later()).askToken(refusal));
 onReach((reachable) => app?.reach(reachable));
 window.addEventListener("popstate", () => void app?.addressChanged());
 window.addEventListener("keydown", (event) => app?.key(event));

@@ -63,10 +63,7 @@ struct NewArgs {
 
 fn role() -> impl clap::builder::TypedValueParser<Value = Role> {
     let words = Role::ALL.map(Role::name);
-    PossibleValuesParser::new(words).try_map(|word| {
-        let found = Role::ALL.into_iter().find(|role| role.name() == word);
-        found.ok_or("no such role")
-    })
+    PossibleValuesParser::new(words).try_map(|word| word.parse::<Role>())
 }
 
 pub(super) fn run(args: &TokenArgs) -> Result<(), CliError> {

@@ -14,6 +14,7 @@ use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
 use http_support::auth::{Access, BadToken, unnamed};
 use http_support::listen::ConnectionLimits;
+use http_support::oidc::{BadIssuer, Issuer};
 use http_support::origins::{NotAnOrigin, Origins};
 use http_support::pace::LeastRate;
 use http_support::tls::{BadTls, ListeningTls, serving_tls};
@@ -26,8 +27,8 @@ use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::sections::{
-    AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Render, Secret,
-    Storage,
+    AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Oidc, Page, Prepare, Render,
+    Secret, Storage,
 };
 pub(crate) use self::tokens::check_name as check_token_name;
 
@@ -48,6 +49,8 @@ pub struct Config {
     pub http: Http,
     /// Limits on uploads and queues.
     pub limits: Limits,
+    /// The issuer by whom people sign in, if there is one.
+    pub oidc: Option<Oidc>,
     /// What the page shows.
     pub page: Page,
     /// Images from a PACS.
@@ -74,6 +77,7 @@ impl Default for Config {
             audit: AuditFiles::default(),
             http: Http::default(),
             limits: Limits::default(),
+            oidc: None,
             page: Page::default(),
             pacs: Pacs::default(),
             prepare: Prepare::default(),
@@ -136,9 +140,12 @@ pub enum ConfigError {
     /// A token in two places.
     #[error("set the token in `http.token` or in `http.token_file`, not in both")]
     TwoTokens,
+    /// The issuer cannot be used.
+    #[error("`oidc`: {0}")]
+    Issuer(#[from] BadIssuer),
     /// Everyone on the network could read everything.
     #[error(
-        "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`) or `http.token_file`, or listen on 127.0.0.1"
+        "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file` or `oidc`, or listen on 127.0.0.1"
     )]
     OpenToStrangers {
         /// The configured address.
@@ -249,14 +256,24 @@ impl Config {
             tokens.push(unnamed(token.trim())?);
         }
         let listen = self.http.listen;
-        let wants_token = !tokens.is_empty() || self.http.tokens_file.is_some();
+        let issuer = self.issuer()?;
+        let wants_token = !tokens.is_empty() || self.http.tokens_file.is_some() || issuer.is_some();
         let access = match wants_token {
             true => Access::with_tokens(tokens),
             false if listen.ip().is_loopback() => Access::of_this_machine(),
             false => return Err(ConfigError::OpenToStrangers { listen }),
         };
         let [allowed, _] = self.origins()?;
-        Ok(access.with_origins(allowed))
+        Ok(access.with_origins(allowed).with_issuer(issuer))
+    }
+
+    /// The issuer by whom people sign in, of which nothing is asked yet.
+    ///
+    /// # Errors
+    /// If it cannot be used.
+    pub fn issuer(&self) -> Result<Option<Issuer>, ConfigError> {
+        let options = self.oidc.as_ref().map(Oidc::options);
+        Ok(options.map(Issuer::new).transpose()?)
     }
 
     /// The origins whose pages may read answers, and those in whose frames the page may stand.

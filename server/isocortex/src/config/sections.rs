@@ -1,10 +1,13 @@
 //! The sections of a configuration, each with its defaults. The keys of the file are the names of the fields.
 
+use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::str::FromStr;
 
 use cases::pictures::GpuUse;
+use http_support::oidc::{IssuerOptions, RoleRules};
+use http_support::scopes::Role;
 use ipnet::IpNet;
 use pipeline::HeadLimits;
 use pipeline::atlas::AtlasChoice;
@@ -134,6 +137,54 @@ impl Default for AuditFiles {
         Self {
             folder: None,
             max_file_bytes: 64 << 20,
+        }
+    }
+}
+
+/// `[oidc]`: an issuer of OpenID Connect, whose tokens open beside those of this server, and by whom people sign in on the page.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Oidc {
+    /// Its address, exactly as it is in its tokens (`iss`).
+    pub issuer: String,
+    /// What its tokens must be for (`aud`).
+    pub audience: String,
+    /// What the page is at the issuer: a public client. Without one, people do not sign in on the page.
+    pub client_id: Option<String>,
+    /// What the page asks for.
+    #[serde(default = "default_scope")]
+    pub scope: String,
+    /// What else the page sends to the issuer, such as `resource` or `acr_values`.
+    #[serde(default)]
+    pub parameters: BTreeMap<String, String>,
+    /// The claim with the roles or groups of a person.
+    #[serde(default = "default_roles_claim")]
+    pub roles_claim: String,
+    /// The role of each value of the claim. Without one, the values are the names of roles.
+    #[serde(default)]
+    pub roles: BTreeMap<String, Role>,
+}
+
+fn default_scope() -> String {
+    "openid profile".to_owned()
+}
+
+fn default_roles_claim() -> String {
+    "roles".to_owned()
+}
+
+impl Oidc {
+    pub(super) fn options(&self) -> IssuerOptions {
+        IssuerOptions {
+            issuer: self.issuer.clone(),
+            audience: self.audience.clone(),
+            roles: RoleRules {
+                claim: self.roles_claim.clone(),
+                roles: self.roles.clone(),
+            },
+            client_id: self.client_id.clone(),
+            scope: self.scope.clone(),
+            parameters: self.parameters.clone(),
         }
     }
 }

@@ -8,28 +8,19 @@ use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use bytes::Bytes;
 use http_body_util::{BodyExt as _, Full, Limited};
+use http_support::client::{HttpClient, http_client};
 use hyper::body::Incoming;
-use hyper_rustls::HttpsConnector;
-use hyper_util::client::legacy::Client;
-use hyper_util::client::legacy::connect::HttpConnector;
-use hyper_util::rt::{TokioExecutor, TokioTimer};
 use serde_json::Value;
 use storage::arrivals::{SeriesUids, Uid};
 
 use super::{BadNode, NodeError};
 use crate::multipart::MediaType;
 
-/// How long to wait for a connection.
-const CONNECT: Duration = Duration::from_secs(10);
-
 /// How long to wait for the head of an answer: an archive may fetch a series from a tape first.
 const ANSWER: Duration = Duration::from_secs(120);
 
 /// How long to wait for the answer to a test.
 const TEST: Duration = Duration::from_secs(20);
-
-/// How long to keep unused connections.
-const IDLE: Duration = Duration::from_secs(30);
 
 /// The largest answer to a query.
 const MAX_QUERY_BYTES: usize = 4 << 20;
@@ -64,7 +55,7 @@ pub struct WebNode {
     /// Without a slash at its end.
     base: String,
     authorization: Option<HeaderValue>,
-    client: Client<HttpsConnector<HttpConnector>, Full<Bytes>>,
+    client: HttpClient,
 }
 
 impl fmt::Debug for WebNode {
@@ -80,22 +71,10 @@ impl WebNode {
     /// [`BadNode`].
     pub fn new(address: &str, credentials: &Credentials) -> Result<Self, BadNode> {
         check_address(address)?;
-        let mut http = HttpConnector::new();
-        http.enforce_http(false);
-        http.set_connect_timeout(Some(CONNECT));
-        let connector = hyper_rustls::HttpsConnectorBuilder::new()
-            .with_native_roots()
-            .map_err(|_| BadNode::Roots)?
-            .https_or_http()
-            .enable_http1()
-            .wrap_connector(http);
         Ok(Self {
             base: address.trim_end_matches('/').to_owned(),
             authorization: authorization(credentials)?,
-            client: Client::builder(TokioExecutor::new())
-                .pool_timer(TokioTimer::new())
-                .pool_idle_timeout(IDLE)
-                .build(connector),
+            client: http_client().map_err(|_| BadNode::Roots)?,
         })
     }
 

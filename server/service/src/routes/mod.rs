@@ -18,6 +18,7 @@ pub mod render;
 pub mod renders;
 pub mod report;
 pub mod scopes;
+pub mod sign_in;
 pub mod slices;
 pub mod textures;
 pub mod upload;
@@ -82,6 +83,7 @@ fn introduction() -> String {
 /// Every route but the static documents, and their description.
 pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
     let answers = OpenApiRouter::new()
+        .routes(routes!(sign_in::get_session))
         .routes(routes!(cases::list_cases))
         .routes(routes!(
             cases::get_case,
@@ -143,7 +145,8 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .routes(routes!(layers::get_layer_events));
     let open = OpenApiRouter::new()
         .routes(routes!(health::healthz))
-        .routes(routes!(health::readyz));
+        .routes(routes!(health::readyz))
+        .routes(routes!(sign_in::get_sign_in));
     let operation = OpenApiRouter::new()
         .routes(routes!(health::metrics))
         .routes(routes!(health::version));
@@ -155,7 +158,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
     let guard = guard(state, scopes::SCOPES);
     let guarded = guarded.route_layer(middleware::from_fn_with_state(guard, auth::require_token));
     let (routes, mut description) = guarded.split_for_parts();
-    guarded::describe(&mut description);
+    guarded::describe(&mut description, &Access::from_ref(state));
     let guarded = OpenApiRouter::from(routes);
     OpenApiRouter::with_openapi(Description::openapi().merge_from(description))
         .merge(guarded)

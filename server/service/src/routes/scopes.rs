@@ -12,8 +12,9 @@ const fn write(method: Method, path: &'static str, audited: Audited) -> Row {
     (method, path, Scope::Write, audited)
 }
 
-/// The routes of the service, but for the page, `/healthz` and `/readyz`, which need no token.
+/// The routes of the service, but for the page, `/healthz`, `/readyz` and `/sign-in`, which need no token.
 pub const SCOPES: &[Row] = &[
+    read("/v1/session", Audited::No),
     read("/v1/cases", Audited::Query),
     write(Method::POST, "/v1/cases", Audited::Upload),
     read("/v1/cases/{id}", Audited::View),
