@@ -141,7 +141,8 @@ impl Cases {
 
 #[cfg(test)]
 mod tests {
-    use case::{CaseId, Parameters, Superseded};
+    use case::arrivals::Superseded;
+    use case::{CaseId, Parameters};
     use storage::arrivals::{SeriesUids, Uid};
     use storage::testing::facts;
 
