@@ -497,3 +497,49 @@ async fn a_layer_of_a_corrected_series_makes_room_for_the_corrected_one() {
     assert_eq!(neighbour.store(&flair(9)[1..]).await.status, 202);
     until_other_than(&second).await;
 }
+
+/// The images of the head under another series, which differs by one grey value.
+fn other_t1() -> Vec<Vec<u8>> {
+    let of = |slice: Slice| Slice {
+        sop_uid: format!("1.2.3.66.{}", slice.instance),
+        series_uid: "1.2.3.66".to_owned(),
+        series_number: 6,
+        samples: slice.samples.iter().map(|value| value + 1).collect(),
+        ..slice
+    };
+    let slices: Vec<_> = head_slices().into_iter().map(of).collect();
+    files(&slices, Syntax::Explicit)
+}
+
+#[tokio::test]
+async fn a_layer_of_a_rejected_head_goes_to_the_one_that_takes_its_place() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let rejected = identified_case(&neighbour).await;
+    let of = async |series: &str| {
+        let list = server.get("/v1/arrivals").await.json();
+        let mut arrivals = list["arrivals"].as_array().unwrap().iter();
+        arrivals.find(|each| each["series"] == series).cloned()
+    };
+    let case_of = async |series: &str, state: &str| {
+        until(&format!("{series} becomes a {state}"), async || {
+            let arrival = of(series).await?;
+            (arrival["state"] == state).then(|| arrival["case"].as_str().unwrap().to_owned())
+        })
+        .await
+    };
+    assert_eq!(neighbour.store(&flair(0)).await.status, 200);
+    assert!(rejected.ends_with(&case_of("1.2.3.77", "layer").await));
+    let rejection = note(KeyObjectTitle::RejectedForQuality);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    // There is no head any more.
+    until("the layer is read again", async || {
+        let arrival = of("1.2.3.77").await?;
+        (arrival["reason"]["name"] == "series-not-t1").then_some(())
+    })
+    .await;
+    assert_eq!(neighbour.store(&other_t1()).await.status, 200);
+    let next = case_of("1.2.3.66", "case").await;
+    assert!(!rejected.ends_with(&next));
+    assert_eq!(case_of("1.2.3.77", "layer").await, next);
+}

@@ -114,6 +114,10 @@ async fn a_viewer_s_list_of_queries_finds_what_is_here() {
         series[0]["00100010"].is_null(),
         "the address names the study"
     );
+    // What is not held is read from an image that is kept.
+    assert_eq!(first(&series[0], "00400244"), "20261101");
+    assert_eq!(first(&series[0], "00400245"), "101000");
+    assert!(series[1]["00400244"].is_null());
     let everywhere = list(server, "/series?Modality=OT").await;
     assert_eq!(first(&everywhere[0], "00100020"), "P-77");
     let of_series = first(&series[0], "0020000E").as_str().unwrap();

@@ -21,7 +21,7 @@ use crate::pacs::{Neighbour, with_texts};
 use crate::server::{Answer, Server};
 use crate::until::until;
 
-pub(crate) const IDENTITY: [([u16; 2], &str, &str); 10] = [
+pub(crate) const IDENTITY: [([u16; 2], &str, &str); 12] = [
     ([0x08, 0x0005], "CS", "ISO_IR 192"),
     ([0x08, 0x0020], "DA", "20261101"),
     ([0x08, 0x0030], "TM", "101112"),
@@ -32,6 +32,8 @@ pub(crate) const IDENTITY: [([u16; 2], &str, &str); 10] = [
     ([0x10, 0x0040], "CS", "F"),
     ([0x20, 0x0010], "SH", "S-1"),
     ([0x20, 0x0052], "UI", "1.2.3.9"),
+    ([0x40, 0x0244], "DA", "20261101"),
+    ([0x40, 0x0245], "TM", "101000"),
 ];
 
 /// The files of the head, with an identity and a frame of reference.
@@ -351,12 +353,18 @@ async fn what_was_lost_or_removed_in_the_source_and_its_time_zone_are_stated() {
 
 #[tokio::test]
 async fn an_image_without_its_identity_is_still_valid() {
+    // Only what may have two sides has an attribute for its side.
+    is_valid_without_identity(&[]).await;
+    is_valid_without_identity(&[([0x18, 0x0015], "CS", "HEAD")]).await;
+}
+
+async fn is_valid_without_identity(further: &[([u16; 2], &str, &str)]) {
     let texts = [
         ([0x18, 0x0020], "CS", "GR"),
         ([0x18, 0x0021], "CS", "SP"),
         ([0x18, 0x0050], "DS", "1"),
     ];
-    let texts = [&IDENTITY[..], &texts].concat();
+    let texts = [&IDENTITY[..], &texts, further].concat();
     let slices = head_slices();
     let files: Vec<_> = slices
         .iter()

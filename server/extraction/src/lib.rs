@@ -11,6 +11,7 @@ mod axes;
 mod canonical;
 mod error;
 mod extract;
+mod flatness;
 mod foreground;
 mod methods;
 mod network;

@@ -80,7 +80,7 @@ pub(crate) struct CandidateView {
     /// The sides of a voxel in mm, once they are known.
     #[serde(skip_serializing_if = "Option::is_none")]
     voxel_mm: Option<[f64; 3]>,
-    /// Name, id and date of birth, if the page shows the patient.
+    /// Name, id with its issuer, and date of birth, if the page shows the patient: `Müller, Änne · P-77 (HOSPITAL) · * 1967-03-12`.
     #[serde(skip_serializing_if = "Option::is_none")]
     patient: Option<String>,
 }
@@ -333,8 +333,7 @@ fn candidate(head: &Head, shows_patient: bool) -> CandidateView {
     };
     let parts = [value("SeriesNumber"), value("Modality"), Some(description)];
     let parts = parts.into_iter().flatten().filter(|part| !part.is_empty());
-    let of_patient = ["PatientName", "PatientID", "PatientBirthDate"].map(value);
-    let patient: Vec<String> = of_patient.into_iter().flatten().collect();
+    let patient = patient(head);
     CandidateView {
         case: head.case.id,
         state: head.case.state,
@@ -344,8 +343,30 @@ fn candidate(head: &Head, shows_patient: bool) -> CandidateView {
         is_derived: head.is_derived(),
         has_contrast: head.has_contrast(),
         voxel_mm: head.voxel_mm(),
-        patient: (shows_patient && !patient.is_empty()).then(|| patient.join(" · ")),
+        patient: (shows_patient && !patient.is_empty()).then_some(patient),
     }
+}
+
+/// The patient in the words of the page (`web/src/pacs/neighbour.ts`). Two hospitals may have given one id to two patients.
+fn patient(head: &Head) -> String {
+    let value = |keyword| head.value(keyword).unwrap_or_default().trim();
+    let spelling = value("PatientName").split('=').next().unwrap_or_default();
+    let name = spelling.replacen('^', ", ", 1).replace('^', " ");
+    let (id, issuer) = (value("PatientID"), value("IssuerOfPatientID"));
+    let id = match issuer {
+        "" => id.to_owned(),
+        _ => format!("{id} ({issuer})"),
+    };
+    let birth = match value("PatientBirthDate") {
+        "" => String::new(),
+        day if day.len() == 8 && day.is_ascii() => {
+            format!("* {}-{}-{}", &day[..4], &day[4..6], &day[6..])
+        }
+        other => format!("* {other}"),
+    };
+    let parts = [name.trim().to_owned(), id.trim().to_owned(), birth];
+    let parts: Vec<_> = parts.into_iter().filter(|part| !part.is_empty()).collect();
+    parts.join(" · ")
 }
 
 /// What there is of studies of which there is no case: of the first that is known at all.

@@ -40,13 +40,14 @@ export const dateWords = (text = ""): string => text.replace(/^(\d{4})(\d\d)(\d\
 async function showPatient(id: string, viewer: HTMLElement): Promise<void> {
   const answer = await send(`v1/cases/${id}/dicom`, { cache: "no-store" });
   const { attributes } = (await answer.json()) as { readonly attributes: Readonly<Record<string, string>> };
-  const { PatientName, PatientID, PatientBirthDate, PatientSex, StudyDate } = attributes;
+  const { PatientName, PatientID, IssuerOfPatientID, PatientBirthDate, PatientSex, StudyDate } = attributes;
   // Of a name with several spellings the first; its components have carets between them.
   const name = PatientName?.split("=")[0]?.replace("^", ", ").replaceAll("^", " ").trim();
   const series = [attributes.SeriesNumber, attributes.SeriesDescription].filter(Boolean).join(" ");
   const parts = [
     name,
-    PatientID,
+    // Two hospitals may have given one id to two patients.
+    [PatientID, IssuerOfPatientID && `(${IssuerOfPatientID})`].filter(Boolean).join(" "),
     PatientBirthDate && `* ${dateWords(PatientBirthDate)}`,
     PatientSex,
     StudyDate && t("pacs.study", { date: dateWords(StudyDate) }),

@@ -92,6 +92,21 @@ impl Head {
     }
 }
 
+/// The version of each series that counts. They come newest first, and within a state, the newest stays first. If a
+/// correction was taken back, it is not the one that counts; if it is still prepared, or failed, the picture from before it
+/// is not shown in its place.
+fn one_of_each_series(mut versions: Vec<(CaseSeries, Case)>) -> Vec<(CaseSeries, Case)> {
+    let usable = |state| match state {
+        CaseState::Ready => 0,
+        CaseState::Queued | CaseState::Preparing => 1,
+        CaseState::Failed => 2,
+    };
+    versions.sort_by_key(|(series, case)| (series.superseded.is_some(), usable(case.state)));
+    let mut seen = HashSet::new();
+    versions.retain(|(series, _)| seen.insert(series.uids.clone()));
+    versions
+}
+
 impl Cases {
     /// The heads that a query finds, the preferred one first, those that failed last. Of each series this is the newest
     /// version that is ready, or else the newest that has not failed. A version of images that came again with other pixels
@@ -107,16 +122,7 @@ impl Cases {
                 versions.push((series, case));
             }
         }
-        let usable = |state| match state {
-            CaseState::Ready => 0,
-            CaseState::Queued | CaseState::Preparing => 1,
-            CaseState::Failed => 2,
-        };
-        // Within a state, the newest stays first. If a correction was taken back, it is not the one that counts; if it is still
-        // prepared, or failed, the picture from before it is not shown in its place.
-        versions.sort_by_key(|(series, case)| (series.superseded.is_some(), usable(case.state)));
-        let mut seen = HashSet::new();
-        versions.retain(|(series, _)| seen.insert(series.uids.clone()));
+        let versions = one_of_each_series(versions);
         let mut heads = Vec::with_capacity(versions.len());
         for (series, case) in versions {
             let stored = self.store().source_dicom(&case.id).await.ok().flatten();
@@ -135,6 +141,7 @@ impl Cases {
 
 #[cfg(test)]
 mod tests {
+    use case::arrivals::Superseded;
     use case::{CaseId, Parameters};
     use storage::arrivals::{SeriesUids, Uid};
     use storage::testing::facts;
@@ -209,5 +216,47 @@ mod tests {
         heads[3].case.facts = None;
         heads.sort_by_cached_key(Head::rank);
         assert_eq!(heads[0].series.uids.series.as_str(), "1.3");
+    }
+
+    #[test]
+    fn a_correction_that_is_still_prepared_comes_before_the_version_that_it_replaces() {
+        use CaseState::{Failed, Preparing, Queued, Ready};
+        let version = |number: u8, state, superseded| {
+            let Head {
+                mut case,
+                mut series,
+                ..
+            } = head("1.1", 1.0, &[]);
+            case.id = CaseId::parse(&format!("{number:032}")).unwrap();
+            case.state = state;
+            series.case = case.id;
+            series.superseded = superseded;
+            (series, case)
+        };
+        let counts = |newest_first: &[(u8, CaseState, Option<Superseded>)]| {
+            let versions = newest_first.iter();
+            let versions = versions.map(|&(number, state, why)| version(number, state, why));
+            let [(_, case)] = &one_of_each_series(versions.collect())[..] else {
+                panic!("one series has one version that counts");
+            };
+            case.id
+                .to_string()
+                .trim_start_matches('0')
+                .parse::<u8>()
+                .unwrap()
+        };
+        let replaced = Some(Superseded::NewerVersion);
+        for state in [Queued, Preparing, Ready, Failed] {
+            let versions = [(2, state, None), (1, Ready, replaced)];
+            assert_eq!(counts(&versions), 2, "{state:?}");
+        }
+        // The correction was taken back.
+        assert_eq!(counts(&[(2, Ready, replaced), (1, Preparing, None)]), 1);
+        // A version with another mask replaces nothing: what can be seen comes first, then the newest.
+        assert_eq!(counts(&[(2, Preparing, None), (1, Ready, None)]), 1);
+        assert_eq!(counts(&[(2, Ready, None), (1, Ready, None)]), 2);
+        assert_eq!(counts(&[(2, Failed, None), (1, Preparing, None)]), 1);
+        // Nothing else is left.
+        assert_eq!(counts(&[(2, Failed, replaced), (1, Ready, replaced)]), 1);
     }
 }

@@ -111,10 +111,21 @@ impl Tally {
         }
     }
 
-    /// Checks the half of the heads on which no limit was chosen.
+    /// Checks the half of the heads on which no limit was chosen, all together and by kind.
     fn check(&self) {
         assert!(self.wrong_share(1, false) < 0.05, "{:?}", self.wrong);
         assert!(self.wrong_share(1, true) < 0.02, "{:?}", self.wrong);
+        for (kind, (is_right, [_, [ok, tried]])) in &self.counts {
+            let (wrong, most) = match is_right {
+                true => (tried - ok, 0.02),
+                false => (*ok, 0.05),
+            };
+            assert!(
+                (wrong as f64) < most * *tried as f64 || wrong == 0,
+                "{kind}: {:?}",
+                self.wrong
+            );
+        }
     }
 }
 
@@ -326,23 +337,30 @@ const CHANGES: [Change; 23] = [
 fn verdicts_on_volumes() {
     let Some(network) = network() else { return };
     let mut tally = Tally::default();
-    println!("| head | what was done | verdict | ml | reasons |");
+    println!("| head | what was done | verdict | ml | flatness | agreement | reasons |");
     for (half, heads) in known(network).iter().enumerate() {
         for one in heads {
             for (what, is_sound, change) in CHANGES {
                 let volume = change(&one.volume, &one.found.brain);
                 let found = extract(&volume, Some(network), 0.5, &go_on);
-                let (verdict, ml, codes) = match &found {
+                let (verdict, numbers, codes) = match &found {
                     Ok(found) => {
                         let codes = found.quality.reasons.iter().map(|reason| reason.code);
                         let codes: Vec<&str> = codes.collect();
                         let quality = &found.quality;
-                        (name(quality.verdict), quality.volume_ml, codes.join(", "))
+                        let agreement = quality.agreement.map(|share| format!("{share:.3}"));
+                        let numbers = format!(
+                            "{:.0} | {:.3} | {}",
+                            quality.volume_ml,
+                            quality.flatness,
+                            agreement.unwrap_or_default()
+                        );
+                        (name(quality.verdict), numbers, codes.join(", "))
                     }
-                    Err(error) => ("refused", 0.0, error.to_string()),
+                    Err(error) => ("refused", "| |".to_owned(), error.to_string()),
                 };
                 println!(
-                    "| {} | {what} | {verdict} | {ml:.0} | {codes} |",
+                    "| {} | {what} | {verdict} | {numbers} | {codes} |",
                     one.head.0
                 );
                 tally.add(half, one.head.0, (what, is_sound), verdict == "ok");

@@ -159,8 +159,11 @@ pub fn deidentified_file(file: &[u8]) -> Result<Vec<u8>, DicomError> {
     let class = text(&object, tags::SOP_CLASS_UID);
     let is_mr = class.as_deref() == Some(uids::MR_IMAGE_STORAGE);
     let of_mr = REQUIRED_OF_MR.into_iter().filter(|_| is_mr);
+    // A head has no side; without a value, Laterality would state that the body part has an unknown one.
+    let has_part = text(&kept, tags::BODY_PART_EXAMINED).is_some_and(|part| !part.is_empty());
     for (tag, vr) in REQUIRED.into_iter().chain(of_mr) {
-        if kept.get(tag).is_none() {
+        let is_needed = tag != tags::LATERALITY || !has_part;
+        if is_needed && kept.get(tag).is_none() {
             kept.put(DataElement::new(tag, vr, PrimitiveValue::Empty));
         }
     }

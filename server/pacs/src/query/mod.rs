@@ -7,8 +7,10 @@ use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
+use case::ObjectKind;
 use imaging::dicom::{attribute, element};
 use serde_json::{Map, Value};
+use storage::ObjectName;
 use storage::arrivals::{AccessionNumber, SeriesQuery, Uid};
 use utoipa::IntoParams;
 use utoipa::openapi::path::{Parameter, ParameterIn};
@@ -75,6 +77,13 @@ const USUAL: [&[&str]; 3] = [
         "Rows",
         "Columns",
     ],
+];
+
+/// Attributes of a series that are not held, but are in each of its images: a search within a study reads them from one that is kept.
+const OF_IMAGES: [&str; 3] = [
+    "PerformedProcedureStepStartDate",
+    "PerformedProcedureStepStartTime",
+    "RequestAttributesSequence",
 ];
 
 /// Attributes by which a search may select although a source lacks them. Other keys that nothing here has are ignored.
@@ -339,9 +348,9 @@ impl Scope {
     }
 
     /// Adds the values of what is listed of a study, and of all above it.
-    fn list(&self, study: &HeldStudy, records: &mut Vec<Values>) {
+    fn list(&self, study: &HeldStudy, records: &mut Vec<Record>) {
         if self.level == Level::Study {
-            records.push(study.values.clone());
+            records.push(study.values.clone().into());
             return;
         }
         for series in &study.series {
@@ -355,13 +364,17 @@ impl Scope {
             let mut of_series = study.values.clone();
             of_series.extend(&series.values);
             if self.level == Level::Series {
-                records.push(of_series);
+                let mut objects = series.instances.iter().filter_map(|each| each.object);
+                records.push(Record {
+                    values: of_series,
+                    image: objects.find(|object| object.kind == ObjectKind::Instance),
+                });
                 continue;
             }
             for instance in &series.instances {
                 let mut values = of_series.clone();
                 values.extend(&instance.values);
-                records.push(values);
+                records.push(values.into());
             }
         }
     }
@@ -404,15 +417,18 @@ async fn search(
             || keys.included.contains(tag)
             || usual.iter().any(|known| known == tag)
     };
-    let body: Vec<Value> = found
-        .records
-        .iter()
-        .map(|values| {
-            let values = values.iter().filter(|(tag, ..)| selected(tag));
-            let values = values.map(|(tag, vr, text)| (tag.to_owned(), element(vr, text)));
-            values.collect::<Map<_, _>>().into()
-        })
-        .collect();
+    let mut images = read_images(pacs, &scope, &found.records).await.into_iter();
+    let mut body: Vec<Value> = Vec::with_capacity(found.records.len());
+    for record in &found.records {
+        let values = record.values.iter().filter(|(tag, ..)| selected(tag));
+        let values = values.map(|(tag, vr, text)| (tag.to_owned(), element(vr, text)));
+        let mut item: Map<_, _> = values.collect();
+        let mut image = record.image.and_then(|_| images.next()).unwrap_or_default();
+        for tag in OF_IMAGES.into_iter().filter_map(tag) {
+            item.extend(image.get_mut(&tag).map(|value| (tag, value.take())));
+        }
+        body.push(item.into());
+    }
     let mut response = fresh_json(StatusCode::OK, &body);
     let kind = HeaderValue::from_static(DICOM_JSON);
     response.headers_mut().insert(header::CONTENT_TYPE, kind);
@@ -447,9 +463,33 @@ fn warn(response: &mut Response, scope: &Scope, keys: &SearchKeys, are_more: boo
     }
 }
 
-/// The values of a page of results.
+/// What is listed.
+struct Record {
+    values: Values,
+    /// An image of it, if it is a series whose images may be retrieved.
+    image: Option<ObjectName>,
+}
+
+impl From<Values> for Record {
+    fn from(values: Values) -> Self {
+        let image = None;
+        Self { values, image }
+    }
+}
+
+/// The attributes of the image of each series of a study; none if they cannot be read now, because the rest is known all the same.
+async fn read_images(pacs: &Pacs, scope: &Scope, records: &[Record]) -> Vec<Value> {
+    let images: Vec<_> = records.iter().filter_map(|record| record.image).collect();
+    if scope.study.is_none() || images.is_empty() {
+        return Vec::new();
+    }
+    let read = pacs.cases().stored_metadata(&images).await;
+    read.ok().flatten().unwrap_or_default()
+}
+
+/// A page of results.
 struct Found {
-    records: Vec<Values>,
+    records: Vec<Record>,
     are_more: bool,
 }
 
@@ -466,8 +506,8 @@ async fn find(pacs: &Pacs, scope: &Scope, keys: &SearchKeys) -> Result<Found, Ap
         };
         let mut records = Vec::new();
         scope.list(&study, &mut records);
-        for values in records {
-            if !keys.accept(&values, |tag| scope.supports(tag)) {
+        for record in records {
+            if !keys.accept(&record.values, |tag| scope.supports(tag)) {
                 continue;
             }
             if skip > 0 {
@@ -476,7 +516,7 @@ async fn find(pacs: &Pacs, scope: &Scope, keys: &SearchKeys) -> Result<Found, Ap
                 found.are_more = true;
                 return Ok(found);
             } else {
-                found.records.push(values);
+                found.records.push(record);
             }
         }
     }

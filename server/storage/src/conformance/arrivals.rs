@@ -298,6 +298,10 @@ pub(crate) async fn images_that_are_rejected_are_forgotten_and_their_cases_super
     let case = a_case(store, "a").await;
     let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(case)).await.unwrap());
+    receive(store, &[image(3, 1)]).await;
+    subject.pass(21);
+    let (layer, _) = due(store).await.unwrap();
+    assert!(store.settle(&layer, &Outcome::Layer(case)).await.unwrap());
     let reason = Failure::unusable(REJECTED, "it was rejected");
     let instance = |number, instance| image(number, instance).sop_instance_uid;
     let reject = async |may_return, number, instances: &[Uid]| {
@@ -321,6 +325,10 @@ pub(crate) async fn images_that_are_rejected_are_forgotten_and_their_cases_super
             .unwrap()
             .is_superseded()
     );
+    // Another head of the study may have its layers.
+    let of_layer = SeriesQuery::Study(uid("1.2.3"), Some(series(3).series));
+    let layer = store.arrivals_of(&of_layer).await.unwrap().remove(0);
+    assert_eq!((layer.state, layer.reason), (ArrivalState::Receiving, None));
     let none = reject(false, 1, &[instance(1, 2), instance(1, 9)]).await;
     assert_eq!((none.state, none.instances), (ArrivalState::Nothing, 0));
     assert_eq!(none.reason.as_ref(), Some(&reason));

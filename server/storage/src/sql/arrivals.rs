@@ -276,6 +276,23 @@ pub(super) async fn reject(
         jobs::cancel(connection, JobKind::SERIES, &id).await?;
     }
     supersede(connection, &id, Superseded::Rejected).await?;
+    wake_layers(connection, &id).await
+}
+
+/// Lets the series be read again that became layers of the rejected cases of a series: another head of the study may have them.
+async fn wake_layers(connection: &mut Connection, id: &str) -> Result<(), StoreError> {
+    connection
+        .query(
+            "UPDATE arrivals SET state = 'receiving', reason = NULL
+             WHERE id <> $1 AND instances > 0 AND state = 'case' AND reason LIKE $2
+               AND case_id IN (SELECT case_id FROM case_series WHERE superseded = $3
+                   AND (study_uid, series_uid) = (SELECT study_uid, series_uid FROM arrivals WHERE id = $1))",
+        )
+        .bind(id)
+        .bind(format!("%\"{BECAME_LAYER}\"%"))
+        .bind(superseded_code(Some(Superseded::Rejected)))
+        .execute()
+        .await?;
     Ok(())
 }
 
