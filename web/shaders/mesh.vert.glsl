@@ -47,6 +47,8 @@ struct Picture {
     uint overlay_is_diverging;
     uint volume_has_gaps;
     uint overlay_is_nearest;
+    vec2 map_centre;
+    float map_units_per_pixel;
 };
 struct OnFacet {
     vec4 position;

@@ -47,11 +47,20 @@ struct Picture {
     uint overlay_is_diverging;
     uint volume_has_gaps;
     uint overlay_is_nearest;
+    vec2 map_centre;
+    float map_units_per_pixel;
 };
 struct OnScreen {
     vec4 position;
     vec2 place_in_frame;
 };
+struct Sight {
+    vec3 foot;
+    vec3 towards;
+};
+const float MAP_RIM = 1.4142135;
+const float MAP_MARGIN = 1.686783;
+const float MARGIN_SHARE = 0.5;
 const float TOLERANCE = 0.005;
 const float STEEPEST = 1.75;
 const float NEAR = 1.0;
@@ -155,39 +164,80 @@ vec3 at_height(vec3 foot, float height) {
     return (foot + (height * _e4));
 }
 
-vec2 reach(vec3 foot_1) {
+vec3 along(Sight sight, float height_1) {
+    return (sight.foot + (height_1 * sight.towards));
+}
+
+bool is_map() {
+    float _e2 = _group_0_binding_0_vs.map_units_per_pixel;
+    return (_e2 > 0.0);
+}
+
+vec2 on_disc(vec2 place_in_frame_1) {
+    vec2 _e3 = _group_0_binding_0_vs.map_centre;
+    vec2 offset = (place_in_frame_1 - _e3);
+    float _e11 = _group_0_binding_0_vs.map_units_per_pixel;
+    return (vec2(offset.x, -(offset.y)) * _e11);
+}
+
+Sight sight_of(vec2 place_in_frame_2) {
+    bool _e1 = is_map();
+    if (!(_e1)) {
+        vec3 _e3 = foot_of(place_in_frame_2);
+        vec3 _e6 = _group_0_binding_0_vs.towards_viewer;
+        return Sight(_e3, _e6);
+    }
+    vec2 _e8 = on_disc(place_in_frame_2);
+    float squared = dot(_e8, _e8);
+    float stretch = sqrt(max((1.0 - (0.25 * squared)), 0.0));
+    vec4 direction = vec4((_e8 * stretch), (1.0 - (0.5 * squared)), 0.0);
+    vec4 _e27 = _group_0_binding_0_vs.field_from_frame[3];
+    mat4x4 _e31 = _group_0_binding_0_vs.field_from_frame;
+    return Sight(_e27.xyz, (_e31 * direction).xyz);
+}
+
+float share_on_map(vec2 place_in_frame_3) {
+    bool _e1 = is_map();
+    if (!(_e1)) {
+        return 1.0;
+    }
+    vec2 _e4 = on_disc(place_in_frame_3);
+    float radius = length(_e4);
+    float _e13 = _group_0_binding_0_vs.map_units_per_pixel;
+    vec2 within = clamp((vec2(0.5) + ((vec2(1.4142135, 1.686783) - vec2(radius)) / vec2(_e13))), vec2(0.0), vec2(1.0));
+    return (mix(MARGIN_SHARE, 1.0, within.x) * within.y);
+}
+
+vec2 reach(Sight sight_1) {
     bool local_2 = false;
-    vec3 _e3 = _group_0_binding_0_vs.sphere_centre;
-    vec3 from_centre = (foot_1 - _e3);
-    vec3 _e7 = _group_0_binding_0_vs.towards_viewer;
-    vec3 _e11 = _group_0_binding_0_vs.towards_viewer;
-    vec3 aside = (from_centre - (dot(from_centre, _e7) * _e11));
+    vec3 _e4 = _group_0_binding_0_vs.sphere_centre;
+    vec3 from_centre = (sight_1.foot - _e4);
+    vec3 aside = (from_centre - (dot(from_centre, sight_1.towards) * sight_1.towards));
+    float _e13 = _group_0_binding_0_vs.sphere_radius;
     float _e16 = _group_0_binding_0_vs.sphere_radius;
-    float _e19 = _group_0_binding_0_vs.sphere_radius;
-    float half_squared = ((_e16 * _e19) - dot(aside, aside));
+    float half_squared = ((_e13 * _e16) - dot(aside, aside));
     if (!((half_squared < 0.0))) {
-        float _e30 = _group_0_binding_0_vs.sphere_radius;
-        local_2 = (_e30 < 0.0);
+        float _e27 = _group_0_binding_0_vs.sphere_radius;
+        local_2 = (_e27 < 0.0);
     } else {
         local_2 = true;
     }
-    bool _e34 = local_2;
-    if (_e34) {
+    bool _e31 = local_2;
+    if (_e31) {
         return vec2(0.0, -1.0);
     }
     float half_ = sqrt(half_squared);
-    vec3 _e41 = _group_0_binding_0_vs.towards_viewer;
-    float middle = -(dot(from_centre, _e41));
-    vec3 _e46 = _group_0_binding_0_vs.towards_viewer;
-    vec3 _e51 = _group_0_binding_0_vs.towards_viewer;
-    vec3 direction = mix(_e46, vec3(1e-6), lessThan(abs(_e51), vec3(1e-6)));
-    vec3 _e59 = _group_0_binding_0_vs.box_low;
-    vec3 low_1 = ((_e59 - foot_1) / direction);
-    vec3 _e64 = _group_0_binding_0_vs.box_high;
-    vec3 high_1 = ((_e64 - foot_1) / direction);
+    float middle = -(dot(from_centre, sight_1.towards));
+    vec3 direction_1 = mix(sight_1.towards, vec3(1e-6), lessThan(abs(sight_1.towards), vec3(1e-6)));
+    vec3 _e50 = _group_0_binding_0_vs.box_low;
+    vec3 low_1 = ((_e50 - sight_1.foot) / direction_1);
+    vec3 _e56 = _group_0_binding_0_vs.box_high;
+    vec3 high_1 = ((_e56 - sight_1.foot) / direction_1);
     vec3 near = min(low_1, high_1);
     vec3 far = max(low_1, high_1);
-    return vec2(max(max(near.x, near.y), max(near.z, (middle - half_))), min(min(far.x, far.y), min(far.z, (middle + half_))));
+    bool _e66 = is_map();
+    float end = (_e66 ? max((middle - half_), 0.0) : (middle - half_));
+    return vec2(max(max(near.x, near.y), max(near.z, end)), min(min(far.x, far.y), min(far.z, (middle + half_))));
 }
 
 void main() {

@@ -47,11 +47,20 @@ struct Picture {
     uint overlay_is_diverging;
     uint volume_has_gaps;
     uint overlay_is_nearest;
+    vec2 map_centre;
+    float map_units_per_pixel;
 };
 struct OnScreen {
     vec4 position;
     vec2 place_in_frame;
 };
+struct Sight {
+    vec3 foot;
+    vec3 towards;
+};
+const float MAP_RIM = 1.4142135;
+const float MAP_MARGIN = 1.686783;
+const float MARGIN_SHARE = 0.5;
 const float TOLERANCE = 0.005;
 const float STEEPEST = 1.75;
 const float NEAR = 1.0;
@@ -215,13 +224,13 @@ vec2 stored_on(vec3 position_4, vec3 inward) {
     bool local_1 = false;
     mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
     float _e11 = _group_0_binding_0_fs.voxel_mm;
-    vec3 along = ((_e4 * vec4(inward, 0.0)).xyz / vec3(_e11));
+    vec3 along_1 = ((_e4 * vec4(inward, 0.0)).xyz / vec3(_e11));
     while(true) {
         float _e22 = _group_0_binding_0_fs.slab_first;
         uint _e23 = index;
         float _e27 = _group_0_binding_0_fs.slab_step;
         float offset_mm = (_e22 + (float(_e23) * _e27));
-        vec3 sample_ = (position_4 + (offset_mm * along));
+        vec3 sample_ = (position_4 + (offset_mm * along_1));
         vec2 _e32 = stored_at(sample_);
         bool _e33 = is_in_volume(sample_);
         if (_e33) {
@@ -283,21 +292,20 @@ float known_at(vec3 position_in_field_3) {
     return ((_e1 >= 0.0) ? 1.0 : 0.0);
 }
 
-vec4 shaded(vec3 position_in_field_4) {
-    vec3 _e1 = inward_at(position_in_field_4);
-    mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
-    vec3 position_6 = (_e4 * vec4(position_in_field_4, 1.0)).xyz;
-    vec2 _e9 = stored_on(position_6, _e1);
-    vec3 _e12 = _group_0_binding_0_fs.towards_viewer;
-    float facing_1 = -(dot(_e1, _e12));
-    uint _e17 = _group_0_binding_0_fs.color_row;
-    float _e19 = brightness(_e9.x);
-    vec3 _e20 = color_in(_e17, _e19);
-    vec3 _e21 = under_overlay(_e20, position_in_field_4);
-    float _e22 = light_on(facing_1);
-    vec3 lit = (_e21 * _e22);
-    float _e35 = known_at(position_in_field_4);
-    return ((vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e9.y) * _e35);
+vec4 shaded(vec3 position_in_field_4, vec3 towards) {
+    vec3 _e2 = inward_at(position_in_field_4);
+    mat4x4 _e5 = _group_0_binding_0_fs.volume_from_field;
+    vec3 position_6 = (_e5 * vec4(position_in_field_4, 1.0)).xyz;
+    vec2 _e10 = stored_on(position_6, _e2);
+    float facing_1 = -(dot(_e2, towards));
+    uint _e15 = _group_0_binding_0_fs.color_row;
+    float _e17 = brightness(_e10.x);
+    vec3 _e18 = color_in(_e15, _e17);
+    vec3 _e19 = under_overlay(_e18, position_in_field_4);
+    float _e20 = light_on(facing_1);
+    vec3 lit = (_e19 * _e20);
+    float _e33 = known_at(position_in_field_4);
+    return ((vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e10.y) * _e33);
 }
 
 vec3 foot_of(vec2 place_in_frame) {
@@ -310,42 +318,83 @@ vec3 at_height(vec3 foot, float height) {
     return (foot + (height * _e4));
 }
 
-vec2 reach(vec3 foot_1) {
+vec3 along(Sight sight, float height_1) {
+    return (sight.foot + (height_1 * sight.towards));
+}
+
+bool is_map() {
+    float _e2 = _group_0_binding_0_fs.map_units_per_pixel;
+    return (_e2 > 0.0);
+}
+
+vec2 on_disc(vec2 place_in_frame_1) {
+    vec2 _e3 = _group_0_binding_0_fs.map_centre;
+    vec2 offset = (place_in_frame_1 - _e3);
+    float _e11 = _group_0_binding_0_fs.map_units_per_pixel;
+    return (vec2(offset.x, -(offset.y)) * _e11);
+}
+
+Sight sight_of(vec2 place_in_frame_2) {
+    bool _e1 = is_map();
+    if (!(_e1)) {
+        vec3 _e3 = foot_of(place_in_frame_2);
+        vec3 _e6 = _group_0_binding_0_fs.towards_viewer;
+        return Sight(_e3, _e6);
+    }
+    vec2 _e8 = on_disc(place_in_frame_2);
+    float squared = dot(_e8, _e8);
+    float stretch = sqrt(max((1.0 - (0.25 * squared)), 0.0));
+    vec4 direction = vec4((_e8 * stretch), (1.0 - (0.5 * squared)), 0.0);
+    vec4 _e27 = _group_0_binding_0_fs.field_from_frame[3];
+    mat4x4 _e31 = _group_0_binding_0_fs.field_from_frame;
+    return Sight(_e27.xyz, (_e31 * direction).xyz);
+}
+
+float share_on_map(vec2 place_in_frame_3) {
+    bool _e1 = is_map();
+    if (!(_e1)) {
+        return 1.0;
+    }
+    vec2 _e4 = on_disc(place_in_frame_3);
+    float radius = length(_e4);
+    float _e13 = _group_0_binding_0_fs.map_units_per_pixel;
+    vec2 within = clamp((vec2(0.5) + ((vec2(1.4142135, 1.686783) - vec2(radius)) / vec2(_e13))), vec2(0.0), vec2(1.0));
+    return (mix(MARGIN_SHARE, 1.0, within.x) * within.y);
+}
+
+vec2 reach(Sight sight_1) {
     bool local_2 = false;
-    vec3 _e3 = _group_0_binding_0_fs.sphere_centre;
-    vec3 from_centre = (foot_1 - _e3);
-    vec3 _e7 = _group_0_binding_0_fs.towards_viewer;
-    vec3 _e11 = _group_0_binding_0_fs.towards_viewer;
-    vec3 aside = (from_centre - (dot(from_centre, _e7) * _e11));
+    vec3 _e4 = _group_0_binding_0_fs.sphere_centre;
+    vec3 from_centre = (sight_1.foot - _e4);
+    vec3 aside = (from_centre - (dot(from_centre, sight_1.towards) * sight_1.towards));
+    float _e13 = _group_0_binding_0_fs.sphere_radius;
     float _e16 = _group_0_binding_0_fs.sphere_radius;
-    float _e19 = _group_0_binding_0_fs.sphere_radius;
-    float half_squared = ((_e16 * _e19) - dot(aside, aside));
+    float half_squared = ((_e13 * _e16) - dot(aside, aside));
     if (!((half_squared < 0.0))) {
-        float _e30 = _group_0_binding_0_fs.sphere_radius;
-        local_2 = (_e30 < 0.0);
+        float _e27 = _group_0_binding_0_fs.sphere_radius;
+        local_2 = (_e27 < 0.0);
     } else {
         local_2 = true;
     }
-    bool _e34 = local_2;
-    if (_e34) {
+    bool _e31 = local_2;
+    if (_e31) {
         return vec2(0.0, -1.0);
     }
     float half_ = sqrt(half_squared);
-    vec3 _e41 = _group_0_binding_0_fs.towards_viewer;
-    float middle = -(dot(from_centre, _e41));
-    vec3 _e46 = _group_0_binding_0_fs.towards_viewer;
-    vec3 _e51 = _group_0_binding_0_fs.towards_viewer;
-    vec3 direction = mix(_e46, vec3(1e-6), lessThan(abs(_e51), vec3(1e-6)));
-    vec3 _e59 = _group_0_binding_0_fs.box_low;
-    vec3 low_1 = ((_e59 - foot_1) / direction);
-    vec3 _e64 = _group_0_binding_0_fs.box_high;
-    vec3 high_1 = ((_e64 - foot_1) / direction);
+    float middle = -(dot(from_centre, sight_1.towards));
+    vec3 direction_1 = mix(sight_1.towards, vec3(1e-6), lessThan(abs(sight_1.towards), vec3(1e-6)));
+    vec3 _e50 = _group_0_binding_0_fs.box_low;
+    vec3 low_1 = ((_e50 - sight_1.foot) / direction_1);
+    vec3 _e56 = _group_0_binding_0_fs.box_high;
+    vec3 high_1 = ((_e56 - sight_1.foot) / direction_1);
     vec3 near = min(low_1, high_1);
     vec3 far = max(low_1, high_1);
-    return vec2(max(max(near.x, near.y), max(near.z, (middle - half_))), min(min(far.x, far.y), min(far.z, (middle + half_))));
+    bool _e66 = is_map();
+    float end = (_e66 ? max((middle - half_), 0.0) : (middle - half_));
+    return vec2(max(max(near.x, near.y), max(near.z, end)), min(min(far.x, far.y), min(far.z, (middle + half_))));
 }
 
-float between(vec3 foot_2, vec2 above, vec2 under) {
+float between(Sight sight_2, vec2 above, vec2 under) {
     vec2 high = vec2(0.0);
     vec2 low = vec2(0.0);
     int side = 0;
@@ -373,20 +422,20 @@ float between(vec3 foot_2, vec2 above, vec2 under) {
             float _e26 = high.x;
             float _e28 = low.x;
             float _e30 = high.x;
-            float height_3 = (_e26 + ((_e28 - _e30) * share_1));
-            vec3 _e34 = at_height(foot_2, height_3);
+            float height_4 = (_e26 + ((_e28 - _e30) * share_1));
+            vec3 _e34 = along(sight_2, height_4);
             float _e35 = below(_e34);
             if ((abs(_e35) <= TOLERANCE)) {
-                return height_3;
+                return height_4;
             }
             if ((_e35 < 0.0)) {
-                high = vec2(height_3, _e35);
+                high = vec2(height_4, _e35);
                 float _e43 = low.y;
                 int _e44 = side;
                 low.y = (_e43 * ((_e44 == -1) ? 0.5 : 1.0));
                 side = -1;
             } else {
-                low = vec2(height_3, _e35);
+                low = vec2(height_4, _e35);
                 float _e54 = high.y;
                 int _e55 = side;
                 high.y = (_e54 * ((_e55 == 1) ? 0.5 : 1.0));
@@ -399,12 +448,12 @@ float between(vec3 foot_2, vec2 above, vec2 under) {
     return (0.5 * (_e67 + _e69));
 }
 
-vec2 deepest_below(vec3 foot_3, float start, float enough) {
-    float height_1 = 0.0;
+vec2 deepest_below(Sight sight_3, float start, float enough) {
+    float height_2 = 0.0;
     float deepest = 0.0;
     int steps = 0;
     bool local_3 = false;
-    height_1 = start;
+    height_2 = start;
     bool loop_init_2 = true;
     while(true) {
         if (!loop_init_2) {
@@ -418,11 +467,11 @@ vec2 deepest_below(vec3 foot_3, float start, float enough) {
             break;
         }
         {
-            float _e11 = height_1;
+            float _e11 = height_2;
             float _e12 = deepest;
-            height_1 = (_e11 - max((1.5 * (enough - _e12)), SHORTEST_STEP));
-            float _e19 = height_1;
-            vec3 _e20 = at_height(foot_3, _e19);
+            height_2 = (_e11 - max((1.5 * (enough - _e12)), SHORTEST_STEP));
+            float _e19 = height_2;
+            vec3 _e20 = along(sight_3, _e19);
             float _e21 = below(_e20);
             float _e22 = deepest;
             deepest = max(_e22, _e21);
@@ -438,26 +487,26 @@ vec2 deepest_below(vec3 foot_3, float start, float enough) {
             }
         }
     }
-    float _e36 = height_1;
+    float _e36 = height_2;
     float _e37 = deepest;
     return vec2(_e36, _e37);
 }
 
-vec2 first_hit(vec3 foot_4) {
+vec2 first_hit(Sight sight_4) {
     vec2 found = vec2(-1e30, 0.0);
-    float height_2 = 0.0;
+    float height_3 = 0.0;
     float distance_ = 0.0;
     float slope = 1.0;
     int steps_1 = 0;
     float hit = 0.0;
     float step_ = 0.0;
     float ahead = 0.0;
-    vec2 _e1 = reach(foot_4);
+    vec2 _e1 = reach(sight_4);
     vec4 _e5 = _group_0_binding_0_fs.field_from_frame[0];
     float width = min(length(_e5.xyz), WIDEST);
-    height_2 = _e1.y;
-    float _e16 = height_2;
-    vec3 _e17 = at_height(foot_4, _e16);
+    height_3 = _e1.y;
+    float _e16 = height_3;
+    vec3 _e17 = along(sight_4, _e16);
     float _e18 = below(_e17);
     distance_ = -(_e18);
     bool loop_init_3 = true;
@@ -473,11 +522,11 @@ vec2 first_hit(vec3 foot_4) {
             break;
         }
         {
-            float _e28 = height_2;
+            float _e28 = height_3;
             if ((_e28 < _e1.x)) {
                 break;
             }
-            float _e31 = height_2;
+            float _e31 = height_3;
             hit = _e31;
             float _e33 = distance_;
             if ((_e33 > TOLERANCE)) {
@@ -485,7 +534,7 @@ vec2 first_hit(vec3 foot_4) {
                 float passed = (0.5 - (_e36 / width));
                 float _e41 = found.y;
                 if ((passed > _e41)) {
-                    float _e43 = height_2;
+                    float _e43 = height_3;
                     found = vec2(_e43, passed);
                 }
                 float _e45 = distance_;
@@ -500,9 +549,9 @@ vec2 first_hit(vec3 foot_4) {
                     float _e66 = slope;
                     step_ = (passing / _e66);
                 }
-                float _e68 = height_2;
+                float _e68 = height_3;
                 float _e69 = step_;
-                vec3 _e71 = at_height(foot_4, (_e68 - _e69));
+                vec3 _e71 = along(sight_4, (_e68 - _e69));
                 float _e72 = below(_e71);
                 ahead = -(_e72);
                 float _e75 = ahead;
@@ -511,9 +560,9 @@ vec2 first_hit(vec3 foot_4) {
                     float _e82 = step_;
                     if (((safe + (_e78 / STEEPEST)) < _e82)) {
                         step_ = safe;
-                        float _e84 = height_2;
+                        float _e84 = height_3;
                         float _e85 = step_;
-                        vec3 _e87 = at_height(foot_4, (_e84 - _e85));
+                        vec3 _e87 = along(sight_4, (_e84 - _e85));
                         float _e88 = below(_e87);
                         ahead = -(_e88);
                     }
@@ -521,19 +570,19 @@ vec2 first_hit(vec3 foot_4) {
                     float _e91 = ahead;
                     float _e93 = step_;
                     slope = ((_e90 - _e91) / _e93);
-                    float _e95 = height_2;
+                    float _e95 = height_3;
                     float _e96 = step_;
-                    height_2 = (_e95 - _e96);
+                    height_3 = (_e95 - _e96);
                     float _e98 = ahead;
                     distance_ = _e98;
                     continue;
                 }
-                float _e99 = height_2;
+                float _e99 = height_3;
                 float _e100 = distance_;
-                float _e103 = height_2;
+                float _e103 = height_3;
                 float _e104 = step_;
                 float _e106 = ahead;
-                float _e109 = between(foot_4, vec2(_e99, -(_e100)), vec2((_e103 - _e104), -(_e106)));
+                float _e109 = between(sight_4, vec2(_e99, -(_e100)), vec2((_e103 - _e104), -(_e106)));
                 hit = _e109;
             }
             float _e111 = found.y;
@@ -548,15 +597,15 @@ vec2 first_hit(vec3 foot_4) {
                 break;
             }
             float _e122 = hit;
-            vec2 _e125 = deepest_below(foot_4, _e122, (0.5 * width));
+            vec2 _e125 = deepest_below(sight_4, _e122, (0.5 * width));
             found.y = min((0.5 + (_e125.y / width)), 1.0);
             float _e134 = found.y;
             if ((_e134 >= 1.0)) {
                 break;
             }
-            height_2 = _e125.x;
-            float _e138 = height_2;
-            vec3 _e139 = at_height(foot_4, _e138);
+            height_3 = _e125.x;
+            float _e138 = height_3;
+            vec3 _e139 = along(sight_4, _e138);
             float _e140 = below(_e139);
             distance_ = -(_e140);
             slope = 0.0;
@@ -566,17 +615,28 @@ vec2 first_hit(vec3 foot_4) {
     return _e146;
 }
 
+vec2 shown_at(vec2 place_in_frame_4, Sight sight_5) {
+    float _e2 = share_on_map(place_in_frame_4);
+    if ((_e2 <= 0.0)) {
+        return vec2(-1e30, 0.0);
+    }
+    vec2 _e8 = first_hit(sight_5);
+    bool _e16 = is_map();
+    float share_2 = (_e16 ? ((_e8.y >= 0.5) ? 1.0 : 0.0) : _e8.y);
+    return vec2(_e8.x, (share_2 * _e2));
+}
+
 void main() {
     OnScreen pixel = OnScreen(gl_FragCoord, _vs2fs_location0);
-    vec3 _e2 = foot_of(pixel.place_in_frame);
-    vec2 _e3 = first_hit(_e2);
-    if ((_e3.y <= 0.0)) {
+    Sight _e2 = sight_of(pixel.place_in_frame);
+    vec2 _e4 = shown_at(pixel.place_in_frame, _e2);
+    if ((_e4.y <= 0.0)) {
         _fs2p_location0 = vec4(0.0);
         return;
     }
-    vec3 _e10 = at_height(_e2, _e3.x);
-    vec4 _e11 = shaded(_e10);
-    _fs2p_location0 = (_e11 * _e3.y);
+    vec3 _e11 = along(_e2, _e4.x);
+    vec4 _e13 = shaded(_e11, _e2.towards);
+    _fs2p_location0 = (_e13 * _e4.y);
     return;
 }
 
