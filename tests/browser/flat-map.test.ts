@@ -130,7 +130,11 @@ test("keys and wheel move the map alone, and the address keeps it", { skip }, as
   await page.keyboard.press("m");
   await page.waitForSelector(".notice-line.remark:not([hidden])");
   await page.waitForSelector(".flat-map[data-inner=false]");
-  assert.equal((await fragment(page)).i, undefined);
+  const { i } = await until(
+    () => fragment(page),
+    ({ i: inner }) => inner === undefined,
+  );
+  assert.equal(i, undefined);
   assert.deepEqual(
     troubles.filter((trouble) => !trouble.includes("409")),
     [],
