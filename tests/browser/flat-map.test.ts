@@ -81,7 +81,7 @@ test("the page draws the map that the server draws, with the right side on the r
     const at = (share: number): number => data[4 * (Math.floor(height / 2) * width + Math.floor(share * width))] ?? 0;
     return [at(0.25), at(0.75)] as const;
   });
-  assert.ok(right > 200 && left < 200, `${left} ${right}`);
+  assert.ok(right > 250 && left < 250, `${left} ${right}`);
   assert.deepEqual(await page.locator(".map-lines .side").allTextContents(), ["L", "R"]);
   assert.deepEqual(await page.locator(".map-lines .rim").allTextContents(), [..."PASI", ..."APSI"]);
   assert.ok(((await page.locator(".graticule").first().getAttribute("d")) ?? "").length > 1000);
@@ -128,9 +128,13 @@ test("keys and wheel move the map alone, and the address keeps it", { skip }, as
   );
   // The ellipsoid has no fissure, and so no inner sides: the page says so, and shows the outer ones.
   await page.keyboard.press("m");
-  await page.waitForSelector(".notice-line");
+  await page.waitForSelector(".notice-line.remark:not([hidden])");
   await page.waitForSelector(".flat-map[data-inner=false]");
-  assert.equal((await fragment(page)).i, undefined);
+  const { i } = await until(
+    () => fragment(page),
+    ({ i: inner }) => inner === undefined,
+  );
+  assert.equal(i, undefined);
   assert.deepEqual(
     troubles.filter((trouble) => !trouble.includes("409")),
     [],

@@ -400,6 +400,6 @@ mod tests {
         let row: Vec<f32> = projection.coverage(175).collect();
         let at = |radius: f64| row[(175.0 + radius * projection.pixels_per_unit()) as usize];
         assert_eq!([at(0.0), at(1.38), at(1.6), at(1.74)], [1.0, 1.0, 0.5, 0.0]);
-        assert!(row[340..360].iter().all(|&share| share == 0.0));
+        assert!(row[345..355].iter().all(|&share| share == 0.0));
     }
 }

@@ -83,9 +83,13 @@ pub fn annotate_map(
     }
     write_foot(&mut canvas, MapScale::of(map, request));
     color_bar(&mut canvas, layers, parameters.size);
+    let below_letter = 2 * canvas.line_height();
+    for disc in map.discs.iter().filter(|disc| disc.face == MapFace::Inner) {
+        write_beside(&mut canvas, "inner", below_letter, disc, request);
+    }
     let mut large = Canvas::new(canvas.into_frame(), 2 * side);
     for disc in map.discs {
-        write_side(&mut large, disc, request);
+        write_beside(&mut large, disc.hemisphere.letter(), 0, disc, request);
     }
     large.into_frame()
 }
@@ -126,8 +130,14 @@ fn write_at(canvas: &mut Canvas, text: &str, [x, y]: [f64; 2]) {
     canvas.write(text, left, top);
 }
 
-/// Writes the letter of the hemisphere beside a disc, at its upper corner towards the middle of the map, or within the picture.
-fn write_side(canvas: &mut Canvas, disc: &MapDisc, request: &RenderRequest) {
+/// Writes a text beside a disc, so far below its upper corner towards the middle of the map, or within the picture.
+fn write_beside(
+    canvas: &mut Canvas,
+    text: &str,
+    below: i32,
+    disc: &MapDisc,
+    request: &RenderRequest,
+) {
     let parameters = request.parameters();
     let projection = disc.projection(&parameters.camera, parameters.size);
     let [x, y] = projection.centre();
@@ -140,20 +150,17 @@ fn write_side(canvas: &mut Canvas, disc: &MapDisc, request: &RenderRequest) {
     if !is_seen {
         return;
     }
-    let text = match disc.face {
-        MapFace::Outer => disc.hemisphere.letter().to_owned(),
-        MapFace::Inner => format!("{} inner", disc.hemisphere.letter()),
-    };
     let margin = canvas.line_height() / 4;
-    let [width, height] = [canvas.text_width(&text), canvas.line_height()];
+    let [width, height] = [canvas.text_width(text), canvas.line_height()];
     let left = match disc.hemisphere {
         Hemisphere::Left => (x + radius) as i32 - width,
         Hemisphere::Right if disc.is_alone_in_its_row() => (x + radius) as i32 - width,
         Hemisphere::Right => (x - radius) as i32,
     };
     let left = left.clamp(margin, (size[0] as i32 - margin - width).max(margin));
-    let top = ((y - radius) as i32).clamp(margin, (size[1] as i32 - margin - height).max(margin));
-    canvas.write(&text, left, top);
+    let top =
+        ((y - radius) as i32 + below).clamp(margin, (size[1] as i32 - margin - height).max(margin));
+    canvas.write(text, left, top);
 }
 
 /// Writes the scale bar and the notice into the last lines.
@@ -369,7 +376,7 @@ mod tests {
             let disc = discs(MapSides::Outer)[number];
             let empty = Frame::new(size, PixelFormat::Grey8, vec![0; size.pixel_count()]);
             let mut canvas = Canvas::new(empty, 700);
-            write_side(&mut canvas, &disc, &request);
+            write_beside(&mut canvas, disc.hemisphere.letter(), 0, &disc, &request);
             let frame = canvas.into_frame();
             let lit = frame.bytes().iter().enumerate();
             let lit = lit

@@ -280,7 +280,7 @@ pub fn draw_slice(scene: &Scene<'_>, request: &SliceRequest) -> Frame {
             .layers
             .overlay
             .map(|overlay| match parameters.has_edges {
-                true => Above::Edges(Edges::new(overlay, &projection)),
+                true => Above::Edges(Box::new(Edges::new(overlay, &projection))),
                 false => Above::Colors(Box::new(OverlayPaint::new(overlay, &projection, 1.0))),
             }),
     };
@@ -334,7 +334,7 @@ struct Slice<'a> {
 /// What of the overlay is drawn over the texture.
 enum Above<'a> {
     Colors(Box<OverlayPaint<'a>>),
-    Edges(Edges<'a>),
+    Edges(Box<Edges<'a>>),
 }
 
 impl Above<'_> {
