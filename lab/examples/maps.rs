@@ -67,7 +67,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("elsewhere: {:5.2} {:?}", elsewhere.score, elsewhere.region);
     }
     if let [folder] = rest {
-        for kind in MapKind::ALL {
+        for kind in MapKind::OF_HEAD {
             let picture = draw(&volume, &found, kind);
             let path = Path::new(folder).join(format!("{}.png", kind.name()));
             write(&path, &picture)?;

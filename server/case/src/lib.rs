@@ -25,8 +25,8 @@ pub use failure::{Failure, FailureKind};
 pub use id::{CaseId, NotACaseId};
 pub use job::{JobKind, JobState, STORE_FAILED};
 pub use layer::{
-    LabelFacts, Layer, LayerFacts, LayerId, LayerKind, LayerParameters, MatrixOrigin, NotALayerId,
-    PlacementFacts, PlacementVerdict, Transform,
+    Contrast, LabelFacts, Layer, LayerFacts, LayerId, LayerKind, LayerParameters, MatrixOrigin,
+    NotALayerId, PlacementFacts, PlacementVerdict, Transform,
 };
 pub use maps::{
     BrainRegion, CandidateFacts, JunctionBandFacts, MapName, PatientSide, RegionFacts,

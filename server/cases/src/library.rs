@@ -18,7 +18,7 @@ use std::sync::atomic::AtomicBool;
 use self::layer_cache::{LayerCache, layer_cache};
 pub use self::layers::LayerVoxels;
 use self::loaded_maps::MapsCache;
-pub use self::loaded_maps::{LoadedMaps, MapsState};
+pub use self::loaded_maps::{FlairState, LoadedMaps, MapsState};
 use crate::decoded_uploads::{DecodedUploads, OfferedUpload};
 use audit::Audit;
 use bytes::Bytes;

@@ -17,8 +17,8 @@ pub use self::drawing::{DrawnPicture, PictureJob, backend_for, warm_job};
 pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode, marked};
 pub use self::graphics::{GpuUse, Graphics, GraphicsOptions, GraphicsState};
 pub use self::layers::{
-    ChosenLayer, ChosenLayers, LayerChoice, LayerRef, LayerStyle, MAPS_OFF, PictureLayers, maps_of,
-    ready,
+    ChosenLayer, ChosenLayers, LayerChoice, LayerRef, LayerStyle, MAPS_OFF, NO_FLAIR,
+    PictureLayers, ready,
 };
 pub use self::numbers::{NumberList, Numbers};
 pub use self::plan::{Frames, Layout, MAX_PICTURES, Part, PicturePlan, PlanError, Sweep};

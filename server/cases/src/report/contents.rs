@@ -1,7 +1,10 @@
 //! What a report says and shows, in its order. [`super::html`] and [`super::pdf`] write it.
 
+use std::sync::Arc;
+
 use case::findings::Finding;
 use case::{CandidateFacts, PatientSide, QualityState};
+use pipeline::maps::NoMaps;
 use render::NamedView;
 
 use super::shots::{DEPTHS_MM, FindingPictures, Shot, Shows};
@@ -395,7 +398,14 @@ impl Report {
                 let why = words.reason(&reason.code, &reason.sentence);
                 blocks.push(Block::Text(format!("{} {why}", words.no_maps).into()));
             }
-            Ok(maps) => blocks.extend(places(words, maps)),
+            Ok(maps) => {
+                blocks.extend(places(words, maps));
+                blocks.extend(
+                    self.flair
+                        .iter()
+                        .flat_map(|flair| bright_places(words, flair)),
+                );
+            }
         }
         blocks
     }
@@ -441,23 +451,52 @@ fn places(words: &Words, maps: &LoadedMaps) -> Vec<Block<'static>> {
         }
         blocks.push(table_of_places(words, rows));
     }
-    blocks.extend(thick_places(words, &maps.thick[0]));
+    let about = [
+        words.thickness(),
+        words.thickness_note(),
+        words.nothing_is_thick(),
+    ];
+    blocks.extend(standing_out(words, about, &maps.thick[0]));
     blocks
 }
 
-/// The places where the map of thickness stands out, or that none does.
-fn thick_places(words: &Words, places: &[CandidateFacts]) -> Vec<Block<'static>> {
+/// The places where the map of the FLAIR stands out, that none does, or why there is no such map.
+fn bright_places<'a>(words: &Words, flair: &'a Result<Arc<LoadedMaps>, NoMaps>) -> Vec<Block<'a>> {
+    match flair {
+        Ok(maps) => {
+            let about = [words.flair(), words.flair_note(), words.nothing_is_bright()];
+            standing_out(words, about, &maps.candidates)
+        }
+        Err(reason) => {
+            let why = words.reason(&reason.code, &reason.sentence);
+            vec![
+                Block::Subheading(words.flair().into()),
+                Block::Text(words.no_map_of_flair(why).into()),
+            ]
+        }
+    }
+}
+
+/// The places where a map stands out, or that none does: with its heading, a note about it, and what there is to say if none does.
+fn standing_out(
+    words: &Words,
+    [heading, note, nothing]: [&'static str; 3],
+    places: &[CandidateFacts],
+) -> Vec<Block<'static>> {
     let ranked = (1_usize..).zip(places.iter().take(MAX_CANDIDATES));
     let rows: Vec<_> = ranked
         .filter(|(_, place)| place.stands_out())
         .map(|(rank, place)| row_of(words, &rank.to_string(), place))
         .collect();
-    let heading = Block::Subheading(words.thickness().into());
+    let heading = Block::Subheading(heading.into());
     if rows.is_empty() {
-        return vec![heading, Block::Text(words.nothing_is_thick().into())];
+        return vec![heading, Block::Text(nothing.into())];
     }
-    let note = Block::Text(words.thickness_note().into());
-    vec![heading, note, table_of_places(words, rows)]
+    vec![
+        heading,
+        Block::Text(note.into()),
+        table_of_places(words, rows),
+    ]
 }
 
 fn table_of_places(words: &Words, rows: Vec<Vec<Line>>) -> Block<'static> {

@@ -21,7 +21,7 @@ pub use self::html::POLICY;
 pub use self::words::Language;
 
 use self::shots::{FindingPictures, Overview};
-use crate::library::LoadedMaps;
+use crate::library::{LoadedMaps, MapsState};
 use crate::pictures::{LayerRef, ready};
 use crate::profile::{PointProfile, profile};
 use crate::{Cases, Error};
@@ -67,6 +67,8 @@ struct Report {
     /// Attributes of the patient and the study, for people; `None` unless requested.
     patient: Option<Vec<(&'static str, String)>>,
     maps: Result<Arc<LoadedMaps>, NoMaps>,
+    /// The map of the newest FLAIR, if a layer is one.
+    flair: Option<Result<Arc<LoadedMaps>, NoMaps>>,
     /// The acquired layer beside the anatomy, if there is one.
     layer: Option<ShownLayer>,
     /// Those to look at, with their pictures and numbers, in the order of the list.
@@ -120,11 +122,11 @@ impl Cases {
     ) -> Result<Bytes, Error> {
         let facts = self.ready(id).await?;
         let case = self.case(id).await?;
-        let maps = match self.library.maps(id).await?.found() {
-            Ok(maps) => Ok(maps),
-            Err(Error::MapsUndefined(reason)) => Err(reason),
-            Err(other) => return Err(other),
-        };
+        let maps = found_or_reason(self.library.maps(id).await?)?;
+        let flair = self.library.flair(id).await?;
+        let flair = flair
+            .map(|flair| found_or_reason(flair.state))
+            .transpose()?;
         let layers = self.layers(id).await?;
         let layer = beside(&layers);
         let reference = layer.map(|(layer, _)| LayerRef::from(layer.id));
@@ -161,6 +163,7 @@ impl Cases {
             query,
             patient,
             maps,
+            flair,
             layer,
             findings: reported,
             dismissed,
@@ -209,6 +212,18 @@ impl Cases {
     }
 }
 
+/// The maps, or the reason for none.
+///
+/// # Errors
+/// [`Error::LayerNotReady`].
+fn found_or_reason(state: MapsState) -> Result<Result<Arc<LoadedMaps>, NoMaps>, Error> {
+    match state.found() {
+        Ok(maps) => Ok(Ok(maps)),
+        Err(Error::MapsUndefined(reason)) => Ok(Err(reason)),
+        Err(other) => Err(other),
+    }
+}
+
 /// The attributes of a patient and a study that a report names.
 fn named(attributes: &Attributes) -> Vec<(&'static str, String)> {
     let value = |name: &&'static str| {
@@ -228,7 +243,7 @@ fn beside(layers: &[Layer]) -> Option<(&Layer, QualityState)> {
         is_usable.then_some((layer, quality))
     });
     let order = |(layer, quality): &(&Layer, QualityState)| {
-        let is_flair = layer.name.to_lowercase().contains("flair");
+        let is_flair = layer.is_flair() || layer.name.to_lowercase().contains("flair");
         (!is_flair, *quality != QualityState::Ok)
     };
     usable.min_by_key(order)

@@ -10,9 +10,9 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use case::{CandidateFacts, RegionFacts};
+use case::{CandidateFacts, MapName, RegionFacts};
 use cases::library::{LoadedMaps, MapsState};
-use cases::pictures::{MAPS_OFF, Numbers, check_count, maps_of, ready};
+use cases::pictures::{ChosenLayer, MAPS_OFF, Numbers, check_count, ready};
 use cases::profile::{PointProfile, Profile, profile};
 use cases::{Cases, Error};
 use http_support::conditional::{Format, Question};
@@ -40,7 +40,8 @@ pub struct CandidatesQuery {
     #[serde(default)]
     #[param(inline)]
     region: RegionAsked,
-    /// The map that lists the places: where the junction is blurred, or where the cortex is thick.
+    /// The map that lists the places: where the junction is blurred, where the cortex is thick, or where the newest FLAIR is
+    /// bright.
     #[serde(default)]
     #[param(inline)]
     map: MapAsked,
@@ -55,6 +56,18 @@ enum MapAsked {
     Blur,
     /// The cortex is thicker than on the other side.
     Thickness,
+    /// The newest FLAIR among the layers is brighter than around the place and on the other side.
+    Flair,
+}
+
+impl MapAsked {
+    fn name(self) -> MapName {
+        match self {
+            Self::Blur => MapName::Blur,
+            Self::Thickness => MapName::Thickness,
+            Self::Flair => MapName::Flair,
+        }
+    }
 }
 
 /// The regions of the brain that are asked about.
@@ -103,7 +116,7 @@ pub struct LimitsView {
     borderline_from: f32,
 }
 
-/// Places where the junction is less sharp than in its surroundings and on the other side, or the cortex thicker
+/// Places where the junction is less sharp than in its surroundings and on the other side, the cortex thicker, or a FLAIR brighter
 ///
 /// Most are normal: they are places to look at, and nothing is detected. Each states whether its score is higher than those
 /// of heads without a lesion. The list has the cerebrum alone unless `region=all`. As JSON, or with `Accept: text/csv` as CSV.
@@ -129,11 +142,17 @@ pub async fn get_candidates(
         query: &query,
         request: &request,
     };
+    // The map of a FLAIR is another one once another layer is the newest.
+    let layers = match query.map {
+        MapAsked::Flair => cases.layers(&id).await?,
+        MapAsked::Blur | MapAsked::Thickness => Vec::new(),
+    };
+    let map = ChosenLayer::of_map(query.map.name(), &layers);
     let format = Format::of(kind)
-        .variant(format!("{kind} {MAP_FORMAT}"))
+        .variant(format!("{kind} {}", map.version()))
         .revalidated();
     let work = async |_| {
-        let maps = maps_of(&cases.library, &id).await?;
+        let maps = map.maps(&cases.library, &id).await?;
         let list = CandidateList::of(&maps, &query);
         let body = match kind {
             CSV => list.csv().into_bytes(),
@@ -153,6 +172,7 @@ impl CandidateList {
         let ([in_cerebrum, elsewhere], limits) = match query.map {
             MapAsked::Blur => ([&maps.candidates, &maps.elsewhere], ScoreLimits::BLUR),
             MapAsked::Thickness => (maps.thick.each_ref(), ScoreLimits::THICKNESS),
+            MapAsked::Flair => ([&maps.candidates, &maps.elsewhere], ScoreLimits::FLAIR),
         };
         let mut candidates = in_cerebrum.clone();
         if query.region == RegionAsked::All {
