@@ -335,123 +335,96 @@ fn bright(
 
 #[cfg(test)]
 mod tests {
+    use std::sync::OnceLock;
+
     use geometry::{Grid, Rescale};
 
     use super::*;
-    use crate::phantom::{Scan, turned, white_noise};
-    use crate::regions::phantom::{BrainPhantom, grid};
+    use crate::phantom::{Scan, turned};
+    use crate::regions::phantom::{BrainPhantom, SimulatedLayer, grid};
 
-    const LESION: DVec3 = DVec3::new(40.0, -25.0, 32.0);
-
-    /// The intensity of a FLAIR at a place of the phantom: fluid is dark, grey matter brighter than white matter.
-    fn shown(phantom: &BrainPhantom, place: DVec3) -> f64 {
-        match phantom.at(place).map_or(-1.8, |(_, value)| value) {
-            value if value < 0.0 => 130.0 + 60.0 * value,
-            value => 130.0 - 30.0 * value,
-        }
-    }
-
-    /// A simulated FLAIR of the phantom, whose space is that of the case turned and moved, with a brighter ball, noise and the
-    /// bias of a coil; and its place.
-    fn scanned(
-        spacing_mm: [f64; 3],
-        brighter: f64,
-        value_of: impl Fn(&BrainPhantom, DVec3) -> f64,
-    ) -> (Volume, DAffine3) {
-        let phantom = BrainPhantom::PLAIN;
-        let case_from_layer = turned(6.0, -4.0, DVec3::new(5.0, -8.0, 3.0));
-        let around = grid();
-        let [low, size] = [
-            around.patient_from_voxel().translation - 10.0,
-            DVec3::from_array(around.size().map(|side| side as f64 + 20.0)),
-        ];
-        let size = [0, 1, 2].map(|axis| (size[axis] / spacing_mm[axis]).ceil() as usize);
-        let own = Grid::aligned(size, spacing_mm, low).unwrap();
-        let affine = case_from_layer.inverse() * own.patient_from_voxel();
-        let layer = Grid::new(size, affine).unwrap();
-        let case_from_voxel = case_from_layer * affine;
-        let own_from_case = phantom.placed.inverse();
-        let value = |index: usize| {
-            let voxel = DVec3::from_array(layer.voxel(index).map(|along| along as f64));
-            // A voxel averages over its volume.
-            let parts = [-0.25, 0.25];
-            let mut sum = 0.0;
-            for part in (0..8)
-                .map(|part| DVec3::new(parts[part & 1], parts[part >> 1 & 1], parts[part >> 2]))
-            {
-                let place = case_from_voxel.transform_point3(voxel + part);
-                let value = value_of(&phantom, own_from_case.transform_point3(place));
-                let in_ball = (8.0 - place.distance(LESION)).clamp(0.0, 1.0);
-                sum += value * (1.0 + brighter * in_ball) / 8.0;
-            }
-            let place = case_from_voxel.transform_point3(voxel);
-            let bias = 1.0 + place.x / 400.0 + place.y / 600.0;
-            (sum * bias + 4.0 * white_noise(index + 7)).round().max(1.0) as u16
-        };
-        let voxels = (0..layer.voxel_count()).map(value).collect();
-        let rescale = Rescale {
-            slope: 1.0,
-            intercept: 0.0,
-        };
-        let volume = Volume::new(layer, voxels, rescale).unwrap();
-        (volume, case_from_layer)
-    }
-
-    fn of_head(layer: &(Volume, DAffine3)) -> Result<FlairMap, FlairUndefined> {
-        use std::sync::OnceLock;
+    /// The head, scanned once.
+    fn head() -> &'static Scan {
         static HEAD: OnceLock<Scan> = OnceLock::new();
-        let head = HEAD.get_or_init(|| BrainPhantom::PLAIN.scan(&grid()));
-        let flair = Flair {
-            volume: &layer.0,
-            case_from_layer: layer.1,
+        HEAD.get_or_init(|| BrainPhantom::PLAIN.scan(&grid()))
+    }
+
+    /// The map of a layer whose space is that of the head turned and moved.
+    fn of_layer(layer: SimulatedLayer) -> Result<FlairMap, FlairUndefined> {
+        let case_from_layer = turned(6.0, -4.0, DVec3::new(5.0, -8.0, 3.0));
+        let layer = SimulatedLayer {
+            case_from_layer,
+            ..layer
         };
-        flair_map(head.head(), flair, &MapParameters::STANDARD)
+        of_volume(&BrainPhantom::PLAIN.other_contrast(&layer), case_from_layer)
+    }
+
+    fn of_volume(volume: &Volume, case_from_layer: DAffine3) -> Result<FlairMap, FlairUndefined> {
+        let flair = Flair {
+            volume,
+            case_from_layer,
+        };
+        flair_map(head().head(), flair, &MapParameters::STANDARD)
     }
 
     #[test]
-    fn a_bright_place_comes_first_at_two_resolutions_and_a_sound_head_has_no_such_place() {
-        for spacing_mm in [[1.5; 3], [1.5, 1.5, 3.0]] {
-            let sound = of_head(&scanned(spacing_mm, 0.0, shown)).unwrap();
-            let ill = of_head(&scanned(spacing_mm, 0.25, shown)).unwrap();
-            let [highest, first] = [&sound, &ill].map(|map| map.places[0][0]);
-            println!("{spacing_mm:?}: {} and {}", highest.score, first.score);
-            let away_mm = first.position_in_patient.distance(LESION);
-            assert!(away_mm < 9.0, "{away_mm} mm away");
-            assert!(first.score > highest.score + 1.0, "{}", first.score);
-            assert_eq!(sound.map.grid(), ill.map.grid());
+    fn a_bright_place_comes_first_in_two_contrasts_and_at_two_resolutions() {
+        for contrast in [SimulatedLayer::FLAIR, SimulatedLayer::WEAK_FLAIR] {
+            for spacing_mm in [[1.5; 3], [1.5, 1.5, 3.0]] {
+                let sound = SimulatedLayer {
+                    spacing_mm,
+                    ..contrast
+                };
+                let ill = SimulatedLayer {
+                    brighter: 0.25,
+                    ..sound
+                };
+                let [sound, ill] = [sound, ill].map(|layer| of_layer(layer).unwrap());
+                let [highest, first] = [&sound, &ill].map(|map| map.places[0][0]);
+                println!("{spacing_mm:?}: {} and {}", highest.score, first.score);
+                let away_mm = first.position_in_patient.distance(contrast.lesion.0);
+                assert!(away_mm < 9.0, "{away_mm} mm away");
+                assert!(first.score > highest.score + 0.8, "{}", first.score);
+                assert_eq!(sound.map.grid(), ill.map.grid());
+            }
         }
     }
 
     #[test]
     fn a_darker_place_is_not_suspicious() {
-        let dark = of_head(&scanned([2.0; 3], -0.25, shown)).unwrap();
-        let near = |place: &&Candidate| place.position_in_patient.distance(LESION) < 9.0;
+        let layer = SimulatedLayer {
+            spacing_mm: [2.0; 3],
+            brighter: -0.25,
+            ..SimulatedLayer::FLAIR
+        };
+        let dark = of_layer(layer).unwrap();
+        let lesion = layer.lesion.0;
+        let near = |place: &&Candidate| place.position_in_patient.distance(lesion) < 9.0;
         assert_eq!(dark.places[0].iter().take(20).find(near), None);
     }
 
     #[test]
     fn what_is_no_flair_or_shows_too_little_has_no_map_and_a_reason() {
-        let code = |layer: &(Volume, DAffine3)| of_head(layer).unwrap_err().code();
-        assert_eq!(
-            code(&scanned([1.0, 1.0, 3.1], 0.0, shown)),
-            "flair-coarse-voxels"
-        );
-        let t2 = |phantom: &BrainPhantom, place: DVec3| {
-            let value = phantom.at(place).map_or(-1.8, |(_, value)| value);
-            200.0 - 60.0 * value
+        let code = |found: Result<FlairMap, FlairUndefined>| found.unwrap_err().code();
+        let with = |spacing_mm, layer| SimulatedLayer {
+            spacing_mm,
+            ..layer
         };
-        let of_t2 = scanned([2.0; 3], 0.0, t2);
-        assert_eq!(code(&of_t2), "flair-bright-fluid");
-        let (volume, case_from_layer) = scanned([2.0; 3], 0.0, shown);
-        let moved = DAffine3::from_translation(DVec3::new(0.0, 110.0, 0.0)) * case_from_layer;
-        assert_eq!(code(&(volume.clone(), moved)), "flair-shows-too-little");
+        let thick = of_layer(with([1.5, 1.5, 3.1], SimulatedLayer::FLAIR));
+        assert_eq!(code(thick), "flair-coarse-voxels");
+        let t2 = of_layer(with([2.0; 3], SimulatedLayer::T2));
+        assert_eq!(code(t2), "flair-bright-fluid");
+        let layer = with([2.0; 3], SimulatedLayer::FLAIR);
+        let volume = BrainPhantom::PLAIN.other_contrast(&layer);
+        let away = DAffine3::from_translation(DVec3::new(0.0, 110.0, 0.0));
+        assert_eq!(code(of_volume(&volume, away)), "flair-shows-too-little");
         let rescale = Rescale {
             slope: 1.0,
-            intercept: -500.0,
+            intercept: -5000.0,
         };
         let negative = Volume::new(volume.grid().clone(), volume.voxels().to_vec(), rescale);
-        let negative = negative.unwrap();
-        assert_eq!(code(&(negative, case_from_layer)), "flair-no-signal");
+        let negative = of_volume(&negative.unwrap(), DAffine3::IDENTITY);
+        assert_eq!(code(negative), "flair-no-signal");
     }
 
     #[test]

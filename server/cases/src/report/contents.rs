@@ -652,6 +652,7 @@ mod tests {
                 code: "failed-envelope".into(),
                 sentence: "the mask is wrong".into(),
             }),
+            flair: None,
             layer: None,
             findings: Vec::new(),
             dismissed: Vec::new(),
