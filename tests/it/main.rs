@@ -13,6 +13,7 @@ mod dicomweb;
 mod extraction;
 mod faults;
 mod findings;
+mod flair;
 mod golden;
 mod head;
 mod heads;
