@@ -253,7 +253,7 @@ const PLAIN: Readonly<Record<string, Command>> = {
   ".": { kind: "place", steps: 1 },
   u: { kind: "map", name: "blur" },
   y: { kind: "map", name: "thickness" },
-  q: { kind: "map", name: "flair" },
+  m: { kind: "map", name: "flair" },
   a: { kind: "map", name: "asymmetry" },
   t: { kind: "map", name: "intensity-asymmetry" },
   s: { kind: "map", name: "sharpness" },
