@@ -14,6 +14,7 @@ mod encryption;
 mod extraction;
 mod faults;
 mod findings;
+mod flair;
 mod flat_map;
 mod fuzzed;
 mod golden;

@@ -94,7 +94,7 @@ async fn server_with(configure: impl FnOnce(&mut Config)) -> (Server, String) {
 }
 
 /// The answer once what it needs is no longer being made.
-async fn settled(server: &Server, address: &str) -> Answer {
+pub(crate) async fn settled(server: &Server, address: &str) -> Answer {
     until("the maps are made", async || {
         let answer = server.get(address).await;
         let is_waiting =

@@ -188,7 +188,6 @@ test("the browser's own keys are left to it", () => {
     for (const name of ["r", "1", "[", "ArrowLeft", "R"]) assert.equal(commandOf(key(name, change)), null);
   }
   assert.equal(commandOf(key("Tab")), null);
-  assert.equal(commandOf(key("m")), null);
 });
 
 test("a touchpad's small movements add up to notches", () => {

@@ -64,6 +64,8 @@ impl ScoreLimits {
         unusual_above: 5.5,
         borderline_from: 5.0,
     };
+    /// Of `flair`: those of `blur`, whose rule it has. No FLAIR of a head without a lesion was measured.
+    pub const FLAIR: Self = Self::BLUR;
 }
 
 /// Whether the score of a place is higher than those of heads without a lesion.

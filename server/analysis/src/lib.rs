@@ -3,6 +3,7 @@
 //! * The plane between the hemispheres: [`midsagittal_plane`].
 //! * The sharpness of the junction of grey and white matter, compared with its surroundings and the other side, and the
 //!   most blurred places: [`maps`]. Everything comes from the head itself; there is no database of normal heads.
+//! * The intensities of a FLAIR of the same head at that junction, compared in the same way: [`flair_map`].
 //! * The regions of the brain: cerebrum by side, cerebellum, brain stem: [`Regions`]; and its parts with surfaces of their
 //!   own: [`Division`].
 //! * The position of another volume of the same head: [`register`]; of the head in the space of an atlas: [`align`].
@@ -17,6 +18,7 @@ mod candidates;
 mod coarse;
 mod convolve;
 mod detail;
+mod flair;
 mod gradient;
 mod head;
 mod junction;
@@ -42,6 +44,7 @@ mod undefined;
 mod width;
 
 pub use candidates::{BORDERLINE_FROM, Candidate, ScoreLimits, Side, UNUSUAL_ABOVE, Unusual};
+pub use flair::{Flair, FlairMap, FlairUndefined, flair_map};
 pub use head::Head;
 pub use maps::{MapParameters, Maps, maps, maps_and_division};
 pub use midsagittal::{MidsagittalFit, MidsagittalPlane, midsagittal_fit, midsagittal_plane};

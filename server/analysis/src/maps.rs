@@ -113,7 +113,7 @@ impl Maps {
         &self.maps[kind as usize]
     }
 
-    /// All maps, in the order of [`MapKind::ALL`].
+    /// All maps, in the order of [`MapKind::OF_HEAD`].
     pub fn into_maps(self) -> Vec<StoredMap> {
         self.maps
     }
@@ -285,50 +285,73 @@ pub fn compare(
         mirrored_mm: parameters.mirrored_mm,
     };
     let Measures { sharpness, detail } = measures;
-    let voxels = &sharpness.defined;
-    let junction = places_among(&sharpness.junction, voxels);
-    let [mut of_sharpness, mut of_detail] = differences(
-        block,
-        voxels,
-        ([&sharpness.values, &detail], &sharpness.weights),
-        plane,
-        widths,
-    );
-    drop(detail);
-    for (of_measure, least_spread) in [
-        (&mut of_detail, LEAST_DETAIL_SPREAD),
-        (&mut of_sharpness, LEAST_SPREAD),
-    ] {
-        into_z(&mut of_measure.from_ring, &junction, least_spread);
-        into_z(&mut of_measure.from_mirrored, &junction, least_spread);
-    }
-    let mean = |detail: Vec<f32>, sharpness: &[f32]| {
-        let mut mean = detail;
-        for (mean, sharpness) in mean.iter_mut().zip(sharpness) {
-            let share = parameters.detail_share;
-            *mean = share * *mean + (1.0 - share) * sharpness;
-        }
-        into_z(&mut mean, &junction, LEAST_MEAN_SPREAD);
-        mean
+    let terms = Terms {
+        spreads: [LEAST_SPREAD, LEAST_DETAIL_SPREAD],
+        second_share: parameters.detail_share,
     };
-    let mut blur = mean(of_detail.from_ring, &of_sharpness.from_ring);
-    let from_mirrored = mean(of_detail.from_mirrored, &of_sharpness.from_mirrored);
-    for (blur, from_mirrored) in blur.iter_mut().zip(from_mirrored) {
-        // Without a mirrored value only the surroundings count: the minimum of a number and NaN is the number.
-        *blur = if blur.is_nan() {
-            *blur
-        } else {
-            (-*blur).min(-from_mirrored)
-        };
-    }
+    let voxels = &sharpness.defined;
+    let measured = [&sharpness.values[..], &detail];
+    let [lowered, asymmetry] = lowered(
+        block,
+        (voxels, &sharpness.junction),
+        (measured, &sharpness.weights),
+        (plane, widths),
+        terms,
+    );
     let mut everywhere = vec![f32::NAN; block.voxel_count()];
-    for (&voxel, value) in voxels.iter().zip(blur) {
+    for (&voxel, value) in voxels.iter().zip(lowered) {
         everywhere[voxel as usize] = value;
     }
     Comparison {
         blur: everywhere,
-        asymmetry: of_sharpness.from_mirrored,
+        asymmetry,
     }
+}
+
+/// How two measures become one deviation.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Terms {
+    /// The least spread of each.
+    pub(crate) spreads: [f32; 2],
+    /// The share of the second one, 0 to 1.
+    pub(crate) second_share: f32,
+}
+
+/// How far two measures are below their surroundings, or below the other side, whichever is less, at some voxels (ascending)
+/// at which both are defined; in robust deviations over the junction, a part of these voxels. Then how far the first one is
+/// above the other side.
+pub(crate) fn lowered(
+    block: &Block,
+    (voxels, junction): (&[u32], &[u32]),
+    measured: ([&[f32]; 2], &[f32]),
+    (plane, widths): (&MidsagittalPlane, Widths),
+    terms: Terms,
+) -> [Vec<f32>; 2] {
+    let junction = places_among(junction, voxels);
+    let [mut first, mut second] = differences(block, voxels, measured, plane, widths);
+    for (of_measure, least_spread) in [&mut first, &mut second].into_iter().zip(terms.spreads) {
+        into_z(&mut of_measure.from_ring, &junction, least_spread);
+        into_z(&mut of_measure.from_mirrored, &junction, least_spread);
+    }
+    let mean = |second: Vec<f32>, first: &[f32]| {
+        let mut mean = second;
+        for (mean, first) in mean.iter_mut().zip(first) {
+            *mean = terms.second_share * *mean + (1.0 - terms.second_share) * first;
+        }
+        into_z(&mut mean, &junction, LEAST_MEAN_SPREAD);
+        mean
+    };
+    let mut lowered = mean(second.from_ring, &first.from_ring);
+    let from_mirrored = mean(second.from_mirrored, &first.from_mirrored);
+    for (lowered, from_mirrored) in lowered.iter_mut().zip(from_mirrored) {
+        // Without a mirrored value only the surroundings count: the minimum of a number and NaN is the number.
+        *lowered = if lowered.is_nan() {
+            *lowered
+        } else {
+            (-*lowered).min(-from_mirrored)
+        };
+    }
+    [lowered, first.from_mirrored]
 }
 
 /// The places of some voxels among others, of which they are a part; both ascend.

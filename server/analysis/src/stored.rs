@@ -39,11 +39,24 @@ pub enum MapKind {
     Blur = 4,
     /// How much thicker the cortex is than on the other side, in robust deviations.
     Thickness = 5,
+    /// How much brighter a FLAIR is than around and than on the other side, in robust deviations. It belongs to a layer.
+    Flair = 6,
 }
 
 impl MapKind {
     /// All kinds, in the order of their numbers.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
+        Self::Sharpness,
+        Self::Junction,
+        Self::Asymmetry,
+        Self::IntensityAsymmetry,
+        Self::Blur,
+        Self::Thickness,
+        Self::Flair,
+    ];
+
+    /// Those that are computed from a head alone, in the order of their numbers.
+    pub const OF_HEAD: [Self; 6] = [
         Self::Sharpness,
         Self::Junction,
         Self::Asymmetry,
@@ -61,6 +74,7 @@ impl MapKind {
             Self::IntensityAsymmetry => "intensity-asymmetry",
             Self::Blur => "blur",
             Self::Thickness => "thickness",
+            Self::Flair => "flair",
         }
     }
 
@@ -69,7 +83,11 @@ impl MapKind {
         match self {
             Self::Sharpness => "1/mm",
             Self::Junction => "",
-            Self::Asymmetry | Self::IntensityAsymmetry | Self::Blur | Self::Thickness => "z",
+            Self::Asymmetry
+            | Self::IntensityAsymmetry
+            | Self::Blur
+            | Self::Thickness
+            | Self::Flair => "z",
         }
     }
 
@@ -78,9 +96,11 @@ impl MapKind {
         let (least, step) = match self {
             Self::Sharpness => (0.0, 0.005),
             Self::Junction => (0.0, 1.0 / 254.0),
-            Self::Asymmetry | Self::IntensityAsymmetry | Self::Blur | Self::Thickness => {
-                (-12.7, 0.1)
-            }
+            Self::Asymmetry
+            | Self::IntensityAsymmetry
+            | Self::Blur
+            | Self::Thickness
+            | Self::Flair => (-12.7, 0.1),
         };
         Scale { least, step }
     }

@@ -109,6 +109,55 @@ impl LayerKind {
     }
 }
 
+/// The contrast of an MR sequence.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum Contrast {
+    /// White matter is brighter than grey matter, and fluid is dark.
+    T1,
+    /// Fluid is bright.
+    T2,
+    /// As T2, but fluid is dark.
+    Flair,
+    /// Another contrast.
+    Other,
+}
+
+impl Contrast {
+    /// Every contrast.
+    pub const ALL: [Self; 4] = [Self::T1, Self::T2, Self::Flair, Self::Other];
+
+    /// The name in JSON and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::T1 => "t1",
+            Self::T2 => "t2",
+            Self::Flair => "flair",
+            Self::Other => "other",
+        }
+    }
+
+    /// From the name of a sequence or of a layer: `FLAIR`, `T2 tse`. `None` if the name does not tell.
+    pub fn of_name(name: &str) -> Option<Self> {
+        const OTHERS: [&str; 6] = ["dwi", "swi", "tof", "asl", "epi", "pd"];
+        let name = name.to_lowercase();
+        let has = |part: &str| name.contains(part);
+        let mut words = name.split(|letter: char| !letter.is_alphanumeric());
+        if has("t1") || has("mprage") {
+            Some(Self::T1)
+        } else if has("flair") {
+            Some(Self::Flair)
+        } else if has("t2") {
+            Some(Self::T2)
+        } else {
+            words
+                .any(|word| OTHERS.contains(&word))
+                .then_some(Self::Other)
+        }
+    }
+}
+
 /// How a layer is placed in the patient space of its case.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(into = "TransformText", try_from = "TransformText")]
@@ -204,7 +253,7 @@ impl Transform {
     }
 }
 
-/// The parameters of a layer, which are part of its id.
+/// The parameters of a layer. All but the contrast are part of its id.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LayerParameters {
@@ -216,6 +265,9 @@ pub struct LayerParameters {
     pub transform: Transform,
     /// Names of labels.
     pub labels: BTreeMap<u32, String>,
+    /// The contrast of an MR sequence, if it is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contrast: Option<Contrast>,
 }
 
 impl LayerParameters {
@@ -250,6 +302,13 @@ impl LayerParameters {
                 self.kind.name()
             );
             return Err(Failure::unusable("transform-not-possible", detail));
+        }
+        if self.contrast.is_some() && self.kind != LayerKind::Mr {
+            let detail = format!(
+                "only a layer of the kind `mr` has a `contrast`, and this one is of the kind `{}`; omit it",
+                self.kind.name()
+            );
+            return Err(Failure::unusable("contrast-unexpected", detail));
         }
         if !self.labels.is_empty() && self.kind != LayerKind::Labels {
             let detail = "names of labels are only accepted for a layer of the kind `labels`";
@@ -454,7 +513,21 @@ pub struct Layer {
 }
 
 impl Layer {
+    /// The newest FLAIR that is ready, to which the map `flair` belongs.
+    pub fn newest_flair(layers: &[Self]) -> Option<&Self> {
+        let is_ready = |layer: &&Self| layer.is_flair() && layer.state == CaseState::Ready;
+        let flairs = layers.iter().filter(is_ready);
+        flairs.max_by_key(|layer| (layer.created_at, layer.id))
+    }
+
+    /// Whether it is a FLAIR, ready or not.
+    pub fn is_flair(&self) -> bool {
+        self.parameters.contrast == Some(Contrast::Flair)
+    }
+
     /// Checks a name: not empty, short, without control characters, and not confused with an id or a map.
+    ///
+    /// `FLAIR` and `Flair` are names of layers, although `flair` is the one of a map.
     ///
     /// # Errors
     /// A [`Failure`] that states what is wrong with it.
@@ -467,7 +540,11 @@ impl Layer {
             return Err(Failure::unusable("name-unusable", detail));
         }
         let lower = name.to_lowercase();
-        if LayerId::parse(&lower).is_some() || MapName::from_name(&lower).is_some() {
+        let is_map = match MapName::from_name(&lower) {
+            Some(MapName::Flair) => lower == name,
+            map => map.is_some(),
+        };
+        if LayerId::parse(&lower).is_some() || is_map {
             let detail = "the name of a layer must not be an id or the name of a map";
             return Err(Failure::unusable("name-unusable", detail));
         }
@@ -515,6 +592,11 @@ mod tests {
         for other in others {
             assert_ne!(id(&usual), id(&other), "{other:?}");
         }
+        let flair = LayerParameters {
+            contrast: Some(Contrast::Flair),
+            ..usual.clone()
+        };
+        assert_eq!(id(&usual), id(&flair), "the contrast is no part of it");
         let dicom = blake3::hash(b"dicom");
         let with_dicom = LayerId::of(&blake3::hash(b"volume"), Some(&dicom), &usual);
         assert_ne!(id(&usual), with_dicom);
@@ -565,14 +647,40 @@ mod tests {
     }
 
     #[test]
+    fn a_contrast_is_told_by_a_name_and_belongs_to_mr_alone() {
+        let told = |name| Contrast::of_name(name).map(Contrast::name);
+        assert_eq!(told("3D FLAIR sag"), Some("flair"));
+        assert_eq!(told("T1 FLAIR"), Some("t1"));
+        assert_eq!(told("T1 MPRAGE"), Some("t1"));
+        assert_eq!(told("t2_tse"), Some("t2"));
+        assert_eq!(told("DWI 2"), Some("other"));
+        assert_eq!(told("second volume"), None);
+        let with = |kind, contrast| {
+            let parameters = LayerParameters {
+                kind,
+                contrast,
+                ..LayerParameters::default()
+            };
+            parameters.check().map_err(|failure| failure.name)
+        };
+        assert!(with(LayerKind::Mr, Some(Contrast::T2)).is_ok());
+        assert!(with(LayerKind::Pet, None).is_ok());
+        let refused = with(LayerKind::Pet, Some(Contrast::T2)).unwrap_err();
+        assert_eq!(refused, "contrast-unexpected");
+    }
+
+    #[test]
     fn names_that_would_be_confused_are_refused() {
-        assert!(Layer::check_name("FLAIR 3D").is_ok());
+        for name in ["FLAIR 3D", "FLAIR", "Flair"] {
+            assert!(Layer::check_name(name).is_ok(), "{name}");
+        }
         let id = id(&LayerParameters::default()).to_string();
         for name in [
             "",
             " x",
             "blur",
             "Blur",
+            "flair",
             "a\tb",
             "a\u{202e}b",
             id.as_str(),

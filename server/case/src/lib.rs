@@ -27,8 +27,8 @@ pub use gyrus::{Gyrus, Lobe};
 pub use id::{CaseId, NotACaseId};
 pub use job::{JobKind, JobState, STORE_FAILED};
 pub use layer::{
-    LabelFacts, Layer, LayerFacts, LayerId, LayerKind, LayerParameters, MatrixOrigin, NotALayerId,
-    PlacementFacts, PlacementVerdict, Transform,
+    Contrast, LabelFacts, Layer, LayerFacts, LayerId, LayerKind, LayerParameters, MatrixOrigin,
+    NotALayerId, PlacementFacts, PlacementVerdict, Transform,
 };
 pub use maps::{
     BrainRegion, CandidateFacts, JunctionBandFacts, MapName, PatientSide, RegionFacts,

@@ -21,11 +21,25 @@ pub enum MapName {
     Junction,
     /// How much thicker the cortex is than on the other side, as a robust z.
     Thickness,
+    /// How much brighter the newest FLAIR among the layers is at and below the junction than around and than on the other side, as
+    /// a robust z.
+    Flair,
 }
 
 impl MapName {
     /// Every map, those for the eye first.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
+        Self::Blur,
+        Self::Thickness,
+        Self::Flair,
+        Self::Sharpness,
+        Self::Asymmetry,
+        Self::IntensityAsymmetry,
+        Self::Junction,
+    ];
+
+    /// Those that are computed from the case alone, and so do not belong to a layer.
+    pub const OF_CASE: [Self; 6] = [
         Self::Blur,
         Self::Thickness,
         Self::Sharpness,
@@ -43,6 +57,7 @@ impl MapName {
             Self::IntensityAsymmetry => "intensity-asymmetry",
             Self::Junction => "junction",
             Self::Thickness => "thickness",
+            Self::Flair => "flair",
         }
     }
 

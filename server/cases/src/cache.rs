@@ -25,8 +25,8 @@ pub enum Part {
     Model(SurfaceName),
     /// The whole acquired volume.
     WholeVolume,
-    /// The maps, or the reason why there are none.
-    Maps,
+    /// The maps, or the map of this FLAIR; or the reason why there are none.
+    Maps(Option<LayerId>),
     /// The names of gyri, if the head fits the atlas.
     Gyri,
     /// A layer under this name, which is part of its legend.

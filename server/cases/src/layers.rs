@@ -1,6 +1,6 @@
 //! Further volumes of the head of a case: submitted, listed, changed and deleted.
 
-use case::{CaseId, CaseState, Failure, Layer, LayerId, LayerKind, LayerParameters};
+use case::{CaseId, CaseState, Contrast, Failure, Layer, LayerId, LayerKind, LayerParameters};
 use imaging::START_BYTES;
 use pipeline::layers::{LayerSource, check_layer};
 use storage::{LayerChange, LayerName, LayerUpload, StoreError, SubmittedLayer};
@@ -26,7 +26,7 @@ pub struct NewLayer {
     pub kind: Option<LayerKind>,
     /// The unit; by default that of DICOM files, or none.
     pub unit: Option<String>,
-    /// The other parameters.
+    /// The other parameters. Without a contrast, it is that of DICOM files, or the one that the name states.
     pub parameters: LayerParameters,
 }
 
@@ -41,21 +41,26 @@ pub struct AddedLayer {
     pub choice: Option<Choice>,
 }
 
-/// The parameters of a layer: its kind and unit as stated, otherwise those of its DICOM series.
+/// The parameters of a layer: its kind, unit and contrast as stated, otherwise those of its DICOM series. Without a series, the
+/// name may state the contrast.
 ///
 /// # Errors
 /// If they do not fit together.
 pub fn parameters_of(
-    series: Option<&SeriesView>,
+    (series, name): (Option<&SeriesView>, Option<&str>),
     kind: Option<LayerKind>,
     unit: Option<String>,
     others: LayerParameters,
 ) -> Result<LayerParameters, Failure> {
     let kind = kind.or(series.map(|series| LayerKind::of_modality(&series.modality)));
     let unit = unit.or(series.and_then(|series| series.unit.clone()));
+    let kind = kind.unwrap_or_default();
+    let told = series.map(|series| series.name.as_str()).or(name);
+    let told = told.and_then(Contrast::of_name);
     let parameters = LayerParameters {
-        kind: kind.unwrap_or_default(),
+        kind,
         unit: unit.unwrap_or_default(),
+        contrast: others.contrast.or(told.filter(|_| kind == LayerKind::Mr)),
         ..others
     };
     parameters.check()?;
@@ -100,7 +105,8 @@ impl Cases {
             });
         }
         let series = choice.as_ref().map(|choice| &choice.series);
-        let parameters = parameters_of(series, new.kind, new.unit, new.parameters)?;
+        let told = (series, new.name.as_deref());
+        let parameters = parameters_of(told, new.kind, new.unit, new.parameters)?;
         let usual = || match series.map(|series| series.name.as_str()) {
             Some(name) if !name.is_empty() => name.to_owned(),
             _ => parameters.kind.name().to_owned(),
@@ -164,14 +170,14 @@ impl Cases {
     pub async fn layer(&self, case: &CaseId, name: &LayerRef) -> Result<Layer, Error> {
         match name.of(&self.layers(case).await?)? {
             crate::pictures::ChosenLayer::Layer(layer) => Ok((*layer).clone()),
-            crate::pictures::ChosenLayer::Map(_) => Err(Error::NoSuchLayer),
+            crate::pictures::ChosenLayer::Map { .. } => Err(Error::NoSuchLayer),
         }
     }
 
-    /// Renames a layer, or moves it in the list; returns it as it is then.
+    /// Renames a layer, moves it in the list, or states its contrast; returns it as it is then.
     ///
     /// # Errors
-    /// [`Error::Failure`] if the name is unusable, [`Error::LayerNameTaken`], [`Error::NoSuchLayer`], or an error of
+    /// [`Error::Failure`] if the name or the contrast is unusable, [`Error::LayerNameTaken`], [`Error::NoSuchLayer`], or an error of
     /// the store.
     pub async fn change_layer(
         &self,
@@ -181,6 +187,16 @@ impl Cases {
     ) -> Result<Layer, Error> {
         if let Some(name) = &change.name {
             Layer::check_name(name)?;
+        }
+        if change.contrast.is_some() {
+            let known = self.store().layer(case, id).await?;
+            let known = known.ok_or(Error::NoSuchLayer)?;
+            let contrast = change.contrast;
+            LayerParameters {
+                contrast,
+                ..known.parameters
+            }
+            .check()?;
         }
         if !self.store().change_layer(case, id, change).await? {
             return Err(Error::NoSuchLayer);

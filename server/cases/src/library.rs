@@ -15,7 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 pub use self::layers::LayerVoxels;
-pub use self::loaded_maps::{LoadedMaps, MapsState};
+pub use self::loaded_maps::{FlairState, LoadedMaps, MapsState};
 use crate::cache::CaseCache;
 use crate::decoded_uploads::{DecodedUploads, OfferedUpload};
 use audit::Audit;

@@ -3,27 +3,30 @@
 use std::borrow::Cow;
 
 use analysis::{
-    Candidate, DepthBand, Division, Head, MapKind, MapParameters, Maps, MapsUndefined,
-    MidsagittalPlane, NoDivision, Region, RegionDoubt, Regions, Side, StoredMap, WidthTable,
+    Candidate, DepthBand, Division, Flair, FlairUndefined, Head, MapKind, MapParameters, Maps,
+    MapsUndefined, MidsagittalPlane, NoDivision, Region, RegionDoubt, Regions, Side, StoredMap,
+    WidthTable,
 };
 use case::{
     BrainRegion, CandidateFacts, CaseFacts, JunctionBandFacts, MapName, MaskMethod, PatientSide,
-    QualityState, RegionFacts, RegionNumbers, Unusual,
+    PlacementFacts, QualityState, RegionFacts, RegionNumbers, Unusual,
 };
-use geometry::{DepthField, Envelope, Volume};
+use geometry::{DepthField, Envelope, Grid, Volume};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 pub use analysis::{JunctionWidth, MAP_FORMAT, Scale, ScoreLimits, UNDEFINED as UNDEFINED_CODE};
 
-/// The maps of a case.
+use crate::affine_of;
+
+/// The maps of a case, or the map of a FLAIR among its layers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CaseMaps {
-    /// The maps in the order of [`MapKind::ALL`].
+    /// The maps in the order of [`MapKind::OF_HEAD`], or the one of the FLAIR.
     pub(crate) maps: Vec<StoredMap>,
-    /// The most blurred places of the cerebrum, the highest value first.
+    /// The most blurred places of the cerebrum, or the brightest ones of the FLAIR, the highest value first.
     pub candidates: Vec<CandidateFacts>,
-    /// The most blurred places elsewhere in the brain, the highest value first.
+    /// The same elsewhere in the brain.
     pub elsewhere: Vec<CandidateFacts>,
     /// The places with the thickest cortex compared with the other side: in the cerebrum, and elsewhere in the brain.
     pub thick: [Vec<CandidateFacts>; 2],
@@ -52,13 +55,47 @@ impl From<MapsUndefined> for NoMaps {
     }
 }
 
+impl From<FlairUndefined> for NoMaps {
+    fn from(reason: FlairUndefined) -> Self {
+        Self {
+            code: reason.code().into(),
+            sentence: reason.to_string().into(),
+        }
+    }
+}
+
+impl NoMaps {
+    /// The reason for no map of a FLAIR whose place must be checked by eye.
+    fn doubtful_place(placement: &PlacementFacts) -> Self {
+        let why = placement.reason.as_deref();
+        let why = why.unwrap_or("it was not compared with the volume of the case");
+        Self {
+            code: "flair-place-doubtful".into(),
+            sentence: format!(
+                "the place of the FLAIR is not certain, and its map needs one that is: {why}"
+            )
+            .into(),
+        }
+    }
+}
+
 /// The maps of a case, or the reason why it has none.
 pub type MapsOrReason = Result<CaseMaps, NoMaps>;
 
 impl CaseMaps {
     /// One of the maps.
+    ///
+    /// # Panics
+    /// If it is not among them.
     pub fn map(&self, name: MapName) -> &StoredMap {
-        &self.maps[kind_of(name) as usize]
+        let mut maps = self.maps.iter();
+        let found = maps.find(|map| map.kind() == kind_of(name));
+        found.expect("the maps of a case have one of each name, those of a layer have `flair`")
+    }
+
+    /// The grid of all of them.
+    pub fn grid(&self) -> &Grid {
+        self.maps[0].grid()
     }
 
     /// The maps with their names.
@@ -106,6 +143,47 @@ pub(crate) fn compute_maps_and_division(
     }
 }
 
+/// The parameters of the maps of a case, unless its mask is rated as failed.
+fn parameters_of(facts: &CaseFacts) -> Result<MapParameters, MapsUndefined> {
+    let quality = facts.quality.as_ref();
+    if quality.is_some_and(|quality| quality.state == QualityState::Failed) {
+        return Err(MapsUndefined::FailedEnvelope);
+    }
+    let is_pruned = quality.is_some_and(|quality| quality.method == MaskMethod::TreePruning);
+    Ok(MapParameters {
+        doubt: is_pruned.then_some(RegionDoubt::PrunedMask),
+        ..MapParameters::STANDARD
+    })
+}
+
+/// Computes the map of a FLAIR of a case, whose stored voxels are `layer`; the reason if it is undefined.
+pub fn compute_flair(
+    (facts, envelope, volume): (&CaseFacts, &Envelope, &Volume),
+    (layer, placement): (&Volume, &PlacementFacts),
+) -> MapsOrReason {
+    parameters_of(facts)?;
+    if placement.quality != QualityState::Ok {
+        return Err(NoMaps::doubtful_place(placement));
+    }
+    let flair = Flair {
+        volume: layer,
+        case_from_layer: affine_of(&placement.case_from_layer),
+    };
+    let find = |head: Head<'_>, parameters: &MapParameters| {
+        Ok(analysis::flair_map(head, flair, parameters))
+    };
+    let found = of_head(facts, envelope, volume, find)??;
+    let [candidates, elsewhere] = found.places.each_ref().map(|places| facts_of(places));
+    Ok(CaseMaps {
+        maps: vec![found.map],
+        candidates,
+        elsewhere,
+        thick: Default::default(),
+        regions: region_facts(&found.regions),
+        junction_by_depth: Vec::new(),
+    })
+}
+
 /// Computes something of the head of a case, with the parameters of its maps.
 fn of_head<T>(
     facts: &CaseFacts,
@@ -113,15 +191,7 @@ fn of_head<T>(
     volume: &Volume,
     compute: impl FnOnce(Head<'_>, &MapParameters) -> Result<T, MapsUndefined>,
 ) -> Result<T, MapsUndefined> {
-    let quality = facts.quality.as_ref();
-    if quality.is_some_and(|quality| quality.state == QualityState::Failed) {
-        return Err(MapsUndefined::FailedEnvelope);
-    }
-    let is_pruned = quality.is_some_and(|quality| quality.method == MaskMethod::TreePruning);
-    let parameters = MapParameters {
-        doubt: is_pruned.then_some(RegionDoubt::PrunedMask),
-        ..MapParameters::STANDARD
-    };
+    let parameters = parameters_of(facts)?;
     let head = Head {
         volume,
         depth: &DepthField::new(&geometry::distance_map(envelope)),
@@ -144,10 +214,9 @@ pub(crate) fn compute_division(
 impl From<Maps> for CaseMaps {
     fn from(maps: Maps) -> Self {
         Self {
-            candidates: maps.candidates.iter().map(candidate_facts).collect(),
-            elsewhere: maps.elsewhere.iter().map(candidate_facts).collect(),
-            thick: (maps.thick.each_ref())
-                .map(|places| places.iter().map(candidate_facts).collect()),
+            candidates: facts_of(&maps.candidates),
+            elsewhere: facts_of(&maps.elsewhere),
+            thick: (maps.thick.each_ref()).map(|places| facts_of(places)),
             regions: region_facts(&maps.regions),
             junction_by_depth: maps.depth_bands.iter().map(junction_band_facts).collect(),
             maps: maps.into_maps(),
@@ -166,6 +235,10 @@ fn patient_side(side: Side) -> PatientSide {
         Side::Right => PatientSide::Right,
         Side::Middle => PatientSide::Middle,
     }
+}
+
+fn facts_of(places: &[Candidate]) -> Vec<CandidateFacts> {
+    places.iter().map(candidate_facts).collect()
 }
 
 fn candidate_facts(candidate: &Candidate) -> CandidateFacts {
@@ -240,6 +313,7 @@ fn kind_of(name: MapName) -> MapKind {
         MapName::IntensityAsymmetry => MapKind::IntensityAsymmetry,
         MapName::Junction => MapKind::Junction,
         MapName::Thickness => MapKind::Thickness,
+        MapName::Flair => MapKind::Flair,
     }
 }
 
@@ -337,7 +411,7 @@ mod tests {
     #[test]
     fn every_map_is_found_under_its_name() {
         let maps = maps(&prepared().facts).unwrap();
-        for name in MapName::ALL {
+        for name in MapName::OF_CASE {
             assert_eq!(name_of(maps.map(name).kind()), name);
             assert_eq!(maps.map(name).kind().name(), name.name());
         }

@@ -52,6 +52,14 @@ impl NewJob {
         }
     }
 
+    /// The computation of the map of a layer, which is deleted with it.
+    pub fn maps_of_layer(case: &CaseId, layer: &LayerId) -> Self {
+        Self {
+            key: layer_key(case, layer),
+            ..Self::of_ready_case(JobKind::MAPS, case)
+        }
+    }
+
     /// A job about a case, once it is ready.
     pub fn of_ready_case(kind: JobKind, case: &CaseId) -> Self {
         Self {
@@ -62,7 +70,7 @@ impl NewJob {
     }
 }
 
-/// The key of the job of a layer.
+/// The key of the jobs of a layer.
 pub(crate) fn layer_key(case: &CaseId, layer: &LayerId) -> String {
     format!("{case}/{layer}")
 }
@@ -125,7 +133,7 @@ pub struct Claim {
 }
 
 impl Claim {
-    /// The layer that the job of one is about.
+    /// The layer that the job is about, if it is about one.
     pub fn layer(&self) -> Option<(CaseId, LayerId)> {
         crate::sql::layers::of_key(&self.key)
     }

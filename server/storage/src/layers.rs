@@ -172,6 +172,22 @@ impl Store {
         }
     }
 
+    /// Makes what is computed from a layer that is ready durable, and gives it to the layer, with which it is deleted.
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub async fn publish_of_layer(
+        &self,
+        case: &CaseId,
+        id: &LayerId,
+        derived: &[Framed],
+    ) -> Result<Published, StoreError> {
+        let objects: Vec<_> = derived.iter().map(Writing::Framed).collect();
+        let publish =
+            |derived: Pinned| async move { self.refer_to_layer(case, id, &derived).await };
+        self.with_pinned(&objects, publish).await
+    }
+
     /// Makes the objects of a layer durable, then publishes them and ends its job in one transaction. Leaves nothing
     /// behind if that fails.
     ///

@@ -12,7 +12,7 @@
 use std::time::Duration;
 
 use case::arrivals::{SeriesUids, Taken};
-use case::{CaseId, LayerId, LayerParameters, Parameters};
+use case::{CaseId, Contrast, LayerId, LayerParameters, Parameters};
 
 use super::ObjectName;
 
@@ -77,6 +77,8 @@ pub struct LayerChange {
     pub name: Option<String>,
     /// Another place in the list, from 0; beyond the end is the end.
     pub place: Option<usize>,
+    /// Its contrast, of a layer of the kind `mr`.
+    pub contrast: Option<Contrast>,
 }
 
 /// The result of an insertion of a case or a layer.

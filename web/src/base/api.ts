@@ -208,7 +208,7 @@ export async function listLayers(id: string): Promise<LayerList> {
 export async function changeLayer(
   id: string,
   layer: string,
-  change: { readonly name?: string; readonly place?: number },
+  change: { readonly name?: string; readonly place?: number; readonly contrast?: string },
 ): Promise<void> {
   await send(`v1/cases/${id}/layers/${layer}`, { method: "PATCH", body: JSON.stringify(change) });
 }

@@ -172,12 +172,13 @@ export class Painter {
   *setLayer(name: string, layer: Block): Generator<void, void> {
     const encoding = gapped(this.#gl, layer.format === "u8", this.#encodings);
     const texture = yield* this.#uploaded(encoding, layer.size, layer.voxels);
-    this.#dropLayer(name);
+    this.dropLayer(name);
     this.#layers.set(name, { texture, grid: texelGrid(layer, encoding.unit) });
-    for (const old of [...this.#layers.keys()].slice(0, -MOST_LAYERS)) this.#dropLayer(old);
+    for (const old of [...this.#layers.keys()].slice(0, -MOST_LAYERS)) this.dropLayer(old);
   }
 
-  #dropLayer(name: string): void {
+  /** Drops the voxels of a layer: they are no longer what the server has. */
+  dropLayer(name: string): void {
     this.#gl.deleteTexture(this.#layers.get(name)?.texture ?? null);
     this.#layers.delete(name);
   }

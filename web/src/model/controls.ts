@@ -289,6 +289,8 @@ const PLAIN: Readonly<Record<string, Command>> = {
   t: { kind: "map", name: "intensity-asymmetry" },
   s: { kind: "map", name: "sharpness" },
   j: { kind: "map", name: "junction" },
+  // With shift: every small letter has its command.
+  F: { kind: "map", name: "flair" },
   " ": { kind: "play" },
   Enter: { kind: "mark" },
   "+": { kind: "zoom", factor: 1.2 },

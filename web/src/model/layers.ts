@@ -7,6 +7,9 @@ import type { Affine } from "./space.ts";
 
 export const LAYER_KINDS = ["mr", "ct", "pet", "map", "labels"] as const;
 export type LayerKind = (typeof LAYER_KINDS)[number];
+/** The contrasts of MR. */
+export const CONTRASTS = ["t1", "t2", "flair", "other"] as const;
+export type Contrast = (typeof CONTRASTS)[number];
 /** How a new layer is to be placed. */
 export const TRANSFORMS = ["auto", "rigid", "none"] as const;
 
@@ -16,6 +19,10 @@ export interface Layer {
   readonly name: string;
   readonly kind: LayerKind;
   readonly unit: string;
+  /** The layer that the map `flair` belongs to. */
+  readonly of_layer?: string;
+  /** Of an MR that was added, if it is known. */
+  readonly contrast?: Contrast;
   readonly state: "ready" | "making" | "undefined" | "off" | "queued" | "preparing" | "failed";
   /** Why it is undefined or off; of a layer that is ready, why its place must be checked. */
   readonly reason?: string;

@@ -5,10 +5,18 @@ import type { Side } from "./midsagittal.ts";
 import type { Affine } from "./space.ts";
 
 /** The maps, as the server names them, in the order of the page. */
-export const MAP_NAMES = ["blur", "thickness", "asymmetry", "intensity-asymmetry", "sharpness", "junction"] as const;
+export const MAP_NAMES = [
+  "blur",
+  "thickness",
+  "flair",
+  "asymmetry",
+  "intensity-asymmetry",
+  "sharpness",
+  "junction",
+] as const;
 export type MapName = (typeof MAP_NAMES)[number];
 /** The maps that list places, each by itself. */
-export const LISTING_MAPS = ["blur", "thickness"] as const satisfies readonly MapName[];
+export const LISTING_MAPS = ["blur", "thickness", "flair"] as const satisfies readonly MapName[];
 export type ListingMap = (typeof LISTING_MAPS)[number];
 
 /** The colour maps of overlays, as the server names them; labels have their own. */
@@ -30,6 +38,7 @@ const ASYMMETRY: MapStyle = { unit: "z", window: [-6, 6], colormap: "blue-orange
 const styles: Readonly<Record<MapName, MapStyle>> = {
   blur: { unit: "z", window: [2.5, 5], colormap: "vermilion-yellow", threshold: 2.5 },
   thickness: { unit: "z", window: [2.5, 6], colormap: "vermilion-yellow", threshold: 2.5 },
+  flair: { unit: "z", window: [2.5, 5], colormap: "vermilion-yellow", threshold: 2.5 },
   asymmetry: ASYMMETRY,
   "intensity-asymmetry": ASYMMETRY,
   sharpness: { unit: "1/mm", window: [0, 0.6], colormap: "viridis", threshold: null },

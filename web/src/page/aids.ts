@@ -37,6 +37,8 @@ export interface AidsListener {
   redraw(): void;
   announce(words: string): void;
   complain(problem: unknown): void;
+  /** The voxels of a layer are others now. */
+  forget(name: string): void;
   /** A place of the list becomes a finding, is dismissed, or neither. */
   judge(place: Candidate, judgement: "kept" | "dismissed" | null, map: ListingMap): void;
   /** The chart of the marked point stands here; null: where it usually does. */
@@ -59,6 +61,8 @@ export class Aids {
   #filling: Promise<Filled> | null = null;
   #filled: Filled | null = null;
   #list: LayerList | null = null;
+  /** The layer that the map of the FLAIR belongs to. */
+  #flairOf: string | undefined;
   #state: ViewState | null = null;
   /** The window that each texture was left with, by the id of its layer. */
   readonly #windows = new Map<string, Window>();
@@ -270,7 +274,7 @@ export class Aids {
   /** What a half shows by the list; null: it stays as it is. */
   #settled(half: HalfLook, { layers }: LayerList): HalfLook | null {
     const isGone = (id: string | undefined): boolean =>
-      id !== undefined && isLayerId(id) && !layers.some((one) => one.id === id);
+      id !== undefined && (isLayerId(id) || id === "flair") && !layers.some((one) => one.id === id);
     const { window } = this.#shown.intensity;
     const [isBare, isPlain] = [isGone(half.layer?.id), isGone(half.overlay?.name)];
     if (isBare || isPlain) {
@@ -328,8 +332,15 @@ export class Aids {
 
   #hear(list: LayerList): void {
     this.#list = list;
+    const flair = list.layers.find(({ id }) => id === "flair");
+    if (flair?.of_layer !== this.#flairOf) {
+      this.#filled?.layers.forget("flair");
+      this.#listener.forget("flair");
+      this.#flairOf = flair?.of_layer;
+    }
     const [map] = list.layers;
     if (map) this.#filled?.maps.tell(map);
+    this.#filled?.maps.tellFlair(flair);
     this.#filled?.maps.plot(list);
     this.#filled?.added.tell(list);
     if (this.#state) this.#showFilled(this.#state);

@@ -73,6 +73,12 @@ export class CaseLayers {
     return voxels;
   }
 
+  /** Forgets the voxels of a layer, which may be others now. */
+  forget(name: string): void {
+    this.#voxels.delete(name);
+    this.#samplers.delete(name);
+  }
+
   /** The value of a layer at a position: NaN where it is undefined, nothing until its voxels are here. */
   valueAt(name: string, position_in_patient: Vec3): number | undefined {
     const value = this.#samplers.get(name)?.(position_in_patient);

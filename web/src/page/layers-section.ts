@@ -7,7 +7,17 @@ import { type Attributes, h, type Icon, iconButton, quiet, setText, status } fro
 import { spoken, t } from "../base/i18n.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { LAYER_KINDS, type Layer, type LayerList, TRANSFORMS, greyOf, isAdded, isReady } from "../model/layers.ts";
+import {
+  CONTRASTS,
+  type Contrast,
+  LAYER_KINDS,
+  type Layer,
+  type LayerList,
+  TRANSFORMS,
+  greyOf,
+  isAdded,
+  isReady,
+} from "../model/layers.ts";
 import type { ViewState } from "../model/state.ts";
 import type { CaseLayers } from "./case-layers.ts";
 import { askText, confirmDelete } from "./dialogs.ts";
@@ -151,6 +161,7 @@ export class LayersSection {
         { class: "layer-name" },
         h("strong", {}, name),
         h("span", { class: "quiet" }, [t(`layer.kind.${kind}`), unit].filter(Boolean).join(" · ")),
+        ...(kind === "mr" ? [this.#contrast(layer)] : []),
       ),
       h("p", { class: `quiet status${layer.quality === "review" ? " doubtful" : ""}` }, statusWords(layer)),
       h(
@@ -163,6 +174,19 @@ export class LayersSection {
         act("trash", "delete", () => this.#delete(layer)),
       ),
     );
+  }
+
+  /** The contrast of an MR, which can be stated: the newest FLAIR has a map. */
+  #contrast({ id, name, contrast }: Layer): HTMLElement {
+    const values = contrast ? CONTRASTS : (["unknown", ...CONTRASTS] as const);
+    const words = t("layer.contrast.of", { name });
+    const take = (wanted: Contrast | "unknown"): void => {
+      if (wanted !== "unknown") void this.#do(() => changeLayer(this.#shown.id, id, { contrast: wanted }));
+    };
+    const select = choice(`layer-contrast-${id}`, words, values, (one) => t(`layer.contrast.${one}`), take);
+    select.value = contrast ?? "unknown";
+    select.dataset.do = "contrast";
+    return select;
   }
 
   #toggle(how: "grey" | "colours", id: string): void {

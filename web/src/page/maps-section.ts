@@ -38,13 +38,17 @@ export class MapsSection {
   readonly #status = h("p", { class: "quiet maps-status", id: "maps-status", role: "status", hidden: true });
   /** Where the controls of an overlay stand. */
   readonly slot = h("div", {});
-  /** The places of blur, then those of thick cortex: never mixed. */
+  /** The places of blur, then those of thick cortex, then those of the FLAIR: never mixed. */
   readonly #lists: readonly PlacesList[];
+  /** Those of the FLAIR among them. */
+  readonly #flairs: PlacesList;
   /** Where keys step: the list that was asked for, unfolded or gone through last. */
   #stepped: PlacesList;
   /** How much of the junction the cuts meet slantwise, by depth. */
   readonly #slant = h("div", { class: "group-part slant", hidden: true });
   #bands: readonly JunctionBand[] = [];
+  /** The layer whose map is listed. */
+  #flairOf: string | undefined;
   #findings: readonly Finding[] = [];
   #state: ViewState | null = null;
 
@@ -77,8 +81,10 @@ export class MapsSection {
       return made;
     };
     const blurred = list("blur");
-    this.#lists = LISTING_MAPS.map((map) => (map === "blur" ? blurred : list(map)));
+    this.#flairs = list("flair");
+    this.#lists = LISTING_MAPS.map((map) => (map === "blur" ? blurred : map === "flair" ? this.#flairs : list(map)));
     this.#stepped = blurred;
+    this.tellFlair(undefined);
     this.element = h(
       "div",
       { class: "group-body" },
@@ -110,6 +116,17 @@ export class MapsSection {
     const isKnown = state !== "undefined" && state !== "off";
     for (const list of this.#lists) list.isKnown = isKnown;
     this.#say(state === "ready" ? "" : words);
+  }
+
+  /** Shows the state of the map of the newest FLAIR, which is offered only if there is such a layer. */
+  tellFlair(map: Layer | undefined): void {
+    for (const one of this.#names.querySelectorAll<HTMLButtonElement>("button[value=flair]")) one.hidden = !map;
+    this.#flairs.element.hidden = !map;
+    if (map?.of_layer !== this.#flairOf) this.#flairs.clear();
+    this.#flairOf = map?.of_layer;
+    const isUndefined = map?.state === "undefined";
+    this.#flairs.tell(isUndefined ? t("flair.undefined", { reason: reasonIn(map.reason ?? "", map.reason_code) }) : "");
+    this.#flairs.isKnown = !isUndefined && map?.state !== "off";
   }
 
   /** Plots the share of the junction that the cuts meet slantwise, of the depths at which there is any. */

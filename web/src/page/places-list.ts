@@ -14,6 +14,7 @@ import { PlacesTable, type PlacesListener } from "./places-table.ts";
 const WORDS = {
   blur: { ask: "candidates.ask", nothing: "candidates.nothing", warning: "candidates.warning" },
   thickness: { ask: "thick.ask", nothing: "thick.nothing", warning: "thick.warning" },
+  flair: { ask: "flair.ask", nothing: "flair.nothing", warning: "flair.warning" },
 } as const;
 
 export interface ListListener extends PlacesListener {
@@ -29,6 +30,8 @@ export class PlacesList {
   readonly #map: ListingMap;
   readonly #listener: ListListener;
   readonly #ask: HTMLButtonElement;
+  /** Why this list alone has no map. */
+  readonly #why = h("p", { class: "quiet", role: "status", hidden: true });
   /** That nothing stands out, or that the regions are in doubt. */
   readonly #nothing: HTMLElement;
   readonly #doubt = h("p", { class: "quiet regions-doubt", hidden: true });
@@ -49,8 +52,22 @@ export class PlacesList {
       h("summary", {}, t("candidates.normal")),
       h("p", { class: "quiet" }, t(words.warning)),
     );
-    this.#places = new PlacesTable(map, shown, listener);
-    this.element.append(row(this.#ask));
+    this.#places = new PlacesTable(map, t(words.ask), shown, listener);
+    this.element.append(row(this.#ask), this.#why);
+  }
+
+  /** Says why this list alone has no map, or that it has one. */
+  tell(words: string): void {
+    tell(this.#why, words);
+  }
+
+  /** Takes the places away: they are those of another layer. */
+  clear(): void {
+    this.#candidates = [];
+    this.#places.fill([]);
+    this.#warning.hidden = true;
+    tell(this.#nothing, "");
+    tell(this.#doubt, "");
   }
 
   /** Whether there are maps, or will be. */

@@ -15,7 +15,7 @@ import { button, choiceOfButtons, line, press, row } from "./fields.ts";
 /** What opens beside the surface when a place is gone to. */
 const BESIDE = ["closer", "slices", "mirror", "both"] as const satisfies readonly Layout[];
 /** A bar of this score is as wide as its column. */
-const WIDEST_SCORE: Readonly<Record<ListingMap, number>> = { blur: 4, thickness: 8 };
+const WIDEST_SCORE: Readonly<Record<ListingMap, number>> = { blur: 4, thickness: 8, flair: 4 };
 const COLUMNS = ["rank", "side", "gyrus", "depth", "score", "seen"] as const;
 type Column = (typeof COLUMNS)[number];
 const headOf = (column: Column): string => t(column === "gyrus" ? "gyrus.about" : `places.${column}`);
@@ -56,14 +56,14 @@ export class PlacesTable {
   #findings: readonly Finding[] = [];
   #judging: HTMLElement | null = null;
 
-  constructor(map: ListingMap, shown: ReadyCase, listener: PlacesListener) {
+  constructor(map: ListingMap, label: string, shown: ReadyCase, listener: PlacesListener) {
     this.#map = map;
     this.#shown = shown;
     this.#listener = listener;
     const heads = COLUMNS.map((name) => h("th", { scope: "col", class: name }, headOf(name)));
     this.#table = h(
       "table",
-      { class: "candidates", "aria-label": t(map === "blur" ? "candidates.ask" : "thick.ask") },
+      { class: "candidates", "aria-label": label },
       h("thead", {}, h("tr", {}, ...heads)),
       this.#body,
     );
@@ -207,7 +207,7 @@ export class PlacesTable {
       (one) => t(one === "kept" ? "places.keep" : "places.dismiss"),
       (one) => this.#listener.judge(place, this.#judgementOf(place) === one ? null : one, this.#map),
     );
-    // The sharpness of the boundary says nothing about the thickness.
+    // The sharpness of the boundary says nothing about the other maps.
     if (this.#map === "blur") void this.#explain(place, bars);
     const goes = BESIDE.map((layout) =>
       button(t(layout === "closer" ? "closer.look" : `layout.${layout}`), () => this.#listener.go(place, layout)),

@@ -100,9 +100,10 @@ export class Viewer {
     this.#onDemand = this.#makeOnDemand();
     const redraw = (): void => this.#schedule();
     const complain = (problem: unknown): void => this.#notices.complain(problem);
+    const forget = (name: string): void => this.#surface.surface.forgetLayer(name);
     const chart = (place: HTMLElement | null): void => this.panel.point.stand(place);
     const judge: AidsListener["judge"] = (...judged) => this.#onDemand.judge(...judged);
-    this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain, chart, judge });
+    this.#aids = new Aids(shown, { actions, redraw, announce: host.announce, complain, forget, chart, judge });
     const linking = linkedZoom(host.preferences().linked_zoom, (linked_zoom) => {
       host.choose({ linked_zoom });
       if (linked_zoom) this.#slices.link();

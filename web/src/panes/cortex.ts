@@ -461,6 +461,12 @@ class Cortex implements Surface {
     }
   }
 
+  /** Drops the voxels of a layer, which are fetched again if it is shown. */
+  forgetLayer(name: string): void {
+    this.#asked.delete(name);
+    this.#device?.painter?.dropLayer(name);
+  }
+
   async #bringLayer(name: string): Promise<void> {
     try {
       const layer = await this.#options.layer(name);

@@ -99,6 +99,8 @@ export interface Surface {
   showTimer(shown: boolean): void;
   /** Fills another host, with all that is here: the page around it was built again. */
   adopt(host: HTMLElement, options: SurfaceOptions): void;
+  /** The voxels of a layer are others now. */
+  forgetLayer(name: string): void;
   dispose(): void;
 }
 

@@ -58,6 +58,39 @@ impl BrainPhantom {
     };
 }
 
+/// A further scan of the phantom, in a space of its own.
+#[derive(Debug, Clone, Copy)]
+pub struct SimulatedLayer {
+    pub spacing_mm: [f64; 3],
+    /// The intensities of fluid, grey and white matter.
+    pub tissues: [f64; 3],
+    /// By how much of its intensity a ball is brighter, and the centre and the radius of the ball in the case.
+    pub brighter: f64,
+    pub lesion: (DVec3, f64),
+    /// From its space to that of the case.
+    pub case_from_layer: DAffine3,
+}
+
+impl SimulatedLayer {
+    /// A FLAIR of a turbo spin echo, and one of a three-dimensional sequence with less contrast and brighter fluid.
+    pub const FLAIR: Self = Self {
+        spacing_mm: [1.5; 3],
+        tissues: [200.0, 1300.0, 1000.0],
+        brighter: 0.0,
+        lesion: (DVec3::new(40.0, -25.0, 32.0), 8.0),
+        case_from_layer: DAffine3::IDENTITY,
+    };
+    pub const WEAK_FLAIR: Self = Self {
+        tissues: [500.0, 1150.0, 1000.0],
+        ..Self::FLAIR
+    };
+    /// A T2, whose fluid is bright.
+    pub const T2: Self = Self {
+        tissues: [3000.0, 1600.0, 1000.0],
+        ..Self::FLAIR
+    };
+}
+
 /// The axes of the phantom in LPS: anterior is −y.
 const fn upright() -> DAffine3 {
     DAffine3 {
@@ -183,6 +216,54 @@ impl BrainPhantom {
         )
         .unwrap();
         Scan::new(volume, &self.mask(grid))
+    }
+
+    /// A simulated scan with another contrast, and with a bias of the coil and noise.
+    pub fn other_contrast(&self, layer: &SimulatedLayer) -> Volume {
+        let around = grid();
+        let low = around.patient_from_voxel().translation - 10.0;
+        let size = [0, 1, 2].map(|axis| {
+            let side_mm = around.size()[axis] as f64 + 20.0;
+            (side_mm / layer.spacing_mm[axis]).ceil() as usize
+        });
+        let own = Grid::aligned(size, layer.spacing_mm, low).unwrap();
+        let patient_from_voxel = layer.case_from_layer.inverse() * own.patient_from_voxel();
+        let layer_grid = Grid::new(size, patient_from_voxel).unwrap();
+        let case_from_voxel = layer.case_from_layer * patient_from_voxel;
+        let own_from_case = self.placed.inverse();
+        let (centre, radius_mm) = layer.lesion;
+        let [fluid, grey, white] = layer.tissues;
+        let value = |index: usize| {
+            let voxel = DVec3::from_array(layer_grid.voxel(index).map(|along| along as f64));
+            let at = |part: DVec3| {
+                let place = case_from_voxel.transform_point3(voxel + part);
+                let tissue = self.at(own_from_case.transform_point3(place));
+                let value = match tissue.map_or(-1.8, |(_, tissue)| tissue) {
+                    tissue if tissue < 0.0 => grey + (grey - fluid) * tissue / 1.6,
+                    tissue => grey + (white - grey) * tissue,
+                };
+                let in_lesion = (radius_mm - place.distance(centre)).clamp(0.0, 1.0);
+                value * (1.0 + layer.brighter * in_lesion)
+            };
+            // A voxel averages over its volume.
+            let parts = [-0.25, 0.25].map(|z| {
+                [
+                    at(DVec3::new(-0.25, 0.25, z)),
+                    at(DVec3::new(0.25, -0.25, z)),
+                ]
+            });
+            let place = case_from_voxel.transform_point3(voxel);
+            let bias = 1.0 + place.x / 400.0 + place.y / 600.0;
+            let mean = parts.as_flattened().iter().sum::<f64>() / 4.0;
+            let noisy = mean * bias + 0.04 * white * white_noise(index + 7);
+            noisy.round().max(1.0) as u16
+        };
+        let voxels = (0..layer_grid.voxel_count()).map(value).collect();
+        let rescale = Rescale {
+            slope: 1.0,
+            intercept: 0.0,
+        };
+        Volume::new(layer_grid, voxels, rescale).expect("one value for each voxel")
     }
 
     /// The voxels of the brain.

@@ -61,6 +61,16 @@ impl Work for PrepareLayer {
                 quality = placement.quality.name(),
                 "a layer is ready"
             );
+            if layer.is_flair() {
+                // Queues its map, if it is the newest one. If that fails, whoever asks for the map queues it.
+                if let Err(error) = self.0.flair(&case).await {
+                    tracing::warn!(
+                        case = case.short(),
+                        error = &error as &dyn std::error::Error,
+                        "the map of a FLAIR will be computed later"
+                    );
+                }
+            }
         }
         Ok(End::Settled)
     }

@@ -1,4 +1,4 @@
-//! Computes the maps of ready cases.
+//! Computes the maps of ready cases, and those of their layers.
 
 use async_trait::async_trait;
 use case::JobKind;
@@ -7,7 +7,7 @@ use super::usual_terms;
 use crate::library::Library;
 use crate::runner::{End, Failed, Running, Terms, Work};
 
-/// Computes the maps of a case.
+/// Computes the maps of a case, or of one of its layers.
 pub(super) struct ComputeMaps(pub(super) Library);
 
 #[async_trait]
@@ -21,8 +21,10 @@ impl Work for ComputeMaps {
     }
 
     async fn run(&self, job: &Running) -> Result<End, Failed> {
-        if let Some(case) = &job.claim.case {
-            self.0.make_maps(case).await?;
+        match (job.claim.layer(), job.claim.case) {
+            (Some((case, layer)), _) => self.0.make_maps((case, Some(layer))).await?,
+            (None, Some(case)) => self.0.make_maps((case, None)).await?,
+            (None, None) => {}
         }
         Ok(End::Done)
     }

@@ -134,31 +134,31 @@ impl Library {
     /// [`Error::LayerNotReady`], the failure of a failed layer, or an error of the store.
     pub async fn layer_voxels(&self, row: &LayerRow) -> Result<LayerVoxels, Error> {
         let facts = ready(row)?.clone();
-        let payload = self
-            .store()
-            .read_layer(&row.case, &row.id, ObjectKind::Layer)
-            .await?;
-        let decode = move || payload.and_then(|payload| decode_layer(&payload));
-        let volume = tokio::task::spawn_blocking(decode)
-            .await
-            .map_err(StoreError::from)?;
-        let Some(volume) = volume else {
-            let store = self.store();
-            if store.prepare_layer_again(&row.case, &row.id).await? {
-                tracing::warn!(
-                    case = row.case.short(),
-                    "the voxels of a layer are lost; it is prepared again from its source"
-                );
-                self.store().signals().queued();
-                self.store().signals().changed(&row.case);
-            }
-            return Err(Error::LayerNotReady);
-        };
+        let volume = self.stored_voxels(row).await?;
         Ok(LayerVoxels {
-            volume,
+            volume: volume.ok_or(Error::LayerNotReady)?,
             facts,
             kind: row.parameters.kind,
         })
+    }
+
+    /// The stored voxels of a layer that is ready; `None` if they are missing or damaged, and the layer is prepared again.
+    pub(super) async fn stored_voxels(&self, row: &LayerRow) -> Result<Option<Volume>, StoreError> {
+        let store = self.store();
+        let payload = store
+            .read_layer(&row.case, &row.id, ObjectKind::Layer)
+            .await?;
+        let decode = move || payload.and_then(|payload| decode_layer(&payload));
+        let volume = tokio::task::spawn_blocking(decode).await?;
+        if volume.is_none() && store.prepare_layer_again(&row.case, &row.id).await? {
+            tracing::warn!(
+                case = row.case.short(),
+                "the voxels of a layer are lost; it is prepared again from its source"
+            );
+            store.signals().queued();
+            store.signals().changed(&row.case);
+        }
+        Ok(volume)
     }
 
     /// Prepares a layer on a blocking thread; `None` if its case is gone.

@@ -1,8 +1,9 @@
 //! The maps of cases in memory.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
-use case::{CandidateFacts, JunctionBandFacts, MapName, RegionFacts};
+use case::{CandidateFacts, CaseId, JunctionBandFacts, LayerId, MapName, RegionFacts};
 use geometry::Grid;
 use glam::DAffine3;
 use pipeline::maps::{CaseMaps, NoMaps, map_unit};
@@ -10,15 +11,18 @@ use render::{KeyedLayer, Layer, LayerKey, LayerValues};
 
 use crate::cache::CacheValue;
 
-/// The maps of a case in memory, ready for drawing.
+/// A case, or one of its layers.
+pub(crate) type Owner = (CaseId, Option<LayerId>);
+
+/// The maps of a case, or the map of a FLAIR among its layers, in memory and ready for drawing.
 #[derive(Debug)]
 pub struct LoadedMaps {
     key: u128,
     grid: Grid,
     layers: Vec<(MapName, Arc<Layer>)>,
-    /// The most blurred places of the cerebrum, the highest value first.
+    /// The most blurred places of the cerebrum, or the brightest ones of the FLAIR, the highest value first.
     pub candidates: Vec<CandidateFacts>,
-    /// The most blurred places elsewhere in the brain, the highest value first.
+    /// The same elsewhere in the brain.
     pub elsewhere: Vec<CandidateFacts>,
     /// The places with the thickest cortex compared with the other side: in the cerebrum, and elsewhere in the brain.
     pub thick: [Vec<CandidateFacts>; 2],
@@ -36,7 +40,7 @@ impl LoadedMaps {
         let thick = std::mem::take(&mut maps.thick);
         let regions = maps.regions.clone();
         let junction_by_depth = std::mem::take(&mut maps.junction_by_depth);
-        let grid = maps.map(MapName::Blur).grid().clone();
+        let grid = maps.grid().clone();
         let layers = maps.into_named().map(|(name, map)| {
             let scale = map.scale();
             let values = LayerValues::Codes {
@@ -71,9 +75,14 @@ impl LoadedMaps {
     }
 
     /// One of the maps.
+    ///
+    /// # Panics
+    /// If it is not among them.
     pub fn layer(&self, name: MapName) -> &Arc<Layer> {
         let found = self.layers.iter().find(|(other, _)| *other == name);
-        &found.expect("there is one of each name").1
+        &found
+            .expect("the maps of a case have one of each name, those of a layer have `flair`")
+            .1
     }
 
     /// One of the maps, with the key of its texture on a graphics device.
@@ -102,6 +111,21 @@ pub enum MapsState {
     /// This server computes none.
     Off,
 }
+
+/// The state of the map of the newest FLAIR of a case.
+#[derive(Debug, Clone)]
+pub struct FlairState {
+    /// The layer; `None` while none is ready.
+    pub layer: Option<LayerId>,
+    /// The state of its map.
+    pub state: MapsState,
+}
+
+/// The reason for no map of a FLAIR if all of them failed.
+pub(super) const FLAIR_NOT_PLACED: NoMaps = NoMaps {
+    code: Cow::Borrowed("flair-not-placed"),
+    sentence: Cow::Borrowed("no FLAIR of this case could be placed in its head"),
+};
 
 /// The cached state of the maps of a case.
 pub(super) type Known = Result<Arc<LoadedMaps>, NoMaps>;

@@ -4,15 +4,16 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use bytes::Bytes;
-use case::{CaseFacts, CaseId, JobKind, ObjectKind, STORE_FAILED};
+use case::{CaseFacts, CaseId, CaseState, JobKind, Layer, LayerId, ObjectKind, STORE_FAILED};
+use geometry::Volume;
 use pipeline::codec::{decode_brain, decode_maps, decode_volume, encode_maps, encode_surfaces};
 use pipeline::envelope_of;
-use pipeline::maps::{MapsOrReason, NoMaps};
+use pipeline::maps::{MapsOrReason, NoMaps, compute_flair};
 use pipeline::surfaces::{DividedCase, compute_maps_and_surfaces};
 use storage::{NewJob, ObjectName, Publisher, StoreError, frame_all};
 
 use super::Library;
-use super::loaded_maps::{Known, LoadedMaps, MapsState};
+use super::loaded_maps::{FLAIR_NOT_PLACED, FlairState, Known, LoadedMaps, MapsState, Owner};
 use crate::cache::Part;
 
 /// Why maps were not read.
@@ -28,19 +29,66 @@ impl Library {
     /// # Errors
     /// If the store cannot be reached.
     pub async fn maps(&self, id: &CaseId) -> Result<MapsState, StoreError> {
+        self.maps_of((*id, None)).await
+    }
+
+    /// The map of the newest FLAIR of a ready case, in the same way; `None` if no layer is a FLAIR.
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub async fn flair(&self, id: &CaseId) -> Result<Option<FlairState>, StoreError> {
+        let layers = self.store().layers(id).await?;
+        if let Some(newest) = Layer::newest_flair(&layers) {
+            return Ok(Some(FlairState {
+                layer: Some(newest.id),
+                state: self.maps_of((*id, Some(newest.id))).await?,
+            }));
+        }
+        let mut flairs = layers.iter().filter(|layer| layer.is_flair()).peekable();
+        if flairs.peek().is_none() {
+            return Ok(None);
+        }
+        let state = if !self.makes_maps() {
+            MapsState::Off
+        } else if flairs.all(|layer| layer.state == CaseState::Failed) {
+            MapsState::Undefined(FLAIR_NOT_PLACED)
+        } else {
+            MapsState::Making
+        };
+        Ok(Some(FlairState { layer: None, state }))
+    }
+
+    /// The map of a FLAIR of a ready case, in the same way.
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub async fn maps_of_layer(
+        &self,
+        id: &CaseId,
+        layer: &LayerId,
+    ) -> Result<MapsState, StoreError> {
+        self.maps_of((*id, Some(*layer))).await
+    }
+
+    /// The maps of a case or of one of its layers.
+    async fn maps_of(&self, owner: Owner) -> Result<MapsState, StoreError> {
         if !self.makes_maps() {
             return Ok(MapsState::Off);
         }
-        if let Some(known) = self.cache().get::<Known>(id, Part::Maps) {
+        let (id, layer) = &owner;
+        if let Some(known) = self.cache().get::<Known>(id, Part::Maps(*layer)) {
             return Ok((&*known).into());
         }
-        let key = id.to_string();
-        let job = self.store().latest_job(JobKind::MAPS, &key).await?;
+        let new = match &owner {
+            (id, None) => NewJob::of_ready_case(JobKind::MAPS, id),
+            (id, Some(layer)) => NewJob::maps_of_layer(id, layer),
+        };
+        let job = self.store().latest_job(new.kind, &new.key).await?;
         // A damaged object is not read repeatedly meanwhile.
         if job.as_ref().is_some_and(|job| !job.state.has_ended()) {
             return Ok(MapsState::Making);
         }
-        if let Some(found) = self.stored_maps(id).await? {
+        if let Some(found) = self.stored_maps(&owner).await? {
             return Ok(found);
         }
         // If only the store failed, they may be computed now.
@@ -51,8 +99,7 @@ impl Library {
                 code: "maps-failed".into(),
             }));
         }
-        let job = NewJob::of_ready_case(JobKind::MAPS, id);
-        self.store().enqueue(&job).await?;
+        self.store().enqueue(&new).await?;
         Ok(MapsState::Making)
     }
 
@@ -68,40 +115,69 @@ impl Library {
     }
 
     /// The maps in memory or in the store; `None` if they must be computed.
-    async fn stored_maps(&self, id: &CaseId) -> Result<Option<MapsState>, StoreError> {
+    async fn stored_maps(&self, owner: &Owner) -> Result<Option<MapsState>, StoreError> {
+        let (id, layer) = owner;
         let read = async {
-            let read = self.read_maps(id).await.map_err(NotRead::Failed)?;
+            let read = self.read_maps(owner).await.map_err(NotRead::Failed)?;
             let maps = read.ok_or(NotRead::NotStored)?;
-            let known: Known = maps.map(|maps| Arc::new(LoadedMaps::new(id.number(), maps)));
+            let key = match layer {
+                None => id.number(),
+                Some(layer) => id.number().rotate_left(1) ^ layer.number(),
+            };
+            let known: Known = maps.map(|maps| Arc::new(LoadedMaps::new(key, maps)));
             Ok(known)
         };
-        match self.cache().get_or_make(id, Part::Maps, read).await {
+        match self.cache().get_or_make(id, Part::Maps(*layer), read).await {
             Ok(known) => Ok(Some((&*known).into())),
             Err(NotRead::Failed(error)) => Err(error),
             Err(NotRead::NotStored) => Ok(None),
         }
     }
 
-    /// The maps of a ready case, computed now if they are missing.
+    /// Computes the maps of a ready case, and that of its newest FLAIR, if they are missing.
     ///
     /// # Errors
     /// If the store cannot be reached.
-    pub async fn maps_now(&self, id: &CaseId) -> Result<MapsState, StoreError> {
-        if self.makes_maps() && self.stored_maps(id).await?.is_none() {
-            self.make_maps(id).await?;
+    pub async fn make_maps_now(&self, id: &CaseId) -> Result<(), StoreError> {
+        self.make_maps((*id, None)).await?;
+        let layers = self.store().layers(id).await?;
+        match Layer::newest_flair(&layers) {
+            Some(newest) => self.make_maps((*id, Some(newest.id))).await,
+            None => Ok(()),
         }
-        self.maps(id).await
     }
 
-    /// Computes the maps of a case and stores them, unless they are there.
-    pub(crate) async fn make_maps(&self, id: &CaseId) -> Result<(), StoreError> {
+    /// A layer that is ready, and its voxels; `None` if there is none, or if its voxels are lost and made again.
+    async fn flair_voxels(
+        &self,
+        id: &CaseId,
+        layer: &LayerId,
+    ) -> Result<Option<(Layer, Volume)>, StoreError> {
+        let row = self.store().layer(id, layer).await?;
+        let Some(row) = row.filter(|row| row.is_flair() && row.state == CaseState::Ready) else {
+            return Ok(None);
+        };
+        let voxels = self.stored_voxels(&row).await?;
+        Ok(voxels.map(|voxels| (row, voxels)))
+    }
+
+    /// Computes the maps of a case or of a layer and stores them, unless they are there.
+    pub(crate) async fn make_maps(&self, owner: Owner) -> Result<(), StoreError> {
         const KINDS: &[ObjectKind] = &[ObjectKind::Mask, ObjectKind::Envelope, ObjectKind::Volume];
         if !self.makes_maps() {
             return Ok(());
         }
-        if self.read_maps(id).await?.is_some() {
+        if self.read_maps(&owner).await?.is_some() {
             return Ok(());
         }
+        let (id, layer) = &owner;
+        let flair = match layer {
+            None => None,
+            Some(layer) => match self.flair_voxels(id, layer).await? {
+                None => return Ok(()),
+                found => found,
+            },
+        };
         let begun = Instant::now();
         // Deleted meanwhile, if there is none.
         let Some(case) = self.store().case(id).await? else {
@@ -111,32 +187,50 @@ impl Library {
             let [brain, envelope, volume] = payloads else {
                 return None;
             };
-            let (maps, surfaces) = compute_maps_and_surfaces(DividedCase {
-                facts,
-                parameters: &case.parameters,
-                brain: &decode_brain(brain)?,
-                envelope: &envelope_of(facts, envelope)?,
-                volume: &decode_volume(volume)?,
-            });
+            let (envelope, volume) = (envelope_of(facts, envelope)?, decode_volume(volume)?);
+            let (maps, surfaces) = match &flair {
+                None => {
+                    let (maps, surfaces) = compute_maps_and_surfaces(DividedCase {
+                        facts,
+                        parameters: &case.parameters,
+                        brain: &decode_brain(brain)?,
+                        envelope: &envelope,
+                        volume: &volume,
+                    });
+                    (maps, Some(surfaces))
+                }
+                Some((row, voxels)) => {
+                    let placement = &row.facts.as_ref()?.placement;
+                    let map = compute_flair((facts, &envelope, &volume), (voxels, placement));
+                    (map, None)
+                }
+            };
             let undefined = maps.as_ref().err().map(|reason| reason.code.clone());
-            let payloads = [
-                (ObjectKind::Maps, encode_maps(&maps).into()),
-                (ObjectKind::Surfaces, encode_surfaces(&surfaces).into()),
-            ];
+            let mut payloads = vec![(ObjectKind::Maps, encode_maps(&maps).into())];
+            let surfaces = surfaces.map(|surfaces| encode_surfaces(&surfaces).into());
+            payloads.extend(surfaces.map(|surfaces| (ObjectKind::Surfaces, surfaces)));
             Some((payloads, undefined, facts.clone()))
         };
         let Some((payloads, undefined, facts)) = self.load(id, KINDS, compute).await? else {
             return Ok(());
         };
-        let framed = frame_all(payloads.into()).await?;
-        let publisher = Publisher::Rebuild(id);
-        self.store().publish(publisher, &framed, &facts).await?;
-        self.cache().drop_part(id, Part::Maps);
+        let framed = frame_all(payloads).await?;
+        match layer {
+            None => {
+                let publisher = Publisher::Rebuild(id);
+                self.store().publish(publisher, &framed, &facts).await?;
+            }
+            Some(layer) => {
+                self.store().publish_of_layer(id, layer, &framed).await?;
+            }
+        }
+        self.cache().drop_part(id, Part::Maps(*layer));
         let took_ms = u64::try_from(begun.elapsed().as_millis()).unwrap_or(u64::MAX);
         tracing::info!(
             case = id.short(),
             took_ms,
             undefined = undefined.as_deref(),
+            of_layer = layer.is_some(),
             "computed the maps of a case"
         );
         Ok(())
@@ -148,12 +242,17 @@ impl Library {
         Ok(names.into_iter().find(|name| name.kind == ObjectKind::Maps))
     }
 
-    /// The stored maps of a case; `None` if they are missing, damaged or of another format.
-    async fn read_maps(&self, id: &CaseId) -> Result<Option<MapsOrReason>, StoreError> {
-        let Some(name) = self.maps_object(id).await? else {
-            return Ok(None);
+    /// The stored maps of a case or of a layer; `None` if they are missing, damaged or of another format.
+    async fn read_maps(&self, (id, layer): &Owner) -> Result<Option<MapsOrReason>, StoreError> {
+        let kind = ObjectKind::Maps;
+        let payload = match layer {
+            Some(layer) => self.store().read_layer(id, layer, kind).await?,
+            None => match self.maps_object(id).await? {
+                Some(name) => self.store().read(id, &[name], kind).await?,
+                None => None,
+            },
         };
-        let Some(payload) = self.store().read(id, &[name], ObjectKind::Maps).await? else {
+        let Some(payload) = payload else {
             return Ok(None);
         };
         let decoded = tokio::task::spawn_blocking(move || decode_maps(&payload)).await?;

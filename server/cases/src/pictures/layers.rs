@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::fmt;
 use std::sync::Arc;
 
-use case::{CaseId, Layer, LayerFacts, LayerKind, MapName};
+use case::{CaseId, Layer, LayerFacts, LayerId, LayerKind, MapName};
 use pipeline::maps::{MAP_FORMAT, NoMaps};
 use render::{ColorMap, KeyedLayer, KeyedLayers, OverlayParameters, OverlayStyle, Window};
 use serde::{Deserialize, Serialize};
@@ -71,7 +71,7 @@ impl LayerRef {
     /// [`Error::NoSuchLayer`].
     pub fn of(&self, layers: &[Layer]) -> Result<ChosenLayer, Error> {
         if let Some(name) = MapName::from_name(&self.0) {
-            return Ok(ChosenLayer::Map(name));
+            return Ok(ChosenLayer::of_map(name, layers));
         }
         let is_meant = |layer: &&Layer| layer.name == self.0 || layer.id.to_string() == self.0;
         let found = layers.iter().find(is_meant).ok_or(Error::NoSuchLayer)?;
@@ -82,20 +82,34 @@ impl LayerRef {
 /// A layer of a case.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ChosenLayer {
-    /// A map, computed from the case itself.
-    Map(MapName),
+    /// A map, computed from the case itself or from one of its layers.
+    Map {
+        /// Its name.
+        name: MapName,
+        /// The layer that it belongs to.
+        of_layer: Option<LayerId>,
+    },
     /// A layer that was uploaded.
     Layer(Arc<Layer>),
 }
 
 impl ChosenLayer {
+    /// A map of a case with these layers, which only matter for `flair`.
+    pub fn of_map(name: MapName, layers: &[Layer]) -> Self {
+        let flair = || Layer::newest_flair(layers).map(|layer| layer.id);
+        Self::Map {
+            name,
+            of_layer: (name == MapName::Flair).then(flair).flatten(),
+        }
+    }
+
     /// Its default display.
     ///
     /// # Errors
     /// [`Error::LayerNotReady`], or the failure of a failed layer.
     pub fn style(&self) -> Result<LayerStyle, Error> {
         Ok(match self {
-            Self::Map(name) => LayerStyle::of(*name),
+            Self::Map { name, .. } => LayerStyle::of(*name),
             Self::Layer(layer) => LayerStyle::of_layer(layer.parameters.kind, ready(layer)?),
         })
     }
@@ -103,15 +117,41 @@ impl ChosenLayer {
     /// Distinguishes answers with different versions of it.
     pub fn version(&self) -> String {
         match self {
-            Self::Map(_) => format!("maps {MAP_FORMAT}"),
+            Self::Map { of_layer: None, .. } => format!("maps {MAP_FORMAT}"),
+            Self::Map {
+                of_layer: Some(layer),
+                ..
+            } => format!("maps {MAP_FORMAT} {layer}"),
             Self::Layer(layer) => format!("layer {LAYERS_FORMAT} {} {}", layer.id, layer.name),
         }
     }
 
     async fn load(&self, library: &Library, id: &CaseId) -> Result<KeyedLayer, Error> {
         match self {
-            Self::Map(name) => Ok(maps_of(library, id).await?.keyed(*name)),
+            Self::Map { name, .. } => Ok(self.maps(library, id).await?.keyed(*name)),
             Self::Layer(layer) => library.layer(layer).await,
+        }
+    }
+
+    /// The maps of a ready case, or of its layer that this map belongs to.
+    ///
+    /// # Errors
+    /// [`Error::LayerNotReady`], [`Error::MapsUndefined`], [`Error::NoSuchLayer`] if it is no map, or an error of the store.
+    pub async fn maps(&self, library: &Library, id: &CaseId) -> Result<Arc<LoadedMaps>, Error> {
+        match self {
+            Self::Layer(_) => Err(Error::NoSuchLayer),
+            Self::Map {
+                of_layer: Some(layer),
+                ..
+            } => library.maps_of_layer(id, layer).await?.found(),
+            Self::Map {
+                name: MapName::Flair,
+                ..
+            } => match library.flair(id).await? {
+                Some(flair) => flair.state.found(),
+                None => Err(Error::MapsUndefined(NO_FLAIR)),
+            },
+            Self::Map { .. } => library.maps(id).await?.found(),
         }
     }
 
@@ -168,6 +208,7 @@ impl LayerStyle {
         let (window, colormap, threshold) = match name {
             MapName::Blur => ([2.5, 5.0], ColorMap::VermilionYellow, Some(2.5)),
             MapName::Thickness => ([2.5, 6.0], ColorMap::VermilionYellow, Some(2.5)),
+            MapName::Flair => ([2.5, 5.0], ColorMap::VermilionYellow, Some(2.5)),
             MapName::Asymmetry | MapName::IntensityAsymmetry => {
                 ([-6.0, 6.0], ColorMap::BlueOrange, Some(2.5))
             }
@@ -245,7 +286,7 @@ impl LayerChoice {
         })?)
     }
 
-    /// The layers of a case that are meant. The store is only asked if they are not maps.
+    /// The layers of a case that are meant. The store is only asked if they are not maps of the case itself.
     ///
     /// # Errors
     /// [`Error::NoSuchLayer`], [`Error::Parameter`] if labels cannot be shown so, or an error of the store.
@@ -254,7 +295,7 @@ impl LayerChoice {
         let are_maps = refs
             .into_iter()
             .flatten()
-            .all(|name| MapName::from_name(&name.0).is_some());
+            .all(|name| MapName::OF_CASE.iter().any(|map| map.name() == name.0));
         let layers = match are_maps {
             true => Vec::new(),
             false => library.store().layers(id).await?,
@@ -307,7 +348,7 @@ impl ChosenLayers {
     pub fn has_maps(&self) -> bool {
         let all = [&self.base, &self.overlay].into_iter().flatten();
         all.into_iter()
-            .any(|layer| matches!(layer, ChosenLayer::Map(_)))
+            .any(|layer| matches!(layer, ChosenLayer::Map { .. }))
     }
 
     /// Whether the overlay is a label map.
@@ -362,14 +403,6 @@ pub struct PictureLayers {
     pub window: Option<Window>,
 }
 
-/// The maps of a ready case.
-///
-/// # Errors
-/// [`Error::LayerNotReady`], [`Error::MapsUndefined`], or an error of the store.
-pub async fn maps_of(library: &Library, id: &CaseId) -> Result<Arc<LoadedMaps>, Error> {
-    library.maps(id).await?.found()
-}
-
 impl MapsState {
     /// The maps, if they are available.
     ///
@@ -391,6 +424,14 @@ pub const MAPS_OFF: NoMaps = NoMaps {
     sentence: Cow::Borrowed("this server computes no maps, because `limits.maps` is off"),
 };
 
+/// The reason for a missing map of a FLAIR if no layer is one.
+pub const NO_FLAIR: NoMaps = NoMaps {
+    code: Cow::Borrowed("no-flair"),
+    sentence: Cow::Borrowed(
+        "no layer of this case is a FLAIR; add one, or state the `contrast` of the layer that is one",
+    ),
+};
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -408,7 +449,8 @@ mod tests {
             };
             choice.check().unwrap();
             let chosen = choice.among(&[]).unwrap();
-            assert_eq!(chosen.overlay, Some(ChosenLayer::Map(name)));
+            let of_layer = None;
+            assert_eq!(chosen.overlay, Some(ChosenLayer::Map { name, of_layer }));
             assert_eq!(chosen.version(), Some(format!("maps {MAP_FORMAT}")));
             choice.styled(LayerStyle::of(name)).unwrap();
         }

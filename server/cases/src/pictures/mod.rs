@@ -18,8 +18,8 @@ pub use self::drawing::{DrawnPicture, PictureJob, backend_for, positions, shown_
 pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode, marked};
 pub use self::graphics::{GpuUse, Graphics, GraphicsOptions, GraphicsState};
 pub use self::layers::{
-    ChosenLayer, ChosenLayers, LayerChoice, LayerRef, LayerStyle, MAPS_OFF, PictureLayers, maps_of,
-    ready,
+    ChosenLayer, ChosenLayers, LayerChoice, LayerRef, LayerStyle, MAPS_OFF, NO_FLAIR,
+    PictureLayers, ready,
 };
 pub use self::map::{MapRequest, PictureProjection};
 pub use self::numbers::{NumberList, Numbers};

@@ -1,8 +1,11 @@
 //! What a report says and shows, in its order. [`super::html`] and [`super::pdf`] write it.
 
+use std::sync::Arc;
+
 use case::findings::Finding;
 use case::{CandidateFacts, Gyrus, PatientSide, QualityState};
 use pipeline::atlas::Gyri;
+use pipeline::maps::NoMaps;
 use render::NamedView;
 
 use super::shots::{DEPTHS_MM, FindingPictures, Shot, Shows};
@@ -410,7 +413,12 @@ impl Report {
                 let why = words.reason(&reason.code, &reason.sentence);
                 blocks.push(Block::Text(format!("{} {why}", words.no_maps).into()));
             }
-            Ok(maps) => blocks.extend(places(words, maps, self.gyri.as_deref())),
+            Ok(maps) => {
+                let gyri = self.gyri.as_deref();
+                blocks.extend(places(words, maps, gyri));
+                let flair = self.flair.iter();
+                blocks.extend(flair.flat_map(|flair| bright_places(words, flair, gyri)));
+            }
         }
         blocks
     }
@@ -457,23 +465,56 @@ fn places(words: &Words, maps: &LoadedMaps, gyri: Option<&Gyri>) -> Vec<Block<'s
         }
         blocks.push(table_of_places(words, rows));
     }
-    blocks.extend(thick_places(words, &named(&maps.thick[0], gyri)));
+    let about = [
+        words.thickness(),
+        words.thickness_note(),
+        words.nothing_is_thick(),
+    ];
+    blocks.extend(standing_out(words, about, &named(&maps.thick[0], gyri)));
     blocks
 }
 
-/// The places where the map of thickness stands out, or that none does.
-fn thick_places(words: &Words, places: &[CandidateFacts]) -> Vec<Block<'static>> {
+/// The places where the map of the FLAIR stands out, that none does, or why there is no such map.
+fn bright_places<'a>(
+    words: &Words,
+    flair: &'a Result<Arc<LoadedMaps>, NoMaps>,
+    gyri: Option<&Gyri>,
+) -> Vec<Block<'a>> {
+    match flair {
+        Ok(maps) => {
+            let about = [words.flair(), words.flair_note(), words.nothing_is_bright()];
+            standing_out(words, about, &named(&maps.candidates, gyri))
+        }
+        Err(reason) => {
+            let why = words.reason(&reason.code, &reason.sentence);
+            vec![
+                Block::Subheading(words.flair().into()),
+                Block::Text(words.no_map_of_flair(why).into()),
+            ]
+        }
+    }
+}
+
+/// The places where a map stands out, or that none does: with its heading, a note about it, and what there is to say if none does.
+fn standing_out(
+    words: &Words,
+    [heading, note, nothing]: [&'static str; 3],
+    places: &[CandidateFacts],
+) -> Vec<Block<'static>> {
     let ranked = (1_usize..).zip(places.iter().take(MAX_CANDIDATES));
     let rows: Vec<_> = ranked
         .filter(|(_, place)| place.stands_out())
         .map(|(rank, place)| (rank.to_string(), *place))
         .collect();
-    let heading = Block::Subheading(words.thickness().into());
+    let heading = Block::Subheading(heading.into());
     if rows.is_empty() {
-        return vec![heading, Block::Text(words.nothing_is_thick().into())];
+        return vec![heading, Block::Text(nothing.into())];
     }
-    let note = Block::Text(words.thickness_note().into());
-    vec![heading, note, table_of_places(words, rows)]
+    vec![
+        heading,
+        Block::Text(note.into()),
+        table_of_places(words, rows),
+    ]
 }
 
 /// A table of places with their ranks; with gyri if any has one.
@@ -647,6 +688,7 @@ mod tests {
                 code: "failed-envelope".into(),
                 sentence: "the mask is wrong".into(),
             }),
+            flair: None,
             layer: None,
             findings: Vec::new(),
             dismissed: Vec::new(),

@@ -22,7 +22,7 @@ pub use self::html::POLICY;
 pub use self::words::Language;
 
 use self::shots::{FindingPictures, Overview};
-use crate::library::LoadedMaps;
+use crate::library::{LoadedMaps, MapsState};
 use crate::pictures::{LayerRef, ready};
 use crate::profile::{PointProfile, profile};
 use crate::{Cases, Error};
@@ -70,6 +70,8 @@ struct Report {
     maps: Result<Arc<LoadedMaps>, NoMaps>,
     /// The names of places, if there is an atlas that the head fits.
     gyri: Option<Arc<Gyri>>,
+    /// The map of the newest FLAIR, if a layer is one.
+    flair: Option<Result<Arc<LoadedMaps>, NoMaps>>,
     /// The acquired layer beside the anatomy, if there is one.
     layer: Option<ShownLayer>,
     /// Those to look at, with their pictures and numbers, in the order of the list.
@@ -123,11 +125,11 @@ impl Cases {
     ) -> Result<Bytes, Error> {
         let facts = self.ready(id).await?;
         let case = self.case(id).await?;
-        let maps = match self.library.maps(id).await?.found() {
-            Ok(maps) => Ok(maps),
-            Err(Error::MapsUndefined(reason)) => Err(reason),
-            Err(other) => return Err(other),
-        };
+        let maps = found_or_reason(self.library.maps(id).await?)?;
+        let flair = self.library.flair(id).await?;
+        let flair = flair
+            .map(|flair| found_or_reason(flair.state))
+            .transpose()?;
         let gyri = self.gyri(id).await?;
         let layers = self.layers(id).await?;
         let layer = beside(&layers);
@@ -172,6 +174,7 @@ impl Cases {
             patient,
             maps,
             gyri,
+            flair,
             layer,
             findings: reported,
             dismissed,
@@ -220,6 +223,18 @@ impl Cases {
     }
 }
 
+/// The maps, or the reason for none.
+///
+/// # Errors
+/// [`Error::LayerNotReady`].
+fn found_or_reason(state: MapsState) -> Result<Result<Arc<LoadedMaps>, NoMaps>, Error> {
+    match state.found() {
+        Ok(maps) => Ok(Ok(maps)),
+        Err(Error::MapsUndefined(reason)) => Ok(Err(reason)),
+        Err(other) => Err(other),
+    }
+}
+
 /// The attributes of a patient and a study that a report names.
 fn named(attributes: &Attributes) -> Vec<(&'static str, String)> {
     let value = |name: &&'static str| {
@@ -239,7 +254,7 @@ fn beside(layers: &[Layer]) -> Option<(&Layer, QualityState)> {
         is_usable.then_some((layer, quality))
     });
     let order = |(layer, quality): &(&Layer, QualityState)| {
-        let is_flair = layer.name.to_lowercase().contains("flair");
+        let is_flair = layer.is_flair() || layer.name.to_lowercase().contains("flair");
         (!is_flair, *quality != QualityState::Ok)
     };
     usable.min_by_key(order)

@@ -212,6 +212,22 @@ impl Words {
         self.of_page("thick.nothing")
     }
 
+    pub(super) fn flair(&self) -> &'static str {
+        self.of_page("map.flair")
+    }
+
+    pub(super) fn flair_note(&self) -> &'static str {
+        self.of_page("map.flair.about")
+    }
+
+    pub(super) fn no_map_of_flair(&self, reason: &str) -> String {
+        self.of_page("flair.undefined").replace("{reason}", reason)
+    }
+
+    pub(super) fn nothing_is_bright(&self) -> &'static str {
+        self.of_page("flair.nothing")
+    }
+
     pub(super) fn doubt_of_regions(&self, reason: &str) -> String {
         self.of_page("regions.doubt").replace("{reason}", reason)
     }
@@ -395,12 +411,16 @@ mod tests {
                 words.thickness(),
                 words.thickness_note(),
                 words.nothing_is_thick(),
+                words.flair(),
+                words.flair_note(),
+                words.nothing_is_bright(),
             ] {
                 assert!(!text.is_empty());
             }
             for gyrus in Gyrus::all() {
                 assert!(!words.gyrus(gyrus).is_empty());
             }
+            assert!(words.no_map_of_flair("<reason>").contains("<reason>"));
             let doubt = words.doubt_of_regions("<reason>");
             assert!(
                 doubt.contains("<reason>") && !doubt.contains('{'),

@@ -243,6 +243,9 @@ pub fn sequence_name(text: &str) -> Option<&str> {
     (is_known && word.is_ascii() && word.len() <= 16).then_some(word)
 }
 
+/// The least echo time of a T2-weighted image, in ms.
+const T2_ECHO_MS: f64 = 60.0;
+
 /// Words of the names of T1-weighted series.
 pub(super) const T1_WORDS: [&str; 12] = [
     "t1", "mprage", "mp-rage", "mp2rage", "spgr", "bravo", "tfl", "tfe", "vibe", "flash", "ffe",
@@ -289,10 +292,31 @@ fn is_t1(hints: &Hints) -> bool {
     named(&T1_WORDS) || timed
 }
 
-/// The kind of an MR sequence, from the names that the scanner and its user gave it.
+/// Whether its times suppress fluid in a T2-weighted image.
+fn is_flair_timed(hints: &Hints) -> bool {
+    let inverted = hints
+        .inversion_ms
+        .is_some_and(|time| (1500.0..3500.0).contains(&time));
+    inverted && hints.echo_ms.is_some_and(|time| time >= T2_ECHO_MS)
+}
+
+/// Whether its times give a T2-weighted image, whose fluid is bright.
+fn is_t2_timed(hints: &Hints) -> bool {
+    let is_inverted = hints.inversion_ms.is_some_and(|time| time > 0.0);
+    let at_least = |time: Option<f64>, least| time.is_some_and(|time| time >= least);
+    !is_inverted && at_least(hints.echo_ms, T2_ECHO_MS) && at_least(hints.repetition_ms, 2000.0)
+}
+
+/// Whether its times give a T1-weighted image although it is called a FLAIR.
+fn is_t1_flair(hints: &Hints) -> bool {
+    let below = |time: Option<f64>, limit| time.is_some_and(|time| time > 0.0 && time < limit);
+    below(hints.echo_ms, 40.0) && below(hints.inversion_ms, 1400.0)
+}
+
+/// The kind of an MR sequence, from the names that the scanner and its user gave it, and from its times.
 fn kind_of(hints: &Hints) -> &'static str {
     const KINDS: [(&str, &[&str]); 8] = [
-        ("FLAIR", &["flair"]),
+        ("FLAIR", &["flair", "dark-fluid", "dark_fluid", "darkfluid"]),
         ("DWI", &["dwi", "dti", "diff", "adc"]),
         ("SWI", &["swi", "swan"]),
         ("TOF", &["tof", "angio", "mra"]),
@@ -304,8 +328,12 @@ fn kind_of(hints: &Hints) -> &'static str {
     let named = |words: &[&str]| words.iter().any(|word| hints.names.contains(word));
     let found = KINDS.iter().find(|(_, words)| named(words));
     match found {
+        Some(("FLAIR", _)) if is_t1_flair(hints) => "T1",
+        Some(("T2", _)) if is_flair_timed(hints) => "FLAIR",
         Some((kind, _)) => kind,
         None if is_t1(hints) => "T1",
+        None if is_flair_timed(hints) => "FLAIR",
+        None if is_t2_timed(hints) => "T2",
         None => "MR",
     }
 }
@@ -343,6 +371,18 @@ mod tests {
         assert_eq!(kind("t1_mprage"), "T1");
         assert_eq!(kind("ep2d_diff_mddw"), "DWI");
         assert_eq!(kind("series"), "MR");
+        assert_eq!(kind("t2_tirm_tra_dark-fluid"), "FLAIR");
+    }
+
+    #[test]
+    fn times_tell_what_a_name_does_not() {
+        let kind = |names, times| kind_of(&hints(names, times));
+        assert_eq!(kind("t2_tirm_tra", [9000.0, 81.0, 2500.0]), "FLAIR");
+        assert_eq!(kind("t2_stir", [4000.0, 70.0, 160.0]), "T2");
+        assert_eq!(kind("sag 3d", [5000.0, 390.0, 1800.0]), "FLAIR");
+        assert_eq!(kind("ax", [4500.0, 98.0, 0.0]), "T2");
+        assert_eq!(kind("t1 flair", [2000.0, 9.0, 860.0]), "T1");
+        assert_eq!(kind("flair", [9000.0, 120.0, 2500.0]), "FLAIR");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The values of options on the command line, each with a description for `--help`.
 
-use case::{LayerKind, MaskKind, MaskSource};
+use case::{Contrast, LayerKind, MaskKind, MaskSource};
 use cases::pictures::GpuUse;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
@@ -104,6 +104,21 @@ pub(super) fn layer_kind() -> impl TypedValueParser<Value = LayerKind> {
     ])
 }
 
+/// The contrast of a layer, if it has one.
+pub(super) fn contrast() -> impl TypedValueParser<Value = Option<Contrast>> {
+    one_of(&[
+        (Some(Contrast::T1), "t1", "White matter is bright"),
+        (Some(Contrast::T2), "t2", "Fluid is bright"),
+        (
+            Some(Contrast::Flair),
+            "flair",
+            "As T2, but fluid is dark; the newest one gets a map",
+        ),
+        (Some(Contrast::Other), "other", "Another contrast"),
+        (None, "none", "Not known, or not MR"),
+    ])
+}
+
 #[cfg(test)]
 mod tests {
     use clap::{Arg, Command};
@@ -126,5 +141,9 @@ mod tests {
             assert_eq!(read(layer_kind(), kind.name()), Some(kind));
         }
         assert_eq!(read(layer_kind(), "above"), None);
+        for known in Contrast::ALL {
+            assert_eq!(read(contrast(), known.name()), Some(Some(known)));
+        }
+        assert_eq!(read(contrast(), "none"), Some(None));
     }
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use bytes::Bytes;
-use case::{CaseId, CaseState, Layer, LayerKind, LayerParameters, QualityState};
+use case::{CaseId, CaseState, Contrast, Layer, LayerKind, LayerParameters, QualityState};
 use cases::dicom::{DicomReader, Input, Options, Program, Purpose};
 use cases::layers::parameters_of;
 use clap::Args;
@@ -29,6 +29,10 @@ pub(super) struct LayerOptions {
     /// The units of the layers, one for each --layer. [default: from DICOM, otherwise none]
     #[arg(long = "layer-unit", value_name = "UNIT", requires = "volumes")]
     units: Vec<String>,
+    /// The contrasts of the layers, one for each --layer; `none` if it is not known or not MR. The map `flair` needs `flair`. [default: from
+    /// DICOM, otherwise from the name]
+    #[arg(long = "layer-contrast", value_parser = choices::contrast(), value_name = "CONTRAST", requires = "volumes")]
+    contrasts: Vec<Option<Contrast>>,
     /// A text file with the names of the labels of label maps: a number and a name on each line.
     #[arg(long = "layer-labels", value_name = "FILE", requires = "volumes")]
     labels: Option<PathBuf>,
@@ -52,6 +56,7 @@ impl LayerOptions {
         for (option, count) in [
             ("--layer-kind", self.kinds.len()),
             ("--layer-unit", self.units.len()),
+            ("--layer-contrast", self.contrasts.len()),
         ] {
             if count > 0 && count != self.volumes.len() {
                 let message = format!("give {option} once for each --layer, in the same order");
@@ -83,6 +88,7 @@ impl LayerOptions {
                     } else {
                         Default::default()
                     },
+                    contrast: self.contrasts.get(number).copied().flatten(),
                     ..LayerParameters::default()
                 },
             })
@@ -101,7 +107,12 @@ fn named(volume: &str) -> (String, PathBuf) {
     let path = PathBuf::from(volume);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let stem = name.split('.').next().unwrap_or_default();
-    (stem.to_owned(), path)
+    // `flair` is the name of a map.
+    let name = match stem {
+        "flair" => "FLAIR",
+        other => other,
+    };
+    (name.to_owned(), path)
 }
 
 /// Adds layers to a case and waits for them.
@@ -151,7 +162,8 @@ async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, Cli
             None,
         )
     };
-    let parameters = parameters_of(series.as_ref(), file.kind, file.unit, file.parameters)?;
+    let told = (series.as_ref(), Some(&*file.name));
+    let parameters = parameters_of(told, file.kind, file.unit, file.parameters)?;
     check_layer(&source, &parameters, &Limits::default())?;
     let spooled = async |bytes: Option<Bytes>| match bytes {
         Some(bytes) => store.spool_all(bytes).await.map(Some),
@@ -212,7 +224,7 @@ mod tests {
             (name, path.to_string_lossy().into_owned())
         };
         let pair = |name: &str, path: &str| (name.to_owned(), path.to_owned());
-        assert_eq!(named("/a/flair.nii.gz"), pair("flair", "/a/flair.nii.gz"));
+        assert_eq!(named("/a/flair.nii.gz"), pair("FLAIR", "/a/flair.nii.gz"));
         assert_eq!(named("T2=/a/x.nii"), pair("T2", "/a/x.nii"));
     }
 }

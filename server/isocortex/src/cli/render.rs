@@ -129,7 +129,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
         let cases = Cases::on(library, &options);
         cases.ready(&id).await?;
         if layers.of_case(&cases.library, &id).await?.has_maps() {
-            cases.library.maps_now(&id).await?;
+            cases.library.make_maps_now(&id).await?;
         }
         let mut series = PictureSeries::of(&cases, &id, [picture]).await?;
         if named.is_none() {

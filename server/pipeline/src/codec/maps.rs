@@ -67,14 +67,14 @@ pub fn decode_maps(payload: &[u8]) -> Option<MapsOrReason> {
     if let Some(reason) = head.undefined {
         return Some(Err(reason));
     }
-    let mut maps = Vec::with_capacity(MapKind::ALL.len());
-    for kind in MapKind::ALL {
+    let mut maps = Vec::with_capacity(MapKind::OF_HEAD.len());
+    while !reader.0.is_empty() {
         let length = reader.u32()?;
-        let map = StoredMap::from_bytes(reader.take(length as usize)?).ok()?;
-        if map.kind() != kind {
-            return None;
-        }
-        maps.push(map);
+        maps.push(StoredMap::from_bytes(reader.take(length as usize)?).ok()?);
+    }
+    let are_of = |kinds: &[MapKind]| maps.iter().map(StoredMap::kind).eq(kinds.iter().copied());
+    if !are_of(&MapKind::OF_HEAD) && !are_of(&[MapKind::Flair]) {
+        return None;
     }
     let places = head.places?;
     Some(Ok(CaseMaps {

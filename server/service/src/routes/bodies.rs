@@ -21,8 +21,8 @@ pub enum BodyKind {
     Distance(usize, SurfaceName),
     /// The triangles of a mesh.
     Triangles(MeshSize),
-    /// The texture of a map.
-    Layer(MapName),
+    /// The texture of a map, and the layer that it belongs to.
+    Map(MapName, Option<LayerId>),
     /// The texture of an added layer.
     AddedLayer(LayerId),
     /// Every depth of a mesh of a surface.

@@ -10,10 +10,10 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use case::{CandidateFacts, Gyrus, RegionFacts, SurfaceName};
+use case::{CandidateFacts, Gyrus, MapName, RegionFacts, SurfaceName};
 use cases::gyri::named;
 use cases::library::{LoadedMaps, MapsState};
-use cases::pictures::{MAPS_OFF, Numbers, check_count, maps_of, ready, surface_version};
+use cases::pictures::{ChosenLayer, MAPS_OFF, Numbers, check_count, ready, surface_version};
 use cases::profile::{PointProfile, Profile, profile};
 use cases::{Cases, Error};
 use http_support::conditional::{Format, Question};
@@ -42,7 +42,8 @@ pub struct CandidatesQuery {
     #[serde(default)]
     #[param(inline)]
     region: RegionAsked,
-    /// The map that lists the places: where the junction is blurred, or where the cortex is thick.
+    /// The map that lists the places: where the junction is blurred, where the cortex is thick, or where the newest FLAIR is
+    /// bright.
     #[serde(default)]
     #[param(inline)]
     map: MapAsked,
@@ -57,6 +58,18 @@ enum MapAsked {
     Blur,
     /// The cortex is thicker than on the other side.
     Thickness,
+    /// The newest FLAIR among the layers is brighter than around the place and on the other side.
+    Flair,
+}
+
+impl MapAsked {
+    fn name(self) -> MapName {
+        match self {
+            Self::Blur => MapName::Blur,
+            Self::Thickness => MapName::Thickness,
+            Self::Flair => MapName::Flair,
+        }
+    }
 }
 
 /// The regions of the brain that are asked about.
@@ -105,7 +118,7 @@ pub struct LimitsView {
     borderline_from: f32,
 }
 
-/// Places where the junction is less sharp than in its surroundings and on the other side, or the cortex thicker
+/// Places where the junction is less sharp than in its surroundings and on the other side, the cortex thicker, or a FLAIR brighter
 ///
 /// Most are normal: they are places to look at, and nothing is detected. Each states whether its score is higher than those
 /// of heads without a lesion, and about which gyrus it is in if an atlas is installed and the head surely fits it: a coarse name,
@@ -132,11 +145,17 @@ pub async fn get_candidates(
         query: &query,
         request: &request,
     };
+    // The map of a FLAIR is another one once another layer is the newest.
+    let layers = match query.map {
+        MapAsked::Flair => cases.layers(&id).await?,
+        MapAsked::Blur | MapAsked::Thickness => Vec::new(),
+    };
+    let map = ChosenLayer::of_map(query.map.name(), &layers);
     let format = Format::of(kind)
-        .variant(format!("{kind} {MAP_FORMAT} {}", cases.atlas_tag()))
+        .variant(format!("{kind} {} {}", map.version(), cases.atlas_tag()))
         .revalidated();
     let work = async |_| {
-        let maps = maps_of(&cases.library, &id).await?;
+        let maps = map.maps(&cases.library, &id).await?;
         let gyri = cases.gyri(&id).await?;
         let list = CandidateList::of(&maps, gyri.as_deref(), &query);
         let body = match kind {
@@ -157,6 +176,7 @@ impl CandidateList {
         let ([in_cerebrum, elsewhere], limits) = match query.map {
             MapAsked::Blur => ([&maps.candidates, &maps.elsewhere], ScoreLimits::BLUR),
             MapAsked::Thickness => (maps.thick.each_ref(), ScoreLimits::THICKNESS),
+            MapAsked::Flair => ([&maps.candidates, &maps.elsewhere], ScoreLimits::FLAIR),
         };
         let mut candidates = in_cerebrum.clone();
         if query.region == RegionAsked::All {

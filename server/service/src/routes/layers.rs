@@ -9,9 +9,9 @@ use axum::extract::rejection::BytesRejection;
 use axum::extract::{RawPathParams, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse as _, Response};
-use case::{JunctionBandFacts, Layer, MapName, QualityState};
-use cases::library::MapsState;
-use cases::pictures::LayerRef;
+use case::{Contrast, JunctionBandFacts, Layer, MapName, QualityState};
+use cases::library::{FlairState, MapsState};
+use cases::pictures::{LayerRef, NO_FLAIR};
 use cases::{Cases, Error};
 use serde::{Deserialize, Serialize};
 use storage::LayerChange;
@@ -31,7 +31,8 @@ pub use self::voxels::{
 /// The layers of a case.
 #[derive(Debug, Clone, Serialize, ToSchema)]
 pub struct LayerList {
-    /// The layers that `layer` and `overlay` can show in pictures: the maps, then the added layers in their order.
+    /// The layers that `layer` and `overlay` can show in pictures: the maps, `flair` only if a layer is one, then the added layers
+    /// in their order.
     layers: Vec<LayerView>,
     /// How slantwise the isosurfaces meet the junction of grey and white matter of the cerebrum, from the surface inwards. Empty
     /// until the maps are ready. If the regions are in doubt, the whole brain counts.
@@ -44,8 +45,8 @@ pub struct LayerList {
 
 /// The layers of a case
 ///
-/// The maps of the junction of grey and white matter, which are computed once after the case is ready, and the layers
-/// that were added, in their order. While the case is being prepared, all of them wait.
+/// The maps of the junction of grey and white matter, which are computed once after the case is ready, the map of the newest
+/// FLAIR, if there is one, and the layers that were added, in their order. While the case is being prepared, all of them wait.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/layers", tag = "layers",
     params(("id" = String, Path, description = "The case")),
@@ -59,10 +60,13 @@ pub async fn list_layers(
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    let maps = match cases.ready(&id).await {
-        Ok(_) => cases.library.maps(&id).await?,
+    let (maps, flair) = match cases.ready(&id).await {
+        Ok(_) => (
+            cases.library.maps(&id).await?,
+            cases.library.flair(&id).await?,
+        ),
         // Layers that wait for the case are listed, too.
-        Err(Error::NotReady { .. }) => MapsState::Making,
+        Err(Error::NotReady { .. }) => (MapsState::Making, None),
         Err(error) => return Err(error.into()),
     };
     let (junction_by_depth, junction_poorly_met) = match &maps {
@@ -75,10 +79,11 @@ pub async fn list_layers(
         _ => (Vec::new(), None),
     };
     let state = MapsView::from(&maps);
-    let maps = MapName::ALL.map(|name| LayerView::of_map((&id, name), &state));
+    let maps = MapName::OF_CASE.map(|name| LayerView::of_map((&id, name), &state));
+    let flair = flair.map(|flair| LayerView::of_flair(&id, &flair));
     let added = cases.layers(&id).await?;
     let added = added.iter().map(LayerView::of_layer);
-    let layers = maps.into_iter().chain(added).collect();
+    let layers = maps.into_iter().chain(flair).chain(added).collect();
     let list = LayerList {
         layers,
         junction_by_depth,
@@ -107,6 +112,15 @@ pub async fn get_layer(
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     let view = match map_of(&path) {
+        Some(MapName::Flair) => {
+            cases.ready(&id).await?;
+            let none = || FlairState {
+                layer: None,
+                state: MapsState::Undefined(NO_FLAIR),
+            };
+            let flair = cases.library.flair(&id).await?;
+            LayerView::of_flair(&id, &flair.unwrap_or_else(none))
+        }
         Some(name) => {
             cases.ready(&id).await?;
             let state = MapsView::from(&cases.library.maps(&id).await?);
@@ -125,11 +139,13 @@ pub struct LayerPatch {
     name: Option<String>,
     /// Another place among the added layers, from 0.
     place: Option<usize>,
+    /// The contrast of a layer of the kind `mr`. The newest `flair` gets the map `flair`.
+    contrast: Option<Contrast>,
 }
 
-/// Rename or move a layer
+/// Rename or move a layer, or state its contrast
 ///
-/// Another name, or another place in the list. Another placement in the head is another layer: add it again with its
+/// Another name, another place in the list, or another contrast. Another placement in the head is another layer: add it again with its
 /// `transform`.
 #[utoipa::path(
     patch, path = "/v1/cases/{id}/layers/{layer}", tag = "layers",
@@ -143,7 +159,7 @@ pub struct LayerPatch {
         (status = 400, description = "The body is invalid"),
         (status = 404, description = "No such case or added layer"),
         (status = 409, description = "Another layer of the case has the name"),
-        (status = 422, description = "The name cannot be used"),
+        (status = 422, description = "The name cannot be used, or the layer has no contrast because it is not MR"),
     )
 )]
 pub async fn patch_layer(
@@ -158,6 +174,7 @@ pub async fn patch_layer(
     let change = LayerChange {
         name: patch.name,
         place: patch.place,
+        contrast: patch.contrast,
     };
     let changed = cases.change_layer(&id, &layer.id, &change).await?;
     Ok(fresh_json(StatusCode::OK, &LayerView::of_layer(&changed)))

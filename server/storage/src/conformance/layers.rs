@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use case::{CaseId, CaseState, JobKind, Layer, LayerId, LayerKind, LayerParameters, ObjectKind};
+use case::{
+    CaseId, CaseState, Contrast, JobKind, Layer, LayerId, LayerKind, LayerParameters, ObjectKind,
+};
 
 use super::{Subject, derived, insert, removed};
 use crate::jobs::{Claim, Release};
@@ -130,7 +132,11 @@ pub(crate) async fn layers_are_named_and_ordered(subject: &Subject) {
     assert_eq!(names(store, &case).await, ["pet", "pet 2", "pet 3"]);
     let change = async |id: &LayerId, name: Option<&str>, place| {
         let name = name.map(str::to_owned);
-        let change = LayerChange { name, place };
+        let change = LayerChange {
+            name,
+            place,
+            contrast: None,
+        };
         store.change_layer_row(&case, id, &change).await
     };
     let taken = change(&ids[2], Some("pet"), Some(0)).await;
@@ -143,6 +149,17 @@ pub(crate) async fn layers_are_named_and_ordered(subject: &Subject) {
     assert_eq!(names(store, &case).await, ["first", "pet 2", "pet"]);
     let same = change(&ids[0], Some("pet"), None).await;
     assert!(same.unwrap());
+    let stated = LayerChange {
+        contrast: Some(Contrast::Flair),
+        ..LayerChange::default()
+    };
+    let changed = store.change_layer_row(&case, &ids[1], &stated).await;
+    assert!(changed.unwrap());
+    let layers = store.layers(&case).await.unwrap();
+    let flairs = layers.iter().filter(|layer| layer.is_flair());
+    let flairs: Vec<_> = flairs.map(|layer| (layer.id, &*layer.name)).collect();
+    assert_eq!(flairs, [(ids[1], "pet 2")]);
+    assert_eq!(Layer::newest_flair(&layers), None, "it is not ready");
     let stranger = LayerId::parse(&"0".repeat(32)).unwrap();
     let none = change(&stranger, None, Some(0)).await;
     assert!(!none.unwrap());
@@ -270,7 +287,15 @@ pub(crate) async fn a_version_keeps_the_layers_of_its_case(subject: &Subject) {
     let store = &subject.store;
     let case = ready_case(store, "a").await;
     let new = insert_layer(store, &case.id, "l").await;
+    let map = name(ObjectKind::Maps, "l");
+    let early = pinned(store, &[map]).await;
+    let refused = store.refer_to_layer(&case.id, &new.id, &early).await;
+    assert_eq!(refused.unwrap(), Referred::Unneeded(Published::Fenced));
     let own = publish(store, &claim_layer(store).await.unwrap(), "l").await;
+    let given = store.refer_to_layer(&case.id, &new.id, &early).await;
+    assert_eq!(given.unwrap(), Referred::Done(Published::Done));
+    let objects = store.layer_objects(&case.id, &new.id).await.unwrap();
+    assert!(objects.contains(&map) && objects.len() == 3);
     let failed = insert_layer(store, &case.id, "m").await;
     let leased = claim_layer(store).await.unwrap();
     assert!(store.fail(&leased, &failure()).await.unwrap());
@@ -293,7 +318,7 @@ pub(crate) async fn a_version_keeps_the_layers_of_its_case(subject: &Subject) {
 
     // What both need goes with the second; what the case alone needs with it.
     assert!(store.delete_case(&case.id).await.unwrap());
-    let sources = [new.sources.names[0], failed.sources.names[0], own];
+    let sources = [new.sources.names[0], failed.sources.names[0], own, map];
     assert_eq!(removed(store, &sources).await, sources[1..]);
     assert!(store.delete_layer_row(&version.id, &new.id).await.unwrap());
     assert!(!store.delete_layer_row(&version.id, &new.id).await.unwrap());

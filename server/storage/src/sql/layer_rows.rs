@@ -1,6 +1,6 @@
 //! The transactions of layers.
 
-use case::{CaseId, Layer, LayerFacts, LayerId};
+use case::{CaseId, CaseState, Layer, LayerFacts, LayerId};
 
 use super::{jobs, layers};
 use crate::jobs::Claim;
@@ -60,6 +60,26 @@ impl Store {
             return Ok(Referred::PinLost);
         }
         layers::make_ready(&mut transaction, (&case, &layer), facts).await?;
+        transaction.commit().await?;
+        Ok(Referred::Done(Published::Done))
+    }
+
+    /// Makes pinned objects those of a layer that is ready.
+    pub(crate) async fn refer_to_layer(
+        &self,
+        case: &CaseId,
+        layer: &LayerId,
+        derived: &Pinned,
+    ) -> Result<Referred<Published>, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        let layers = layers::of_case(&mut transaction, case).await?;
+        let is_meant = |known: &Layer| known.id == *layer && known.state == CaseState::Ready;
+        if !layers.iter().any(is_meant) {
+            return Ok(Referred::Unneeded(Published::Fenced));
+        }
+        if !layers::refer(&mut transaction, (case, layer), derived, now).await? {
+            return Ok(Referred::PinLost);
+        }
         transaction.commit().await?;
         Ok(Referred::Done(Published::Done))
     }

@@ -1,6 +1,8 @@
 //! Layers of cases.
 
-use case::{CaseId, CaseState, Failure, JobKind, Layer, LayerFacts, LayerId, LayerParameters};
+use case::{
+    CaseId, CaseState, Failure, JobKind, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind,
+};
 use jiff::Timestamp;
 
 use super::cases::read_state;
@@ -135,7 +137,7 @@ pub(super) async fn inherit(
         .query(
             "INSERT INTO layer_objects (case_id, layer_id, kind, digest)
              SELECT $1, layer_id, kind, digest FROM layer_objects JOIN layers ON layers.case_id = $1 AND layers.id = layer_id
-             WHERE layer_objects.case_id = $2 AND kind <> 'layer'",
+             WHERE layer_objects.case_id = $2 AND kind NOT IN ('layer', 'maps')",
         )
         .bind(case.to_string())
         .bind(previous.to_string())
@@ -233,6 +235,19 @@ pub(super) async fn change(
         connection
             .query("UPDATE layers SET name = $1 WHERE case_id = $2 AND id = $3")
             .bind(name)
+            .bind(case.to_string())
+            .bind(layer.to_string())
+            .execute()
+            .await?;
+    }
+    if let Some(contrast) = change.contrast {
+        let parameters = LayerParameters {
+            contrast: Some(contrast),
+            ..layers[from].parameters.clone()
+        };
+        connection
+            .query("UPDATE layers SET parameters = $1 WHERE case_id = $2 AND id = $3")
+            .bind(serde_json::to_string(&parameters)?)
             .bind(case.to_string())
             .bind(layer.to_string())
             .execute()
@@ -385,7 +400,8 @@ pub(super) async fn adopt(
     Ok(())
 }
 
-/// Queues a layer again whose facts are damaged: they are made again from the source.
+/// Queues a layer again whose facts are damaged: they are made again from the source, and so is its map, because it may lie
+/// elsewhere then.
 pub(super) async fn forget_facts(
     connection: &mut Connection,
     case: &CaseId,
@@ -396,6 +412,15 @@ pub(super) async fn forget_facts(
         case = case.short(),
         "the facts of a layer are damaged; it will be placed again from its source"
     );
+    let mut maps = objects(connection, case, layer).await?;
+    maps.retain(|name| name.kind == ObjectKind::Maps);
+    pins::abandon(connection, maps, now).await?;
+    connection
+        .query("DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2 AND kind = 'maps'")
+        .bind(case.to_string())
+        .bind(layer.to_string())
+        .execute()
+        .await?;
     connection
         .query("UPDATE layers SET facts = NULL, facts_digest = NULL WHERE case_id = $1 AND id = $2")
         .bind(case.to_string())

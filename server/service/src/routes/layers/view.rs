@@ -1,8 +1,10 @@
 //! A layer as clients see it.
 
-use case::{CaseId, CaseState, LabelFacts, Layer, LayerKind, MapName, PlacementFacts, Transform};
+use case::{
+    CaseId, CaseState, Contrast, LabelFacts, Layer, LayerKind, MapName, PlacementFacts, Transform,
+};
 use cases::dicom::Choice;
-use cases::library::MapsState;
+use cases::library::{FlairState, MapsState};
 use cases::pictures::{LayerStyle, MAPS_OFF};
 use pipeline::maps::{MAP_FORMAT, NoMaps, map_unit};
 use render::ColorMap;
@@ -33,7 +35,8 @@ pub struct LayerView {
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<String>,
     /// The stable name of that reason: `coarse-voxels`, `low-contrast`, `no-white-matter`, `noise-unknown`,
-    /// `failed-envelope`, `nothing-deep`, `maps-failed` or `maps-off`.
+    /// `failed-envelope`, `nothing-deep`, `maps-failed` or `maps-off`; of the map `flair` also `no-flair`, `flair-not-placed`,
+    /// `flair-place-doubtful`, `flair-coarse-voxels`, `flair-shows-too-little`, `flair-no-signal` or `flair-bright-fluid`.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason_code: Option<String>,
     /// The reason why it failed.
@@ -52,6 +55,12 @@ pub struct LayerView {
     /// The default opacity. Absent until it is ready.
     #[serde(skip_serializing_if = "Option::is_none")]
     opacity: Option<f64>,
+    /// The contrast of an added layer of the kind `mr`, if it is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    contrast: Option<Contrast>,
+    /// The id of the layer that the map `flair` belongs to; it is deleted with that layer. Absent until one is ready.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    of_layer: Option<String>,
     /// The version of the maps, if it is one of the case.
     #[serde(skip_serializing_if = "Option::is_none")]
     format: Option<u32>,
@@ -222,6 +231,14 @@ impl LayerView {
         .styled(LayerStyle::of(name))
     }
 
+    /// The map of the newest FLAIR.
+    pub(super) fn of_flair(id: &CaseId, flair: &FlairState) -> Self {
+        Self {
+            of_layer: flair.layer.map(|layer| layer.to_string()),
+            ..Self::of_map((id, MapName::Flair), &MapsView::from(&flair.state))
+        }
+    }
+
     /// An added layer.
     pub(in crate::routes) fn of_layer(layer: &Layer) -> Self {
         let parameters = &layer.parameters;
@@ -230,6 +247,7 @@ impl LayerView {
             name: layer.name.clone(),
             kind: parameters.kind,
             unit: parameters.unit.clone(),
+            contrast: parameters.contrast,
             state: layer.state.into(),
             error: layer
                 .failure
@@ -289,6 +307,8 @@ impl LayerView {
             colormap: None,
             threshold: None,
             opacity: None,
+            contrast: None,
+            of_layer: None,
             format: None,
             placement: None,
             transform: None,

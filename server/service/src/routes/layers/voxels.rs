@@ -8,7 +8,7 @@ use axum::response::Response;
 use bytes::Bytes;
 use case::{CaseId, Layer, MapName};
 use cases::library::{LayerVoxels, LoadedMaps};
-use cases::pictures::{ChosenLayer, maps_of};
+use cases::pictures::ChosenLayer;
 use cases::{Cases, Error};
 use render::LayerValues;
 
@@ -24,7 +24,8 @@ use http_support::query::{ApiQuery, CasePath, NoQuery};
 /// The layer that the path names.
 async fn chosen(cases: &Cases, id: &CaseId, path: &RawPathParams) -> Result<ChosenLayer, AppError> {
     Ok(match map_of(path) {
-        Some(name) => ChosenLayer::Map(name),
+        Some(MapName::Flair) => ChosenLayer::of_map(MapName::Flair, &cases.layers(id).await?),
+        Some(name) => ChosenLayer::of_map(name, &[]),
         None => ChosenLayer::Layer(Arc::new(cases.layer(id, &layer_of(path)?).await?)),
     })
 }
@@ -32,7 +33,7 @@ async fn chosen(cases: &Cases, id: &CaseId, path: &RawPathParams) -> Result<Chos
 /// Distinguishes answers with different versions of a layer.
 fn variant(layer: &ChosenLayer) -> String {
     match layer {
-        ChosenLayer::Map(name) => format!("{} {}", name.name(), layer.version()),
+        ChosenLayer::Map { name, .. } => format!("{} {}", name.name(), layer.version()),
         ChosenLayer::Layer(_) => layer.version(),
     }
 }
@@ -88,10 +89,10 @@ pub async fn get_layer_volume(
     let coding = format.coding();
     let work = async |_| {
         let (texture, kind) = match &layer {
-            ChosenLayer::Map(name) => {
-                let maps = maps_of(&cases.library, &id).await?;
+            ChosenLayer::Map { name, of_layer } => {
+                let maps = layer.maps(&cases.library, &id).await?;
                 let texture = wire::layer_texture(maps.grid(), maps.layer(*name));
-                (texture, BodyKind::Layer(*name))
+                (texture, BodyKind::Map(*name, *of_layer))
             }
             ChosenLayer::Layer(row) => {
                 let voxels = cases.library.layer_voxels(row).await?;
@@ -152,8 +153,8 @@ pub async fn get_layer_nifti(
     let format = Format::of(GZIP).variant(variant(&layer)).revalidated();
     let work = async |_| {
         let (file, name) = match &layer {
-            ChosenLayer::Map(name) => {
-                let (maps, name) = (maps_of(&cases.library, &id).await?, *name);
+            ChosenLayer::Map { name, .. } => {
+                let (maps, name) = (layer.maps(&cases.library, &id).await?, *name);
                 let file = cases.queue.run(move || map_as_nifti(&maps, name)).await??;
                 (file, name.name().to_owned())
             }

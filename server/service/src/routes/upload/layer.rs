@@ -4,7 +4,7 @@ use axum::extract::multipart::Multipart;
 use axum::extract::{FromRequest as _, Request, State};
 use axum::http::{StatusCode, header};
 use axum::response::Response;
-use case::{LayerKind, LayerParameters, Transform};
+use case::{Contrast, LayerKind, LayerParameters, Transform};
 use cases::dicom::{Options, Purpose};
 use cases::layers::NewLayer;
 use cases::{Cases, VolumeFiles};
@@ -41,7 +41,8 @@ pub struct LayerForm {
     #[schema(format = Binary, content_media_type = "text/plain")]
     labels: Option<String>,
     /// JSON: `name`, unique in the case; `kind` (`mr`, `ct`, `pet`, `map` or `labels`; by default from DICOM, otherwise
-    /// `mr`); `unit`; `transform` (`auto`, `none`, `rigid`, or 4 rows of 4 numbers: the rigid `case_from_layer`, LPS
+    /// `mr`); `unit`; `contrast` of an MR (`t1`, `t2`, `flair` or `other`; by default from DICOM, otherwise from the name);
+    /// `transform` (`auto`, `none`, `rigid`, or 4 rows of 4 numbers: the rigid `case_from_layer`, LPS
     /// mm). For DICOM files also `series` and `allow_gaps`, as for cases.
     parameters: Option<String>,
 }
@@ -54,6 +55,7 @@ struct SentParameters {
     kind: Option<LayerKind>,
     #[serde(alias = "units")]
     unit: Option<String>,
+    contrast: Option<Contrast>,
     transform: Transform,
 }
 
@@ -99,6 +101,7 @@ pub async fn create_layer(
     let parameters = LayerParameters {
         transform: sent.transform,
         labels: LayerParameters::parse_labels(&labels)?,
+        contrast: sent.contrast,
         ..LayerParameters::default()
     };
     let new = NewLayer {
