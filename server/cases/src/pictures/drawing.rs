@@ -6,6 +6,7 @@ use render::choice::Renderer;
 use render::{
     Hits, MapDisc, RenderBackend, RenderError, RenderJob, RenderedFrame, SizedMesh, Wanted,
 };
+use storage::StoreError;
 
 use super::PictureLayers;
 use super::depth::ShownDepth;
@@ -14,7 +15,6 @@ use super::request::{CheckedPicture, PictureRequest};
 use crate::error::Error;
 use crate::limit::Turn;
 use crate::models::WarmModel;
-use storage::StoreError;
 
 /// The backend for a picture on this machine. Splatting does not wait for the graphics device.
 pub async fn backend_for(picture: &PictureRequest, graphics: &Graphics) -> RenderBackend {

@@ -1,5 +1,7 @@
 //! Pictures of a case, drawn one after the other: the one way from requests to pixels of a case in the store.
 
+use std::sync::Arc;
+
 use case::CaseId;
 use render::{Frame, RenderBackend};
 
@@ -10,7 +12,6 @@ use super::{ChosenLayers, PictureLayers, ShownDepth};
 use crate::error::Error;
 use crate::limit::Turn;
 use crate::{Cases, models::WarmModel};
-use std::sync::Arc;
 
 /// Pictures of one case, with their layers and backends.
 #[derive(Debug)]
