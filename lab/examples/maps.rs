@@ -7,7 +7,6 @@
 use std::error::Error;
 use std::path::Path;
 
-use analysis::steps::{Scores, tissue_of};
 use analysis::{Head, MapKind, MapParameters, Maps, maps, midsagittal_plane};
 use geometry::{BrainMask, DepthField, Volume, distance_map, envelope};
 use glam::DVec3;
@@ -50,8 +49,6 @@ fn main() -> Result<(), Box<dyn Error>> {
         before.1,
         after.1,
     );
-    let share = thickness_share(head, after.0 - before.0)?;
-    println!("without the map of thickness, at least 1/{share:.2} of that");
     println!("{:.3?}", found.tissue);
     for (number, candidate) in found.candidates.iter().take(20).enumerate() {
         println!(
@@ -77,21 +74,6 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
     }
     Ok(())
-}
-
-/// At most how many times as much CPU time all maps take as those without thickness: the time of both is given. What is measured is
-/// the map of thickness, with the gradient that the other maps need as well, and the scores of its places.
-fn thickness_share(head: Head<'_>, all_secs: f64) -> Result<f64, Box<dyn Error>> {
-    let parameters = MapParameters::STANDARD;
-    let (block, values, tissue) = tissue_of(head)?;
-    let sharpness = parameters.sharpness(&block, &values, &tissue);
-    let begun = cpu_secs();
-    let mut map = parameters.thickening(&block, &values, (&sharpness, &tissue), head.plane);
-    let junction = &sharpness.junction;
-    let scores = Scores::smoothed(&block, junction, &mut map, parameters.candidate_mm);
-    let own_secs = cpu_secs() - begun;
-    assert_eq!(scores.scores.len(), junction.len());
-    Ok(all_secs / (all_secs - own_secs))
 }
 
 fn cpu_secs() -> f64 {
