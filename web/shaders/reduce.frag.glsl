@@ -103,12 +103,26 @@ bool is_in_volume(vec3 position_1) {
     return all(equal(clamp(position_1, vec3(-0.5), (_e5 - vec3(0.5))), position_1));
 }
 
-vec3 inward_at(vec3 position_3) {
+vec4 around(vec3 position_3) {
     vec3 _e6 = _group_0_binding_0_fs.field_size;
     vec3 place_1 = ((position_3 + vec3(0.5)) / _e6);
     vec4 _e11 = textureLod(_group_0_binding_3_fs, vec3(place_1), 0.0);
-    vec3 gradient = _e11.xyz;
+    return _e11;
+}
+
+vec3 inward_of(vec4 around_1) {
+    vec3 gradient = around_1.xyz;
     return (gradient / vec3(max(length(gradient), 1e-6)));
+}
+
+float unfenced_of(vec4 around_2) {
+    return ((around_2.w < 0.5) ? 1.0 : 0.0);
+}
+
+vec3 inward_at(vec3 position_4) {
+    vec4 _e1 = around(position_4);
+    vec3 _e2 = inward_of(_e1);
+    return _e2;
 }
 
 float brightness(float stored) {
@@ -141,14 +155,14 @@ float overlay_share(float value) {
 
 vec2 overlay_at(vec3 position_in_field) {
     mat4x4 _e3 = _group_0_binding_0_fs.overlay_from_field;
-    vec3 position_5 = (_e3 * vec4(position_in_field, 1.0)).xyz;
+    vec3 position_6 = (_e3 * vec4(position_in_field, 1.0)).xyz;
     vec3 _e12 = _group_0_binding_0_fs.overlay_size;
-    bool is_inside = all(equal(clamp(position_5, vec3(-0.5), (_e12 - vec3(0.5))), position_5));
+    bool is_inside = all(equal(clamp(position_6, vec3(-0.5), (_e12 - vec3(0.5))), position_6));
     vec3 _e27 = _group_0_binding_0_fs.overlay_size;
-    vec3 nearest = clamp(floor((position_5 + vec3(0.5))), vec3(0.0), (_e27 - vec3(1.0)));
+    vec3 nearest = clamp(floor((position_6 + vec3(0.5))), vec3(0.0), (_e27 - vec3(1.0)));
     uint _e34 = _group_0_binding_0_fs.overlay_is_nearest;
     vec3 _e43 = _group_0_binding_0_fs.overlay_size;
-    vec3 place_2 = ((((_e34 > 0u) ? nearest : position_5) + vec3(0.5)) / _e43);
+    vec3 place_2 = ((((_e34 > 0u) ? nearest : position_6) + vec3(0.5)) / _e43);
     vec4 _e48 = textureLod(_group_0_binding_7_fs, vec3(place_2), 0.0);
     vec2 _e50 = defined_part(_e48.xy);
     float _e54 = _group_0_binding_0_fs.overlay_scale;
@@ -182,7 +196,7 @@ float light_on(float facing) {
     return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
 }
 
-vec2 stored_on(vec3 position_4, vec3 inward) {
+vec2 stored_on(vec3 position_5, vec3 inward) {
     float sum = 0.0;
     float count = 0.0;
     uint index = 0u;
@@ -195,7 +209,7 @@ vec2 stored_on(vec3 position_4, vec3 inward) {
         uint _e23 = index;
         float _e27 = _group_0_binding_0_fs.slab_step;
         float offset_mm = (_e22 + (float(_e23) * _e27));
-        vec3 sample_ = (position_4 + (offset_mm * along_1));
+        vec3 sample_ = (position_5 + (offset_mm * along_1));
         vec2 _e32 = stored_at(sample_);
         bool _e33 = is_in_volume(sample_);
         if (_e33) {
@@ -252,25 +266,27 @@ float known_mm(vec3 position_in_field_2) {
     return _e25;
 }
 
-float known_at(vec3 position_in_field_3) {
-    float _e1 = known_mm(position_in_field_3);
-    return ((_e1 >= 0.0) ? 1.0 : 0.0);
+float known_at(vec3 position_in_field_3, vec4 around_3) {
+    float _e2 = known_mm(position_in_field_3);
+    float _e8 = unfenced_of(around_3);
+    return (((_e2 >= 0.0) ? 1.0 : 0.0) * _e8);
 }
 
 vec4 shaded(vec3 position_in_field_4, vec3 towards) {
-    vec3 _e2 = inward_at(position_in_field_4);
-    mat4x4 _e5 = _group_0_binding_0_fs.volume_from_field;
-    vec3 position_6 = (_e5 * vec4(position_in_field_4, 1.0)).xyz;
-    vec2 _e10 = stored_on(position_6, _e2);
-    float facing_1 = -(dot(_e2, towards));
-    uint _e15 = _group_0_binding_0_fs.color_row;
-    float _e17 = brightness(_e10.x);
-    vec3 _e18 = color_in(_e15, _e17);
-    vec3 _e19 = under_overlay(_e18, position_in_field_4);
-    float _e20 = light_on(facing_1);
-    vec3 lit = (_e19 * _e20);
-    float _e33 = known_at(position_in_field_4);
-    return ((vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e10.y) * _e33);
+    vec4 _e2 = around(position_in_field_4);
+    vec3 _e3 = inward_of(_e2);
+    mat4x4 _e6 = _group_0_binding_0_fs.volume_from_field;
+    vec3 position_7 = (_e6 * vec4(position_in_field_4, 1.0)).xyz;
+    vec2 _e11 = stored_on(position_7, _e3);
+    float facing_1 = -(dot(_e3, towards));
+    uint _e16 = _group_0_binding_0_fs.color_row;
+    float _e18 = brightness(_e11.x);
+    vec3 _e19 = color_in(_e16, _e18);
+    vec3 _e20 = under_overlay(_e19, position_in_field_4);
+    float _e21 = light_on(facing_1);
+    vec3 lit = (_e20 * _e21);
+    float _e34 = known_at(position_in_field_4, _e2);
+    return ((vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e11.y) * _e34);
 }
 
 vec3 foot_of(vec2 place_in_frame) {

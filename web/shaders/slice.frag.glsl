@@ -86,6 +86,8 @@ uniform highp sampler3D _group_0_binding_1_fs;
 
 uniform highp sampler3D _group_0_binding_2_fs;
 
+uniform highp sampler3D _group_0_binding_3_fs;
+
 uniform highp sampler2D _group_0_binding_4_fs;
 
 uniform highp sampler3D _group_0_binding_7_fs;
@@ -121,6 +123,28 @@ bool is_in_volume(vec3 position_1) {
     return all(equal(clamp(position_1, vec3(-0.5), (_e5 - vec3(0.5))), position_1));
 }
 
+vec4 around(vec3 position_3) {
+    vec3 _e6 = _group_0_binding_0_fs.field_size;
+    vec3 place_5 = ((position_3 + vec3(0.5)) / _e6);
+    vec4 _e11 = textureLod(_group_0_binding_3_fs, vec3(place_5), 0.0);
+    return _e11;
+}
+
+vec3 inward_of(vec4 around_1) {
+    vec3 gradient = around_1.xyz;
+    return (gradient / vec3(max(length(gradient), 1e-6)));
+}
+
+float unfenced_of(vec4 around_2) {
+    return ((around_2.w < 0.5) ? 1.0 : 0.0);
+}
+
+vec3 inward_at(vec3 position_4) {
+    vec4 _e1 = around(position_4);
+    vec3 _e2 = inward_of(_e1);
+    return _e2;
+}
+
 float brightness(float stored) {
     float _e3 = _group_0_binding_0_fs.window_black;
     float _e7 = _group_0_binding_0_fs.window_factor;
@@ -151,15 +175,15 @@ float overlay_share(float value) {
 
 vec2 overlay_at(vec3 position_in_field) {
     mat4x4 _e3 = _group_0_binding_0_fs.overlay_from_field;
-    vec3 position_5 = (_e3 * vec4(position_in_field, 1.0)).xyz;
+    vec3 position_6 = (_e3 * vec4(position_in_field, 1.0)).xyz;
     vec3 _e12 = _group_0_binding_0_fs.overlay_size;
-    bool is_inside = all(equal(clamp(position_5, vec3(-0.5), (_e12 - vec3(0.5))), position_5));
+    bool is_inside = all(equal(clamp(position_6, vec3(-0.5), (_e12 - vec3(0.5))), position_6));
     vec3 _e27 = _group_0_binding_0_fs.overlay_size;
-    vec3 nearest_1 = clamp(floor((position_5 + vec3(0.5))), vec3(0.0), (_e27 - vec3(1.0)));
+    vec3 nearest_1 = clamp(floor((position_6 + vec3(0.5))), vec3(0.0), (_e27 - vec3(1.0)));
     uint _e34 = _group_0_binding_0_fs.overlay_is_nearest;
     vec3 _e43 = _group_0_binding_0_fs.overlay_size;
-    vec3 place_5 = ((((_e34 > 0u) ? nearest_1 : position_5) + vec3(0.5)) / _e43);
-    vec4 _e48 = textureLod(_group_0_binding_7_fs, vec3(place_5), 0.0);
+    vec3 place_6 = ((((_e34 > 0u) ? nearest_1 : position_6) + vec3(0.5)) / _e43);
+    vec4 _e48 = textureLod(_group_0_binding_7_fs, vec3(place_6), 0.0);
     vec2 _e50 = defined_part(_e48.xy);
     float _e54 = _group_0_binding_0_fs.overlay_scale;
     float _e58 = _group_0_binding_0_fs.overlay_offset;
@@ -192,7 +216,7 @@ float light_on(float facing) {
     return (_e3 + ((1.0 - _e6) * clamp(facing, 0.0, 1.0)));
 }
 
-vec2 stored_on(vec3 position_4, vec3 inward) {
+vec2 stored_on(vec3 position_5, vec3 inward) {
     float sum = 0.0;
     float count = 0.0;
     uint index = 0u;
@@ -205,7 +229,7 @@ vec2 stored_on(vec3 position_4, vec3 inward) {
         uint _e23 = index;
         float _e27 = _group_0_binding_0_fs.slab_step;
         float offset_mm = (_e22 + (float(_e23) * _e27));
-        vec3 sample_ = (position_4 + (offset_mm * along_1));
+        vec3 sample_ = (position_5 + (offset_mm * along_1));
         vec2 _e32 = stored_at(sample_);
         bool _e33 = is_in_volume(sample_);
         if (_e33) {
@@ -236,9 +260,9 @@ vec2 stored_on(vec3 position_4, vec3 inward) {
 float known_mm(vec3 position_in_field_2) {
     float least = 0.0;
     int index_1 = 1;
-    vec4 place_6 = vec4(position_in_field_2, 1.0);
+    vec4 place_7 = vec4(position_in_field_2, 1.0);
     vec4 _e6 = _group_0_binding_0_fs.cuts[0];
-    least = dot(_e6, place_6);
+    least = dot(_e6, place_7);
     bool loop_init = true;
     while(true) {
         if (!loop_init) {
@@ -255,16 +279,34 @@ float known_mm(vec3 position_in_field_2) {
             float _e14 = least;
             int _e17 = index_1;
             vec4 _e19 = _group_0_binding_0_fs.cuts[_e17];
-            least = min(_e14, dot(_e19, place_6));
+            least = min(_e14, dot(_e19, place_7));
         }
     }
     float _e25 = least;
     return _e25;
 }
 
-float known_at(vec3 position_in_field_3) {
-    float _e1 = known_mm(position_in_field_3);
-    return ((_e1 >= 0.0) ? 1.0 : 0.0);
+float known_at(vec3 position_in_field_3, vec4 around_3) {
+    float _e2 = known_mm(position_in_field_3);
+    float _e8 = unfenced_of(around_3);
+    return (((_e2 >= 0.0) ? 1.0 : 0.0) * _e8);
+}
+
+vec4 shaded(vec3 position_in_field_4, vec3 towards) {
+    vec4 _e2 = around(position_in_field_4);
+    vec3 _e3 = inward_of(_e2);
+    mat4x4 _e6 = _group_0_binding_0_fs.volume_from_field;
+    vec3 position_7 = (_e6 * vec4(position_in_field_4, 1.0)).xyz;
+    vec2 _e11 = stored_on(position_7, _e3);
+    float facing_1 = -(dot(_e3, towards));
+    uint _e16 = _group_0_binding_0_fs.color_row;
+    float _e18 = brightness(_e11.x);
+    vec3 _e19 = color_in(_e16, _e18);
+    vec3 _e20 = under_overlay(_e19, position_in_field_4);
+    float _e21 = light_on(facing_1);
+    vec3 lit = (_e20 * _e21);
+    float _e34 = known_at(position_in_field_4, _e2);
+    return ((vec4((floor((lit + vec3(0.5))) / vec3(255.0)), 1.0) * _e11.y) * _e34);
 }
 
 vec3 foot_of(vec2 place_in_frame) {
@@ -370,8 +412,8 @@ vec3 under_edges(vec3 color_2, vec2 place_1) {
 float depth_at(vec2 place_in_frame_5) {
     vec3 _e1 = foot_of(place_in_frame_5);
     vec3 _e7 = _group_0_binding_0_fs.field_size;
-    vec3 place_7 = ((_e1 + vec3(0.5)) / _e7);
-    vec4 _e12 = textureLod(_group_0_binding_2_fs, vec3(place_7), 0.0);
+    vec3 place_8 = ((_e1 + vec3(0.5)) / _e7);
+    vec4 _e12 = textureLod(_group_0_binding_2_fs, vec3(place_8), 0.0);
     float _e16 = _group_1_binding_0_fs.depth_px;
     return (_e12.x * _e16);
 }
@@ -390,6 +432,7 @@ vec3 under_contours(vec3 color_3, vec2 place_3) {
     uint index_3 = 0u;
     bool local_2 = false;
     bool local_3 = false;
+    bool local_4 = false;
     float _e2 = depth_at(place_3);
     bool loop_init_1 = true;
     while(true) {
@@ -429,46 +472,55 @@ vec3 under_contours(vec3 color_3, vec2 place_3) {
     float _e74 = _group_1_binding_0_fs.px_per_mm;
     float _e78 = _group_1_binding_0_fs.cuts_px;
     float known = ((_e71 * _e74) + _e78);
+    vec4 _e80 = around(_e70);
+    float _e81 = unfenced_of(_e80);
+    bool is_unfenced = (_e81 > 0.0);
     result = color_3;
     bool loop_init_2 = true;
     while(true) {
         if (!loop_init_2) {
-            uint _e136 = index_3;
-            index_3 = (_e136 + 1u);
+            uint _e144 = index_3;
+            index_3 = (_e144 + 1u);
         }
         loop_init_2 = false;
-        uint _e83 = index_3;
-        uint _e86 = _group_1_binding_0_fs.count;
-        if ((_e83 < _e86)) {
+        uint _e87 = index_3;
+        uint _e90 = _group_1_binding_0_fs.count;
+        if ((_e87 < _e90)) {
         } else {
             break;
         }
         {
-            uint _e90 = index_3;
             uint _e94 = index_3;
-            float wanted = _group_1_binding_0_fs.levels[(_e90 / 4u)][(_e94 % 4u)];
+            uint _e98 = index_3;
+            float wanted = _group_1_binding_0_fs.levels[(_e94 / 4u)][(_e98 % 4u)];
             float passed = (wanted - LEVEL_MARGIN);
             float cover_1 = clamp((REACH - (abs((_e2 - wanted)) / slope)), 0.0, 1.0);
-            if ((least_1 <= passed)) {
-                local_2 = (passed <= greatest);
+            if (is_unfenced) {
+                local_2 = (least_1 <= passed);
             } else {
                 local_2 = false;
             }
-            bool _e114 = local_2;
-            if (_e114) {
-                local_3 = ((wanted + REACH) <= known);
+            bool _e117 = local_2;
+            if (_e117) {
+                local_3 = (passed <= greatest);
             } else {
                 local_3 = false;
             }
-            bool _e121 = local_3;
-            float share_2 = (_e121 ? cover_1 : 0.0);
-            vec3 _e124 = result;
-            uint _e126 = index_3;
-            result = floor((mix(_e124, CONTOUR_COLORS[(_e126 % 8u)], share_2) + vec3(0.5)));
+            bool _e122 = local_3;
+            if (_e122) {
+                local_4 = ((wanted + REACH) <= known);
+            } else {
+                local_4 = false;
+            }
+            bool is_drawn = local_4;
+            float share_2 = (is_drawn ? cover_1 : 0.0);
+            vec3 _e132 = result;
+            uint _e134 = index_3;
+            result = floor((mix(_e132, CONTOUR_COLORS[(_e134 % 8u)], share_2) + vec3(0.5)));
         }
     }
-    vec3 _e138 = result;
-    return _e138;
+    vec3 _e146 = result;
+    return _e146;
 }
 
 void main() {
@@ -477,9 +529,9 @@ void main() {
     vec3 color = vec3(0.0);
     vec3 _e2 = foot_of(pixel.place_in_frame);
     mat4x4 _e5 = _group_0_binding_0_fs.volume_from_field;
-    vec3 position_6 = (_e5 * vec4(_e2, 1.0)).xyz;
-    vec2 _e10 = stored_at(position_6);
-    bool _e11 = is_in_volume(position_6);
+    vec3 position_8 = (_e5 * vec4(_e2, 1.0)).xyz;
+    vec2 _e10 = stored_at(position_8);
+    bool _e11 = is_in_volume(position_8);
     if (_e11) {
         local = (_e10.y >= 0.5);
     } else {
