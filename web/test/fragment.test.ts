@@ -47,7 +47,7 @@ test("every part of a state comes back from the address, which stays short", () 
     across_deg: -12.5,
   };
   const address = writeAddress(state, SHOWN);
-  assert.ok(address.length < 240, `${address.length}`);
+  assert.ok(address.length < 256, `${address.length}`);
   const { state: back, unread } = readState(restOf(address), SHOWN);
   assert.deepEqual(unread, []);
   assert.ok(angleBetween(back.orientation, state.orientation) < 1e-3);
