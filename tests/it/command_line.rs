@@ -41,7 +41,7 @@ fn layers_are_prepared_with_their_case_and_wrong_ones_are_named() {
     let (status, written) = unit("a\nb");
     assert_eq!(status, Some(65), "{written}");
     assert!(
-        written.contains("layer flair: the unit must have"),
+        written.contains("layer FLAIR: the unit must have"),
         "{written}"
     );
     let (status, written) = with(&path("none.nii"), &[]);

@@ -142,11 +142,7 @@ fn a_running_server_goes_on_while_its_key_is_changed() {
     let id = id.lines().next().unwrap().to_owned();
     // No case stays in its memory.
     let config = path("isocortex.toml");
-    std::fs::write(
-        &config,
-        "[render]\nmodel_cache_bytes = 0\n[http]\nbody_cache_bytes = 0\n",
-    )
-    .unwrap();
+    std::fs::write(&config, "[render]\ncache_bytes = 0\n").unwrap();
     let mut server = Logged::start(&[
         "serve",
         "--listen",

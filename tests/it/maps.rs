@@ -601,7 +601,7 @@ async fn candidates_descend_and_come_as_csv_as_well() {
     let text = String::from_utf8(csv.body.to_vec()).unwrap();
     let rows: Vec<_> = text.split_terminator("\r\n").collect();
     assert_eq!(rows.len(), 6);
-    assert!(rows[0].ends_with(",region,unusual"), "{text}");
+    assert!(rows[0].ends_with(",region,unusual,gyrus"), "{text}");
     assert!(
         rows[1].starts_with("1,") && rows[1].contains(",left,"),
         "{text}"

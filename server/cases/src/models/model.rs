@@ -30,11 +30,12 @@ const TABLES_BYTES: u64 = 16 << 20;
 ///
 /// The distance map, the forest and the mask are not included: only new tables of paths need them, and then they are
 /// read.
+#[derive(Clone)]
 pub struct WarmModel {
     model: Arc<DeformableModel>,
     /// The facts for clients; the greatest depth and the sphere around the envelope are those of the surface.
     pub facts: CaseFacts,
-    tables: Cache<TableKey, Arc<PathTable>, ByBytes>,
+    tables: Arc<Cache<TableKey, Arc<PathTable>, ByBytes>>,
     library: Library,
     id: CaseId,
     surface: SurfaceName,
@@ -87,7 +88,7 @@ impl WarmModel {
         Ok(loaded.map(|(model, facts)| Self {
             model: Arc::new(model),
             facts,
-            tables: cache::one_shard(ByBytes, TABLES_BYTES, 8),
+            tables: Arc::new(cache::one_shard(ByBytes, TABLES_BYTES, 8)),
             library: library.clone(),
             id: *id,
             surface,
@@ -153,7 +154,7 @@ impl WarmModel {
     }
 
     /// The table of all depths of a mesh. The default one (30 × 30, forest) is loaded; others are computed at their
-    /// first use and kept within 16 MiB. Concurrent callers wait for one computation.
+    /// first use and kept within 16 MiB. Concurrent callers wait for one computation, which goes on if they leave.
     ///
     /// # Errors
     /// If the mesh cannot be made, the store fails, or the case was deleted.
@@ -165,8 +166,15 @@ impl WarmModel {
         if self.is_default(size, kind) {
             return Ok(self.model.default_paths().clone());
         }
-        let make = Box::pin(self.make_paths(size, kind));
-        self.tables.get_or_insert_async(&(size, kind), make).await
+        if let Some(table) = self.tables.get(&(size, kind)) {
+            return Ok(table);
+        }
+        let of = self.clone();
+        let make = tokio::spawn(async move {
+            let make = Box::pin(of.make_paths(size, kind));
+            of.tables.get_or_insert_async(&(size, kind), make).await
+        });
+        make.await.map_err(StoreError::from)?
     }
 
     /// Whether a mesh needs no walk: [`WarmModel::shrink`] gives it at once.

@@ -572,8 +572,8 @@ mod tests {
                 "`depth_mm`",
             ),
             (
-                r#"{"what": "view", "render": {"surface": "back"}}"#,
-                "`render.surface`",
+                r#"{"what": "view", "render": {"projection": "map"}}"#,
+                "`render.projection`",
             ),
             (r#"{"what": "sheet", "sheet": {"views": []}}"#, "`sheet`"),
             (
