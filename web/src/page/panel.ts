@@ -113,6 +113,9 @@ export class Panel {
       (name) => actions.command({ kind: "surface", name }),
     );
     this.#surfaces.classList.add("surfaces");
+    // Left and right are the names of views, too.
+    for (const [at, one] of [...this.#surfaces.children].entries())
+      one.setAttribute("aria-label", t(`surface.${SURFACES[at] ?? "whole"}-said`));
     this.#zoom = new Slider("zoom", t("zoom.label"), [...ZOOM_RANGE.map(Math.log2), 0.05], (value) =>
       actions.change({ zoom: 2 ** value }),
     );

@@ -438,7 +438,13 @@ export class MapPane {
 
   #toggleInner(): void {
     const state = this.#state;
-    if (state) this.#listener.change({ map: { ...state.map, has_inner: !state.map.has_inner } });
+    if (state) this.#change({ map: { ...state.map, has_inner: !state.map.has_inner } });
+  }
+
+  /** Changes what the map shows, at once: the next key may come before the next frame. */
+  #change(change: Pick<ViewState, "map">): void {
+    if (this.#state) this.#state = { ...this.#state, ...change };
+    this.#listener.change(change);
   }
 
   /** Pixels of the radius of the sphere. */
@@ -447,13 +453,13 @@ export class MapPane {
   }
 
   #pan(move: Vec2): void {
-    if (this.#state) this.#listener.change(panMap(this.#state, move, this.#unit(this.#state)));
+    if (this.#state) this.#change(panMap(this.#state, move, this.#unit(this.#state)));
   }
 
   #zoom(factor: number, place: Vec2): void {
     const [width, height] = this.#size;
     const away: Vec2 = [place[0] - width / 2, place[1] - height / 2];
-    if (this.#state) this.#listener.change(zoomMap(this.#state, factor, away, this.#unit(this.#state)));
+    if (this.#state) this.#change(zoomMap(this.#state, factor, away, this.#unit(this.#state)));
   }
 
   #pick(place: Vec2): void {
@@ -509,7 +515,7 @@ export class MapPane {
     else if (event.key === "+" || event.key === "=") this.#zoom(1.2, middle);
     else if (event.key === "-") this.#zoom(1 / 1.2, middle);
     else if (event.key === "Home" && this.#state)
-      this.#listener.change({ map: { ...FIRST_MAP, has_inner: this.#state.map.has_inner } });
+      this.#change({ map: { ...FIRST_MAP, has_inner: this.#state.map.has_inner } });
     else if (event.key === "Enter") this.#pick(middle);
     else return;
     event.preventDefault();

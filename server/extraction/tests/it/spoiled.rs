@@ -3,7 +3,7 @@
 use geometry::{BrainMask, Face, Grid, Mask, Volume, offset};
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-use crate::support::resampled;
+use crate::support::{black, resampled};
 use crate::wrong_heads::{noise, with_axes, with_values};
 
 fn as_position(voxel: [usize; 3]) -> DVec3 {
@@ -86,12 +86,13 @@ pub(crate) fn cut(volume: &Volume, brain: &BrainMask, face: Face, mm: f64) -> Vo
 /// was removed.
 pub(crate) fn zeros(volume: &Volume, brain: &BrainMask, face: Face, mm: f64) -> Volume {
     let (axis, is_at_end, plane) = plane_within(volume.grid(), brain, face, mm);
+    let black = black(volume);
     with_values(volume, |stored, voxel| {
         let is_beyond = match is_at_end {
             true => voxel[axis] > plane,
             false => voxel[axis] < plane,
         };
-        if is_beyond { 0.0 } else { f64::from(stored) }
+        if is_beyond { black } else { f64::from(stored) }
     })
 }
 
@@ -101,10 +102,11 @@ pub(crate) fn oblique_zeros(volume: &Volume, brain: &BrainMask, mm: f64, angle_r
     let point = DVec3::new((low.x + high.x) / 2.0, (low.y + high.y) / 2.0, high.z - mm);
     let normal = DQuat::from_rotation_x(angle_rad) * DVec3::Z;
     let patient_from_voxel = volume.grid().patient_from_voxel();
+    let black = black(volume);
     with_values(volume, |stored, voxel| {
         let place = patient_from_voxel.transform_point3(as_position(voxel));
         if (place - point).dot(normal) > 0.0 {
-            0.0
+            black
         } else {
             f64::from(stored)
         }
@@ -180,11 +182,12 @@ pub(crate) fn thick(volume: &Volume) -> Volume {
 pub(crate) fn bare(volume: &Volume, brain: &BrainMask) -> Volume {
     let mask = on_grid(brain.mask(), volume.grid(), DAffine3::IDENTITY);
     let grid = volume.grid().clone();
+    let black = black(volume);
     with_values(volume, |stored, voxel| {
         if mask.voxels()[grid.index(voxel)] {
             f64::from(stored)
         } else {
-            0.0
+            black
         }
     })
 }

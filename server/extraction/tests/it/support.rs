@@ -75,13 +75,21 @@ pub(crate) fn dice(a: &Mask, b: &Mask) -> f64 {
     2.0 * both_ml / (a.volume_ml() + b.volume_ml())
 }
 
-/// The same volume on another grid, trilinear; 0 outside of it.
+/// The stored value of intensity 0, which need not be 0: signed values are stored with an offset.
+pub(crate) fn black(volume: &Volume) -> f64 {
+    let rescale = volume.rescale();
+    let stored = -f64::from(rescale.intercept) / f64::from(rescale.slope);
+    stored.round().clamp(0.0, 65535.0)
+}
+
+/// The same volume on another grid, trilinear; intensity 0 outside of it.
 pub(crate) fn resampled(volume: &Volume, grid: &Grid) -> Volume {
     let there_from_here = volume.grid().voxel_from_patient() * grid.patient_from_voxel();
+    let black = black(volume) as f32;
     let at = |index: usize| {
         let place = DVec3::from_array(grid.voxel(index).map(|along| along as f64));
         let place = there_from_here.transform_point3(place).as_vec3();
-        volume.sample(place).unwrap_or(0.0).round() as u16
+        volume.sample(place).unwrap_or(black).round() as u16
     };
     let voxels = (0..grid.voxel_count()).map(at).collect();
     Volume::new(grid.clone(), voxels, volume.rescale()).expect("one value for each voxel")

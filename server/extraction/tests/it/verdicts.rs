@@ -15,7 +15,7 @@ use crate::spoiled::{
     biased, cut, half, masks, moved, noisy, oblique_zeros, of_another, rolled, stretched, thick,
     zeros,
 };
-use crate::support::{data, go_on, head, network};
+use crate::support::{black, data, go_on, head, network};
 use crate::wrong_heads::{noise, with_axes, with_values};
 
 /// A head: its folder, its volume, and the masks that other programs made of it.
@@ -323,13 +323,15 @@ const CHANGES: [Change; 23] = [
     }),
     ("noise as large as the signal", false, |volume, _| {
         let brightest = f64::from(*volume.voxels().iter().max().expect("voxels"));
+        let black = black(volume);
         with_values(volume, |stored, voxel| {
-            f64::from(stored) + 1.73 * brightest * noise(voxel)
+            f64::from(stored) + 1.73 * (brightest - black) * noise(voxel)
         })
     }),
     ("inverted", false, |volume, _| {
         let brightest = f64::from(*volume.voxels().iter().max().expect("voxels"));
-        with_values(volume, |stored, _| brightest - f64::from(stored))
+        let black = black(volume);
+        with_values(volume, |stored, _| brightest + black - f64::from(stored))
     }),
 ];
 
