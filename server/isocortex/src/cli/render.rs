@@ -59,10 +59,15 @@ impl Args for PictureKeys {
         let options = keys.map(|(key, words)| {
             let words = words.replace('\n', " ");
             let option = Arg::new(&key).long(option_of(&key)).help(words);
-            let option = option.value_name("VALUE").allow_hyphen_values(true);
+            let option = option.value_name("VALUE");
             match &*key {
-                "annotate" => option.num_args(0..=1).default_missing_value("true"),
-                _ => option,
+                // What follows it is another argument.
+                "annotate" => option
+                    .num_args(0..=1)
+                    .require_equals(true)
+                    .default_missing_value("true"),
+                // Negative numbers are values.
+                _ => option.allow_hyphen_values(true),
             }
         });
         command.next_help_heading("Picture").args(options)
@@ -195,6 +200,7 @@ mod tests {
     #[test]
     fn the_command_line_knows_every_key_of_the_interface() {
         let options = [
+            "--annotate",
             "--depth",
             "8",
             "--orientation",
@@ -202,7 +208,6 @@ mod tests {
             "--window=80,0.5",
             "--window-function",
             "sigmoid",
-            "--annotate",
         ];
         let over_http =
             "depth_mm=8&orientation=-0.5,0,0,1&window=80,0.5&window_function=sigmoid&annotate=true";
