@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::dicom::head_slices;
 use crate::pacs::{Lines, Neighbour, dcmtk, dimse, dimse_options, items, run, with_texts};
-use crate::results::{add_node, identified_case, identified_head, result, small};
+use crate::results::{IDENTITY, add_node, identified_case, identified_head, result, small};
 use crate::series_builder::{Slice, Syntax, files};
 use crate::server::{Answer, Server};
 use crate::until::until;
@@ -446,6 +446,10 @@ async fn an_image_that_comes_under_another_study_supersedes_the_case_of_its_own(
 
 /// The head as a FLAIR of the same study, brighter by some steps.
 fn flair(steps: u16) -> Vec<Vec<u8>> {
+    files(&flair_slices(steps), Syntax::Explicit)
+}
+
+fn flair_slices(steps: u16) -> Vec<Slice> {
     let of = |slice: Slice| Slice {
         description: "FLAIR",
         sop_uid: format!("1.2.3.77.{}", slice.instance),
@@ -454,8 +458,13 @@ fn flair(steps: u16) -> Vec<Vec<u8>> {
         samples: slice.samples.iter().map(|value| value + steps).collect(),
         ..slice
     };
-    let slices: Vec<_> = head_slices().into_iter().map(of).collect();
-    files(&slices, Syntax::Explicit)
+    head_slices().into_iter().map(of).collect()
+}
+
+/// The files of slices of the patient of [`identified_head`].
+fn identified(slices: &[Slice]) -> Vec<Vec<u8>> {
+    let identified = slices.iter().map(|slice| with_texts(slice, &IDENTITY));
+    identified.collect()
 }
 
 #[tokio::test]
@@ -508,7 +517,24 @@ fn other_t1() -> Vec<Vec<u8>> {
         ..slice
     };
     let slices: Vec<_> = head_slices().into_iter().map(of).collect();
-    files(&slices, Syntax::Explicit)
+    identified(&slices)
+}
+
+#[tokio::test]
+async fn a_series_of_another_patient_of_the_study_is_no_layer() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let case = identified_case(&neighbour).await;
+    // Without a patient, it is not known to be of this one.
+    assert_eq!(neighbour.store(&flair(0)).await.status, 200);
+    until("the series becomes nothing", async || {
+        let list = neighbour.server.get("/v1/arrivals").await.json();
+        let mut arrivals = list["arrivals"].as_array().unwrap().iter();
+        let flair = arrivals.find(|each| each["series"] == "1.2.3.77")?;
+        (flair["reason"]["name"] == "series-not-t1").then_some(())
+    })
+    .await;
+    let layers = neighbour.server.get(&format!("{case}/layers")).await.json();
+    assert!(!layers.to_string().contains("FLAIR"), "{layers}");
 }
 
 #[tokio::test]
@@ -528,7 +554,8 @@ async fn a_layer_of_a_rejected_head_goes_to_the_one_that_takes_its_place() {
         })
         .await
     };
-    assert_eq!(neighbour.store(&flair(0)).await.status, 200);
+    let flair = identified(&flair_slices(0));
+    assert_eq!(neighbour.store(&flair).await.status, 200);
     assert!(rejected.ends_with(&case_of("1.2.3.77", "layer").await));
     let rejection = note(KeyObjectTitle::RejectedForQuality);
     assert_eq!(neighbour.store(&[rejection]).await.status, 200);

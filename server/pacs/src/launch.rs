@@ -204,6 +204,14 @@ impl Asked {
         )?;
         let (patient_id, authority) = patient.as_deref().map_or((None, None), patient_of);
         let issuer = only(&OF_ISSUER, "the address has several values of `issuer`")?;
+        if let (Some(text), Some(_), Some(issuer)) = (&patient, &authority, &issuer)
+            && !text
+                .split(['^', '&'])
+                .any(|part| part.trim() == issuer.trim())
+        {
+            let detail = "`patientID` and `issuer` name two different issuers";
+            return Err(unreadable(detail));
+        }
         Ok(Self {
             queries,
             accession_number: number,
@@ -466,9 +474,9 @@ mod tests {
                 Some("1.2.3"),
             ),
             (
-                "study=1.2&patientID=P7^^^A%261.2%26ISO&IssuerOfPatientID=B",
+                "study=1.2&patientID=P7^^^A%261.2%26ISO&IssuerOfPatientID=1.2",
                 Some("P7"),
-                Some("B"),
+                Some("1.2"),
             ),
         ] {
             let asked = Asked::parse(query).unwrap();
@@ -479,6 +487,9 @@ mod tests {
                 "{query}"
             );
         }
+        let two = "study=1.2&patientID=P7^^^A%261.2%26ISO&IssuerOfPatientID=B";
+        let refused = Asked::parse(two).unwrap_err().to_string();
+        assert!(refused.contains("two different issuers"), "{refused}");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::time::Duration;
 use async_trait::async_trait;
 use case::{Case, CaseState, Failure, FailureKind, JobKind, LayerParameters, Parameters};
 use storage::arrivals::{DueTerms, NO_CASE, NOT_T1, Outcome, SeriesQuery, TakenAs};
-use storage::{DueSeries, Store, StoreError};
+use storage::{DueSeries, Store, StoreError, Upload};
 
 use crate::application::Cases;
 use crate::arrivals::{ArrivalOptions, SeriesRule};
@@ -119,7 +119,7 @@ impl Cases {
             None => (options.series == SeriesRule::Any || is_t1, not_t1()),
         };
         if !is_case {
-            let layer = self.make_layer(due).await?;
+            let layer = self.make_layer(due, &upload).await?;
             return Ok(layer.unwrap_or(Outcome::Nothing(otherwise)));
         }
         // A version is prepared as the case that it is one of.
@@ -156,12 +156,18 @@ impl Cases {
         }
     }
 
-    /// Makes a layer of a series; `None` if there is no case of its study that could have it.
-    async fn make_layer(&self, due: &DueSeries) -> Result<Option<Outcome>, Error> {
+    /// Makes a layer of a series; `None` if there is no case of its study and its patient that could have it.
+    async fn make_layer(&self, due: &DueSeries, upload: &Upload) -> Result<Option<Outcome>, Error> {
         let study = SeriesQuery::Study(due.uids.study.clone(), None);
         let heads = self.heads(&study).await?.into_iter();
-        let mut usable = heads.filter(|head| head.case.state != CaseState::Failed);
-        let Some(case) = usable.next().map(|head| head.case.id) else {
+        let mut of_patient = None;
+        for head in heads.filter(|head| head.case.state != CaseState::Failed) {
+            if self.is_of_patient(upload, &head.case.id).await? {
+                of_patient = Some(head.case.id);
+                break;
+            }
+        }
+        let Some(case) = of_patient else {
             return Ok(None);
         };
         let directory = self.store().spool_directory().await?;
