@@ -54,14 +54,6 @@ struct OnScreen {
     vec4 position;
     vec2 place_in_frame;
 };
-struct Sight {
-    vec3 foot;
-    vec3 towards;
-};
-const float MAP_RIM = 1.4142135;
-const float MAP_MARGIN = 1.686783;
-const float MARGIN_SHARE = 0.5;
-
 layout(std140) uniform Picture_block_0Fragment { Picture _group_0_binding_0_fs; };
 
 uniform highp sampler3D _group_0_binding_1_fs;
@@ -203,13 +195,13 @@ vec2 stored_on(vec3 position_5, vec3 inward) {
     bool local = false;
     mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
     float _e11 = _group_0_binding_0_fs.voxel_mm;
-    vec3 along_1 = ((_e4 * vec4(inward, 0.0)).xyz / vec3(_e11));
+    vec3 along = ((_e4 * vec4(inward, 0.0)).xyz / vec3(_e11));
     while(true) {
         float _e22 = _group_0_binding_0_fs.slab_first;
         uint _e23 = index;
         float _e27 = _group_0_binding_0_fs.slab_step;
         float offset_mm = (_e22 + (float(_e23) * _e27));
-        vec3 sample_ = (position_5 + (offset_mm * along_1));
+        vec3 sample_ = (position_5 + (offset_mm * along));
         vec2 _e32 = stored_at(sample_);
         bool _e33 = is_in_volume(sample_);
         if (_e33) {
@@ -299,56 +291,12 @@ vec3 at_height(vec3 foot, float height) {
     return (foot + (height * _e4));
 }
 
-vec3 along(Sight sight, float height_1) {
-    return (sight.foot + (height_1 * sight.towards));
-}
-
-bool is_map() {
-    float _e2 = _group_0_binding_0_fs.map_units_per_pixel;
-    return (_e2 > 0.0);
-}
-
-vec2 on_disc(vec2 place_in_frame_1) {
-    vec2 _e3 = _group_0_binding_0_fs.map_centre;
-    vec2 offset = (place_in_frame_1 - _e3);
-    float _e11 = _group_0_binding_0_fs.map_units_per_pixel;
-    return (vec2(offset.x, -(offset.y)) * _e11);
-}
-
-Sight sight_of(vec2 place_in_frame_2) {
-    bool _e1 = is_map();
-    if (!(_e1)) {
-        vec3 _e3 = foot_of(place_in_frame_2);
-        vec3 _e6 = _group_0_binding_0_fs.towards_viewer;
-        return Sight(_e3, _e6);
-    }
-    vec2 _e8 = on_disc(place_in_frame_2);
-    float squared = dot(_e8, _e8);
-    float stretch = sqrt(max((1.0 - (0.25 * squared)), 0.0));
-    vec4 direction = vec4((_e8 * stretch), (1.0 - (0.5 * squared)), 0.0);
-    vec4 _e27 = _group_0_binding_0_fs.field_from_frame[3];
-    mat4x4 _e31 = _group_0_binding_0_fs.field_from_frame;
-    return Sight(_e27.xyz, (_e31 * direction).xyz);
-}
-
-float share_on_map(vec2 place_in_frame_3) {
-    bool _e1 = is_map();
-    if (!(_e1)) {
-        return 1.0;
-    }
-    vec2 _e4 = on_disc(place_in_frame_3);
-    float radius = length(_e4);
-    float _e13 = _group_0_binding_0_fs.map_units_per_pixel;
-    vec2 within = clamp((vec2(0.5) + ((vec2(1.4142135, 1.686783) - vec2(radius)) / vec2(_e13))), vec2(0.0), vec2(1.0));
-    return (mix(MARGIN_SHARE, 1.0, within.x) * within.y);
-}
-
 float height_of(float depth) {
     float _e7 = _group_0_binding_0_fs.clip_reach;
     return ((1.0 - (2.0 * depth)) * _e7);
 }
 
-vec4 resolved(vec2 place_in_frame_4, vec4 samples) {
+vec4 resolved(vec2 place_in_frame_1, vec4 samples) {
     float nearest_1 = min(min(samples.x, samples.y), min(samples.z, samples.w));
     if ((nearest_1 >= 1.0)) {
         return vec4(0.0);
@@ -357,7 +305,7 @@ vec4 resolved(vec2 place_in_frame_4, vec4 samples) {
     vec4 is_near = mix(vec4(0.0), vec4(1.0), lessThanEqual(samples, vec4((nearest_1 + _e19))));
     float _e29 = height_of((dot(samples, is_near) / dot(is_near, vec4(1.0))));
     float coverage = dot(mix(vec4(0.0), vec4(0.25), lessThan(samples, vec4(1.0))), vec4(1.0));
-    vec3 _e41 = foot_of(place_in_frame_4);
+    vec3 _e41 = foot_of(place_in_frame_1);
     vec3 _e42 = at_height(_e41, _e29);
     vec3 _e45 = _group_0_binding_0_fs.towards_viewer;
     vec4 _e46 = shaded(_e42, _e45);

@@ -58,9 +58,6 @@ struct Sight {
     vec3 foot;
     vec3 towards;
 };
-const float MAP_RIM = 1.4142135;
-const float MAP_MARGIN = 1.686783;
-const float MARGIN_SHARE = 0.5;
 const float TOLERANCE = 0.005;
 const float STEEPEST = 1.75;
 const float NEAR = 1.0;
@@ -72,6 +69,9 @@ const float STEEP = 0.8;
 const float WIDEST = 2.0;
 const float SHORTEST_STEP = 0.5;
 const float MISS = -1e30;
+const float MAP_RIM = 1.4142135;
+const float MAP_MARGIN = 1.686783;
+const float MARGIN_SHARE = 0.5;
 
 layout(std140) uniform Picture_block_0Vertex { Picture _group_0_binding_0_vs; };
 

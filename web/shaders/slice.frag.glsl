@@ -54,10 +54,6 @@ struct OnScreen {
     vec4 position;
     vec2 place_in_frame;
 };
-struct Sight {
-    vec3 foot;
-    vec3 towards;
-};
 struct Contours {
     vec4 levels[4];
     uint count;
@@ -66,9 +62,6 @@ struct Contours {
     float cuts_px;
     uint has_edges;
 };
-const float MAP_RIM = 1.4142135;
-const float MAP_MARGIN = 1.686783;
-const float MARGIN_SHARE = 0.5;
 const vec3 EDGE_COLOR = vec3(255.0, 70.0, 200.0);
 const float LEAST_RISE = 10.0;
 const float FULL_RISE = 20.0;
@@ -223,13 +216,13 @@ vec2 stored_on(vec3 position_5, vec3 inward) {
     bool local_1 = false;
     mat4x4 _e4 = _group_0_binding_0_fs.volume_from_field;
     float _e11 = _group_0_binding_0_fs.voxel_mm;
-    vec3 along_1 = ((_e4 * vec4(inward, 0.0)).xyz / vec3(_e11));
+    vec3 along = ((_e4 * vec4(inward, 0.0)).xyz / vec3(_e11));
     while(true) {
         float _e22 = _group_0_binding_0_fs.slab_first;
         uint _e23 = index;
         float _e27 = _group_0_binding_0_fs.slab_step;
         float offset_mm = (_e22 + (float(_e23) * _e27));
-        vec3 sample_ = (position_5 + (offset_mm * along_1));
+        vec3 sample_ = (position_5 + (offset_mm * along));
         vec2 _e32 = stored_at(sample_);
         bool _e33 = is_in_volume(sample_);
         if (_e33) {
@@ -319,52 +312,8 @@ vec3 at_height(vec3 foot, float height) {
     return (foot + (height * _e4));
 }
 
-vec3 along(Sight sight, float height_1) {
-    return (sight.foot + (height_1 * sight.towards));
-}
-
-bool is_map() {
-    float _e2 = _group_0_binding_0_fs.map_units_per_pixel;
-    return (_e2 > 0.0);
-}
-
-vec2 on_disc(vec2 place_in_frame_1) {
-    vec2 _e3 = _group_0_binding_0_fs.map_centre;
-    vec2 offset = (place_in_frame_1 - _e3);
-    float _e11 = _group_0_binding_0_fs.map_units_per_pixel;
-    return (vec2(offset.x, -(offset.y)) * _e11);
-}
-
-Sight sight_of(vec2 place_in_frame_2) {
-    bool _e1 = is_map();
-    if (!(_e1)) {
-        vec3 _e3 = foot_of(place_in_frame_2);
-        vec3 _e6 = _group_0_binding_0_fs.towards_viewer;
-        return Sight(_e3, _e6);
-    }
-    vec2 _e8 = on_disc(place_in_frame_2);
-    float squared = dot(_e8, _e8);
-    float stretch = sqrt(max((1.0 - (0.25 * squared)), 0.0));
-    vec4 direction = vec4((_e8 * stretch), (1.0 - (0.5 * squared)), 0.0);
-    vec4 _e27 = _group_0_binding_0_fs.field_from_frame[3];
-    mat4x4 _e31 = _group_0_binding_0_fs.field_from_frame;
-    return Sight(_e27.xyz, (_e31 * direction).xyz);
-}
-
-float share_on_map(vec2 place_in_frame_3) {
-    bool _e1 = is_map();
-    if (!(_e1)) {
-        return 1.0;
-    }
-    vec2 _e4 = on_disc(place_in_frame_3);
-    float radius = length(_e4);
-    float _e13 = _group_0_binding_0_fs.map_units_per_pixel;
-    vec2 within = clamp((vec2(0.5) + ((vec2(1.4142135, 1.686783) - vec2(radius)) / vec2(_e13))), vec2(0.0), vec2(1.0));
-    return (mix(MARGIN_SHARE, 1.0, within.x) * within.y);
-}
-
-vec2 edge_level(vec2 place_in_frame_4) {
-    vec3 _e1 = foot_of(place_in_frame_4);
+vec2 edge_level(vec2 place_in_frame_1) {
+    vec3 _e1 = foot_of(place_in_frame_1);
     vec2 _e2 = overlay_at(_e1);
     float _e4 = overlay_level(_e2.x);
     return vec2(_e4, _e2.y);
@@ -409,8 +358,8 @@ vec3 under_edges(vec3 color_2, vec2 place_1) {
     return mix(color_2, EDGE_COLOR, share_1);
 }
 
-float depth_at(vec2 place_in_frame_5) {
-    vec3 _e1 = foot_of(place_in_frame_5);
+float depth_at(vec2 place_in_frame_2) {
+    vec3 _e1 = foot_of(place_in_frame_2);
     vec3 _e7 = _group_0_binding_0_fs.field_size;
     vec3 place_8 = ((_e1 + vec3(0.5)) / _e7);
     vec4 _e12 = textureLod(_group_0_binding_2_fs, vec3(place_8), 0.0);

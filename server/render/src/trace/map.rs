@@ -1,6 +1,7 @@
 //! The isosurface on a disc of the flat map: each line of sight comes from outside and ends at the centre of the hemisphere.
 
-use super::march::{Sight, first_hits};
+use super::find_along;
+use super::march::Sight;
 use crate::isosurface::Isosurface;
 use crate::points::PointRow;
 use crate::rays::Rays;
@@ -66,15 +67,7 @@ impl Surface for Mapped<'_> {
                 });
             }
         }
-        let mut hits = vec![f32::NEG_INFINITY; sights.len()];
-        first_hits(&self.isosurface, &self.rays, &sights, &mut hits);
-        for (sight, height) in sights.iter().zip(hits) {
-            let [column, row] = sight.pixel.map(|place| place as usize);
-            rows[row - first].heights[column] = height;
-        }
-        for (row, points) in rows.iter_mut().enumerate() {
-            self.isosurface.face(&self.rays, first + row, points);
-        }
+        find_along(&self.isosurface, &self.rays, &sights, first, rows);
     }
 
     /// None: a disc is full of surface, and its edge is known without searching.

@@ -124,18 +124,29 @@ impl<'a> Traced<'a> {
     }
 }
 
+/// Finds the isosurface along lines of sight of some rows of pixels, the first of which has this number.
+fn find_along(
+    isosurface: &Isosurface<'_>,
+    rays: &Rays,
+    sights: &[Sight],
+    first: usize,
+    rows: &mut [PointRow],
+) {
+    let mut hits = vec![f32::NEG_INFINITY; sights.len()];
+    first_hits(isosurface, rays, sights, &mut hits);
+    for (sight, height) in sights.iter().zip(hits) {
+        let [column, row] = sight.pixel.map(|place| place as usize);
+        rows[row - first].heights[column] = height;
+    }
+    for (row, points) in rows.iter_mut().enumerate() {
+        isosurface.face(rays, first + row, points);
+    }
+}
+
 impl Surface for Traced<'_> {
     fn find_rows(&self, first: usize, rows: &mut [PointRow]) {
         let sights = self.sights(first..first + rows.len());
-        let mut hits = vec![f32::NEG_INFINITY; sights.len()];
-        first_hits(&self.isosurface, &self.rays, &sights, &mut hits);
-        for (sight, height) in sights.iter().zip(hits) {
-            let [column, row] = sight.pixel.map(|place| place as usize);
-            rows[row - first].heights[column] = height;
-        }
-        for (row, points) in rows.iter_mut().enumerate() {
-            self.isosurface.face(&self.rays, first + row, points);
-        }
+        find_along(&self.isosurface, &self.rays, &sights, first, rows);
     }
 
     fn silhouette(&self) -> Option<Silhouette<'_>> {
