@@ -7,7 +7,7 @@ use case::findings::{Finding, FindingRefused, check};
 use case::{CaseFacts, CaseId, MapName};
 use geometry::Grid;
 use glam::{DAffine3, DVec3};
-use imaging::dicom::{Attributes, Mark, MarkedPatient};
+use imaging::dicom::{Mark, MarkedPatient};
 use jiff::Timestamp;
 use pipeline::findings::voxels_of;
 use pipeline::maps::{mirror_plane, side_at};
@@ -164,7 +164,7 @@ impl Cases {
             frame_of_reference,
             marks,
         } = self.headers.read_marks(&file).await?;
-        let of_case = |keyword: &str| value(&source, keyword);
+        let of_case = |keyword| source.value(keyword).map_or("", str::trim);
         let known = OF_PATIENT.map(of_case);
         if known[0].is_empty() || known != patient.each_ref().map(String::as_str) {
             return Err(NotReplaced::Elsewhere(
@@ -182,12 +182,6 @@ impl Cases {
             .collect::<Result<_, _>>()
             .map_err(NotReplaced::Refused)
     }
-}
-
-/// The value of an attribute of the source; empty if it has none.
-fn value<'a>(source: &'a Attributes, keyword: &str) -> &'a str {
-    let found = source.attributes.iter().find(|(name, _)| name == keyword);
-    found.map_or("", |(_, value)| value.trim())
 }
 
 /// The name of a label: what the reader called it, or its id.

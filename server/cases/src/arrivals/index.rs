@@ -26,16 +26,13 @@ impl SeriesOfUpload {
         let Ok(stored) = pipeline::attributes(&stored.read().await?) else {
             return Ok(None);
         };
-        let attributes = stored.attributes;
-        let value = |keyword: &str| {
-            let found = attributes.iter().find(|(name, _)| name == keyword);
-            found.map(|(_, value)| value.as_str())
-        };
-        let uid = |keyword| value(keyword).and_then(Uid::parse);
+        let uid = |keyword| stored.value(keyword).and_then(Uid::parse);
         let uids = uid("StudyInstanceUID").zip(uid("SeriesInstanceUID"));
         Ok(uids.map(|(study, series)| Self {
             uids: SeriesUids { study, series },
-            accession_number: value("AccessionNumber").and_then(AccessionNumber::parse),
+            accession_number: stored
+                .value("AccessionNumber")
+                .and_then(AccessionNumber::parse),
         }))
     }
 }
@@ -56,11 +53,10 @@ struct Patient {
 impl Patient {
     /// The patient in the stored attributes of a source.
     fn of(stored: &[u8]) -> Option<Self> {
-        let attributes = pipeline::attributes(stored).ok()?.attributes;
+        let attributes = pipeline::attributes(stored).ok()?;
         let value = |keyword: &str| {
-            let found = attributes.iter().find(|(name, _)| name == keyword);
-            let value = found.map(|(_, value)| value.trim().to_owned());
-            value.filter(|value| !value.is_empty())
+            let value = attributes.value(keyword).map(str::trim);
+            value.filter(|value| !value.is_empty()).map(str::to_owned)
         };
         let stated = OF_PATIENT.map(value);
         let without_id = stated[0].is_none().then(|| WITHOUT_ID.map(value));

@@ -237,11 +237,7 @@ fn found_or_reason(state: MapsState) -> Result<Result<Arc<LoadedMaps>, NoMaps>, 
 
 /// The attributes of a patient and a study that a report names.
 fn named(attributes: &Attributes) -> Vec<(&'static str, String)> {
-    let value = |name: &&'static str| {
-        let mut known = attributes.attributes.iter();
-        let found = known.find(|(keyword, _)| keyword == name)?;
-        Some((*name, found.1.clone()))
-    };
+    let value = |name: &&'static str| Some((*name, attributes.value(name)?.to_owned()));
     PATIENT.iter().filter_map(value).collect()
 }
 

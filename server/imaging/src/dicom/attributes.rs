@@ -157,6 +157,14 @@ pub struct Attributes {
     pub interpolated_slices: Vec<usize>,
 }
 
+impl Attributes {
+    /// The value of an attribute, as it is stored; `None` if it is absent.
+    pub fn value(&self, keyword: &str) -> Option<&str> {
+        let found = self.attributes.iter().find(|(name, _)| name == keyword);
+        found.map(|(_, value)| value.as_str())
+    }
+}
+
 /// The image of a slice.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

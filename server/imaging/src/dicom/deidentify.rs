@@ -107,10 +107,7 @@ impl Attributes {
     /// The same without the identity of the patient.
     #[must_use]
     pub fn deidentified(self) -> Self {
-        let value = |name: &str| {
-            let found = self.attributes.iter().find(|(keyword, _)| keyword == name);
-            found.map_or("", |(_, value)| value.as_str())
-        };
+        let value = |name| self.value(name).unwrap_or("");
         let names = [value("SeriesDescription"), value("ProtocolName")].join(" ");
         let description = kind_of_series(&names);
         let kept = self.attributes.iter().filter_map(|(keyword, value)| {

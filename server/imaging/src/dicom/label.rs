@@ -12,11 +12,7 @@ const MIN_PART: usize = 3;
 impl Attributes {
     /// What lists call the series: description or protocol, and the date of the study; `None` if they state none of these.
     pub fn label(&self) -> Option<String> {
-        series_label(|keyword| {
-            let mut attributes = self.attributes.iter();
-            let found = attributes.find(|(name, _)| name == keyword);
-            found.map(|(_, value)| value.clone())
-        })
+        series_label(|keyword| self.value(keyword).map(str::to_owned))
     }
 }
 

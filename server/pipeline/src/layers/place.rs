@@ -67,9 +67,7 @@ impl Space {
 }
 
 fn frame_of_reference(dicom: &Attributes) -> Option<&str> {
-    let mut attributes = dicom.attributes.iter();
-    let found = attributes.find(|(name, _)| name == "FrameOfReferenceUID")?;
-    Some(found.1.as_str())
+    dicom.value("FrameOfReferenceUID")
 }
 
 /// Whether the layer has the voxels of the case's volume.
