@@ -4,6 +4,19 @@ use std::collections::HashMap;
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::{Arc, Mutex, PoisonError};
 
+/// How many times the least rate a client must keep if all places are taken.
+const HURRY: f64 = 10.0;
+
+/// How short places are if this share of them is taken: 0 up to half, 1 for all.
+fn shortage_at(taken: f64) -> f64 {
+    (2.0 * taken - 1.0).clamp(0.0, 1.0)
+}
+
+/// How many times the least rate a client must keep if this share of the places is taken.
+pub fn hurry(taken: f64) -> f64 {
+    1.0 + (HURRY - 1.0) * shortage_at(taken)
+}
+
 /// A number of places, of which one client may take only some. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Places {
@@ -48,11 +61,16 @@ impl Places {
         self.take_at_most(client, self.most)
     }
 
-    /// How short places are: 0 while half of them are free, 1 if all are taken.
-    pub fn shortage(&self) -> f64 {
+    /// How many times the least rate a client must keep now.
+    pub fn hurry(&self) -> f64 {
+        hurry(self.taken())
+    }
+
+    /// The share that is taken.
+    fn taken(&self) -> f64 {
         let held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         let all: usize = held.values().sum();
-        (2.0 * all as f64 / self.most.max(1) as f64 - 1.0).clamp(0.0, 1.0)
+        all as f64 / self.most.max(1) as f64
     }
 
     fn take_at_most(&self, client: IpAddr, most_of_one: usize) -> Option<Place> {
@@ -120,10 +138,10 @@ mod tests {
     fn places_are_short_once_half_of_them_are_taken() {
         let places = Places::in_quarters(8);
         let mut held = Vec::new();
-        let mut shortages = vec![places.shortage()];
+        let mut shortages = vec![shortage_at(places.taken())];
         for _ in 0..8 {
             held.push(places.take(None).unwrap());
-            shortages.push(places.shortage());
+            shortages.push(shortage_at(places.taken()));
         }
         assert_eq!(shortages, [0.0, 0.0, 0.0, 0.0, 0.0, 0.25, 0.5, 0.75, 1.0]);
     }

@@ -23,9 +23,6 @@ pub struct LeastRate {
     pub pause: Duration,
 }
 
-/// How many times the least rate a client must send if all places are taken.
-const HURRY: f64 = 10.0;
-
 /// The places that a body holds one of, if any: the fewer are left, the faster it must come.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Hurry(Arc<OnceLock<Places>>);
@@ -37,8 +34,7 @@ impl Hurry {
     }
 
     fn times(&self) -> f64 {
-        let shortage = self.0.get().map_or(0.0, Places::shortage);
-        1.0 + (HURRY - 1.0) * shortage
+        self.0.get().map_or(1.0, Places::hurry)
     }
 }
 

@@ -2,13 +2,12 @@
 
 use std::time::Duration;
 
+use cases::places::hurry;
+
 use crate::dimse::wire::MAX_PDU_LENGTH;
 
 /// How long a peer may be slower at the beginning of a message.
 const SLOW_START: Duration = Duration::from_secs(10);
-
-/// How many times the least rate a peer must send if all associations are taken.
-const HURRY: f64 = 10.0;
 
 /// The time that a peer has for the rest of a message: each byte earns some.
 #[derive(Debug)]
@@ -45,8 +44,7 @@ impl Pace {
 
     /// The time for some bytes. The rate rises once half of the associations are taken.
     fn earned(&self, bytes: usize, taken: f64) -> Duration {
-        let shortage = (2.0 * taken - 1.0).clamp(0.0, 1.0);
-        let rate = self.bytes_per_second as f64 * (1.0 + (HURRY - 1.0) * shortage);
+        let rate = self.bytes_per_second as f64 * hurry(taken);
         Duration::try_from_secs_f64(bytes as f64 / rate).unwrap_or(Duration::MAX / 4)
     }
 }
