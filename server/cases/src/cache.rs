@@ -83,6 +83,10 @@ impl CaseCache {
         part: Part,
         make: impl Future<Output = Result<T, E>>,
     ) -> Result<Arc<T>, E> {
+        let key = (*id, part);
+        if let Some(kept) = self.cache.get(&key) {
+            return Ok(typed(kept));
+        }
         let made = async {
             let value = make.await?;
             let bytes = value.bytes().max(1);
@@ -91,7 +95,7 @@ impl CaseCache {
         };
         // Making is rare, and its future large: on the heap, it does not weigh on the stack of every caller.
         let made = Box::pin(made);
-        let kept = self.cache.get_or_insert_async(&(*id, part), made).await?;
+        let kept = self.cache.get_or_insert_async(&key, made).await?;
         Ok(typed(kept))
     }
 
