@@ -1,7 +1,5 @@
 //! The flat map of both hemispheres.
 
-use std::sync::Arc;
-
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use case::{CaseId, SurfaceName};
@@ -141,7 +139,7 @@ async fn maps_that_do_not_exist_are_refused_with_a_reason() {
 
 /// The share of the isosurface of some surfaces, each with its discs, that no line of sight meets first, at a depth in mm. Where the
 /// depth is unknown there is none.
-fn unmet_share(surfaces: &[(Arc<WarmModel>, Vec<MapDisc>)], depth_mm: f32) -> f64 {
+fn unmet_share(surfaces: &[(WarmModel, Vec<MapDisc>)], depth_mm: f32) -> f64 {
     let camera = Camera::new([0.0, 0.0, 0.0, 1.0], 1.0, [0.0; 2]).unwrap();
     let size = FrameSize::new(512, 512).unwrap();
     let [mut unmet, mut all] = [0, 0];
@@ -200,7 +198,7 @@ async fn unmet_shares(server: &Server, case: &str, depth_mm: f32) -> [f64; 2] {
         surface(SurfaceName::Left).await,
         surface(SurfaceName::Right).await,
     ];
-    let to_the_left = DVec3::from_array(whole.facts.midsagittal.normal);
+    let to_the_left = DVec3::from_array(whole.facts().midsagittal.normal);
     let discs_of = |warm: &WarmModel, hemispheres: &[Hemisphere], sides| {
         let centre = |hemisphere| warm.hemisphere_centre(hemisphere);
         MapDisc::of_map(hemispheres, sides, to_the_left, centre).unwrap()

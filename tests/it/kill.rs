@@ -4,7 +4,6 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use case::{CaseId, CaseState, Parameters};
@@ -60,7 +59,7 @@ async fn make_ready(library: &Library, tenths: u32) -> CaseId {
     submitted.case.id
 }
 
-async fn model(library: &Library, id: &CaseId) -> Arc<WarmModel> {
+async fn model(library: &Library, id: &CaseId) -> WarmModel {
     let models = Models::new(library.clone());
     models
         .get(id, case::SurfaceName::Whole)

@@ -276,7 +276,7 @@ impl Cases {
     ///
     /// # Errors
     /// As [`Cases::ready`].
-    pub async fn model(&self, id: &CaseId) -> Result<Arc<WarmModel>, Error> {
+    pub async fn model(&self, id: &CaseId) -> Result<WarmModel, Error> {
         self.surface(id, SurfaceName::Whole).await
     }
 
@@ -284,11 +284,7 @@ impl Cases {
     ///
     /// # Errors
     /// As [`Cases::ready`], and [`Error::NoSurfaces`].
-    pub async fn surface(
-        &self,
-        id: &CaseId,
-        surface: SurfaceName,
-    ) -> Result<Arc<WarmModel>, Error> {
+    pub async fn surface(&self, id: &CaseId, surface: SurfaceName) -> Result<WarmModel, Error> {
         if let Some(model) = self.models.get(id, surface).await? {
             return Ok(model);
         }
@@ -303,7 +299,7 @@ impl Cases {
         &self,
         id: &CaseId,
         picture: &PictureRequest,
-    ) -> Result<Vec<Arc<WarmModel>>, Error> {
+    ) -> Result<Vec<WarmModel>, Error> {
         let mut models = Vec::new();
         for surface in picture.surfaces() {
             models.push(self.surface(id, surface).await?);

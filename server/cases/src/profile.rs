@@ -165,7 +165,7 @@ pub fn profile(
     let probe = Probe {
         layers,
         model: warm.model(),
-        facts: &warm.facts,
+        facts: warm.facts(),
         maps: maps.as_ref().ok().copied(),
         gyri,
     };
@@ -175,7 +175,7 @@ pub fn profile(
         Error::out_of_range("position", detail)
     };
     let own = probe.point(position_in_patient).ok_or_else(outside)?;
-    let plane = mirror_plane(&warm.facts);
+    let plane = mirror_plane(warm.facts());
     let probe = Probe {
         model: opposite.model(),
         ..probe

@@ -15,6 +15,7 @@ use storage::StoreError;
 use crate::cache::{CacheValue, Part};
 use crate::library::Library;
 
+use self::model::LoadedModel;
 pub use self::model::{PathKind, PathsError, WarmModel};
 
 /// How long a model is used before the rows are checked for a deletion of its case by another process.
@@ -34,7 +35,7 @@ pub struct Models {
 }
 
 struct Entry {
-    model: Arc<WarmModel>,
+    model: Arc<LoadedModel>,
     /// When the case was last known to exist, in ms since `Models::begun`.
     seen_ms: AtomicU64,
 }
@@ -81,17 +82,21 @@ impl Models {
         &self,
         id: &CaseId,
         surface: SurfaceName,
-    ) -> Result<Option<Arc<WarmModel>>, ModelError> {
+    ) -> Result<Option<WarmModel>, ModelError> {
         let (cache, part) = (self.library.cache(), Part::Model(surface));
         if let Some(entry) = cache.get(id, part.clone()) {
             return Ok(self.confirm(id, &entry).await?);
         }
         match cache.get_or_make(id, part, self.load(id, surface)).await {
-            Ok(entry) => Ok(Some(Arc::clone(&entry.model))),
+            Ok(entry) => Ok(Some(self.warm(&entry))),
             Err(NotLoaded::NotReady) => Ok(None),
             Err(NotLoaded::NoSurfaces(reason)) => Err(ModelError::NoSurfaces(reason)),
             Err(NotLoaded::Failed(error)) => Err(error.into()),
         }
+    }
+
+    fn warm(&self, entry: &Entry) -> WarmModel {
+        WarmModel::new(Arc::clone(&entry.model), self.library.clone())
     }
 
     fn now_ms(&self) -> u64 {
@@ -99,17 +104,13 @@ impl Models {
     }
 
     /// A model from the cache, if its case still exists.
-    async fn confirm(
-        &self,
-        id: &CaseId,
-        entry: &Entry,
-    ) -> Result<Option<Arc<WarmModel>>, StoreError> {
+    async fn confirm(&self, id: &CaseId, entry: &Entry) -> Result<Option<WarmModel>, StoreError> {
         let now = self.now_ms();
         let unseen_ms = now.saturating_sub(entry.seen_ms.load(Ordering::Relaxed));
         if u128::from(unseen_ms) >= TRUST_FOR.as_millis() {
             let case = match self.library.store().case(id).await {
                 Err(error) if error.is_away() && unseen_ms < REMEMBERED_WHILE_AWAY_MS => {
-                    return Ok(Some(Arc::clone(&entry.model)));
+                    return Ok(Some(self.warm(entry)));
                 }
                 asked => asked?,
             };
@@ -119,12 +120,12 @@ impl Models {
             }
             entry.seen_ms.store(now, Ordering::Relaxed);
         }
-        Ok(Some(Arc::clone(&entry.model)))
+        Ok(Some(self.warm(entry)))
     }
 
     async fn load(&self, id: &CaseId, surface: SurfaceName) -> Result<Entry, NotLoaded> {
         let seen_ms = self.now_ms();
-        match WarmModel::load(&self.library, id, surface).await {
+        match LoadedModel::load(&self.library, id, surface).await {
             Ok(Some(model)) => {
                 // Whoever looks at a case may want its maps next; a picture does not need them.
                 if let Err(error) = self.library.ensure_maps(id).await {

@@ -32,11 +32,15 @@ const TABLES_BYTES: u64 = 16 << 20;
 /// read.
 #[derive(Clone)]
 pub struct WarmModel {
-    model: Arc<DeformableModel>,
-    /// The facts for clients; the greatest depth and the sphere around the envelope are those of the surface.
-    pub facts: CaseFacts,
-    tables: Arc<Cache<TableKey, Arc<PathTable>, ByBytes>>,
+    loaded: Arc<LoadedModel>,
     library: Library,
+}
+
+/// What is kept of it in the cache of a library. It has no handle of the library: neither would ever be dropped.
+pub(super) struct LoadedModel {
+    model: Arc<DeformableModel>,
+    facts: CaseFacts,
+    tables: Cache<TableKey, Arc<PathTable>, ByBytes>,
     id: CaseId,
     surface: SurfaceName,
     /// The centroids of its left and its right half.
@@ -71,7 +75,7 @@ pub enum PathsError {
     Geometry(#[from] GeometryError),
 }
 
-impl WarmModel {
+impl LoadedModel {
     /// Reads or builds the model of a surface of a ready case; `None` if there is no such case.
     pub(super) async fn load(
         library: &Library,
@@ -88,8 +92,7 @@ impl WarmModel {
         Ok(loaded.map(|(model, facts)| Self {
             model: Arc::new(model),
             facts,
-            tables: Arc::new(cache::one_shard(ByBytes, TABLES_BYTES, 8)),
-            library: library.clone(),
+            tables: cache::one_shard(ByBytes, TABLES_BYTES, 8),
             id: *id,
             surface,
             centres: OnceLock::new(),
@@ -106,27 +109,53 @@ impl WarmModel {
         library.load(id, KINDS, decode_all).await
     }
 
+    /// Memory in bytes, including the limit for tables of paths.
+    pub(super) fn bytes(&self) -> u64 {
+        self.model.bytes() as u64 + TABLES_BYTES
+    }
+}
+
+impl WarmModel {
+    pub(super) fn new(loaded: Arc<LoadedModel>, library: Library) -> Self {
+        Self { loaded, library }
+    }
+
+    /// Memory in bytes, including the limit for tables of paths.
+    pub fn bytes(&self) -> u64 {
+        self.loaded.bytes()
+    }
+
     /// The case.
     pub fn id(&self) -> &CaseId {
-        &self.id
+        &self.loaded.id
+    }
+
+    /// The facts for clients; the greatest depth and the sphere around the envelope are those of the surface.
+    pub fn facts(&self) -> &CaseFacts {
+        &self.loaded.facts
     }
 
     /// The surface.
     pub fn surface(&self) -> SurfaceName {
-        self.surface
+        self.loaded.surface
     }
 
     /// The model itself.
     pub fn model(&self) -> &Arc<DeformableModel> {
-        &self.model
+        &self.loaded.model
     }
 
     /// The model, with the key of its textures on a graphics device.
     pub fn keyed(&self) -> KeyedModel {
         KeyedModel {
             // Ids are digests: another surface of another case has this key as rarely as another case.
-            key: CaseKey(self.id.number().wrapping_add(self.surface as u128)),
-            model: Arc::clone(&self.model),
+            key: CaseKey(
+                self.loaded
+                    .id
+                    .number()
+                    .wrapping_add(self.loaded.surface as u128),
+            ),
+            model: Arc::clone(&self.loaded.model),
         }
     }
 
@@ -134,14 +163,20 @@ impl WarmModel {
     /// voxel there.
     pub fn hemisphere_centre(&self, hemisphere: Hemisphere) -> Option<DVec3> {
         let centre = |hemisphere: Hemisphere| {
-            let normal = DVec3::from_array(self.facts.midsagittal.normal);
-            let offset_mm = self.facts.midsagittal.offset_mm;
-            let is_of_both = matches!(self.surface, SurfaceName::Whole | SurfaceName::Cerebrum);
+            let normal = DVec3::from_array(self.facts().midsagittal.normal);
+            let offset_mm = self.facts().midsagittal.offset_mm;
+            let is_of_both = matches!(
+                self.loaded.surface,
+                SurfaceName::Whole | SurfaceName::Cerebrum
+            );
             let is_part =
                 |position: DVec3| !is_of_both || hemisphere.has(normal.dot(position) - offset_mm);
-            self.model.shell().centroid(is_part)
+            self.loaded.model.shell().centroid(is_part)
         };
-        let [left, right] = self.centres.get_or_init(|| Hemisphere::ALL.map(centre));
+        let [left, right] = self
+            .loaded
+            .centres
+            .get_or_init(|| Hemisphere::ALL.map(centre));
         match hemisphere {
             Hemisphere::Left => *left,
             Hemisphere::Right => *right,
@@ -150,7 +185,7 @@ impl WarmModel {
 
     /// The scene for a renderer.
     pub fn scene(&self) -> Scene<'_> {
-        Scene::from(&*self.model)
+        Scene::from(&*self.loaded.model)
     }
 
     /// The table of all depths of a mesh. The default one (30 × 30, forest) is loaded; others are computed at their
@@ -164,22 +199,25 @@ impl WarmModel {
         kind: PathKind,
     ) -> Result<Arc<PathTable>, PathsError> {
         if self.is_default(size, kind) {
-            return Ok(self.model.default_paths().clone());
+            return Ok(self.loaded.model.default_paths().clone());
         }
-        if let Some(table) = self.tables.get(&(size, kind)) {
+        if let Some(table) = self.loaded.tables.get(&(size, kind)) {
             return Ok(table);
         }
         let of = self.clone();
         let make = tokio::spawn(async move {
             let make = Box::pin(of.make_paths(size, kind));
-            of.tables.get_or_insert_async(&(size, kind), make).await
+            of.loaded
+                .tables
+                .get_or_insert_async(&(size, kind), make)
+                .await
         });
         make.await.map_err(StoreError::from)?
     }
 
     /// Whether a mesh needs no walk: [`WarmModel::shrink`] gives it at once.
     pub fn has_at_hand(&self, size: MeshSize, kind: PathKind) -> bool {
-        self.is_default(size, kind) || self.tables.peek(&(size, kind)).is_some()
+        self.is_default(size, kind) || self.loaded.tables.peek(&(size, kind)).is_some()
     }
 
     fn is_default(&self, size: MeshSize, kind: PathKind) -> bool {
@@ -191,7 +229,7 @@ impl WarmModel {
         size: MeshSize,
         kind: PathKind,
     ) -> Result<Arc<PathTable>, PathsError> {
-        let model = Arc::clone(&self.model);
+        let model = Arc::clone(&self.loaded.model);
         let make = move |walk: Walk| model.path_table(size, &walk.distance, walk.paths());
         self.walk(kind, make).await.map(Arc::new)
     }
@@ -209,7 +247,7 @@ impl WarmModel {
         if self.keeps_table_of(size) {
             return Ok(self.paths(size, kind).await?.shrink(depth_mm));
         }
-        let model = Arc::clone(&self.model);
+        let model = Arc::clone(&self.loaded.model);
         let shrink =
             move |walk: Walk| model.shrink_once(size, &walk.distance, walk.paths(), depth_mm);
         Box::pin(self.walk(kind, shrink)).await
@@ -218,7 +256,7 @@ impl WarmModel {
     /// Whether the table of paths of a mesh is small enough to be kept.
     pub(super) fn keeps_table_of(&self, size: MeshSize) -> bool {
         let row_bytes = 6 * size.vertex_count() as u64;
-        row_bytes * self.model.default_paths().row_count() as u64 <= TABLES_BYTES / 2
+        row_bytes * self.loaded.model.default_paths().row_count() as u64 <= TABLES_BYTES / 2
     }
 
     /// Reads the data for walking and walks, on a blocking thread.
@@ -227,7 +265,7 @@ impl WarmModel {
         kind: PathKind,
         work: impl Fn(Walk) -> Result<T, GeometryError> + Send + Sync + 'static,
     ) -> Result<T, PathsError> {
-        if !self.surface.is_whole() {
+        if !self.loaded.surface.is_whole() {
             let distance = self.distance().await?.ok_or(PathsError::Deleted)?;
             let walk = move || work(Walk::through(distance, kind));
             return Ok(tokio::task::spawn_blocking(walk)
@@ -240,7 +278,10 @@ impl WarmModel {
         };
         let decode_and_work =
             move |facts: &CaseFacts, payloads: &[Bytes]| Walk::decode(facts, payloads).map(&work);
-        let done = self.library.load(&self.id, kinds, decode_and_work).await?;
+        let done = self
+            .library
+            .load(&self.loaded.id, kinds, decode_and_work)
+            .await?;
         Ok(done.ok_or(PathsError::Deleted)??)
     }
 
@@ -249,20 +290,18 @@ impl WarmModel {
     /// # Errors
     /// If the store fails; `None` if the case was deleted.
     pub async fn distance(&self) -> Result<Option<DistanceMap>, StoreError> {
-        if !self.surface.is_whole() {
-            return self.library.surface_distance(&self.id, self.surface).await;
+        if !self.loaded.surface.is_whole() {
+            return self
+                .library
+                .surface_distance(&self.loaded.id, self.loaded.surface)
+                .await;
         }
         let decode = |facts: &CaseFacts, payloads: &[Bytes]| {
             envelope_of(facts, payloads.first()?).map(|envelope| geometry::distance_map(&envelope))
         };
         self.library
-            .load(&self.id, &[ObjectKind::Envelope], decode)
+            .load(&self.loaded.id, &[ObjectKind::Envelope], decode)
             .await
-    }
-
-    /// Memory in bytes, including the limit for tables of paths.
-    pub fn bytes(&self) -> u64 {
-        self.model.bytes() as u64 + TABLES_BYTES
     }
 }
 
@@ -329,7 +368,7 @@ impl fmt::Debug for WarmModel {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter
             .debug_struct("WarmModel")
-            .field("id", &self.id)
+            .field("id", self.id())
             .field("bytes", &self.bytes())
             .finish_non_exhaustive()
     }

@@ -48,7 +48,7 @@ async fn ready() -> Ready {
 }
 
 impl Ready {
-    async fn model(&self) -> Arc<WarmModel> {
+    async fn model(&self) -> WarmModel {
         self.models
             .get(&self.id, SurfaceName::Whole)
             .await
@@ -94,12 +94,28 @@ async fn a_model_is_what_was_prepared() {
     let prepared = prepared.unwrap();
     let model = ready.model().await;
     assert!(**model.model() == prepared.built.model);
-    assert_eq!(model.facts.max_depth_mm, prepared.facts.max_depth_mm);
+    assert_eq!(model.facts().max_depth_mm, prepared.facts.max_depth_mm);
     assert!(model.distance().await.unwrap() == Some(prepared.built.distance));
     let cache = ready.library.cache();
     assert_eq!((cache.count(), cache.bytes()), (1, model.bytes()));
     // Loaded once: the second is the first.
-    assert!(Arc::ptr_eq(&model, &ready.model().await));
+    assert!(Arc::ptr_eq(model.model(), ready.model().await.model()));
+}
+
+#[tokio::test]
+async fn what_is_kept_in_memory_does_not_hold_the_store() {
+    let ready = ready().await;
+    let model = ready.model().await;
+    model
+        .paths(MeshSize::new(10, 10).unwrap(), PathKind::Forest)
+        .await
+        .unwrap();
+    let lock = std::fs::File::open(ready.directory.path().join("lock")).unwrap();
+    lock.try_lock().unwrap_err();
+    drop((ready.library, ready.models));
+    lock.try_lock().unwrap_err();
+    drop(model);
+    lock.try_lock().unwrap();
 }
 
 #[tokio::test]

@@ -1,7 +1,5 @@
 //! Drawing of pictures.
 
-use std::sync::Arc;
-
 use render::choice::Renderer;
 use render::{
     Hits, MapDisc, RenderBackend, RenderError, RenderJob, RenderedFrame, SizedMesh, Wanted,
@@ -42,7 +40,7 @@ pub struct PictureJob {
 /// # Errors
 /// If the mesh cannot be made, or a hemisphere has no centre.
 pub async fn warm_jobs(
-    models: &[Arc<WarmModel>],
+    models: &[WarmModel],
     picture: &CheckedPicture,
     layers: &PictureLayers,
     backend: &RenderBackend,
@@ -52,10 +50,10 @@ pub async fn warm_jobs(
         return Ok(vec![job]);
     };
     let depth = shown_depth(models, picture);
-    let job = |(disc, warm): (MapDisc, Arc<WarmModel>)| PictureJob {
+    let job = |(disc, warm): (MapDisc, WarmModel)| PictureJob {
         job: RenderJob {
             case: warm.keyed(),
-            request: picture.of_disc(disc, depth, &warm.facts, layers),
+            request: picture.of_disc(disc, depth, warm.facts(), layers),
             mesh: None,
             layers: layers.keyed.clone(),
         },
@@ -70,10 +68,10 @@ pub async fn warm_jobs(
 }
 
 /// The depth that a picture shows in all its models.
-pub fn shown_depth(models: &[Arc<WarmModel>], picture: &CheckedPicture) -> ShownDepth {
+pub fn shown_depth(models: &[WarmModel], picture: &CheckedPicture) -> ShownDepth {
     let depths = models
         .iter()
-        .map(|model| picture.depth.shown_in(&model.facts));
+        .map(|model| picture.depth.shown_in(model.facts()));
     let shallowest = depths.min_by(|a, b| a.mm.total_cmp(&b.mm));
     shallowest.expect("a picture shows a surface")
 }
@@ -86,7 +84,7 @@ async fn warm_job(
 ) -> Result<PictureJob, Error> {
     let mesh = match backend.needs_mesh() {
         true => {
-            let depth_mm = picture.depth.shown_in(&warm.facts).mm;
+            let depth_mm = picture.depth.shown_in(warm.facts()).mm;
             let mesh = warm.shrink(picture.mesh, picture.asked.paths, depth_mm);
             Some(SizedMesh {
                 size: picture.mesh,
@@ -98,7 +96,7 @@ async fn warm_job(
     Ok(PictureJob {
         job: RenderJob {
             case: warm.keyed(),
-            request: picture.of_case(&warm.facts, &layers),
+            request: picture.of_case(warm.facts(), &layers),
             mesh,
             layers: layers.keyed,
         },

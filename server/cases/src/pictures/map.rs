@@ -1,7 +1,5 @@
 //! The flat map of a case: which hemispheres it shows from which sides, and of which surfaces.
 
-use std::sync::Arc;
-
 use case::SurfaceName;
 use glam::DVec3;
 use render::{Hemisphere, MapDisc, MapFace, MapSides};
@@ -86,16 +84,13 @@ impl MapRequest {
     ///
     /// # Panics
     /// If one of its surfaces is not among the models.
-    pub(crate) fn discs(
-        self,
-        models: &[Arc<WarmModel>],
-    ) -> Result<Vec<(MapDisc, Arc<WarmModel>)>, Error> {
+    pub(crate) fn discs(self, models: &[WarmModel]) -> Result<Vec<(MapDisc, WarmModel)>, Error> {
         let model_of = |hemisphere, face| {
             let surface = self.surface_of(hemisphere, face);
             let model = models.iter().find(|model| model.surface() == surface);
             model.expect("the surfaces of the map are loaded")
         };
-        let to_the_left = DVec3::from_array(models[0].facts.midsagittal.normal);
+        let to_the_left = DVec3::from_array(models[0].facts().midsagittal.normal);
         let centre = |hemisphere| models[0].hemisphere_centre(hemisphere);
         let discs = MapDisc::of_map(self.hemispheres(), self.sides, to_the_left, centre);
         let discs = discs.ok_or_else(|| {
@@ -104,7 +99,7 @@ impl MapRequest {
         })?;
         let with_model = |disc: MapDisc| {
             let model = model_of(disc.hemisphere, disc.face);
-            (disc, Arc::clone(model))
+            (disc, model.clone())
         };
         Ok(discs.into_iter().map(with_model).collect())
     }

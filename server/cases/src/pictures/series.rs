@@ -1,7 +1,5 @@
 //! Pictures of a case, drawn one after the other: the one way from requests to pixels of a case in the store.
 
-use std::sync::Arc;
-
 use case::CaseId;
 use render::{Frame, RenderBackend};
 
@@ -155,7 +153,7 @@ impl PictureSeries {
         let queued = cases.queue.enter()?;
         for (number, planned) in self.pictures.into_iter().enumerate() {
             let surfaces = planned.picture.asked.surfaces();
-            if !models.iter().map(|model| model.surface()).eq(surfaces) {
+            if !models.iter().map(WarmModel::surface).eq(surfaces) {
                 models = cases.surfaces_of(&self.id, &planned.picture.asked).await?;
             }
             let turn = queued.turn().await?;
@@ -175,7 +173,7 @@ impl Planned {
         self,
         (id, identity): (Option<&CaseId>, Option<String>),
         number: usize,
-        models: &[Arc<WarmModel>],
+        models: &[WarmModel],
         layers: PictureLayers,
         turn: &Turn,
     ) -> Result<SeriesPicture, Error> {

@@ -340,7 +340,7 @@ async fn render(
     let facts = match surface.is_whole() {
         true => cases.ready(&id).await?,
         // It is framed by its own sphere.
-        false => Arc::new(cases.surface(&id, surface).await?.facts.clone()),
+        false => Arc::new(cases.surface(&id, surface).await?.facts().clone()),
     };
     let shown = asked.shown(&facts, side)?;
     if asked.is_metadata() {

@@ -508,7 +508,7 @@ pub async fn get_case(
         view.ready = Some(ReadyView {
             surface: asked.surface,
             maps,
-            ..ReadyView::from(model.facts.clone())
+            ..ReadyView::from(model.facts().clone())
         });
     }
     Ok(fresh_json(StatusCode::OK, &view))

@@ -178,7 +178,7 @@ pub async fn get_mesh(
     };
     let work = async |_| {
         let model = cases.surface(&id, asked.surface).await?;
-        let (size, depth) = (values.size, values.depth.shown_in(&model.facts));
+        let (size, depth) = (values.size, values.depth.shown_in(model.facts()));
         let shrunk = model.shrink(size, asked.paths, depth.mm);
         let (body, lacking) = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
             // This takes microseconds, so it does not wait for a turn.

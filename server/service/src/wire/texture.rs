@@ -58,12 +58,12 @@ impl fmt::Debug for Voxels {
 }
 
 /// A volume in memory whose voxels can be sent without a copy.
-pub trait Owner: Send + Sync + 'static {
+pub trait Owner: Clone + Send + Sync + 'static {
     /// The volume.
     fn volume(&self) -> &Volume;
 }
 
-impl Owner for Volume {
+impl Owner for Arc<Volume> {
     fn volume(&self) -> &Volume {
         self
     }
@@ -79,7 +79,7 @@ impl Owner for WarmModel {
 ///
 /// The least of 16 bits is sent as 0: devices that filter these in half precision are exact for small numbers, but
 /// round those of a NIfTI file with signed voxels, which are stored from 32,768 on, to multiples of 32.
-pub fn volume_texture(owner: Arc<impl Owner>, range: Option<[f32; 2]>) -> Texture {
+pub fn volume_texture(owner: impl Owner, range: Option<[f32; 2]>) -> Texture {
     let volume = owner.volume();
     let rescale = volume.rescale();
     let whole = Texture {
@@ -112,7 +112,7 @@ pub fn volume_texture(owner: Arc<impl Owner>, range: Option<[f32; 2]>) -> Textur
 }
 
 /// A texture of all 16 bits with the least stored value of a volume as 0.
-fn from_the_least(whole: Texture, owner: Arc<impl Owner>) -> Texture {
+fn from_the_least(whole: Texture, owner: impl Owner) -> Texture {
     let least = owner.volume().voxels().iter().copied().min();
     let Some(least) = least.filter(|&least| least > 0) else {
         return whole;
@@ -195,13 +195,13 @@ pub fn added_layer_texture(voxels: LayerVoxels) -> Result<Texture, cases::Error>
 }
 
 /// The signed depth below a surface on its working grid, in mm; of a part, with the fence in the lowest bit.
-pub fn depth_texture(model: &Arc<WarmModel>) -> Texture {
+pub fn depth_texture(model: &WarmModel) -> Texture {
     let grid = model.model().field().grid();
     Texture {
         voxels: if model.surface().is_whole() {
             Voxels::Shared(shared_voxels(model, |model| model.model().field().values()))
         } else {
-            let shared = Arc::clone(model);
+            let shared = model.clone();
             let bytes = |value: i16| value.to_le_bytes();
             let make = move || {
                 fenced_depths(shared.model().field())
@@ -219,10 +219,10 @@ pub fn depth_texture(model: &Arc<WarmModel>) -> Texture {
 }
 
 /// Every `step`th depth along each axis, from the first on: enough for the shading of a first picture.
-pub fn coarse_depth_texture(model: &Arc<WarmModel>, step: usize) -> Texture {
+pub fn coarse_depth_texture(model: &WarmModel, step: usize) -> Texture {
     let whole = depth_texture(model);
     let affine = model.model().field().grid().patient_from_voxel();
-    let shared = Arc::clone(model);
+    let shared = model.clone();
     let make = move || {
         let field = shared.model().field();
         let values = if shared.surface().is_whole() {
@@ -271,17 +271,17 @@ fn every(step: usize, grid: &Grid, values: &[i16]) -> Vec<i16> {
 }
 
 /// Voxels as bytes that keep their owner alive, not copied where memory is little-endian already.
-fn shared_voxels<O: Send + Sync + 'static, T: bytemuck::Pod>(
-    owner: &Arc<O>,
+fn shared_voxels<O: Clone + Send + Sync + 'static, T: bytemuck::Pod>(
+    owner: &O,
     voxels: fn(&O) -> &[T],
 ) -> Bytes {
-    struct Shared<O, T: 'static>(Arc<O>, fn(&O) -> &[T]);
+    struct Shared<O, T: 'static>(O, fn(&O) -> &[T]);
     impl<O, T: bytemuck::Pod> AsRef<[u8]> for Shared<O, T> {
         fn as_ref(&self) -> &[u8] {
             bytemuck::cast_slice(self.1(&self.0))
         }
     }
-    let shared = Shared(Arc::clone(owner), voxels);
+    let shared = Shared(owner.clone(), voxels);
     if cfg!(target_endian = "little") {
         Bytes::from_owner(shared)
     } else {
