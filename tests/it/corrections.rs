@@ -655,6 +655,25 @@ async fn findings_and_layers_do_not_follow_images_that_lie_elsewhere() {
         (layers(&wrong).await == 1).then_some(())
     })
     .await;
+    // The same voxels elsewhere are another matter.
+    let of_study = [
+        ([0x20, 0x0D], "UI", "1.2.40"),
+        ([0x20, 0x0E], "UI", "1.2.40.1"),
+    ];
+    let elsewhere = |slice: &Slice| {
+        let sop = format!("1.2.40.1.{}", slice.instance);
+        let sop = [([0x08, 0x18], "UI", sop.as_str())];
+        with_texts(slice, &[&IDENTITY[..], &of_study, &sop].concat())
+    };
+    let elsewhere: Vec<_> = slices.iter().map(elsewhere).collect();
+    assert_eq!(neighbour.store(&elsewhere).await.status, 200);
+    let elsewhere = until("the other study is a case", async || {
+        let list = server.get("/v1/arrivals").await.json();
+        let mut arrivals = list["arrivals"].as_array().unwrap().iter();
+        let other = arrivals.find(|each| each["series"] == "1.2.40.1")?;
+        Some(format!("/v1/cases/{}", other["case"].as_str()?))
+    })
+    .await;
     // The archive corrects the orientation of every image.
     let stored = neighbour.store(&identified_head()).await;
     assert_eq!(warnings(&stored).len(), slices.len());
@@ -678,6 +697,7 @@ async fn findings_and_layers_do_not_follow_images_that_lie_elsewhere() {
     let kept = server.get(&format!("{wrong}/findings")).await.json();
     assert_eq!(kept["findings"], marked["findings"]);
     assert_eq!(superseded(server, &wrong).await, "moved");
+    assert_eq!(superseded(server, &elsewhere).await, Value::Null);
     for (case, words) in [(&wrong, "MOVED:"), (&right, "CORRECTED:")] {
         crate::maps::until_maps(server, case).await;
         let report = server.get(&format!("{case}/report")).await;

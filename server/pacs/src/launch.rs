@@ -8,7 +8,7 @@ use axum::extract::{Request, State};
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, CaseState};
-use cases::arrivals::{Fitting, Head, Other, Patient};
+use cases::arrivals::{Fitting, Head, Other, OtherState, Patient};
 use imaging::dicom::kind_of_series;
 use serde::{Deserialize, Serialize};
 use storage::arrivals::{AccessionNumber, ArrivalState, SeriesQuery, Uid};
@@ -320,7 +320,8 @@ async fn find(pacs: &Pacs, asked: &Asked) -> Result<LaunchView, AppError> {
             state: "mismatch",
             ..LaunchView::default()
         },
-        None => coming(pacs, asked).await?,
+        None if !fitting.others.is_empty() => without_case(&fitting.others),
+        None => coming(pacs, &asked.queries).await?,
     };
     let is_shown = pacs.shows_patient();
     let heads = fitting.heads.iter().map(|head| candidate(head, is_shown));
@@ -406,9 +407,25 @@ fn patient(patient: Option<Patient>, is_shown: bool) -> Option<String> {
     (!words.is_empty()).then_some(words)
 }
 
-/// What there is of studies of which there is no case: of the first that is known at all.
-async fn coming(pacs: &Pacs, asked: &Asked) -> Result<LaunchView, AppError> {
-    let queries = &asked.queries;
+/// How far series of which there is no case are.
+fn without_case(others: &[Other]) -> LaunchView {
+    let is_received = |other: &Other| other.state == OtherState::Receiving;
+    let (state, reason) = match others.iter().any(is_received) {
+        true => ("receiving", None),
+        false => (
+            "nothing",
+            others.last().and_then(|other| other.reason.clone()),
+        ),
+    };
+    LaunchView {
+        state,
+        reason: reason.map(Into::into),
+        ..LaunchView::default()
+    }
+}
+
+/// What there is of studies of which nothing is known but what was not kept or has moved away.
+async fn coming(pacs: &Pacs, queries: &[SeriesQuery]) -> Result<LaunchView, AppError> {
     let mut found = LaunchView {
         state: "absent",
         ..LaunchView::default()
@@ -432,7 +449,7 @@ async fn coming(pacs: &Pacs, asked: &Asked) -> Result<LaunchView, AppError> {
             return Ok(found);
         }
     }
-    if let [SeriesQuery::Study(study, Some(series))] = &queries[..] {
+    if let [SeriesQuery::Study(study, Some(series))] = queries {
         let nodes = pacs.nodes().iter().filter(|node| node.web().is_some());
         found.nodes = nodes.map(|node| node.name().to_owned()).collect();
         found.study = Some(study.as_str().to_owned());

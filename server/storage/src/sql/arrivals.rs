@@ -695,7 +695,9 @@ pub(super) async fn move_case(
     connection
         .query(
             "UPDATE case_series SET superseded = $3
-             WHERE superseded IN (0, $4) AND case_id IN (
+             WHERE superseded IN (0, $4)
+               AND (study_uid, series_uid) = (SELECT study_uid, series_uid FROM case_series WHERE case_id = $1)
+               AND case_id IN (
                  SELECT other.case_id FROM case_objects AS own JOIN case_objects AS other
                                            ON other.kind = own.kind AND other.digest = own.digest
                  WHERE own.case_id = $1 AND own.kind = $2)",
