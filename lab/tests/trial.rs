@@ -67,6 +67,7 @@ fn with_lesions(count: usize) -> Vec<WithLesion> {
                     blur_mm: 2.5,
                     ..Effect::NONE
                 },
+                band_to: None,
                 seed,
             };
             WithLesion {
