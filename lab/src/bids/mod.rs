@@ -26,9 +26,7 @@ use serde_json::json;
 use self::figures::{Figures, JudgedPatient, difference};
 use self::folder::{HeadFiles, heads, name_of, scanner};
 use self::freeze::Frozen;
-use self::head::{
-    Finder, Found, FoundLesion, HeadResult, MadeWith, Outcome, PLACES, SEED, hash,
-};
+use self::head::{Finder, Found, FoundLesion, HeadResult, MadeWith, Outcome, PLACES, SEED, hash};
 use self::judge::{JudgedHead, MarkList, judge};
 use self::normals::{CellsFile, Normals};
 use self::participants::{Row, Table};
@@ -153,6 +151,10 @@ pub fn run(
     let made_with = MadeWith::network(parameters.network.as_deref())?;
     let frozen = parameters.frozen(&selection, &made_with)?;
     let pipeline = pipeline(parameters.network.as_deref(), parameters.jobs)?;
+    let normals = parameters.normals.as_deref();
+    let normals = normals
+        .map(|path| Normals::read(path, &made_with))
+        .transpose()?;
     let finder = Finder {
         pipeline: &pipeline,
         made_with: &made_with,
@@ -185,7 +187,7 @@ pub fn run(
     if let Some(path) = &parameters.write_normals {
         write_normals(path, &made_with, &judgeable, progress)?;
     }
-    let report = parameters.report(&selection, (&judgeable, &made_with), missed, frozen)?;
+    let report = parameters.report(&selection, (&judgeable, normals.as_ref()), missed, frozen)?;
     let written = |name: &str, bytes: &[u8]| write(&parameters.results.join(name), bytes);
     written("report.html", report.html().as_bytes())?;
     written("report.json", format!("{:#}\n", report.json()).as_bytes())?;
@@ -199,13 +201,17 @@ fn write_normals(
     heads: &[Judgeable],
     progress: &(dyn Fn(&str) + Sync),
 ) -> Result<(), BenchError> {
-    let controls = heads.iter().filter(|head| head.chosen.role == Role::Control);
+    let controls = heads
+        .iter()
+        .filter(|head| head.chosen.role == Role::Control);
     let controls =
         controls.filter_map(|head| Some((head.chosen.scanner.as_str(), head.cells.as_ref()?)));
     let (normals, left_out) = Normals::of(made_with, controls);
     normals.write(path, &left_out)?;
     for (scanner, count) in left_out {
-        progress(&format!("{scanner}: {count} controls are too few for normals; it is left out"));
+        progress(&format!(
+            "{scanner}: {count} controls are too few for normals; it is left out"
+        ));
     }
     Ok(())
 }
@@ -547,7 +553,8 @@ impl TrialParameters {
         }
     }
 
-    /// The strata from the table of participants.(&self, row: Option<Row<'_>>) -> Vec<(String, String)> {
+    /// The strata from the table of participants.
+    fn strata(&self, row: Option<Row<'_>>) -> Vec<(String, String)> {
         let Some(row) = row else {
             return Vec::new();
         };
@@ -601,7 +608,7 @@ impl TrialParameters {
     fn report(
         &self,
         selection: &Selection,
-        (heads, made_with): (&[Judgeable], &MadeWith),
+        (heads, normals): (&[Judgeable], Option<&Normals>),
         missed: usize,
         frozen: Option<Frozen>,
     ) -> Result<TrialReport, BenchError> {
@@ -613,18 +620,26 @@ impl TrialParameters {
         let mut lists = vec![MarkList::own(
             named().map(|(name, head)| (name, &*head.found)),
         )];
-        if let Some(path) = &self.normals {
-            let normals = Normals::read(path, made_with)?;
+        if let (Some(path), Some(normals)) = (&self.normals, normals) {
             let with_cells = named().filter_map(|(name, head)| {
-                Some((name, head.chosen.scanner.as_str(), head.cells.as_ref()?, head))
+                Some((
+                    name,
+                    head.chosen.scanner.as_str(),
+                    head.cells.as_ref()?,
+                    head,
+                ))
             });
             normals.check(
                 path,
-                with_cells.clone().map(|(name, scanner, cells, _)| (name, scanner, cells)),
+                with_cells
+                    .clone()
+                    .map(|(name, scanner, cells, _)| (name, scanner, cells)),
             )?;
-            lists.extend(normals.lists(with_cells.map(|(name, scanner, cells, head)| {
-                (name, scanner, cells, head.found.marks.as_slice())
-            })));
+            lists.extend(
+                normals.lists(with_cells.map(|(name, scanner, cells, head)| {
+                    (name, scanner, cells, head.found.marks.as_slice())
+                })),
+            );
         }
         let names: Vec<&str> = named().map(|(name, _)| name).collect();
         for path in &self.candidates_of {

@@ -173,7 +173,11 @@ impl Normals {
     ///
     /// # Errors
     /// If no scanner has enough controls, or the file cannot be written.
-    pub(super) fn write(&self, path: &Path, left_out: &[(String, usize)]) -> Result<(), BenchError> {
+    pub(super) fn write(
+        &self,
+        path: &Path,
+        left_out: &[(String, usize)],
+    ) -> Result<(), BenchError> {
         if self.scanners.is_empty() {
             let counts: Vec<String> = (left_out.iter())
                 .map(|(scanner, count)| format!("{scanner}: {count}"))
@@ -221,7 +225,8 @@ impl Normals {
         }
         if normals.made_with != *made_with {
             return refused(
-                "was made by another version, or with another network for the brain masks".to_owned(),
+                "was made by another version, or with another network for the brain masks"
+                    .to_owned(),
             );
         }
         Ok(normals)
@@ -281,8 +286,10 @@ impl Normals {
             .filter(|(_, cell)| cell.controls >= LEAST_CONTROLS)
             .collect();
         let least = [0, 1, 2, 3].map(|measure| {
-            let mut deviations: Vec<f64> =
-                counted.iter().map(|(_, cell)| cell.deviation[measure]).collect();
+            let mut deviations: Vec<f64> = counted
+                .iter()
+                .map(|(_, cell)| cell.deviation[measure])
+                .collect();
             deviations.sort_by(f64::total_cmp);
             LEAST_DEVIATION * deviations.get(deviations.len() / 2).copied().unwrap_or(0.0)
         });
@@ -448,7 +455,11 @@ mod tests {
         let [own, thick, both] = found.lists(heads.into_iter());
         let first = own.heads["sub-1"][0];
         assert!(first.position_in_patient.distance(cell_centre(20_041)) < 0.1);
-        assert!(thick.heads["sub-1"].iter().all(|mark| mark.score.abs() < 0.1));
+        assert!(
+            thick.heads["sub-1"]
+                .iter()
+                .all(|mark| mark.score.abs() < 0.1)
+        );
         let first = both.heads["sub-1"][0];
         assert!(first.score > 1.9 && first.position_in_patient.x < 300.0);
     }
@@ -464,7 +475,10 @@ mod tests {
         };
         assert_eq!(message("A 3 T", &heads[0]), Ok(()));
         let error = message("B 1.5 T", &heads[0]).unwrap_err();
-        assert!(error.contains("B 1.5 T: sub-9") && error.contains("A 3 T"), "{error}");
+        assert!(
+            error.contains("B 1.5 T: sub-9") && error.contains("A 3 T"),
+            "{error}"
+        );
         // Five with the head itself are too few.
         let few = normals(&heads[..5]);
         let error = few.check(path, [("sub-9", "A 3 T", &heads[0])].into_iter());
@@ -489,7 +503,10 @@ mod tests {
             assert!(text.contains(from));
             std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
             let error = Normals::read(&path, &made_with()).unwrap_err().to_string();
-            assert!(error.contains(words) && error.contains("--write-normals"), "{error}");
+            assert!(
+                error.contains(words) && error.contains("--write-normals"),
+                "{error}"
+            );
         }
     }
 }
