@@ -198,7 +198,7 @@ fn maps_of(
         &block,
         &scores,
         (head, &regions),
-        (choice, ScoreLimits::BLUR),
+        (choice, Some(ScoreLimits::BLUR)),
     );
     let [blurred, elsewhere] = of_blur;
     drop(scores);
@@ -206,7 +206,7 @@ fn maps_of(
     drop(thickness);
     let scores = Scores::smoothed(&block, &whole_junction, &mut thick, smoothed_mm);
     let thickness_map = store(MapKind::Thickness, defined, &thick);
-    let limits = ScoreLimits::THICKNESS;
+    let limits = Some(ScoreLimits::THICKNESS);
     let thick = candidates(&block, &scores, (head, &regions), (choice, limits));
     Maps {
         maps: vec![
