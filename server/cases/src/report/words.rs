@@ -159,8 +159,8 @@ impl Words {
         self.regions[region as usize]
     }
 
-    pub(super) fn unusual(&self, unusual: Unusual) -> &'static str {
-        self.unusuals[unusual as usize]
+    pub(super) fn unusual(&self, unusual: Option<Unusual>) -> &'static str {
+        unusual.map_or("–", |unusual| self.unusuals[unusual as usize])
     }
 
     /// A reason, in the words of the page if it knows the code.
@@ -225,7 +225,7 @@ impl Words {
         self.of_page("flair.undefined").replace("{reason}", reason)
     }
 
-    pub(super) fn nothing_is_bright(&self) -> &'static str {
+    pub(super) fn no_limit_of_flair(&self) -> &'static str {
         self.of_page("flair.nothing")
     }
 
@@ -418,7 +418,7 @@ mod tests {
                 words.nothing_is_thick(),
                 words.flair(),
                 words.flair_note(),
-                words.nothing_is_bright(),
+                words.no_limit_of_flair(),
             ] {
                 assert!(!text.is_empty());
             }
