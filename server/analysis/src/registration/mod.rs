@@ -202,18 +202,12 @@ impl Pair {
     }
 
     /// The ratio by which the information grows when the case is mirrored.
-    ///
-    /// Both placements climb from the same pose at the same resolution. The pose was found at a finer one: if the mirrored case alone
-    /// climbed, a head whose sides differ little at 4 mm, or a layer of weak contrast, would seem to fit its mirror image better.
     fn gain_of_mirroring(&self, plane: &MidsagittalPlane, pose: Pose) -> f64 {
         let plain = self.comparison(1, Some(pose));
-        let climbed = |comparison: &Comparison| {
-            let radius_mm = self.region.radius_mm;
-            let (_, score) = climb::<RIGID>(comparison, pose, radius_mm, STEPS_MM[1]);
-            worth(score) - 1.0
-        };
-        let known = climbed(&plain);
-        climbed(&plain.mirrored(self.region.centre, plane)) / known.max(1e-9)
+        let known = plain.score(pose).nmi - 1.0;
+        let mirrored = plain.mirrored(self.region.centre, plane);
+        let (_, score) = climb::<RIGID>(&mirrored, pose, self.region.radius_mm, STEPS_MM[1]);
+        (worth(score) - 1.0) / known.max(1e-9)
     }
 
     /// The volumes at one resolution. The bins of the layer cover the intensities that occur at a pose, or all
