@@ -76,7 +76,7 @@ impl Lesion {
     }
 
     /// The distance of a position from the axis of the band, in mm, and the share of the way to its end; `None` without a band.
-    pub(super) fn from_band(&self, position: DVec3) -> Option<(f64, f64)> {
+    pub(super) fn beside_band(&self, position: DVec3) -> Option<(f64, f64)> {
         let along = self.band_to? - self.centre_in_patient;
         let from = position - self.centre_in_patient;
         let share = (from.dot(along) / along.length_squared().max(1e-9)).clamp(0.0, 1.0);
@@ -153,7 +153,7 @@ pub(crate) fn with_lesion(ground: &Ground<'_>, lesion: &Lesion) -> Volume {
         let place = DVec3::from_array(native.map(|along| along as f64));
         let position = grid.patient_from_voxel().transform_point3(place);
         let share = patch.share(position);
-        let band = lesion.from_band(position).map_or(0.0, |(away, _)| {
+        let band = lesion.beside_band(position).map_or(0.0, |(away, _)| {
             ((BAND_MM - away) / TAPER_MM + 0.5).clamp(0.0, 1.0)
         });
         if share <= 0.0 && band <= 0.0 {

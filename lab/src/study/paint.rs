@@ -10,6 +10,8 @@
 //! A transmantle band is painted, from 2.5 mm at the lesion to 1.5 mm at the ventricle. A lesion without any effect is a sham:
 //! it changes nothing.
 
+use std::collections::HashMap;
+
 use geometry::Volume;
 use glam::DVec3;
 
@@ -69,7 +71,9 @@ impl Grain {
         let (mut count, mut squares, mut products) = (0, 0.0, [0.0; 3]);
         let inner = |side: usize| (reach..side.saturating_sub(reach)).step_by(STRIDE);
         for (z, y) in inner(nz).flat_map(|z| inner(ny).map(move |y| (z, y))) {
-            for x in inner(nx).filter(|&x| at(x, y, z) >= WHITE_FROM) {
+            // Outside the brain, fat is as bright as white matter, and not as even.
+            let is_deep = |x: usize| block.zones[x + nx * (y + ny * z)] == Zone::Deep;
+            for x in inner(nx).filter(|&x| is_deep(x) && at(x, y, z) >= WHITE_FROM) {
                 let mut sum = 0.0;
                 let is_white = (z - reach..=z + reach).all(|z| {
                     (y - reach..=y + reach).all(|y| {
@@ -234,8 +238,13 @@ impl<'a> Part<'a> {
         grid.patient_from_voxel().transform_point3(voxel)
     }
 
-    /// A weighted mean of the tissue scale around a voxel. Beyond the block, its outermost voxels are repeated.
-    fn mean(&self, voxel: [usize; 3], reach: [i64; 3], weight: impl Fn(usize, i64) -> f64) -> f64 {
+    /// A weighted mean of some values of the block around a voxel. Beyond the block, its outermost voxels are repeated.
+    fn mean(
+        &self,
+        voxel: [usize; 3],
+        (reach, weight): ([i64; 3], impl Fn(usize, i64) -> f64),
+        value: impl Fn(usize) -> f64,
+    ) -> f64 {
         let block = self.canvas.block;
         let voxel = self.in_block(voxel);
         let (mut sum, mut total) = (0.0, 0.0);
@@ -248,7 +257,7 @@ impl<'a> Part<'a> {
                         (voxel[axis] as i64 + off[axis]).clamp(0, last) as usize
                     });
                     let weight: f64 = (0..3).map(|axis| weight(axis, off[axis])).product();
-                    sum += weight * f64::from(self.canvas.values[block.grid.index(there)]);
+                    sum += weight * value(block.grid.index(there));
                     total += weight;
                 }
             }
@@ -261,7 +270,8 @@ impl<'a> Part<'a> {
         let sigma = self.canvas.block.in_voxels(STEADY_MM);
         let reach = sigma.map(|sigma| (2.5 * sigma).ceil() as i64);
         let weight = |axis: usize, place: i64| (-0.5 * (place as f64 / sigma[axis]).powi(2)).exp();
-        self.mean(voxel, reach, weight)
+        let value = |index: usize| f64::from(self.canvas.values[index]);
+        self.mean(voxel, (reach, weight), value)
     }
 
     /// Positions of grey matter.
@@ -316,7 +326,7 @@ impl Ellipsoid {
 fn band(lesion: &Lesion, position: DVec3) -> f64 {
     let [near, far] = BAND_MM;
     let inside = |(away, share): (f64, f64)| near + (far - near) * share - away;
-    let inside = lesion.from_band(position).map(inside);
+    let inside = lesion.beside_band(position).map(inside);
     inside.map_or(0.0, |inside| (inside / PAINT_EDGE_MM + 0.5).clamp(0.0, 1.0))
 }
 
@@ -353,6 +363,30 @@ pub(super) fn painted(canvas: &Canvas<'_>, lesion: &Lesion) -> Volume {
     let mean = BoxMean::new(block.in_voxels(effect.blur_mm));
     let [kept, shared] = mean.kept(grain);
     let half_voxel_mm = block.spacing_mm.iter().sum::<f64>() / 6.0;
+    let paint_of = |voxel: [usize; 3]| {
+        let index = block.grid.index(part.in_block(voxel));
+        let position = part.position(voxel);
+        let share = ellipsoid.share(position);
+        if share <= 0.0 || block.zones[index] < Zone::Tissue || values[index] <= 0.0 {
+            return None;
+        }
+        let from_grey = grey
+            .iter()
+            .map(|grey| grey.distance_squared(position))
+            .fold(f64::INFINITY, f64::min)
+            .sqrt()
+            - half_voxel_mm;
+        let paint = (effect.thickening_mm - from_grey) / PAINT_EDGE_MM + 0.5;
+        Some((index, share * paint.clamp(0.0, 1.0)))
+    };
+    // Paint comes first, so that the border of a thick and blurred cortex is blurred.
+    let paint: HashMap<usize, f64> = if effect.thickening_mm > 0.0 {
+        part.voxels().filter_map(paint_of).collect()
+    } else {
+        HashMap::new()
+    };
+    let bare = |index: usize| 1.0 - paint.get(&index).copied().unwrap_or(0.0);
+    let painted = |index: usize| f64::from(values[index]) * bare(index);
     let mut voxels = volume.voxels().to_vec();
     let rescale = volume.rescale();
     for (voxel, noise) in part.voxels().zip(noise) {
@@ -365,24 +399,16 @@ pub(super) fn painted(canvas: &Canvas<'_>, lesion: &Lesion) -> Volume {
             continue;
         }
         let before = f64::from(values[index]);
-        let (mut after, mut remaining) = (before, 1.0);
+        let own_noise = bare(index).powi(2);
+        let (mut after, mut remaining) = (painted(index), own_noise);
         if effect.blur_mm > 0.0 && share > 0.0 {
-            let blurred = part.mean(voxel, mean.reach(), |axis, place| mean.weight(axis, place));
-            after += share * (blurred - before);
+            let weight = |axis: usize, place: i64| mean.weight(axis, place);
+            let of = |value: &dyn Fn(usize) -> f64| part.mean(voxel, (mean.reach(), weight), value);
+            after += share * (of(&painted) - after);
             let own = 1.0 - share;
-            remaining = own * own + share * share * kept + 2.0 * own * share * shared;
-        }
-        if effect.thickening_mm > 0.0 && before > 0.0 {
-            let from_grey = grey
-                .iter()
-                .map(|grey| grey.distance_squared(position))
-                .fold(f64::INFINITY, f64::min)
-                .sqrt()
-                - half_voxel_mm;
-            let paint = (effect.thickening_mm - from_grey) / PAINT_EDGE_MM + 0.5;
-            let paint = share * paint.clamp(0.0, 1.0);
-            after *= 1.0 - paint;
-            remaining *= (1.0 - paint).powi(2);
+            // What paint left of the noise counts as even within the box.
+            let kept = kept * of(&|index| bare(index).powi(2));
+            remaining = share * share * kept + (own * own + 2.0 * own * share * shared) * own_noise;
         }
         if band > 0.0 {
             let paint = band * white_share(part.steady(voxel));
@@ -595,6 +621,31 @@ mod tests {
         };
         let [whole, kept] = [&scan.volume, &with].map(|volume| chosen(&ground, volume, is_beyond));
         assert!(whole.len() > 500 && whole == kept);
+    }
+
+    #[test]
+    fn uneven_fat_outside_the_brain_is_no_noise() {
+        let scan = grainy();
+        let ground = Ground::new(scan.head()).unwrap();
+        let brightest = scan.volume.voxels().iter().max().copied().unwrap();
+        let mut voxels = scan.volume.voxels().to_vec();
+        let zones = ground.block.zones.iter().enumerate();
+        for (index, _) in zones.filter(|(_, zone)| **zone == Zone::Outside) {
+            let voxel = ground.block.grid.voxel(index);
+            let native = [0, 1, 2].map(|axis| voxel[axis] + ground.block.first[axis]);
+            let uneven = (index * 7919 % 13) as u16 * (brightest / 20);
+            voxels[scan.volume.grid().index(native)] = brightest + uneven;
+        }
+        let grid = scan.volume.grid().clone();
+        let fatty = Volume::new(grid, voxels, scan.volume.rescale()).unwrap();
+        let head = analysis::Head {
+            volume: &fatty,
+            ..scan.head()
+        };
+        let fatty = Ground::new(head).unwrap();
+        let [before, after] = [&ground, &fatty]
+            .map(|ground| Grain::of(&ground.block, &ground.values, &ground.tissue).deviation);
+        assert!((after / before - 1.0).abs() < 0.02, "{before} {after}");
     }
 
     #[test]

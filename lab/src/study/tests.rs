@@ -328,7 +328,10 @@ fn both_simulators_paint_a_band_to_its_end_and_brighten_grey_matter() {
         let voxel = volume.grid().voxel_from_patient().transform_point3(place);
         volume.sample(voxel.as_vec3()).unwrap()
     };
-    let (end, beside) = (centre * 0.3, centre.any_orthonormal_vector() * 8.0);
+    let (end, beside) = (
+        centre * 0.3,
+        centre.normalize().any_orthonormal_vector() * 8.0,
+    );
     let band = Lesion {
         effect: Effect::NONE,
         band_to: Some(end),

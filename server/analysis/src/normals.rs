@@ -55,7 +55,7 @@ pub fn cell_at(position: DVec3) -> Option<u32> {
     })
 }
 
-/// The cells of a head; no cells if it has no axes of its own, or if its regions are in doubt.
+/// The cells of a head; no cells if it has no axes of its own. If its regions are in doubt, the whole brain counts as cerebrum.
 ///
 /// # Errors
 /// If the head has no maps.
@@ -69,9 +69,6 @@ pub fn head_cells(head: Head<'_>, parameters: &MapParameters) -> Result<HeadCell
     let Some((axes, spread)) = spread_axes(head, &block) else {
         return Ok(nothing);
     };
-    if !regions.doubts.is_empty() {
-        return Ok(nothing);
-    }
     let stretch = DMat3::from_diagonal(spread / USUAL_SPREAD_MM);
     let patient_from_common = axes * DAffine3::from_mat3(stretch);
     let mut sharpness = parameters.sharpness(&block, &values, &tissue);
