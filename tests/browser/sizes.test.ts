@@ -79,6 +79,23 @@ const faults = (page: Page): Promise<string[]> =>
         }
       }
     }
+    const boxesOf = (pane: Element, names: string): readonly DOMRect[] =>
+      [...pane.querySelectorAll(names)]
+        .filter((one) => one.checkVisibility() && one.textContent !== "")
+        .map((one) => one.getBoundingClientRect());
+    for (const pane of document.querySelectorAll(".pane")) {
+      const words = boxesOf(pane, ".pane-notice, .scale-text");
+      for (const letter of boxesOf(pane, ".edge"))
+        for (const other of words)
+          if (
+            Math.min(letter.right, other.right) - Math.max(letter.left, other.left) > 1 &&
+            Math.min(letter.bottom, other.bottom) - Math.max(letter.top, other.top) > 1
+          )
+            found.push(`words cover a letter of ${pane.className}`);
+      for (const title of pane.querySelectorAll(".slice-bar .pane-title"))
+        if (title.checkVisibility() && title.scrollWidth > title.clientWidth + 1)
+          found.push(`the name of ${pane.className} is cut off`);
+    }
     return found;
   });
 
@@ -87,10 +104,15 @@ test("nothing is cut off or covered in any size, language and theme", { skip, ti
   await page.goto(`${new URL("/", server.address).origin}/?renderer=server`);
   await shown(page);
   const wrong: string[] = [];
-  for (const language of ["en", "pt-BR"]) {
+  for (const [language, layout] of [
+    ["en", "slices"],
+    ["pt-BR", "both"],
+  ] as const) {
     await page.locator("#language").selectOption(language);
     await page.waitForSelector(`html[lang=${language}]`);
     await shown(page);
+    await page.locator(`.layouts button[value=${layout}]`).click();
+    await page.waitForSelector(".slice[data-way]");
     for (const theme of ["dark", "light"]) {
       await page.evaluate((wanted) => {
         document.documentElement.dataset.theme = wanted;

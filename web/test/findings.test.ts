@@ -15,7 +15,7 @@ import {
   readFindings,
 } from "../src/model/findings.ts";
 import type { Depths } from "../src/model/isosurface.ts";
-import { surfaceMarks } from "../src/model/marks.ts";
+import { type Line, pieces, sliceMarks, surfaceMarks, thinned } from "../src/model/marks.ts";
 import { plainLine, plainText } from "../src/model/text.ts";
 import { FindingsSync, type Kept } from "../src/page/findings-sync.ts";
 
@@ -117,6 +117,45 @@ test("a finding that does not lie on the surface of its depth is dashed there, w
     [
       [false, [8, 0]],
       [true, [2, 0]],
+    ],
+  );
+});
+
+test("a line is drawn without places that nobody could tell apart, in pieces that hang together", () => {
+  const line: Line = Array.from({ length: 1001 }, (_, at) => [at / 2, 0]);
+  const seen = thinned(line);
+  assert.deepEqual([seen.length, seen[0], seen[1], seen.at(-1)], [335, [0, 0], [1.5, 0], [500, 0]]);
+  assert.deepEqual(thinned([[4, 2]]), [[4, 2]]);
+
+  const lines: readonly Line[] = [seen, [[4, 2]], seen.slice(0, 2), seen.slice(0, 90)];
+  const groups = pieces(lines);
+  assert.ok(groups.every((group) => group.flat().length <= 101));
+  // Every part of every line is there once, and the single place too.
+  const partsOf = (all: readonly Line[]): readonly string[] =>
+    all.flatMap((one) => (one.length === 1 ? [String(one)] : one.slice(1).map((to, at) => `${one[at]} ${to}`)));
+  assert.deepEqual(partsOf(groups.flat()), partsOf(lines));
+});
+
+test("a slice shows what lies near to it, and of thousands no other", () => {
+  const line = (from: number, to: number): Finding =>
+    finding("line", {
+      kind: "line",
+      points_in_patient: [
+        [0, 0, from],
+        [9, 0, to],
+      ],
+    });
+  const marked = markedFindings([line(-9, 9), line(5, 40), line(-40, -5), line(2, 3)], new Set(), (point) => point);
+  const marks = sliceMarks(
+    marked,
+    ([, , z]) => z,
+    ([x, y]) => [x, y],
+  );
+  assert.deepEqual(
+    marks.map(({ words, isAway }) => [words, isAway]),
+    [
+      ["1", false],
+      ["4", true],
     ],
   );
 });

@@ -24,3 +24,7 @@ export function sources(): Source[] {
       return { name, text, imports: imported.map(([, to]) => path.posix.join(path.posix.dirname(name), to ?? "")) };
     });
 }
+
+/** The style sheet, without its comments. */
+export const styleSheet = (): string =>
+  readFileSync(path.join(FOLDER, "style.css"), "utf8").replace(/\/\*[^]*?\*\//g, "");

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { sources } from "./sources.ts";
+import { sources, styleSheet } from "./sources.ts";
 
 /** What the modules of each folder may import besides those of their own. */
 const BELOW: Readonly<Record<string, readonly string[]>> = {
@@ -65,4 +65,11 @@ test("no type is any", () => {
     const code = text.replace(/\/\*[\s\S]*?\*\/|\/\/.*$/gm, "");
     assert.doesNotMatch(code, /(:|\bas|<|,)\s*any\b/, name);
   }
+});
+
+test("no style of a wide page looks into what holds the panes", () => {
+  // Whatever changes in a pane with each frame would be looked for in all of the page: a thousand findings doubled a frame.
+  const wide = styleSheet().replace(/@media \(max-width[^{]*\{(?:[^{}]*\{[^{}]*\})*[^{}]*\}/g, "");
+  assert.ok(wide.includes(".pane") && !wide.includes("--hint: 3.4rem"));
+  assert.deepEqual(wide.match(/(?:body|html|\.(?:app|page|stage|viewer|panes|pane|framed))[^\s,{]*:has\([^{]*/g), null);
 });

@@ -19,7 +19,7 @@ impl CacheValue for Option<Arc<Gyri>> {
 impl Cases {
     /// The names of the places of a ready case; `None` without an atlas, or if the head does not surely fit it.
     ///
-    /// The first call for a case takes about a second of CPU time. Nothing of it is stored: another server finds the same.
+    /// The first call for a case takes one to two seconds of CPU time. Nothing of it is stored: another server finds the same.
     ///
     /// # Errors
     /// As [`Cases::ready`]; [`Error::Busy`].

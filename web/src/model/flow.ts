@@ -49,31 +49,37 @@ function walked(depths: Depths, position: Vec3, depth_mm: number): Walk {
 export const slidTo = (depths: Depths, position: Vec3, depth_mm: number): Vec3 =>
   walked(depths, position, depth_mm).points.at(-1) ?? position;
 
-/** The way through a position, as a table: how far each depth is from it. */
+/** A walk as it is kept, for there may be thousands: four numbers a step, the position and its depth. */
+const tableOf = ({ points, depths_mm }: Walk): Float32Array =>
+  Float32Array.from(points.flatMap((point, at) => [...point, depths_mm[at] ?? NaN]));
+
+/** The way through a position, as tables: where it is at each depth. */
 class Flow {
-  readonly #outward: Walk;
-  readonly #inward: Walk;
+  readonly #outward: Float32Array;
+  readonly #inward: Float32Array;
   readonly #own: Vec3;
 
   constructor(depths: Depths, position: Vec3, deepest_mm: number) {
     this.#own = position;
-    this.#outward = walked(depths, position, 0);
-    this.#inward = walked(depths, position, deepest_mm);
+    this.#outward = tableOf(walked(depths, position, 0));
+    this.#inward = tableOf(walked(depths, position, deepest_mm));
   }
 
   /** The point of the way at a depth; its end where it does not lead so far. */
   at(depth_mm: number): Vec3 {
-    const own = this.#inward.depths_mm[0] ?? NaN;
+    const own = this.#inward[3] ?? NaN;
     // Also a position outside of the field has a place.
     if (!Number.isFinite(own)) return this.#own;
-    const { points, depths_mm } = depth_mm < own ? this.#outward : this.#inward;
-    const sign = depth_mm < own ? -1 : 1;
-    const after = depths_mm.findIndex((one) => (one - depth_mm) * sign >= 0);
-    if (after === -1) return points.at(-1) ?? this.#own;
-    const [from, to] = [points[after - 1], points[after]];
-    const [shallow = 0, deep = 0] = [depths_mm[after - 1], depths_mm[after]];
-    if (!from || !to || deep === shallow) return to ?? this.#own;
-    return add(from, scale(subtract(to, from), (depth_mm - shallow) / (deep - shallow)));
+    const [table, sign] = depth_mm < own ? [this.#outward, -1] : [this.#inward, 1];
+    const number = (step: number, part: number): number => table[4 * step + part] ?? NaN;
+    const point = (step: number): Vec3 => [number(step, 0), number(step, 1), number(step, 2)];
+    const last = table.length / 4 - 1;
+    let after = 0;
+    while (after < last && (number(after, 3) - depth_mm) * sign < 0) after += 1;
+    if (after === 0) return this.#own;
+    const share = (depth_mm - number(after - 1, 3)) / (number(after, 3) - number(after - 1, 3));
+    if (!(share < 1)) return point(after);
+    return add(point(after - 1), scale(subtract(point(after), point(after - 1)), share));
   }
 }
 
@@ -82,6 +88,8 @@ export class Flows {
   readonly depths: Depths;
   readonly #deepest_mm: number;
   readonly #flows = new Map<string, Flow>();
+  /** The same by the values themselves, which are asked for again and again. */
+  readonly #known = new WeakMap<Vec3, Flow>();
 
   constructor(depths: Depths, deepest_mm: number) {
     this.depths = depths;
@@ -90,13 +98,18 @@ export class Flows {
 
   /** Whether the way through a position has been walked. */
   has(position: Vec3): boolean {
-    return this.#flows.has(position.join());
+    return this.#known.has(position) || this.#flows.has(position.join());
   }
 
   at(position: Vec3, depth_mm: number): Vec3 {
+    return (this.#known.get(position) ?? this.#walked(position)).at(depth_mm);
+  }
+
+  #walked(position: Vec3): Flow {
     const key = position.join();
-    let flow = this.#flows.get(key);
-    if (!flow) this.#flows.set(key, (flow = new Flow(this.depths, position, this.#deepest_mm)));
-    return flow.at(depth_mm);
+    const flow = this.#flows.get(key) ?? new Flow(this.depths, position, this.#deepest_mm);
+    this.#flows.set(key, flow);
+    this.#known.set(position, flow);
+    return flow;
   }
 }

@@ -20,11 +20,14 @@ export interface Marked {
   pointsAt(depth_mm: number): readonly Vec3[];
 }
 
+/** Places of a line in a pane; a single one is a point. */
+export type Line = readonly Vec2[];
+
 /** The same at places of a pane. */
 export interface Mark {
   readonly words: string;
   /** Its parts that are to be seen; a part of one place is a point. */
-  readonly parts: readonly (readonly Vec2[])[];
+  readonly parts: readonly Line[];
   readonly colour: string;
   /** It was marked at another depth than the one that is shown, or beside the slice. */
   readonly isAway: boolean;
@@ -34,6 +37,10 @@ export interface Mark {
 const AWAY_MM = 1;
 /** A slice shows what lies so near to it, in mm; dashed, what does not lie in it. */
 const NEAR_MM = 4;
+/** Places of a line that are nearer than this to the one before are not drawn, in CSS pixels. */
+const NEXT = 1.5;
+/** Long paths are drawn in pieces of so many places: their time grows faster than their length. */
+const PIECE = 100;
 
 const closed = <T>(points: readonly T[], isClosed: boolean): readonly T[] =>
   isClosed ? [...points, ...points.slice(0, 1)] : points;
@@ -65,6 +72,9 @@ export function sliceMarks(
 ): readonly Mark[] {
   return all.flatMap((marked) => {
     const points = closed(marked.points_in_patient, marked.isClosed);
+    const aways = points.map(away);
+    // Most of thousands lie in other slices.
+    if (aways.every((one) => one > NEAR_MM) || aways.every((one) => one < -NEAR_MM)) return [];
     const lines = points.length === 1 ? points.map((point) => [point, point] as const) : pairs(points);
     const near = lines.map(([from, to]) => cutOff(from, to, away(from), away(to))).filter((one) => one !== null);
     const parts: Vec3[][] = [];
@@ -97,4 +107,32 @@ function cutOff(from: Vec3, to: Vec3, a: number, b: number): readonly [Vec3, Vec
   const at = (away: number): Vec3 => add(from, scale(subtract(to, from), (away - a) / (b - a)));
   const end = (point: Vec3, away: number): Vec3 => (Math.abs(away) <= NEAR_MM ? point : at(Math.sign(away) * NEAR_MM));
   return [end(from, a), end(to, b)];
+}
+
+/** A line without the places that are too near to the one before to be told from it. */
+export function thinned(line: Line): Line {
+  let last: Vec2 = [Infinity, Infinity];
+  return line.filter((place, at) => {
+    const isKept = at === line.length - 1 || Math.abs(place[0] - last[0]) + Math.abs(place[1] - last[1]) >= NEXT;
+    if (isKept) last = place;
+    return isKept;
+  });
+}
+
+/** Lines in groups of about `PIECE` places; longer ones are cut, and both parts have the place of the cut. */
+export function pieces(lines: readonly Line[]): readonly (readonly Line[])[] {
+  const all: Line[][] = [];
+  let room = 0;
+  for (const line of lines) {
+    for (let from = 0; from === 0 || from < line.length - 1; from += PIECE) {
+      const part = line.slice(from, from + PIECE + 1);
+      if (room < part.length) {
+        all.push([]);
+        room = PIECE + 1;
+      }
+      all.at(-1)?.push(part);
+      room -= part.length;
+    }
+  }
+  return all;
 }

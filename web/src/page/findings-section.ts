@@ -67,6 +67,8 @@ const UNSENT = new Map<string, FindingsSync>();
 
 /** So long ways through findings are walked at once, in ms. */
 const WALK_MS = 8;
+/** They are not walked until the picture has been the same for so long, in ms. */
+const MOVED_MS = 100;
 
 export class FindingsSection {
   readonly element: HTMLElement;
@@ -396,15 +398,17 @@ export class FindingsSection {
     const flows = (this.#flows = this.#flows?.depths === depths ? this.#flows : this.#flowsOf(depths));
     const unknown = this.#sync.list.flatMap((one) => one.points_in_patient).filter((point) => !flows.has(point));
     if (unknown.length === 0) return;
-    const end = performance.now() + WALK_MS;
-    for (const point of unknown) {
-      flows.at(point, 0);
-      if (performance.now() > end) break;
-    }
-    this.#walking = setTimeout(() => {
-      if (unknown.every((point) => flows.has(point))) this.#draw();
-      else this.#walk();
-    }) as unknown as number;
+    const walkFrom = (start: number, seen: ViewState): void => {
+      let at = start;
+      const now = this.#host.state();
+      // Who turns the head meanwhile is not kept waiting.
+      const isMoving = now !== seen;
+      const end = performance.now() + (isMoving ? 0 : WALK_MS);
+      for (let point = unknown[at]; point && performance.now() < end; point = unknown[(at += 1)]) flows.at(point, 0);
+      const next = (): void => (at < unknown.length ? walkFrom(at, now) : this.#draw());
+      this.#walking = setTimeout(next, isMoving ? MOVED_MS : 0) as unknown as number;
+    };
+    walkFrom(0, this.#host.state());
   }
 
   #flowsOf(depths: Depths): Flows {

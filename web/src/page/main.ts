@@ -262,6 +262,7 @@ class App {
     tell(this.#note, ready ? "" : chosen ? caseStatus(chosen) : `${this.#absence} ${t("case.choose")}`.trim());
     this.#note.classList.toggle("bad", chosen?.state === "failed");
     this.#layouts.hidden = !ready;
+    document.body.classList.toggle("viewing", ready !== null);
     // Where there is nothing to choose from, files are asked for.
     const isEmpty = !chosen && this.#absence === "" && this.#list.isEmpty;
     this.#start.hidden = !isEmpty;

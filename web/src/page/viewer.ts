@@ -547,7 +547,7 @@ export class Viewer {
   }
 
   #onStatus({ way, fallback, trouble }: SurfaceStatus): void {
-    this.element.dataset.way = way;
+    for (const { element } of [this, this.panel]) element.dataset.way = way;
     this.element.dataset.fallback = fallback ?? "";
     this.#notices.fallback(fallback);
     this.#notices.trouble(trouble);

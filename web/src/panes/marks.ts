@@ -2,9 +2,13 @@
 // painted all at once: as elements, ten thousand points would cost several times the picture.
 
 import { h } from "../base/dom.ts";
-import type { Mark } from "../model/marks.ts";
+import { type Line, type Mark, pieces, thinned } from "../model/marks.ts";
 import type { Vec2 } from "../model/space.ts";
 
+/** More parts of lines than this at once are drawn thin: wide ones would take ten times as long, longer than the picture. */
+const MANY = 500;
+/** A ring takes as long as so many of them. */
+const PARTS_OF_RING = 2;
 /** The radius of a point, in CSS pixels: what is marked lies free in the middle. */
 const RADIUS = 7;
 const LINE = 1.8;
@@ -59,15 +63,23 @@ function paint(context: CanvasRenderingContext2D, marks: readonly Mark[], font: 
     if (alike) alike.push(mark);
     else looks.set(look, [mark]);
   }
-  for (const alike of looks.values()) {
-    const { colour = "", isAway = false } = alike[0] ?? {};
+  const lines = [...looks.values()].map((alike) => alike.flatMap(({ parts }) => parts.map(thinned)));
+  const partsOf = ({ length }: Line): number => (length === 1 ? PARTS_OF_RING : length);
+  const isMany = lines.flat().reduce((sum, line) => sum + partsOf(line), 0) > MANY;
+  [...looks.values()].forEach(([one], at) => {
+    const { colour = "", isAway = false } = one ?? {};
     context.setLineDash(isAway ? AWAY.dash : []);
     const opacity = isAway ? AWAY.opacity : 1;
-    context.beginPath();
-    for (const { parts } of alike) for (const places of parts) trace(context, places);
-    stroke(context, "#000", CASING.width, opacity * CASING.opacity);
-    stroke(context, colour, LINE, opacity);
-  }
+    for (const piece of pieces(lines[at] ?? [])) {
+      context.beginPath();
+      for (const line of piece) trace(context, line);
+      if (isMany) strokeThin(context, colour, opacity);
+      else {
+        stroke(context, "#000", CASING.width, opacity * CASING.opacity);
+        stroke(context, colour, LINE, opacity);
+      }
+    }
+  });
   context.setLineDash([]);
   context.font = font;
   context.lineWidth = 3;
@@ -87,7 +99,7 @@ function paint(context: CanvasRenderingContext2D, marks: readonly Mark[], font: 
   context.globalAlpha = 1;
 }
 
-function trace(context: CanvasRenderingContext2D, places: readonly Vec2[]): void {
+function trace(context: CanvasRenderingContext2D, places: Line): void {
   const [[x, y] = [0, 0], ...rest] = places;
   if (rest.length === 0) {
     context.moveTo(x + RADIUS, y);
@@ -96,6 +108,15 @@ function trace(context: CanvasRenderingContext2D, places: readonly Vec2[]): void
   }
   context.moveTo(x, y);
   for (const [nextX, nextY] of rest) context.lineTo(nextX, nextY);
+}
+
+/** Lines of one pixel of the device, with a shadow of theirs instead of a casing. */
+function strokeThin(context: CanvasRenderingContext2D, colour: string, opacity: number): void {
+  const pixel = 1 / devicePixelRatio;
+  context.translate(pixel, pixel);
+  stroke(context, "#000", pixel, opacity * CASING.opacity);
+  context.translate(-pixel, -pixel);
+  stroke(context, colour, pixel, opacity);
 }
 
 function stroke(context: CanvasRenderingContext2D, colour: string, width: number, opacity: number): void {

@@ -79,6 +79,8 @@ export class SlicePane {
   #drawn: Seen | null = null;
   #outlined = true;
   #marked: readonly Marked[] = [];
+  /** The marks that are drawn, and where. */
+  #laid: { readonly marked: readonly Marked[]; readonly where: string } | null = null;
   #pointer: Vec2 | null = null;
 
   constructor(plane: Plane, shown: ReadyCase, listener: SliceListener, role: SliceRole | null = null) {
@@ -303,10 +305,7 @@ export class SlicePane {
     const kind = this.#role?.isOpposite ? "opposite" : "ticks";
     this.#overlay.cursor(cross, view.size, { kind, words, ring });
     this.#overlay.twin(twin, view.size);
-    const { axis } = PLANES[this.plane];
-    const away = (point: Vec3): number => point[axis] - position_mm;
-    const inSlice = sliceMarks(this.#marked, away, (point) => slicePixel(view, sphere, point));
-    this.#overlay.marks(inSlice, view.size);
+    this.#showMarks(view, position_mm);
     this.#showTrace(view);
     this.#layer?.show(view, sphere, this.#outlined);
     this.#explain(state);
@@ -314,6 +313,17 @@ export class SlicePane {
     if (!this.#role) return;
     const label = t("slice.label", { plane: t(`plane.${this.plane}`) });
     this.element.setAttribute("aria-label", [label, badge, more].filter(Boolean).join(", "));
+  }
+
+  /** The marks in the slice at a position: a turn of the head leaves them as they are. */
+  #showMarks(view: SliceView, position_mm: number): void {
+    const where = JSON.stringify([view, position_mm, devicePixelRatio]);
+    if (this.#laid?.marked === this.#marked && this.#laid.where === where) return;
+    this.#laid = { marked: this.#marked, where };
+    const { axis } = PLANES[this.plane];
+    const away = (point: Vec3): number => point[axis] - position_mm;
+    const placeOf = (point: Vec3): Vec2 => slicePixel(view, this.#shown.envelope_sphere, point);
+    this.#overlay.marks(sliceMarks(this.#marked, away, placeOf), view.size);
   }
 
   /** Where the mirror image of the marked point is: beside the mirrored half, and not across the plane between them. */

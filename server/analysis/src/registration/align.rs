@@ -13,8 +13,8 @@ use crate::MidsagittalPlane;
 /// The first poses nod the head so far to either side, in steps of so many degrees.
 const NODS: i32 = 5;
 const NOD_DEGREES: f64 = 10.0;
-/// The number of first poses that are improved.
-const CLIMBS: usize = 3;
+/// The number of first poses that are improved. The right one of a head without a face was the fifth.
+const CLIMBS: usize = 6;
 
 /// The distance between compared points of two envelopes, in voxels.
 const LATTICE_VOXELS: usize = 3;

@@ -7,7 +7,7 @@ mod typeface;
 
 use self::paper::{About, BLACK, PAGE_MM, PT, Paper, RED};
 use self::typeface::Text;
-use super::contents::{Block, Contents, Facts, Line, Overview, Picture, Table};
+use super::contents::{Block, Contents, Facts, Line, Overview, Picture, Section, Table};
 use crate::Error;
 
 /// The margins to the left and right, and above and below the text, in mm.
@@ -58,8 +58,10 @@ impl Contents<'_> {
         let mut layout = Layout {
             paper: Paper::new(),
             y: 0.0,
+            of: Text::default(),
         };
         for section in &self.sections {
+            layout.of = section.name();
             layout.begin_page();
             for block in &section.blocks {
                 layout.block(block);
@@ -98,10 +100,24 @@ impl Contents<'_> {
     }
 }
 
+impl Section<'_> {
+    /// The heading of a finding; of all others, nothing.
+    fn name(&self) -> Text {
+        match self.blocks.first() {
+            Some(Block::Heading(text)) if self.is_finding => {
+                Text::of(text, true).cut(BODY, WIDTH_MM)
+            }
+            _ => Text::default(),
+        }
+    }
+}
+
 /// Pages, and where the next block begins on the last one.
 struct Layout<'a> {
     paper: Paper<'a>,
     y: f64,
+    /// The finding that is laid out.
+    of: Text,
 }
 
 impl<'a> Layout<'a> {
@@ -114,10 +130,16 @@ impl<'a> Layout<'a> {
         self.paper.pages.len() - 1
     }
 
-    /// Begins a page unless so much fits on this one.
+    /// Begins a page unless so much fits on this one. The pictures of a finding may go on there, so that it states which one it is.
     fn need(&mut self, height: f64) {
         if self.y + height > END_MM && self.y > HEAD_MM {
             self.begin_page();
+            let name = std::mem::take(&mut self.of);
+            if !name.letters.is_empty() {
+                self.draw(&name, [MARGIN_MM, self.y], BODY);
+                self.y += LEADING * BODY + 1.5;
+            }
+            self.of = name;
         }
     }
 
@@ -410,7 +432,7 @@ mod tests {
     use pdf_writer::{Content, Str};
     use render::{Frame, FrameSize, PixelFormat, encode_png};
 
-    use super::super::contents::{Piece, Section};
+    use super::super::contents::Piece;
     use super::super::shots::{Shot, Shows};
     use super::*;
 
@@ -520,6 +542,23 @@ mod tests {
         }
         let words: usize = pages.iter().map(|page| page.matches(" Tj").count()).sum();
         assert!(words > 100, "every line is drawn: {words}");
+    }
+
+    #[test]
+    fn a_finding_that_needs_a_further_page_is_named_there() {
+        let shot = shot(false);
+        for is_finding in [true, false] {
+            let mut blocks = vec![Block::Heading("Finding 2: a mark".into())];
+            let rows = (0..6).map(|_| Block::Pictures(vec![picture(&shot)]));
+            blocks.extend(rows);
+            let mut made = contents(blocks);
+            made.sections[0].is_finding = is_finding;
+            let pages = pages(&made.pdf().unwrap());
+            assert_eq!(pages.len(), 2);
+            let name = shown("Finding 2: a mark");
+            let named = pages.iter().map(|page| page.contains(&name));
+            assert_eq!(named.collect::<Vec<_>>(), [true, is_finding]);
+        }
     }
 
     #[test]
