@@ -592,7 +592,7 @@ async fn a_rejection_note_withdraws_the_images_that_it_names_and_no_others() {
         KeyObjectTitle::RejectedForQuality,
         KeyObjectTitle::RejectedForSafety,
     ] {
-        let absent = note_of(title, &[late.sop_uid.clone()]);
+        let absent = note_of(title, std::slice::from_ref(&late.sop_uid));
         assert_eq!(neighbour.store(&[absent]).await.status, 200);
     }
     let arrivals = neighbour.server.get("/v1/arrivals").await.json();
