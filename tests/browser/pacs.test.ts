@@ -107,7 +107,10 @@ test("no picture is seen before its patient", { skip }, async () => {
   await page.goto(`${server.address}#${id}`);
   await shown(page);
   const opacity = (): Promise<string> =>
-    page.locator(".viewer canvas").first().evaluate((canvas) => getComputedStyle(canvas).opacity);
+    page
+      .locator(".viewer canvas")
+      .first()
+      .evaluate((canvas) => getComputedStyle(canvas).opacity);
   assert.equal(await page.locator(".patient-banner").count(), 0);
   assert.equal(await opacity(), "0");
   answer();

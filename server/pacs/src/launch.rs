@@ -327,7 +327,7 @@ async fn find(pacs: &Pacs, asked: &Asked) -> Result<LaunchView, AppError> {
     let heads = fitting.heads.iter().map(|head| candidate(head, is_shown));
     found.candidates = heads.collect();
     if found.state == "choice" {
-        let others = fitting.others.iter();
+        let others = fitting.of_another();
         let others = others.map(|other| candidate_without_case(other, is_shown));
         found.candidates.extend(others);
     }

@@ -89,7 +89,14 @@ impl Fitting {
         };
         usable.iter().any(|head| owner(head) != owner(first))
             || failed.iter().any(of_another)
-            || self.others.iter().any(|other| other.is_of_another(first))
+            || self.of_another().next().is_some()
+    }
+
+    /// The series that make no case and are of another patient than the first head.
+    pub fn of_another(&self) -> impl Iterator<Item = &Other> {
+        let first = self.heads.first();
+        let others = self.others.iter();
+        others.filter(move |other| first.is_some_and(|first| other.is_of_another(first)))
     }
 }
 
