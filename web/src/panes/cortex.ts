@@ -57,6 +57,8 @@ class Cortex implements Surface {
   /** The facts of the surfaces of parts, and those that are being fetched. */
   readonly #parts = new Map<PartName, ReadyCase>();
   readonly #askedParts = new Set<PartName>();
+  /** The surfaces that the flat map shows. */
+  #onMap: readonly SurfaceName[] = [];
   /** The surface that is drawn. */
   #surface: SurfaceName = "whole";
   #centres: Centres | null = null;
@@ -211,11 +213,11 @@ class Cortex implements Surface {
   }
 
   async map(state: ViewState, size: Vec2): Promise<ImageData | null> {
+    this.#onMap = surfacesOnMap(state.map);
     const painter = this.#isServed(state) ? null : this.#device?.painter;
     if (painter) {
       this.#bringLayers(state);
-      // Until they are here the server draws the map, and says what there is to say.
-      this.#bringParts(surfacesOnMap(state.map), false, () => {});
+      this.#bringMapped();
     }
     if (!painter || !this.#centres || !this.canMap(state)) return null;
     try {
@@ -273,6 +275,7 @@ class Cortex implements Surface {
     this.#schedule();
     void this.#findCentres(field);
     void this.#bringWhole();
+    this.#bringMapped();
   }
 
   /** Finds the middles of the hemispheres, which the flat map is drawn around. */
@@ -325,6 +328,11 @@ class Cortex implements Surface {
         if (!this.#gone.signal.aborted) failed(problem);
       });
     }
+  }
+
+  /** Fetches the surfaces of the flat map. Until they are here the server draws it, and says what there is to say. */
+  #bringMapped(): void {
+    if (!this.#isServed()) this.#bringParts(this.#onMap, false, () => (this.#onMap = []));
   }
 
   async #bringPart(part: PartName, draws: boolean): Promise<void> {
@@ -404,6 +412,7 @@ class Cortex implements Surface {
       if (!gl.isContextLost()) this.#fail(error);
       return;
     }
+    this.#bringMapped();
     this.#standIn.leave();
     delete this.#host.dataset.preview;
     this.#canvas.style.visibility = "visible";
