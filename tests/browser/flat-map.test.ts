@@ -7,7 +7,7 @@ import type { Browser, Page } from "playwright-core";
 
 import { violations } from "./axe.ts";
 import { brainMask, markedVolume } from "./phantom.ts";
-import { picturesAgree } from "./pixels.ts";
+import { mapAgrees } from "./pixels.ts";
 import {
   type Server,
   fragment,
@@ -51,28 +51,8 @@ after(async () => {
   await scratch?.clean();
 });
 
-/** The map's own pixels, as a data URL. */
-const canvasUrl = (): Promise<string> =>
-  page.locator(".map-image canvas").evaluate((canvas: HTMLCanvasElement) => canvas.toDataURL());
-
-/** The server's picture of the map as it stands, of as many pixels. */
-async function servedAddress(): Promise<string> {
-  const { width, height } = await page
-    .locator(".map-image canvas")
-    .evaluate(({ width, height }: HTMLCanvasElement) => ({ width, height }));
-  const known = new URLSearchParams((await page.locator(".flat-map").getAttribute("data-known")) ?? "");
-  known.set("width", String(width));
-  known.set("height", String(height));
-  const { intensity } = (await (await fetch(new URL(`v1/cases/${id}`, server.address))).json()) as {
-    readonly intensity: { readonly window: { readonly center: number; readonly width: number } };
-  };
-  known.set("window", `${intensity.window.center},${intensity.window.width}`);
-  known.set("ambient", "0.3");
-  return `v1/cases/${id}/render?${known}`;
-}
-
 test("the page draws the map that the server draws, with the right side on the right", { skip }, async () => {
-  const share = await picturesAgree(page, await canvasUrl(), await servedAddress());
+  const share = await mapAgrees(page, server.address, id);
   assert.ok(share > 0.99, `${share}`);
   // The ball lies on the patient's right: the only bright place of the right disc's middle.
   const [left, right] = await page.locator(".map-image canvas").evaluate((canvas: HTMLCanvasElement) => {

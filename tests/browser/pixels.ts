@@ -103,6 +103,22 @@ export async function agreement(page: Page, address: string, part?: Part, tolera
   );
 }
 
+/** The share of pixels of the flat map, as the page has drawn it, that are within 4 of 255 of the server's picture of as many pixels. */
+export async function mapAgrees(page: Page, server: string, id: string): Promise<number> {
+  const [own, { width, height }] = await page
+    .locator(".map-image canvas")
+    .evaluate((canvas: HTMLCanvasElement) => [canvas.toDataURL(), { width: canvas.width, height: canvas.height }]);
+  const known = new URLSearchParams((await page.locator(".flat-map").getAttribute("data-known")) ?? "");
+  known.set("width", String(width));
+  known.set("height", String(height));
+  const { intensity } = (await (await fetch(new URL(`v1/cases/${id}`, server))).json()) as {
+    readonly intensity: { readonly window: { readonly center: number; readonly width: number } };
+  };
+  known.set("window", `${intensity.window.center},${intensity.window.width}`);
+  known.set("ambient", "0.3");
+  return picturesAgree(page, own, `v1/cases/${id}/render?${known}`);
+}
+
 /** The share of pixels of a picture, as a data URL, that are within 4 of 255 of the server's at an address. */
 export const picturesAgree = (page: Page, own: string, address: string): Promise<number> =>
   page.evaluate(

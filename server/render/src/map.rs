@@ -29,6 +29,9 @@ const CELL: f64 = 3.5;
 /// The share of the surface in the pixels of the margin: the rest is background.
 const MARGIN_SHARE: f32 = 0.5;
 
+/// The centre of a disc is a multiple of a pixel's 1024th part, so that left and right are exactly as far from the middle.
+const CENTRE_STEPS: f64 = 1024.0;
+
 /// A half of the brain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Hemisphere {
@@ -180,12 +183,13 @@ impl MapDisc {
         let fitting = (sides[0] / self.extent[0]).min(sides[1] / self.extent[1]);
         let pixels_per_unit = camera.zoom() * fitting;
         let [right, up] = camera.pan_mm().map(|pan_mm| pan_mm / MAP_RADIUS_MM);
+        let exact = |place: f64| (place * CENTRE_STEPS).round() / CENTRE_STEPS;
         MapProjection {
             size,
             units_per_pixel: 1.0 / pixels_per_unit,
             centre: [
-                0.5 * sides[0] + (self.offset[0] + right) * pixels_per_unit,
-                0.5 * sides[1] - (self.offset[1] + up) * pixels_per_unit,
+                exact(0.5 * sides[0] + (self.offset[0] + right) * pixels_per_unit),
+                exact(0.5 * sides[1] - (self.offset[1] + up) * pixels_per_unit),
             ],
             centre_in_patient: self.centre_in_patient,
             axes: self.axes(),

@@ -83,13 +83,16 @@ pub fn annotate_map(
     }
     write_foot(&mut canvas, MapScale::of(map, request));
     color_bar(&mut canvas, layers, parameters.size);
-    let below_letter = 2 * canvas.line_height();
+    // The name of the case may be as wide as the picture.
+    let below_name = i32::from(caption.named.is_some()) * canvas.line_height();
+    let below_letter = below_name + 2 * canvas.line_height();
     for disc in map.discs.iter().filter(|disc| disc.face == MapFace::Inner) {
         write_beside(&mut canvas, "inner", below_letter, disc, request);
     }
     let mut large = Canvas::new(canvas.into_frame(), 2 * side);
     for disc in map.discs {
-        write_beside(&mut large, disc.hemisphere.letter(), 0, disc, request);
+        let letter = disc.hemisphere.letter();
+        write_beside(&mut large, letter, below_name, disc, request);
     }
     large.into_frame()
 }
@@ -158,8 +161,8 @@ fn write_beside(
         Hemisphere::Right => (x - radius) as i32,
     };
     let left = left.clamp(margin, (size[0] as i32 - margin - width).max(margin));
-    let top =
-        ((y - radius) as i32 + below).clamp(margin, (size[1] as i32 - margin - height).max(margin));
+    let [highest, lowest] = [margin + below, size[1] as i32 - margin - height];
+    let top = ((y - radius) as i32 + below).clamp(highest, lowest.max(highest));
     canvas.write(text, left, top);
 }
 

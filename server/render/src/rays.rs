@@ -46,8 +46,16 @@ pub(crate) struct Rays {
     per_column: [f32; 3],
     per_row: [f32; 3],
     per_height: [f32; 3],
+    /// What the corner, and so each foot, has too much: see [`LATTICE`]; 0 but on a map.
+    lattice: f32,
     disc: Option<Disc>,
 }
+
+/// Added to a coordinate of up to 1024 voxels and taken away again, it rounds it to a multiple of 2⁻¹².
+///
+/// Positions on a map are on this lattice. On it the mirrored position is exact, and so is what is interpolated there, so that a
+/// mirrored head has the mirrored map to the byte. Elsewhere coordinates are rounded more finely near 0 than far from it.
+const LATTICE: f32 = 3072.0;
 
 /// The directions of the lines of sight of a map, which all have their foot at the corner.
 #[derive(Debug, Clone, Copy)]
@@ -63,6 +71,7 @@ struct Disc {
 pub(crate) struct Ray {
     foot: [f32; 3],
     per_height: [f32; 3],
+    lattice: f32,
 }
 
 impl Rays {
@@ -86,11 +95,13 @@ impl Rays {
     fn of_disc(projection: &MapProjection, voxel_from_patient: DAffine3, unit_mm: f64) -> Self {
         let axes = voxel_from_patient.matrix3 * projection.axes() * unit_mm;
         let [x, y] = projection.centre().map(|place| place as f32);
+        let corner = voxel_from_patient.transform_point3(projection.centre_in_patient());
         Self {
-            corner: single(voxel_from_patient.transform_point3(projection.centre_in_patient())),
+            corner: single(corner + f64::from(LATTICE)),
             per_column: [0.0; 3],
             per_row: [0.0; 3],
             per_height: [0.0; 3],
+            lattice: LATTICE,
             disc: Some(Disc {
                 centre: [x, y],
                 units_per_pixel: projection.units_per_pixel() as f32,
@@ -109,6 +120,7 @@ impl Rays {
             per_column: single(axes.x_axis),
             per_row: single(axes.y_axis),
             per_height: single(axes.z_axis),
+            lattice: 0.0,
             disc: None,
         }
     }
@@ -120,6 +132,7 @@ impl Rays {
             return Ray {
                 foot: self.corner,
                 per_height: disc.direction(x, y),
+                lattice: self.lattice,
             };
         }
         Ray {
@@ -129,7 +142,13 @@ impl Rays {
                 self.corner[2] + x * self.per_column[2] + y * self.per_row[2],
             ],
             per_height: self.per_height,
+            lattice: self.lattice,
         }
+    }
+
+    /// What each foot has too much.
+    pub(crate) fn lattice(&self) -> f32 {
+        self.lattice
     }
 
     /// Voxel coordinates of a step of one pixel to the right.
@@ -161,7 +180,7 @@ impl Disc {
 }
 
 impl Ray {
-    /// Voxel coordinates at height 0.
+    /// Voxel coordinates at height 0, each with [`Rays::lattice`] too much.
     #[inline(always)]
     pub(crate) fn foot(&self) -> [f32; 3] {
         self.foot
@@ -177,9 +196,9 @@ impl Ray {
     #[inline(always)]
     pub(crate) fn at(&self, height: f32) -> [f32; 3] {
         [
-            self.foot[0] + height * self.per_height[0],
-            self.foot[1] + height * self.per_height[1],
-            self.foot[2] + height * self.per_height[2],
+            self.foot[0] + height * self.per_height[0] - self.lattice,
+            self.foot[1] + height * self.per_height[1] - self.lattice,
+            self.foot[2] + height * self.per_height[2] - self.lattice,
         ]
     }
 }

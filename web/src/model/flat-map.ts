@@ -3,6 +3,7 @@
 
 import type { MirrorPlane } from "./case.ts";
 import { type Vec2, type Vec3, add, cross, dot, length, normalized, scale, subtract, transform } from "./space.ts";
+import type { SurfaceName } from "./surfaces.ts";
 import type { Block } from "./wire.ts";
 
 /** Radii of the rim of a disc, 90° from its axis, and of the end of its margin at 115°, in radii of the sphere of directions. */
@@ -76,6 +77,14 @@ export interface Disc {
   readonly offset: Vec2;
   readonly extent: Vec2;
 }
+
+/** The surface that a disc shows: the outer sides are those of the whole brain, and the inner ones those of its halves. */
+export const surfaceOf = ({ face, hemisphere }: Pick<Disc, "face" | "hemisphere">): SurfaceName =>
+  face === "inner" ? hemisphere : "whole";
+
+/** The surfaces that a map shows. */
+export const surfacesOnMap = ({ has_inner }: Pick<MapView, "has_inner">): readonly SurfaceName[] =>
+  has_inner ? ["whole", ...HEMISPHERES] : ["whole"];
 
 /** Width and height of a map, in radii of the sphere. */
 export const mapExtent = ({ has_inner }: Pick<MapView, "has_inner">): Vec2 => [2 * CELL, (has_inner ? 2 : 1) * CELL];
@@ -186,6 +195,9 @@ function pointOf(xyz: Float32Array, index: number): Vec3 | null {
   return Number.isNaN(x) ? null : [x, y, z];
 }
 
+/** Where a coordinate changes by less than this share of the way, the surface lies along it: there, a level is noise and no curve. */
+const ALONG = 0.15;
+
 /** A step between neighbouring places that is longer than so many others lies across a fold. */
 const FOLD = 4;
 
@@ -228,7 +240,7 @@ export const single =
 
 /**
  * The curves on a map along which a coordinate of the position has one of some levels: pieces of lines, each from x, y to x, y in
- * pixels. `levels` gives those from a value up to another. Folds interrupt the curves.
+ * pixels. `levels` gives those from a value up to another. Folds interrupt the curves, and places where the surface lies along a level.
  */
 export function curvesOf(
   { size, step, xyz }: MapPositions,
@@ -236,7 +248,8 @@ export function curvesOf(
   levels: (low: number, high: number) => readonly number[],
   isWithin: (place: Vec2) => boolean = () => true,
 ): readonly (readonly [number, number, number, number])[] {
-  const longest = FOLD * typicalStep(size, xyz);
+  const typical = typicalStep(size, xyz);
+  const [least, longest] = [ALONG * typical, FOLD * typical];
   const pieces: (readonly [number, number, number, number])[] = [];
   const corner = [0, 0, 0, 0];
   for (let row = 0; row + 1 < size[1]; row += 1) {
@@ -245,7 +258,7 @@ export function curvesOf(
       const indices = [first, first + 3, first + 3 + 3 * size[0], first + 3 * size[0]];
       for (let at = 0; at < 4; at += 1) corner[at] = xyz[(indices[at] ?? 0) + axis] ?? NaN;
       const [low, high] = [Math.min(...corner), Math.max(...corner)];
-      if (!(high - low >= 0) || high - low > longest) continue;
+      if (!(high - low > least) || high - low > longest) continue;
       for (const level of levels(low, high)) {
         const place: Vec2 = [(column + 1) * step, (row + 1) * step];
         if (!isWithin(place)) continue;

@@ -63,7 +63,7 @@ export function below(depths: Depths, position: Vec3, depth_mm: number): number 
 }
 
 /** A straight way through the patient: `from`, then `reach_mm` along the unit vector `direction`. */
-interface Ray {
+export interface Ray {
   readonly from: Vec3;
   readonly direction: Vec3;
   readonly reach_mm: number;

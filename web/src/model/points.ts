@@ -2,7 +2,7 @@
 
 import { mirrored, project, towardsViewer } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
-import { type Depths, firstHit } from "./isosurface.ts";
+import { type Depths, type Ray, firstHit } from "./isosurface.ts";
 import { mirrorPlane, reflected } from "./midsagittal.ts";
 import { type Profile, profileAt } from "./profile.ts";
 import type { Sampler } from "./sampler.ts";
@@ -76,8 +76,8 @@ export class Points {
     const reach_mm = sphere.radius_mm + MARGIN_MM;
     const from = project(view, sphere, size).positionOf([...place, reach_mm]);
     const direction = scale(towardsViewer(view.orientation), -1);
-    const position = firstHit(this.depths, { from, direction, reach_mm: 2 * reach_mm }, state.depth_mm);
-    if (!position || !this.#isKnown(position, state.depth_mm)) return null;
+    const position = this.met({ from, direction, reach_mm: 2 * reach_mm }, state.depth_mm);
+    if (!position) return null;
     const intensity = this.#volume.atPatient(position);
     return {
       position_in_patient: position,
@@ -86,6 +86,12 @@ export class Points {
       normal_in_patient: scale(this.depths.inwardAt(position), -1),
       isFlipped: isMirror,
     };
+  }
+
+  /** Where a ray first meets the isosurface; null where it does not, or where that is unknown. */
+  met(ray: Ray, depth_mm: number): Vec3 | null {
+    const position = firstHit(this.depths, ray, depth_mm);
+    return position && this.#isKnown(position, depth_mm) ? position : null;
   }
 
   /** Whether a position is within the head, as far as the envelope tells. */

@@ -1,7 +1,7 @@
 // The surface of a case in its pane: drawn here by WebGL where that can be, else by the server.
 
 import type { ReadyCase } from "../model/case.ts";
-import { type Centres, centresOf } from "../model/flat-map.ts";
+import { type Centres, centresOf, surfacesOnMap } from "../model/flat-map.ts";
 import { type Depths, depthsOf } from "../model/isosurface.ts";
 import { mirrorPlane } from "../model/midsagittal.ts";
 import { type Picked, Points, type Probed } from "../model/points.ts";
@@ -57,6 +57,8 @@ class Cortex implements Surface {
   /** The facts of the surfaces of parts, and those that are being fetched. */
   readonly #parts = new Map<PartName, ReadyCase>();
   readonly #askedParts = new Set<PartName>();
+  /** The surfaces that the flat map shows. */
+  #onMap: readonly SurfaceName[] = [];
   /** The surface that is drawn. */
   #surface: SurfaceName = "whole";
   #centres: Centres | null = null;
@@ -128,28 +130,24 @@ class Cortex implements Surface {
 
   pick(state: ViewState, x: number, y: number): Picked | null {
     const drawn = this.#drawnSurface(state);
-    const other = this.#pointsOf(mirroredSurface(drawn)) ?? undefined;
-    return this.#pointsOf(drawn)?.pick(state, [x, y], this.#cssSize(), other) ?? null;
+    const other = this.pointsOf(mirroredSurface(drawn)) ?? undefined;
+    return this.pointsOf(drawn)?.pick(state, [x, y], this.#cssSize(), other) ?? null;
   }
 
   profile(position_in_patient: Vec3): Profile | null {
-    return this.#pointsOf(this.#surface)?.profile(position_in_patient) ?? null;
+    return this.pointsOf(this.#surface)?.profile(position_in_patient) ?? null;
   }
 
   probe(position_in_patient: Vec3): Probed | null {
-    return this.#pointsOf(this.#surface)?.probe(position_in_patient) ?? null;
+    return this.pointsOf(this.#surface)?.probe(position_in_patient) ?? null;
   }
 
   get depths(): Depths | null {
-    return this.#pointsOf(this.#surface)?.depths ?? null;
-  }
-
-  get wholeDepths(): Depths | null {
-    return this.#fields.get("whole") ?? null;
+    return this.pointsOf(this.#surface)?.depths ?? null;
   }
 
   wholeDepth(position_in_patient: Vec3): number | null {
-    return this.#pointsOf("whole")?.probe(position_in_patient).depth_mm ?? null;
+    return this.pointsOf("whole")?.probe(position_in_patient).depth_mm ?? null;
   }
 
   get deepest_mm(): number | null {
@@ -162,7 +160,7 @@ class Cortex implements Surface {
   }
 
   isInHead(position_in_patient: Vec3): boolean {
-    return this.#pointsOf("whole")?.isInHead(position_in_patient) ?? true;
+    return this.pointsOf("whole")?.isInHead(position_in_patient) ?? true;
   }
 
   async picture(state: ViewState, ratio: number): Promise<CanvasImageSource> {
@@ -190,7 +188,7 @@ class Cortex implements Surface {
     const painter = this.#isServed(state) ? null : this.#device?.painter;
     if (painter) {
       this.#bringLayers(state);
-      this.#bringParts(state);
+      this.#bringParts(surfacesOf(state), false);
     }
     if (!painter || !this.canSlice(state)) return null;
     const size = pictureSize(view.size, this.#ratio, MOST_SLICE_PIXELS);
@@ -207,16 +205,20 @@ class Cortex implements Surface {
   }
 
   canMap(state: ViewState): boolean {
-    // The inner sides are those of other surfaces, which are not here.
-    if (this.#isServed(state) || state.map.has_inner || !this.#centres) return false;
+    if (this.#isServed(state) || !this.#centres) return false;
+    const surfaces = surfacesOnMap(state.map);
     return (
-      this.#device?.painter?.canDraw("exact", state.depth_mm, ["whole"]) === true && this.#available(state) === state
+      this.#device?.painter?.canDraw("exact", state.depth_mm, surfaces) === true && this.#available(state) === state
     );
   }
 
   async map(state: ViewState, size: Vec2): Promise<ImageData | null> {
+    this.#onMap = surfacesOnMap(state.map);
     const painter = this.#isServed(state) ? null : this.#device?.painter;
-    if (painter) this.#bringLayers(state);
+    if (painter) {
+      this.#bringLayers(state);
+      this.#bringMapped();
+    }
     if (!painter || !this.#centres || !this.canMap(state)) return null;
     try {
       return await painter.map(mapLooks(state, this.#centres, this.#case), size);
@@ -273,6 +275,7 @@ class Cortex implements Surface {
     this.#schedule();
     void this.#findCentres(field);
     void this.#bringWhole();
+    this.#bringMapped();
   }
 
   /** Finds the middles of the hemispheres, which the flat map is drawn around. */
@@ -303,8 +306,7 @@ class Cortex implements Surface {
     return this.#fields.has("whole") && this.#volume !== null;
   }
 
-  /** What finds points of a surface; null where it is not here (yet). */
-  #pointsOf(surface: SurfaceName): Points | null {
+  pointsOf(surface: SurfaceName): Points | null {
     const [depths, volume] = [this.#fields.get(surface), this.#volume];
     if (!depths || !volume) return null;
     const points = this.#points.get(surface) ?? new Points(this.#case, depths, volume);
@@ -312,16 +314,25 @@ class Cortex implements Surface {
     return points;
   }
 
-  /** Fetches the surfaces of parts that a state shows, each once. */
-  #bringParts(state: ViewState): void {
-    for (const part of surfacesOf(state).filter(isPart)) {
-      if (this.#askedParts.has(part) || !(this.#isComplete || this.#isServed(state))) continue;
+  /** Fetches the surfaces of parts that a picture shows, each once. `failed` hears of those that cannot be fetched. */
+  #bringParts(
+    surfaces: readonly SurfaceName[],
+    isServed: boolean,
+    failed: (problem: unknown) => void = this.#options.noPart,
+  ): void {
+    for (const part of surfaces.filter(isPart)) {
+      if (this.#askedParts.has(part) || !(this.#isComplete || isServed)) continue;
       this.#askedParts.add(part);
-      this.#bringPart(part, !this.#isServed(state)).catch((problem: unknown) => {
+      this.#bringPart(part, !isServed).catch((problem: unknown) => {
         this.#askedParts.delete(part);
-        if (!this.#gone.signal.aborted) this.#options.noPart(problem);
+        if (!this.#gone.signal.aborted) failed(problem);
       });
     }
+  }
+
+  /** Fetches the surfaces of the flat map. Until they are here the server draws it, and says what there is to say. */
+  #bringMapped(): void {
+    if (!this.#isServed()) this.#bringParts(this.#onMap, false, () => (this.#onMap = []));
   }
 
   async #bringPart(part: PartName, draws: boolean): Promise<void> {
@@ -335,6 +346,9 @@ class Cortex implements Surface {
     }
     // The server draws with the facts alone; the rest is fetched once the page draws.
     else this.#askedParts.delete(part);
+    // What waits for it besides the surface, as the flat map, is told.
+    this.#told = "";
+    this.#tell();
     this.#schedule();
   }
 
@@ -385,7 +399,7 @@ class Cortex implements Surface {
     const isWhole = drawn === state;
     if (!isWhole) {
       this.#bringLayers(state);
-      this.#bringParts(state);
+      this.#bringParts(surfacesOf(state), false);
     }
     const isLast = quality === FULL_QUALITY && (state.way !== "auto" || way === "exact");
     const draw = (): void => {
@@ -398,6 +412,7 @@ class Cortex implements Surface {
       if (!gl.isContextLost()) this.#fail(error);
       return;
     }
+    this.#bringMapped();
     this.#standIn.leave();
     delete this.#host.dataset.preview;
     this.#canvas.style.visibility = "visible";
@@ -414,7 +429,7 @@ class Cortex implements Surface {
   #drawThere(state: ViewState): void {
     this.#way = "server";
     const drawn = { ...state, surface: this.#drawnSurface(state) };
-    if (drawn.surface !== state.surface) this.#bringParts(state);
+    if (drawn.surface !== state.surface) this.#bringParts(surfacesOf(state), true);
     this.#surface = drawn.surface;
     this.#standIn.draw(drawn, this.#moving);
     this.#tell();

@@ -39,8 +39,8 @@ import {
   scaleAt,
   shownAt,
   single,
+  surfaceOf,
 } from "../model/flat-map.ts";
-import { firstHit } from "../model/isosurface.ts";
 import { type Marked, surfaceMarks } from "../model/marks.ts";
 import { mirrorPlane } from "../model/midsagittal.ts";
 import { PLANES, PLANE_NAMES, mapQuery, pictureSize } from "../model/query.ts";
@@ -316,14 +316,12 @@ export class MapPane {
   /** The position that is shown at a place: exactly, where the page knows the surface. */
   #positionAt(state: ViewState, place: Vec2): Vec3 | null {
     const disc = discAt(this.#discs(state), place);
-    const { wholeDepths: depths, centres } = this.#listener.surface();
+    const surface = this.#listener.surface();
+    const points = disc && surface.centres && surface.pointsOf(surfaceOf(disc.disc));
     const direction = disc?.directionAt(place);
-    if (!disc || !direction || !depths || !centres || disc.disc.face === "inner") {
-      return this.#positions && shownAt(this.#positions, place);
-    }
+    if (!points || !direction) return this.#positions && shownAt(this.#positions, place);
     const from = add(disc.disc.center_in_patient, scale(direction, REACH_MM));
-    const ray = { from, direction: scale(direction, -1), reach_mm: REACH_MM };
-    return firstHit(depths, ray, state.depth_mm);
+    return points.met({ from, direction: scale(direction, -1), reach_mm: REACH_MM }, state.depth_mm);
   }
 
   // -- What stands on it

@@ -1,7 +1,7 @@
 // What of a state the painter draws.
 
 import type { ReadyCase } from "../model/case.ts";
-import { type Centres, discsOf } from "../model/flat-map.ts";
+import { type Centres, discsOf, surfaceOf } from "../model/flat-map.ts";
 import { type LayerOverlay, isDiverging, styleOf } from "../model/maps.ts";
 import { mirrorPlane } from "../model/midsagittal.ts";
 import { type SliceView, isFlipped, sliceCamera, sliceCenter } from "../model/slice-geometry.ts";
@@ -78,10 +78,10 @@ export function panesOf(state: ViewState, canvas: Vec2): Pane[] {
   );
 }
 
-/** The discs of the flat map. */
+/** The discs of the flat map, each with its surface. */
 export const mapLooks = (state: ViewState, centres: Centres, shown: ReadyCase): readonly Look[] =>
   discsOf(centres, mirrorPlane(shown), state.map.has_inner).map((disc) => ({
-    ...lookOf(state),
+    ...lookOf({ ...state, surface: surfaceOf(disc) }),
     onMap: { disc, view: state.map },
   }));
 

@@ -4,7 +4,7 @@
 import type { ReadyCase } from "../model/case.ts";
 import type { Centres } from "../model/flat-map.ts";
 import type { Depths } from "../model/isosurface.ts";
-import type { Picked, Probed } from "../model/points.ts";
+import type { Picked, Points, Probed } from "../model/points.ts";
 import type { Profile } from "../model/profile.ts";
 import type { SliceView } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
@@ -75,8 +75,8 @@ export interface Surface {
   readonly depths: Depths | null;
   /** The depth below the envelope of the whole brain, in mm, whichever surface is shown; null where nothing here knows (yet). */
   wholeDepth(position_in_patient: Vec3): number | null;
-  /** The depths of the whole brain; null until they are here. */
-  readonly wholeDepths: Depths | null;
+  /** What finds points of a surface; null until that is here. */
+  pointsOf(surface: SurfaceName): Points | null;
   /** The greatest depth below the surface that is shown, if it is that of a part; else null. */
   readonly deepest_mm: number | null;
   /** The state as the server is asked for it: a part is fitted into its pictures by its own sphere. */

@@ -556,6 +556,33 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn wide_ventricles_and_a_mass_leave_both_hemispheres_whole_or_a_reason() {
+        let plain = BrainPhantom::PLAIN;
+        let widened = |half_axes_mm: [f64; 3]| BrainPhantom {
+            ventricles_mm: DVec3::from_array(half_axes_mm),
+            ..plain
+        };
+        // Beside the falx and across it.
+        let mass = |x: f64| BrainPhantom {
+            mass: Some((DVec3::new(x, 30.0, 20.0), 24.0)),
+            ..plain
+        };
+        for phantom in [
+            widened([11.0, 45.0, 16.0]),
+            widened([20.0, 52.0, 24.0]),
+            mass(38.0),
+            mass(8.0),
+        ] {
+            let found = shares(&phantom, &phantom.scan(&grid()), &phantom.mask(&grid()));
+            println!("{found:.3?}");
+            if let Some([[left, left_in_right], [right_in_left, right]]) = found {
+                assert!(left > 0.97 && right > 0.97, "{left} {right}");
+                assert!(left_in_right < 0.02 && right_in_left < 0.02);
+            }
+        }
+    }
+
+    #[test]
     fn a_turned_or_cut_head_has_both_hemispheres_whole_or_a_reason_and_one_side_and_thick_slices_a_reason()
      {
         let plain = BrainPhantom::PLAIN;

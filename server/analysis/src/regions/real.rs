@@ -74,6 +74,12 @@ struct Peel {
 impl Peel {
     /// Whether an isosurface down to 30 mm meets a junction with this gradient (in patient space) at 30° or more.
     fn meets(&self, place: DVec3, gradient: DVec3) -> bool {
+        let [is_bare, is_deep, is_askew] = self.hinders(place, gradient);
+        !is_bare && !is_deep && !is_askew
+    }
+
+    /// What hinders it: that the depth is unknown, that it is greater, that the angle is smaller.
+    fn hinders(&self, place: DVec3, gradient: DVec3) -> [bool; 3] {
         let voxel = self
             .field
             .grid()
@@ -83,8 +89,11 @@ impl Peel {
         let depth_mm = depth_at(&self.field, voxel);
         let inwards = self.field.gradient(voxel).normalize_or_zero().as_dvec3();
         let across = gradient.normalize().dot(inwards);
-        let is_bare = self.is_bare(place);
-        !is_bare && (0.0..=DEEPEST_MM).contains(&depth_mm) && across * across <= 0.75
+        [
+            self.is_bare(place),
+            !(0.0..=DEEPEST_MM).contains(&depth_mm),
+            across * across > 0.75,
+        ]
     }
 
     fn is_bare(&self, place: DVec3) -> bool {
@@ -147,8 +156,8 @@ fn most_of_the_mesial_wall_is_met_when_it_is_peeled_from_the_falx() {
             .matrix3
             .inverse()
             .transpose();
-        // For each distance: all; missed by the whole, by the half, by both; bare.
-        let mut counts = [[0u32; 5]; MESIAL_MM.len()];
+        // For each distance: all; missed by the whole, by the half, by both; bare; missed by both, and bare, deep or askew for the half.
+        let mut counts = [[0u32; 8]; MESIAL_MM.len()];
         let mut everywhere = 0u32;
         let inner = |axis: usize| (2..block.size[axis].saturating_sub(2)).step_by(2);
         for (z, y) in inner(2).flat_map(|z| inner(1).map(move |y| (z, y))) {
@@ -169,12 +178,17 @@ fn most_of_the_mesial_wall_is_met_when_it_is_peeled_from_the_falx() {
                 let left_mm = sheet.left_mm(place);
                 let half = &halves[usize::from(left_mm < 0.0)];
                 let [by_whole, by_half] = [&whole, half].map(|peel| peel.meets(place, gradient));
+                let [is_bare, is_deep, is_askew] = half.hinders(place, gradient);
+                let neither = !by_whole && !by_half;
                 let is_so = [
                     true,
                     !by_whole,
                     !by_half,
-                    !by_whole && !by_half,
-                    half.is_bare(place),
+                    neither,
+                    is_bare,
+                    neither && is_bare,
+                    neither && !is_bare && is_deep,
+                    neither && !is_bare && !is_deep && is_askew,
                 ];
                 for (counts, most_mm) in counts.iter_mut().zip(MESIAL_MM) {
                     for (count, is_so) in counts.iter_mut().zip(is_so) {
@@ -184,16 +198,18 @@ fn most_of_the_mesial_wall_is_met_when_it_is_peeled_from_the_falx() {
             }
         }
         println!("{folder}: divided in {:.2} s", took.as_secs_f64());
-        for (most_mm, [all, before, after, neither, bare]) in MESIAL_MM.into_iter().zip(counts) {
+        for (most_mm, counts) in MESIAL_MM.into_iter().zip(counts) {
+            let [all, before, after, neither, bare, why @ ..] = counts;
             let share = |count: u32| f64::from(count) / f64::from(all);
             println!(
                 "  junction within {most_mm} mm of the sheet, {:.3} of all, met below 30\u{b0} or deeper than 30 mm: {:.3} of the whole \
-                 brain, {:.3} of a half ({:.3} bare), {:.3} of both",
+                 brain, {:.3} of a half ({:.3} bare), {:.3} of both: {:.3?} bare, deep, askew",
                 f64::from(all) / f64::from(everywhere),
                 share(before),
                 share(after),
                 share(bare),
                 share(neither),
+                why.map(share),
             );
             assert!(neither < before * 3 / 5, "{neither} {before}");
         }

@@ -4,7 +4,7 @@ use geometry::{BrainMask, DepthField, Grid, Mask, Volume, cut_envelope, distance
 use glam::{DAffine3, DQuat, DVec3};
 
 use super::phantom::{BrainPhantom, grid};
-use super::{Region, Regions, regions};
+use super::{Region, Regions, TISSUE_FROM, regions};
 use crate::maps::tissue_of;
 use crate::phantom::{Scan, mirrored};
 
@@ -63,17 +63,18 @@ fn the_parts_of_a_phantom_are_found() {
     check(&BrainPhantom::PLAIN);
 }
 
-/// The share of the voxels of one brain whose region is that of the voxel at the same place of another, which is placed
+/// The share of the voxels of one brain that count whose region is that of the voxel at the same place of another, which is placed
 /// by `moved`; `as_seen` is what a region becomes there.
 fn agreement(
-    one: &Regions,
+    one: (&Regions, impl Fn(usize) -> bool),
     other: &Regions,
     moved: DAffine3,
     as_seen: impl Fn(Region) -> Region,
 ) -> f64 {
+    let (one, counts) = one;
     let (mut same, mut count) = (0u32, 0u32);
     for (index, &code) in one.codes().iter().enumerate() {
-        let Some(region) = Region::from_code(code) else {
+        let Some(region) = Region::from_code(code).filter(|_| counts(index)) else {
             continue;
         };
         let voxel = DVec3::from_array(one.grid().voxel(index).map(|along| along as f64));
@@ -134,7 +135,7 @@ fn the_parts_turn_and_mirror_with_a_phantom_that_is_sampled_again() {
                 region
             }
         };
-        let same = agreement(&plain, &found, moved, as_seen);
+        let same = agreement((&plain, |_| true), &found, moved, as_seen);
         println!("{same:.5}");
         // Other noise, and voxels between the others: a third of a voxel along every border.
         assert!(same >= 0.995, "{same}");
@@ -170,8 +171,10 @@ fn the_parts_turn_and_mirror_with_the_voxels() {
 /// The shares of voxels that keep their regions in turned and mirrored heads.
 pub(super) fn check_moved(volume: &Volume, mask: &Mask) -> Vec<f64> {
     let mut agreements = Vec::new();
-    let plain = of(&placed(volume, mask, DAffine3::IDENTITY));
+    let scan = placed(volume, mask, DAffine3::IDENTITY);
+    let plain = of(&scan);
     assert_eq!(plain.doubts, []);
+    let (_, values, _) = tissue_of(scan.head()).expect("a tissue scale");
     for (moved, is_mirrored) in [
         (turned([25.0, 0.0, 0.0]), false),
         (turned([-9.0, 6.0, 14.0]), false),
@@ -186,8 +189,14 @@ pub(super) fn check_moved(volume: &Volume, mask: &Mask) -> Vec<f64> {
                 region
             }
         };
-        let same = agreement(&plain, &found, moved, as_seen);
-        println!("{same:.5}");
+        let same = agreement((&plain, |_| true), &found, moved, as_seen);
+        let of_tissue = agreement(
+            (&plain, |index: usize| values[index] >= TISSUE_FROM),
+            &found,
+            moved,
+            as_seen,
+        );
+        println!("{same:.5}, {of_tissue:.5} of the tissue");
         agreements.push(same);
     }
     agreements

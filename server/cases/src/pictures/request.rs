@@ -230,6 +230,9 @@ impl Default for PictureRequest {
     }
 }
 
+/// The version of the flat map; part of the entity tags of everything that shows it.
+const FLAT_MAP_FORMAT: u32 = 2;
+
 /// The version of a surface, on which everything that shows it depends; `None` for the whole brain, which never changes.
 pub fn surface_version(surface: SurfaceName) -> Option<String> {
     (!surface.is_whole()).then(|| format!("surfaces {SURFACES_FORMAT}"))
@@ -373,9 +376,12 @@ impl PictureRequest {
         })
     }
 
-    /// The version of the surfaces; `None` if only that of the whole brain is shown, which never changes.
-    pub fn surface_version(&self) -> Option<String> {
-        self.surfaces().into_iter().find_map(surface_version)
+    /// The versions of the map and of the surfaces; `None` for a picture of the whole brain from one direction, which never changes.
+    pub fn version(&self) -> Option<String> {
+        let map = self.map().map(|_| format!("map {FLAT_MAP_FORMAT}"));
+        let surfaces = self.surfaces().into_iter().find_map(surface_version);
+        let versions: Vec<String> = map.into_iter().chain(surfaces).collect();
+        (!versions.is_empty()).then(|| versions.join(", "))
     }
 
     /// The requested layers.

@@ -108,11 +108,12 @@ impl PictureSeries {
             .map_or("", |planned| planned.backend.name())
     }
 
-    /// The versions of the layers and of the surfaces, each once; `None` if there are no layers and only the whole brain is shown.
+    /// The versions of the layers, of maps and of the surfaces, each once; `None` if there are no layers and only the whole brain is shown,
+    /// from one direction.
     pub fn versions(&self) -> Option<String> {
         let pictures = self.pictures.iter();
         let surfaces = pictures.clone();
-        let surfaces = surfaces.filter_map(|planned| planned.picture.asked.surface_version());
+        let surfaces = surfaces.filter_map(|planned| planned.picture.asked.version());
         let layers = pictures.filter_map(|planned| planned.layers.version());
         let versions = each_once(layers.chain(surfaces));
         (!versions.is_empty()).then_some(versions)

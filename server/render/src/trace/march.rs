@@ -210,11 +210,12 @@ impl<'a> Marchers<'a> {
     /// Finds how far above the isosurface each place is.
     #[inline(always)]
     fn look(&mut self, count: usize) {
+        let lattice = self.rays.lattice();
         let mut positions = [[0.0; LANES]; 3];
         for (axis, positions) in positions.iter_mut().enumerate() {
             let [foot, towards_viewer] = [&self.foot[axis], &self.towards_viewer[axis]];
             for (lane, position) in positions.iter_mut().enumerate() {
-                *position = foot[lane] + self.place[lane] * towards_viewer[lane];
+                *position = foot[lane] + self.place[lane] * towards_viewer[lane] - lattice;
             }
         }
         self.isosurface

@@ -112,7 +112,7 @@ async fn answer_positions(
     }
     let id = question.id;
     // Positions differ between renderers and between graphics devices, as pixels do.
-    let version = question.query.surface_version();
+    let version = question.query.version();
     let variant_of =
         |backend: &RenderBackend| with_version(format!("{POSITIONS} {backend}"), version.clone());
     let format = Format::of(POSITIONS).variant(variant_of(&backend));
