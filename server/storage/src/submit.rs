@@ -73,7 +73,8 @@ impl Version {
 
     /// Its name with other parameters.
     pub fn id_with(&self, of: &[ObjectName], parameters: &Parameters) -> Option<CaseId> {
-        id_of(&self.sources(of), parameters)
+        let id = id_of(&self.sources(of), parameters)?;
+        Some(id.in_project(self.of.project()))
     }
 }
 
@@ -96,7 +97,7 @@ fn id_of(sources: &[(ObjectName, Option<&Spooled>)], parameters: &Parameters) ->
 }
 
 impl Upload {
-    /// The id of the case of this upload.
+    /// The id of the case of this upload in the default project.
     pub fn case_id(&self, parameters: &Parameters) -> CaseId {
         id_of(&source_files(self), parameters).expect("an upload has a volume")
     }
@@ -142,7 +143,7 @@ impl Store {
         let store = self.clone();
         let submit = async move {
             let inputs = Inputs {
-                id: upload.case_id(&parameters),
+                id: upload.case_id(&parameters).in_project(store.project()),
                 sources: source_files(&upload),
                 previous,
                 parameters,
@@ -178,7 +179,7 @@ impl Store {
                 return Ok(None);
             };
             let inputs = Inputs {
-                id,
+                id: id.in_project(version.of.project()),
                 sources,
                 previous: Some(version.of),
                 parameters,
