@@ -138,7 +138,7 @@ fn paths_of(router: &axum::Router) -> BTreeSet<String> {
 }
 
 /// The rows of both tables by method and path.
-fn rows() -> BTreeMap<(String, &'static str), (&'static str, Audited)> {
+pub(crate) fn rows() -> BTreeMap<(String, &'static str), (&'static str, Audited)> {
     let both = [service::routes::scopes::SCOPES, pacs::SCOPES].concat();
     let count = both.len();
     let rows: BTreeMap<_, _> = (both.into_iter())

@@ -241,7 +241,7 @@ impl Library {
             mask,
             dicom,
         };
-        let id = upload.case_id(&parameters);
+        let id = self.store().id_of(&upload, &parameters);
         let offer = read.map_or_else(OfferedUpload::default, |read| {
             self.decoded_uploads().offer(id, read, None)
         });

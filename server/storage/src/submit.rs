@@ -98,7 +98,7 @@ fn id_of(sources: &[(ObjectName, Option<&Spooled>)], parameters: &Parameters) ->
 
 impl Upload {
     /// The id of the case of this upload in the default project.
-    pub fn case_id(&self, parameters: &Parameters) -> CaseId {
+    pub(crate) fn case_id(&self, parameters: &Parameters) -> CaseId {
         id_of(&source_files(self), parameters).expect("an upload has a volume")
     }
 }
@@ -113,6 +113,11 @@ struct Inputs<'a> {
 }
 
 impl Store {
+    /// The id of the case of an upload in the project of this store.
+    pub fn id_of(&self, upload: &Upload, parameters: &Parameters) -> CaseId {
+        upload.case_id(parameters).in_project(self.project())
+    }
+
     /// Makes a case from spooled files and queues its preparation.
     ///
     /// An existing case is unchanged, but a failed one is queued again. The operation completes even if the caller
@@ -143,7 +148,7 @@ impl Store {
         let store = self.clone();
         let submit = async move {
             let inputs = Inputs {
-                id: upload.case_id(&parameters).in_project(store.project()),
+                id: store.id_of(&upload, &parameters),
                 sources: source_files(&upload),
                 previous,
                 parameters,
