@@ -60,7 +60,7 @@ CREATE TABLE jobs (
     needs_ready  INTEGER NOT NULL,   -- whether it waits until its case is ready
     payload      TEXT    NOT NULL,   -- JSON, for whoever does it
     client       TEXT    NOT NULL DEFAULT '',   -- a digest of who asked for it; clients take turns
-    project      TEXT    NOT NULL DEFAULT '',
+    project      TEXT    NOT NULL DEFAULT '',   -- of the case, or of whoever asked for it, if clients can list it
     state        TEXT    NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
     progress     TEXT,               -- JSON, of the latest attempt
     failure      TEXT,               -- JSON: why it failed, or why the latest attempt did
