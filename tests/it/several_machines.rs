@@ -38,8 +38,12 @@ pub(crate) struct Process {
 impl Process {
     /// Starts a command of the program on a shared store, with a folder of its own.
     fn start(command: &[&str], store: &HashMap<&str, String>) -> Self {
+        Self::start_program(&program(), command, store)
+    }
+
+    fn start_program(program: &Path, command: &[&str], store: &HashMap<&str, String>) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let process = Command::new(program())
+        let process = Command::new(program)
             .args(command)
             .env("ISOCORTEX_DATA", folder.path())
             .env("ISOCORTEX_GPU", "off")
@@ -65,8 +69,17 @@ impl Process {
         options: &[&str],
         store: &HashMap<&str, String>,
     ) -> (Self, SocketAddr) {
+        Self::server_of(&program(), options, store)
+    }
+
+    /// A server of this program with these options, and its address.
+    fn server_of(
+        program: &Path,
+        options: &[&str],
+        store: &HashMap<&str, String>,
+    ) -> (Self, SocketAddr) {
         let command = [&["serve", "--listen", "127.0.0.1:0"][..], options].concat();
-        let mut server = Self::start(&command, store);
+        let mut server = Self::start_program(program, &command, store);
         let mut lines = BufReader::new(server.process.stdout.take().unwrap()).lines();
         let line = lines.next().expect("it says where it listens").unwrap();
         let address = line.rsplit("http://").next().unwrap().parse().unwrap();
@@ -263,4 +276,18 @@ async fn two_servers_and_a_worker_are_one_service_that_outlives_its_database() {
     for process in [worker, first_process, second_process] {
         process.end().await;
     }
+}
+
+#[tokio::test]
+async fn a_server_whose_program_was_replaced_goes_on_preparing() {
+    let program = program();
+    let folder = tempfile::tempdir_in(program.parent().unwrap()).unwrap();
+    let running = folder.path().join("isocortex");
+    std::fs::hard_link(&program, &running).unwrap();
+    let (_process, server) = Process::server_of(&running, &[], &HashMap::new());
+    std::fs::remove_file(&running).unwrap();
+    let submitted = upload(server).await;
+    assert_eq!(submitted.status(), "202", "{}", submitted.head);
+    let case = format!("/v1/cases/{}", submitted.json()["id"].as_str().unwrap());
+    until(server, &format!("{case}/mesh?depth_mm=8"), "200").await;
 }

@@ -3,6 +3,7 @@
 use std::ffi::OsString;
 use std::io::{self, Read as _};
 use std::os::unix::fs::MetadataExt as _;
+use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::Duration;
@@ -67,7 +68,7 @@ impl Program {
                 command
             }
             None => {
-                let mut command = Command::new(std::env::current_exe()?);
+                let mut command = this_program()?;
                 command.arg(SUBCOMMAND);
                 command
             }
@@ -95,6 +96,17 @@ impl Program {
     pub(crate) fn start_now(&self) -> io::Result<std::process::Child> {
         self.command()?.stdout(Stdio::piped()).spawn()
     }
+}
+
+/// The program that runs here, even if its file was replaced since: an update does this under a running server.
+fn this_program() -> io::Result<Command> {
+    let file = std::env::current_exe()?;
+    if cfg!(not(target_os = "linux")) {
+        return Ok(Command::new(file));
+    }
+    let mut command = Command::new("/proc/self/exe");
+    command.arg0(file);
+    Ok(command)
 }
 
 /// A running child.
