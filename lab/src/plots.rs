@@ -36,7 +36,7 @@ const FROC_VIEWS: [View; 7] = [
     View::IsosurfacesMirrored,
     View::Sharpness,
     View::Blur,
-    View::BlurOnStacks,
+    View::BlurList,
 ];
 
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
@@ -334,7 +334,7 @@ fn range(numbers: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
 
 #[cfg(test)]
 mod tests {
-    use crate::study::Sighting;
+    use crate::study::{Area, Sighting};
 
     use super::*;
     use crate::column;
@@ -391,15 +391,20 @@ mod tests {
         let sighting = |false_marks| Sighting {
             known: 1.0,
             false_marks,
+            score: None,
+            highest: None,
         };
         let trial = |sign, false_marks| Trial {
             sign,
             radius_mm: 6.0,
             position_in_patient: [0.0; 3],
             depth_mm: 10.0,
+            area: Area::Other,
             blur_mm: 1.5,
             thickening_mm: 0.0,
             darkening: 0.0,
+            brightening: 0.0,
+            band_to: None,
             seed: 1,
             is_searched: true,
             sightings: vec![sighting(false_marks); View::ALL.len()],

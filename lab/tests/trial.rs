@@ -67,6 +67,7 @@ fn with_lesions(count: usize) -> Vec<WithLesion> {
                     blur_mm: 2.5,
                     ..Effect::NONE
                 },
+                band_to: None,
                 seed,
             };
             WithLesion {
@@ -448,4 +449,94 @@ fn a_folder_without_what_a_trial_needs_is_refused_before_any_work() {
     refused(&["--patients", "fcd"], &["COLUMN=VALUE"]);
     let found = std::fs::read_dir(results.path()).expect("a folder").count();
     assert_eq!(found, 0, "nothing was written");
+}
+
+/// The same volume with noise of its own.
+fn noisy(volume: &Volume, seed: u64) -> Volume {
+    let noise = |index: usize| {
+        let mixed = (index as u64 ^ seed << 40).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        ((mixed >> 40) % 41) as i32 - 20
+    };
+    let voxels = volume.voxels().iter().enumerate();
+    let voxels = voxels.map(|(index, &value)| match value {
+        0 => 0,
+        _ => (i32::from(value) + noise(index)).max(1) as u16,
+    });
+    Volume::new(volume.grid().clone(), voxels.collect(), volume.rescale()).expect("a volume")
+}
+
+#[test]
+fn normals_of_controls_are_written_and_judged_without_the_head_itself() {
+    let folder = Folder {
+        root: tempfile::tempdir().expect("a directory"),
+        centres: Vec::new(),
+    };
+    let lesion = &with_lesions(1)[0];
+    folder.image("sub-01/anat/sub-01_T1w.nii.gz", &noisy(&lesion.volume, 1));
+    let truth = ball(lesion.volume.grid(), lesion.centre);
+    folder.mask("sub-01/anat/sub-01_roi.nii.gz", &truth);
+    let (sound, _) = phantom();
+    let mut table = "participant_id\tgroup\tscanner\tsplit\nsub-01\tfcd\tB\tx\n".to_owned();
+    for number in 2..=7 {
+        let name = format!("sub-{number:02}");
+        folder.image(
+            &format!("{name}/anat/{name}_T1w.nii.gz"),
+            &noisy(&sound, number),
+        );
+        table += &format!("{name}\thc\tA\tx\n");
+    }
+    folder.write("participants.tsv", table.as_bytes());
+    folder.write(
+        "T1w.json",
+        br#"{"Manufacturer": "Made-up", "MagneticFieldStrength": 3}"#,
+    );
+    let results = tempfile::tempdir().expect("a directory");
+    let normals = results.path().with_extension("normals.json");
+    let trial = |more: &[&str]| {
+        let output = run(&[&folder.arguments(results.path())[..], more].concat());
+        let errors = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.code(), errors)
+    };
+    let (code, errors) = trial(&["--write-normals", text(&normals), "--jobs", "2"]);
+    assert_eq!(code, Some(0), "{errors}");
+    let written = read_json(&normals);
+    let scanner = &written["scanners"]["Made-up 3 T"];
+    let controls = scanner["controls"].as_array().map(Vec::len);
+    assert_eq!(controls, Some(6), "the patient is none");
+    let cells = scanner["cells"].as_object().expect("cells");
+    assert!(cells.len() > 1000, "{} cells", cells.len());
+
+    // The results are used again, and three further lists are judged.
+    let (code, errors) = trial(&["--normals", text(&normals)]);
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(!errors.contains("sub-0"), "{errors}");
+    let report = read_json(&results.path().join("report.json"));
+    let lists = report["lists"].as_array().expect("lists");
+    let names: Vec<&str> = lists
+        .iter()
+        .filter_map(|list| list["list"].as_str())
+        .collect();
+    assert_eq!(
+        names,
+        [
+            "blur",
+            "normals",
+            "normals, thickness",
+            "blur + 0.35 normals"
+        ]
+    );
+    let found = &lists[1]["shares"][0]["found"][2]["value"];
+    assert_eq!(found, 1.0, "the blur deviates from six sound phantoms");
+
+    // The patient's scanner has no controls, and five are too few if the head itself is one of six.
+    let (code, errors) = trial(&["--normals", text(&normals), "--scanner", "scanner"]);
+    assert_eq!(code, Some(2), "{errors}");
+    assert!(
+        errors.contains("B: sub-01") && errors.contains("Made-up 3 T"),
+        "{errors}"
+    );
+    let (code, errors) = trial(&["--normals", text(&results.path().join("report.json"))]);
+    assert_eq!(code, Some(2), "{errors}");
+    assert!(errors.contains("no file of normals"), "{errors}");
+    std::fs::remove_file(&normals).expect("a file");
 }

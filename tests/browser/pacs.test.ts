@@ -95,6 +95,29 @@ test("the page shows the patient where it may, nowhere else, and a key hides the
   await watched.context.close();
 });
 
+test("no picture is seen before its patient", { skip }, async () => {
+  const watched = await openPage(browser);
+  const { page } = watched;
+  let answer = (): void => {};
+  const isAnswered = new Promise<void>((resolve) => (answer = resolve));
+  await page.route(`**/v1/cases/${id}/dicom`, async (route) => {
+    await isAnswered;
+    await route.continue();
+  });
+  await page.goto(`${server.address}#${id}`);
+  await shown(page);
+  const opacity = (): Promise<string> =>
+    page.locator(".viewer canvas").first().evaluate((canvas) => getComputedStyle(canvas).opacity);
+  assert.equal(await page.locator(".patient-banner").count(), 0);
+  assert.equal(await opacity(), "0");
+  answer();
+  await page.locator('.viewer[data-patient="met"]').waitFor();
+  assert.equal(await page.locator(".patient-banner").count(), 1);
+  assert.equal(await opacity(), "1");
+  assert.deepEqual(watched.troubles, []);
+  await watched.context.close();
+});
+
 test("a result is previewed, sent to a node that is busy at first, and saved", { skip }, async () => {
   const watched = await openPage(browser);
   const { page } = watched;

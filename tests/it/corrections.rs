@@ -313,6 +313,12 @@ async fn c_store_answers_a_correction_with_a_warning_and_accepts_whole_studies()
 
 /// A list of the images of the head, with a title.
 fn note(title: KeyObjectTitle) -> Vec<u8> {
+    let uids = head_slices().into_iter().map(|slice| slice.sop_uid);
+    note_of(title, &uids.collect::<Vec<_>>())
+}
+
+/// A list of images of the series of the head, with a title.
+fn note_of(title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
     let texts = [("StudyInstanceUID", "1.2.3"), ("PatientID", "P-77")];
     let source = Attributes {
         attributes: texts
@@ -335,12 +341,13 @@ fn note(title: KeyObjectTitle) -> Vec<u8> {
         is_annotated: false,
         is_recognizable: None,
     };
-    let listed = |slice: &Slice| Listed {
-        series_uid: slice.series_uid.clone(),
+    let slice = Slice::number(0);
+    let listed = |uid: &String| Listed {
+        series_uid: head_slices()[0].series_uid.clone(),
         sop_class_uid: slice.sop_class.to_owned(),
-        sop_instance_uid: slice.sop_uid.clone(),
+        sop_instance_uid: uid.clone(),
     };
-    let listed: Vec<_> = head_slices().iter().map(listed).collect();
+    let listed: Vec<_> = uids.iter().map(listed).collect();
     key_object(&head, title, &listed).unwrap()
 }
 
@@ -569,4 +576,137 @@ async fn a_layer_of_a_rejected_head_goes_to_the_one_that_takes_its_place() {
     let next = case_of("1.2.3.66", "case").await;
     assert!(!rejected.ends_with(&next));
     assert_eq!(case_of("1.2.3.77", "layer").await, next);
+}
+
+#[tokio::test]
+async fn a_rejection_note_withdraws_the_images_that_it_names_and_no_others() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let case = identified_case(&neighbour).await;
+    let count = head_slices().len();
+    // One that never came. It is held back when it comes; what is here stays a case.
+    let late = Slice {
+        sop_uid: "1.2.3.4.9999".to_owned(),
+        ..head_slices()[count - 1].clone()
+    };
+    for title in [
+        KeyObjectTitle::RejectedForQuality,
+        KeyObjectTitle::RejectedForSafety,
+    ] {
+        let absent = note_of(title, &[late.sop_uid.clone()]);
+        assert_eq!(neighbour.store(&[absent]).await.status, 200);
+    }
+    let arrivals = neighbour.server.get("/v1/arrivals").await.json();
+    let heads = arrivals["arrivals"].as_array().unwrap().iter();
+    let mut heads = heads.filter(|each| each["series"] == "1.2.3.1");
+    assert_eq!(heads.next().unwrap()["state"], "case");
+    assert_eq!(superseded(&neighbour.server, &case).await, Value::Null);
+    let found = launched(&neighbour).await;
+    assert!(case.ends_with(found["case"].as_str().unwrap()), "{found}");
+    let stored = neighbour.store(&identified(&[late])).await;
+    assert_eq!(stored.status, 200, "{stored:?}");
+    assert_eq!(superseded(&neighbour.server, &case).await, Value::Null);
+    // One of the case: nothing is shown of it, and what is left is read again.
+    let last = head_slices()[count - 1].sop_uid.clone();
+    let named = note_of(KeyObjectTitle::RejectedForSafety, &[last]);
+    assert_eq!(neighbour.store(&[named]).await.status, 200);
+    assert_eq!(superseded(&neighbour.server, &case).await, "rejected");
+    let next = until("the other images are a case", async || {
+        let found = launched(&neighbour).await;
+        found["case"].as_str().map(str::to_owned)
+    })
+    .await;
+    assert!(!case.ends_with(&next));
+}
+
+/// The head with left and right exchanged: the same pixels, in the mirrored place.
+fn exchanged(slice: &Slice) -> Slice {
+    let [x, y, z] = slice.position;
+    let [a, b, c, d, e, f] = slice.orientation;
+    Slice {
+        position: [-x, y, z],
+        orientation: [-a, b, c, -d, e, f],
+        ..slice.clone()
+    }
+}
+
+#[tokio::test]
+async fn findings_and_layers_do_not_follow_images_that_lie_elsewhere() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let slices: Vec<_> = head_slices().iter().map(exchanged).collect();
+    assert_eq!(neighbour.store(&identified(&slices)).await.status, 200);
+    let wrong = neighbour.settled().await["case"].clone();
+    let wrong = format!("/v1/cases/{}", wrong.as_str().unwrap());
+    server.until_ready(&wrong).await;
+    let marked = crate::findings::mark(server, &wrong).await;
+    let layers = async |case: &str| {
+        let layers = server.get(&format!("{case}/layers")).await.json();
+        let layers = layers["layers"].as_array().unwrap().clone();
+        layers
+            .iter()
+            .filter(|layer| layer["name"].as_str().unwrap().starts_with("FLAIR"))
+            .count()
+    };
+    assert_eq!(
+        neighbour.store(&identified(&flair_slices(0))).await.status,
+        200
+    );
+    until("the layer comes", async || {
+        (layers(&wrong).await == 1).then_some(())
+    })
+    .await;
+    // The same voxels elsewhere are another matter.
+    let of_study = [
+        ([0x20, 0x0D], "UI", "1.2.40"),
+        ([0x20, 0x0E], "UI", "1.2.40.1"),
+    ];
+    let elsewhere = |slice: &Slice| {
+        let sop = format!("1.2.40.1.{}", slice.instance);
+        let sop = [([0x08, 0x18], "UI", sop.as_str())];
+        with_texts(slice, &[&IDENTITY[..], &of_study, &sop].concat())
+    };
+    let elsewhere: Vec<_> = slices.iter().map(elsewhere).collect();
+    assert_eq!(neighbour.store(&elsewhere).await.status, 200);
+    let elsewhere = until("the other study is a case", async || {
+        let list = server.get("/v1/arrivals").await.json();
+        let mut arrivals = list["arrivals"].as_array().unwrap().iter();
+        let other = arrivals.find(|each| each["series"] == "1.2.40.1")?;
+        Some(format!("/v1/cases/{}", other["case"].as_str()?))
+    })
+    .await;
+    // The archive corrects the orientation of every image.
+    let stored = neighbour.store(&identified_head()).await;
+    assert_eq!(warnings(&stored).len(), slices.len());
+    let right = until("the corrected images are a case", async || {
+        let found = launched(&neighbour).await;
+        let case = format!("/v1/cases/{}", found["case"].as_str()?);
+        (case != wrong).then_some(case)
+    })
+    .await;
+    server.until_ready(&right).await;
+    let version = server.get(&right).await.json();
+    assert!(
+        wrong.ends_with(version["previous"].as_str().unwrap()),
+        "{version}"
+    );
+    assert_eq!(
+        server.get(&format!("{right}/findings")).await.json()["findings"],
+        json!([])
+    );
+    // They are not lost: they stay where they were marked, which says what happened.
+    let kept = server.get(&format!("{wrong}/findings")).await.json();
+    assert_eq!(kept["findings"], marked["findings"]);
+    assert_eq!(superseded(server, &wrong).await, "moved");
+    assert_eq!(superseded(server, &elsewhere).await, Value::Null);
+    for (case, words) in [(&wrong, "MOVED:"), (&right, "CORRECTED:")] {
+        crate::maps::until_maps(server, case).await;
+        let report = server.get(&format!("{case}/report")).await;
+        let report = String::from_utf8_lossy(&report.body).into_owned();
+        assert!(report.contains(words), "{words}");
+    }
+    // The series that was a layer is placed again, in the corrected images.
+    until("the layer comes again", async || {
+        (layers(&right).await == 1).then_some(())
+    })
+    .await;
 }

@@ -113,7 +113,14 @@ async fn listed(server: &Server, case: &str) -> Option<Value> {
 async fn first_place(server: &Server, case: &str) -> (DVec3, f64) {
     let list = settled(server, &format!("{case}/candidates?map=flair")).await;
     assert_eq!(list.status, StatusCode::OK, "{list:?}");
-    let first = &list.json()["candidates"][0];
+    let list = list.json();
+    // No limit is known for this map.
+    assert!(
+        list["limits"].is_null() && list["nothing_stands_out"].is_null(),
+        "{list}"
+    );
+    let first = &list["candidates"][0];
+    assert!(first["unusual"].is_null(), "{first}");
     let position: [f64; 3] = serde_json::from_value(first["position_in_patient"].clone()).unwrap();
     (
         DVec3::from_array(position),
@@ -167,7 +174,9 @@ async fn the_newest_flair_has_a_map_that_is_listed_drawn_and_reported_and_goes_w
     let csv = server
         .get_with(&format!("{case}/candidates?map=flair"), &csv)
         .await;
-    assert!(csv.body.starts_with(b"rank,"), "{csv:?}");
+    let csv = String::from_utf8(csv.body.to_vec()).unwrap();
+    assert!(csv.starts_with("rank,"), "{csv}");
+    assert!(csv.contains(",cerebrum,,"), "{csv}");
     // On an axial slice, the left is at the right of the picture.
     let slice = format!("{case}/slices/axial?position_mm={}&{OVERLAY}", place.z);
     let drawn = server.get(&format!("{slice}&width=200&height=200")).await;
@@ -187,6 +196,7 @@ async fn the_newest_flair_has_a_map_that_is_listed_drawn_and_reported_and_goes_w
     assert_ne!(report.header("etag"), without.header("etag"));
     let text = String::from_utf8(report.body.to_vec()).unwrap();
     assert!(text.contains("<h3>FLAIR signal</h3>"), "{text}");
+    assert!(text.contains("No limit is known for this map"), "{text}");
 
     // A newer one of the same head, as DICOM: its header tells the contrast.
     let sound = BrainPhantom::PLAIN.other_contrast(&SimulatedLayer::FLAIR);

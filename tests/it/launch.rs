@@ -266,3 +266,136 @@ async fn two_patients_of_nearly_the_same_name_and_one_accession_number_keep_thei
         assert!(!has(other_name) && !has(other_patient));
     }
 }
+
+/// What became of a series.
+async fn arrival(neighbour: &Neighbour, series: &str) -> Value {
+    let list = neighbour.server.get("/v1/arrivals").await.json();
+    let mut arrivals = list["arrivals"].as_array().unwrap().iter();
+    let found = arrivals.find(|arrival| arrival["series"] == series);
+    found.cloned().unwrap_or_default()
+}
+
+#[tokio::test]
+async fn a_number_of_two_patients_opens_neither_also_if_one_of_them_makes_no_case() {
+    let neighbour = Neighbour::start(|config| config.page.patient_banner = Some(true)).await;
+    let accession = ([0x08, 0x50], "SH", "ACC-5");
+    let head = Series {
+        study: "1.2.50",
+        uid: "1.2.50.1",
+        texts: &[accession, ([0x10, 0x20], "LO", "PAT-A")],
+    };
+    let case = head.becomes(&neighbour).await;
+    let query = "accessionNumber=ACC-5";
+    let state = async |query: &str| {
+        let found = launched(&neighbour, query).await;
+        (found["state"].as_str().unwrap().to_owned(), found)
+    };
+    // Further series of the same patient make nothing ambiguous, nor does another study of theirs.
+    for (study, uid) in [("1.2.50", "1.2.50.2"), ("1.2.51", "1.2.51.1")] {
+        let texts = &[accession, ([0x10, 0x20], "LO", "PAT-A")];
+        let scout = Series { study, uid, texts };
+        assert_eq!(neighbour.store(&scout.files()[..1]).await.status, 200);
+        assert_eq!(state(query).await.0, "ready", "{uid}");
+    }
+    let other = Series {
+        study: "1.2.52",
+        uid: "1.2.52.1",
+        texts: &[accession, ([0x10, 0x20], "LO", "PAT-B")],
+    };
+    assert_eq!(neighbour.store(&other.files()[..1]).await.status, 200);
+    // Whether it is still received or was refused.
+    let (choice, found) = state(query).await;
+    assert_eq!((&*choice, &found["case"]), ("choice", &Value::Null));
+    until("the one image makes nothing", async || {
+        (arrival(&neighbour, other.uid).await["state"] == "nothing").then_some(())
+    })
+    .await;
+    let (choice, found) = state(query).await;
+    assert_eq!((&*choice, &found["case"]), ("choice", &Value::Null));
+    let candidates = found["candidates"].as_array().unwrap();
+    let [first, second] = &candidates[..] else {
+        panic!("{found}");
+    };
+    assert_eq!(first["case"], case);
+    assert_eq!(
+        (&second["case"], &second["state"]),
+        (&Value::Null, &json!("nothing"))
+    );
+    assert!(second["patient"].as_str().unwrap().contains("PAT-B") && second["reason"].is_object());
+    assert_eq!(
+        state("accessionNumber=ACC-5&patientID=PAT-A").await.1["case"],
+        case
+    );
+    assert_eq!(
+        state("accessionNumber=ACC-5&patientID=PAT-B").await.0,
+        "nothing"
+    );
+    assert_eq!(
+        state("accessionNumber=ACC-5&patientID=PAT-C").await.0,
+        "mismatch"
+    );
+    assert_eq!(state("study=1.2.50").await.1["case"], case);
+}
+
+#[tokio::test]
+async fn a_study_of_two_patients_gives_no_picture_and_is_listed_for_each() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let mut cases = Vec::new();
+    for (uid, patient) in [("1.2.60.1", "PAT-A"), ("1.2.60.2", "PAT-B")] {
+        let series = Series {
+            study: "1.2.60",
+            uid,
+            texts: &[([0x10, 0x20], "LO", patient)],
+        };
+        cases.push(series.becomes(&neighbour).await);
+    }
+    let found = launched(&neighbour, "study=1.2.60").await;
+    assert_eq!(
+        (&found["state"], &found["case"]),
+        (&json!("choice"), &Value::Null)
+    );
+    let keys = "rendered3D?depth_mm=5&viewport=64,48";
+    let refused = server
+        .get(&format!("/dicomweb/studies/1.2.60/{keys}"))
+        .await;
+    assert_eq!(
+        (refused.status.as_u16(), refused.problem().as_str()),
+        (409, "several-patients")
+    );
+    let drawn = server
+        .get(&format!("/dicomweb/studies/1.2.60/series/1.2.60.2/{keys}"))
+        .await;
+    assert_eq!(drawn.status, 200, "{drawn:?}");
+    // Each row has the patient whom it is about.
+    let rows = async |address: &str| {
+        let rows = server.get(address).await.json();
+        let row = |row: &Value| {
+            let value = |tag: &str| row[tag]["Value"][0].clone();
+            (value("00100020"), value("0020000E"), value("00201206"))
+        };
+        let mut rows: Vec<_> = rows.as_array().unwrap().iter().map(row).collect();
+        rows.sort_by_key(|row| row.0.to_string());
+        rows
+    };
+    let studies = rows("/dicomweb/studies?StudyInstanceUID=1.2.60").await;
+    let of = |patient: &str| (json!(patient), Value::Null, json!(1));
+    assert_eq!(studies, [of("PAT-A"), of("PAT-B")]);
+    let one = rows("/dicomweb/studies?StudyInstanceUID=1.2.60&PatientID=PAT-B").await;
+    assert_eq!(one, [of("PAT-B")]);
+    let series = rows("/dicomweb/studies/1.2.60/series?includefield=PatientID").await;
+    let uids: Vec<_> = series
+        .iter()
+        .map(|(patient, uid, _)| (patient.clone(), uid.clone()))
+        .collect();
+    assert_eq!(
+        uids,
+        [("PAT-A", "1.2.60.1"), ("PAT-B", "1.2.60.2")]
+            .map(|(patient, uid)| (json!(patient), json!(uid)))
+    );
+    let metadata = server
+        .get("/dicomweb/studies/1.2.60/series/1.2.60.2/metadata")
+        .await
+        .json();
+    assert_eq!(metadata[0]["00100020"]["Value"][0], "PAT-B");
+}

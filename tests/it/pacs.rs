@@ -319,6 +319,8 @@ fn with_canaries(slice: &Slice) -> Vec<u8> {
             ([0x10, 0x0020], "LO", "CANARY-10"),
             ([0x10, 0x0030], "DA", "19670312"),
             ([0x10, 0x1000], "LO", "CANARY-11"),
+            ([0x10, 0x1001], "PN", "CANARY^17"),
+            ([0x10, 0x1005], "PN", "CANARY^18"),
             ([0x10, 0x1040], "LO", "CANARY-12"),
             ([0x10, 0x4000], "LT", "CANARY-13"),
             ([0x18, 0x1030], "LO", "CANARY-14"),

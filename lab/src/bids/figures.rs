@@ -80,22 +80,12 @@ fn quotient(patients: &[(f64, f64)], seed: u64) -> Interval {
 
 /// A share whose parts and wholes come from patients. If all or nothing is found, every sample is the same: then the interval is that of
 /// Wilson for the number of patients.
-///
-/// Source: Wilson, "Probable inference, the law of succession, and statistical inference", J. Am. Stat. Assoc. 22, 1927.
 fn share(patients: &[(f64, f64)], seed: u64) -> Interval {
-    const SQUARED_DEVIATE: f64 = 1.96 * 1.96;
     let share = quotient(patients, seed);
-    let count = patients.len() as f64;
-    let widest = SQUARED_DEVIATE / (count + SQUARED_DEVIATE);
+    let count = patients.len();
     match share.value {
-        0.0 => Interval {
-            high: widest,
-            ..share
-        },
-        1.0 => Interval {
-            low: 1.0 - widest,
-            ..share
-        },
+        0.0 => Interval::of_count(0, count),
+        1.0 => Interval::of_count(count, count),
         _ => share,
     }
 }

@@ -4,7 +4,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use analysis::{Doubt, Head, MidsagittalPlane, Registration, Verdict, register};
+use analysis::steps::{HeadCells, head_cells};
+use analysis::{Doubt, Head, MapParameters, MidsagittalPlane, Registration, Verdict, register};
 use case::{CaseFacts, MapName, MaskMethod, Parameters, PatientSide, QualityState};
 use geometry::{DepthField, Mask};
 use glam::{DAffine3, DVec3};
@@ -14,6 +15,7 @@ use pipeline::{HeadLimits, Pipeline, Prepared, Source};
 use serde::{Deserialize, Serialize};
 
 use super::folder::{HeadFiles, name_of, stem_of};
+use super::normals::CellsFile;
 use super::truth::{Lesion, Lesions, Rules};
 use crate::BenchError;
 use crate::files::{read, write};
@@ -65,7 +67,7 @@ pub(super) fn hash(bytes: &[u8]) -> String {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct FileHash {
     name: String,
-    blake3: String,
+    pub(super) blake3: String,
 }
 
 /// The stored result of a head.
@@ -74,7 +76,7 @@ pub(super) struct HeadResult {
     made_with: MadeWith,
     pub(super) head: String,
     /// The volume, then the truths and the FLAIR that they were drawn on.
-    files: Vec<FileHash>,
+    pub(super) files: Vec<FileHash>,
     pub(super) outcome: Outcome,
 }
 
@@ -215,9 +217,16 @@ pub(super) struct Finder<'a> {
     pub(super) pipeline: &'a Pipeline,
     pub(super) made_with: &'a MadeWith,
     pub(super) results: &'a Path,
+    /// Whether the cells of each head are needed for normals.
+    pub(super) needs_cells: bool,
 }
 
 impl Finder<'_> {
+    /// The file with the cells of a head.
+    pub(super) fn cells_path(&self, head: &str) -> PathBuf {
+        self.results.join(format!("{head}.cells.json"))
+    }
+
     /// The file of results of a head.
     pub(super) fn path(&self, head: &str) -> PathBuf {
         self.results.join(format!("{head}.json"))
@@ -247,19 +256,30 @@ impl Finder<'_> {
             });
         }
         let path = self.path(&head.name);
+        let cells_path = self.cells_path(&head.name);
+        let t1_hash = files[0].blake3.clone();
         if let Some(stored) = self.stored(&path, &files)? {
-            return Ok((stored, false));
+            let is_complete = !self.needs_cells
+                || matches!(stored.outcome, Outcome::NoMaps { .. })
+                || CellsFile::stored(&cells_path, self.made_with, &t1_hash).is_some();
+            if is_complete {
+                return Ok((stored, false));
+            }
+        }
+        let (outcome, cells) = self.outcome(head, truths, flair)?;
+        if let Some(cells) = cells {
+            let cells = CellsFile::new(self.made_with, &t1_hash, cells);
+            let bytes = serde_json::to_vec(&cells).expect("numbers and names");
+            write_whole(&cells_path, &bytes)?;
         }
         let result = HeadResult {
             made_with: self.made_with.clone(),
             head: head.name.clone(),
             files,
-            outcome: self.outcome(head, truths, flair)?,
+            outcome,
         };
         let bytes = serde_json::to_vec_pretty(&result).expect("numbers and names");
-        let part = path.with_extension("json.part");
-        write(&part, &bytes)?;
-        std::fs::rename(&part, &path).map_err(|error| BenchError::unwritable(&path, &error))?;
+        write_whole(&path, &bytes)?;
         Ok((result, true))
     }
 
@@ -291,7 +311,8 @@ impl Finder<'_> {
         head: &HeadFiles,
         truths: &[PathBuf],
         flair: Option<&PathBuf>,
-    ) -> Result<Outcome, BenchError> {
+    ) -> Result<(Outcome, Option<HeadCells>), BenchError> {
+        let no_maps = |code, sentence| Ok((Outcome::NoMaps { code, sentence }, None));
         let bytes = read(&head.t1[0])?;
         let limits = Limits::default();
         let prepared = HeadLimits::default().check(&bytes, &limits).and_then(|_| {
@@ -313,20 +334,14 @@ impl Finder<'_> {
                 )));
             }
             Err(failure) => {
-                return Ok(Outcome::NoMaps {
-                    code: failure.name,
-                    sentence: failure.detail,
-                });
+                return no_maps(failure.name, failure.detail);
             }
         };
         let volume = prepared.built.model.volume();
         let maps = match compute_maps(&prepared.facts, prepared.envelope(), volume) {
             Ok(maps) => maps,
             Err(reason) => {
-                return Ok(Outcome::NoMaps {
-                    code: reason.code.into_owned(),
-                    sentence: reason.sentence.into_owned(),
-                });
+                return no_maps(reason.code.into_owned(), reason.sentence.into_owned());
             }
         };
         let registered = match flair {
@@ -341,11 +356,29 @@ impl Finder<'_> {
             placed(truth, is_on_flair, registered.as_ref())
         };
         let truths = truths.iter().map(placed).collect();
-        found(&head.name, &prepared, &maps, truths, |found| {
+        let found = found(&head.name, &prepared, &maps, truths, |found| {
             found.read_lesions(head, &Rules::STANDARD)
-        })
-        .map(|found| Outcome::Maps(Box::new(found)))
+        })?;
+        let cells = self.needs_cells.then(|| cells(&prepared)).transpose()?;
+        Ok((Outcome::Maps(Box::new(found)), cells))
     }
+}
+
+/// Writes a file whole: a run that is interrupted leaves none.
+fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), BenchError> {
+    let part = path.with_extension("json.part");
+    write(&part, bytes)?;
+    std::fs::rename(&part, path).map_err(|error| BenchError::unwritable(path, &error))
+}
+
+/// The cells of a head, for normals.
+fn cells(prepared: &Prepared) -> Result<HeadCells, BenchError> {
+    let head = Head {
+        volume: prepared.built.model.volume(),
+        depth: &DepthField::new(&prepared.built.distance),
+        plane: &mirror_plane(&prepared.facts),
+    };
+    Ok(head_cells(head, &MapParameters::STANDARD)?)
 }
 
 /// Whether a truth was drawn on the FLAIR: its name without `_roi` is that of a FLAIR, or it has the voxels of the FLAIR, and not those

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use bench::study::{
-    Criteria, Finished, MaskFrom, Report, Simulator, StudyFolders, StudyHead, StudyParameters, View,
+    Criteria, Finished, MaskFrom, Report, Simulator, StudyFolders, StudyHead, StudyParameters,
+    View, page,
 };
 use bench::{BenchError, froc};
 use clap::Args;
@@ -56,6 +57,10 @@ pub(super) struct StudyArgs {
     /// and thickenings alone). No score is adopted unless it wins with both.
     #[arg(long, value_name = "NAME", default_value = "displaced", value_parser = simulator)]
     simulator: Simulator,
+    /// Make the page of results: blurs, mixtures, transmantle lesions and thickenings in turn, from both simulators, in the lists
+    /// that the program makes. The results of each simulator are in a directory of its own.
+    #[arg(long, conflicts_with_all = ["radius_mm", "simulator", "patches", "plot", "write", "quick"])]
+    four: bool,
     /// Show maps alone, which takes a third of the time.
     #[arg(long, conflicts_with_all = ["plot", "patches"])]
     maps_only: bool,
@@ -152,20 +157,6 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
         parameters.views = &View::OF_MAPS;
     }
     parameters.seed = args.seed.unwrap_or(parameters.seed);
-    let folders = StudyFolders {
-        results: args.results.clone(),
-        lesions: args.write.clone(),
-    };
-    for folder in [
-        Some(&folders.results),
-        folders.lesions.as_ref(),
-        args.plot.as_ref(),
-    ]
-    .into_iter()
-    .flatten()
-    {
-        create(folder)?;
-    }
     let mut heads = args.head.clone();
     if heads.is_empty() {
         heads.push(StudyHead {
@@ -180,21 +171,24 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
             *mask = MaskFrom::Network(network.clone());
         }
     }
-    let mut progress = StudyProgress::new(heads.len());
-    let results = heads
-        .iter()
-        .enumerate()
-        .map(|(number, head)| {
-            let mut report = |finished: Finished<'_>| progress.report(number, &finished);
-            head.trials(&parameters, &folders, &mut report)
-        })
-        .collect::<Result<Vec<_>, _>>();
-    progress.end();
-    let results = results?;
-    if let Some(folder) = &args.plot {
-        write(&folder.join("froc.svg"), froc(&results).as_bytes())?;
+    if args.four {
+        let reports = Simulator::ALL.map(|simulator| {
+            let folder = args.results.join(simulator.name());
+            args.report(&heads, &parameters.with_four_lesions(simulator), folder)
+        });
+        let reports = reports.into_iter().collect::<Result<Vec<Report>, _>>()?;
+        if args.json {
+            println!("{:#}", json!({ "reports": reports }));
+        } else {
+            print!("{}", page(&reports));
+        }
+        return Ok(());
     }
-    let report = Report::new(&parameters, results);
+    let report = args.report(&heads, &parameters, args.results.clone())?;
+    if let Some(folder) = &args.plot {
+        create(folder)?;
+        write(&folder.join("froc.svg"), froc(&report.heads).as_bytes())?;
+    }
     if args.json {
         let verdicts = report.verdicts(&Criteria::STANDARD);
         let known_place = report.known_place();
@@ -206,4 +200,36 @@ pub(super) fn run(args: &StudyArgs) -> Result<(), BenchError> {
         print!("{}", report.table(&Criteria::STANDARD));
     }
     Ok(())
+}
+
+impl StudyArgs {
+    /// Runs the trials of all heads, or reads their results from a directory.
+    fn report(
+        &self,
+        heads: &[StudyHead],
+        parameters: &StudyParameters,
+        results: PathBuf,
+    ) -> Result<Report, BenchError> {
+        let folders = StudyFolders {
+            results,
+            lesions: self.write.clone(),
+        };
+        for folder in [Some(&folders.results), folders.lesions.as_ref()]
+            .into_iter()
+            .flatten()
+        {
+            create(folder)?;
+        }
+        let mut progress = StudyProgress::new(heads.len());
+        let results = heads
+            .iter()
+            .enumerate()
+            .map(|(number, head)| {
+                let mut report = |finished: Finished<'_>| progress.report(number, &finished);
+                head.trials(parameters, &folders, &mut report)
+            })
+            .collect::<Result<Vec<_>, _>>();
+        progress.end();
+        Ok(Report::new(parameters, results?))
+    }
 }

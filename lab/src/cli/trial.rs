@@ -64,6 +64,21 @@ pub(super) struct TrialArgs {
     /// T1-weighted NIfTI file (to the right, front and top). May be given several times.
     #[arg(long, value_name = "FILE", requires = "bids")]
     candidates_of: Vec<PathBuf>,
+    /// Write the mean and the deviation of sharpness, detail, thickness and tissue over the controls of each scanner, in cells of 4 mm,
+    /// into this file. An experiment: no score of the program uses it.
+    #[arg(
+        long,
+        value_name = "FILE",
+        requires = "bids",
+        conflicts_with = "no_controls"
+    )]
+    write_normals: Option<PathBuf>,
+    /// Also judge the places that deviate most from the normals in this file, each head without itself. An experiment.
+    #[arg(long, value_name = "FILE", requires = "bids")]
+    normals: Option<PathBuf>,
+    /// The column that names the scanner, for normals. [default: what the side files *_T1w.json state]
+    #[arg(long, value_name = "COLUMN", requires = "bids")]
+    scanner: Option<String>,
     /// Number of heads at the same time; each needs about 2 GB.
     #[arg(long, value_name = "N", requires = "bids", default_value_t = 1, value_parser = jobs)]
     jobs: usize,
@@ -128,6 +143,9 @@ impl TrialArgs {
             jobs: self.jobs,
             freeze: self.freeze,
             candidates_of: self.candidates_of.clone(),
+            write_normals: self.write_normals.clone(),
+            normals: self.normals.clone(),
+            scanner: self.scanner.clone(),
         }
     }
 }

@@ -64,7 +64,7 @@ pub(super) fn known_place(heads: &[HeadResult]) -> Vec<KnownPlace> {
     };
     let mut rows = of(None);
     rows.push(averaged("**mean**", &rows));
-    for sign in Sign::DRAWN {
+    for sign in Sign::LESIONS {
         let of_sign = of(Some(sign));
         if !of_sign.is_empty() {
             rows.push(averaged(sign.name(), &of_sign));

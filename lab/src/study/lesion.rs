@@ -5,7 +5,9 @@
 //! * **blur** smooths the intensities by a Gaussian;
 //! * **thickening** moves intensities along the gradient of the smoothed tissue scale, so that grey matter reaches into
 //!   white;
-//! * **intensity** lowers white matter.
+//! * **intensity** lowers white matter, and raises grey matter.
+//!
+//! A transmantle band, in which white matter is darker, may lead from its centre to a ventricle.
 //!
 //! Smoothing and interpolation remove noise, so white Gaussian noise with the missing variance is added again. A lesion
 //! without any effect is a sham: it runs through the same code.
@@ -21,6 +23,9 @@ use analysis::steps::{Block, Zone};
 const IRREGULARITY: f64 = 0.2;
 /// The distance over which the effect fades, in mm.
 const TAPER_MM: f64 = 2.0;
+/// The radius of a band to the ventricle, in mm, and how much darker white matter is in it, as a fraction of the contrast.
+const BAND_MM: f64 = 2.0;
+const BAND_DARKENING: f64 = 0.25;
 /// The Gaussian of the tissue scale for the direction in which intensities move, in mm.
 const DIRECTION_MM: f64 = 1.5;
 
@@ -33,6 +38,8 @@ pub struct Effect {
     pub thickening_mm: f64,
     /// How much darker white matter is, as a fraction of the contrast.
     pub darkening: f64,
+    /// How much brighter grey matter is, as a fraction of the contrast.
+    pub brightening: f64,
 }
 
 impl Effect {
@@ -41,6 +48,7 @@ impl Effect {
         blur_mm: 0.0,
         thickening_mm: 0.0,
         darkening: 0.0,
+        brightening: 0.0,
     };
 }
 
@@ -53,6 +61,8 @@ pub struct Lesion {
     pub radius_mm: f64,
     /// Its effects.
     pub effect: Effect,
+    /// The end of a dark band that begins at its centre, LPS mm.
+    pub band_to: Option<DVec3>,
     /// The seed of its edge and its noise.
     pub seed: u64,
 }
@@ -60,8 +70,28 @@ pub struct Lesion {
 impl Lesion {
     /// The greatest distance from its centre at which it changes anything, in mm.
     pub(crate) fn reach_mm(&self) -> f64 {
-        self.radius_mm * (1.0 + 2.0 * IRREGULARITY) + TAPER_MM
+        let ball = self.radius_mm * (1.0 + 2.0 * IRREGULARITY);
+        let band = |end: DVec3| end.distance(self.centre_in_patient) + BAND_MM;
+        self.band_to.map_or(ball, |end| ball.max(band(end))) + TAPER_MM
     }
+
+    /// The distance of a position from the axis of the band, in mm, and the share of the way to its end; `None` without a band.
+    pub(super) fn from_band(&self, position: DVec3) -> Option<(f64, f64)> {
+        let along = self.band_to? - self.centre_in_patient;
+        let from = position - self.centre_in_patient;
+        let share = (from.dot(along) / along.length_squared().max(1e-9)).clamp(0.0, 1.0);
+        Some((from.distance(along * share), share))
+    }
+}
+
+/// The share of white matter in a value of the tissue scale, from the middle between grey and white on.
+pub(super) fn white_share(value: f64) -> f64 {
+    (value - 0.5).clamp(0.0, 0.5) * 2.0
+}
+
+/// The share of grey matter: all below that middle, and none in fluid.
+pub(super) fn grey_share(value: f64) -> f64 {
+    (1.0 - value.abs()).clamp(0.0, 0.5) * 2.0
 }
 
 /// The head that receives a lesion.
@@ -123,7 +153,10 @@ pub(crate) fn with_lesion(ground: &Ground<'_>, lesion: &Lesion) -> Volume {
         let place = DVec3::from_array(native.map(|along| along as f64));
         let position = grid.patient_from_voxel().transform_point3(place);
         let share = patch.share(position);
-        if share <= 0.0 {
+        let band = lesion.from_band(position).map_or(0.0, |(away, _)| {
+            ((BAND_MM - away) / TAPER_MM + 0.5).clamp(0.0, 1.0)
+        });
+        if share <= 0.0 && band <= 0.0 {
             continue;
         }
         let mut from = place;
@@ -133,7 +166,7 @@ pub(crate) fn with_lesion(ground: &Ground<'_>, lesion: &Lesion) -> Volume {
             from = grid.voxel_from_patient().transform_point3(position + back);
         }
         let (moved, kept) = sampler.at(from);
-        let (blurred, kept) = if lesion.effect.blur_mm > 0.0 {
+        let (blurred, kept) = if lesion.effect.blur_mm > 0.0 && share > 0.0 {
             let sigma = block.in_voxels(lesion.effect.blur_mm);
             let smoothed = sampler.smoothed(from, sigma);
             let mixed = moved * (1.0 - share) + smoothed.intensity * share;
@@ -141,10 +174,12 @@ pub(crate) fn with_lesion(ground: &Ground<'_>, lesion: &Lesion) -> Volume {
         } else {
             (moved, kept)
         };
-        let white = (f64::from(ground.values[index_in_block]) - 0.5).clamp(0.0, 0.5) * 2.0;
-        let darkened = blurred - lesion.effect.darkening * contrast * share * white;
+        let own = f64::from(ground.values[index_in_block]);
+        let darker = (lesion.effect.darkening * share).max(BAND_DARKENING * band);
+        let brighter = lesion.effect.brightening * share;
+        let changed = brighter * grey_share(own) - darker * white_share(own);
         let missing = (1.0 - kept).max(0.0).sqrt();
-        let intensity = darkened + noise * missing * random.normal();
+        let intensity = blurred + changed * contrast + noise * missing * random.normal();
         let stored = (intensity - f64::from(rescale.intercept)) / f64::from(rescale.slope);
         voxels[grid.index(native)] = stored.round().clamp(0.0, 65535.0) as u16;
     }

@@ -6,6 +6,7 @@ mod hotelling;
 mod known;
 mod lesion;
 mod observer;
+mod page;
 mod paint;
 mod patches;
 mod places;
@@ -25,16 +26,21 @@ pub use hotelling::{CHANNELS, Outputs};
 pub use known::KnownPlace;
 pub use lesion::{Effect, Lesion};
 pub use observer::View;
-pub use places::Place;
+pub(crate) use observer::greedy;
+pub use page::page;
+pub use places::{Area, Place};
 pub use report::{Criteria, Report, Verdict};
 pub(crate) use report::{Interval, bootstrap_over};
 pub(crate) use resampled::half_a_voxel_further;
-pub use run::{HeadResult, Sighting, Sign, Simulator, StudyParameters, Trial, run_head};
-pub use search::{HIT_MM, Mark, Touch, false_marks_above, false_marks_before_hit};
+pub use run::{
+    FOUR_LESIONS, HeadResult, Sighting, Sign, Simulator, StudyParameters, Trial, run_head,
+};
+pub use search::{HIT_MM, Mark, Touch, false_marks_before_hit, hit};
 
 use std::sync::OnceLock;
 
 use geometry::Volume;
+use glam::DVec3;
 
 use analysis::steps::{Block, tissue_of};
 use analysis::{Head, MapsUndefined, TissueScale};
@@ -47,6 +53,8 @@ pub struct Ground<'a> {
     tissue: TissueScale,
     /// The noise of the head, for the second simulator.
     grain: OnceLock<paint::Grain>,
+    /// Points of the ventricles, LPS mm.
+    ventricles: OnceLock<Vec<DVec3>>,
 }
 
 impl<'a> Ground<'a> {
@@ -60,6 +68,7 @@ impl<'a> Ground<'a> {
             values,
             tissue,
             grain: OnceLock::new(),
+            ventricles: OnceLock::new(),
         })
     }
 
@@ -69,10 +78,17 @@ impl<'a> Ground<'a> {
         places::places(&offers, count, seed)
     }
 
+    /// The point of the ventricles nearest to a position, LPS mm; `None` if none are found.
+    pub fn nearest_ventricle(&self, position: DVec3) -> Option<DVec3> {
+        let found = || places::ventricles(self.head, &self.block, &self.values);
+        let ventricles = self.ventricles.get_or_init(found).iter().copied();
+        ventricles.min_by(|one, other| {
+            let [one, other] = [one, other].map(|point| point.distance_squared(position));
+            one.total_cmp(&other)
+        })
+    }
+
     /// The volume of the head with a lesion from one of the simulators.
-    ///
-    /// # Panics
-    /// If the simulator does not make this sign ([`Simulator::signs`]).
     pub fn simulated(&self, lesion: &Lesion, simulator: Simulator) -> Volume {
         match simulator {
             Simulator::Displaced => self.with_lesion(lesion),

@@ -11,9 +11,10 @@ use super::search::Mark;
 use analysis::steps::{Block, Measures, Scores, compare, depth_at, regions};
 use analysis::{Head, MapParameters, TissueScale};
 
-/// The depths of the search on slices, and on isosurfaces, in mm.
+/// The depths of the search on slices, on isosurfaces, and in the lists of the program if the regions are in doubt, in mm.
 const SLICE_DEPTHS_MM: RangeInclusive<f32> = 3.0..=28.0;
 const SURFACE_DEPTHS_MM: RangeInclusive<f32> = 3.0..=24.0;
+const DOUBTFUL_DEPTHS_MM: RangeInclusive<f32> = 3.0..=30.0;
 /// The least distance between two marks, in mm, and the greatest number of marks per head.
 const APART_MM: f64 = 10.0;
 const MARKS: usize = 60;
@@ -39,9 +40,9 @@ pub enum View {
     Sharpness,
     /// V9: `blur` on isosurfaces.
     Blur,
-    /// V10: `blur` on the three stacks.
-    BlurOnStacks,
-    /// V11: the score for a thick cortex, on the three stacks.
+    /// V10: the list of `blur`, as the program makes it.
+    BlurList,
+    /// V11: the list of `thickness`, as the program makes it.
     Thickness,
 }
 
@@ -57,16 +58,13 @@ impl View {
         Self::IsosurfacesMirrored,
         Self::Sharpness,
         Self::Blur,
-        Self::BlurOnStacks,
+        Self::BlurList,
         Self::Thickness,
     ];
+    /// The lists of the program.
+    pub const LISTS: [Self; 2] = [Self::BlurList, Self::Thickness];
     /// The views that show a map. Alone, they take a third of the time.
-    pub const OF_MAPS: [Self; 4] = [
-        Self::Sharpness,
-        Self::Blur,
-        Self::BlurOnStacks,
-        Self::Thickness,
-    ];
+    pub const OF_MAPS: [Self; 4] = [Self::Sharpness, Self::Blur, Self::BlurList, Self::Thickness];
 
     /// Its number and name.
     pub fn name(self) -> &'static str {
@@ -80,8 +78,8 @@ impl View {
             Self::IsosurfacesMirrored => "V7 isosurfaces, mirrored",
             Self::Sharpness => "V8 sharpness on isosurfaces",
             Self::Blur => "V9 blur on isosurfaces",
-            Self::BlurOnStacks => "V10 blur on three stacks",
-            Self::Thickness => "V11 thickness",
+            Self::BlurList => "V10 list of blur",
+            Self::Thickness => "V11 list of thickness",
         }
     }
 
@@ -92,12 +90,8 @@ impl View {
 
     fn depths_mm(self) -> RangeInclusive<f32> {
         match self {
-            Self::Axial
-            | Self::Coronal
-            | Self::Sagittal
-            | Self::ThreeStacks
-            | Self::BlurOnStacks
-            | Self::Thickness => SLICE_DEPTHS_MM,
+            Self::Axial | Self::Coronal | Self::Sagittal | Self::ThreeStacks => SLICE_DEPTHS_MM,
+            Self::BlurList | Self::Thickness => DOUBTFUL_DEPTHS_MM,
             _ => SURFACE_DEPTHS_MM,
         }
     }
@@ -131,6 +125,8 @@ pub(crate) struct Aided {
     pub(crate) thickness: Vec<f32>,
     /// The mean sharpness of the junction.
     pub(crate) mean_sharpness: f32,
+    /// Whether the lists count the cerebrum alone, at any depth.
+    are_regions_known: bool,
 }
 
 /// A voxel of the junction with its maps.
@@ -229,11 +225,9 @@ impl Seen {
             View::ThreeStacks => -plane(0).max(plane(1)).max(plane(2)),
             View::Isosurfaces => -point.cuts.isosurface,
             View::IsosurfacesMirrored => point.mirrored - point.cuts.isosurface,
-            View::FlatMaps
-            | View::Sharpness
-            | View::Blur
-            | View::BlurOnStacks
-            | View::Thickness => f32::NAN,
+            View::FlatMaps | View::Sharpness | View::Blur | View::BlurList | View::Thickness => {
+                f32::NAN
+            }
         }
     }
 
@@ -352,6 +346,7 @@ impl Aided {
             blur: comparison.blur,
             thickness,
             sharpness: sharpness.values,
+            are_regions_known: regions.doubts.is_empty(),
         }
     }
 
@@ -365,10 +360,9 @@ impl Aided {
 
     pub(crate) fn marks(&self, view: View) -> Vec<Mark> {
         let depths = view.depths_mm();
-        let visible = self
-            .points
-            .iter()
-            .filter(|point| depths.contains(&point.depth_mm));
+        let is_any_depth = self.are_regions_known && View::LISTS.contains(&view);
+        let is_visible = |point: &&AidedPoint| is_any_depth || depths.contains(&point.depth_mm);
+        let visible = self.points.iter().filter(is_visible);
         greedy(visible.map(|point| Mark {
             position_in_patient: point.position,
             score: Self::score(view, point),
@@ -386,7 +380,7 @@ impl Aided {
 }
 
 /// Marks, highest first, each at least 10 mm from every higher one.
-fn greedy(points: impl Iterator<Item = Mark>) -> Vec<Mark> {
+pub(crate) fn greedy(points: impl Iterator<Item = Mark>) -> Vec<Mark> {
     let mut points: Vec<Mark> = points.filter(|mark| !mark.score.is_nan()).collect();
     points.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut marks: Vec<Mark> = Vec::new();

@@ -3,14 +3,17 @@
 //! Within an ellipsoid,
 //! * **thickening** paints white matter grey where it is near grey matter, with noise as the head's: its variance and the
 //!   correlation of neighbours along each axis are measured in the head's deep white matter;
-//! * **blur** is the mean of a box, with as much correlated noise as the mean removed.
+//! * **blur** is the mean of a box, with as much correlated noise as the mean removed;
+//! * **darker white** and **brighter grey matter** follow the tissue scale after a Gaussian, so that noise does not decide what is
+//!   grey.
 //!
-//! It has no other signs. A lesion without any effect is a sham: it changes nothing.
+//! A transmantle band is painted, from 2.5 mm at the lesion to 1.5 mm at the ventricle. A lesion without any effect is a sham:
+//! it changes nothing.
 
 use geometry::Volume;
 use glam::DVec3;
 
-use super::lesion::Lesion;
+use super::lesion::{Lesion, grey_share, white_share};
 use super::random::Random;
 use analysis::TissueScale;
 use analysis::steps::{Block, Zone};
@@ -25,6 +28,9 @@ const STEADY_MM: f64 = 0.8;
 const GREY: [f32; 2] = [-0.5, 0.5];
 /// The distance over which the paint ends, in mm.
 const PAINT_EDGE_MM: f64 = 1.0;
+/// The radii of a band at the lesion and at the ventricle, in mm, and the tissue scale of its paint.
+const BAND_MM: [f64; 2] = [2.5, 1.5];
+const BAND_VALUE: f64 = 0.75;
 /// Deep white matter: everything within so many voxels is at least this bright; and how many voxels one is looked at.
 const WHITE_FROM: f32 = 0.7;
 const WHITE_REACH: usize = 3;
@@ -250,15 +256,18 @@ impl<'a> Part<'a> {
         sum / total
     }
 
-    /// Positions of grey matter, steadied against noise.
-    fn grey(&self) -> Vec<DVec3> {
+    /// The tissue scale, steadied against noise.
+    fn steady(&self, voxel: [usize; 3]) -> f64 {
         let sigma = self.canvas.block.in_voxels(STEADY_MM);
         let reach = sigma.map(|sigma| (2.5 * sigma).ceil() as i64);
         let weight = |axis: usize, place: i64| (-0.5 * (place as f64 / sigma[axis]).powi(2)).exp();
-        let is_grey = |voxel: &[usize; 3]| {
-            let steady = self.mean(*voxel, reach, weight) as f32;
-            (GREY[0]..GREY[1]).contains(&steady)
-        };
+        self.mean(voxel, reach, weight)
+    }
+
+    /// Positions of grey matter.
+    fn grey(&self) -> Vec<DVec3> {
+        let is_grey =
+            |voxel: &[usize; 3]| (GREY[0]..GREY[1]).contains(&(self.steady(*voxel) as f32));
         let grey = self.voxels().filter(is_grey);
         grey.map(|voxel| self.position(voxel)).collect()
     }
@@ -303,16 +312,17 @@ impl Ellipsoid {
     }
 }
 
+/// How much of a voxel is painted as part of the band to the ventricle.
+fn band(lesion: &Lesion, position: DVec3) -> f64 {
+    let [near, far] = BAND_MM;
+    let inside = |(away, share): (f64, f64)| near + (far - near) * share - away;
+    let inside = lesion.from_band(position).map(inside);
+    inside.map_or(0.0, |inside| (inside / PAINT_EDGE_MM + 0.5).clamp(0.0, 1.0))
+}
+
 /// A copy of a volume with a lesion.
-///
-/// # Panics
-/// If the lesion darkens white matter: this simulator does not.
 pub(super) fn painted(canvas: &Canvas<'_>, lesion: &Lesion) -> Volume {
     let effect = lesion.effect;
-    assert!(
-        effect.darkening == 0.0,
-        "the painted simulator does not darken"
-    );
     let mut random = Random::new(lesion.seed ^ 0x5041_494E_5400);
     let ellipsoid = Ellipsoid::new(lesion, &mut random);
     let Canvas {
@@ -322,7 +332,11 @@ pub(super) fn painted(canvas: &Canvas<'_>, lesion: &Lesion) -> Volume {
         tissue,
         grain,
     } = *canvas;
-    let reach_mm = lesion.radius_mm * HALF_AXES[1] + FADE_MM;
+    let ball_mm = lesion.radius_mm * HALF_AXES[1] + FADE_MM;
+    let band_mm = |end: DVec3| end.distance(lesion.centre_in_patient) + BAND_MM[0] + PAINT_EDGE_MM;
+    let reach_mm = lesion
+        .band_to
+        .map_or(ball_mm, |end| ball_mm.max(band_mm(end)));
     let part = Part::around(canvas, lesion.centre_in_patient, reach_mm);
     let noise = grain.field(part.size, &mut random);
     let grey = if effect.thickening_mm > 0.0 {
@@ -346,12 +360,13 @@ pub(super) fn painted(canvas: &Canvas<'_>, lesion: &Lesion) -> Volume {
         let index = block.grid.index(in_block);
         let position = part.position(voxel);
         let share = ellipsoid.share(position);
-        if share <= 0.0 || block.zones[index] < Zone::Tissue {
+        let band = band(lesion, position);
+        if (share <= 0.0 && band <= 0.0) || block.zones[index] < Zone::Tissue {
             continue;
         }
         let before = f64::from(values[index]);
         let (mut after, mut remaining) = (before, 1.0);
-        if effect.blur_mm > 0.0 {
+        if effect.blur_mm > 0.0 && share > 0.0 {
             let blurred = part.mean(voxel, mean.reach(), |axis, place| mean.weight(axis, place));
             after += share * (blurred - before);
             let own = 1.0 - share;
@@ -368,6 +383,16 @@ pub(super) fn painted(canvas: &Canvas<'_>, lesion: &Lesion) -> Volume {
             let paint = share * paint.clamp(0.0, 1.0);
             after *= 1.0 - paint;
             remaining *= (1.0 - paint).powi(2);
+        }
+        if band > 0.0 {
+            let paint = band * white_share(part.steady(voxel));
+            after += paint * (BAND_VALUE - after);
+            remaining *= (1.0 - paint).powi(2);
+        }
+        if share > 0.0 && (effect.darkening > 0.0 || effect.brightening > 0.0) {
+            let steady = part.steady(voxel);
+            after += share * effect.brightening * grey_share(steady);
+            after -= share * effect.darkening * white_share(steady);
         }
         after += grain.deviation * (1.0 - remaining).max(0.0).sqrt() * noise;
         if after == before {
@@ -512,6 +537,7 @@ mod tests {
                 blur_mm: 1.5,
                 ..Effect::NONE
             },
+            band_to: None,
             seed: 3,
         };
         let with = ground.simulated(&lesion, Simulator::Painted);
@@ -539,6 +565,7 @@ mod tests {
                 thickening_mm: 4.0,
                 ..Effect::NONE
             },
+            band_to: None,
             seed: 3,
         };
         let with = ground.simulated(&lesion, Simulator::Painted);
@@ -578,6 +605,7 @@ mod tests {
             centre_in_patient: lesion(),
             radius_mm: 6.0,
             effect: Effect::NONE,
+            band_to: None,
             seed: 3,
         };
         assert_eq!(ground.simulated(&sham, Simulator::Painted), scan.volume);

@@ -109,7 +109,7 @@ pub(crate) fn outputs(
         }
         View::Sharpness => seen(&patches.isosurface, &sharpness),
         View::Blur => seen(&patches.isosurface, &blur),
-        View::BlurOnStacks => mean(from_fn(|axis| seen(&patches.planes[axis], &blur))),
+        View::BlurList => mean(from_fn(|axis| seen(&patches.planes[axis], &blur))),
         View::Thickness => mean(from_fn(|axis| seen(&patches.planes[axis], &thickness))),
     });
     shown.to_vec()

@@ -1,6 +1,7 @@
 //! Places for lesions: chosen at random from the volume alone, before any picture.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 
 use super::random::Random;
 use analysis::steps::{Block, depth_at, regions, slope};
@@ -8,12 +9,15 @@ use analysis::{Head, Region};
 
 /// The greatest distance of the tissue scale of a junction voxel from the middle between grey and white.
 const NEAR_MIDDLE: f32 = 0.15;
-/// The greatest depth of cortex, in mm.
+/// The greatest depth of cortex, in mm, if the regions are in doubt. Deeper are nuclei and the brain stem.
 const DEEPEST_MM: f32 = 28.0;
 /// The least depth of the bottom of a sulcus, in mm.
 const BOTTOM_FROM_MM: f32 = 12.0;
 /// The greatest depth of a crown, in mm.
 const CROWN_TO_MM: f32 = 7.0;
+/// The share of the head, from the front and from below, that is frontal, and basal.
+const FRONT: f64 = 0.45;
+const BASE: f64 = 0.35;
 /// The greatest distance of a mesial place from the midsagittal plane, in mm.
 const MESIAL_MM: f64 = 12.0;
 /// The least distance of cortex from a ventricle, in mm: what is nearer borders on nuclei, not on cortex.
@@ -35,6 +39,37 @@ pub struct Place {
     pub position_in_patient: DVec3,
     /// The depth below the envelope, in mm.
     pub depth_mm: f32,
+    /// The part of the brain.
+    pub area: Area,
+}
+
+/// A part of the brain, by its place in the box around it alone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Area {
+    /// Within 12 mm of the midsagittal plane.
+    Mesial,
+    /// In the lowest 35 % of the head, and not mesial.
+    Basal,
+    /// In the front 45 % of the head, and neither mesial nor basal.
+    Frontal,
+    /// Elsewhere.
+    Other,
+}
+
+impl Area {
+    /// All areas.
+    pub const ALL: [Self; 4] = [Self::Mesial, Self::Basal, Self::Frontal, Self::Other];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mesial => "within 12 mm of the midsagittal plane",
+            Self::Basal => "otherwise in the lowest 35 % of the head",
+            Self::Frontal => "otherwise in the front 45 %",
+            Self::Other => "elsewhere",
+        }
+    }
 }
 
 /// The wanted properties of a place.
@@ -130,7 +165,7 @@ pub(crate) fn offers(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<Offer
         let depth_mm = depth_at(head.depth, in_working.as_vec3());
         // It is small in deep nuclei and noise.
         let is_steep = slope(block, values, voxel).length() > 0.10;
-        if !(4.0..DEEPEST_MM).contains(&depth_mm) || !is_steep {
+        if depth_mm < 4.0 || (depth_mm >= DEEPEST_MM && !regions.doubts.is_empty()) || !is_steep {
             continue;
         }
         let is_near_ventricle = ventricles
@@ -144,32 +179,39 @@ pub(crate) fn offers(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<Offer
         let is_elsewhere = if regions.doubts.is_empty() {
             !regions.at(position).is_some_and(Region::counts)
         } else {
-            share.z < 0.35 && share.y > 0.45
+            share.z < BASE && share.y > FRONT
         };
         if is_elsewhere {
             continue;
         }
         let from_plane = head.plane.normal().dot(position) - head.plane.offset_mm();
+        let is_mesial = from_plane.abs() < MESIAL_MM;
         offers.push(Offer {
             place: Place {
                 position_in_patient: position,
                 depth_mm,
+                area: match share {
+                    _ if is_mesial => Area::Mesial,
+                    DVec3 { z, .. } if z < BASE => Area::Basal,
+                    DVec3 { y, .. } if y < FRONT => Area::Frontal,
+                    _ => Area::Other,
+                },
             },
             kind: match depth_mm {
                 _ if depth_mm >= BOTTOM_FROM_MM => 0,
                 _ if depth_mm >= CROWN_TO_MM => 1,
                 _ => 2,
             },
-            is_frontal: share.y < 0.45,
-            is_mesial: from_plane.abs() < MESIAL_MM,
-            is_basal: share.z < 0.35,
+            is_frontal: share.y < FRONT,
+            is_mesial,
+            is_basal: share.z < BASE,
         });
     }
     offers
 }
 
 /// Every second voxel along each axis, in patient space, that is deep fluid among deep fluid.
-fn ventricles(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<DVec3> {
+pub(crate) fn ventricles(head: Head<'_>, block: &Block, values: &[f32]) -> Vec<DVec3> {
     let working_from_patient = head.depth.grid().voxel_from_patient();
     let is_fluid = |voxel: [usize; 3]| values[block.grid.index(voxel)] < FLUID_BELOW;
     let inner = |axis: usize| (1..block.size[axis].saturating_sub(1)).step_by(2);
@@ -209,6 +251,7 @@ mod tests {
             place: Place {
                 position_in_patient: DVec3::new(x, y, 0.0),
                 depth_mm: [16.0, 9.0, 5.0][number as usize % 3],
+                area: Area::Other,
             },
             kind: number as usize % 3,
             is_frontal: number.is_multiple_of(2),

@@ -71,6 +71,26 @@ pub(crate) struct Interval {
     pub(crate) high: f64,
 }
 
+impl Interval {
+    /// A share of a count, with the interval of Wilson.
+    ///
+    /// Source: Wilson, "Probable inference, the law of succession, and statistical inference", J. Am. Stat. Assoc. 22, 1927.
+    pub(crate) fn of_count(found: usize, count: usize) -> Self {
+        let count = count.max(1) as f64;
+        let value = found as f64 / count;
+        let z: f64 = 1.96;
+        let shrunk = 1.0 + z * z / count;
+        let middle = (value + z * z / (2.0 * count)) / shrunk;
+        let half =
+            z / shrunk * (value * (1.0 - value) / count + (z / (2.0 * count)).powi(2)).sqrt();
+        Self {
+            value,
+            low: (middle - half).max(0.0),
+            high: (middle + half).min(1.0),
+        }
+    }
+}
+
 impl Report {
     /// A report of these heads, with the results of a study.
     pub fn new(parameters: &StudyParameters, heads: Vec<HeadResult>) -> Self {
@@ -90,7 +110,7 @@ impl Report {
         View::ALL.into_iter().filter(name).collect()
     }
 
-    fn sighting<'a>(&self, trial: &'a Trial, view: View) -> &'a Sighting {
+    pub(super) fn sighting<'a>(&self, trial: &'a Trial, view: View) -> &'a Sighting {
         let place = self.views.iter().position(|name| name == view.name());
         &trial.sightings[place.expect("a view of the study")]
     }
@@ -163,7 +183,7 @@ impl Report {
     }
 
     fn peel_or_aid(&self) -> Verdict {
-        let of = |head: &HeadResult| self.difference(head, View::Blur, View::BlurOnStacks, 1);
+        let of = |head: &HeadResult| self.difference(head, View::Blur, View::BlurList, 1);
         let gains: Vec<(&str, Interval)> = self
             .heads
             .iter()
@@ -270,7 +290,7 @@ impl Report {
             .flat_map(lesions)
             .collect();
         add("**untuned**", &untuned);
-        for sign in Sign::DRAWN {
+        for sign in Sign::LESIONS {
             add(sign.name(), &chosen(&all, |trial| trial.sign == sign));
         }
         for radius_mm in [4.0, 6.0, 9.0] {
@@ -329,7 +349,7 @@ fn lesions(head: &HeadResult) -> impl Iterator<Item = &Trial> {
 }
 
 /// Whether a lesion is found with fewer than so many false marks.
-fn is_hit(sighting: &Sighting, false_marks: usize) -> bool {
+pub(super) fn is_hit(sighting: &Sighting, false_marks: usize) -> bool {
     sighting
         .false_marks
         .is_some_and(|above| above < false_marks)

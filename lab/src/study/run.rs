@@ -11,8 +11,8 @@ use super::hotelling::Outputs;
 use super::observer::{Aided, Changed, Seen, View};
 use super::patches::outputs;
 use super::random::Random;
-use super::search::{Mark, false_marks_above};
-use super::{Effect, Ground, Lesion, Place};
+use super::search::{Mark, hit};
+use super::{Area, Effect, Ground, Lesion, Place};
 use analysis::steps::tissue_of;
 use analysis::{Head, MapParameters, MapsUndefined};
 
@@ -32,6 +32,8 @@ pub struct StudyParameters {
     pub seed: u64,
     /// The sign, the radius in mm and the effect of every lesion; `None` to draw them.
     pub lesion: Option<(Sign, f64, Effect)>,
+    /// Whether the lesions are the four of the page of results ([`FOUR_LESIONS`]), in turn.
+    pub is_of_four: bool,
     /// What makes the lesions.
     pub simulator: Simulator,
     /// The views that look for them: [`View::ALL`] or [`View::OF_MAPS`].
@@ -57,6 +59,17 @@ impl StudyParameters {
             ..Effect::NONE
         };
         self.with_alone(Sign::Thickening, radius_mm, effect)
+    }
+
+    /// The same with the four lesions of the page of results, in turn, and with the views that show maps.
+    pub fn with_four_lesions(self, simulator: Simulator) -> Self {
+        Self {
+            patches: 0,
+            is_of_four: true,
+            views: &View::OF_MAPS,
+            simulator,
+            ..self
+        }
     }
 
     fn with_alone(self, sign: Sign, radius_mm: f64, effect: Effect) -> Self {
@@ -88,6 +101,7 @@ impl StudyParameters {
         normals: 1000,
         seed: 20_061_122,
         lesion: None,
+        is_of_four: false,
         simulator: Simulator::Displaced,
         views: &View::ALL,
         maps: MapParameters::STANDARD,
@@ -123,7 +137,7 @@ impl Simulator {
         }
     }
 
-    /// The signs that it makes, for a random choice.
+    /// The signs that it makes in a random choice.
     pub fn signs(self) -> &'static [Sign] {
         match self {
             Self::Displaced => &Sign::DRAWN,
@@ -144,6 +158,10 @@ pub enum Sign {
     Intensity,
     /// All three signs.
     All,
+    /// A weak mixture of all signs, with a brighter cortex.
+    Mixture,
+    /// A blur with a dark band to the ventricle.
+    Transmantle,
     /// No sign: a sham.
     Sham,
 }
@@ -151,6 +169,15 @@ pub enum Sign {
 impl Sign {
     /// The signs for a random choice.
     pub const DRAWN: [Self; 4] = [Self::Blur, Self::Thickening, Self::Intensity, Self::All];
+    /// The signs of lesions.
+    pub const LESIONS: [Self; 6] = [
+        Self::Blur,
+        Self::Mixture,
+        Self::Transmantle,
+        Self::Thickening,
+        Self::Intensity,
+        Self::All,
+    ];
 
     /// Its name.
     pub fn name(self) -> &'static str {
@@ -159,10 +186,50 @@ impl Sign {
             Self::Thickening => "thickening",
             Self::Intensity => "intensity",
             Self::All => "all three",
+            Self::Mixture => "mixture",
+            Self::Transmantle => "transmantle",
             Self::Sham => "sham",
         }
     }
 }
+
+/// The four lesions of the page of results, as in the independent check: the sign, the radius in mm, and the effect.
+pub const FOUR_LESIONS: [(Sign, f64, Effect); 4] = [
+    (
+        Sign::Blur,
+        6.0,
+        Effect {
+            blur_mm: 1.5,
+            ..Effect::NONE
+        },
+    ),
+    (
+        Sign::Mixture,
+        6.0,
+        Effect {
+            blur_mm: 1.2,
+            thickening_mm: 1.5,
+            darkening: 0.10,
+            brightening: 0.12,
+        },
+    ),
+    (
+        Sign::Transmantle,
+        5.0,
+        Effect {
+            blur_mm: 1.0,
+            ..Effect::NONE
+        },
+    ),
+    (
+        Sign::Thickening,
+        7.0,
+        Effect {
+            thickening_mm: 2.0,
+            ..Effect::NONE
+        },
+    ),
+];
 
 /// The greatest number of trials that are computed at the same time. Each needs the memory of a head and its maps.
 const AT_ONCE: usize = 4;
@@ -181,6 +248,10 @@ pub struct Sighting {
     /// In a search: the number of false marks above the mark of the lesion; `None` if no mark hits it, or nothing was
     /// searched.
     pub false_marks: Option<usize>,
+    /// The score of that mark.
+    pub score: Option<f32>,
+    /// The score of the highest mark of the head.
+    pub highest: Option<f32>,
 }
 
 /// One lesion or sham, with its sightings.
@@ -194,12 +265,18 @@ pub struct Trial {
     pub position_in_patient: [f64; 3],
     /// Its depth, in mm.
     pub depth_mm: f32,
+    /// The part of the brain in which it is.
+    pub area: Area,
     /// Strength of each sign, as in [`Effect`].
     pub blur_mm: f64,
     /// As in [`Effect`].
     pub thickening_mm: f64,
     /// As in [`Effect`].
     pub darkening: f64,
+    /// As in [`Effect`].
+    pub brightening: f64,
+    /// As in [`Lesion`].
+    pub band_to: Option<[f64; 3]>,
     /// The seed of its edge and noise.
     pub seed: u64,
     /// Whether the whole head was searched for it; if not, only the known place counts.
@@ -220,7 +297,9 @@ impl Trial {
                 blur_mm: self.blur_mm,
                 thickening_mm: self.thickening_mm,
                 darkening: self.darkening,
+                brightening: self.brightening,
             },
+            band_to: self.band_to.map(DVec3::from_array),
             seed: self.seed,
         }
     }
@@ -260,6 +339,7 @@ pub fn run_head(
     let (normals, further) = others.split_at(parameters.normals.min(others.len()));
     let pristine = Pristine::of(&ground, normals, parameters);
     let mut random = Random::new(parameters.seed ^ 0x5EED);
+    let mut lesions_before = 0;
     let mut drawn = |number: usize, place: &Place| {
         let is_searched = number < searched;
         let is_sham = if is_searched {
@@ -267,7 +347,16 @@ pub fn run_head(
         } else {
             is_sham(number - searched, [lesions, shams])
         };
-        let (sign, lesion) = parameters.drawn(place.position_in_patient, is_sham, &mut random);
+        let (mut sign, mut lesion) =
+            parameters.drawn(place.position_in_patient, is_sham, &mut random);
+        if parameters.is_of_four && !is_sham {
+            (sign, lesion.radius_mm, lesion.effect) =
+                FOUR_LESIONS[lesions_before % FOUR_LESIONS.len()];
+            lesions_before += 1;
+        }
+        if sign == Sign::Transmantle {
+            lesion.band_to = ground.nearest_ventricle(place.position_in_patient);
+        }
         (*place, sign, lesion, is_searched)
     };
     let all = places.iter().chain(further).enumerate();
@@ -282,9 +371,12 @@ pub fn run_head(
                 radius_mm: lesion.radius_mm,
                 position_in_patient: place.position_in_patient.to_array(),
                 depth_mm: place.depth_mm,
+                area: place.area,
                 blur_mm: lesion.effect.blur_mm,
                 thickening_mm: lesion.effect.thickening_mm,
                 darkening: lesion.effect.darkening,
+                brightening: lesion.effect.brightening,
+                band_to: lesion.band_to.map(|end| end.to_array()),
                 seed: lesion.seed,
                 is_searched: *is_searched,
                 sightings,
@@ -329,6 +421,7 @@ impl StudyParameters {
             blur_mm: BLURS_MM[random.below(BLURS_MM.len())],
             thickening_mm: THICKENINGS_MM[random.below(THICKENINGS_MM.len())],
             darkening: DARKENINGS[random.below(DARKENINGS.len())],
+            brightening: 0.0,
         };
         let seed = random.next();
         let (sign, radius_mm, strengths) = self.lesion.unwrap_or((sign, radius_mm, strengths));
@@ -346,13 +439,14 @@ impl StudyParameters {
                 darkening: strengths.darkening,
                 ..Effect::NONE
             },
-            Sign::All => strengths,
+            Sign::All | Sign::Mixture | Sign::Transmantle => strengths,
             Sign::Sham => Effect::NONE,
         };
         let lesion = Lesion {
             centre_in_patient: centre,
             radius_mm,
             effect,
+            band_to: None,
             seed,
         };
         (sign, lesion)
@@ -463,10 +557,17 @@ impl Pristine {
         let centre = lesion.centre_in_patient;
         let sighting = |(number, &view): (usize, &View)| {
             let score = score(shown, view, centre);
-            let above = || false_marks_above(&marks(number), centre, lesion.radius_mm);
+            let marks = if is_searched {
+                marks(number)
+            } else {
+                Vec::new()
+            };
+            let hit = hit(&marks, centre, lesion.radius_mm);
             Sighting {
                 known: share_below(&self.normals[number], score),
-                false_marks: is_searched.then(above).flatten(),
+                false_marks: hit.map(|(false_marks, _)| false_marks),
+                score: hit.map(|(_, mark)| mark.score),
+                highest: marks.first().map(|mark| mark.score),
             }
         };
         self.views.iter().enumerate().map(sighting).collect()

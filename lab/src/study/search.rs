@@ -38,15 +38,16 @@ pub fn false_marks_before_hit(touches: impl IntoIterator<Item = Touch>) -> Optio
     None
 }
 
-/// The number of false marks above the highest mark that hits a lesion; `None` if no mark hits it.
+/// The highest mark that hits a lesion, and the number of false marks above it; `None` if no mark hits it.
 ///
 /// Marks are in descending order. Marks within the radius of the lesion plus a margin are not false.
-pub fn false_marks_above(marks: &[Mark], centre: DVec3, radius_mm: f64) -> Option<usize> {
-    false_marks_before_hit(marks.iter().map(
-        |mark| match mark.position_in_patient.distance(centre) {
-            distance if distance <= HIT_MM => Touch::Hit,
-            distance if distance <= HIT_MM + radius_mm / 2.0 => Touch::Near,
-            _ => Touch::False,
-        },
-    ))
+pub fn hit(marks: &[Mark], centre: DVec3, radius_mm: f64) -> Option<(usize, Mark)> {
+    let touch = |mark: &Mark| match mark.position_in_patient.distance(centre) {
+        distance if distance <= HIT_MM => Touch::Hit,
+        distance if distance <= HIT_MM + radius_mm / 2.0 => Touch::Near,
+        _ => Touch::False,
+    };
+    let before = false_marks_before_hit(marks.iter().map(touch))?;
+    let hit = marks.iter().find(|mark| touch(mark) == Touch::Hit)?;
+    Some((before, *hit))
 }

@@ -12,7 +12,7 @@ use crate::BenchError;
 use crate::files::write;
 
 /// The version of the files of results. It increases if lesions, places or observers change.
-const FORMAT: u32 = 4;
+const FORMAT: u32 = 5;
 
 /// The parameters of a stored result, in the words of the command line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -27,6 +27,7 @@ pub(super) struct MadeWith {
     radius_mm: Option<f64>,
     blur_mm: Option<f64>,
     thickening_mm: Option<f64>,
+    is_of_four: bool,
     simulator: Simulator,
     maps_only: bool,
 }
@@ -44,6 +45,7 @@ impl MadeWith {
             radius_mm: parameters.lesion.map(|(_, radius_mm, _)| radius_mm),
             blur_mm: parameters.lesion.map(|(_, _, effect)| effect.blur_mm),
             thickening_mm: parameters.lesion.map(|(_, _, effect)| effect.thickening_mm),
+            is_of_four: parameters.is_of_four,
             simulator: parameters.simulator,
             maps_only: parameters.views == View::OF_MAPS,
         }

@@ -22,6 +22,7 @@ fn blur(centre_in_patient: DVec3) -> Lesion {
             blur_mm: 1.5,
             ..Effect::NONE
         },
+        band_to: None,
         seed: 3,
     }
 }
@@ -195,10 +196,11 @@ fn a_strong_lesion_is_found_at_once_and_false_marks_are_counted() {
         mark(12.0, 3.0),
         mark(30.0, 2.0),
     ];
-    assert_eq!(false_marks_above(&marks, DVec3::ZERO, 6.0), Some(1));
+    let above = |marks: &[Mark], centre| hit(marks, centre, 6.0).map(|(before, _)| before);
+    assert_eq!(above(&marks, DVec3::ZERO), Some(1));
     // A mark just beside the lesion is no false one.
-    assert_eq!(false_marks_above(&marks[..], DVec3::X * 30.0, 6.0), Some(3));
-    assert_eq!(false_marks_above(&marks, DVec3::X * 100.0, 6.0), None);
+    assert_eq!(above(&marks, DVec3::X * 30.0), Some(3));
+    assert_eq!(above(&marks, DVec3::X * 100.0), None);
 }
 
 #[test]
@@ -311,8 +313,86 @@ fn maps_alone_show_what_they_show_among_all_views_and_both_simulators_run_throug
     assert_eq!(report.verdicts(&Criteria::STANDARD).len(), 1, "shams alone");
     let table = report.table(&Criteria::STANDARD);
     assert!(
-        table.contains("V11 thickness") && !table.contains("V4"),
+        table.contains("V11 list of thickness") && !table.contains("V4"),
         "{table}"
     );
     assert!(table.contains("| shams | 1 |"), "{table}");
+}
+
+#[test]
+fn both_simulators_paint_a_band_to_its_end_and_brighten_grey_matter() {
+    let scan = Phantom::PLAIN.scan(&plain_grid());
+    let ground = Ground::new(scan.head()).unwrap();
+    let centre = lesion();
+    let value = |volume: &Volume, place: DVec3| {
+        let voxel = volume.grid().voxel_from_patient().transform_point3(place);
+        volume.sample(voxel.as_vec3()).unwrap()
+    };
+    let (end, beside) = (centre * 0.3, centre.any_orthonormal_vector() * 8.0);
+    let band = Lesion {
+        effect: Effect::NONE,
+        band_to: Some(end),
+        ..blur(centre)
+    };
+    let bright = Lesion {
+        effect: Effect {
+            brightening: 0.12,
+            ..Effect::NONE
+        },
+        ..blur(centre)
+    };
+    // Grey matter 2 mm above the junction, and white matter on the way to the end.
+    let (above, way) = (centre * (1.0 + 2.0 / centre.length()), centre * 0.5);
+    for simulator in Simulator::ALL {
+        let with = ground.simulated(&band, simulator);
+        let change = |volume: &Volume, place| value(volume, place) - value(&scan.volume, place);
+        // Stored values: the contrast is 600.
+        let darker = change(&with, way);
+        assert!((-200.0..-100.0).contains(&darker), "{darker}");
+        assert_eq!(change(&with, way + beside), 0.0);
+        assert_eq!(change(&with, centre * 0.1), 0.0);
+        let brighter = change(&ground.simulated(&bright, simulator), above);
+        assert!((30.0..90.0).contains(&brighter), "{brighter}");
+    }
+}
+
+#[test]
+fn the_page_has_four_lesions_and_shams_of_both_simulators_by_place() {
+    let scan = noisy();
+    let parameters = StudyParameters {
+        lesions: 4,
+        shams: 1,
+        normals: 40,
+        ..StudyParameters::QUICK
+    };
+    let go_on = |_: &Trial, _| std::ops::ControlFlow::Continue(());
+    let reports = Simulator::ALL.map(|simulator| {
+        let parameters = parameters.with_four_lesions(simulator);
+        let trials = run_head(scan.head(), &parameters, Vec::new(), go_on).unwrap();
+        let signs: Vec<Sign> = trials.iter().map(|trial| trial.sign).collect();
+        let expected = FOUR_LESIONS.map(|(sign, ..)| sign);
+        assert_eq!(signs, [&expected[..], &[Sign::Sham]].concat());
+        let head = HeadResult {
+            name: "phantom".to_owned(),
+            is_tuned: false,
+            trials,
+        };
+        Report::new(&parameters, vec![head])
+    });
+    let places = |report: &Report| -> Vec<[f64; 3]> {
+        let trials = report.heads[0].trials.iter();
+        trials.map(|trial| trial.position_in_patient).collect()
+    };
+    assert_eq!(places(&reports[0]), places(&reports[1]));
+    let text = page(&reports);
+    for row in [
+        "| blur | `blur` | displaced | 1 |",
+        "| thickening | `thickness` | painted | 1 |",
+        "| sham | `blur` | painted | 1 |",
+        "| from 25 mm on |",
+    ] {
+        assert!(text.contains(row), "{row} in {text}");
+    }
+    let highest = reports[0].heads[0].trials[4].sightings[2].highest.unwrap();
+    assert!(text.contains(&format!("phantom {highest:.2}")), "{text}");
 }

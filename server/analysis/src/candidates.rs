@@ -45,6 +45,8 @@ pub const UNUSUAL_ABOVE: f32 = 2.25;
 pub const BORDERLINE_FROM: f32 = 2.0;
 
 /// The limits of unusual scores of a map. They belong to [`crate::MAP_FORMAT`].
+///
+/// `flair` has none: no FLAIR of a head without a lesion was measured, and folds of a phantom without a lesion score up to 3.0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScoreLimits {
     /// Scores above this are unusual.
@@ -64,8 +66,6 @@ impl ScoreLimits {
         unusual_above: 5.5,
         borderline_from: 5.0,
     };
-    /// Of `flair`: those of `blur`, whose rule it has. No FLAIR of a head without a lesion was measured.
-    pub const FLAIR: Self = Self::BLUR;
 }
 
 /// Whether the score of a place is higher than those of heads without a lesion.
@@ -106,8 +106,8 @@ pub struct Candidate {
     pub size_mm: f32,
     /// The region of the brain.
     pub region: Region,
-    /// Whether its score is higher than those of heads without a lesion.
-    pub unusual: Unusual,
+    /// Whether its score is higher than those of heads without a lesion; `None` if the map has no limits.
+    pub unusual: Option<Unusual>,
 }
 
 /// The parameters of the choice.
@@ -272,7 +272,7 @@ pub(crate) fn candidates(
     block: &Block,
     scores: &Scores,
     (head, regions): (Head<'_>, &Regions),
-    (choice, limits): (Choice, ScoreLimits),
+    (choice, limits): (Choice, Option<ScoreLimits>),
 ) -> [Vec<Candidate>; 2] {
     let Head { depth, plane, .. } = head;
     let voxel_mm3 = block.grid.patient_from_voxel().matrix3.determinant().abs();
@@ -294,7 +294,7 @@ pub(crate) fn candidates(
             score: scores.scores[place],
             size_mm: (6.0 * volume_mm3 / std::f64::consts::PI).cbrt() as f32,
             region: regions.at(position).unwrap_or(Region::LeftCerebrum),
-            unusual: Unusual::of(scores.scores[place], limits),
+            unusual: limits.map(|limits| Unusual::of(scores.scores[place], limits)),
         }
     };
     [true, false].map(|counts| {

@@ -8,7 +8,7 @@ use geometry::Volume;
 use glam::{DAffine3, DVec3, Vec3};
 
 use crate::block::{Block, Zone};
-use crate::candidates::{Candidate, ScoreLimits, Scores, candidates};
+use crate::candidates::{Candidate, Scores, candidates};
 use crate::coarse::Coarse;
 use crate::maps::{MapParameters, Terms, lowered, tissue_of};
 use crate::mirror::{Places, Widths};
@@ -148,7 +148,8 @@ pub fn flair_map(
     let defined = &sharpness.defined;
     let at_defined = defined.iter().map(|&voxel| map[voxel as usize]);
     let stored = StoredMap::new(MapKind::Flair, &block.grid, defined, at_defined);
-    let choice = (parameters.choice(), ScoreLimits::FLAIR);
+    // No limit is known for a FLAIR.
+    let choice = (parameters.choice(), None);
     let places = candidates(&block, &scores, (head, &regions), choice);
     Ok(FlairMap {
         map: stored,
@@ -385,6 +386,7 @@ mod tests {
                 let away_mm = first.position_in_patient.distance(contrast.lesion.0);
                 assert!(away_mm < 9.0, "{away_mm} mm away");
                 assert!(first.score > highest.score + 0.8, "{}", first.score);
+                assert_eq!([highest, first].map(|place| place.unusual), [None; 2]);
                 assert_eq!(sound.map.grid(), ill.map.grid());
             }
         }

@@ -26,6 +26,8 @@ mod maps;
 mod midsagittal;
 mod mirror;
 #[cfg(any(test, feature = "study"))]
+mod normals;
+#[cfg(any(test, feature = "study"))]
 pub mod phantom;
 mod regions;
 mod registration;

@@ -6,7 +6,7 @@ use crate::MidsagittalPlane;
 use crate::block::Block;
 use crate::candidates::{Candidate, Choice, ScoreLimits, Scores, candidates};
 use crate::detail::{Band, detail};
-use crate::gradient::{Slope, weighted_gradient};
+use crate::gradient::{Slope, Weighted, weighted_gradient};
 use crate::head::Head;
 use crate::junction::junction_density;
 use crate::mirror::{Widths, differences, intensity_differences};
@@ -165,7 +165,7 @@ fn maps_of(
     drop(junction_density);
     let mut intensities =
         intensity_differences(&block, &values, &deep, head.plane, parameters.intensity_mm);
-    let weighted = weighted_gradient(&block, &values, parameters.slope(&tissue));
+    let weighted = parameters.weighted(&block, &values, &tissue);
     let thickness = Thickness::new(&block, (&values, tissue.fluid), &weighted);
     let mut sharpness = sharpness(&block, weighted, parameters.window_mm);
     let whole_junction = sharpness.count_only(&regions);
@@ -198,7 +198,7 @@ fn maps_of(
         &block,
         &scores,
         (head, &regions),
-        (choice, ScoreLimits::BLUR),
+        (choice, Some(ScoreLimits::BLUR)),
     );
     let [blurred, elsewhere] = of_blur;
     drop(scores);
@@ -206,7 +206,7 @@ fn maps_of(
     drop(thickness);
     let scores = Scores::smoothed(&block, &whole_junction, &mut thick, smoothed_mm);
     let thickness_map = store(MapKind::Thickness, defined, &thick);
-    let limits = ScoreLimits::THICKNESS;
+    let limits = Some(ScoreLimits::THICKNESS);
     let thick = candidates(&block, &scores, (head, &regions), (choice, limits));
     Maps {
         maps: vec![
@@ -381,8 +381,11 @@ impl MapParameters {
     }
 
     pub fn sharpness(&self, block: &Block, values: &[f32], tissue: &TissueScale) -> Sharpness {
-        let weighted = weighted_gradient(block, values, self.slope(tissue));
-        sharpness(block, weighted, self.window_mm)
+        sharpness(block, self.weighted(block, values, tissue), self.window_mm)
+    }
+
+    pub(crate) fn weighted(&self, block: &Block, values: &[f32], tissue: &TissueScale) -> Weighted {
+        weighted_gradient(block, values, self.slope(tissue))
     }
 
     pub fn detail(
@@ -411,7 +414,7 @@ impl MapParameters {
         (sharpness, tissue): (&Sharpness, &TissueScale),
         plane: &MidsagittalPlane,
     ) -> Vec<f32> {
-        let weighted = weighted_gradient(block, values, self.slope(tissue));
+        let weighted = self.weighted(block, values, tissue);
         let thickness = Thickness::new(block, (values, tissue.fluid), &weighted);
         compared_thickness(block, &thickness, sharpness, plane)
     }

@@ -152,6 +152,8 @@ words! {
         Rejected = "rejected",
         /// Other images of its series came later; they may have become a newer case.
         NewerVersion = "newer-version",
+        /// The place or the orientation of its images was corrected since: left and right may be exchanged.
+        Moved = "moved",
     }
 }
 
@@ -164,7 +166,7 @@ impl Serialize for Superseded {
 impl Superseded {
     /// Whether nothing may be made of the case any more: its images are another patient's or study's, or withdrawn.
     pub fn is_final(self) -> bool {
-        self != Self::NewerVersion
+        matches!(self, Self::Corrected | Self::Rejected)
     }
 }
 

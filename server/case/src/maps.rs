@@ -202,8 +202,9 @@ pub struct CandidateFacts {
     pub size_mm: f32,
     /// In which region of the brain.
     pub region: BrainRegion,
-    /// Whether the score is higher than those of heads without a lesion.
-    pub unusual: Unusual,
+    /// Whether the score is higher than those of heads without a lesion; absent if no limit is known for the map.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unusual: Option<Unusual>,
     /// About which gyrus it is in, from an atlas; absent if there is no atlas, or the head does not surely fit it. It is not
     /// stored with the maps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -214,7 +215,7 @@ pub struct CandidateFacts {
 impl CandidateFacts {
     /// Whether its score is unusual. A borderline place does not stand out: most heads without a lesion have one.
     pub fn stands_out(&self) -> bool {
-        self.unusual == Unusual::Yes
+        self.unusual == Some(Unusual::Yes)
     }
 }
 

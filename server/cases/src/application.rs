@@ -11,9 +11,10 @@ use imaging::Limits;
 use pipeline::atlas::{Atlas, AtlasChoice, NoAtlas};
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
-use storage::{Location, Store, StoreError};
+use storage::{Location, ObjectName, Store, StoreError};
 
 use crate::apart::Apart;
+use crate::arrivals::Patient;
 use crate::cache::Part;
 use crate::check_memory::CheckMemory;
 use crate::dicom::{DicomReader, HeaderReader, Program, ReaderMemory};
@@ -28,6 +29,9 @@ pub const MAX_INSTANCE_BYTES: u64 = 512 << 20;
 
 /// The number of cases that are remembered as ready.
 const REMEMBERED_CASES: usize = 4096;
+
+/// The most images whose patients are remembered.
+const REMEMBERED_PATIENTS: usize = 1024;
 
 /// How long a case is remembered as ready; another server on the same store may delete it.
 const REMEMBERED_FOR: Duration = Duration::from_secs(10);
@@ -147,6 +151,8 @@ pub struct Cases {
     deidentify: bool,
     /// The cases that were ready recently. They are not in the cache of the library: if the database is away, they stay.
     remembered: Arc<Cache<CaseId, (Instant, Arc<CaseFacts>)>>,
+    /// The patients of stored images, which never change.
+    pub(crate) patients: Arc<Cache<ObjectName, Patient>>,
 }
 
 impl Cases {
@@ -195,6 +201,7 @@ impl Cases {
             atlas: None,
             deidentify: options.deidentify,
             remembered,
+            patients: Arc::new(Cache::new(REMEMBERED_PATIENTS)),
         }
     }
 

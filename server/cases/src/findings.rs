@@ -13,7 +13,7 @@ use pipeline::findings::voxels_of;
 use pipeline::maps::{mirror_plane, side_at};
 use storage::{FindingsVersion, Replaced, StoreError, StoredFindings};
 
-use crate::arrivals::OF_PATIENT;
+use crate::arrivals::Patient;
 use crate::{Cases, Error};
 
 /// The findings of a case.
@@ -164,14 +164,19 @@ impl Cases {
             frame_of_reference,
             marks,
         } = self.headers.read_marks(&file).await?;
-        let of_case = |keyword| source.value(keyword).map_or("", str::trim);
-        let known = OF_PATIENT.map(of_case);
-        if known[0].is_empty() || known != patient.each_ref().map(String::as_str) {
+        let known = Patient::of(|keyword| source.value(keyword));
+        let stated = Patient::of(|keyword| {
+            let mut stated = patient.iter();
+            let found = stated.find(|(name, _)| name == keyword)?;
+            Some(found.1.as_str())
+        });
+        if !known.is_stated() || known != stated {
             return Err(NotReplaced::Elsewhere(
                 "the file is about another patient than the case",
             ));
         }
-        if !marks.is_empty() && frame_of_reference != of_case("FrameOfReferenceUID") {
+        let own_frame = source.value("FrameOfReferenceUID").map_or("", str::trim);
+        if !marks.is_empty() && frame_of_reference != own_frame {
             return Err(NotReplaced::Elsewhere(
                 "the findings of the file lie in another frame of reference than the case",
             ));

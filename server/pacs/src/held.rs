@@ -2,7 +2,8 @@
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
-use case::CaseFacts;
+use case::{CaseFacts, CaseId};
+use cases::arrivals::Patient;
 use imaging::dicom::{Attributes, attribute};
 use storage::ObjectName;
 use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids, Uid};
@@ -80,9 +81,12 @@ pub(crate) struct HeldSeries {
     pub(crate) instances: Vec<HeldInstance>,
 }
 
-/// A study.
+/// What there is of one patient in a study. By a mistake of the sender, a study may have images of several.
 pub(crate) struct HeldStudy {
     pub(crate) uid: Uid,
+    patient: Option<Patient>,
+    /// The cases that its series became.
+    cases: Vec<CaseId>,
     pub(crate) values: Values,
     pub(crate) series: Vec<HeldSeries>,
 }
@@ -100,66 +104,85 @@ pub(crate) fn not_kept() -> AppError {
     )
 }
 
+/// The files of those instances that may be retrieved; at least one.
+pub(crate) fn files_of(studies: &[HeldStudy]) -> Result<Vec<ObjectName>, AppError> {
+    let series = studies.iter().flat_map(|study| &study.series);
+    let instances = series.flat_map(|series| &series.instances);
+    let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
+    match objects.is_empty() {
+        true => Err(not_kept()),
+        false => Ok(objects),
+    }
+}
+
 impl HeldStudy {
-    /// The study with what the address names of it.
-    pub(crate) async fn named(pacs: &Pacs, named: &Named) -> Result<Self, AppError> {
+    /// The study of each patient with what the address names of it; at least one instance.
+    pub(crate) async fn named(pacs: &Pacs, named: &Named) -> Result<Vec<Self>, AppError> {
         let uid = Uid::parse(&named.study).ok_or_else(missing)?;
-        let mut study = Self::load(pacs, &uid).await?.ok_or_else(missing)?;
+        let mut studies = Self::load(pacs, &uid).await?;
         let is_named = |uid: &Uid, named: &Option<String>| {
             named.as_deref().is_none_or(|named| named == uid.as_str())
         };
-        study.series.retain_mut(|series| {
-            let instances = &mut series.instances;
-            instances.retain(|instance| is_named(&instance.uid, &named.instance));
-            is_named(&series.uid, &named.series) && !instances.is_empty()
-        });
-        match study.series.is_empty() {
+        for study in &mut studies {
+            study.series.retain_mut(|series| {
+                let instances = &mut series.instances;
+                instances.retain(|instance| is_named(&instance.uid, &named.instance));
+                is_named(&series.uid, &named.series) && !instances.is_empty()
+            });
+        }
+        studies.retain(|study| !study.series.is_empty());
+        match studies.is_empty() {
             true => Err(missing()),
-            false => Ok(study),
+            false => Ok(studies),
         }
     }
 
-    /// The files of those instances that may be retrieved; at least one.
-    pub(crate) fn objects(&self) -> Result<Vec<ObjectName>, AppError> {
-        let instances = self.series.iter().flat_map(|series| &series.instances);
-        let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
-        match objects.is_empty() {
-            true => Err(not_kept()),
-            false => Ok(objects),
-        }
-    }
-
-    /// A study; `None` if no case was made of it.
-    pub(crate) async fn load(pacs: &Pacs, uid: &Uid) -> Result<Option<Self>, AppError> {
+    /// A study of each patient; none if no case was made of it.
+    pub(crate) async fn load(pacs: &Pacs, uid: &Uid) -> Result<Vec<Self>, AppError> {
         let store = pacs.cases().store();
         let mut cases = store
             .cases_of(&SeriesQuery::Study(uid.clone(), None))
             .await?;
         // Those of a wrong patient are not shown at all.
         cases.retain(|case| !case.is_superseded());
-        if cases.is_empty() {
-            return Ok(None);
-        }
-        let mut study = Self {
-            uid: uid.clone(),
-            values: Values::default(),
-            series: Vec::new(),
-        };
+        let mut studies: Vec<Self> = Vec::new();
         let mut seen = HashSet::new();
-        // The newest case of a series has all of its images.
         for case in cases {
-            if seen.insert(case.uids.series.clone()) {
-                study.add_source(pacs, case).await?;
-            }
+            // The newest case of a series has all of its images.
+            let is_newest = seen.insert(case.uids.series.clone());
+            Self::add_source(&mut studies, pacs, case, is_newest).await?;
         }
         for result in store.results_of(uid, false).await? {
-            study.series.push(of_result(result));
+            // A case from NIfTI has no series of the study.
+            let is_only = studies.len() == 1;
+            let is_of = |study: &&mut Self| is_only || study.cases.contains(&result.case);
+            if let Some(study) = studies.iter_mut().find(is_of) {
+                study.series.push(of_result(result));
+            }
         }
-        study.summarise();
-        Ok(Some(study))
+        for study in &mut studies {
+            study.summarise();
+        }
+        Ok(studies)
     }
 
-    async fn add_source(&mut self, pacs: &Pacs, case: CaseSeries) -> Result<(), AppError> {
+    fn empty(uid: Uid) -> Self {
+        Self {
+            uid,
+            patient: None,
+            cases: Vec::new(),
+            values: Values::default(),
+            series: Vec::new(),
+        }
+    }
+
+    /// Adds the series of a case to the study of its patient; nothing but the case if a newer one has the series.
+    async fn add_source(
+        studies: &mut Vec<Self>,
+        pacs: &Pacs,
+        case: CaseSeries,
+        is_newest: bool,
+    ) -> Result<(), AppError> {
         let store = pacs.cases().store();
         let uid = case.uids.series.clone();
         let mut series = HeldSeries {
@@ -174,17 +197,34 @@ impl HeldStudy {
         }
         let stored = store.source_dicom(&case.case).await.ok().flatten();
         let stored = stored.and_then(|stored| pipeline::attributes(&stored).ok());
-        if let Some(attributes) = stored {
+        let patient = (stored.as_ref()).map(|stored| Patient::of(|keyword| stored.value(keyword)));
+        if let (Some(attributes), true) = (stored, is_newest) {
             let held = store.case(&case.case).await?;
             let facts = held.and_then(|case| case.facts);
-            let objects = objects(pacs, &case.uids).await?;
+            let objects = kept(pacs, &case.uids).await?;
             series.read(&attributes, &mut of_study);
             series.list(&attributes, facts.as_ref(), &objects);
         }
-        if self.series.is_empty() {
-            self.values.extend(&of_study);
+        // Of damaged attributes nobody knows whose they are.
+        let is_same = |study: &&mut Self| match (&study.patient, &patient) {
+            (Some(one), Some(other)) => one == other,
+            _ => true,
+        };
+        let study = match studies.iter_mut().find(is_same) {
+            Some(study) => study,
+            None => {
+                studies.push(Self::empty(case.uids.study));
+                studies.last_mut().expect("one was added")
+            }
+        };
+        if study.patient.is_none() {
+            study.values.extend(&of_study);
+            study.patient = patient;
         }
-        self.series.push(series);
+        study.cases.push(case.case);
+        if is_newest {
+            study.series.push(series);
+        }
         Ok(())
     }
 
@@ -237,7 +277,7 @@ fn place(values: &mut Values, is_here: bool, address: &str) {
 }
 
 /// The files of a series, if they may be retrieved.
-async fn objects(pacs: &Pacs, uids: &SeriesUids) -> Result<HashMap<Uid, ObjectName>, AppError> {
+async fn kept(pacs: &Pacs, uids: &SeriesUids) -> Result<HashMap<Uid, ObjectName>, AppError> {
     if !pacs.serves_source() {
         return Ok(HashMap::new());
     }
@@ -339,6 +379,7 @@ fn of_result(result: HeldResult) -> HeldSeries {
         instance,
         series,
         object,
+        ..
     } = result;
     let modality = match series.sop_class_uid.as_str() {
         imaging::dicom::write::SEGMENTATION => "SEG",

@@ -8,7 +8,7 @@ use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, CaseState};
-use cases::arrivals::Head;
+use cases::arrivals::{Fitting, Head, Other, OtherState, Patient};
 use imaging::dicom::kind_of_series;
 use serde::{Deserialize, Serialize};
 use storage::arrivals::{AccessionNumber, ArrivalState, SeriesQuery, Uid};
@@ -32,14 +32,15 @@ pub(crate) struct LaunchRequest {
 #[derive(Debug, Default, Serialize, ToSchema)]
 pub(crate) struct LaunchView {
     /// `ready`, `preparing`, `receiving`, `failed`, `nothing`, `absent`; `choice` if the query fits several studies or
-    /// patients, so that the user must choose; or `mismatch` if there is such a study, but not of the patient, the issuer or the accession number of the query.
+    /// patients, also if a series of another patient makes no case, so that the user must choose; or `mismatch` if there is such a study, but not of the patient, the issuer or the accession number of the query.
     state: &'static str,
     /// The case to open, if there is one and it is the only one or the preferred one.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     case: Option<CaseId>,
     /// All cases that the query fits, one of each series. The preferred one comes first: original before derived, without
-    /// a contrast agent before with one, finer before coarser, then the earlier acquisition.
+    /// a contrast agent before with one, finer before coarser, then the earlier acquisition. If the user must choose, the series
+    /// of other patients that make no case follow.
     candidates: Vec<CandidateView>,
     /// Keys of the query that are not known and had no effect.
     ignored: Vec<String>,
@@ -55,16 +56,19 @@ pub(crate) struct LaunchView {
     series: Option<String>,
 }
 
-/// A case that a query fits.
+/// A case that a query fits, or a series of another patient that makes none.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = LaunchCandidate)]
 pub(crate) struct CandidateView {
-    /// The case.
-    #[schema(value_type = String)]
-    case: CaseId,
-    /// `queued`, `preparing`, `ready` or `failed`.
-    #[schema(value_type = String)]
-    state: CaseState,
+    /// The case; absent if the series makes none, so that it cannot be opened.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>)]
+    case: Option<CaseId>,
+    /// `queued`, `preparing`, `ready` or `failed`; of a series that makes no case `receiving`, `nothing`, `rejected` or `layer`.
+    state: &'static str,
+    /// Why a series makes no case.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason: Option<ReasonView>,
     /// The date of the study, such as `20261101`.
     #[serde(skip_serializing_if = "Option::is_none")]
     study_date: Option<String>,
@@ -142,12 +146,11 @@ struct Asked {
 
 impl Asked {
     fn parse(query: &str) -> Result<Self, AppError> {
-        let pairs: Vec<(String, String)> = query
-            .trim_start_matches('?')
-            .split('&')
-            .filter_map(|pair| pair.split_once('='))
-            .map(|(key, value)| (key.to_ascii_lowercase(), decoded(value)))
+        let query = query.trim_start_matches('?');
+        let pairs: Vec<(String, String)> = form_urlencoded::parse(query.as_bytes())
+            .map(|(key, value)| (key.to_ascii_lowercase(), value.into_owned()))
             .collect();
+        refuse_empty(&pairs)?;
         let all = |keys: &[&str]| -> Vec<String> {
             let found = pairs.iter().filter(|(key, _)| keys.contains(&key.as_str()));
             let values = found.flat_map(|(_, value)| value.split(','));
@@ -159,7 +162,7 @@ impl Asked {
             let value = values.next().map(|(_, value)| value.trim().to_owned());
             match values.next() {
                 Some(_) => Err(unreadable(detail)),
-                None => Ok(value.filter(|value| !value.is_empty())),
+                None => Ok(value),
             }
         };
         if all(&["requesttype"])
@@ -174,10 +177,12 @@ impl Asked {
                 unreadable("a UID must be numbers with points between them, at most 64 characters")
             })
         };
-        let series = all(&OF_SERIES).into_iter().next().map(uid).transpose()?;
+        let series = all(&OF_SERIES);
         let studies = all(&OF_STUDY);
-        if studies.len() > MOST_STUDIES {
-            return Err(unreadable("the address names more than 16 studies"));
+        if studies.len() > MOST_STUDIES || series.len() > MOST_STUDIES {
+            return Err(unreadable(
+                "the address names more than 16 studies or series",
+            ));
         }
         let number = only(
             &["accessionnumber"],
@@ -188,11 +193,18 @@ impl Asked {
             number.ok_or_else(|| unreadable("`accessionNumber` must be 1 to 16 characters"))
         });
         let number = number.transpose()?;
-        let of_study = |text| Ok(SeriesQuery::Study(uid(text)?, series.clone()));
-        let mut queries: Vec<_> = studies
-            .into_iter()
-            .map(of_study)
-            .collect::<Result<_, AppError>>()?;
+        let series = series.into_iter().map(uid).collect::<Result<Vec<_>, _>>()?;
+        let mut queries = Vec::new();
+        for study in studies {
+            let study = uid(study)?;
+            let of_study = |series| SeriesQuery::Study(study.clone(), series);
+            match &series[..] {
+                [] => queries.push(of_study(None)),
+                named => queries.extend(named.iter().cloned().map(Some).map(of_study)),
+            }
+        }
+        let mut seen = Vec::new();
+        queries.retain(|query| !seen.contains(query) && (seen.push(query.clone()), true).1);
         if queries.is_empty() {
             let detail = "the address names no study; use `StudyInstanceUIDs`, `study`, `studyUID` or `accessionNumber`";
             let number = number.clone().ok_or_else(|| unreadable(detail))?;
@@ -223,15 +235,40 @@ impl Asked {
 
     /// Whether a head is of the patient and the order that the query names.
     fn agrees(&self, head: &Head) -> bool {
-        let is = |wanted: &Option<String>, keyword| {
-            let wanted = wanted.as_deref();
-            wanted.is_none_or(|wanted| head.value(keyword).map(str::trim) == Some(wanted))
-        };
-        let number = self.accession_number.as_ref();
-        number.is_none_or(|number| head.series.accession_number.as_ref() == Some(number))
-            && is(&self.patient_id, "PatientID")
-            && is(&self.issuer, "IssuerOfPatientID")
+        let number = head.series.accession_number.as_ref();
+        self.agrees_with(number, head.patient().as_ref())
     }
+
+    fn agrees_with(&self, number: Option<&AccessionNumber>, patient: Option<&Patient>) -> bool {
+        let wanted = self.accession_number.as_ref();
+        wanted.is_none_or(|wanted| number == Some(wanted)) && self.names(patient)
+    }
+
+    /// Whether the query names this patient, or none.
+    fn names(&self, patient: Option<&Patient>) -> bool {
+        let (id, issuer) = (self.patient_id.as_deref(), self.issuer.as_deref());
+        match patient {
+            Some(patient) => patient.agrees(id, issuer),
+            None => id.is_none() && issuer.is_none(),
+        }
+    }
+}
+
+/// Refuses a known key without a value: it was meant to narrow the search, and whoever filled in the address did not know the value.
+fn refuse_empty(pairs: &[(String, String)]) -> Result<(), AppError> {
+    let known = [&OF_STUDY[..], &OF_SERIES, &OF_ISSUER, &FURTHER].concat();
+    for (key, value) in pairs.iter().filter(|(key, _)| known.contains(&&**key)) {
+        // An issuer without an id names nobody either.
+        let is_empty = match key.as_str() {
+            "patientid" => patient_of(value).0.is_none(),
+            _ => value.trim_matches([' ', ',', '\0']).is_empty(),
+        };
+        if is_empty {
+            let detail = format!("`{key}` has no value; state it, or omit the key");
+            return Err(AppError::bad_request("launch-unreadable", detail));
+        }
+    }
+    Ok(())
 }
 
 /// The id and the issuer of a patient, who may be given as in HL7: `ID^^^ISSUER` or `ID^^^ISSUER&OID&ISO`.
@@ -264,60 +301,50 @@ fn ignored(pairs: &[(String, String)]) -> Vec<String> {
     unknown
 }
 
-/// A value of a query without its percent signs.
-fn decoded(value: &str) -> String {
-    let mut bytes = Vec::with_capacity(value.len());
-    let mut rest = value.as_bytes();
-    while let Some((&byte, after)) = rest.split_first() {
-        let hex = after.get(..2).filter(|_| byte == b'%');
-        let hex = hex.and_then(|digits| std::str::from_utf8(digits).ok());
-        let number = hex.and_then(|digits| u8::from_str_radix(digits, 16).ok());
-        (bytes, rest) = match number {
-            Some(number) => ([bytes, vec![number]].concat(), &after[2..]),
-            None => {
-                bytes.push(if byte == b'+' { b' ' } else { byte });
-                (bytes, after)
-            }
-        };
-    }
-    String::from_utf8_lossy(&bytes).into_owned()
-}
-
 async fn find(pacs: &Pacs, asked: &Asked) -> Result<LaunchView, AppError> {
-    let mut heads = Vec::new();
+    let mut fitting = Fitting::default();
     for query in &asked.queries {
-        heads.extend(pacs.cases().heads(query).await?);
+        let found = pacs.cases().fitting(query).await?;
+        fitting.heads.extend(found.heads);
+        fitting.others.extend(found.others);
     }
-    let count = heads.len();
-    heads.retain(|head| asked.agrees(head));
-    if heads
-        .iter()
-        .any(|head| head.case.state != CaseState::Failed)
-    {
-        heads.retain(|head| head.case.state != CaseState::Failed);
-    }
-    let mut found = match heads.first() {
-        Some(first) => opened(first, &heads),
-        None if count > 0 => LaunchView {
+    let mut others = fitting.others.iter();
+    let is_known = !fitting.heads.is_empty() || others.any(|other| other.patient.is_some());
+    fitting.heads.retain(|head| asked.agrees(head));
+    let agrees =
+        |other: &Other| asked.agrees_with(other.accession_number.as_ref(), other.patient.as_ref());
+    fitting.others.retain(agrees);
+    let mut found = match fitting.heads.first() {
+        Some(_) => opened(&mut fitting),
+        None if is_known && fitting.others.is_empty() => LaunchView {
             state: "mismatch",
             ..LaunchView::default()
         },
+        None if !fitting.others.is_empty() => without_case(&fitting.others),
         None => coming(pacs, &asked.queries).await?,
     };
     let is_shown = pacs.shows_patient();
-    found.candidates = heads.iter().map(|head| candidate(head, is_shown)).collect();
+    let heads = fitting.heads.iter().map(|head| candidate(head, is_shown));
+    found.candidates = heads.collect();
+    if found.state == "choice" {
+        let others = fitting.others.iter();
+        let others = others.map(|other| candidate_without_case(other, is_shown));
+        found.candidates.extend(others);
+    }
     found.ignored.clone_from(&asked.ignored);
     Ok(found)
 }
 
 /// The first head, unless there are some of another study or patient.
-fn opened(first: &Head, heads: &[Head]) -> LaunchView {
-    let owner = |head: &Head| {
-        let [id, issuer] =
-            ["PatientID", "IssuerOfPatientID"].map(|name| head.value(name).map(str::to_owned));
-        (head.series.uids.study.clone(), id, issuer)
+fn opened(fitting: &mut Fitting) -> LaunchView {
+    let is_ambiguous = fitting.is_ambiguous();
+    let failed = |head: &Head| head.case.state == CaseState::Failed;
+    if !is_ambiguous && !fitting.heads.iter().all(failed) {
+        fitting.heads.retain(|head| !failed(head));
+    }
+    let Some(first) = fitting.heads.first() else {
+        return LaunchView::default();
     };
-    let is_ambiguous = heads.iter().any(|head| owner(head) != owner(first));
     LaunchView {
         state: match first.case.state {
             _ if is_ambiguous => "choice",
@@ -341,43 +368,63 @@ fn candidate(head: &Head, shows_patient: bool) -> CandidateView {
     };
     let parts = [value("SeriesNumber"), value("Modality"), Some(description)];
     let parts = parts.into_iter().flatten().filter(|part| !part.is_empty());
-    let patient = patient(head);
     CandidateView {
-        case: head.case.id,
-        state: head.case.state,
+        case: Some(head.case.id),
+        state: head.case.state.name(),
+        reason: None,
         study_date: value("StudyDate"),
         acquired: head.acquired(),
         series: parts.collect::<Vec<_>>().join(" · "),
         is_derived: head.is_derived(),
         has_contrast: head.has_contrast(),
         voxel_mm: head.voxel_mm(),
-        patient: (shows_patient && !patient.is_empty()).then_some(patient),
+        patient: patient(head.patient(), shows_patient),
     }
 }
 
-/// The patient in the words of the page (`web/src/pacs/neighbour.ts`). Two hospitals may have given one id to two patients.
-fn patient(head: &Head) -> String {
-    let value = |keyword| head.value(keyword).unwrap_or_default().trim();
-    let spelling = value("PatientName").split('=').next().unwrap_or_default();
-    let name = spelling.replacen('^', ", ", 1).replace('^', " ");
-    let (id, issuer) = (value("PatientID"), value("IssuerOfPatientID"));
-    let id = match issuer {
-        "" => id.to_owned(),
-        _ => format!("{id} ({issuer})"),
-    };
-    let birth = match value("PatientBirthDate") {
-        "" => String::new(),
-        day if day.len() == 8 && day.is_ascii() => {
-            format!("* {}-{}-{}", &day[..4], &day[4..6], &day[6..])
-        }
-        other => format!("* {other}"),
-    };
-    let parts = [name.trim().to_owned(), id.trim().to_owned(), birth];
-    let parts: Vec<_> = parts.into_iter().filter(|part| !part.is_empty()).collect();
-    parts.join(" · ")
+fn candidate_without_case(other: &Other, shows_patient: bool) -> CandidateView {
+    let label = other.label.as_deref().unwrap_or_default();
+    CandidateView {
+        case: None,
+        state: other.state.name(),
+        reason: other.reason.clone().map(Into::into),
+        study_date: None,
+        acquired: None,
+        series: match shows_patient {
+            true => label.to_owned(),
+            false => kind_of_series(label),
+        },
+        is_derived: false,
+        has_contrast: false,
+        voxel_mm: None,
+        patient: patient(other.patient.clone(), shows_patient),
+    }
 }
 
-/// What there is of studies of which there is no case: of the first that is known at all.
+/// The patient in words, if the page shows patients.
+fn patient(patient: Option<Patient>, is_shown: bool) -> Option<String> {
+    let words = patient.filter(|_| is_shown)?.words();
+    (!words.is_empty()).then_some(words)
+}
+
+/// How far series of which there is no case are.
+fn without_case(others: &[Other]) -> LaunchView {
+    let is_received = |other: &Other| other.state == OtherState::Receiving;
+    let (state, reason) = match others.iter().any(is_received) {
+        true => ("receiving", None),
+        false => (
+            "nothing",
+            others.last().and_then(|other| other.reason.clone()),
+        ),
+    };
+    LaunchView {
+        state,
+        reason: reason.map(Into::into),
+        ..LaunchView::default()
+    }
+}
+
+/// What there is of studies of which nothing is known but what was not kept or has moved away.
 async fn coming(pacs: &Pacs, queries: &[SeriesQuery]) -> Result<LaunchView, AppError> {
     let mut found = LaunchView {
         state: "absent",
@@ -442,6 +489,42 @@ mod tests {
         ] {
             assert_eq!(Asked::parse(query).unwrap().queries, [expected], "{query}");
         }
+        let both = ["1.2.3.4", "1.2.3.5"]
+            .map(|series| SeriesQuery::Study(uid("1.2.3"), Some(uid(series))));
+        let named = Asked::parse("study=1.2.3&series=1.2.3.4,1.2.3.5,1.2.3.4").unwrap();
+        assert_eq!(named.queries, both);
+    }
+
+    #[test]
+    fn keys_are_decoded_and_one_without_a_value_is_refused_by_its_name() {
+        let asked = Asked::parse("study=1.2&%70atient%49D=P7").unwrap();
+        assert_eq!(
+            (asked.patient_id.as_deref(), asked.ignored.len()),
+            (Some("P7"), 0)
+        );
+        for (query, name) in [
+            ("study=1.2&patientID=", "patientid"),
+            ("study=1.2&patientID", "patientid"),
+            ("study=1.2&patientID=%20", "patientid"),
+            ("study=1.2&patientID=^^^HOSP", "patientid"),
+            ("study=1.2&issuer=", "issuer"),
+            ("study=1.2&accessionNumber=", "accessionnumber"),
+            ("study=1.2&series=", "series"),
+            ("study=,&accessionNumber=A1", "study"),
+            ("requestType=&study=1.2", "requesttype"),
+            ("study=1.2&%70atientID=", "patientid"),
+        ] {
+            let refused = Asked::parse(query).unwrap_err().to_string();
+            assert!(
+                refused.contains(&format!("`{name}` has no value")),
+                "{query}: {refused}"
+            );
+        }
+        // What is not known has no effect, with or without a value.
+        assert_eq!(
+            Asked::parse("study=1.2&viewer=&flag").unwrap().ignored,
+            ["viewer", "flag"]
+        );
     }
 
     #[test]

@@ -254,11 +254,11 @@ fn candidate_facts(candidate: &Candidate) -> CandidateFacts {
             Region::BrainStem => BrainRegion::BrainStem,
             Region::LeftDeep | Region::RightDeep => BrainRegion::Deep,
         },
-        unusual: match candidate.unusual {
+        unusual: candidate.unusual.map(|unusual| match unusual {
             analysis::Unusual::Yes => Unusual::Yes,
             analysis::Unusual::Borderline => Unusual::Borderline,
             analysis::Unusual::No => Unusual::No,
-        },
+        }),
         gyrus: None,
     }
 }

@@ -27,6 +27,8 @@ pub struct ResultSeries {
 /// A result that a search finds.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct HeldResult {
+    /// The case that it was made from.
+    pub case: CaseId,
     /// The result.
     pub instance: Uid,
     /// Its series.

@@ -13,9 +13,9 @@ import { loadPreferences } from "../page/preferences.ts";
 
 const LOOK_AGAIN_MS = 2000;
 
-/** A case that the query fits. */
+/** A case that the query fits, or a series of another patient that makes none. */
 interface Candidate {
-  readonly case: string;
+  readonly case?: string;
   readonly state: string;
   readonly study_date?: string;
   readonly acquired?: string;
@@ -63,7 +63,7 @@ function wordsOf({ patient, study_date, acquired, series, state, ...facts }: Can
     facts.has_contrast && t("launch.contrast"),
     size && `${size} mm`,
     state !== "ready" && stateKey && t(stateKey),
-    facts.case.slice(0, 8),
+    facts.case?.slice(0, 8),
   ]
     .filter(Boolean)
     .join(" · ");
@@ -151,9 +151,15 @@ class Launch {
   }
 
   #choose(candidates: readonly Candidate[]): void {
-    const buttons = candidates.map((one) => h("button", { click: () => void this.#open(one.case) }, wordsOf(one)));
-    this.#actions.replaceChildren(...buttons);
-    buttons[0]?.focus();
+    const choices = candidates.map((one) => {
+      const { case: id } = one;
+      // What makes no case cannot be opened, but says that another patient is meant, perhaps.
+      return id
+        ? h("button", { click: () => void this.#open(id) }, wordsOf(one))
+        : h("p", { class: "other" }, wordsOf(one));
+    });
+    this.#actions.replaceChildren(...choices);
+    this.#actions.querySelector("button")?.focus();
   }
 
   /** Buttons that fetch the series from one of the nodes. */

@@ -60,7 +60,7 @@ interface AnyCase {
   /** Whether it is never removed because of its age. */
   readonly kept: boolean;
   /** Why it is not the one that counts any more; absent if it is. */
-  readonly superseded?: "corrected" | "rejected" | "newer-version";
+  readonly superseded?: "corrected" | "rejected" | "newer-version" | "moved";
   /** When the server will remove it because of its age; absent if it will not. */
   readonly expires_at?: string;
   /** The case that this is a version of, with another mask or other parameters. */

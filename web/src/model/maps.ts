@@ -198,7 +198,8 @@ export interface Candidate {
   readonly side: Side;
   readonly score: number;
   readonly size_mm: number;
-  readonly unusual: Unusual;
+  /** Absent if no limit is known for the map. */
+  readonly unusual?: Unusual;
   /** About which gyrus it is in, where the server knows. */
   readonly gyrus?: string;
 }
@@ -206,8 +207,8 @@ export interface Candidate {
 /** The places that the server lists, the highest score first. */
 export interface CandidateList {
   readonly candidates: readonly Candidate[];
-  /** Whether no place of the cerebrum stands out. */
-  readonly nothing_stands_out: boolean;
+  /** Whether no place of the cerebrum stands out; absent if no limit is known for the map. */
+  readonly nothing_stands_out?: boolean;
   /** `review`: the cerebrum is not told from the rest of the brain. */
   readonly regions: {
     readonly state: "ok" | "review";
@@ -216,5 +217,8 @@ export interface CandidateList {
   };
 }
 
-/** Whether a place is shown before the others are asked for. Most heads without a lesion have a borderline one. */
-export const standsOut = ({ unusual }: Candidate): boolean => unusual === "yes";
+/**
+ * Whether a place is shown before the others are asked for. Most heads without a lesion have a borderline one. Where no limit is
+ * known, all places are shown.
+ */
+export const standsOut = ({ unusual = "yes" }: Candidate): boolean => unusual === "yes";

@@ -20,7 +20,7 @@ export async function meetNeighbour(
   marks: () => Marks,
 ): Promise<void> {
   const { nodes, patient_banner } = await pacsOf();
-  if (patient_banner) await showPatient(id, viewer);
+  if (patient_banner) await showPatient(id, viewer).catch(() => showBanner(viewer, t("pacs.patient-unknown")));
   const panel = viewer.closest(".page")?.querySelector(".panel");
   if (nodes.length > 0) panel?.append(resultsSection(id, nodes, render, marks));
 }
@@ -54,5 +54,9 @@ async function showPatient(id: string, viewer: HTMLElement): Promise<void> {
     series && t("pacs.series", { series }),
   ];
   const text = parts.filter(Boolean).join(" · ");
-  if (text) viewer.prepend(h("p", { class: "patient-banner", "aria-label": t("pacs.patient") }, text));
+  if (text) showBanner(viewer, text);
+}
+
+function showBanner(viewer: HTMLElement, text: string): void {
+  viewer.prepend(h("p", { class: "patient-banner", "aria-label": t("pacs.patient") }, text));
 }

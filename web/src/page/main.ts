@@ -56,6 +56,8 @@ class App {
   readonly #silence = h("p", { class: "notice-line bad", id: "silence", role: "alert", hidden: true });
   /** Says that the study has other heads. */
   readonly #others = h("div", { class: "notice-line remark others", role: "status", hidden: true });
+  /** The case whose version before lay elsewhere. */
+  #moved = "";
   readonly #superseded = h("p", { class: "notice-line bad", id: "superseded", role: "note", hidden: true });
   readonly #quality = h("div", { class: "quality", role: "note", hidden: true });
   readonly #layouts: HTMLElement;
@@ -265,13 +267,14 @@ class App {
     this.#start.hidden = !isEmpty;
     if (isEmpty) tell(this.#note, "");
     // It may come while the case is open.
-    tell(this.#superseded, chosen?.superseded ? t(`superseded.${chosen.superseded}.text`) : "");
+    this.#showSuperseded();
     void this.#acquired.show(ready ? "" : (chosen?.id ?? ""));
     if (ready?.id === this.#viewer?.shown.id) return;
     this.#leave();
     // What was said of the case before is not of this one.
     setText(this.#live, "");
     this.#showQuality(ready);
+    if (ready) void this.#followMoved(ready);
     this.#showOthers(ready?.id);
     const surface = this.#kept && this.#kept.id === ready?.id ? this.#kept.surface : null;
     if (this.#kept && !surface) this.#kept.surface.dispose();
@@ -303,6 +306,25 @@ class App {
     this.#main.append(viewer.panel.element);
     this.#showPanel();
     void viewer.load();
+  }
+
+  /** Whether the case is not the one that counts any more, or lies elsewhere than the version before. */
+  #showSuperseded(): void {
+    const { id, superseded } = this.#chosen ?? {};
+    const key = superseded
+      ? (`superseded.${superseded}.text` as const)
+      : id === this.#moved
+        ? "superseded.moved.next"
+        : "";
+    tell(this.#superseded, id && key ? t(key) : "");
+  }
+
+  /** Looks once whether the version before lay elsewhere. */
+  async #followMoved({ id, previous }: Case): Promise<void> {
+    const before = previous ? await getCase(previous).catch(() => null) : null;
+    if (before?.superseded !== "moved") return;
+    this.#moved = id;
+    this.#showSuperseded();
   }
 
   /** Of a study with several heads one was opened: the others are a click away. */

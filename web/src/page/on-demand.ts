@@ -247,9 +247,10 @@ export class OnDemand {
     this.#findings?.redraw();
   }
 
-  /** Adds what there is for a case from DICOM; a server without a PACS has nothing. */
+  /** Adds once what there is for a case from DICOM; a server without a PACS has nothing. Until then, pictures are hidden. */
   meetNeighbour(viewer: HTMLElement): void {
-    if (!this.#host.shown.links?.dicom) return;
+    if (!this.#host.shown.links?.dicom || viewer.dataset.patient) return;
+    viewer.dataset.patient = "awaited";
     const render = (side: number) => {
       const { state, surface } = this.#onScreen;
       return pictureBody(surface.surface.served(state), [side, side]);
@@ -258,7 +259,8 @@ export class OnDemand {
     const meet = ({ meetNeighbour }: Parts): unknown => meetNeighbour(this.#host.shown.id, viewer, render, marks);
     later()
       .then(meet)
-      .catch(() => {});
+      .catch(() => {})
+      .finally(() => (viewer.dataset.patient = "met"));
   }
 
   get #onScreen(): OnScreen {

@@ -32,7 +32,7 @@ export class PlacesList {
   readonly #ask: HTMLButtonElement;
   /** Why this list alone has no map. */
   readonly #why = h("p", { class: "quiet", role: "status", hidden: true });
-  /** That nothing stands out, or that the regions are in doubt. */
+  /** That nothing stands out, that no limit is known, or that the regions are in doubt. */
   readonly #nothing: HTMLElement;
   readonly #doubt = h("p", { class: "quiet regions-doubt", hidden: true });
   readonly #warning: HTMLElement;
@@ -100,7 +100,7 @@ export class PlacesList {
     // A list that nobody asked for takes no place.
     this.element.append(this.#nothing, this.#doubt, this.#warning, this.#places.element);
     this.#listener.say(candidates.length === 0 ? t("candidates.none") : "");
-    tell(this.#nothing, nothing_stands_out ? t(WORDS[this.#map].nothing) : "");
+    tell(this.#nothing, (nothing_stands_out ?? true) ? t(WORDS[this.#map].nothing) : "");
     const [reason = "", code = ""] = [regions.reasons[0], regions.reason_codes[0]];
     tell(this.#doubt, regions.state === "review" ? t("regions.doubt", { reason: reasonIn(reason, code) }) : "");
     this.#candidates = candidates;

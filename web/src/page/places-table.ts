@@ -160,7 +160,7 @@ export class PlacesTable {
       h("td", {}, t(`side.${side}`)),
       h("td", { class: "gyrus", title: gyrus }, gyrus || "–"),
       h("td", {}, `${number(depth_mm, 1)} mm`),
-      h("td", { class: "score" }, bar, h("span", {}, t(`unusual.${unusual}`, { score: number(score, 1) }))),
+      h("td", { class: "score" }, bar, h("span", {}, t(`unusual.${unusual ?? "no"}`, { score: number(score, 1) }))),
       h("td", {}, h("span", { class: "dot", role: "img" })),
     );
   }

@@ -154,6 +154,8 @@ export class Viewer {
   async load(): Promise<void> {
     this.#loadAbort = new AbortController();
     this.#notices.begin();
+    // No picture is seen before its patient.
+    this.#onDemand.meetNeighbour(this.element);
     try {
       await this.#surface.surface.load(this.#loadAbort.signal, (progress) => this.#notices.progress(progress));
       this.#notices.end();
@@ -167,7 +169,6 @@ export class Viewer {
     }
     this.element.dataset.loaded = "true";
     this.#onDemand.meetFindings();
-    this.#onDemand.meetNeighbour(this.element);
     void this.#aids.load().catch(() => {});
     if (this.#wanted) this.#pick(this.#wanted.place, this.#wanted.state);
     this.#wanted = null;

@@ -33,6 +33,7 @@ const EFFECT: Effect = Effect {
     blur_mm: 2.0,
     thickening_mm: 2.0,
     darkening: 0.2,
+    brightening: 0.0,
 };
 /// The directions of view.
 const VIEWS: [NamedView; 5] = [
@@ -59,6 +60,7 @@ pub(super) fn figure_7(head: &PreparedHead) -> Result<Vec<Picture>, BenchError> 
         centre_in_patient: place.position_in_patient,
         radius_mm: RADIUS_MM,
         effect: EFFECT,
+        band_to: None,
         seed: SEED,
     });
     let model = head.model();

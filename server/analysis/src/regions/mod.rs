@@ -33,6 +33,8 @@ pub use self::division::{Division, NoDivision, SurfacePart};
 pub use self::doubt::{RegionDoubt, RegionNumbers};
 pub use self::falx::Sheet;
 use self::lattice::Lattice;
+#[cfg(any(test, feature = "study"))]
+pub(crate) use self::lattice::spread_axes;
 use self::parts::{CEREBELLUM, CEREBRUM, OPEN, OUTSIDE, Parts, STEM};
 use crate::Head;
 use crate::block::Block;

@@ -236,3 +236,78 @@ fn pyramid(volume: &Volume) -> [Image; 3] {
     let coarse = middle.coarser(STEPS_MM[0]);
     [coarse, middle, fine]
 }
+
+#[cfg(test)]
+mod probe {
+    use super::*;
+    use crate::phantom::turned;
+    use crate::regions::phantom::{BrainPhantom, SimulatedLayer, grid};
+    use glam::DVec3;
+
+    #[test]
+    fn probe_weak_flair() {
+        let scan = BrainPhantom::PLAIN.scan(&grid());
+        let brain =
+            geometry::BrainMask::from_mask(&BrainPhantom::PLAIN.mask(&grid()), scan.volume.grid())
+                .unwrap();
+        let envelope = geometry::envelope(&brain, 10.0).unwrap();
+        let plane = midsagittal_plane(&envelope, &scan.volume);
+        for tissues in [
+            [200.0, 1300.0, 1000.0],
+            [500.0, 1150.0, 1000.0],
+            [700.0, 1080.0, 1000.0],
+            [850.0, 1060.0, 1000.0],
+        ] {
+            for spacing_mm in [[1.5; 3], [1.5, 1.5, 3.0], [2.0; 3]] {
+                for to in [
+                    DAffine3::IDENTITY,
+                    turned(6.0, -4.0, DVec3::new(5.0, -8.0, 3.0)),
+                ] {
+                    let layer = SimulatedLayer {
+                        tissues,
+                        spacing_mm,
+                        case_from_layer: to,
+                        ..SimulatedLayer::FLAIR
+                    };
+                    let volume = BrainPhantom::PLAIN.other_contrast(&layer);
+                    let found = register(&scan.volume, &envelope, &volume);
+                    let pair = Pair::new(&scan.volume, &envelope, &volume);
+                    let pose_from = |m: DAffine3| m;
+                    let _ = pose_from;
+                    let middle = pair
+                        .begun()
+                        .into_iter()
+                        .map(|pose| pair.climbed::<RIGID>(1, pose));
+                    let best = by_worth(middle.map(|(pose, score)| (worth(score), pose)))[0];
+                    let fine = pair.comparison(2, Some(best));
+                    let (pose, _) = climb::<RIGID>(&fine, best, pair.region.radius_mm, STEPS_MM[2]);
+                    let gains: Vec<[f64; 3]> = [1, 2]
+                        .map(|level| {
+                            let plain = pair.comparison(level, Some(pose));
+                            let known = plain.score(pose).nmi - 1.0;
+                            let (_, climbed) = climb::<RIGID>(
+                                &plain,
+                                pose,
+                                pair.region.radius_mm,
+                                STEPS_MM[level],
+                            );
+                            let mirrored = plain.mirrored(pair.region.centre, &plane);
+                            let (_, score) = climb::<RIGID>(
+                                &mirrored,
+                                pose,
+                                pair.region.radius_mm,
+                                STEPS_MM[level],
+                            );
+                            [known, worth(climbed) - 1.0, worth(score) - 1.0]
+                        })
+                        .to_vec();
+                    let off = (found.best_case_from_layer.translation - to.translation).length();
+                    println!(
+                        "{tissues:?} {spacing_mm:?} {:?} residual {:?} off {off:.2} gains {gains:.4?}",
+                        found.verdict, found.residual_mm
+                    );
+                }
+            }
+        }
+    }
+}

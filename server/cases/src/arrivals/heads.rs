@@ -6,6 +6,7 @@ use case::{Case, CaseState};
 use storage::StoreError;
 use storage::arrivals::{CaseSeries, SeriesQuery};
 
+use super::Patient;
 use crate::application::Cases;
 
 /// Values of Contrast/Bolus Agent that state that there was none.
@@ -28,6 +29,12 @@ impl Head {
         let mut attributes = self.attributes.iter();
         let found = attributes.find(|(name, value)| name == keyword && !value.is_empty());
         found.map(|(_, value)| value.as_str())
+    }
+
+    /// The patient; `None` if the attributes are damaged.
+    pub fn patient(&self) -> Option<Patient> {
+        let is_known = !self.attributes.is_empty();
+        is_known.then(|| Patient::of(|keyword| self.value(keyword)))
     }
 
     /// Whether it was computed from other images.

@@ -37,49 +37,7 @@ impl SeriesOfUpload {
     }
 }
 
-/// Attributes that tell two patients apart. A name that is written in another way is still the same patient's.
-pub(crate) const OF_PATIENT: [&str; 3] = ["PatientID", "IssuerOfPatientID", "PatientBirthDate"];
-
-/// What tells patients without an id apart, beside [`OF_PATIENT`].
-const WITHOUT_ID: [&str; 2] = ["PatientName", "PatientSex"];
-
-/// The patient of a source. One without an id is known by everything that is stated.
-#[derive(Debug, PartialEq, Eq)]
-struct Patient {
-    stated: [Option<String>; 3],
-    without_id: Option<[Option<String>; 2]>,
-}
-
-impl Patient {
-    /// The patient in the stored attributes of a source.
-    fn of(stored: &[u8]) -> Option<Self> {
-        let attributes = pipeline::attributes(stored).ok()?;
-        let value = |keyword: &str| {
-            let value = attributes.value(keyword).map(str::trim);
-            value.filter(|value| !value.is_empty()).map(str::to_owned)
-        };
-        let stated = OF_PATIENT.map(value);
-        let without_id = stated[0].is_none().then(|| WITHOUT_ID.map(value));
-        Some(Self { stated, without_id })
-    }
-}
-
 impl Cases {
-    /// Whether an upload is of the patient of a case; `false` if that is not known.
-    pub(crate) async fn is_of_patient(
-        &self,
-        upload: &Upload,
-        case: &CaseId,
-    ) -> Result<bool, Error> {
-        let Some(new) = &upload.dicom else {
-            return Ok(false);
-        };
-        let new = Patient::of(&new.read().await?);
-        let held = self.store().source_dicom(case).await?;
-        let held = held.and_then(|stored| Patient::of(&stored));
-        Ok(new.is_some() && new == held)
-    }
-
     /// Enters the series of a case.
     pub(crate) async fn index(
         &self,
@@ -105,28 +63,5 @@ impl Cases {
             Some(series) => store.index_series(&CaseSeries { case, ..series }).await,
             None => Ok(()),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn patient(attributes: &[(&str, &str)]) -> Patient {
-        let stored = serde_json::json!({ "attributes": attributes, "instances": [], "interpolated_slices": [] }).to_string();
-        Patient::of(stored.as_bytes()).expect("attributes")
-    }
-
-    #[test]
-    fn without_an_id_patients_are_told_apart_by_all_that_is_stated() {
-        let zed = [("PatientID", ""), ("PatientName", "Zed^Two")];
-        let quin = [("PatientID", ""), ("PatientName", "Quin^Three")];
-        assert_eq!(patient(&zed), patient(&zed[1..]));
-        assert_ne!(patient(&zed), patient(&quin));
-        // With an id, a name may be written in another way.
-        let [before, after] = ["Zed^Two", "ZED^TWO"];
-        let with_id = |name| patient(&[("PatientID", "P-1"), ("PatientName", name)]);
-        assert_eq!(with_id(before), with_id(after));
-        assert_ne!(with_id(before), patient(&zed));
     }
 }

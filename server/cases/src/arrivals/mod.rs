@@ -3,8 +3,11 @@
 //! An image is durable before it is acknowledged. Once nothing has come for a series for a while, it is read as a whole
 //! and becomes a case, or nothing, for a reason that is kept. Late images make a new version of the case.
 
+mod geometry;
 mod heads;
 mod index;
+mod others;
+mod patient;
 mod rejection;
 #[cfg(test)]
 mod tests;
@@ -21,7 +24,9 @@ use crate::dicom::InstanceIdentity;
 use crate::error::Error;
 
 pub use self::heads::Head;
-pub(crate) use self::index::{OF_PATIENT, SeriesOfUpload};
+pub(crate) use self::index::SeriesOfUpload;
+pub use self::others::{Fitting, Other, OtherState};
+pub use self::patient::Patient;
 pub use crate::jobs::ArrivalReader;
 
 /// Which series become cases.

@@ -1,7 +1,8 @@
 //! Rejection notes of the PACS (IHE RAD, Imaging Object Change Management).
 
 use case::{CaseId, Failure, Layer, LayerId, ObjectKind};
-use storage::arrivals::{ArrivalSource, REJECTED, Rejection, SeriesQuery, SeriesUids};
+use imaging::dicom::Attributes;
+use storage::arrivals::{ArrivalSource, REJECTED, Rejection, SeriesQuery, SeriesUids, Uid};
 use storage::{StoreError, Unreadable};
 
 use crate::application::Cases;
@@ -13,15 +14,21 @@ pub(super) fn reason() -> Failure {
 }
 
 impl Cases {
-    /// Withdraws what a note names: images are forgotten, cases of their series superseded, and layers removed.
+    /// Withdraws what a note names: images are forgotten, cases that were made of them superseded, and layers removed. Images of the
+    /// same series that it does not name stay.
     pub(super) async fn reject(
         &self,
         rejection: &Rejection,
         source: ArrivalSource,
     ) -> Result<(), Error> {
-        self.store().reject(rejection, source, &reason()).await?;
-        for (uids, _) in &rejection.series {
-            self.remove_layers_of(uids).await?;
+        let mut cases = Vec::new();
+        for (uids, instances) in &rejection.series {
+            cases.extend(self.cases_made_of(uids, instances).await?);
+        }
+        let store = self.store();
+        store.reject(rejection, source, &reason(), &cases).await?;
+        for (uids, instances) in &rejection.series {
+            self.remove_layers_made_of(uids, Some(instances)).await?;
         }
         let series = rejection.series.len();
         tracing::warn!(
@@ -31,12 +38,50 @@ impl Cases {
         Ok(())
     }
 
+    /// The cases of a series that were made of one of these images. One whose source is damaged counts.
+    async fn cases_made_of(
+        &self,
+        uids: &SeriesUids,
+        instances: &[Uid],
+    ) -> Result<Vec<CaseId>, StoreError> {
+        let series = SeriesQuery::Study(uids.study.clone(), Some(uids.series.clone()));
+        let mut cases = Vec::new();
+        for series in self.store().cases_of(&series).await? {
+            let stored = match self.store().source_dicom(&series.case).await {
+                Ok(stored) => stored,
+                Err(StoreError::Objects(_)) => None,
+                Err(error) => return Err(error),
+            };
+            let stored = stored.and_then(|stored| pipeline::attributes(&stored).ok());
+            if stored.is_none_or(|source| is_made_of(&source, instances)) {
+                cases.push(series.case);
+            }
+        }
+        Ok(cases)
+    }
+
     /// Removes the layers that are of a series from the cases of its study.
     pub(super) async fn remove_layers_of(&self, uids: &SeriesUids) -> Result<(), StoreError> {
+        self.remove_layers_made_of(uids, None).await
+    }
+
+    /// As [`Cases::remove_layers_of`], those alone that were made of one of these images, if any are named.
+    async fn remove_layers_made_of(
+        &self,
+        uids: &SeriesUids,
+        instances: Option<&[Uid]>,
+    ) -> Result<(), StoreError> {
         let study = SeriesQuery::Study(uids.study.clone(), None);
         for series in self.store().cases_of(&study).await? {
-            self.remove_other_layers_of(uids, &series.case, None)
-                .await?;
+            for layer in self.store().layers(&series.case).await? {
+                let source = self.source_of_layer(&series.case, &layer, uids).await?;
+                let is_named = source.is_some_and(|source| {
+                    instances.is_none_or(|instances| is_made_of(&source, instances))
+                });
+                if is_named {
+                    self.store().delete_layer(&series.case, &layer.id).await?;
+                }
+            }
         }
         Ok(())
     }
@@ -46,39 +91,46 @@ impl Cases {
         &self,
         uids: &SeriesUids,
         case: &CaseId,
-        kept: Option<&LayerId>,
+        kept: &LayerId,
     ) -> Result<(), StoreError> {
         for layer in self.store().layers(case).await? {
-            if kept != Some(&layer.id) && self.is_layer_of(case, &layer, uids).await? {
+            let is_other = *kept != layer.id;
+            if is_other && self.source_of_layer(case, &layer, uids).await?.is_some() {
                 self.store().delete_layer(case, &layer.id).await?;
             }
         }
         Ok(())
     }
 
-    async fn is_layer_of(
+    /// The source of a layer, if it is of a series.
+    async fn source_of_layer(
         &self,
         case: &CaseId,
         layer: &Layer,
         uids: &SeriesUids,
-    ) -> Result<bool, StoreError> {
+    ) -> Result<Option<Attributes>, StoreError> {
         let objects = self.store().layer_objects(case, &layer.id).await?;
         let source = objects
             .iter()
             .find(|name| name.kind == ObjectKind::SourceDicom);
         let Some(source) = source else {
-            return Ok(false);
+            return Ok(None);
         };
         let stored = match self.store().object(source).await {
             Ok(stored) => stored,
             Err(Unreadable::Store(error)) => return Err(error.into()),
-            Err(_) => return Ok(false),
+            Err(_) => return Ok(None),
         };
-        let attributes = pipeline::attributes(&stored).map(|stored| stored.attributes);
-        Ok(attributes.is_ok_and(|attributes| {
-            let mut attributes = attributes.iter();
-            attributes
-                .any(|(name, value)| name == "SeriesInstanceUID" && value == uids.series.as_str())
-        }))
+        let source = pipeline::attributes(&stored).ok();
+        Ok(source.filter(|source| source.value("SeriesInstanceUID") == Some(uids.series.as_str())))
     }
+}
+
+/// Whether a volume was made of one of these images.
+fn is_made_of(source: &Attributes, instances: &[Uid]) -> bool {
+    let mut images = source.instances.iter();
+    images.any(|image| {
+        let mut instances = instances.iter();
+        instances.any(|uid| uid.as_str() == image.sop_instance_uid)
+    })
 }

@@ -137,7 +137,13 @@ impl Cases {
                     },
                 )
             }
-            Some(case) => (Some(case.id), case.parameters),
+            Some(case) => {
+                // Neither may findings and layers stay where they lay, if the images lie elsewhere now.
+                if self.is_moved(&upload, &case).await? {
+                    self.store().move_case(&case.id).await?;
+                }
+                (Some(case.id), case.parameters)
+            }
             None => (None, Parameters::default()),
         };
         let submitted = self.submit_after(upload, parameters, of).await?;
@@ -190,8 +196,8 @@ impl Cases {
         let outcome = match self.add_layer_of(new, false).await {
             Ok(added) => {
                 // Of fewer images than have come since.
-                let kept = Some(&added.layer.id);
-                self.remove_other_layers_of(&due.uids, &case, kept).await?;
+                self.remove_other_layers_of(&due.uids, &case, &added.layer.id)
+                    .await?;
                 Outcome::Layer(case)
             }
             Err(Error::TooManyLayers { .. }) => Outcome::Nothing(Failure::unusable(

@@ -18,6 +18,7 @@ use crate::profile::ProfileSample;
 /// The most places of the map in the tables, in the cerebrum and elsewhere.
 const MAX_CANDIDATES: usize = 20;
 const MAX_ELSEWHERE: usize = 5;
+const MAX_BRIGHT: usize = 5;
 
 /// The contents of a report.
 pub(super) struct Contents<'a> {
@@ -188,6 +189,7 @@ impl Report {
     /// That the case is not the one that counts any more, and the verdict on a mask that is not sound.
     fn doubt(&self, words: &Words) -> Option<String> {
         let superseded = self.case.superseded.map(|why| words.superseded(why));
+        let superseded = superseded.or(self.is_moved.then_some(words.moved));
         let state = self.facts.quality.as_ref().map(|quality| quality.state);
         let mask = state
             .filter(|state| *state != QualityState::Ok)
@@ -474,7 +476,7 @@ fn places(words: &Words, maps: &LoadedMaps, gyri: Option<&Gyri>) -> Vec<Block<'s
     blocks
 }
 
-/// The places where the map of the FLAIR stands out, that none does, or why there is no such map.
+/// The brightest places of the FLAIR, for which no limit is known, or why there is no such map.
 fn bright_places<'a>(
     words: &Words,
     flair: &'a Result<Arc<LoadedMaps>, NoMaps>,
@@ -482,8 +484,20 @@ fn bright_places<'a>(
 ) -> Vec<Block<'a>> {
     match flair {
         Ok(maps) => {
-            let about = [words.flair(), words.flair_note(), words.nothing_is_bright()];
-            standing_out(words, about, &named(&maps.candidates, gyri))
+            let mut blocks = vec![
+                Block::Subheading(words.flair().into()),
+                Block::Text(words.flair_note().into()),
+                Block::Text(words.no_limit_of_flair().into()),
+            ];
+            let places = named(&maps.candidates, gyri).into_iter().take(MAX_BRIGHT);
+            let rows: Vec<_> = (1_usize..)
+                .zip(places)
+                .map(|(rank, place)| (rank.to_string(), place))
+                .collect();
+            if !rows.is_empty() {
+                blocks.push(table_of_places(words, rows));
+            }
+            blocks
         }
         Err(reason) => {
             let why = words.reason(&reason.code, &reason.sentence);
@@ -677,6 +691,7 @@ mod tests {
                 expires_at: None,
                 superseded: None,
             },
+            is_moved: false,
             facts: Arc::new(facts),
             query: ReportQuery {
                 language,

@@ -63,6 +63,8 @@ pub enum ReportSubject<'a> {
 /// Everything that a report shows.
 struct Report {
     case: Case,
+    /// Whether its images lie elsewhere than those of the version before.
+    is_moved: bool,
     facts: Arc<CaseFacts>,
     query: ReportQuery,
     /// Attributes of the patient and the study, for people; `None` unless requested.
@@ -168,6 +170,7 @@ impl Cases {
             (true, ReportSubject::Named(attributes)) => Some(named(attributes)),
         };
         let report = Report {
+            is_moved: self.is_moved_version(&case).await?,
             case,
             facts,
             query,

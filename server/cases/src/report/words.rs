@@ -66,7 +66,8 @@ pub(super) struct Words {
     pub(super) voxels: &'static str,
     pub(super) mask: &'static str,
     states: [&'static str; 3],
-    superseded: [&'static str; 3],
+    superseded: [&'static str; 4],
+    pub(super) moved: &'static str,
     pub(super) findings: &'static str,
     pub(super) finding: &'static str,
     pub(super) no_findings: &'static str,
@@ -158,8 +159,8 @@ impl Words {
         self.regions[region as usize]
     }
 
-    pub(super) fn unusual(&self, unusual: Unusual) -> &'static str {
-        self.unusuals[unusual as usize]
+    pub(super) fn unusual(&self, unusual: Option<Unusual>) -> &'static str {
+        unusual.map_or("–", |unusual| self.unusuals[unusual as usize])
     }
 
     /// A reason, in the words of the page if it knows the code.
@@ -224,7 +225,7 @@ impl Words {
         self.of_page("flair.undefined").replace("{reason}", reason)
     }
 
-    pub(super) fn nothing_is_bright(&self) -> &'static str {
+    pub(super) fn no_limit_of_flair(&self) -> &'static str {
         self.of_page("flair.nothing")
     }
 
@@ -261,7 +262,9 @@ const ENGLISH: Words = Words {
         "SUPERSEDED: the patient or the study of these images was corrected since",
         "REJECTED: these images were withdrawn in the archive",
         "Other images of this series came later",
+        "MOVED: the place or the orientation of these images was corrected since; left and right may be exchanged",
     ],
+    moved: "CORRECTED: the place or the orientation of these images differs from the version before, whose findings and layers stay with it",
     findings: "Findings",
     finding: "Finding",
     no_findings: "Nothing was marked.",
@@ -336,7 +339,9 @@ const PORTUGUESE: Words = Words {
         "SUBSTITUÍDO: o paciente ou o estudo destas imagens foi corrigido depois",
         "REJEITADO: estas imagens foram retiradas no arquivo",
         "Outras imagens desta série chegaram depois",
+        "DESLOCADO: a posição ou a orientação destas imagens foi corrigida depois; esquerda e direita podem estar trocadas",
     ],
+    moved: "CORRIGIDO: a posição ou a orientação destas imagens difere da versão anterior, com a qual ficam seus achados e camadas",
     findings: "Achados",
     finding: "Achado",
     no_findings: "Nada foi marcado.",
@@ -413,7 +418,7 @@ mod tests {
                 words.nothing_is_thick(),
                 words.flair(),
                 words.flair_note(),
-                words.nothing_is_bright(),
+                words.no_limit_of_flair(),
             ] {
                 assert!(!text.is_empty());
             }

@@ -136,7 +136,7 @@ pub enum DicomError {
         slices: usize,
     },
     /// A slice is shifted.
-    #[error("slice {slice} is {shift_mm:.2} mm off the line through the other slices")]
+    #[error("slice {slice} is {shift_mm:.2} mm beside the line of its neighbours")]
     SliceShifted {
         /// Its number.
         slice: usize,
@@ -144,9 +144,7 @@ pub enum DicomError {
         shift_mm: f64,
     },
     /// Several acquisitions share one series.
-    #[error(
-        "the series holds {acquisitions} acquisitions of {slices} slices each, which differ in {difference}; export one of them separately"
-    )]
+    #[error("{}", several(*acquisitions, *slices, difference))]
     SeveralAcquisitions {
         /// Number of acquisitions.
         acquisitions: usize,
@@ -264,6 +262,17 @@ impl DicomError {
 
 /// The most numbers that an error lists.
 const LISTED: usize = 8;
+
+fn several(acquisitions: usize, slices: usize, difference: &str) -> String {
+    match slices {
+        1 => {
+            format!("all {acquisitions} slices have the same position, and differ in {difference}")
+        }
+        _ => format!(
+            "the series holds {acquisitions} acquisitions of {slices} slices each, which differ in {difference}; export one of them separately"
+        ),
+    }
+}
 
 fn list(series: &[SeriesSummary]) -> String {
     let mut listed: Vec<String> = series

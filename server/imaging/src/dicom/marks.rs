@@ -19,9 +19,20 @@ const MAX_POINTS: usize = 20_001;
 pub(super) const SEGMENT_CREATOR: (Tag, &str) = (Tag(0x0063, 0x0010), "ISOCORTEX");
 pub(super) const SEGMENT_MARK: Tag = Tag(0x0063, 0x1001);
 
-const WANTED: [Tag; 24] = [
+/// What tells patients apart.
+const OF_PATIENT: [(Tag, &str); 5] = [
+    (tags::PATIENT_NAME, "PatientName"),
+    (tags::PATIENT_ID, "PatientID"),
+    (tags::ISSUER_OF_PATIENT_ID, "IssuerOfPatientID"),
+    (tags::PATIENT_BIRTH_DATE, "PatientBirthDate"),
+    (tags::PATIENT_SEX, "PatientSex"),
+];
+
+const WANTED: [Tag; 26] = [
     tags::SPECIFIC_CHARACTER_SET,
     tags::SOP_CLASS_UID,
+    tags::PATIENT_NAME,
+    tags::PATIENT_SEX,
     tags::PATIENT_ID,
     tags::ISSUER_OF_PATIENT_ID,
     tags::PATIENT_BIRTH_DATE,
@@ -94,8 +105,8 @@ pub struct Mark {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MarkedPatient {
-    /// The patient's id, its issuer, and the date of birth; empty if they are not stated.
-    pub patient: [String; 3],
+    /// What is stated of the patient, by keyword.
+    pub patient: Vec<(String, String)>,
     /// The frame of reference of the points.
     pub frame_of_reference: String,
     /// In the order of the file.
@@ -133,12 +144,10 @@ pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
         _ => return Err(not_ours()),
     };
     let mut found = MarkedPatient {
-        patient: [
-            tags::PATIENT_ID,
-            tags::ISSUER_OF_PATIENT_ID,
-            tags::PATIENT_BIRTH_DATE,
-        ]
-        .map(|tag| text(&report, tag).unwrap_or_default()),
+        patient: OF_PATIENT
+            .iter()
+            .filter_map(|&(tag, keyword)| Some((keyword.to_owned(), text(&report, tag)?)))
+            .collect(),
         frame_of_reference: String::new(),
         marks: Vec::new(),
     };
@@ -394,7 +403,13 @@ mod tests {
         let groups =
             ["52009229", "52009230"].map(|name| metadata[name]["Value"].as_array().map(Vec::len));
         assert_eq!(groups, [Some(1), Some(8)]);
-        assert_eq!(read.patient, ["P-1", "", "19670312"]);
+        let stated = |keyword: &str| {
+            let mut patient = read.patient.iter();
+            let found = patient.find(|(name, _)| name == keyword);
+            found.map_or("", |(_, value)| value.trim())
+        };
+        let patient = ["PatientID", "IssuerOfPatientID", "PatientBirthDate"].map(stated);
+        assert_eq!(patient, ["P-1", "", "19670312"]);
         for foreign in [
             segments(&source(), &[None]),
             segments(&source(), &[Some(all[0].clone()), None]),
@@ -450,7 +465,13 @@ mod tests {
         let read = marks(&written(&source(), &all).unwrap()).unwrap();
         assert_eq!(read.marks, all);
         assert_eq!(read.frame_of_reference, "1.3");
-        assert_eq!(read.patient, ["P-1", "", "19670312"]);
+        let stated = |keyword: &str| {
+            let mut patient = read.patient.iter();
+            let found = patient.find(|(name, _)| name == keyword);
+            found.map_or("", |(_, value)| value.trim())
+        };
+        let patient = ["PatientID", "IssuerOfPatientID", "PatientBirthDate"].map(stated);
+        assert_eq!(patient, ["P-1", "", "19670312"]);
     }
 
     #[test]

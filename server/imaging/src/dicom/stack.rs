@@ -117,7 +117,7 @@ fn placed(images: &[Image]) -> Result<Vec<Slice<'_>>, DicomError> {
     }
     unplaced.sort_unstable();
     Err(DicomError::NotPlaced {
-        what: "some slices lack Image Position, Image Orientation or Pixel Spacing",
+        what: "some slices lack Image Position, Pixel Spacing or Image Orientation, or their orientation is not two perpendicular directions of length 1",
         instances: unplaced,
     })
 }
@@ -212,6 +212,7 @@ fn check_lean(slices: &[Slice], normal: DVec3) -> Result<(), DicomError> {
     let whole = last.position - first.position;
     let degrees = across(whole).length().atan2(whole.dot(normal)).to_degrees();
     if degrees > TILT_TOLERANCE_DEGREES {
+        check_jump(slices, across(whole).length(), across)?;
         return Err(DicomError::GantryTilt {
             degrees,
             slices: slices.len(),
@@ -229,6 +230,25 @@ fn check_lean(slices: &[Slice], normal: DVec3) -> Result<(), DicomError> {
         }
     }
     Ok(())
+}
+
+/// A stack whose slices are all in line but for one step does not lean.
+fn check_jump(
+    slices: &[Slice],
+    whole_mm: f64,
+    across: impl Fn(DVec3) -> DVec3,
+) -> Result<(), DicomError> {
+    let sideways = |pair: &[Slice]| across(pair[1].position - pair[0].position).length();
+    let steps = slices.windows(2).map(sideways).enumerate();
+    match steps.max_by(|(_, one), (_, other)| one.total_cmp(other)) {
+        Some((before, shift_mm)) if shift_mm > whole_mm / 2.0 && slices.len() > FEWEST_SLICES => {
+            Err(DicomError::SliceShifted {
+                slice: before + 2,
+                shift_mm,
+            })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The number of each slice, from 0, counting missing slices.

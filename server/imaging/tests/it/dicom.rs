@@ -220,7 +220,7 @@ fn bad_stacks_are_refused_with_the_slices_named() {
         refused(&slices)
     };
     type Change<'a> = &'a dyn Fn(&mut Vec<Slice>);
-    let cases: [(&str, &str, Change); 12] = [
+    let cases: [(&str, &str, Change); 15] = [
         ("dicom-slices-doubled", "instance number 9", &|slices| {
             let double = Slice {
                 instance: 9,
@@ -257,6 +257,31 @@ fn bad_stacks_are_refused_with_the_slices_named() {
                     slice.sop_uid.push_str(".2");
                 }
                 slices.extend(second);
+            },
+        ),
+        // A half that lies elsewhere does not lean.
+        ("dicom-slice-shifted", "slice 5 is 3.00 mm", &|slices| {
+            slices[4..]
+                .iter_mut()
+                .for_each(|slice| slice.position[0] += 3.0);
+        }),
+        (
+            "dicom-several-acquisitions",
+            "all 8 slices have the same position",
+            &|slices| {
+                let position = slices[0].position;
+                slices
+                    .iter_mut()
+                    .for_each(|slice| slice.position = position);
+            },
+        ),
+        (
+            "dicom-not-placed",
+            "two perpendicular directions of length 1",
+            &|slices| {
+                for slice in slices {
+                    slice.orientation = [0.9, 0.0, 0.0, 0.0, 1.0, 0.0];
+                }
             },
         ),
         ("dicom-mixed-sizes", "size: instance number 4", &|slices| {

@@ -501,11 +501,10 @@ async fn find(pacs: &Pacs, scope: &Scope, keys: &SearchKeys) -> Result<Found, Ap
     let mut skip = keys.offset;
     let mut studies = Studies::begin(pacs, scope, keys).await?;
     while let Some(uid) = studies.next(pacs).await? {
-        let Some(study) = HeldStudy::load(pacs, &uid).await? else {
-            continue;
-        };
         let mut records = Vec::new();
-        scope.list(&study, &mut records);
+        for study in HeldStudy::load(pacs, &uid).await? {
+            scope.list(&study, &mut records);
+        }
         for record in records {
             if !keys.accept(&record.values, |tag| scope.supports(tag)) {
                 continue;

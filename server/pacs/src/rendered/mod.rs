@@ -27,7 +27,7 @@ use self::query::{RenderedParams, RenderedQuery, Shown, USUAL_QUALITY};
 use self::stored::Pixels;
 use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
 use crate::described::query_key;
-use crate::held::HeldStudy;
+use crate::held::{HeldStudy, files_of};
 use crate::state::{InProject, Pacs};
 use http_support::problem::AppError;
 
@@ -55,7 +55,7 @@ type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
         (status = 400, description = "A key of the query is unknown or its value invalid"),
         (status = 404, description = "There is no case of this study"),
         (status = 406, description = "No accepted media type is available"),
-        (status = 409, description = "The case is not ready"),
+        (status = 409, description = "The case is not ready, or the study has images of several patients (`several-patients`)"),
         (status = 503, description = "Too much work is waiting"),
     )
 )]
@@ -282,7 +282,7 @@ async fn of_stored(
     });
     let quality = quality.transpose()?.unwrap_or(USUAL_QUALITY);
     let answer = accepted(keys.get("accept").map(String::as_str), headers, false)?;
-    let object = HeldStudy::named(pacs, named).await?.objects()?[0];
+    let object = files_of(&HeldStudy::named(pacs, named).await?)?[0];
     let cases = pacs.cases();
     let metadata = cases.stored_metadata(&[object]).await?;
     let pixels = metadata.as_ref().and_then(|all| Pixels::read(all.first()?));
@@ -362,8 +362,16 @@ async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, AppError> {
     let uid = |text: &str| Uid::parse(text).ok_or_else(missing);
     let series = named.series.as_deref().map(uid);
     let query = SeriesQuery::Study(uid(&named.study)?, series.transpose()?);
-    let heads = pacs.cases().heads(&query).await?;
-    let case = heads.into_iter().next().ok_or_else(missing)?.case;
+    let fitting = pacs.cases().fitting(&query).await?;
+    if fitting.is_ambiguous() {
+        let detail = "the study has images of several patients; request a picture of one of its series, which `GET /dicomweb/studies/{study}/series` lists with their patients";
+        return Err(AppError::new(
+            StatusCode::CONFLICT,
+            "several-patients",
+            detail,
+        ));
+    }
+    let case = fitting.heads.into_iter().next().ok_or_else(missing)?.case;
     match (case.state, case.failure) {
         (CaseState::Ready, _) => Ok(case.id),
         (CaseState::Failed, Some(failure)) => Err(Error::from(failure).into()),

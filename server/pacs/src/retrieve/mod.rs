@@ -13,7 +13,7 @@ use serde_json::{Map, Value};
 
 use self::media::{Accepted, DICOM, FRAME};
 use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
-use crate::held::{HeldInstance, HeldSeries, HeldStudy, Values, not_kept};
+use crate::held::{HeldInstance, HeldSeries, HeldStudy, Values, files_of, not_kept};
 use crate::state::{InProject, Pacs};
 use crate::stow::{DICOM_JSON, refuse_other_answers};
 use http_support::fresh::fresh_json;
@@ -169,7 +169,7 @@ pub(crate) async fn frames(
 
 async fn files(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Response, AppError> {
     let accepted = Accepted::read(headers, DICOM, named.instance.is_some())?;
-    let objects = HeldStudy::named(pacs, &named).await?.objects()?;
+    let objects = files_of(&HeldStudy::named(pacs, &named).await?)?;
     let syntaxes = accepted.syntaxes;
     let files = pacs.cases().stored_files(&objects, syntaxes).await?;
     let files = files.ok_or_else(not_kept)?;
@@ -215,8 +215,9 @@ fn streamed(files: StoredFiles, boundary: String) -> Body {
 
 async fn metadata(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Response, AppError> {
     refuse_other_answers(headers)?;
-    let study = HeldStudy::named(pacs, &named).await?;
-    let instances = study.series.iter().flat_map(|series| &series.instances);
+    let studies = HeldStudy::named(pacs, &named).await?;
+    let series = studies.iter().flat_map(|study| &study.series);
+    let instances = series.flat_map(|series| &series.instances);
     let objects: Vec<_> = instances.filter_map(|instance| instance.object).collect();
     let read = match objects.is_empty() {
         true => Vec::new(),
@@ -228,10 +229,12 @@ async fn metadata(pacs: &Pacs, named: Named, headers: &HeaderMap) -> Result<Resp
     };
     let mut read = read.into_iter();
     let mut body: Vec<Value> = Vec::new();
-    for series in &study.series {
-        for instance in &series.instances {
-            let known = instance.object.and_then(|_| read.next());
-            body.push(known.unwrap_or_else(|| what_is_known(&study.values, series, instance)));
+    for study in &studies {
+        for series in &study.series {
+            for instance in &series.instances {
+                let known = instance.object.and_then(|_| read.next());
+                body.push(known.unwrap_or_else(|| what_is_known(&study.values, series, instance)));
+            }
         }
     }
     let mut response = fresh_json(StatusCode::OK, &body);
@@ -261,7 +264,7 @@ async fn pixels(
 ) -> Result<Response, AppError> {
     let numbers = numbers_of(numbers)?;
     let accepted = Accepted::read(headers, FRAME, numbers.len() == 1)?;
-    let object = HeldStudy::named(pacs, &named).await?.objects()?[0];
+    let object = files_of(&HeldStudy::named(pacs, &named).await?)?[0];
     let frames = pacs.cases().stored_frames(object, numbers).await?;
     let frames: Option<Vec<Bytes>> = frames.ok_or_else(not_kept)?.into_iter().collect();
     let frames = frames.ok_or_else(|| {

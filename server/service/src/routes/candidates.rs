@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use crate::state::InProject;
-use case::{CandidateFacts, Gyrus, MapName, RegionFacts, SurfaceName};
+use case::{CandidateFacts, Gyrus, MapName, RegionFacts, SurfaceName, Unusual};
 use cases::Error;
 use cases::gyri::named;
 use cases::library::{LoadedMaps, MapsState};
@@ -100,10 +100,13 @@ impl Asked for CandidatesQuery {
 pub struct CandidateList {
     /// Highest first.
     candidates: Vec<CandidateFacts>,
-    /// Whether no place of the cerebrum stands out, which means that it is `unusual`: `yes`. This does not exclude a lesion.
-    nothing_stands_out: bool,
-    /// The limits of unusual scores of this map.
-    limits: LimitsView,
+    /// Whether no place of the cerebrum stands out, which means that it is `unusual`: `yes`. This does not exclude a lesion. Absent if
+    /// no limit is known for the map, as for `flair`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    nothing_stands_out: Option<bool>,
+    /// The limits of unusual scores of this map; absent if none is known, as for `flair`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    limits: Option<LimitsView>,
     /// The regions of the brain. If they are in doubt, nothing is left out.
     regions: RegionFacts,
 }
@@ -121,7 +124,7 @@ pub struct LimitsView {
 /// Places where the junction is less sharp than in its surroundings and on the other side, the cortex thicker, or a FLAIR brighter
 ///
 /// Most are normal: they are places to look at, and nothing is detected. Each states whether its score is higher than those
-/// of heads without a lesion, and about which gyrus it is in if an atlas is installed and the head surely fits it: a coarse name,
+/// of heads without a lesion (but for `flair`, for which no limit is known), and about which gyrus it is in if an atlas is installed and the head surely fits it: a coarse name,
 /// not a measurement. The list has the cerebrum alone unless `region=all`. As JSON, or with `Accept: text/csv` as CSV.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/candidates", tag = "layers",
@@ -174,9 +177,9 @@ fn json(value: &impl Serialize) -> Result<Vec<u8>, AppError> {
 impl CandidateList {
     fn of(maps: &LoadedMaps, gyri: Option<&Gyri>, query: &CandidatesQuery) -> Self {
         let ([in_cerebrum, elsewhere], limits) = match query.map {
-            MapAsked::Blur => ([&maps.candidates, &maps.elsewhere], ScoreLimits::BLUR),
-            MapAsked::Thickness => (maps.thick.each_ref(), ScoreLimits::THICKNESS),
-            MapAsked::Flair => ([&maps.candidates, &maps.elsewhere], ScoreLimits::FLAIR),
+            MapAsked::Blur => ([&maps.candidates, &maps.elsewhere], Some(ScoreLimits::BLUR)),
+            MapAsked::Thickness => (maps.thick.each_ref(), Some(ScoreLimits::THICKNESS)),
+            MapAsked::Flair => ([&maps.candidates, &maps.elsewhere], None),
         };
         let mut candidates = in_cerebrum.clone();
         if query.region == RegionAsked::All {
@@ -187,11 +190,11 @@ impl CandidateList {
         candidates.truncate(query.limit);
         Self {
             candidates: named(&candidates, gyri),
-            nothing_stands_out: !in_cerebrum.iter().any(CandidateFacts::stands_out),
-            limits: LimitsView {
+            nothing_stands_out: limits.map(|_| !in_cerebrum.iter().any(CandidateFacts::stands_out)),
+            limits: limits.map(|limits| LimitsView {
                 unusual_above: limits.unusual_above,
                 borderline_from: limits.borderline_from,
-            },
+            }),
             regions: maps.regions.clone(),
         }
     }
@@ -205,7 +208,7 @@ impl CandidateList {
             let [side, region, unusual, gyrus] = [
                 candidate.side.name(),
                 candidate.region.name(),
-                candidate.unusual.name(),
+                candidate.unusual.map_or("", Unusual::name),
                 candidate.gyrus.map_or("", Gyrus::name),
             ];
             let CandidateFacts {

@@ -44,7 +44,8 @@ pub struct CaseView {
     kept: bool,
     /// Why it is not the one that counts any more; absent if it is. `corrected`: the patient or the study of its images
     /// was corrected in the PACS since; `rejected`: the PACS has rejected its images; `newer-version`: other images of its
-    /// series came later, and may have become a newer case.
+    /// series came later, and may have become a newer case; `moved`: the place or the orientation of its images was corrected since, so
+    /// that left and right may be exchanged, and the newer case has not inherited its findings and layers.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     superseded: Option<&'static str>,

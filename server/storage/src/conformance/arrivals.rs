@@ -309,7 +309,8 @@ pub(crate) async fn images_that_are_rejected_are_forgotten_and_their_cases_super
             may_return,
             series: vec![(series(number), instances.to_vec())],
         };
-        let rejected = store.reject(&rejection, ArrivalSource::Stow, &reason);
+        let cases = if number == 1 { &[case][..] } else { &[] };
+        let rejected = store.reject(&rejection, ArrivalSource::Stow, &reason, cases);
         rejected.await.unwrap();
         let one = SeriesQuery::Study(uid("1.2.3"), Some(series(number).series));
         store.arrivals_of(&one).await.unwrap().remove(0)

@@ -172,7 +172,9 @@ pub(crate) async fn projects_receive_the_same_series_apart(subject: &Subject) {
     };
     let reason = Failure::unusable(REJECTED, "it was rejected");
     let source = ArrivalSource::Stow;
-    one.reject(&rejection, source, &reason).await.unwrap();
+    let cases = [first];
+    let rejected = one.reject(&rejection, source, &reason, &cases);
+    rejected.await.unwrap();
     let superseded = async |store: &Store, case: &CaseId| -> Option<CaseSeries> {
         let series = store.series_of(case).await.unwrap();
         series.filter(CaseSeries::is_superseded)
@@ -247,4 +249,25 @@ pub(crate) async fn projects_have_their_own_results_and_retrievals(subject: &Sub
         let object = store.object_of_result(&uid("2.25.7")).await.unwrap();
         assert_eq!(object, held.first().map(|result| result.object));
     }
+}
+
+/// The text of an id lacks its project: a statement that is bound to it would find the case of the project without a name.
+#[test]
+fn statements_name_cases_by_their_keys() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sql");
+    let mut files = 0;
+    for file in std::fs::read_dir(folder).unwrap() {
+        let path = file.unwrap().path();
+        let text = std::fs::read_to_string(&path).unwrap();
+        for wrong in [
+            "case.to_string()",
+            "case.id.to_string()",
+            "previous.to_string()",
+            "CaseId::parse(",
+        ] {
+            assert!(!text.contains(wrong), "{wrong} in {}", path.display());
+        }
+        files += 1;
+    }
+    assert!(files > 10);
 }

@@ -238,7 +238,7 @@ pub(super) async fn ignore(
     Ok(())
 }
 
-/// Withdraws instances of a series: its images are forgotten and its cases superseded. What is left is read again.
+/// Withdraws instances of a series: its images are forgotten. What is left is read again.
 pub(super) async fn reject(
     connection: &mut Connection,
     (uids, source, project): (&SeriesUids, ArrivalSource, Project),
@@ -291,23 +291,33 @@ pub(super) async fn reject(
     if count_removed > 0 {
         jobs::cancel(connection, JobKind::SERIES, &id).await?;
     }
-    supersede(connection, &id, Superseded::Rejected).await?;
-    wake_layers(connection, &id).await
+    Ok(())
 }
 
-/// Lets the series be read again that became layers of the rejected cases of a series: another head of the study may have them.
-async fn wake_layers(connection: &mut Connection, id: &str) -> Result<(), StoreError> {
+/// Supersedes a case whose images were rejected, and lets the series be read again that became layers of it: another head of the
+/// study may have them.
+pub(super) async fn reject_case(
+    connection: &mut Connection,
+    case: &CaseId,
+) -> Result<(), StoreError> {
+    connection
+        .query("UPDATE case_series SET superseded = $1 WHERE case_id = $2")
+        .bind(superseded_code(Some(Superseded::Rejected)))
+        .bind(case.key())
+        .execute()
+        .await?;
+    wake_layers(connection, case).await
+}
+
+/// Lets the series be read again that became layers of a case.
+async fn wake_layers(connection: &mut Connection, case: &CaseId) -> Result<(), StoreError> {
     connection
         .query(
             "UPDATE arrivals SET state = 'receiving', reason = NULL
-             WHERE id <> $1 AND instances > 0 AND state = 'case' AND reason LIKE $2
-               AND case_id IN (SELECT case_id FROM case_series WHERE superseded = $3
-                   AND (project, study_uid, series_uid) =
-                       (SELECT project, study_uid, series_uid FROM arrivals WHERE id = $1))",
+             WHERE case_id = $1 AND instances > 0 AND state = 'case' AND reason LIKE $2",
         )
-        .bind(id)
+        .bind(case.key())
         .bind(format!("%\"{BECAME_LAYER}\"%"))
-        .bind(superseded_code(Some(Superseded::Rejected)))
         .execute()
         .await?;
     Ok(())
@@ -697,8 +707,8 @@ async fn supersede_others(
                  SELECT 1 FROM case_objects AS own JOIN case_objects AS other
                                                    ON other.kind = own.kind AND other.digest = own.digest
                  WHERE own.case_id = $1 AND own.kind = $2 AND other.case_id = case_series.case_id
-             ) THEN 0 ELSE $3 END
-             WHERE case_id <> $1 AND superseded IN (0, $3)
+             ) THEN 0 WHEN superseded = $5 THEN $5 ELSE $3 END
+             WHERE case_id <> $1 AND superseded IN (0, $3, $5)
                AND (project, study_uid, series_uid) =
                    (SELECT project, study_uid, series_uid FROM arrivals WHERE id = $4)",
         )
@@ -706,9 +716,59 @@ async fn supersede_others(
         .bind(ObjectKind::SourceVolume.name())
         .bind(superseded_code(Some(Superseded::NewerVersion)))
         .bind(arrival)
+        .bind(superseded_code(Some(Superseded::Moved)))
         .execute()
         .await?;
     Ok(())
+}
+
+/// Notes that the images of a case, and of its versions with another mask, lie elsewhere since they were corrected. Series that
+/// became layers of it are read again, because its successor does not have them.
+pub(super) async fn move_case(
+    connection: &mut Connection,
+    case: &CaseId,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            "UPDATE case_series SET superseded = $3
+             WHERE superseded IN (0, $4)
+               AND (project, study_uid, series_uid) =
+                   (SELECT project, study_uid, series_uid FROM case_series WHERE case_id = $1)
+               AND case_id IN (
+                 SELECT other.case_id FROM case_objects AS own JOIN case_objects AS other
+                                           ON other.kind = own.kind AND other.digest = own.digest
+                 WHERE own.case_id = $1 AND own.kind = $2)",
+        )
+        .bind(case.key())
+        .bind(ObjectKind::SourceVolume.name())
+        .bind(superseded_code(Some(Superseded::Moved)))
+        .bind(superseded_code(Some(Superseded::NewerVersion)))
+        .execute()
+        .await?;
+    wake_layers(connection, case).await
+}
+
+/// Whether the images of a case lie elsewhere than those of the case that it is a version of.
+pub(super) async fn has_moved(
+    connection: &mut Connection,
+    case: &CaseId,
+    previous: &CaseId,
+) -> Result<bool, StoreError> {
+    let row = connection
+        .query(
+            // A version with another mask has the same volume.
+            "SELECT case_id FROM case_series WHERE case_id = $1 AND superseded = $2 AND NOT EXISTS (
+                 SELECT 1 FROM case_objects AS own JOIN case_objects AS other
+                                                   ON other.kind = own.kind AND other.digest = own.digest
+                 WHERE own.case_id = $3 AND own.kind = $4 AND other.case_id = $1)",
+        )
+        .bind(previous.key())
+        .bind(superseded_code(Some(Superseded::Moved)))
+        .bind(case.key())
+        .bind(ObjectKind::SourceVolume.name())
+        .fetch_optional()
+        .await?;
+    Ok(row.is_some())
 }
 
 /// Notes that a series became nothing. After late images it is still the case that it was before.
@@ -1051,6 +1111,7 @@ fn superseded_code(why: Option<Superseded>) -> i64 {
         Some(Superseded::Corrected) => 1,
         Some(Superseded::Rejected) => 2,
         Some(Superseded::NewerVersion) => 3,
+        Some(Superseded::Moved) => 4,
     }
 }
 
@@ -1060,6 +1121,7 @@ pub(super) fn read_superseded(code: Option<i64>) -> Option<Superseded> {
         None | Some(0) => None,
         Some(2) => Some(Superseded::Rejected),
         Some(3) => Some(Superseded::NewerVersion),
+        Some(4) => Some(Superseded::Moved),
         Some(_) => Some(Superseded::Corrected),
     }
 }

@@ -66,7 +66,9 @@ pub(super) async fn submit(
         return Ok(Referred::PinLost);
     }
     jobs::enqueue_for(connection, &NewJob::prepare(&new.id), &new.client, now).await?;
-    if let (Inserted::Created, Some(previous)) = (inserted, &new.previous) {
+    if let (Inserted::Created, Some(previous)) = (inserted, &new.previous)
+        && !arrivals::has_moved(connection, &new.id, previous).await?
+    {
         layers::inherit(connection, &new.id, previous, now).await?;
         findings::inherit(connection, &new.id, previous).await?;
     }

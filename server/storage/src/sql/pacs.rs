@@ -106,7 +106,7 @@ impl Store {
         transaction.commit().await
     }
 
-    /// Withdraws what a rejection note names: images are forgotten, and the cases of their series are superseded. Their
+    /// Withdraws what a rejection note names: images are forgotten, and the cases that were made of them superseded. Their
     /// arrivals became nothing, for this reason, if no image is left.
     ///
     /// # Errors
@@ -116,8 +116,12 @@ impl Store {
         rejection: &Rejection,
         source: ArrivalSource,
         reason: &Failure,
+        cases: &[CaseId],
     ) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
+        for case in cases {
+            arrivals::reject_case(&mut transaction, case).await?;
+        }
         for (uids, instances) in &rejection.series {
             let of = (uids, source, self.project());
             arrivals::reject(&mut transaction, of, instances, reason, now).await?;
@@ -127,6 +131,19 @@ impl Store {
         }
         transaction.commit().await?;
         self.collect().await
+    }
+
+    /// Notes that the images of a case lie elsewhere since they were corrected. A version of other images, which comes after it,
+    /// inherits neither its findings nor its layers.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn move_case(&self, case: &CaseId) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        arrivals::move_case(&mut transaction, case).await?;
+        transaction.commit().await?;
+        self.signals().changed(case);
+        Ok(())
     }
 
     /// Queues a job for each series that is due; returns how many.

@@ -190,7 +190,7 @@ pub(super) async fn of_study(
 ) -> Result<Vec<HeldResult>, StoreError> {
     let rows = connection
         .query(
-            "SELECT sop_instance_uid, sop_class_uid, series_uid, series_number, series_description, digest FROM results
+            "SELECT case_id, sop_instance_uid, sop_class_uid, series_uid, series_number, series_description, digest FROM results
              WHERE study_uid = $1 AND coalesce($3, project) = project
                AND ($2 = 1 OR (sop_instance_uid, project) NOT IN (SELECT sop_instance_uid, project FROM rejections)
                               AND case_id NOT IN (SELECT case_id FROM case_series WHERE superseded IN (1, 2)))
@@ -208,6 +208,7 @@ pub(super) async fn of_study(
 
 fn read_held(row: &Row) -> Result<HeldResult, StoreError> {
     Ok(HeldResult {
+        case: read_case(row)?,
         instance: read_uid(row, "sop_instance_uid")?,
         series: read_series(row)?,
         object: read_object(row)?,
@@ -277,11 +278,15 @@ fn read_object(row: &Row) -> Result<ObjectName, StoreError> {
     Ok(object(digest))
 }
 
-fn read(row: &Row, job: Option<Job>) -> Result<SentResult, StoreError> {
+fn read_case(row: &Row) -> Result<CaseId, StoreError> {
     let case: String = row.get("case_id")?;
+    CaseId::from_key(&case).ok_or_else(|| unreadable("case"))
+}
+
+fn read(row: &Row, job: Option<Job>) -> Result<SentResult, StoreError> {
     Ok(SentResult {
         id: row.get("id")?,
-        case: CaseId::from_key(&case).ok_or_else(|| unreadable("case"))?,
+        case: read_case(row)?,
         node: row.get("node")?,
         study: read_uid(row, "study_uid")?,
         series: read_series(row)?,

@@ -342,7 +342,8 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
             may_return,
             series: vec![(arrival.uids.clone(), instances)],
         };
-        let rejected = from.reject(&rejection, ArrivalSource::Stow, &reason);
+        let cases = [case];
+        let rejected = from.reject(&rejection, ArrivalSource::Stow, &reason, &cases);
         rejected.await.unwrap();
         copied(&from, &to).await;
         copied_for_pacs(&from, &to).await;

@@ -1,0 +1,198 @@
+//! What a query finds besides the heads: series that make no case (yet). They can belong to another patient.
+
+use case::{CaseState, Failure};
+use storage::arrivals::{
+    AccessionNumber, Arrival, ArrivalStatus, CaseSeries, MOVED, OTHER_OBJECTS, REJECTED,
+    SeriesQuery, SeriesUids, Superseded,
+};
+use storage::{ObjectName, StoreError};
+
+use super::{Head, Patient};
+use crate::application::Cases;
+use crate::error::Error;
+
+/// What a query finds.
+#[derive(Debug, Default)]
+pub struct Fitting {
+    /// The cases, as [`Cases::heads`].
+    pub heads: Vec<Head>,
+    /// The series that make no case.
+    pub others: Vec<Other>,
+}
+
+/// A series that makes no case.
+#[derive(Debug)]
+pub struct Other {
+    /// The series and its study.
+    pub uids: SeriesUids,
+    /// The accession number of its study.
+    pub accession_number: Option<AccessionNumber>,
+    /// What lists call it.
+    pub label: Option<String>,
+    /// What has become of it.
+    pub state: OtherState,
+    /// Why it is no case.
+    pub reason: Option<Failure>,
+    /// Its patient; `None` if none of its images is kept.
+    pub patient: Option<Patient>,
+}
+
+/// What has become of a series that makes no case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OtherState {
+    /// Its images are received.
+    Receiving,
+    /// It became nothing.
+    Nothing,
+    /// The PACS has rejected it.
+    Rejected,
+    /// It became a layer.
+    Layer,
+}
+
+impl OtherState {
+    /// The word in answers.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Receiving => "receiving",
+            Self::Nothing => "nothing",
+            Self::Rejected => "rejected",
+            Self::Layer => "layer",
+        }
+    }
+}
+
+impl Other {
+    /// Whether it is of another patient than a head. If no image of it is kept, it counts as of the patient of its study.
+    fn is_of_another(&self, head: &Head) -> bool {
+        match (&self.patient, head.patient()) {
+            (Some(own), Some(of_head)) => *own != of_head,
+            _ => self.uids.study != head.series.uids.study,
+        }
+    }
+}
+
+impl Fitting {
+    /// Whether the query does not tell which patient is meant, or which study: its cases are of several ones, or something that
+    /// makes no case is of another patient.
+    pub fn is_ambiguous(&self) -> bool {
+        let Some(first) = self.heads.first() else {
+            return false;
+        };
+        let (failed, usable): (Vec<_>, Vec<_>) = (self.heads.iter()).partition(|head| {
+            head.case.state == CaseState::Failed && head.case.id != first.case.id
+        });
+        let owner = |head: &Head| (head.series.uids.study.clone(), head.patient());
+        let of_another = |head: &&Head| match (head.patient(), first.patient()) {
+            (Some(one), Some(other)) => one != other,
+            _ => head.series.uids.study != first.series.uids.study,
+        };
+        usable.iter().any(|head| owner(head) != owner(first))
+            || failed.iter().any(of_another)
+            || self.others.iter().any(|other| other.is_of_another(first))
+    }
+}
+
+impl Cases {
+    /// What a query finds: its heads, and what makes no case but says that another patient is there. What a PACS has corrected
+    /// or moved says so no longer.
+    ///
+    /// # Errors
+    /// If the rows or the patient of an image cannot be read.
+    pub async fn fitting(&self, query: &SeriesQuery) -> Result<Fitting, Error> {
+        let heads = self.heads(query).await?;
+        let is_head = |uids: &SeriesUids| heads.iter().any(|head| head.series.uids == *uids);
+        let mut others = Vec::new();
+        for arrival in self.store().arrivals_of(query).await? {
+            let is_layer_of_head = arrival.status() == ArrivalStatus::Layer
+                && heads.iter().any(|head| Some(head.case.id) == arrival.case);
+            if !is_head(&arrival.uids) && !is_layer_of_head && says_something(&arrival) {
+                others.push(self.other(arrival).await?);
+            }
+        }
+        // Arrivals are forgotten before their cases.
+        for series in self.store().cases_of(query).await? {
+            if series.superseded != Some(Superseded::Rejected) || is_head(&series.uids) {
+                continue;
+            }
+            let patient = self.patient_of(&series).await?;
+            let known = others.iter_mut().find(|other| other.uids == series.uids);
+            match known {
+                Some(other) => other.patient = other.patient.take().or(patient),
+                None => others.push(Other {
+                    uids: series.uids,
+                    accession_number: series.accession_number,
+                    label: None,
+                    state: OtherState::Rejected,
+                    reason: Some(super::rejection::reason()),
+                    patient,
+                }),
+            }
+        }
+        Ok(Fitting { heads, others })
+    }
+
+    async fn other(&self, arrival: Arrival) -> Result<Other, Error> {
+        let images = match arrival.instances {
+            0 => Vec::new(),
+            _ => self.store().images_of(&arrival.uids).await?,
+        };
+        let patient = match images.first() {
+            Some((_, image)) => self.patient_of_image(*image).await?,
+            None => None,
+        };
+        let is_rejected = (arrival.reason.as_ref()).is_some_and(|reason| reason.name == REJECTED);
+        Ok(Other {
+            state: match arrival.status() {
+                ArrivalStatus::Receiving => OtherState::Receiving,
+                ArrivalStatus::Layer => OtherState::Layer,
+                ArrivalStatus::Nothing if is_rejected => OtherState::Rejected,
+                ArrivalStatus::Nothing | ArrivalStatus::Case => OtherState::Nothing,
+            },
+            uids: arrival.uids,
+            accession_number: arrival.accession_number,
+            label: arrival.label,
+            reason: arrival.reason,
+            patient,
+        })
+    }
+
+    /// The patient of a stored image; `None` if it is lost.
+    async fn patient_of_image(&self, image: ObjectName) -> Result<Option<Patient>, Error> {
+        if let Some(patient) = self.patients.get(&image) {
+            return Ok(Some(patient));
+        }
+        let read = match self.stored_metadata(&[image]).await {
+            Ok(read) => read.and_then(|all| all.into_iter().next()),
+            // It cannot be read now or ever.
+            Err(Error::Failure(_)) => None,
+            Err(error) => return Err(error),
+        };
+        let patient = read.map(|image| {
+            Patient::of(|keyword| {
+                let tag = imaging::dicom::attribute(keyword)?.name();
+                let value = &image[&tag]["Value"][0];
+                value.as_str().or_else(|| value["Alphabetic"].as_str())
+            })
+        });
+        if let Some(patient) = &patient {
+            self.patients.insert(image, patient.clone());
+        }
+        Ok(patient)
+    }
+
+    async fn patient_of(&self, series: &CaseSeries) -> Result<Option<Patient>, StoreError> {
+        let stored = self.store().source_dicom(&series.case).await;
+        match stored {
+            Ok(stored) => Ok(stored.and_then(|stored| Patient::of_stored(&stored))),
+            Err(StoreError::Objects(_)) => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+}
+
+/// Whether a series that makes no case says that its patient is there. One without images was moved, or never had any.
+fn says_something(arrival: &Arrival) -> bool {
+    let is_gone = |reason: &Failure| [MOVED, OTHER_OBJECTS].contains(&&*reason.name);
+    arrival.instances > 0 || !arrival.reason.as_ref().is_some_and(is_gone)
+}

@@ -1,0 +1,144 @@
+//! Whether two sources are of one patient.
+
+use crate::application::Cases;
+use crate::error::Error;
+use case::CaseId;
+use storage::Upload;
+
+/// A patient, as a source states them. This is patient data.
+///
+/// Two are the same patient if id, issuer and date of birth agree: a name that is written in another way is still the same
+/// patient's. One without an id is known by everything that is stated.
+#[derive(Clone)]
+pub struct Patient {
+    id: Option<String>,
+    issuer: Option<String>,
+    birth_date: Option<String>,
+    name: Option<String>,
+    sex: Option<String>,
+}
+
+impl Patient {
+    /// The patient in the attributes of a source, by keyword.
+    pub fn of<'a>(value: impl Fn(&str) -> Option<&'a str>) -> Self {
+        let stated = |keyword| {
+            let value = value(keyword).map(|value| value.trim_matches(['\0', ' ']));
+            value.filter(|value| !value.is_empty()).map(str::to_owned)
+        };
+        Self {
+            id: stated("PatientID"),
+            issuer: stated("IssuerOfPatientID"),
+            birth_date: stated("PatientBirthDate"),
+            // Other scripts of the name may be missing.
+            name: stated("PatientName").and_then(|name| {
+                let spelling = name.split('=').next()?.trim_end_matches(['^', ' ']);
+                (!spelling.is_empty()).then(|| spelling.to_owned())
+            }),
+            sex: stated("PatientSex"),
+        }
+    }
+
+    /// The patient in the stored attributes of a source.
+    pub(crate) fn of_stored(stored: &[u8]) -> Option<Self> {
+        let attributes = pipeline::attributes(stored).ok()?;
+        Some(Self::of(|keyword| attributes.value(keyword)))
+    }
+
+    /// Whether anything is stated by which the patient could be told from others.
+    pub(crate) fn is_stated(&self) -> bool {
+        self.id.is_some() || self.name.is_some() || self.birth_date.is_some()
+    }
+
+    /// Whether it has this id and this issuer; `None` agrees with every one.
+    pub fn agrees(&self, id: Option<&str>, issuer: Option<&str>) -> bool {
+        id.is_none_or(|id| self.id.as_deref() == Some(id))
+            && issuer.is_none_or(|issuer| self.issuer.as_deref() == Some(issuer))
+    }
+
+    /// The patient in the words of the page (`web/src/pacs/neighbour.ts`): `Müller, Änne · P-77 (HOSPITAL) · * 1967-03-12`. Two
+    /// hospitals may have given one id to two patients.
+    pub fn words(&self) -> String {
+        let text = |stated: &Option<String>| stated.clone().unwrap_or_default();
+        let (id, name, birth) = (text(&self.id), text(&self.name), text(&self.birth_date));
+        let name = name.replacen('^', ", ", 1).replace('^', " ");
+        let id = match &self.issuer {
+            None => id,
+            Some(issuer) => format!("{id} ({issuer})"),
+        };
+        let birth = match &*birth {
+            "" => String::new(),
+            day if day.len() == 8 && day.is_ascii() => {
+                format!("* {}-{}-{}", &day[..4], &day[4..6], &day[6..])
+            }
+            other => format!("* {other}"),
+        };
+        let parts = [name.trim(), id.trim(), &birth];
+        let parts: Vec<_> = parts.into_iter().filter(|part| !part.is_empty()).collect();
+        parts.join(" · ")
+    }
+}
+
+impl PartialEq for Patient {
+    fn eq(&self, other: &Self) -> bool {
+        let stated = |patient: &Self| {
+            let without_id = (patient.name.clone(), patient.sex.clone());
+            let without_id = patient.id.is_none().then_some(without_id);
+            let Self {
+                id,
+                issuer,
+                birth_date,
+                ..
+            } = patient.clone();
+            (id, issuer, birth_date, without_id)
+        };
+        stated(self) == stated(other)
+    }
+}
+
+/// Nothing of a patient is shown in logs.
+impl std::fmt::Debug for Patient {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str("Patient(…)")
+    }
+}
+
+impl Cases {
+    /// Whether an upload is of the patient of a case; `false` if that is not known.
+    pub(crate) async fn is_of_patient(
+        &self,
+        upload: &Upload,
+        case: &CaseId,
+    ) -> Result<bool, Error> {
+        let Some(new) = &upload.dicom else {
+            return Ok(false);
+        };
+        let new = Patient::of_stored(&new.read().await?);
+        let held = self.store().source_dicom(case).await?;
+        let held = held.and_then(|stored| Patient::of_stored(&stored));
+        Ok(new.is_some() && new == held)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn patient(attributes: &[(&str, &str)]) -> Patient {
+        let stored = serde_json::json!({ "attributes": attributes, "instances": [], "interpolated_slices": [] }).to_string();
+        Patient::of_stored(stored.as_bytes()).expect("attributes")
+    }
+
+    #[test]
+    fn without_an_id_patients_are_told_apart_by_all_that_is_stated() {
+        let zed = [("PatientID", ""), ("PatientName", "Zed^Two")];
+        let quin = [("PatientID", ""), ("PatientName", "Quin^Three")];
+        assert_eq!(patient(&zed), patient(&zed[1..]));
+        assert_ne!(patient(&zed), patient(&quin));
+        // With an id, a name may be written in another way.
+        let [before, after] = ["Zed^Two", "ZED^TWO"];
+        let with_id = |name| patient(&[("PatientID", "P-1"), ("PatientName", name)]);
+        assert_eq!(with_id(before), with_id(after));
+        assert_ne!(with_id(before), patient(&zed));
+        assert!(patient(&zed).is_stated() && !patient(&[("PatientSex", "F")]).is_stated());
+    }
+}
