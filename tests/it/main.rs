@@ -36,6 +36,7 @@ mod operation;
 mod orthanc;
 mod pacs;
 mod positions;
+mod projects;
 mod rendered;
 mod renderers;
 mod renders;

@@ -138,7 +138,7 @@ fn paths_of(router: &axum::Router) -> BTreeSet<String> {
 }
 
 /// The rows of both tables by method and path.
-fn rows() -> BTreeMap<(String, &'static str), (&'static str, Audited)> {
+pub(crate) fn rows() -> BTreeMap<(String, &'static str), (&'static str, Audited)> {
     let both = [service::routes::scopes::SCOPES, pacs::SCOPES].concat();
     let count = both.len();
     let rows: BTreeMap<_, _> = (both.into_iter())
@@ -400,6 +400,11 @@ fn a_name_is_given_once_and_a_role_or_scopes_are_needed() {
         ("two words", &["--scope", "read"], "the name of a token"),
         ("new", &[], "--role"),
         ("new", &["--scope", "all"], "is no scope"),
+        (
+            "new",
+            &["--scope", "read", "--project", "two words"],
+            "the name of a project is",
+        ),
         ("new", &["--role", "viewer", "--until", "soon"], "--until"),
     ] {
         let made = token_new(&file.path(), name, options);

@@ -244,6 +244,7 @@ struct Alike {
     object: &'static str,
     who: Arc<str>,
     from: Option<IpAddr>,
+    project: Option<Arc<str>>,
     case: Option<Arc<str>>,
     study: Option<Arc<str>>,
 }
@@ -349,6 +350,7 @@ impl Writer {
             object: event.object,
             who: event.who.clone(),
             from: event.from,
+            project: event.project.clone(),
             case: event.case.clone(),
             study: event.study.clone(),
         };

@@ -7,7 +7,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use crate::{CaseId, Failure, JobState};
+use crate::{CaseId, Failure, JobState, Project};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
@@ -239,6 +239,8 @@ pub struct Received {
 /// A series that came.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arrival {
+    /// Its project.
+    pub project: Project,
     /// Its name in addresses: 32 hexadecimal digits without a meaning.
     pub id: String,
     /// The series.

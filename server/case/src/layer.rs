@@ -25,6 +25,19 @@ id_as_text!(
 );
 
 impl LayerId {
+    fn of_digits(digits: [u8; 16]) -> Self {
+        Self(digits)
+    }
+
+    fn digits(&self) -> [u8; 16] {
+        self.0
+    }
+
+    /// The id as a number.
+    pub fn number(&self) -> u128 {
+        u128::from_be_bytes(self.0)
+    }
+
     /// The id of the layer of a volume. The digests are BLAKE3 over the uploaded bytes and the attributes of DICOM
     /// files.
     pub fn of(

@@ -15,6 +15,7 @@ mod maps;
 mod object;
 mod parameters;
 mod progress;
+mod project;
 mod quality;
 mod surface;
 
@@ -37,6 +38,7 @@ pub use maps::{
 pub use object::ObjectKind;
 pub use parameters::{MaskKind, MaskSource, Parameters};
 pub use progress::{CaseState, Progress, Stage};
+pub use project::{NotAProject, Project};
 pub use quality::{CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState};
 pub use surface::SurfaceName;
 

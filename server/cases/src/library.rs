@@ -22,7 +22,7 @@ use audit::Audit;
 use bytes::Bytes;
 use case::{
     Case, CaseFacts, CaseId, Failure, FailureKind, MaskMethod, ObjectKind, Parameters, Progress,
-    Quality,
+    Project, Quality,
 };
 use imaging::Limits;
 use pipeline::{Derived, Input, Pipeline, Source, StoredBrain, settled};
@@ -106,13 +106,13 @@ impl Default for Preparation {
 /// The cases of a store, and their preparation. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Library {
+    store: Store,
     inner: Arc<Inner>,
     audit: Audit,
 }
 
 #[derive(Debug)]
 struct Inner {
-    store: Store,
     preparation: Preparation,
     options: LibraryOptions,
     /// One rebuild at a time in this process, because it needs the memory of a whole preparation; held across awaits.
@@ -133,9 +133,9 @@ impl Library {
         let kept = cache.clone();
         store.on_delete(move |id| kept.forget(id));
         Self {
+            store,
             inner: Arc::new(Inner {
                 decoded_uploads: DecodedUploads::new(!preparation.is_apart),
-                store,
                 preparation,
                 options,
                 rebuilding: tokio::sync::Mutex::default(),
@@ -152,6 +152,15 @@ impl Library {
         Self { audit, ..self }
     }
 
+    /// The same for a project: see [`Store::in_project`].
+    #[must_use]
+    pub fn in_project(&self, project: Project) -> Self {
+        Self {
+            store: self.store.in_project(project),
+            ..self.clone()
+        }
+    }
+
     /// Where is recorded who does what.
     pub fn audit(&self) -> &Audit {
         &self.audit
@@ -164,7 +173,7 @@ impl Library {
 
     /// The store.
     pub fn store(&self) -> &Store {
-        &self.inner.store
+        &self.store
     }
 
     /// What is kept of the cases in memory.
@@ -232,7 +241,7 @@ impl Library {
             mask,
             dicom,
         };
-        let id = upload.case_id(&parameters);
+        let id = self.store().id_of(&upload, &parameters);
         let offer = read.map_or_else(OfferedUpload::default, |read| {
             self.decoded_uploads().offer(id, read, None)
         });

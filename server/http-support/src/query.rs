@@ -11,11 +11,12 @@ use utoipa::openapi::path::ParameterIn;
 use crate::problem::AppError;
 use crate::refusals::{Refusal, known_keys};
 use crate::sent::from_query;
+use crate::tokens::project_of;
 use case::CaseId;
 use cases::pictures::{CheckedPicture, CheckedSlice, PictureRequest, SliceQuery};
 use cases::report::ReportQuery;
 
-/// The case in the path.
+/// The case in the path: the one of the project of whoever asks.
 #[derive(Debug, Clone, Copy)]
 pub struct CasePath(pub CaseId);
 
@@ -26,8 +27,9 @@ impl<S: Send + Sync> FromRequestParts<S> for CasePath {
         let params = RawPathParams::from_request_parts(parts, state).await;
         let params = params.map_err(|_| AppError::NotACaseId)?;
         let id = params.iter().find(|(name, _)| *name == "id");
-        id.and_then(|(_, text)| CaseId::parse(text))
-            .map(Self)
+        let id = id.and_then(|(_, text)| CaseId::parse(text));
+        let project = project_of(&parts.extensions);
+        id.map(|id| Self(id.in_project(project)))
             .ok_or(AppError::NotACaseId)
     }
 }

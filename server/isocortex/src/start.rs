@@ -98,8 +98,8 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     Ok(checked)
 }
 
-/// Whose tokens are accepted, who may do what, and whether the page signs in.
-fn issuer_lines(issuer: &Issuer) -> [String; 3] {
+/// Whose tokens are accepted, who may do what in which project, and whether the page signs in.
+fn issuer_lines(issuer: &Issuer) -> Vec<String> {
     let options = issuer.options();
     let roles = &options.roles;
     let known: Vec<_> = match roles.roles.is_empty() {
@@ -112,7 +112,20 @@ fn issuer_lines(issuer: &Issuer) -> [String; 3] {
         Some(client) => format!("the page signs in there as the client {client}"),
         None => "the page does not sign in there: `oidc.client_id` is not set".to_owned(),
     };
-    [
+    let projects = &options.projects;
+    let of_projects = (projects.projects.iter()).map(|(value, project)| match project.name() {
+        "" => format!("{value} = the project without a name"),
+        name => format!("{value} = {name}"),
+    });
+    let of_projects: Vec<_> = of_projects.collect();
+    let of_projects = (!of_projects.is_empty()).then(|| {
+        format!(
+            "projects are read from the claim {}: {}",
+            projects.claim,
+            of_projects.join(", ")
+        )
+    });
+    let lines = [
         format!(
             "accepts tokens of {} for {}, whom nobody has asked yet",
             options.issuer, options.audience
@@ -123,7 +136,8 @@ fn issuer_lines(issuer: &Issuer) -> [String; 3] {
             known.join(", ")
         ),
         page,
-    ]
+    ];
+    lines.into_iter().chain(of_projects).collect()
 }
 
 /// Opens the store for serving. Cases are prepared only after workers are started on the library.

@@ -1,7 +1,7 @@
 //! The list of series that came, and those that somebody takes although they were refused.
 
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query, Request, State};
+use axum::extract::{Path, Query, Request};
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, CaseState};
@@ -14,7 +14,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use crate::error::ReasonView;
 use crate::retrievals::read_json;
-use crate::state::Pacs;
+use crate::state::{InProject, Pacs};
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 
@@ -236,7 +236,7 @@ impl PageQuery {
     )
 )]
 pub(crate) async fn list_arrivals(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     query: Result<Query<PageQuery>, QueryRejection>,
 ) -> Result<Response, AppError> {
     let Query(query) = query.map_err(|_| {
@@ -245,7 +245,8 @@ pub(crate) async fn list_arrivals(
             "the query cannot be read; known keys: `state`, `case`, `text`, `since`, `until`, `limit` and `after`",
         )
     })?;
-    let asked = query.checked()?;
+    let mut asked = query.checked()?;
+    asked.of.case = asked.of.case.map(|case| case.in_project(pacs.project()));
     let store = pacs.cases().store();
     let (arrivals, next) = store
         .arrivals(&asked.of, asked.after.as_ref(), asked.limit)
@@ -267,7 +268,7 @@ pub(crate) async fn list_arrivals(
     )
 )]
 pub(crate) async fn get_arrival(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     Path(id): Path<String>,
 ) -> Result<Response, AppError> {
     let view = ArrivalView::from(arrival(&pacs, &id).await?);
@@ -304,7 +305,7 @@ async fn arrival(pacs: &Pacs, id: &str) -> Result<Arrival, AppError> {
     )
 )]
 pub(crate) async fn take_arrival(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     Path(id): Path<String>,
     request: Request,
 ) -> Result<Response, AppError> {

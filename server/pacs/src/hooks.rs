@@ -1,12 +1,12 @@
 //! Notices of a PACS that a series is complete there.
 
-use axum::extract::{Request, State};
+use axum::extract::Request;
 use axum::response::Response;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
 use crate::retrievals::{RetrievalView, queue, read_json};
-use crate::state::Pacs;
+use crate::state::InProject;
 use http_support::problem::AppError;
 
 /// A series that has come to Orthanc.
@@ -41,7 +41,7 @@ pub(crate) struct StableSeries {
     )
 )]
 pub(crate) async fn stable_series(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     request: Request,
 ) -> Result<Response, AppError> {
     let notice: StableSeries = read_json(request).await?;

@@ -4,7 +4,7 @@
 //! The page removes the identifiers from the address and the history of the browser before it does anything else, and
 //! sends them in the body of a request, with the token in a header.
 
-use axum::extract::{Request, State};
+use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, CaseState};
@@ -16,7 +16,7 @@ use utoipa::ToSchema;
 
 use crate::error::ReasonView;
 use crate::retrievals::read_json;
-use crate::state::Pacs;
+use crate::state::{InProject, Pacs};
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 
@@ -103,7 +103,7 @@ pub(crate) struct CandidateView {
     )
 )]
 pub(crate) async fn find_launched(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     request: Request,
 ) -> Result<Response, AppError> {
     let asked: LaunchRequest = read_json(request).await?;

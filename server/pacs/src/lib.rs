@@ -40,6 +40,7 @@ use utoipa_axum::routes;
 
 pub use self::background::Background;
 pub use self::node_tests::test_in_words;
+use self::state::OfAllProjects;
 pub use self::state::{Options, Pacs};
 
 const fn read(path: &'static str, audited: Audited) -> Row {
@@ -191,5 +192,5 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
             "/dicomweb/studies/{study}/series/{series}/rendered3d",
             get(rendered::of_series),
         );
-    (routes.with_state(pacs.clone()), description)
+    (routes.with_state(OfAllProjects(pacs.clone())), description)
 }

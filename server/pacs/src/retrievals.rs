@@ -1,6 +1,6 @@
 //! Requests to fetch series from a node.
 
-use axum::extract::{Path, Request, State};
+use axum::extract::{Path, Request};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseId, JobState};
@@ -11,7 +11,7 @@ use utoipa::ToSchema;
 
 use crate::error::ReasonView;
 use crate::fetch::{FETCH, Received, Wanted};
-use crate::state::Pacs;
+use crate::state::{InProject, Pacs};
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 use http_support::sent::json_text;
@@ -94,7 +94,7 @@ pub(crate) async fn read_json<T: serde::de::DeserializeOwned>(
     )
 )]
 pub(crate) async fn create_retrieval(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     request: Request,
 ) -> Result<Response, AppError> {
     let wanted: RetrievalRequest = read_json(request).await?;
@@ -131,7 +131,7 @@ pub(crate) async fn queue(
         study: uid(study, "study")?,
         series: uid(series, "series")?,
     };
-    let wanted = Wanted::new(node.name(), &uids);
+    let wanted = Wanted::new(pacs.project(), node.name(), &uids);
     let store = pacs.cases().store();
     let mut new = wanted.job();
     let latest = store.latest_job(FETCH, &new.key).await?;
@@ -162,7 +162,7 @@ pub(crate) async fn queue(
     )
 )]
 pub(crate) async fn get_retrieval(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     Path(id): Path<String>,
 ) -> Result<Response, AppError> {
     let missing = || {

@@ -1,14 +1,18 @@
 //! What the requests share.
 
 use std::collections::BTreeMap;
+use std::convert::Infallible;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use axum::extract::Request;
+use axum::extract::{FromRequestParts, Request};
 use axum::http::StatusCode;
+use axum::http::request::Parts;
+use case::Project;
 use cases::Cases;
 use cases::places::{Place, Places};
 use http_support::listen::place_for;
 use http_support::problem::AppError;
+use http_support::tokens::project_of;
 use http_support::uploads::UploadLimits;
 use jiff::tz::TimeZone;
 
@@ -34,12 +38,31 @@ pub struct Options {
 /// What the requests share. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Pacs {
+    cases: Cases,
     inner: Arc<Inner>,
+}
+
+/// What the routes share. Handlers get it as [`InProject`]: nobody can ask for `State<Pacs>`.
+#[derive(Debug, Clone)]
+pub(crate) struct OfAllProjects(pub(crate) Pacs);
+
+/// What the requests share, for the project of whoever asks.
+#[derive(Debug, Clone)]
+pub(crate) struct InProject(pub(crate) Pacs);
+
+impl FromRequestParts<OfAllProjects> for InProject {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(
+        parts: &mut Parts,
+        OfAllProjects(pacs): &OfAllProjects,
+    ) -> Result<Self, Infallible> {
+        Ok(Self(pacs.in_project(project_of(&parts.extensions))))
+    }
 }
 
 #[derive(Debug)]
 struct Inner {
-    cases: Cases,
     options: Options,
     room: Places,
     /// Whether each node answered when it was last asked. Held for moments.
@@ -51,8 +74,8 @@ impl Pacs {
     pub fn new(cases: Cases, options: Options) -> Self {
         let room = Places::in_quarters(options.uploads.at_a_time);
         Self {
+            cases,
             inner: Arc::new(Inner {
-                cases,
                 options,
                 room,
                 reached: Mutex::default(),
@@ -60,9 +83,23 @@ impl Pacs {
         }
     }
 
+    /// The same for a project.
+    #[must_use]
+    pub(crate) fn in_project(&self, project: Project) -> Self {
+        Self {
+            cases: self.cases.in_project(project),
+            ..self.clone()
+        }
+    }
+
+    /// The project.
+    pub(crate) fn project(&self) -> Project {
+        self.cases.store().project()
+    }
+
     /// The application.
     pub fn cases(&self) -> &Cases {
-        &self.inner.cases
+        &self.cases
     }
 
     pub(crate) fn limits(&self) -> &UploadLimits {

@@ -1,7 +1,7 @@
 //! The lists of retrievals and of results that are sent, for operators.
 
+use axum::extract::Query;
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{Query, State};
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, JobState};
@@ -13,7 +13,7 @@ use utoipa::{IntoParams, ToSchema};
 use crate::fetch::{FETCH, Wanted};
 use crate::results::ResultView;
 use crate::retrievals::{self, RetrievalView};
-use crate::state::Pacs;
+use crate::state::{InProject, Pacs};
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 
@@ -67,7 +67,7 @@ struct Checked {
     limit: usize,
 }
 
-fn checked(asked: Asked) -> Result<Checked, AppError> {
+fn checked(pacs: &Pacs, asked: Asked) -> Result<Checked, AppError> {
     let Query(asked) = asked.map_err(|_| {
         AppError::bad_request(
             "query-unreadable",
@@ -77,7 +77,9 @@ fn checked(asked: Asked) -> Result<Checked, AppError> {
     // What the client wrote may be anything, so it is not repeated.
     let wrong = AppError::wrong_value;
     let case = asked.case.map(|text| {
-        CaseId::parse(&text).ok_or_else(|| wrong("case", "the id of a case: 32 hexadecimal digits"))
+        let id = CaseId::parse(&text);
+        id.map(|id| id.in_project(pacs.project()))
+            .ok_or_else(|| wrong("case", "the id of a case: 32 hexadecimal digits"))
     });
     let state = asked.state.map(|text| {
         JobState::from_name(&text)
@@ -111,14 +113,14 @@ fn checked(asked: Asked) -> Result<Checked, AppError> {
     )
 )]
 pub(crate) async fn list_results(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     asked: Asked,
 ) -> Result<Response, AppError> {
     results(&pacs, asked).await
 }
 
 async fn results(pacs: &Pacs, asked: Asked) -> Result<Response, AppError> {
-    let asked = checked(asked)?;
+    let asked = checked(pacs, asked)?;
     let store = pacs.cases().store();
     let (results, next) = store
         .results(&asked.of, asked.after.as_ref(), asked.limit)
@@ -141,14 +143,14 @@ async fn results(pacs: &Pacs, asked: Asked) -> Result<Response, AppError> {
     )
 )]
 pub(crate) async fn list_retrievals(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     asked: Asked,
 ) -> Result<Response, AppError> {
     retrieved(&pacs, asked).await
 }
 
 async fn retrieved(pacs: &Pacs, asked: Asked) -> Result<Response, AppError> {
-    let asked = checked(asked)?;
+    let asked = checked(pacs, asked)?;
     let store = pacs.cases().store();
     let mut page = RetrievalList {
         retrievals: Vec::new(),
@@ -157,7 +159,7 @@ async fn retrieved(pacs: &Pacs, asked: Asked) -> Result<Response, AppError> {
     let key_prefix = match asked.of.case {
         None => String::new(),
         Some(case) => match store.series_of(&case).await? {
-            Some(series) => Wanted::key_prefix(&series.uids),
+            Some(series) => Wanted::key_prefix(pacs.project(), &series.uids),
             // It did not come from a node.
             None => return Ok(fresh_json(StatusCode::OK, &page)),
         },

@@ -71,9 +71,10 @@ impl Store {
     /// # Errors
     /// If a store cannot be reached.
     pub async fn copy_into(&self, other: &Self, report: Report<'_>) -> Result<Copied, StoreError> {
+        let all = self.of_all_projects();
         let mut ids = Vec::new();
         let mut walk = None;
-        while let Some(cases) = self.next_cases(&mut walk).await? {
+        while let Some(cases) = all.next_cases(&mut walk).await? {
             ids.extend(cases.into_iter().map(|case| case.id));
         }
         let mut copied = Copied::default();
@@ -99,9 +100,9 @@ impl Store {
         mut copied: Copied,
         report: Report<'_>,
     ) -> Result<Copied, StoreError> {
-        let mut after = None;
+        let (all, mut after) = (self.of_all_projects(), None);
         loop {
-            let (page, next) = self
+            let (page, next) = all
                 .arrivals(&ArrivalQuery::default(), after.as_ref(), ROWS_AT_ONCE)
                 .await?;
             for arrival in page {
@@ -118,15 +119,15 @@ impl Store {
         let mut last = None;
         loop {
             let page = self.withdrawn(last.as_ref(), ROWS_AT_ONCE).await?;
-            let Some((uid, _)) = page.last() else {
+            let Some((uid, project, _)) = page.last() else {
                 break;
             };
-            last = Some(uid.clone());
+            last = Some((uid.clone(), *project));
             other.adopt_withdrawn(&page).await?;
         }
         let (every, mut after) = (TransferQuery::default(), None);
         loop {
-            let (page, next) = self.results(&every, after.as_ref(), ROWS_AT_ONCE).await?;
+            let (page, next) = all.results(&every, after.as_ref(), ROWS_AT_ONCE).await?;
             for result in page {
                 let step = match self.copy_result(other, &result, &mut copied).await? {
                     true => CopyStep::ForPacs,
@@ -148,9 +149,12 @@ impl Store {
         arrival: &Arrival,
         copied: &mut Copied,
     ) -> Result<Vec<ObjectName>, StoreError> {
-        let images = self.images_of(&arrival.uids).await?;
+        let of_project = self.in_project(arrival.project);
+        let images = of_project.images_of(&arrival.uids).await?;
         // An earlier copy may have what was corrected or rejected since.
-        other.keep_images(&arrival.uids, &images).await?;
+        other
+            .keep_images((&arrival.uids, arrival.project), &images)
+            .await?;
         let mut lost = Vec::new();
         // A series of which nothing is left has no chunk, but a reason.
         let chunks = images.len().div_ceil(IMAGES_AT_ONCE).max(1);
@@ -185,7 +189,7 @@ impl Store {
         copied.for_pacs.series += 1;
         if !lost.is_empty() {
             // The series may have been deleted a moment ago.
-            let images = self.images_of(&arrival.uids).await?;
+            let images = of_project.images_of(&arrival.uids).await?;
             lost.retain(|lost| images.iter().any(|(_, name)| name == lost));
         }
         copied.lost += lost.len() as u64;
@@ -205,7 +209,7 @@ impl Store {
         other.abandon(&pinned).await;
         if adopted {
             copied.for_pacs.results += 1;
-        } else if self.result(&result.id).await?.is_some() {
+        } else if self.of_all_projects().result(&result.id).await?.is_some() {
             copied.lost += 1;
             return Ok(false);
         }

@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use case::{CaseId, Failure, JobKind, JobState, LayerId};
+use case::{CaseId, Failure, JobKind, JobState, LayerId, Project};
 use jiff::Timestamp;
 
 /// A job to be queued.
@@ -18,6 +18,8 @@ pub struct NewJob {
     pub key: String,
     /// The case with which it is deleted.
     pub case: Option<CaseId>,
+    /// Whose it is, if it has no case.
+    pub for_project: Project,
     /// Whether it waits until the case is ready.
     pub needs_ready: bool,
     /// What whoever does it needs to know: JSON.
@@ -31,9 +33,15 @@ impl NewJob {
             kind,
             key: key.into(),
             case: None,
+            for_project: Project::DEFAULT,
             needs_ready: false,
             payload: "{}".to_owned(),
         }
+    }
+
+    /// Whose it is.
+    pub(crate) fn project(&self) -> Project {
+        self.case.map_or(self.for_project, |case| case.project())
     }
 
     /// The preparation of a case.
@@ -65,14 +73,14 @@ impl NewJob {
         Self {
             case: Some(*case),
             needs_ready: true,
-            ..Self::new(kind, case.to_string())
+            ..Self::new(kind, case.key())
         }
     }
 }
 
 /// The key of the jobs of a layer.
 pub(crate) fn layer_key(case: &CaseId, layer: &LayerId) -> String {
-    format!("{case}/{layer}")
+    format!("{}/{layer}", case.key())
 }
 
 /// A job, open or ended.
@@ -86,6 +94,8 @@ pub struct Job {
     pub key: String,
     /// Its case.
     pub case: Option<CaseId>,
+    /// Its project.
+    pub project: Project,
     /// What it needs to know: JSON.
     pub payload: String,
     /// Its state.

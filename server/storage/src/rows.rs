@@ -12,7 +12,7 @@
 use std::time::Duration;
 
 use case::arrivals::{SeriesUids, Taken};
-use case::{CaseId, Contrast, LayerId, LayerParameters, Parameters};
+use case::{CaseId, Contrast, LayerId, LayerParameters, Parameters, Project};
 
 use super::ObjectName;
 
@@ -131,6 +131,8 @@ pub enum Published {
 /// A series that a job is to read.
 #[derive(Debug, Clone)]
 pub struct DueSeries {
+    /// Its project.
+    pub project: Project,
     /// The series.
     pub uids: SeriesUids,
     /// The case that it became before its last images came.

@@ -73,7 +73,8 @@ impl Version {
 
     /// Its name with other parameters.
     pub fn id_with(&self, of: &[ObjectName], parameters: &Parameters) -> Option<CaseId> {
-        id_of(&self.sources(of), parameters)
+        let id = id_of(&self.sources(of), parameters)?;
+        Some(id.in_project(self.of.project()))
     }
 }
 
@@ -96,8 +97,8 @@ fn id_of(sources: &[(ObjectName, Option<&Spooled>)], parameters: &Parameters) ->
 }
 
 impl Upload {
-    /// The id of the case of this upload.
-    pub fn case_id(&self, parameters: &Parameters) -> CaseId {
+    /// The id of the case of this upload in the default project.
+    pub(crate) fn case_id(&self, parameters: &Parameters) -> CaseId {
         id_of(&source_files(self), parameters).expect("an upload has a volume")
     }
 }
@@ -112,6 +113,11 @@ struct Inputs<'a> {
 }
 
 impl Store {
+    /// The id of the case of an upload in the project of this store.
+    pub fn id_of(&self, upload: &Upload, parameters: &Parameters) -> CaseId {
+        upload.case_id(parameters).in_project(self.project())
+    }
+
     /// Makes a case from spooled files and queues its preparation.
     ///
     /// An existing case is unchanged, but a failed one is queued again. The operation completes even if the caller
@@ -142,7 +148,7 @@ impl Store {
         let store = self.clone();
         let submit = async move {
             let inputs = Inputs {
-                id: upload.case_id(&parameters),
+                id: store.id_of(&upload, &parameters),
                 sources: source_files(&upload),
                 previous,
                 parameters,
@@ -178,7 +184,7 @@ impl Store {
                 return Ok(None);
             };
             let inputs = Inputs {
-                id,
+                id: id.in_project(version.of.project()),
                 sources,
                 previous: Some(version.of),
                 parameters,

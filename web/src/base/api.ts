@@ -102,10 +102,11 @@ async function tokenEntered(problem: unknown, sent: string, isFirst: boolean): P
   return bearer() !== "";
 }
 
-/** Whose token it is, and what it permits. */
+/** Whose token it is, what it permits, and in which project, if that has a name. */
 export interface Holder {
   readonly name: string;
   readonly scopes: readonly string[];
+  readonly project?: string;
 }
 
 export async function getHolder(): Promise<Holder> {

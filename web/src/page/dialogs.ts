@@ -224,13 +224,14 @@ function reasonOf(why: unknown): string {
   return reason === "" ? t("signed-in.silent") : t("signed-in.failed", { reason });
 }
 
-/** Says who is signed in, what they may do, and lets them sign out. */
-export function holderDialog(name: string, { scopes }: Holder): void {
+/** Says who is signed in, what they may do and where, and lets them sign out. */
+export function holderDialog(name: string, { scopes, project }: Holder): void {
   open(
     t("who.title"),
     "holder",
     h("p", { id: "holder" }, t("who.as", { name })),
     quiet(scopes.length > 0 ? t("who.may", { scopes: scopes.join(", ") }) : t("problem.missing-scope")),
+    project === undefined ? "" : quiet(t("who.project", { project })),
     h(
       "div",
       { class: "row end" },

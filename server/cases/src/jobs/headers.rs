@@ -24,7 +24,7 @@ pub(super) async fn doubt_header(
         return Ok(());
     };
     let same = store
-        .cases_with_voxels(&voxels.values, MOST_COMPARED)
+        .cases_with_voxels((id.project(), &voxels.values), MOST_COMPARED)
         .await?;
     let is_doubted = |other: &CaseFacts| {
         let doubts = other.quality.as_ref().map(|quality| &quality.reason_codes);

@@ -4,11 +4,12 @@ mod discovery;
 mod keys;
 mod roles;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::{Duration, Instant, SystemTime};
 
 use axum::http::Uri;
+use case::Project;
 use jsonwebtoken::errors::ErrorKind;
 use jsonwebtoken::{Validation, decode_header};
 use serde::Serialize;
@@ -21,7 +22,8 @@ use crate::client::{HttpClient, http_client};
 use crate::problem::AppError;
 use crate::tokens::Holder;
 
-pub use self::roles::RoleRules;
+use self::roles::Found;
+pub use self::roles::{ProjectRules, RoleRules};
 
 /// How much the clocks of the issuer and of this machine may differ.
 const LEEWAY: Duration = Duration::from_secs(30);
@@ -50,6 +52,8 @@ pub struct IssuerOptions {
     pub audience: String,
     /// How roles are read from a token.
     pub roles: RoleRules,
+    /// How projects are read from its tokens.
+    pub projects: ProjectRules,
     /// What the page signs in as; without one, it does not.
     pub client_id: Option<String>,
     /// What the page asks for.
@@ -250,13 +254,19 @@ impl Issuer {
         if subject.is_empty() || !is_ours {
             return Err(refused("it does not say who it is from"));
         }
+        let (scopes, project) = match self.0.options.projects.project(claims) {
+            Found::One(project) => (self.0.options.roles.scopes(claims), project),
+            Found::None => (BTreeSet::new(), Project::DEFAULT),
+            Found::Several => return Err(refused("it is of members of more than one project")),
+        };
         let ends = claims.get("exp").and_then(Value::as_f64).unwrap_or(0.0);
         let ends = Duration::try_from_secs_f64(ends).ok();
         let ends = ends.and_then(|ends| SystemTime::UNIX_EPOCH.checked_add(ends + LEEWAY));
         Ok(SignedIn {
             holder: Holder {
                 name: name_of(subject).into(),
-                scopes: self.0.options.roles.scopes(claims),
+                scopes,
+                project,
             },
             ends: ends.ok_or(refused("its end (`exp`) is too far away"))?,
         })

@@ -1,7 +1,8 @@
-//! What the claims of a token permit.
+//! What the claims of a token permit, and in which project.
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use case::Project;
 use serde_json::Value;
 
 use super::keys::Claims;
@@ -19,8 +20,9 @@ pub struct RoleRules {
 impl RoleRules {
     /// What somebody may do: what any of the roles permits.
     pub(super) fn scopes(&self, claims: &Claims) -> BTreeSet<Scope> {
-        let values = self.value(claims).map(words).unwrap_or_default();
-        let roles = values.into_iter().filter_map(|word| self.role(word));
+        let roles = values_of(&self.claim, claims)
+            .into_iter()
+            .filter_map(|word| self.role(word));
         roles.flat_map(Role::scopes).copied().collect()
     }
 
@@ -30,15 +32,49 @@ impl RoleRules {
             false => self.roles.get(word).copied(),
         }
     }
+}
 
-    fn value<'a>(&self, claims: &'a Claims) -> Option<&'a Value> {
-        let mut parts = self.claim.split('.');
-        let nested = || {
-            let first = claims.get(parts.next()?)?;
-            parts.try_fold(first, |value, part| value.get(part))
-        };
-        claims.get(&self.claim).or_else(nested)
+/// How the project of a person is read from the claims of a token.
+#[derive(Debug, Clone, Default)]
+pub struct ProjectRules {
+    /// The claim with the projects or the groups of a person, as [`RoleRules::claim`].
+    pub claim: String,
+    /// The project of each value of the claim. If this is empty, everybody belongs to the project without a name.
+    pub projects: BTreeMap<String, Project>,
+}
+
+/// The project of a person.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Found {
+    One(Project),
+    None,
+    Several,
+}
+
+impl ProjectRules {
+    pub(super) fn project(&self, claims: &Claims) -> Found {
+        if self.projects.is_empty() {
+            return Found::One(Project::DEFAULT);
+        }
+        let values = values_of(&self.claim, claims).into_iter();
+        let named: BTreeSet<_> = values.filter_map(|word| self.projects.get(word)).collect();
+        match named.len() {
+            0 => Found::None,
+            1 => named.first().map_or(Found::None, |&&one| Found::One(one)),
+            _ => Found::Several,
+        }
     }
+}
+
+/// The values of a claim, which may be the member of another one.
+fn values_of<'a>(claim: &str, claims: &'a Claims) -> Vec<&'a str> {
+    let mut parts = claim.split('.');
+    let nested = || {
+        let first = claims.get(parts.next()?)?;
+        parts.try_fold(first, |value, part| value.get(part))
+    };
+    let value = claims.get(claim).or_else(nested);
+    value.map(words).unwrap_or_default()
 }
 
 /// The texts of a list, or the words of a text.
@@ -99,6 +135,30 @@ mod tests {
         assert_eq!(
             scopes("https://site.example/roles", &[], &plain),
             [Scope::Read]
+        );
+    }
+
+    #[test]
+    fn a_person_belongs_to_one_project_or_gets_nothing() {
+        let [one, two] = ["one", "two"].map(|name| Project::parse(name).unwrap());
+        let rules = ProjectRules {
+            claim: "groups".to_owned(),
+            projects: [("/one", one), ("/also-one", one), ("/two", two)]
+                .map(|(group, project)| (group.to_owned(), project))
+                .into(),
+        };
+        let found = |rules: &ProjectRules, groups: Value| {
+            rules.project(json!({ "groups": groups }).as_object().unwrap())
+        };
+        assert_eq!(found(&rules, json!(["/one", "/x"])), Found::One(one));
+        assert_eq!(found(&rules, json!(["/one", "/also-one"])), Found::One(one));
+        assert_eq!(found(&rules, json!(["/one", "/two"])), Found::Several);
+        assert_eq!(found(&rules, json!(["/x"])), Found::None);
+        assert_eq!(found(&rules, json!(null)), Found::None);
+        let default = ProjectRules::default();
+        assert_eq!(
+            found(&default, json!(["/one"])),
+            Found::One(Project::DEFAULT)
         );
     }
 

@@ -11,7 +11,7 @@ use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
 use super::{MAX_DICOM_BYTES, VolumeOptions, head_of, read_input};
-use case::{CaseId, CaseState, Parameters};
+use case::{CaseId, CaseState, Parameters, Project};
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::Workers;
 use cases::{Library, LibraryOptions};
@@ -33,6 +33,9 @@ pub(super) struct PrepareArgs {
     data: Option<PathBuf>,
     #[command(flatten)]
     key: KeyArgs,
+    /// The project to which the case belongs; without one, the project without a name.
+    #[arg(long, value_name = "PROJECT")]
+    project: Option<Project>,
     /// A label for lists; not the patient's name.
     #[arg(long)]
     name: Option<String>,
@@ -51,7 +54,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
     let location = args.key.location(&data)?;
     super::block_on(into_store(
-        &location,
+        (&location, args.project.unwrap_or_default()),
         (source, parameters),
         layers,
         pipeline,
@@ -127,7 +130,7 @@ pub(super) async fn warn_of_doubts(store: &Store, id: &CaseId) -> Result<(), Cli
 }
 
 async fn into_store(
-    location: &Location,
+    (location, project): (&Location, Project),
     (source, parameters): (Source, Parameters),
     layers: Vec<LayerFile>,
     pipeline: Pipeline,
@@ -135,7 +138,10 @@ async fn into_store(
     let store = Store::open_at(location, storage::Options::default()).await?;
     let library = Library::new(store.clone(), pipeline.into(), LibraryOptions::default());
     let workers = Workers::start(library.clone(), 1);
-    let submitted = library.submit(source, parameters).await?;
+    let submitted = library
+        .in_project(project)
+        .submit(source, parameters)
+        .await?;
     let id = submitted.case.id;
     let prepare = async {
         wait_until_ready(&store, &id).await?;

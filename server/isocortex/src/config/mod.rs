@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use audit::Audit;
+use case::NotAProject;
 use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
 use http_support::auth::{Access, BadToken, unnamed};
@@ -207,6 +208,25 @@ pub enum ConfigError {
         /// Its title.
         aet: String,
     },
+    /// The project of a peer is not one.
+    #[error("the `project` of the peer `{aet}` in `pacs.dimse.peers`: {source}")]
+    PeerProject {
+        /// Its title.
+        aet: String,
+        /// What is wrong.
+        source: NotAProject,
+    },
+    /// Peers with one title have several projects.
+    #[error(
+        "the peers with the title `{aet}` in `pacs.dimse.peers` must have one `project`; give the peer of another project another title"
+    )]
+    PeerProjects {
+        /// Their title.
+        aet: String,
+    },
+    /// A project of `[oidc]` is not one.
+    #[error("`oidc.projects`: {0}")]
+    OidcProject(NotAProject),
     /// TLS of DIMSE is configured incompletely.
     #[error(
         "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
@@ -272,7 +292,8 @@ impl Config {
     /// # Errors
     /// If it cannot be used.
     pub fn issuer(&self) -> Result<Option<Issuer>, ConfigError> {
-        let options = self.oidc.as_ref().map(Oidc::options);
+        let options = self.oidc.as_ref().map(Oidc::options).transpose();
+        let options = options.map_err(ConfigError::OidcProject)?;
         Ok(options.map(Issuer::new).transpose()?)
     }
 

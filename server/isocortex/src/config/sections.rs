@@ -5,8 +5,9 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use case::{NotAProject, Project};
 use cases::pictures::GpuUse;
-use http_support::oidc::{IssuerOptions, RoleRules};
+use http_support::oidc::{IssuerOptions, ProjectRules, RoleRules};
 use http_support::scopes::Role;
 use ipnet::IpNet;
 use pipeline::HeadLimits;
@@ -163,6 +164,11 @@ pub struct Oidc {
     /// The role of each value of the claim. Without one, the values are the names of roles.
     #[serde(default)]
     pub roles: BTreeMap<String, Role>,
+    /// The claim with the projects or groups of a person; `roles_claim` if there is none.
+    pub projects_claim: Option<String>,
+    /// The project of each value of that claim; empty for the project without a name. Without a table, everybody belongs to that one.
+    #[serde(default)]
+    pub projects: BTreeMap<String, String>,
 }
 
 fn default_scope() -> String {
@@ -174,18 +180,30 @@ fn default_roles_claim() -> String {
 }
 
 impl Oidc {
-    pub(super) fn options(&self) -> IssuerOptions {
-        IssuerOptions {
+    pub(super) fn options(&self) -> Result<IssuerOptions, NotAProject> {
+        let named = self.projects.iter().map(|(value, name)| {
+            let project = Project::with_name(name).ok_or(NotAProject)?;
+            Ok((value.clone(), project))
+        });
+        Ok(IssuerOptions {
             issuer: self.issuer.clone(),
             audience: self.audience.clone(),
             roles: RoleRules {
                 claim: self.roles_claim.clone(),
                 roles: self.roles.clone(),
             },
+            projects: ProjectRules {
+                claim: self
+                    .projects_claim
+                    .as_ref()
+                    .unwrap_or(&self.roles_claim)
+                    .clone(),
+                projects: named.collect::<Result<_, _>>()?,
+            },
             client_id: self.client_id.clone(),
             scope: self.scope.clone(),
             parameters: self.parameters.clone(),
-        }
+        })
     }
 }
 

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query, State};
+use axum::extract::{Path, Query};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseFacts, CaseId, CaseState, SurfaceName};
@@ -28,7 +28,7 @@ use self::stored::Pixels;
 use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
 use crate::described::query_key;
 use crate::held::{HeldStudy, files_of};
-use crate::state::Pacs;
+use crate::state::{InProject, Pacs};
 use http_support::problem::AppError;
 
 /// Width and height of a picture, if none are requested.
@@ -60,7 +60,7 @@ type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
     )
 )]
 pub(crate) async fn of_study(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     Path(path): Path<StudyPath>,
     keys: Keys,
     headers: HeaderMap,
@@ -84,7 +84,7 @@ pub(crate) async fn of_study(
     )
 )]
 pub(crate) async fn of_series(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
@@ -108,7 +108,7 @@ pub(crate) async fn of_series(
     )
 )]
 pub(crate) async fn picture_of_series(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
@@ -132,7 +132,7 @@ pub(crate) async fn picture_of_series(
     )
 )]
 pub(crate) async fn thumbnail_of_series(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
@@ -157,7 +157,7 @@ pub(crate) async fn thumbnail_of_series(
     )
 )]
 pub(crate) async fn picture_of_instance(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     Path(path): Path<InstancePath>,
     keys: Keys,
     headers: HeaderMap,
@@ -180,7 +180,7 @@ pub(crate) async fn picture_of_instance(
     )
 )]
 pub(crate) async fn thumbnail_of_instance(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     Path(path): Path<InstancePath>,
     keys: Keys,
     headers: HeaderMap,
@@ -204,7 +204,7 @@ pub(crate) async fn thumbnail_of_instance(
     )
 )]
 pub(crate) async fn picture_of_frame(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     Path(path): Path<FramesPath>,
     keys: Keys,
     headers: HeaderMap,

@@ -519,7 +519,7 @@ fn digest(case: &Case, asked: &ResultRequest, source: &Attributes, made_by: &str
     hash_of(&[
         FORMAT,
         env!("CARGO_PKG_VERSION"),
-        &case.id.to_string(),
+        &case.id.key(),
         &case.created_at.to_string(),
         made_by,
         &serde_json::to_string(asked).unwrap_or_default(),

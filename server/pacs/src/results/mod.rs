@@ -7,7 +7,7 @@ mod moment;
 pub(crate) mod request;
 
 use axum::body::{Body, Bytes};
-use axum::extract::{Path, Request, State};
+use axum::extract::{Path, Request};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseId, JobState};
@@ -23,7 +23,7 @@ use crate::node::Node;
 use crate::rendered::media::accepted_ranges;
 use crate::retrievals::read_json;
 use crate::send::SEND;
-use crate::state::Pacs;
+use crate::state::{InProject, Pacs};
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 
@@ -105,12 +105,13 @@ impl From<SentResult> for ResultView {
     )
 )]
 pub(crate) async fn create_result(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     Path(id): Path<String>,
     request: Request,
 ) -> Result<Response, AppError> {
     let no_case = || AppError::from(cases::Error::NoSuchCase);
     let id = CaseId::parse(&id).ok_or_else(no_case)?;
+    let id = id.in_project(pacs.project());
     let is_preview = wants_picture(request.headers())?;
     let asked: ResultRequest = read_json(request).await?;
     pacs.needs_identity()?;
@@ -239,7 +240,7 @@ fn object(name: &str, file: Bytes) -> Response {
     )
 )]
 pub(crate) async fn get_result(
-    State(pacs): State<Pacs>,
+    InProject(pacs): InProject,
     Path(id): Path<String>,
 ) -> Result<Response, AppError> {
     let missing = || {

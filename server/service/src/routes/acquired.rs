@@ -1,6 +1,6 @@
 //! Pictures of what was acquired, for which a case need not be ready.
 
-use axum::extract::{RawPathParams, State};
+use axum::extract::RawPathParams;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
@@ -12,7 +12,7 @@ use utoipa::IntoParams;
 
 use super::render::PNG;
 use super::slices::plane_of;
-use cases::Cases;
+use crate::state::InProject;
 use cases::pictures::{
     Numbers, check_annotation, default_side, default_zoom, encode_slice, picture_size,
     window_of_numbers,
@@ -113,7 +113,7 @@ impl Asked for AcquiredQuery {
     )
 )]
 pub async fn get_acquired(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     path: RawPathParams,
     ApiQuery { asked, values }: ApiQuery<AcquiredQuery>,

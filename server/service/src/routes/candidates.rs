@@ -2,7 +2,6 @@
 
 use std::fmt::Write as _;
 
-use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
@@ -10,12 +9,13 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use crate::state::InProject;
 use case::{CandidateFacts, Gyrus, MapName, RegionFacts, SurfaceName, Unusual};
+use cases::Error;
 use cases::gyri::named;
 use cases::library::{LoadedMaps, MapsState};
 use cases::pictures::{ChosenLayer, MAPS_OFF, Numbers, check_count, ready, surface_version};
 use cases::profile::{PointProfile, Profile, profile};
-use cases::{Cases, Error};
 use http_support::conditional::{Format, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::AppError;
@@ -136,7 +136,7 @@ pub struct LimitsView {
     )
 )]
 pub async fn get_candidates(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     ApiQuery { asked: query, .. }: ApiQuery<CandidatesQuery>,
     request: HeaderMap,
@@ -269,7 +269,7 @@ impl Asked for ProfileQuery {
     )
 )]
 pub async fn get_profile(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     ApiQuery { asked: query, .. }: ApiQuery<ProfileQuery>,
     request: HeaderMap,

@@ -1,7 +1,7 @@
 //! Cases: list, get, delete.
 
+use crate::state::InProject;
 use axum::body::Bytes;
-use axum::extract::State;
 use axum::extract::rejection::BytesRejection;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -456,7 +456,7 @@ impl Asked for ListQuery {
     )
 )]
 pub async fn list_cases(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     query: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
     let ListValues { after, limit } = query.values;
@@ -497,7 +497,7 @@ impl Asked for CaseQuery {
     )
 )]
 pub async fn get_case(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     ApiQuery { asked, .. }: ApiQuery<CaseQuery>,
 ) -> Result<Response, AppError> {
@@ -549,7 +549,7 @@ pub struct CasePatch {
     )
 )]
 pub async fn patch_case(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
     body: Result<Bytes, BytesRejection>,
@@ -577,7 +577,7 @@ pub async fn patch_case(
     )
 )]
 pub async fn delete_case(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<StatusCode, AppError> {

@@ -2,10 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use axum::extract::State;
+use crate::state::InProject;
 use axum::http::StatusCode;
 use axum::response::Response;
-use cases::Cases;
 use imaging::dicom::Instance;
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -59,7 +58,7 @@ impl From<Instance> for InstanceView {
     )
 )]
 pub async fn get_dicom(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {

@@ -7,11 +7,10 @@ use axum::extract::State;
 use axum::http::{HeaderName, HeaderValue};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
-use cases::Cases;
 use futures_util::stream::{self, Stream, StreamExt};
 
 use super::cases::CaseView;
-use crate::state::{EventStreams, Stopping};
+use crate::state::{EventStreams, InProject, Stopping};
 use cases::places::Place;
 use http_support::listen::ClientAddress;
 use http_support::problem::AppError;
@@ -34,7 +33,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
     )
 )]
 pub async fn get_events(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     State(streams): State<EventStreams>,
     ClientAddress(client): ClientAddress,
     CasePath(id): CasePath,

@@ -4,11 +4,12 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use cases::Error;
 use cases::ready::check_ready;
-use cases::{Cases, Error};
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use crate::state::AppState;
 use cases::pictures::GraphicsState;
 use http_support::fresh::fresh_json;
 use http_support::metrics::{Metrics, OPEN_METRICS};
@@ -50,7 +51,7 @@ pub async fn healthz(_no_query: ApiQuery<NoQuery>) -> Response {
     (status = 507, description = "The disk is full or failed: cases can be viewed, but not uploaded; or the audit record cannot be written, and nothing can be viewed", body = Problem, content_type = "application/problem+json"),
 ))]
 pub async fn readyz(
-    State(cases): State<Cases>,
+    State(AppState { cases, .. }): State<AppState>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     check_ready(cases.store()).await?;
@@ -66,7 +67,7 @@ pub async fn readyz(
 ))]
 pub async fn metrics(
     State(metrics): State<Metrics>,
-    State(cases): State<Cases>,
+    State(AppState { cases, .. }): State<AppState>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     let text = metrics.all(cases.queue.waiting()).await;
@@ -79,7 +80,10 @@ pub async fn metrics(
 
 /// The version of the server
 #[utoipa::path(get, path = "/version", tag = "service", responses((status = 200, description = "Name and version", body = Version)))]
-pub async fn version(State(cases): State<Cases>, _no_query: ApiQuery<NoQuery>) -> Json<Version> {
+pub async fn version(
+    State(AppState { cases, .. }): State<AppState>,
+    _no_query: ApiQuery<NoQuery>,
+) -> Json<Version> {
     let graphics = match cases.graphics.state() {
         GraphicsState::Starting => "starting".to_owned(),
         GraphicsState::Absent(why) => format!("none: {why}"),

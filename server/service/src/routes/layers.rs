@@ -4,15 +4,16 @@ mod events;
 mod view;
 mod voxels;
 
+use crate::state::InProject;
 use axum::body::Bytes;
+use axum::extract::RawPathParams;
 use axum::extract::rejection::BytesRejection;
-use axum::extract::{RawPathParams, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse as _, Response};
 use case::{Contrast, JunctionBandFacts, Layer, MapName, QualityState};
+use cases::Error;
 use cases::library::{FlairState, MapsState};
 use cases::pictures::{LayerRef, NO_FLAIR};
-use cases::{Cases, Error};
 use serde::{Deserialize, Serialize};
 use storage::LayerChange;
 use utoipa::ToSchema;
@@ -56,7 +57,7 @@ pub struct LayerList {
     )
 )]
 pub async fn list_layers(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
@@ -106,7 +107,7 @@ pub async fn list_layers(
     )
 )]
 pub async fn get_layer(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     path: RawPathParams,
     _no_query: ApiQuery<NoQuery>,
@@ -163,7 +164,7 @@ pub struct LayerPatch {
     )
 )]
 pub async fn patch_layer(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     path: RawPathParams,
     _no_query: ApiQuery<NoQuery>,
@@ -195,7 +196,7 @@ pub async fn patch_layer(
     )
 )]
 pub async fn delete_layer(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     path: RawPathParams,
     _no_query: ApiQuery<NoQuery>,

@@ -13,9 +13,9 @@ use utoipa::IntoParams;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::{depth_headers, of_surface};
+use crate::state::InProject;
 use crate::wire;
 use case::SurfaceName;
-use cases::Cases;
 use cases::models::PathKind;
 use cases::pictures::{DepthMm, default_count, mesh_size};
 use http_support::conditional::{self, Content, Format, Question};
@@ -164,7 +164,7 @@ impl Asked for PathsQuery {
     )
 )]
 pub async fn get_mesh(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     ApiQuery { asked, values }: ApiQuery<MeshQuery>,
     request: HeaderMap,
@@ -260,7 +260,7 @@ fn encode_file(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
     )
 )]
 pub async fn get_triangles(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     ApiQuery {
@@ -301,7 +301,7 @@ pub async fn get_triangles(
     )
 )]
 pub async fn get_paths(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     ApiQuery {

@@ -1,15 +1,15 @@
 //! The registration of two cases.
 
-use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
+use crate::state::InProject;
 use case::CaseId;
+use cases::Error;
 use cases::registration::CaseRegistration;
-use cases::{Cases, Error};
 use http_support::conditional::{Format, Question};
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath};
@@ -50,13 +50,14 @@ impl Asked for RegistrationQuery {
     )
 )]
 pub async fn get_registration(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     ApiQuery { asked: query, .. }: ApiQuery<RegistrationQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     // The answer may be known to the client although the other case is gone.
-    cases.ready(&query.with).await?;
+    let with = query.with.in_project(id.project());
+    cases.ready(&with).await?;
     let question = Question {
         id,
         route: "registration",
@@ -65,7 +66,7 @@ pub async fn get_registration(
     };
     let format = Format::of("application/json").revalidated();
     let work = async |_| {
-        let found = cases.registration(&id, &query.with).await?;
+        let found = cases.registration(&id, &with).await?;
         let body = serde_json::to_vec(&found).map_err(|_| Error::Internal)?;
         Ok(Bytes::from(body).into())
     };

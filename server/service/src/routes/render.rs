@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use axum::extract::State;
+use crate::state::InProject;
 use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
 use case::CaseFacts;
@@ -53,7 +53,7 @@ const MAX_POSITIONS: usize = 1 << 22;
     )
 )]
 pub async fn get_render(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     ApiQuery {
         asked,

@@ -1,9 +1,8 @@
 //! The report of a reading.
 
-use axum::extract::State;
+use crate::state::InProject;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
-use cases::Cases;
 use cases::report::{POLICY, ReportFormat, ReportQuery, ReportSubject};
 
 use http_support::conditional::{EntityTag, REVALIDATE, Representation};
@@ -31,7 +30,7 @@ const PDF: &str = "application/pdf";
     )
 )]
 pub async fn get_report(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     ApiQuery { asked, .. }: ApiQuery<ReportQuery>,
     request: HeaderMap,

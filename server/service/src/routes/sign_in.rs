@@ -22,6 +22,9 @@ pub struct Session {
     name: String,
     /// What the token permits.
     scopes: Vec<&'static str>,
+    /// The project whose cases it opens; none for the project without a name.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    project: Option<String>,
 }
 
 /// Who asks, and what the token permits
@@ -33,6 +36,7 @@ pub async fn get_session(
     let session = Session {
         name: holder.name.as_ref().to_owned(),
         scopes: holder.scopes.iter().map(|scope| scope.name()).collect(),
+        project: (!holder.project.is_default()).then(|| holder.project.to_string()),
     };
     fresh_json(StatusCode::OK, &session)
 }

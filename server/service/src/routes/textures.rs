@@ -11,6 +11,7 @@ use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use super::bodies::{Bodies, BodyKey, BodyKind, Extent};
 use super::of_surface;
+use crate::state::InProject;
 use crate::wire::{self, Texture, Voxels};
 use case::SurfaceName;
 use cases::Cases;
@@ -115,7 +116,7 @@ impl Asked for DistanceQuery {
     )
 )]
 pub async fn get_volume(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     ApiQuery { values: query, .. }: ApiQuery<VolumeQuery>,
@@ -176,7 +177,7 @@ pub async fn get_volume(
     )
 )]
 pub async fn get_distance(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     ApiQuery { values: query, .. }: ApiQuery<DistanceQuery>,

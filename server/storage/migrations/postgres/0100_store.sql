@@ -6,6 +6,7 @@
 
 CREATE TABLE cases (
     id                TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    project           TEXT COLLATE "C" NOT NULL DEFAULT '',
     closing_radius_mm DOUBLE PRECISION NOT NULL,
     parameters        TEXT             NOT NULL DEFAULT '{}',
     name              TEXT,
@@ -59,6 +60,7 @@ CREATE TABLE jobs (
     needs_ready  BOOLEAN          NOT NULL,
     payload      TEXT             NOT NULL,
     client       TEXT COLLATE "C" NOT NULL DEFAULT '',
+    project      TEXT COLLATE "C" NOT NULL DEFAULT '',
     state        TEXT COLLATE "C" NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
     progress     TEXT,
     failure      TEXT,
@@ -160,6 +162,7 @@ CREATE TABLE findings (
 -- requests name series by them; names and birth dates are not.
 CREATE TABLE arrivals (
     id               TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    project          TEXT COLLATE "C" NOT NULL DEFAULT '',
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     accession_number TEXT,
@@ -176,7 +179,7 @@ CREATE TABLE arrivals (
     expected         BIGINT, -- how many the sender says there are
     first_at         BIGINT NOT NULL,
     last_at          BIGINT NOT NULL,
-    UNIQUE (study_uid, series_uid)
+    UNIQUE (project, study_uid, series_uid)
 );
 
 CREATE INDEX arrivals_by_age ON arrivals (first_at, id);
@@ -197,8 +200,10 @@ CREATE INDEX arrival_instances_by_uid ON arrival_instances (sop_instance_uid);
 
 -- Instances that a rejection note has withdrawn: for a year, images that are not received again, and results of ours.
 CREATE TABLE rejections (
-    sop_instance_uid TEXT COLLATE "C" NOT NULL PRIMARY KEY,
-    rejected_at      BIGINT NOT NULL
+    project          TEXT COLLATE "C" NOT NULL DEFAULT '',
+    sop_instance_uid TEXT COLLATE "C" NOT NULL,
+    rejected_at      BIGINT NOT NULL,
+    PRIMARY KEY (sop_instance_uid, project)
 );
 
 CREATE INDEX rejections_by_age ON rejections (rejected_at);
@@ -206,6 +211,7 @@ CREATE INDEX rejections_by_age ON rejections (rejected_at);
 -- The series that cases were made of, for requests that name one.
 CREATE TABLE case_series (
     case_id          TEXT COLLATE "C" NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
+    project          TEXT COLLATE "C" NOT NULL DEFAULT '',
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     accession_number TEXT,
@@ -219,6 +225,7 @@ CREATE INDEX case_series_by_accession_number ON case_series (accession_number);
 CREATE TABLE results (
     id                TEXT COLLATE "C" NOT NULL PRIMARY KEY,
     case_id           TEXT COLLATE "C" NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
+    project           TEXT COLLATE "C" NOT NULL DEFAULT '',
     node              TEXT COLLATE "C" NOT NULL,
     sop_instance_uid  TEXT COLLATE "C" NOT NULL,
     study_uid         TEXT COLLATE "C" NOT NULL,
@@ -228,7 +235,7 @@ CREATE TABLE results (
     series_uid         TEXT COLLATE "C" NOT NULL,
     series_number      BIGINT           NOT NULL,
     series_description TEXT             NOT NULL,
-    UNIQUE (sop_instance_uid, node)
+    UNIQUE (sop_instance_uid, node, project)
 );
 
 CREATE INDEX results_by_case ON results (case_id);

@@ -11,13 +11,13 @@ use crate::arrivals::{
 };
 use crate::rows::{DueSeries, Known};
 use crate::{ObjectName, StoreError};
-use case::{CaseId, Failure, JobKind, ObjectKind};
+use case::{CaseId, Failure, JobKind, ObjectKind, Project};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_arrival {
     ($rest:literal) => {
         concat!(
-            "SELECT id, study_uid, series_uid, accession_number, source, label, state, reason, taken, refused, case_id,
+            "SELECT id, project, study_uid, series_uid, accession_number, source, label, state, reason, taken, refused, case_id,
                     instances, expected, superseded, ignored, first_at, last_at
              FROM arrivals ",
             $rest
@@ -27,6 +27,17 @@ macro_rules! select_arrival {
 
 pub(super) fn unreadable(what: &str) -> StoreError {
     StoreError::Rows(format!("a row of an arrival or a result has an unknown {what}").into())
+}
+
+/// The name of one project, or nothing for all: `coalesce($1, project) = project`.
+pub(super) fn name_of(scope: Option<Project>) -> Option<String> {
+    scope.map(|project| project.name().to_owned())
+}
+
+/// The project of a row.
+pub(super) fn read_project(row: &Row) -> Result<Project, StoreError> {
+    let name: String = row.get("project")?;
+    Project::with_name(&name).ok_or_else(|| unreadable("project"))
 }
 
 /// What became of an image.
@@ -44,11 +55,11 @@ pub(super) enum Added {
 /// Adds an image. The pin of a file that is kept becomes a reference; that of another one expires.
 pub(super) async fn add(
     connection: &mut Connection,
-    new: &NewInstance,
+    (new, project): (&NewInstance, Project),
     source: ArrivalSource,
     now: i64,
 ) -> Result<Added, StoreError> {
-    let id = series(connection, new, source, now).await?;
+    let id = series(connection, (new, project), source, now).await?;
     let added = connection
         .query(
             "INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
@@ -94,6 +105,8 @@ async fn leave_others(
     let rows = connection
         .query(
             "DELETE FROM arrival_instances WHERE sop_instance_uid = $1 AND arrival_id <> $2
+                AND arrival_id IN (SELECT id FROM arrivals
+                                   WHERE project = (SELECT own.project FROM arrivals AS own WHERE own.id = $2))
              RETURNING arrival_id, digest",
         )
         .bind(new.sop_instance_uid.as_str())
@@ -188,7 +201,8 @@ async fn supersede(
     connection
         .query(
             "UPDATE case_series SET superseded = $1
-             WHERE (study_uid, series_uid) = (SELECT study_uid, series_uid FROM arrivals WHERE id = $2)
+             WHERE (project, study_uid, series_uid) =
+                   (SELECT project, study_uid, series_uid FROM arrivals WHERE id = $2)
                AND superseded <= $3",
         )
         .bind(superseded_code(Some(why)))
@@ -202,15 +216,15 @@ async fn supersede(
 /// Counts an object that is not kept in the arrival of its series, which is made if there is none.
 pub(super) async fn ignore(
     connection: &mut Connection,
-    (uids, source): (&SeriesUids, ArrivalSource),
+    (uids, source, project): (&SeriesUids, ArrivalSource, Project),
     reason: &Failure,
     now: i64,
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored)
-             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, 1)
-             ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
+            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored, project)
+             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, 1, $7)
+             ON CONFLICT (project, study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
         .bind(uids.study.as_str())
@@ -218,6 +232,7 @@ pub(super) async fn ignore(
         .bind(source.name())
         .bind(serde_json::to_string(reason)?)
         .bind(now)
+        .bind(project.name())
         .execute()
         .await?;
     Ok(())
@@ -226,7 +241,7 @@ pub(super) async fn ignore(
 /// Withdraws instances of a series: its images are forgotten. What is left is read again.
 pub(super) async fn reject(
     connection: &mut Connection,
-    (uids, source): (&SeriesUids, ArrivalSource),
+    (uids, source, project): (&SeriesUids, ArrivalSource, Project),
     instances: &[Uid],
     reason: &Failure,
     now: i64,
@@ -234,9 +249,9 @@ pub(super) async fn reject(
     let reason = serde_json::to_string(reason)?;
     let row = connection
         .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at)
-             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6)
-             ON CONFLICT (study_uid, series_uid) DO UPDATE SET last_at = $6
+            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, project)
+             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, $7)
+             ON CONFLICT (project, study_uid, series_uid) DO UPDATE SET last_at = $6
              RETURNING id",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
@@ -245,6 +260,7 @@ pub(super) async fn reject(
         .bind(source.name())
         .bind(&reason)
         .bind(now)
+        .bind(project.name())
         .fetch_one()
         .await?;
     let id: String = row.get("id")?;
@@ -287,7 +303,7 @@ pub(super) async fn reject_case(
     connection
         .query("UPDATE case_series SET superseded = $1 WHERE case_id = $2")
         .bind(superseded_code(Some(Superseded::Rejected)))
-        .bind(case.to_string())
+        .bind(case.key())
         .execute()
         .await?;
     wake_layers(connection, case).await
@@ -300,7 +316,7 @@ async fn wake_layers(connection: &mut Connection, case: &CaseId) -> Result<(), S
             "UPDATE arrivals SET state = 'receiving', reason = NULL
              WHERE case_id = $1 AND instances > 0 AND state = 'case' AND reason LIKE $2",
         )
-        .bind(case.to_string())
+        .bind(case.key())
         .bind(format!("%\"{BECAME_LAYER}\"%"))
         .execute()
         .await?;
@@ -310,18 +326,20 @@ async fn wake_layers(connection: &mut Connection, case: &CaseId) -> Result<(), S
 /// Notes that instances are withdrawn. One that was withdrawn before keeps the later time.
 pub(super) async fn withdraw(
     connection: &mut Connection,
+    project: Project,
     instances: &[Uid],
     at: i64,
 ) -> Result<(), StoreError> {
     for instance in instances {
         connection
             .query(
-                "INSERT INTO rejections (sop_instance_uid, rejected_at) VALUES ($1, $2)
-                 ON CONFLICT (sop_instance_uid) DO UPDATE SET rejected_at = excluded.rejected_at
+                "INSERT INTO rejections (sop_instance_uid, rejected_at, project) VALUES ($1, $2, $3)
+                 ON CONFLICT (sop_instance_uid, project) DO UPDATE SET rejected_at = excluded.rejected_at
                  WHERE rejections.rejected_at < excluded.rejected_at",
             )
             .bind(instance.as_str())
             .bind(at)
+            .bind(project.name())
             .execute()
             .await?;
     }
@@ -330,35 +348,41 @@ pub(super) async fn withdraw(
 
 pub(super) async fn is_withdrawn(
     connection: &mut Connection,
+    scope: Option<Project>,
     instance: &Uid,
 ) -> Result<bool, StoreError> {
     let row = connection
-        .query("SELECT sop_instance_uid FROM rejections WHERE sop_instance_uid = $1")
+        .query(
+            "SELECT sop_instance_uid FROM rejections
+             WHERE sop_instance_uid = $1 AND coalesce($2, project) = project LIMIT 1",
+        )
         .bind(instance.as_str())
+        .bind(name_of(scope))
         .fetch_optional()
         .await?;
     Ok(row.is_some())
 }
 
-/// The next instances that are withdrawn, by UID, and when each was.
+/// The next instances that are withdrawn, by UID and project, and when each was.
 pub(super) async fn withdrawn(
     connection: &mut Connection,
-    after: Option<&Uid>,
+    after: Option<&(Uid, Project)>,
     limit: usize,
-) -> Result<Vec<(Uid, Timestamp)>, StoreError> {
+) -> Result<Vec<(Uid, Project, Timestamp)>, StoreError> {
     let rows = connection
         .query(
-            "SELECT sop_instance_uid, rejected_at FROM rejections WHERE sop_instance_uid > $1
-             ORDER BY sop_instance_uid LIMIT $2",
+            "SELECT sop_instance_uid, project, rejected_at FROM rejections WHERE (sop_instance_uid, project) > ($1, $2)
+             ORDER BY sop_instance_uid, project LIMIT $3",
         )
-        .bind(after.map_or("", Uid::as_str))
+        .bind(after.map_or("", |(uid, _)| uid.as_str()))
+        .bind(after.map_or("", |(_, project)| project.name()))
         .bind(count(limit))
         .fetch_all()
         .await?;
     let read = |row: &Row| {
         let uid: String = row.get("sop_instance_uid")?;
         let uid = Uid::parse(&uid).ok_or_else(|| unreadable("UID"))?;
-        Ok((uid, read_time(row, "rejected_at")?))
+        Ok((uid, read_project(row)?, read_time(row, "rejected_at")?))
     };
     rows.iter().map(read).collect()
 }
@@ -379,14 +403,16 @@ pub(super) async fn forget_withdrawn(
 /// The image that is there already.
 pub(super) async fn known(
     connection: &mut Connection,
+    project: Project,
     new: &NewInstance,
 ) -> Result<Option<Known>, StoreError> {
     let rows = connection
         .query(
             "SELECT study_uid, series_uid, digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
-             WHERE sop_instance_uid = $1",
+             WHERE sop_instance_uid = $1 AND project = $2",
         )
         .bind(new.sop_instance_uid.as_str())
+        .bind(project.name())
         .fetch_all()
         .await?;
     let mut known = None;
@@ -410,15 +436,16 @@ pub(super) async fn known(
 /// The arrival of an image's series, which is made if there is none.
 async fn series(
     connection: &mut Connection,
-    new: &NewInstance,
+    (new, project): (&NewInstance, Project),
     source: ArrivalSource,
     now: i64,
 ) -> Result<String, StoreError> {
     connection
         .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, label, state, first_at, last_at)
-             VALUES ($1, $2, $3, $4, $5, $6, 'receiving', $7, $7)
-             ON CONFLICT (study_uid, series_uid) DO UPDATE SET label = coalesce(arrivals.label, excluded.label)",
+            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, label, state, first_at, last_at,
+                                   project)
+             VALUES ($1, $2, $3, $4, $5, $6, 'receiving', $7, $7, $8)
+             ON CONFLICT (project, study_uid, series_uid) DO UPDATE SET label = coalesce(arrivals.label, excluded.label)",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
         .bind(new.uids.study.as_str())
@@ -427,12 +454,14 @@ async fn series(
         .bind(source.name())
         .bind(&new.label)
         .bind(now)
+        .bind(project.name())
         .execute()
         .await?;
     let row = connection
-        .query("SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2")
+        .query("SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2 AND project = $3")
         .bind(new.uids.study.as_str())
         .bind(new.uids.series.as_str())
+        .bind(project.name())
         .fetch_one()
         .await?;
     row.get("id")
@@ -448,9 +477,9 @@ pub(super) async fn adopt(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at)
-             VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6)
-             ON CONFLICT (study_uid, series_uid) DO NOTHING",
+            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at, project)
+             VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6, $7)
+             ON CONFLICT (project, study_uid, series_uid) DO NOTHING",
         )
         .bind(&arrival.id)
         .bind(arrival.uids.study.as_str())
@@ -458,14 +487,15 @@ pub(super) async fn adopt(
         .bind(arrival.accession_number.as_ref().map(AccessionNumber::as_str))
         .bind(arrival.source.name())
         .bind(now)
+        .bind(arrival.project.name())
         .execute()
         .await?;
     for image in images {
-        add(connection, image, arrival.source, now).await?;
+        add(connection, (image, arrival.project), arrival.source, now).await?;
     }
     // Without its case, it is read again.
     let case = match arrival.case {
-        Some(case) if connection.has_case(&case.to_string()).await? => Some(case.to_string()),
+        Some(case) if connection.has_case(&case.key()).await? => Some(case.key()),
         _ => None,
     };
     let state = match arrival.state {
@@ -479,7 +509,7 @@ pub(super) async fn adopt(
         .query(
             "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
                     label = $7, taken = $8, refused = $9, superseded = $10, ignored = $11
-             WHERE study_uid = $12 AND series_uid = $13",
+             WHERE study_uid = $12 AND series_uid = $13 AND project = $14",
         )
         .bind(state.name())
         .bind(reason.transpose()?)
@@ -494,6 +524,7 @@ pub(super) async fn adopt(
         .bind(count(arrival.ignored))
         .bind(arrival.uids.study.as_str())
         .bind(arrival.uids.series.as_str())
+        .bind(arrival.project.name())
         .execute()
         .await?;
     Ok(())
@@ -502,34 +533,36 @@ pub(super) async fn adopt(
 /// Forgets the images of a series that are not among these.
 pub(super) async fn keep(
     connection: &mut Connection,
-    uids: &SeriesUids,
+    (uids, project): (&SeriesUids, Project),
     kept: &[(Uid, ObjectName)],
     now: i64,
 ) -> Result<(), StoreError> {
     let mut forgotten = Vec::new();
-    for image in images_of(connection, uids).await? {
+    for image in images_of(connection, uids, Some(project)).await? {
         if kept.contains(&image) {
             continue;
         }
         connection
             .query(
                 "DELETE FROM arrival_instances WHERE sop_instance_uid = $1
-                 AND arrival_id = (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3)",
+                 AND arrival_id = (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3 AND project = $4)",
             )
             .bind(image.0.as_str())
             .bind(uids.study.as_str())
             .bind(uids.series.as_str())
+            .bind(project.name())
             .execute()
             .await?;
         forgotten.push(image.1);
     }
     connection
         .query(
-            "UPDATE arrivals SET instances = instances - $1 WHERE study_uid = $2 AND series_uid = $3",
+            "UPDATE arrivals SET instances = instances - $1 WHERE study_uid = $2 AND series_uid = $3 AND project = $4",
         )
         .bind(count(forgotten.len()))
         .bind(uids.study.as_str())
         .bind(uids.series.as_str())
+        .bind(project.name())
         .execute()
         .await?;
     pins::abandon(connection, forgotten, now).await
@@ -537,14 +570,15 @@ pub(super) async fn keep(
 
 pub(super) async fn expect(
     connection: &mut Connection,
-    uids: &SeriesUids,
+    (uids, project): (&SeriesUids, Project),
     instances: usize,
 ) -> Result<(), StoreError> {
     connection
-        .query("UPDATE arrivals SET expected = $1 WHERE study_uid = $2 AND series_uid = $3")
+        .query("UPDATE arrivals SET expected = $1 WHERE study_uid = $2 AND series_uid = $3 AND project = $4")
         .bind(count(instances))
         .bind(uids.study.as_str())
         .bind(uids.series.as_str())
+        .bind(project.name())
         .execute()
         .await?;
     Ok(())
@@ -578,7 +612,7 @@ pub(super) async fn to_read(
     id: &str,
 ) -> Result<Option<DueSeries>, StoreError> {
     let row = connection
-        .query("SELECT study_uid, series_uid, case_id, taken FROM arrivals WHERE id = $1")
+        .query("SELECT project, study_uid, series_uid, case_id, taken FROM arrivals WHERE id = $1")
         .bind(id)
         .fetch_optional()
         .await?;
@@ -586,6 +620,7 @@ pub(super) async fn to_read(
         return Ok(None);
     };
     Ok(Some(DueSeries {
+        project: read_project(&row)?,
         uids: read_uids(&row)?,
         previous: read_case(&row)?,
         taken: read_taken(&row)?,
@@ -620,11 +655,11 @@ pub(super) async fn settle(
     outcome: &Outcome,
 ) -> Result<bool, StoreError> {
     let (case, reason) = match outcome {
-        Outcome::Case(case) => (case.to_string(), None),
+        Outcome::Case(case) => (case.key(), None),
         Outcome::Layer(case) => {
             let detail = "the series became a layer of the case of its study";
             let reason = Failure::unusable(BECAME_LAYER, detail);
-            (case.to_string(), Some(serde_json::to_string(&reason)?))
+            (case.key(), Some(serde_json::to_string(&reason)?))
         }
         Outcome::Nothing(failure) => {
             make_nothing(connection, id, failure).await?;
@@ -646,8 +681,8 @@ pub(super) async fn settle(
         connection
             .query(
                 // A correction that is taken back leads to the first case again.
-                "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number)
-                 SELECT $1, study_uid, series_uid, accession_number FROM arrivals WHERE id = $2
+                "INSERT INTO case_series (case_id, project, study_uid, series_uid, accession_number)
+                 SELECT $1, project, study_uid, series_uid, accession_number FROM arrivals WHERE id = $2
                  ON CONFLICT (case_id) DO UPDATE SET superseded = 0",
             )
             .bind(&case)
@@ -674,7 +709,8 @@ async fn supersede_others(
                  WHERE own.case_id = $1 AND own.kind = $2 AND other.case_id = case_series.case_id
              ) THEN 0 WHEN superseded = $5 THEN $5 ELSE $3 END
              WHERE case_id <> $1 AND superseded IN (0, $3, $5)
-               AND (study_uid, series_uid) = (SELECT study_uid, series_uid FROM arrivals WHERE id = $4)",
+               AND (project, study_uid, series_uid) =
+                   (SELECT project, study_uid, series_uid FROM arrivals WHERE id = $4)",
         )
         .bind(case)
         .bind(ObjectKind::SourceVolume.name())
@@ -696,13 +732,14 @@ pub(super) async fn move_case(
         .query(
             "UPDATE case_series SET superseded = $3
              WHERE superseded IN (0, $4)
-               AND (study_uid, series_uid) = (SELECT study_uid, series_uid FROM case_series WHERE case_id = $1)
+               AND (project, study_uid, series_uid) =
+                   (SELECT project, study_uid, series_uid FROM case_series WHERE case_id = $1)
                AND case_id IN (
                  SELECT other.case_id FROM case_objects AS own JOIN case_objects AS other
                                            ON other.kind = own.kind AND other.digest = own.digest
                  WHERE own.case_id = $1 AND own.kind = $2)",
         )
-        .bind(case.to_string())
+        .bind(case.key())
         .bind(ObjectKind::SourceVolume.name())
         .bind(superseded_code(Some(Superseded::Moved)))
         .bind(superseded_code(Some(Superseded::NewerVersion)))
@@ -725,9 +762,9 @@ pub(super) async fn has_moved(
                                                    ON other.kind = own.kind AND other.digest = own.digest
                  WHERE own.case_id = $3 AND own.kind = $4 AND other.case_id = $1)",
         )
-        .bind(previous.to_string())
+        .bind(previous.key())
         .bind(superseded_code(Some(Superseded::Moved)))
-        .bind(case.to_string())
+        .bind(case.key())
         .bind(ObjectKind::SourceVolume.name())
         .fetch_optional()
         .await?;
@@ -756,7 +793,7 @@ async fn wake_others(connection: &mut Connection, id: &str) -> Result<(), StoreE
         .query(
             "UPDATE arrivals SET state = 'receiving', reason = NULL
              WHERE id <> $1 AND state = 'nothing' AND reason LIKE $2
-               AND study_uid = (SELECT study_uid FROM arrivals WHERE id = $1)",
+               AND (project, study_uid) = (SELECT project, study_uid FROM arrivals WHERE id = $1)",
         )
         .bind(id)
         .bind(format!("%\"{NOT_T1}\"%"))
@@ -800,7 +837,7 @@ fn containing(text: &str) -> String {
 
 pub(super) async fn page(
     connection: &mut Connection,
-    query: &ArrivalQuery,
+    (scope, query): (Option<Project>, &ArrivalQuery),
     after: Option<&ArrivalCursor>,
     limit: usize,
 ) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError> {
@@ -814,6 +851,7 @@ pub(super) async fn page(
                AND ($5 = '' OR $5 = CASE WHEN state = 'case' AND reason LIKE $6 THEN 'layer' ELSE state END)
                AND ($7 = '' OR $7 = case_id)
                AND ($8 = '' OR lower(label) LIKE lower($8) ESCAPE '!')
+               AND coalesce($10, project) = project
              ORDER BY first_at DESC, id DESC LIMIT $9"
         ))
         .bind(at)
@@ -822,9 +860,10 @@ pub(super) async fn page(
         .bind(query.until.map_or(i64::MAX, Timestamp::as_microsecond))
         .bind(query.status.map_or("", ArrivalStatus::name))
         .bind(format!("%\"{BECAME_LAYER}\"%"))
-        .bind(query.case.map_or_else(String::new, |case| case.to_string()))
+        .bind(query.case.map_or_else(String::new, |case| case.key()))
         .bind(query.text.as_deref().map_or_else(String::new, containing))
         .bind(count(limit.saturating_add(1)))
+        .bind(name_of(scope))
         .fetch_all()
         .await?;
     let mut arrivals = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
@@ -851,19 +890,22 @@ pub(super) async fn one(
 
 pub(super) async fn of(
     connection: &mut Connection,
-    query: &SeriesQuery,
+    (scope, query): (Option<Project>, &SeriesQuery),
 ) -> Result<Vec<Arrival>, StoreError> {
     let rows = match query {
         SeriesQuery::Study(study, series) => connection
             .query(select_arrival!(
-                "WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid ORDER BY first_at, id"
+                "WHERE study_uid = $2 AND coalesce($3, series_uid) = series_uid AND coalesce($1, project) = project
+                 ORDER BY first_at, id"
             ))
+            .bind(name_of(scope))
             .bind(study.as_str())
             .bind(series.as_ref().map(Uid::as_str)),
         SeriesQuery::AccessionNumber(number) => connection
             .query(select_arrival!(
-                "WHERE accession_number = $1 ORDER BY first_at, id"
+                "WHERE accession_number = $2 AND coalesce($1, project) = project ORDER BY first_at, id"
             ))
+            .bind(name_of(scope))
             .bind(number.as_str()),
     };
     rows.fetch_all().await?.iter().map(read).collect()
@@ -872,14 +914,16 @@ pub(super) async fn of(
 pub(super) async fn images_of(
     connection: &mut Connection,
     uids: &SeriesUids,
+    scope: Option<Project>,
 ) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
     let rows = connection
         .query(
             "SELECT sop_instance_uid, digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
-             WHERE study_uid = $1 AND series_uid = $2 ORDER BY sop_instance_uid",
+             WHERE study_uid = $1 AND series_uid = $2 AND coalesce($3, project) = project ORDER BY sop_instance_uid",
         )
         .bind(uids.study.as_str())
         .bind(uids.series.as_str())
+        .bind(name_of(scope))
         .fetch_all()
         .await?;
     let read = |row: &Row| {
@@ -892,16 +936,19 @@ pub(super) async fn images_of(
 
 pub(super) async fn studies(
     connection: &mut Connection,
+    scope: Option<Project>,
     offset: usize,
     limit: usize,
 ) -> Result<Vec<Uid>, StoreError> {
     let rows = connection
         .query(
             "SELECT study_uid FROM case_series JOIN cases ON cases.id = case_series.case_id
+             WHERE coalesce($3, case_series.project) = case_series.project
              GROUP BY study_uid ORDER BY max(created_at) DESC, study_uid LIMIT $1 OFFSET $2",
         )
         .bind(count(limit))
         .bind(count(offset))
+        .bind(name_of(scope))
         .fetch_all()
         .await?;
     let read = |row: &Row| {
@@ -941,7 +988,7 @@ pub(super) async fn remove_of_case(
 ) -> Result<(), StoreError> {
     let rows = connection
         .query("SELECT id FROM arrivals WHERE case_id = $1")
-        .bind(case.to_string())
+        .bind(case.key())
         .fetch_all()
         .await?;
     for row in &rows {
@@ -969,11 +1016,11 @@ pub(super) async fn index(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, superseded)
-             SELECT id, $2, $3, $4, $5 FROM cases WHERE id = $1
+            "INSERT INTO case_series (case_id, project, study_uid, series_uid, accession_number, superseded)
+             SELECT id, project, $2, $3, $4, $5 FROM cases WHERE id = $1
              ON CONFLICT (case_id) DO NOTHING",
         )
-        .bind(series.case.to_string())
+        .bind(series.case.key())
         .bind(series.uids.study.as_str())
         .bind(series.uids.series.as_str())
         .bind(
@@ -997,7 +1044,7 @@ pub(super) async fn adopt_index(
     connection
         .query("UPDATE case_series SET superseded = $1 WHERE case_id = $2")
         .bind(superseded_code(series.superseded))
-        .bind(series.case.to_string())
+        .bind(series.case.key())
         .execute()
         .await?;
     Ok(())
@@ -1009,7 +1056,7 @@ pub(super) async fn series_of(
 ) -> Result<Option<CaseSeries>, StoreError> {
     let row = connection
         .query("SELECT case_id, study_uid, series_uid, accession_number, superseded FROM case_series WHERE case_id = $1")
-        .bind(case.to_string())
+        .bind(case.key())
         .fetch_optional()
         .await?;
     row.as_ref().map(read_case_series).transpose()
@@ -1017,23 +1064,28 @@ pub(super) async fn series_of(
 
 pub(super) async fn cases_of(
     connection: &mut Connection,
-    query: &SeriesQuery,
+    (scope, query): (Option<Project>, &SeriesQuery),
 ) -> Result<Vec<CaseSeries>, StoreError> {
     let rows = match query {
         SeriesQuery::Study(study, series) => connection
             .query(
                 "SELECT case_id, study_uid, series_uid, accession_number, superseded
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
-                 WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid ORDER BY created_at DESC, id",
+                 WHERE study_uid = $2 AND coalesce($3, series_uid) = series_uid
+                   AND coalesce($1, case_series.project) = case_series.project
+                 ORDER BY created_at DESC, id",
             )
+            .bind(name_of(scope))
             .bind(study.as_str())
             .bind(series.as_ref().map(Uid::as_str)),
         SeriesQuery::AccessionNumber(number) => connection
             .query(
                 "SELECT case_id, study_uid, series_uid, accession_number, superseded
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
-                 WHERE accession_number = $1 ORDER BY created_at DESC, id",
+                 WHERE accession_number = $2 AND coalesce($1, case_series.project) = case_series.project
+                 ORDER BY created_at DESC, id",
             )
+            .bind(name_of(scope))
             .bind(number.as_str()),
     };
     rows.fetch_all()
@@ -1102,7 +1154,7 @@ pub(super) fn read_uids(row: &Row) -> Result<SeriesUids, StoreError> {
 
 fn read_case(row: &Row) -> Result<Option<CaseId>, StoreError> {
     let id: Option<String> = row.get("case_id")?;
-    id.map(|id| CaseId::parse(&id).ok_or_else(|| unreadable("case")))
+    id.map(|id| CaseId::from_key(&id).ok_or_else(|| unreadable("case")))
         .transpose()
 }
 
@@ -1129,6 +1181,7 @@ fn read(row: &Row) -> Result<Arrival, StoreError> {
     let expected: Option<i64> = row.get("expected")?;
     Ok(Arrival {
         id: row.get("id")?,
+        project: read_project(row)?,
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
         source: ArrivalSource::from_name(&source).ok_or_else(|| unreadable("source"))?,

@@ -19,7 +19,7 @@ impl Store {
     pub async fn enqueue(&self, new: &NewJob) -> Result<Option<Job>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         if let Some(case) = &new.case
-            && !transaction.has_case(&case.to_string()).await?
+            && !transaction.has_case(&case.key()).await?
         {
             return Ok(None);
         }
@@ -35,7 +35,8 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read.
     pub async fn job(&self, id: &str) -> Result<Option<Job>, StoreError> {
-        jobs::one(&mut self.rows().connect().await?, id).await
+        let job = jobs::one(&mut self.rows().connect().await?, id).await?;
+        Ok(job.filter(|job| self.covers(job.project)))
     }
 
     /// The latest job of a kind and a key.
@@ -56,6 +57,7 @@ impl Store {
         after: Option<&ArrivalCursor>,
         limit: usize,
     ) -> Result<(Vec<Job>, Option<ArrivalCursor>), StoreError> {
+        let query = (self.scope(), query);
         jobs::page(&mut self.rows().connect().await?, query, after, limit).await
     }
 
@@ -165,7 +167,7 @@ impl Store {
     ) -> Result<Option<Claim>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         if let Some(case) = &new.case
-            && !transaction.has_case(&case.to_string()).await?
+            && !transaction.has_case(&case.key()).await?
         {
             return Ok(None);
         }

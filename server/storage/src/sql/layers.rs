@@ -28,7 +28,7 @@ macro_rules! select_layer {
 /// The key of the job of a layer, read.
 pub(crate) fn of_key(key: &str) -> Option<(CaseId, LayerId)> {
     let (case, layer) = key.split_once('/')?;
-    CaseId::parse(case).zip(LayerId::parse(layer))
+    CaseId::from_key(case).zip(LayerId::parse(layer))
 }
 
 /// Inserts a layer, and its job; or queues a failed one again.
@@ -37,7 +37,7 @@ pub(super) async fn submit(
     new: &NewLayer,
     now: i64,
 ) -> Result<Referred<Inserted>, StoreError> {
-    if !connection.has_case(&new.case.to_string()).await? {
+    if !connection.has_case(&new.case.key()).await? {
         return Err(StoreError::NoSuchCase);
     }
     let others = of_case(connection, &new.case).await?;
@@ -89,7 +89,7 @@ async fn insert_row(
             "INSERT INTO layers (case_id, id, name, place, parameters, state, created_at)
              VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, 'queued', $5)",
         )
-        .bind(new.case.to_string())
+        .bind(new.case.key())
         .bind(new.id.to_string())
         .bind(name)
         .bind(serde_json::to_string(&new.parameters)?)
@@ -106,7 +106,7 @@ async fn queue_again(
 ) -> Result<(), StoreError> {
     connection
         .query("UPDATE layers SET state = 'queued', failure = NULL WHERE case_id = $1 AND id = $2")
-        .bind(case.to_string())
+        .bind(case.key())
         .bind(layer.to_string())
         .execute()
         .await?;
@@ -126,8 +126,8 @@ pub(super) async fn inherit(
              SELECT $1, id, name, place, parameters, 'queued', facts, facts_digest, created_at FROM layers
              WHERE case_id = $2 AND state <> 'failed'",
         )
-        .bind(case.to_string())
-        .bind(previous.to_string())
+        .bind(case.key())
+        .bind(previous.key())
         .execute()
         .await?;
     for layer in of_case(connection, case).await? {
@@ -139,8 +139,8 @@ pub(super) async fn inherit(
              SELECT $1, layer_id, kind, digest FROM layer_objects JOIN layers ON layers.case_id = $1 AND layers.id = layer_id
              WHERE layer_objects.case_id = $2 AND kind NOT IN ('layer', 'maps')",
         )
-        .bind(case.to_string())
-        .bind(previous.to_string())
+        .bind(case.key())
+        .bind(previous.key())
         .execute()
         .await?;
     Ok(())
@@ -163,7 +163,7 @@ pub(super) async fn refer(
                 "INSERT INTO layer_objects (case_id, layer_id, kind, digest) VALUES ($1, $2, $3, $4)
                  ON CONFLICT (case_id, layer_id, kind) DO UPDATE SET digest = excluded.digest",
             )
-            .bind(case.to_string())
+            .bind(case.key())
             .bind(layer.to_string())
             .bind(name.kind.name())
             .bind(name.digest.to_string())
@@ -183,7 +183,7 @@ pub(super) async fn objects(
 ) -> Result<Vec<ObjectName>, StoreError> {
     let rows = connection
         .query("SELECT kind, digest FROM layer_objects WHERE case_id = $1 AND layer_id = $2 ORDER BY kind")
-        .bind(case.to_string())
+        .bind(case.key())
         .bind(layer.to_string())
         .fetch_all()
         .await?;
@@ -198,7 +198,7 @@ pub(super) async fn abandon_all(
 ) -> Result<(), StoreError> {
     let rows = connection
         .query("SELECT kind, digest FROM layer_objects WHERE case_id = $1")
-        .bind(case.to_string())
+        .bind(case.key())
         .fetch_all()
         .await?;
     let names = rows.iter().map(pins::read_name);
@@ -211,7 +211,7 @@ pub(super) async fn of_case(
 ) -> Result<Vec<Layer>, StoreError> {
     let rows = connection
         .query(select_layer!("WHERE case_id = $1 ORDER BY place, id"))
-        .bind(case.to_string())
+        .bind(case.key())
         .fetch_all()
         .await?;
     rows.iter().map(read).collect()
@@ -235,7 +235,7 @@ pub(super) async fn change(
         connection
             .query("UPDATE layers SET name = $1 WHERE case_id = $2 AND id = $3")
             .bind(name)
-            .bind(case.to_string())
+            .bind(case.key())
             .bind(layer.to_string())
             .execute()
             .await?;
@@ -248,7 +248,7 @@ pub(super) async fn change(
         connection
             .query("UPDATE layers SET parameters = $1 WHERE case_id = $2 AND id = $3")
             .bind(serde_json::to_string(&parameters)?)
-            .bind(case.to_string())
+            .bind(case.key())
             .bind(layer.to_string())
             .execute()
             .await?;
@@ -261,7 +261,7 @@ pub(super) async fn change(
             connection
                 .query("UPDATE layers SET place = $1 WHERE case_id = $2 AND id = $3")
                 .bind(place)
-                .bind(case.to_string())
+                .bind(case.key())
                 .bind(id.to_string())
                 .execute()
                 .await?;
@@ -281,7 +281,7 @@ pub(super) async fn delete(
     jobs::remove(connection, &layer_key(case, layer)).await?;
     let deleted = connection
         .query("DELETE FROM layers WHERE case_id = $1 AND id = $2")
-        .bind(case.to_string())
+        .bind(case.key())
         .bind(layer.to_string())
         .execute()
         .await?;
@@ -300,7 +300,7 @@ pub(super) async fn make_ready(
         )
         .bind(&facts)
         .bind(upkeep::digest(&facts))
-        .bind(case.to_string())
+        .bind(case.key())
         .bind(layer.to_string())
         .execute()
         .await?;
@@ -316,7 +316,7 @@ pub(super) async fn make_failed(
 ) -> Result<(), StoreError> {
     let needed = objects(connection, case, layer).await?;
     pins::abandon(connection, needed, now).await?;
-    let [case, layer] = [case.to_string(), layer.to_string()];
+    let [case, layer] = [case.key(), layer.to_string()];
     connection
         .query("DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2")
         .bind(&*case)
@@ -380,7 +380,7 @@ pub(super) async fn adopt(
              ON CONFLICT (case_id, id) DO UPDATE SET state = excluded.state, failure = excluded.failure,
                                                      facts = excluded.facts, facts_digest = excluded.facts_digest",
         )
-        .bind(layer.case.to_string())
+        .bind(layer.case.key())
         .bind(layer.id.to_string())
         .bind(name.unwrap_or_default())
         .bind(serde_json::to_string(&layer.parameters)?)
@@ -417,13 +417,13 @@ pub(super) async fn forget_facts(
     pins::abandon(connection, maps, now).await?;
     connection
         .query("DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2 AND kind = 'maps'")
-        .bind(case.to_string())
+        .bind(case.key())
         .bind(layer.to_string())
         .execute()
         .await?;
     connection
         .query("UPDATE layers SET facts = NULL, facts_digest = NULL WHERE case_id = $1 AND id = $2")
-        .bind(case.to_string())
+        .bind(case.key())
         .bind(layer.to_string())
         .execute()
         .await?;
@@ -434,7 +434,7 @@ fn read(row: &Row) -> Result<Layer, StoreError> {
     let unreadable =
         |what: &str| StoreError::Rows(format!("a layer's row has an unknown {what}").into());
     let [case, id]: [String; 2] = [row.get("case_id")?, row.get("id")?];
-    let case = CaseId::parse(&case).ok_or_else(|| unreadable("case"))?;
+    let case = CaseId::from_key(&case).ok_or_else(|| unreadable("case"))?;
     let id = LayerId::parse(&id).ok_or_else(|| unreadable("id"))?;
     let facts: Option<String> = row.get("facts")?;
     let digest: Option<String> = row.get("facts_digest")?;

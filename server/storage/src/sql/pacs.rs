@@ -13,7 +13,7 @@ use crate::arrivals::{
 use crate::jobs::{Claim, NewJob};
 use crate::rows::{DueSeries, Known, Pinned, Referred, RowCounts};
 use crate::{ForPacs, ObjectName, Store, StoreError};
-use case::{CaseId, Failure, JobKind, ObjectKind};
+use case::{CaseId, Failure, JobKind, ObjectKind, Project};
 
 /// How long to remember what rejection notes have withdrawn: a PACS that sends the images again does so within days, and
 /// UIDs should not stay for ever.
@@ -66,7 +66,7 @@ impl Store {
         }
         let mut received = Received::default();
         for instance in instances {
-            match arrivals::add(&mut transaction, instance, source, now).await? {
+            match arrivals::add(&mut transaction, (instance, self.project()), source, now).await? {
                 arrivals::Added::New => received.new += 1,
                 arrivals::Added::FirstReplaced(id) => received.corrected.push(id),
                 arrivals::Added::Known | arrivals::Added::Replaced => {}
@@ -84,7 +84,7 @@ impl Store {
         let mut connection = self.rows().connect().await?;
         let mut known = Vec::with_capacity(instances.len());
         for instance in instances {
-            known.push(arrivals::known(&mut connection, instance).await?);
+            known.push(arrivals::known(&mut connection, self.project(), instance).await?);
         }
         Ok(known)
     }
@@ -101,7 +101,8 @@ impl Store {
         reason: &Failure,
     ) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        arrivals::ignore(&mut transaction, (uids, source), reason, now).await?;
+        let of = (uids, source, self.project());
+        arrivals::ignore(&mut transaction, of, reason, now).await?;
         transaction.commit().await
     }
 
@@ -122,10 +123,10 @@ impl Store {
             arrivals::reject_case(&mut transaction, case).await?;
         }
         for (uids, instances) in &rejection.series {
-            let of = (uids, source);
+            let of = (uids, source, self.project());
             arrivals::reject(&mut transaction, of, instances, reason, now).await?;
             if !rejection.may_return {
-                arrivals::withdraw(&mut transaction, instances, now).await?;
+                arrivals::withdraw(&mut transaction, self.project(), instances, now).await?;
             }
         }
         transaction.commit().await?;
@@ -218,28 +219,28 @@ impl Store {
     /// If the rows cannot be written.
     pub async fn withdraw(&self, instances: &[Uid]) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        arrivals::withdraw(&mut transaction, instances, now).await?;
+        arrivals::withdraw(&mut transaction, self.project(), instances, now).await?;
         transaction.commit().await
     }
 
     /// At most `limit` withdrawn instances after one, by UID, and when each was withdrawn.
     pub(crate) async fn withdrawn(
         &self,
-        after: Option<&Uid>,
+        after: Option<&(Uid, Project)>,
         limit: usize,
-    ) -> Result<Vec<(Uid, Timestamp)>, StoreError> {
+    ) -> Result<Vec<(Uid, Project, Timestamp)>, StoreError> {
         arrivals::withdrawn(&mut self.rows().connect().await?, after, limit).await
     }
 
     /// Notes that instances were withdrawn at these times in another store.
     pub(crate) async fn adopt_withdrawn(
         &self,
-        withdrawn: &[(Uid, Timestamp)],
+        withdrawn: &[(Uid, Project, Timestamp)],
     ) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
-        for (instance, at) in withdrawn {
+        for (instance, project, at) in withdrawn {
             let instance = std::slice::from_ref(instance);
-            arrivals::withdraw(&mut transaction, instance, at.as_microsecond()).await?;
+            arrivals::withdraw(&mut transaction, *project, instance, at.as_microsecond()).await?;
         }
         transaction.commit().await
     }
@@ -252,7 +253,7 @@ impl Store {
         let mut connection = self.rows().connect().await?;
         let mut are = Vec::with_capacity(instances.len());
         for instance in instances {
-            are.push(arrivals::is_withdrawn(&mut connection, instance).await?);
+            are.push(arrivals::is_withdrawn(&mut connection, self.scope(), instance).await?);
         }
         Ok(are)
     }
@@ -277,11 +278,11 @@ impl Store {
     /// Forgets the images of a series that are not among these.
     pub(crate) async fn keep_images(
         &self,
-        uids: &SeriesUids,
+        series: (&SeriesUids, Project),
         kept: &[(Uid, ObjectName)],
     ) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        arrivals::keep(&mut transaction, uids, kept, now).await?;
+        arrivals::keep(&mut transaction, series, kept, now).await?;
         transaction.commit().await
     }
 
@@ -291,7 +292,7 @@ impl Store {
     /// If the rows cannot be read or written.
     pub async fn expect(&self, uids: &SeriesUids, instances: usize) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
-        arrivals::expect(&mut transaction, uids, instances).await?;
+        arrivals::expect(&mut transaction, (uids, self.project()), instances).await?;
         transaction.commit().await
     }
 
@@ -315,6 +316,7 @@ impl Store {
         after: Option<&ArrivalCursor>,
         limit: usize,
     ) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError> {
+        let query = (self.scope(), query);
         arrivals::page(&mut self.rows().connect().await?, query, after, limit).await
     }
 
@@ -323,7 +325,8 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn arrival(&self, id: &str) -> Result<Option<Arrival>, StoreError> {
-        arrivals::one(&mut self.rows().connect().await?, id).await
+        let arrival = arrivals::one(&mut self.rows().connect().await?, id).await?;
+        Ok(arrival.filter(|arrival| self.covers(arrival.project)))
     }
 
     /// The series that came and that a request names.
@@ -331,7 +334,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn arrivals_of(&self, query: &SeriesQuery) -> Result<Vec<Arrival>, StoreError> {
-        arrivals::of(&mut self.rows().connect().await?, query).await
+        arrivals::of(&mut self.rows().connect().await?, (self.scope(), query)).await
     }
 
     /// The images of a series that are here, by their UIDs.
@@ -339,7 +342,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
-        arrivals::images_of(&mut self.rows().connect().await?, uids).await
+        arrivals::images_of(&mut self.rows().connect().await?, uids, self.scope()).await
     }
 
     /// How many cases, series, results and jobs are in which state, and how long jobs have waited, for metrics.
@@ -399,7 +402,13 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn studies(&self, offset: usize, limit: usize) -> Result<Vec<Uid>, StoreError> {
-        arrivals::studies(&mut self.rows().connect().await?, offset, limit).await
+        arrivals::studies(
+            &mut self.rows().connect().await?,
+            self.scope(),
+            offset,
+            limit,
+        )
+        .await
     }
 
     /// Enters the series of a case into the index; nothing if there is no such case.
@@ -432,6 +441,6 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn cases_of(&self, query: &SeriesQuery) -> Result<Vec<CaseSeries>, StoreError> {
-        arrivals::cases_of(&mut self.rows().connect().await?, query).await
+        arrivals::cases_of(&mut self.rows().connect().await?, (self.scope(), query)).await
     }
 }

@@ -33,7 +33,7 @@ impl Store {
         pinned: &Pinned,
     ) -> Result<bool, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        if !transaction.has_case(&result.case.to_string()).await?
+        if !transaction.has_case(&result.case.key()).await?
             || !pins::consume(&mut transaction, pinned).await?
         {
             return Ok(false);
@@ -53,6 +53,7 @@ impl Store {
         after: Option<&ArrivalCursor>,
         limit: usize,
     ) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError> {
+        let query = (self.scope(), query);
         results::page(&mut self.rows().connect().await?, query, after, limit).await
     }
 
@@ -61,7 +62,8 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn result(&self, id: &str) -> Result<Option<SentResult>, StoreError> {
-        results::one(&mut self.rows().connect().await?, id).await
+        let result = results::one(&mut self.rows().connect().await?, id).await?;
+        Ok(result.filter(|result| self.covers(result.case.project())))
     }
 
     /// The object of a result that was queued before, for any node.
@@ -69,7 +71,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn object_of_result(&self, instance: &Uid) -> Result<Option<ObjectName>, StoreError> {
-        results::of_instance(&mut self.rows().connect().await?, instance).await
+        results::of_instance(&mut self.rows().connect().await?, self.scope(), instance).await
     }
 
     /// The results of a study, each once, in the order of their series. With `with_invalid`, also those that were
@@ -83,6 +85,6 @@ impl Store {
         with_invalid: bool,
     ) -> Result<Vec<HeldResult>, StoreError> {
         let mut connection = self.rows().connect().await?;
-        results::of_study(&mut connection, study, with_invalid).await
+        results::of_study(&mut connection, self.scope(), study, with_invalid).await
     }
 }

@@ -1,13 +1,13 @@
 //! Results that are sent to a node.
 
-use super::arrivals::{count, read_time, unreadable};
+use super::arrivals::{count, name_of, read_time, unreadable};
 use super::connection::{Connection, Row};
 use super::{jobs, pins};
 use crate::arrivals::{ArrivalCursor, TransferQuery, Uid};
 use crate::jobs::{Job, NewJob};
 use crate::results::{HeldResult, NewResult, ResultSeries, SentResult, object};
 use crate::{ObjectName, StoreError};
-use case::{CaseId, JobKind, JobState};
+use case::{CaseId, JobKind, JobState, Project};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_result {
@@ -50,12 +50,12 @@ async fn insert(
     connection
         .query(
             "INSERT INTO results (id, case_id, node, study_uid, sop_instance_uid, digest, created_at,
-                                  sop_class_uid, series_uid, series_number, series_description)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11)
-             ON CONFLICT (sop_instance_uid, node) DO NOTHING",
+                                  sop_class_uid, series_uid, series_number, series_description, project)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12)
+             ON CONFLICT (sop_instance_uid, node, project) DO NOTHING",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
-        .bind(new.case.to_string())
+        .bind(new.case.key())
         .bind(&new.node)
         .bind(new.study.as_str())
         .bind(new.instance.as_str())
@@ -65,12 +65,14 @@ async fn insert(
         .bind(new.series.series_uid.as_str())
         .bind(i64::from(new.series.number))
         .bind(&new.series.description)
+        .bind(new.case.project().name())
         .execute()
         .await?;
     let row = connection
-        .query("SELECT id FROM results WHERE sop_instance_uid = $1 AND node = $2")
+        .query("SELECT id FROM results WHERE sop_instance_uid = $1 AND node = $2 AND project = $3")
         .bind(new.instance.as_str())
         .bind(&new.node)
+        .bind(new.case.project().name())
         .fetch_one()
         .await?;
     row.get("id")
@@ -107,7 +109,7 @@ pub(super) async fn adopt(
 
 pub(super) async fn page(
     connection: &mut Connection,
-    query: &TransferQuery,
+    (scope, query): (Option<Project>, &TransferQuery),
     after: Option<&ArrivalCursor>,
     limit: usize,
 ) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError> {
@@ -118,16 +120,17 @@ pub(super) async fn page(
     let rows = connection
         .query(
             "SELECT id FROM results
-             WHERE (created_at, id) < ($1, $2) AND coalesce($3, case_id) = case_id
+             WHERE (created_at, id) < ($1, $2) AND coalesce($3, case_id) = case_id AND coalesce($6, project) = project
                AND ($4 IS NULL OR $4 = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
                                                  ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done'))
              ORDER BY created_at DESC, id DESC LIMIT $5",
         )
         .bind(at)
         .bind(id)
-        .bind(query.case.map(|case| case.to_string()))
+        .bind(query.case.map(|case| case.key()))
         .bind(query.state.map(JobState::name))
         .bind(count(limit.saturating_add(1)))
+        .bind(name_of(scope))
         .fetch_all()
         .await?;
     let mut results = Vec::with_capacity(rows.len());
@@ -163,11 +166,16 @@ pub(super) async fn one(
 /// Results for different nodes share one object.
 pub(super) async fn of_instance(
     connection: &mut Connection,
+    scope: Option<Project>,
     instance: &Uid,
 ) -> Result<Option<ObjectName>, StoreError> {
     let row = connection
-        .query("SELECT digest FROM results WHERE sop_instance_uid = $1 ORDER BY created_at, id LIMIT 1")
+        .query(
+            "SELECT digest FROM results WHERE sop_instance_uid = $1 AND coalesce($2, project) = project
+             ORDER BY created_at, id LIMIT 1",
+        )
         .bind(instance.as_str())
+        .bind(name_of(scope))
         .fetch_optional()
         .await?;
     row.as_ref().map(read_object).transpose()
@@ -176,19 +184,21 @@ pub(super) async fn of_instance(
 /// A result that was sent to several nodes is there once.
 pub(super) async fn of_study(
     connection: &mut Connection,
+    scope: Option<Project>,
     study: &Uid,
     with_invalid: bool,
 ) -> Result<Vec<HeldResult>, StoreError> {
     let rows = connection
         .query(
             "SELECT case_id, sop_instance_uid, sop_class_uid, series_uid, series_number, series_description, digest FROM results
-             WHERE study_uid = $1
-               AND ($2 = 1 OR sop_instance_uid NOT IN (SELECT sop_instance_uid FROM rejections)
+             WHERE study_uid = $1 AND coalesce($3, project) = project
+               AND ($2 = 1 OR (sop_instance_uid, project) NOT IN (SELECT sop_instance_uid, project FROM rejections)
                               AND case_id NOT IN (SELECT case_id FROM case_series WHERE superseded IN (1, 2)))
              ORDER BY series_number, sop_instance_uid, created_at, id",
         )
         .bind(study.as_str())
         .bind(i64::from(with_invalid))
+        .bind(name_of(scope))
         .fetch_all()
         .await?;
     let mut held = rows.iter().map(read_held).collect::<Result<Vec<_>, _>>()?;
@@ -251,7 +261,7 @@ pub(super) async fn abandon_of_case(
 ) -> Result<(), StoreError> {
     let rows = connection
         .query("SELECT digest FROM results WHERE case_id = $1")
-        .bind(case.to_string())
+        .bind(case.key())
         .fetch_all()
         .await?;
     abandon(connection, &rows, now).await
@@ -270,7 +280,7 @@ fn read_object(row: &Row) -> Result<ObjectName, StoreError> {
 
 fn read_case(row: &Row) -> Result<CaseId, StoreError> {
     let case: String = row.get("case_id")?;
-    CaseId::parse(&case).ok_or_else(|| unreadable("case"))
+    CaseId::from_key(&case).ok_or_else(|| unreadable("case"))
 }
 
 fn read(row: &Row, job: Option<Job>) -> Result<SentResult, StoreError> {

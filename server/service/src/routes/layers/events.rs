@@ -12,7 +12,7 @@ use storage::Watch;
 
 use super::{LayerView, layer_of};
 use crate::routes::events::stream_of;
-use crate::state::EventStreams;
+use crate::state::{EventStreams, InProject};
 use http_support::listen::ClientAddress;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
@@ -34,7 +34,7 @@ use http_support::query::{ApiQuery, CasePath, NoQuery};
     )
 )]
 pub async fn get_layer_events(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     State(streams): State<EventStreams>,
     ClientAddress(client): ClientAddress,
     CasePath(id): CasePath,

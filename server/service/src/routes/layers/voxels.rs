@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::state::InProject;
 use axum::extract::{RawPathParams, State};
 use axum::http::{HeaderMap, header};
 use axum::response::Response;
@@ -68,7 +69,7 @@ fn variant(layer: &ChosenLayer) -> String {
     )
 )]
 pub async fn get_layer_volume(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     path: RawPathParams,
@@ -136,7 +137,7 @@ pub async fn get_layer_volume(
     )
 )]
 pub async fn get_layer_nifti(
-    State(cases): State<Cases>,
+    InProject(cases): InProject,
     CasePath(id): CasePath,
     path: RawPathParams,
     ApiQuery { asked: query, .. }: ApiQuery<NoQuery>,
