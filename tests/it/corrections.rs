@@ -642,18 +642,18 @@ async fn findings_and_layers_do_not_follow_images_that_lie_elsewhere() {
     let layers = async |case: &str| {
         let layers = server.get(&format!("{case}/layers")).await.json();
         let layers = layers["layers"].as_array().unwrap().clone();
-        // Beside the maps. A report needs all of them.
-        let are_ready = layers.iter().all(|layer| layer["state"] == "ready");
-        let flairs = layers.iter();
-        let flairs = flairs.filter(|layer| layer["name"].as_str().unwrap().starts_with("FLAIR"));
-        are_ready.then(|| flairs.count())
+        // Beside the maps.
+        let flairs = layers
+            .iter()
+            .filter(|layer| layer["name"].as_str().unwrap().starts_with("FLAIR"));
+        flairs.filter(|layer| layer["state"] == "ready").count()
     };
     assert_eq!(
         neighbour.store(&identified(&flair_slices(0))).await.status,
         200
     );
     until("the layer comes", async || {
-        (layers(&wrong).await == Some(1)).then_some(())
+        (layers(&wrong).await == 1).then_some(())
     })
     .await;
     // The same voxels elsewhere are another matter.
@@ -701,12 +701,17 @@ async fn findings_and_layers_do_not_follow_images_that_lie_elsewhere() {
     assert_eq!(superseded(server, &elsewhere).await, Value::Null);
     // The series that was a layer is placed again, in the corrected images.
     until("the layer comes again", async || {
-        (layers(&right).await == Some(1)).then_some(())
+        (layers(&right).await == 1).then_some(())
     })
     .await;
     for (case, words) in [(&wrong, "MOVED:"), (&right, "CORRECTED:")] {
         crate::maps::until_maps(server, case).await;
-        let report = server.get(&format!("{case}/report")).await;
+        // It waits for the map of the FLAIR, too.
+        let report = until("the report comes", async || {
+            let report = server.get(&format!("{case}/report")).await;
+            (report.status == 200).then_some(report)
+        })
+        .await;
         let report = String::from_utf8_lossy(&report.body).into_owned();
         let doubts = report.split("class=\"doubt\"").nth(1).unwrap_or(&report);
         assert!(

@@ -280,7 +280,14 @@ fn a_configuration_is_checked_without_starting_anything() {
     let config = written(folder.path(), "good.toml", &good);
     let (status, said) = run(&["check-config", "--config", &config]);
     assert_eq!(status, Some(0), "{said}");
-    for words in ["is valid", "`archive`", "11112", "nobody may send", &data] {
+    let not_there = format!("{data}, which does not exist yet");
+    for words in [
+        "is valid",
+        "`archive`",
+        "11112",
+        "nobody may send",
+        &not_there,
+    ] {
         assert!(said.contains(words), "{words}: {said}");
     }
     assert!(!Path::new(&data).exists());
@@ -298,12 +305,19 @@ fn a_configuration_is_checked_without_starting_anything() {
         ("[http]\nmax_uplods = 1", "max_uplods"),
         ("[render]\nthreads = 0", "render.threads"),
         ("[audit]\nfolder = \"/nowhere\"", "`audit.folder`"),
+        ("[pacs]\ntime_zone = \"Mars/Phobos\"", "`pacs.time_zone`"),
     ] {
         let config = written(folder.path(), "bad.toml", text);
         let (status, said) = run(&["check-config", "--config", &config]);
         assert_eq!(status, Some(78), "{text}: {said}");
         assert!(said.contains(words), "{text}: {said}");
     }
+    // Who reads the log as JSON reads this error, too.
+    let config = written(folder.path(), "bad.toml", "[http");
+    let (status, said) = run(&["serve", "--log-format", "json", "--config", &config]);
+    assert_eq!(status, Some(78), "{said}");
+    let line: serde_json::Value = serde_json::from_str(said.trim()).unwrap();
+    assert_eq!(line["level"], "ERROR", "{said}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

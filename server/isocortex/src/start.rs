@@ -44,6 +44,7 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     let location = config.cases()?.location;
     let nodes = config.pacs.nodes()?;
     let dimse = config.pacs.dimse()?;
+    config.pacs.time_zone()?;
     config.check_audit()?;
     config.tls()?;
     let mut checked = Checked::default();
@@ -66,7 +67,10 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     let database = location.database.map(|database| database.to_string());
     let objects = location.objects.map(|objects| objects.to_string());
     let place = location.folder.display();
-    say(format!("the store is in {place}"));
+    say(match location.folder.is_dir() {
+        true => format!("the store is in {place}"),
+        false => format!("the store will be in {place}, which does not exist yet"),
+    });
     say(match location.keys.current() {
         Some(key) => format!("its objects are encrypted with the key {key}"),
         None => "its objects are not encrypted (`storage.key_file`)".to_owned(),

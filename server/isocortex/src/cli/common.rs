@@ -10,7 +10,7 @@ use storage::environment::variable;
 use super::choices;
 use super::status::CliError;
 use crate::config::{Config, Secret, keys};
-use crate::logs::LogFormat;
+use crate::logs::{self, LogFormat};
 
 /// The keys of the store.
 #[derive(Debug, Clone, Default, Args)]
@@ -113,7 +113,12 @@ pub(super) struct CommonArgs {
 impl CommonArgs {
     /// The configuration from file, environment and command line.
     pub(super) fn config(&self) -> Result<Config, CliError> {
-        let mut config = self.store.config()?;
+        let mut config = self.store.config().inspect_err(|_| {
+            if let Some(format) = self.log_format {
+                // The error is a line of the log, too.
+                logs::start(format, "info");
+            }
+        })?;
         set_some(&mut config.storage.keep_days, self.keep_days.as_ref());
         set(&mut config.prepare.workers, self.workers.as_ref());
         set_some(&mut config.prepare.network, self.network.as_ref());
