@@ -70,7 +70,7 @@ pub(crate) fn head_slices() -> Vec<Slice> {
         .collect()
 }
 
-fn zipped(files: &[Vec<u8>]) -> Vec<u8> {
+pub(crate) fn zipped(files: &[Vec<u8>]) -> Vec<u8> {
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
     let deflated =
         SimpleFileOptions::default().compression_method(zip::CompressionMethod::Deflated);

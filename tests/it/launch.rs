@@ -4,9 +4,10 @@ use axum::body::Body;
 use axum::http::Request;
 use serde_json::{Value, json};
 
-use crate::dicom::head_slices;
+use crate::dicom::{head_slices, zipped};
 use crate::pacs::{Neighbour, with_texts};
 use crate::series_builder::Slice;
+use crate::server::{form, form_type};
 use crate::until::until;
 
 /// What differs between series of the same head.
@@ -398,4 +399,186 @@ async fn a_study_of_two_patients_gives_no_picture_and_is_listed_for_each() {
         .await
         .json();
     assert_eq!(metadata[0]["00100020"]["Value"][0], "PAT-B");
+}
+
+/// Uploads the files of a series as a case, as a user does with an old export; its id, once it is ready.
+async fn uploaded(neighbour: &Neighbour, series: &Series<'_>) -> String {
+    let answer = neighbour
+        .server
+        .upload(&[("volume", &zipped(&series.files()))])
+        .await;
+    assert_eq!(answer.status, 202, "{answer:?}");
+    let case = answer.json()["id"].as_str().unwrap().to_owned();
+    neighbour
+        .server
+        .until_ready(&format!("/v1/cases/{case}"))
+        .await;
+    case
+}
+
+#[tokio::test]
+async fn an_upload_with_the_uids_of_another_patient_opens_in_the_place_of_nothing() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    // Whichever comes first.
+    for (study, uid, is_upload_first) in
+        [("1.2.80", "1.2.80.1", false), ("1.2.81", "1.2.81.1", true)]
+    {
+        let right = Series {
+            study,
+            uid,
+            texts: &[
+                ([0x08, 0x20], "DA", "20261101"),
+                ([0x10, 0x20], "LO", "P-100"),
+            ],
+        };
+        let wrong = Series {
+            texts: &[
+                ([0x08, 0x20], "DA", "20261101"),
+                ([0x10, 0x20], "LO", "P-999"),
+            ],
+            ..right
+        };
+        let (case, upload) = match is_upload_first {
+            true => {
+                let upload = uploaded(&neighbour, &wrong).await;
+                // While it is received, nobody knows what it will be.
+                assert_eq!(neighbour.store(&right.files()[..1]).await.status, 200);
+                let early = launched(&neighbour, &format!("study={study}")).await;
+                assert_eq!(
+                    (&early["state"], &early["case"]),
+                    (&json!("choice"), &Value::Null)
+                );
+                (right.becomes(&neighbour).await, upload)
+            }
+            false => {
+                let case = right.becomes(&neighbour).await;
+                (case, uploaded(&neighbour, &wrong).await)
+            }
+        };
+        for query in [
+            format!("study={study}"),
+            format!("study={study}&series={uid}"),
+        ] {
+            let choice = launched(&neighbour, &query).await;
+            assert_eq!(
+                (&choice["state"], &choice["case"]),
+                (&json!("choice"), &Value::Null)
+            );
+            assert_eq!(
+                choice["candidates"].as_array().unwrap().len(),
+                2,
+                "{choice}"
+            );
+        }
+        for (patient, case) in [("P-100", &case), ("P-999", &upload)] {
+            let query = format!("study={study}&patientID={patient}");
+            let found = launched(&neighbour, &query).await;
+            assert_eq!(
+                (&found["state"], &found["case"]),
+                (&json!("ready"), &json!(case))
+            );
+        }
+        let keys = "rendered3D?depth_mm=5&viewport=64,48";
+        for of in ["", &format!("/series/{uid}")] {
+            let refused = server
+                .get(&format!("/dicomweb/studies/{study}{of}/{keys}"))
+                .await;
+            let found = (refused.status.as_u16(), refused.problem());
+            assert_eq!(found, (409, "several-patients".to_owned()), "{of}");
+        }
+        let rows = server
+            .get(&format!("/dicomweb/studies?StudyInstanceUID={study}"))
+            .await;
+        let rows = rows.json();
+        let row = |row: &Value| {
+            let value = |tag: &str| row[tag]["Value"][0].clone();
+            (value("00100020"), value("00080020"), value("00201206"))
+        };
+        let rows: Vec<_> = rows.as_array().unwrap().iter().map(row).collect();
+        let of = |patient: &str| (json!(patient), json!("20261101"), json!(1));
+        assert_eq!(rows, [of("P-100"), of("P-999")]);
+    }
+}
+
+#[tokio::test]
+async fn of_one_patient_the_images_from_the_pacs_come_before_an_upload() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let texts = &[([0x10, 0x20], "LO", "P-100")];
+    let sent = Series {
+        study: "1.2.82",
+        uid: "1.2.82.1",
+        texts,
+    };
+    let case = sent.becomes(&neighbour).await;
+    // The export has other images.
+    let mut fewer = sent.files();
+    fewer.pop();
+    let answer = neighbour
+        .server
+        .upload(&[("volume", &zipped(&fewer))])
+        .await;
+    assert_eq!(answer.status, 202, "{answer:?}");
+    let upload = answer.json()["id"].as_str().unwrap().to_owned();
+    let address = format!("/v1/cases/{upload}");
+    neighbour.server.until_ready(&address).await;
+    assert_ne!(case, upload);
+    let found = launched(&neighbour, "study=1.2.82").await;
+    assert_eq!(
+        (&found["state"], &found["case"]),
+        (&json!("ready"), &json!(case))
+    );
+}
+
+#[tokio::test]
+async fn files_of_another_patient_are_no_layer() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let head = Series {
+        study: "1.2.83",
+        uid: "1.2.83.1",
+        texts: &[([0x10, 0x20], "LO", "P-100")],
+    };
+    let case = head.becomes(&neighbour).await;
+    let files = |uid: &str, patient: &str| {
+        let texts = &[
+            ([0x10, 0x20], "LO", patient),
+            ([0x08, 0x103E], "LO", "FLAIR"),
+        ];
+        let study = head.study;
+        Series { study, uid, texts }.files()
+    };
+    let add = async |uid, patient| {
+        let archive = zipped(&files(uid, patient));
+        let request = Request::post(format!("/v1/cases/{case}/layers"))
+            .header("content-type", form_type())
+            .body(Body::from(form(&[("volume", &archive)])));
+        server.send(request.unwrap()).await
+    };
+    let refused = add("1.2.83.2", "P-999").await;
+    assert_eq!(
+        (refused.status.as_u16(), refused.problem()),
+        (422, "layer-of-another-patient".to_owned())
+    );
+    assert!(!String::from_utf8_lossy(&refused.body).contains("P-999"));
+    assert_eq!(add("1.2.83.3", "P-100").await.status, 202);
+    // A series that arrives is refused for the same reason, also if somebody takes it as a layer.
+    let arrived = files("1.2.83.4", "P-999");
+    assert_eq!(neighbour.store(&arrived).await.status, 200);
+    let nothing = async |name: &str| {
+        until("the series becomes nothing", async || {
+            let arrival = arrival(&neighbour, "1.2.83.4").await;
+            (arrival["reason"]["name"] == *name).then_some(arrival)
+        })
+        .await
+    };
+    let found = nothing("series-not-t1").await;
+    let detail = "the case of its study is of another patient";
+    let says = |found: &Value| found["reason"]["detail"].as_str().unwrap().contains(detail);
+    assert!(says(&found), "{found}");
+    let take = Request::post(format!("/v1/arrivals/{}", found["id"].as_str().unwrap()));
+    let take = take.body(Body::from(r#"{"as": "layer"}"#)).unwrap();
+    assert_eq!(server.send(take).await.status, 202);
+    let found = nothing("no-case-of-study").await;
+    assert!(says(&found), "{found}");
 }

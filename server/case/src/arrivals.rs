@@ -394,6 +394,8 @@ pub struct CaseSeries {
     pub accession_number: Option<AccessionNumber>,
     /// Why it is not the one that counts any more, if so.
     pub superseded: Option<Superseded>,
+    /// Whether a PACS has sent the images; otherwise they were uploaded.
+    pub is_received: bool,
 }
 
 impl CaseSeries {

@@ -67,6 +67,14 @@ pub fn parameters_of(
     Ok(parameters)
 }
 
+/// A picture of the case with the layer would show one patient under the name of another.
+fn of_another_patient() -> Failure {
+    Failure::unusable(
+        "layer-of-another-patient",
+        "the volume is of another patient than the case, according to patient id, issuer and date of birth; add it to a case of its own patient",
+    )
+}
+
 impl Cases {
     /// Checks a layer and queues it. One that is there already is answered as it is.
     ///
@@ -96,6 +104,9 @@ impl Cases {
         let (files, choice) = self
             .read_upload(new.volume, None, &new.options, is_identity_removed)
             .await?;
+        if self.is_of_another(&files, &new.case).await? {
+            return Err(of_another_patient().into());
+        }
         let has_options = new.options.series.is_some() || new.options.allow_gaps;
         if choice.is_none() && has_options {
             return Err(Error::Parameter {

@@ -145,12 +145,11 @@ impl HeldStudy {
             .await?;
         // Those of a wrong patient are not shown at all.
         cases.retain(|case| !case.is_superseded());
+        // The newest case of a series has all of its images; an upload may not be what the PACS has sent.
+        cases.sort_by_key(|case| !case.is_received);
         let mut studies: Vec<Self> = Vec::new();
-        let mut seen = HashSet::new();
         for case in cases {
-            // The newest case of a series has all of its images.
-            let is_newest = seen.insert(case.uids.series.clone());
-            Self::add_source(&mut studies, pacs, case, is_newest).await?;
+            Self::add_source(&mut studies, pacs, case).await?;
         }
         for result in store.results_of(uid, false).await? {
             // A case from NIfTI has no series of the study.
@@ -176,12 +175,11 @@ impl HeldStudy {
         }
     }
 
-    /// Adds the series of a case to the study of its patient; nothing but the case if a newer one has the series.
+    /// Adds the series of a case to the study of its patient; nothing but the case if that has the series.
     async fn add_source(
         studies: &mut Vec<Self>,
         pacs: &Pacs,
         case: CaseSeries,
-        is_newest: bool,
     ) -> Result<(), AppError> {
         let store = pacs.cases().store();
         let uid = case.uids.series.clone();
@@ -198,13 +196,6 @@ impl HeldStudy {
         let stored = store.source_dicom(&case.case).await.ok().flatten();
         let stored = stored.and_then(|stored| pipeline::attributes(&stored).ok());
         let patient = (stored.as_ref()).map(|stored| Patient::of(|keyword| stored.value(keyword)));
-        if let (Some(attributes), true) = (stored, is_newest) {
-            let held = store.case(&case.case).await?;
-            let facts = held.and_then(|case| case.facts);
-            let objects = kept(pacs, &case.uids).await?;
-            series.read(&attributes, &mut of_study);
-            series.list(&attributes, facts.as_ref(), &objects);
-        }
         // Of damaged attributes nobody knows whose they are.
         let is_same = |study: &&mut Self| match (&study.patient, &patient) {
             (Some(one), Some(other)) => one == other,
@@ -213,16 +204,28 @@ impl HeldStudy {
         let study = match studies.iter_mut().find(is_same) {
             Some(study) => study,
             None => {
-                studies.push(Self::empty(case.uids.study));
+                studies.push(Self::empty(case.uids.study.clone()));
                 studies.last_mut().expect("one was added")
             }
         };
+        let is_new = !study.series.iter().any(|known| known.uid == series.uid);
+        if let (Some(attributes), true) = (stored, is_new || study.patient.is_none()) {
+            let held = store.case(&case.case).await?;
+            let facts = held.and_then(|case| case.facts);
+            // Images that the PACS has sent are not those of an upload, even if they have the same UIDs.
+            let objects = match case.is_received {
+                true => kept(pacs, &case.uids).await?,
+                false => HashMap::new(),
+            };
+            series.read(&attributes, &mut of_study);
+            series.list(&attributes, facts.as_ref(), &objects);
+        }
         if study.patient.is_none() {
             study.values.extend(&of_study);
             study.patient = patient;
         }
         study.cases.push(case.case);
-        if is_newest {
+        if is_new {
             study.series.push(series);
         }
         Ok(())

@@ -147,10 +147,11 @@ struct Asked {
 impl Asked {
     fn parse(query: &str) -> Result<Self, AppError> {
         let query = query.trim_start_matches('?');
-        let pairs: Vec<(String, String)> = form_urlencoded::parse(query.as_bytes())
+        let parse = || form_urlencoded::parse(query.as_bytes());
+        refuse_empty(parse())?;
+        let pairs: Vec<(String, String)> = parse()
             .map(|(key, value)| (key.to_ascii_lowercase(), value.into_owned()))
             .collect();
-        refuse_empty(&pairs)?;
         let all = |keys: &[&str]| -> Vec<String> {
             let found = pairs.iter().filter(|(key, _)| keys.contains(&key.as_str()));
             let values = found.flat_map(|(_, value)| value.split(','));
@@ -255,18 +256,23 @@ impl Asked {
 }
 
 /// Refuses a known key without a value: it was meant to narrow the search, and whoever filled in the address did not know the value.
-fn refuse_empty(pairs: &[(String, String)]) -> Result<(), AppError> {
+fn refuse_empty(pairs: form_urlencoded::Parse<'_>) -> Result<(), AppError> {
     let known = [&OF_STUDY[..], &OF_SERIES, &OF_ISSUER, &FURTHER].concat();
-    for (key, value) in pairs.iter().filter(|(key, _)| known.contains(&&**key)) {
-        // An issuer without an id names nobody either.
-        let is_empty = match key.as_str() {
-            "patientid" => patient_of(value).0.is_none(),
-            _ => value.trim_matches([' ', ',', '\0']).is_empty(),
-        };
-        if is_empty {
-            let detail = format!("`{key}` has no value; state it, or omit the key");
-            return Err(AppError::bad_request("launch-unreadable", detail));
+    for (key, value) in pairs {
+        let name = key.to_ascii_lowercase();
+        if !known.contains(&&*name) {
+            continue;
         }
+        // The name of a known key identifies nobody, so it is repeated as it was written.
+        let detail = if value.trim_matches([' ', ',', '\0']).is_empty() {
+            format!("`{key}` has no value; state it, or omit the key")
+        } else if name == "patientid" && patient_of(&value).0.is_none() {
+            // An issuer without an id names nobody either.
+            format!("`{key}` has no id before the first `^`; state the id, or omit the key")
+        } else {
+            continue;
+        };
+        return Err(AppError::bad_request("launch-unreadable", detail));
     }
     Ok(())
 }
@@ -503,16 +509,15 @@ mod tests {
             (Some("P7"), 0)
         );
         for (query, name) in [
-            ("study=1.2&patientID=", "patientid"),
-            ("study=1.2&patientID", "patientid"),
-            ("study=1.2&patientID=%20", "patientid"),
-            ("study=1.2&patientID=^^^HOSP", "patientid"),
+            ("study=1.2&patientID=", "patientID"),
+            ("study=1.2&PatientId", "PatientId"),
+            ("study=1.2&patientID=%20", "patientID"),
             ("study=1.2&issuer=", "issuer"),
-            ("study=1.2&accessionNumber=", "accessionnumber"),
+            ("study=1.2&accessionNumber=", "accessionNumber"),
             ("study=1.2&series=", "series"),
             ("study=,&accessionNumber=A1", "study"),
-            ("requestType=&study=1.2", "requesttype"),
-            ("study=1.2&%70atientID=", "patientid"),
+            ("requestType=&study=1.2", "requestType"),
+            ("study=1.2&%70atientID=", "patientID"),
         ] {
             let refused = Asked::parse(query).unwrap_err().to_string();
             assert!(
@@ -520,6 +525,9 @@ mod tests {
                 "{query}: {refused}"
             );
         }
+        let refused = Asked::parse("study=1.2&patientID=^^^HOSP").unwrap_err();
+        let refused = refused.to_string();
+        assert!(refused.contains("`patientID` has no id") && !refused.contains("HOSP"));
         // What is not known has no effect, with or without a value.
         assert_eq!(
             Asked::parse("study=1.2&viewer=&flag").unwrap().ignored,

@@ -1,10 +1,8 @@
-//! The heads of a study: of each series one version, in the order in which a link to the study prefers them.
-
-use std::collections::HashSet;
+//! The heads of a study: of each series one version for each of its patients, in the order in which a link to the study prefers them.
 
 use case::{Case, CaseState};
 use storage::StoreError;
-use storage::arrivals::{CaseSeries, SeriesQuery};
+use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids};
 
 use super::Patient;
 use crate::application::Cases;
@@ -99,24 +97,41 @@ impl Head {
     }
 }
 
-/// The version of each series that counts. They come newest first, and within a state, the newest stays first. If a
-/// correction was taken back, it is not the one that counts; if it is still prepared, or failed, the picture from before it
-/// is not shown in its place.
-fn one_of_each_series(mut versions: Vec<(CaseSeries, Case)>) -> Vec<(CaseSeries, Case)> {
-    let usable = |state| match state {
-        CaseState::Ready => 0,
-        CaseState::Queued | CaseState::Preparing => 1,
-        CaseState::Failed => 2,
-    };
-    versions.sort_by_key(|(series, case)| (series.superseded.is_some(), usable(case.state)));
-    let mut seen = HashSet::new();
-    versions.retain(|(series, _)| seen.insert(series.uids.clone()));
+/// The version of each series and patient that counts. They come newest first, and within a state, the newest stays first.
+/// If a correction was taken back, it is not the one that counts; if it is still prepared, or failed, the picture from before
+/// it is not shown in its place. Neither is an upload shown in the place of what a PACS has sent, unless that failed. A damaged
+/// source states no patient, so it is a version of nothing else.
+fn one_of_each_series(mut versions: Vec<Head>) -> Vec<Head> {
+    let is_failed = |head: &Head| head.case.state == CaseState::Failed;
+    let is_ready = |head: &Head| head.case.state == CaseState::Ready;
+    versions.sort_by_key(|head| {
+        let CaseSeries {
+            superseded,
+            is_received,
+            ..
+        } = &head.series;
+        (
+            superseded.is_some(),
+            is_failed(head),
+            !is_received,
+            !is_ready(head),
+        )
+    });
+    let mut seen: Vec<(SeriesUids, Option<Patient>)> = Vec::new();
+    versions.retain(|head| {
+        let version_of = (head.series.uids.clone(), head.patient());
+        let is_first = !seen.contains(&version_of);
+        if is_first {
+            seen.push(version_of);
+        }
+        is_first
+    });
     versions
 }
 
 impl Cases {
-    /// The heads that a query finds, the preferred one first, those that failed last. Of each series this is the newest
-    /// version that is ready, or else the newest that has not failed. A version of images that came again with other pixels
+    /// The heads that a query finds, the preferred one first, those that failed last. Of each series and patient this is the
+    /// newest version that is ready, or else the newest that has not failed; what a PACS has sent comes before an upload. A version of images that came again with other pixels
     /// counts only if there is no other one. Versions whose patient or study was corrected since do not count.
     ///
     /// # Errors
@@ -125,22 +140,19 @@ impl Cases {
         let mut versions = Vec::new();
         let all = self.store().cases_of(query).await?;
         for series in all.into_iter().filter(|series| !series.is_superseded()) {
-            if let Some(case) = self.store().case(&series.case).await? {
-                versions.push((series, case));
-            }
-        }
-        let versions = one_of_each_series(versions);
-        let mut heads = Vec::with_capacity(versions.len());
-        for (series, case) in versions {
+            let Some(case) = self.store().case(&series.case).await? else {
+                continue;
+            };
             let stored = self.store().source_dicom(&case.id).await.ok().flatten();
             let stored = stored.and_then(|stored| pipeline::attributes(&stored).ok());
             let attributes = stored.map(|stored| stored.attributes).unwrap_or_default();
-            heads.push(Head {
+            versions.push(Head {
                 case,
                 series,
                 attributes,
             });
         }
+        let mut heads = one_of_each_series(versions);
         heads.sort_by_cached_key(Head::rank);
         Ok(heads)
     }
@@ -150,7 +162,7 @@ impl Cases {
 mod tests {
     use case::arrivals::Superseded;
     use case::{CaseId, Parameters};
-    use storage::arrivals::{SeriesUids, Uid};
+    use storage::arrivals::Uid;
     use storage::testing::facts;
 
     use super::*;
@@ -185,6 +197,7 @@ mod tests {
                 },
                 accession_number: None,
                 superseded: None,
+                is_received: true,
             },
             attributes: attributes
                 .iter()
@@ -229,24 +242,20 @@ mod tests {
     fn a_correction_that_is_still_prepared_comes_before_the_version_that_it_replaces() {
         use CaseState::{Failed, Preparing, Queued, Ready};
         let version = |number: u8, state, superseded| {
-            let Head {
-                mut case,
-                mut series,
-                ..
-            } = head("1.1", 1.0, &[]);
-            case.id = CaseId::parse(&format!("{number:032}")).unwrap();
-            case.state = state;
-            series.case = case.id;
-            series.superseded = superseded;
-            (series, case)
+            let mut head = head("1.1", 1.0, &[]);
+            head.case.id = CaseId::parse(&format!("{number:032}")).unwrap();
+            head.case.state = state;
+            head.series.case = head.case.id;
+            head.series.superseded = superseded;
+            head
         };
         let counts = |newest_first: &[(u8, CaseState, Option<Superseded>)]| {
             let versions = newest_first.iter();
             let versions = versions.map(|&(number, state, why)| version(number, state, why));
-            let [(_, case)] = &one_of_each_series(versions.collect())[..] else {
+            let [head] = &one_of_each_series(versions.collect())[..] else {
                 panic!("one series has one version that counts");
             };
-            case.id
+            (head.case.id)
                 .to_string()
                 .trim_start_matches('0')
                 .parse::<u8>()
@@ -265,5 +274,33 @@ mod tests {
         assert_eq!(counts(&[(2, Failed, None), (1, Preparing, None)]), 1);
         // Nothing else is left.
         assert_eq!(counts(&[(2, Failed, replaced), (1, Ready, replaced)]), 1);
+    }
+
+    #[test]
+    fn an_upload_takes_the_place_of_no_image_from_a_pacs_and_no_patient_that_of_another() {
+        let of = |patient, is_received, state| {
+            let mut head = head("1.1", 1.0, &[("PatientID", patient)]);
+            head.series.is_received = is_received;
+            head.case.state = state;
+            head
+        };
+        let counts = |newest_first: Vec<Head>| -> Vec<(String, bool)> {
+            let heads = one_of_each_series(newest_first).into_iter();
+            let patient = |head: &Head| head.value("PatientID").unwrap_or_default().to_owned();
+            heads
+                .map(|head| (patient(&head), head.series.is_received))
+                .collect()
+        };
+        use CaseState::{Failed, Preparing, Ready};
+        let received = |patient: &str| (patient.to_owned(), true);
+        let uploaded = |patient: &str| (patient.to_owned(), false);
+        for state in [Preparing, Ready] {
+            let one = counts(vec![of("A", false, Ready), of("A", true, state)]);
+            assert_eq!(one, [received("A")], "{state:?}");
+        }
+        let failed = counts(vec![of("A", false, Ready), of("A", true, Failed)]);
+        assert_eq!(failed, [uploaded("A")]);
+        let two = counts(vec![of("B", false, Ready), of("A", true, Ready)]);
+        assert_eq!(two, [received("A"), uploaded("B")]);
     }
 }

@@ -52,6 +52,7 @@ impl Cases {
             uids: series.uids,
             accession_number: series.accession_number,
             superseded: None,
+            is_received: false,
         };
         self.store().index_series(&series).await
     }

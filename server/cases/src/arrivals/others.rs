@@ -108,21 +108,36 @@ impl Cases {
     /// If the rows or the patient of an image cannot be read.
     pub async fn fitting(&self, query: &SeriesQuery) -> Result<Fitting, Error> {
         let heads = self.heads(query).await?;
-        let is_head = |uids: &SeriesUids| heads.iter().any(|head| head.series.uids == *uids);
+        let heads_of = |uids: SeriesUids| heads.iter().filter(move |head| head.series.uids == uids);
+        // An upload may have the UIDs of a series of another patient. One whose patient is not known counts as of the same.
+        let is_head = |uids: &SeriesUids, patient: Option<&Patient>| {
+            let mut heads = heads_of(uids.clone()).peekable();
+            heads.peek().is_some()
+                && patient.is_none_or(|own| heads.any(|head| head.patient().as_ref() == Some(own)))
+        };
         let mut others = Vec::new();
         for arrival in self.store().arrivals_of(query).await? {
             let is_layer_of_head = arrival.status() == ArrivalStatus::Layer
                 && heads.iter().any(|head| Some(head.case.id) == arrival.case);
-            if !is_head(&arrival.uids) && !is_layer_of_head && says_something(&arrival) {
-                others.push(self.other(arrival).await?);
+            let is_case_of_head = arrival.status() == ArrivalStatus::Case
+                && heads_of(arrival.uids.clone()).any(|head| Some(head.case.id) == arrival.case);
+            if is_case_of_head || is_layer_of_head || !says_something(&arrival) {
+                continue;
+            }
+            let other = self.other(arrival).await?;
+            if !is_head(&other.uids, other.patient.as_ref()) {
+                others.push(other);
             }
         }
         // Arrivals are forgotten before their cases.
         for series in self.store().cases_of(query).await? {
-            if series.superseded != Some(Superseded::Rejected) || is_head(&series.uids) {
+            if series.superseded != Some(Superseded::Rejected) {
                 continue;
             }
             let patient = self.patient_of(&series).await?;
+            if is_head(&series.uids, patient.as_ref()) {
+                continue;
+            }
             let known = others.iter_mut().find(|other| other.uids == series.uids);
             match known {
                 Some(other) => other.patient = other.patient.take().or(patient),

@@ -109,13 +109,32 @@ impl Cases {
         upload: &Upload,
         case: &CaseId,
     ) -> Result<bool, Error> {
+        let (new, held) = self.patients_of(upload, case).await?;
+        Ok(new.is_some() && new == held)
+    }
+
+    /// Whether an upload and a case state two patients; `false` if one of them states none.
+    pub(crate) async fn is_of_another(
+        &self,
+        upload: &Upload,
+        case: &CaseId,
+    ) -> Result<bool, Error> {
+        let (new, held) = self.patients_of(upload, case).await?;
+        let both = new.zip(held);
+        Ok(both.is_some_and(|(new, held)| new.is_stated() && held.is_stated() && new != held))
+    }
+
+    async fn patients_of(
+        &self,
+        upload: &Upload,
+        case: &CaseId,
+    ) -> Result<(Option<Patient>, Option<Patient>), Error> {
         let Some(new) = &upload.dicom else {
-            return Ok(false);
+            return Ok((None, None));
         };
         let new = Patient::of_stored(&new.read().await?);
         let held = self.store().source_dicom(case).await?;
-        let held = held.and_then(|stored| Patient::of_stored(&stored));
-        Ok(new.is_some() && new == held)
+        Ok((new, held.and_then(|stored| Patient::of_stored(&stored))))
     }
 }
 

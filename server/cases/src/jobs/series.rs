@@ -167,15 +167,16 @@ impl Cases {
     async fn make_layer(&self, due: &DueSeries, upload: &Upload) -> Result<Option<Outcome>, Error> {
         let study = SeriesQuery::Study(due.uids.study.clone(), None);
         let heads = self.heads(&study).await?.into_iter();
-        let mut of_patient = None;
+        let (mut of_patient, mut is_another_here) = (None, false);
         for head in heads.filter(|head| head.case.state != CaseState::Failed) {
             if self.is_of_patient(upload, &head.case.id).await? {
                 of_patient = Some(head.case.id);
                 break;
             }
+            is_another_here |= self.is_of_another(upload, &head.case.id).await?;
         }
         let Some(case) = of_patient else {
-            return Ok(None);
+            return Ok(is_another_here.then(|| Outcome::Nothing(case_of_another_patient(due))));
         };
         let directory = self.store().spool_directory().await?;
         if !copy_objects(self.store(), &due.instances, &directory).await? {
@@ -238,6 +239,21 @@ fn no_case() -> Failure {
         NO_CASE,
         "there is no case of the study that the series could be a layer of; take a T1-weighted series of it first",
     )
+}
+
+/// It may become a layer when a case of its own patient comes, as any other that is refused for want of a case.
+fn case_of_another_patient(due: &DueSeries) -> Failure {
+    let detail =
+        "the case of its study is of another patient, so the series cannot be a layer of it";
+    match due.taken {
+        Some(_) => Failure::unusable(NO_CASE, detail),
+        None => Failure::unusable(
+            NOT_T1,
+            format!(
+                "the series is not T1-weighted, according to its names and timing, and {detail}"
+            ),
+        ),
+    }
 }
 
 fn not_t1() -> Failure {

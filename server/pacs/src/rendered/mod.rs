@@ -364,7 +364,14 @@ async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, AppError> {
     let query = SeriesQuery::Study(uid(&named.study)?, series.transpose()?);
     let fitting = pacs.cases().fitting(&query).await?;
     if fitting.is_ambiguous() {
-        let detail = "the study has images of several patients; request a picture of one of its series, which `GET /dicomweb/studies/{study}/series` lists with their patients";
+        let detail = match named.series {
+            None => {
+                "the study has images of several patients; request a picture of one of its series, which `GET /dicomweb/studies/{study}/series` lists with their patients"
+            }
+            Some(_) => {
+                "the series has cases of several patients; request a picture of the right one, which `POST /v1/launch` lists with its id"
+            }
+        };
         return Err(AppError::new(
             StatusCode::CONFLICT,
             "several-patients",

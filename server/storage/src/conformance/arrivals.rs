@@ -553,11 +553,13 @@ pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
         uids: series(2),
         accession_number: AccessionNumber::parse("A2"),
         superseded: None,
+        is_received: false,
     };
     for _ in 0..2 {
         store.index_series(&of_second).await.unwrap();
     }
     assert_eq!(store.series_of(&second).await.unwrap(), Some(of_second));
+    assert!(store.series_of(&first).await.unwrap().unwrap().is_received);
     let found = async |query| {
         let found = store.cases_of(&query).await.unwrap();
         found

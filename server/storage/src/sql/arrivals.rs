@@ -681,9 +681,9 @@ pub(super) async fn settle(
         connection
             .query(
                 // A correction that is taken back leads to the first case again.
-                "INSERT INTO case_series (case_id, project, study_uid, series_uid, accession_number)
-                 SELECT $1, project, study_uid, series_uid, accession_number FROM arrivals WHERE id = $2
-                 ON CONFLICT (case_id) DO UPDATE SET superseded = 0",
+                "INSERT INTO case_series (case_id, project, study_uid, series_uid, accession_number, is_received)
+                 SELECT $1, project, study_uid, series_uid, accession_number, 1 FROM arrivals WHERE id = $2
+                 ON CONFLICT (case_id) DO UPDATE SET superseded = 0, is_received = 1",
             )
             .bind(&case)
             .bind(id)
@@ -1016,8 +1016,8 @@ pub(super) async fn index(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO case_series (case_id, project, study_uid, series_uid, accession_number, superseded)
-             SELECT id, project, $2, $3, $4, $5 FROM cases WHERE id = $1
+            "INSERT INTO case_series (case_id, project, study_uid, series_uid, accession_number, superseded, is_received)
+             SELECT id, project, $2, $3, $4, $5, $6 FROM cases WHERE id = $1
              ON CONFLICT (case_id) DO NOTHING",
         )
         .bind(series.case.key())
@@ -1030,6 +1030,7 @@ pub(super) async fn index(
                 .map(AccessionNumber::as_str),
         )
         .bind(superseded_code(series.superseded))
+        .bind(i64::from(series.is_received))
         .execute()
         .await?;
     Ok(())
@@ -1042,8 +1043,9 @@ pub(super) async fn adopt_index(
 ) -> Result<(), StoreError> {
     index(connection, series).await?;
     connection
-        .query("UPDATE case_series SET superseded = $1 WHERE case_id = $2")
+        .query("UPDATE case_series SET superseded = $1, is_received = $2 WHERE case_id = $3")
         .bind(superseded_code(series.superseded))
+        .bind(i64::from(series.is_received))
         .bind(series.case.key())
         .execute()
         .await?;
@@ -1055,7 +1057,7 @@ pub(super) async fn series_of(
     case: &CaseId,
 ) -> Result<Option<CaseSeries>, StoreError> {
     let row = connection
-        .query("SELECT case_id, study_uid, series_uid, accession_number, superseded FROM case_series WHERE case_id = $1")
+        .query("SELECT case_id, study_uid, series_uid, accession_number, superseded, is_received FROM case_series WHERE case_id = $1")
         .bind(case.key())
         .fetch_optional()
         .await?;
@@ -1069,7 +1071,7 @@ pub(super) async fn cases_of(
     let rows = match query {
         SeriesQuery::Study(study, series) => connection
             .query(
-                "SELECT case_id, study_uid, series_uid, accession_number, superseded
+                "SELECT case_id, study_uid, series_uid, accession_number, superseded, is_received
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
                  WHERE study_uid = $2 AND coalesce($3, series_uid) = series_uid
                    AND coalesce($1, case_series.project) = case_series.project
@@ -1080,7 +1082,7 @@ pub(super) async fn cases_of(
             .bind(series.as_ref().map(Uid::as_str)),
         SeriesQuery::AccessionNumber(number) => connection
             .query(
-                "SELECT case_id, study_uid, series_uid, accession_number, superseded
+                "SELECT case_id, study_uid, series_uid, accession_number, superseded, is_received
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
                  WHERE accession_number = $2 AND coalesce($1, case_series.project) = case_series.project
                  ORDER BY created_at DESC, id",
@@ -1101,6 +1103,7 @@ fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
         superseded: read_superseded(Some(row.get("superseded")?)),
+        is_received: row.get::<i64>("is_received")? != 0,
     })
 }
 

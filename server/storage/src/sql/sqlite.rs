@@ -555,7 +555,7 @@ mod tests {
     #[tokio::test]
     async fn rows_from_before_the_first_release_are_refused_in_words_and_left_as_they_are() {
         for change in [
-            "UPDATE _sqlx_migrations SET version = 1",
+            "UPDATE _sqlx_migrations SET version = 1 WHERE version = 100",
             "UPDATE _sqlx_migrations SET checksum = x'00'",
         ] {
             let directory = tempfile::tempdir().unwrap();
