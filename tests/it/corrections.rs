@@ -52,6 +52,18 @@ async fn case_after(neighbour: &Neighbour, before: &str) -> String {
     case
 }
 
+/// The case that a link to the study opens, once there is one.
+async fn case_of_a_link(neighbour: &Neighbour) -> String {
+    let case = until("a link opens a case", async || {
+        let found = launched(neighbour).await;
+        let case = found["case"].as_str()?;
+        Some(format!("/v1/cases/{case}"))
+    })
+    .await;
+    neighbour.server.until_ready(&case).await;
+    case
+}
+
 /// Why a case is superseded, by its own address and by the list.
 async fn superseded(server: &Server, case: &str) -> Value {
     let alone = server.get(case).await.json();
@@ -318,8 +330,13 @@ fn note(title: KeyObjectTitle) -> Vec<u8> {
 }
 
 /// A list of images of the series of the head, with a title.
-fn note_of(title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
-    let texts = [("StudyInstanceUID", "1.2.3"), ("PatientID", "P-77")];
+pub(crate) fn note_of(title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
+    note_in("1.2.3", title, uids)
+}
+
+/// A list of images as of that series in a study, with a title.
+fn note_in(study: &str, title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
+    let texts = [("StudyInstanceUID", study), ("PatientID", "P-77")];
     let source = Attributes {
         attributes: texts
             .map(|(name, value)| (name.to_owned(), value.to_owned()))
@@ -720,4 +737,114 @@ async fn findings_and_layers_do_not_follow_images_that_lie_elsewhere() {
             &doubts[..doubts.len().min(300)]
         );
     }
+}
+
+#[tokio::test]
+async fn findings_stay_with_a_rejected_case_when_the_series_comes_under_new_uids() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let rejected = identified_case(&neighbour).await;
+    let marked = crate::findings::mark(server, &rejected).await;
+    let rejection = note(KeyObjectTitle::IncorrectWorklistEntry);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    // The right images of the series lie elsewhere.
+    let renamed = |slice: &Slice, series: u32| {
+        let sop = format!("1.2.3.{series}.{}", slice.instance);
+        let sop = [([0x08, 0x18], "UI", sop.as_str())];
+        with_texts(slice, &[&IDENTITY[..], &sop].concat())
+    };
+    let slices = head_slices();
+    let mirrored: Vec<_> = slices
+        .iter()
+        .map(|slice| renamed(&exchanged(slice), 44))
+        .collect();
+    assert_eq!(neighbour.store(&mirrored).await.status, 200);
+    let next = case_of_a_link(&neighbour).await;
+    let findings = async |case: &str| {
+        let findings = server.get(&format!("{case}/findings")).await.json();
+        findings["findings"].clone()
+    };
+    let version = server.get(&next).await.json();
+    assert!(rejected.ends_with(version["previous"].as_str().unwrap()));
+    assert_eq!(findings(&next).await, json!([]));
+    assert_eq!(findings(&rejected).await, marked["findings"]);
+    assert_eq!(superseded(server, &rejected).await, "rejected");
+    assert_eq!(superseded(server, &next).await, Value::Null);
+}
+
+#[tokio::test]
+async fn images_in_the_same_place_under_new_uids_do_not_bring_back_what_was_rejected() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let rejected = identified_case(&neighbour).await;
+    crate::findings::mark(server, &rejected).await;
+    let rejection = note(KeyObjectTitle::RejectedForSafety);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    let renamed = |slice: &Slice| {
+        let sop = format!("1.2.3.45.{}", slice.instance);
+        let sop = [([0x08, 0x18], "UI", sop.as_str())];
+        with_texts(slice, &[&IDENTITY[..], &sop].concat())
+    };
+    let renamed: Vec<_> = head_slices().iter().map(renamed).collect();
+    assert_eq!(neighbour.store(&renamed).await.status, 200);
+    let next = case_of_a_link(&neighbour).await;
+    let findings = server.get(&format!("{next}/findings")).await.json();
+    assert_eq!(findings["findings"], json!([]));
+}
+
+#[tokio::test]
+async fn images_whose_uids_were_exchanged_leave_an_older_version_behind() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let before = identified_case(&neighbour).await;
+    let slices = head_slices();
+    let exchanged: Vec<_> = slices
+        .iter()
+        .zip(slices.iter().rev())
+        .map(|(slice, other)| {
+            let sop = [([0x08, 0x18], "UI", other.sop_uid.as_str())];
+            with_texts(slice, &[&IDENTITY[..], &sop].concat())
+        })
+        .collect();
+    assert_eq!(neighbour.store(&exchanged).await.status, 202);
+    let next = case_after(&neighbour, &before).await;
+    assert_eq!(superseded(server, &before).await, "moved");
+    assert_eq!(superseded(server, &next).await, Value::Null);
+}
+
+#[tokio::test]
+async fn a_note_of_another_study_neither_withdraws_an_image_nor_holds_its_correction_back() {
+    let lines = Lines::default();
+    let _logging = lines.collect();
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let uids = head_slices().into_iter().map(|slice| slice.sop_uid);
+    let title = KeyObjectTitle::RejectedForQuality;
+    let foreign = note_in("1.2.30", title, &uids.collect::<Vec<_>>());
+    assert_eq!(neighbour.store(&[foreign]).await.status, 200);
+    assert_eq!(superseded(server, &case).await, Value::Null);
+    let corrected = corrected_head();
+    let stored = neighbour.store(&corrected).await;
+    assert_eq!(warnings(&stored), vec![0xB000; corrected.len()]);
+    assert_eq!(superseded(server, &case).await, "corrected");
+    assert!(!lines.text().contains("is withdrawn"), "{}", lines.text());
+    // The same note of its own study does.
+    let rejection = note(KeyObjectTitle::RejectedForQuality);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    assert!(lines.text().contains("is withdrawn"));
+    let stored = neighbour.store(&corrected).await;
+    assert_eq!((stored.status.as_u16(), warnings(&stored)), (200, vec![]));
+    let text = lines.text();
+    let line = text.lines().rfind(|line| line.contains("by STOW-RS"));
+    // Without the codes of colours.
+    let parts = line.unwrap().split('\u{1b}').enumerate();
+    let plain: String = parts
+        .map(|(at, part)| match part.split_once('m') {
+            Some((_, rest)) if at > 0 => rest,
+            _ => part,
+        })
+        .collect();
+    let count = format!("images=0 ignored={} ", corrected.len());
+    assert!(plain.contains(&count), "{plain}");
 }

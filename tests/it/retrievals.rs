@@ -5,12 +5,15 @@ use std::time::Duration;
 use axum::body::Body;
 use axum::http::Request;
 use case::JobKind;
+use imaging::dicom::write::KeyObjectTitle;
 use serde_json::{Value, json};
 
+use crate::corrections::{corrected_head, note_of};
 use crate::dicom::head_slices;
 use crate::pacs::Neighbour;
 use crate::results::{add_node, identified_case, result, small, until_sent};
 use crate::server::{Answer, Server};
+use crate::until::until;
 
 async fn fetch(server: &Server, node: &str, series: &str) -> Answer {
     let order = json!({"node": node, "study": "1.2.3", "series": series}).to_string();
@@ -71,6 +74,66 @@ async fn a_series_is_fetched_from_a_node_and_the_retrieval_leads_to_its_case() {
     assert_eq!(listed(server, &format!("case={case}")).await, [done]);
     let other = "0".repeat(32);
     assert!(listed(server, &format!("case={other}")).await.is_empty());
+}
+
+#[tokio::test]
+async fn a_retrieval_of_corrected_or_rejected_images_names_no_superseded_case() {
+    let node = Neighbour::start(|config| config.pacs.keep_source = true).await;
+    identified_case(&node).await;
+    let series = node.settled().await["series"].as_str().unwrap().to_owned();
+    let socket = node.server.on_a_socket().await;
+    let ours = Neighbour::start(|config| {
+        add_node(
+            config,
+            "node",
+            format!("http://{}/dicomweb", socket.address),
+        );
+    })
+    .await;
+    let server = &ours.server;
+    let _background = pacs::Background::start(server.pacs.clone());
+    let first = fetch(server, "node", &series).await;
+    assert_eq!(until_sent(server, &first).await["state"], "done");
+    let wrong = ours.settled().await["case"].clone();
+    let corrected = corrected_head();
+    assert_eq!(node.store(&corrected).await.status, 202);
+    until("the node serves the corrected images", async || {
+        (node.settled().await["state"] == "case").then_some(())
+    })
+    .await;
+    let second = fetch(server, "node", &series).await;
+    assert_eq!(second.json()["case"], Value::Null);
+    let fetched = until("the corrected images are a case", async || {
+        let now = server.get(second.header("location")).await.json();
+        assert_ne!(now["case"], wrong, "{now}");
+        now["case"].is_string().then_some(now)
+    })
+    .await;
+    let arrival = ours.settled().await;
+    assert_eq!(fetched["case"], arrival["case"]);
+    assert_eq!(arrival["superseded"], corrected.len());
+    // One version of all images, not one of each batch: the case before it is that of the wrong patient.
+    let list = server.get("/v1/cases").await.json();
+    assert_eq!(list["cases"].as_array().unwrap().len(), 2, "{list}");
+    let first = server.get(first.header("location")).await.json();
+    assert_eq!(first["case"], arrival["case"]);
+    // Of rejected images, nothing is kept, and the answer says why there is no case.
+    let uids: Vec<_> = head_slices()
+        .into_iter()
+        .map(|slice| slice.sop_uid)
+        .collect();
+    let rejection = note_of(KeyObjectTitle::RejectedForSafety, &uids);
+    assert_eq!(ours.store(&[rejection]).await.status, 200);
+    let third = fetch(server, "node", &series).await;
+    let fetched = until_sent(server, &third).await;
+    assert_eq!(
+        (
+            &fetched["state"],
+            &fetched["case"],
+            &fetched["reason"]["name"]
+        ),
+        (&json!("done"), &Value::Null, &json!("rejected"))
+    );
 }
 
 /// Takes a job as often as there is one, and ends each time without a word, as a killed process does.

@@ -6,7 +6,7 @@ use axum::response::Response;
 use case::{CaseId, JobState};
 use serde::{Deserialize, Serialize};
 use storage::Job;
-use storage::arrivals::{SeriesQuery, SeriesUids, Uid, is_id};
+use storage::arrivals::{ArrivalState, SeriesQuery, SeriesUids, Uid, is_id};
 use utoipa::ToSchema;
 
 use crate::error::ReasonView;
@@ -48,7 +48,7 @@ pub(crate) struct RetrievalView {
     series: String,
     /// `queued`, `running`, `done` or `failed`.
     state: &'static str,
-    /// The reason, if it failed.
+    /// The reason, if it failed, or if nothing became of the series that it fetched, such as `rejected`.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<ReasonView>,
     /// Attempts so far.
@@ -61,7 +61,8 @@ pub(crate) struct RetrievalView {
     /// The series that came.
     #[serde(skip_serializing_if = "Option::is_none")]
     arrival: Option<String>,
-    /// The case that it became.
+    /// The case that the series became, or of which it became a layer, once it was fetched and read. Absent while the series is
+    /// still read, if nothing became of it, and if the case is superseded.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     case: Option<CaseId>,
@@ -186,10 +187,22 @@ pub(crate) async fn view(pacs: &Pacs, job: Job) -> Result<RetrievalView, AppErro
     let query = SeriesQuery::Study(uids.study.clone(), Some(uids.series.clone()));
     let arrivals = pacs.cases().store().arrivals_of(&query).await?;
     let arrival = arrivals.into_iter().next();
+    // A series that was here before may still be what it was before.
+    let is_done = job.state == JobState::Done;
+    let ended = arrival.as_ref().filter(|_| is_done);
+    let became = ended.filter(|arrival| arrival.state == ArrivalState::Case);
+    let case = match became.and_then(|arrival| arrival.case) {
+        Some(id) => pacs.cases().store().case(&id).await?,
+        None => None,
+    };
+    let case = case.filter(|case| case.superseded.is_none());
+    let nothing = ended.filter(|arrival| arrival.state == ArrivalState::Nothing);
+    let nothing = nothing.and_then(|arrival| arrival.reason.clone());
     let progress = job.progress.as_deref();
     let progress = progress.and_then(|progress| serde_json::from_str(progress).ok());
     let Received { received, expected } = progress.unwrap_or_default();
     let failure = job.failure.filter(|_| job.state == JobState::Failed);
+    let failure = failure.or(nothing);
     Ok(RetrievalView {
         study: uids.study.as_str().to_owned(),
         series: uids.series.as_str().to_owned(),
@@ -200,7 +213,7 @@ pub(crate) async fn view(pacs: &Pacs, job: Job) -> Result<RetrievalView, AppErro
         attempts: job.attempts,
         received,
         expected,
-        case: arrival.as_ref().and_then(|arrival| arrival.case),
+        case: case.map(|case| case.id),
         arrival: arrival.map(|arrival| arrival.id),
     })
 }

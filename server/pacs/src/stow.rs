@@ -215,7 +215,7 @@ impl Images<'_> {
         let is_ignored = !identity.is_image && self.pacs.ignores_other_objects();
         match refusal(&identity, self.study.as_ref()) {
             Some(FailureReason::ClassNotSupported) if is_ignored => {
-                self.report.stored(&identity, None);
+                self.report.ignored(&identity);
                 let source = ArrivalSource::Stow;
                 return Ok(self.pacs.cases().ignore(identity, source).await?);
             }
@@ -241,12 +241,13 @@ impl Images<'_> {
         let source = ArrivalSource::Stow;
         let receptions = self.pacs.cases().receive(batch, source).await?;
         for (identity, reception) in identities.iter().zip(receptions) {
-            if reception != Reception::Refused {
+            if matches!(reception, Reception::Stored | Reception::Corrected) {
                 let study = identity.uids.study.as_str().to_owned();
                 *self.stored.0.entry(study).or_default() += 1;
             }
             match reception {
-                Reception::Stored | Reception::Rejected => self.report.stored(identity, None),
+                Reception::Stored => self.report.stored(identity, None),
+                Reception::Rejected => self.report.ignored(identity),
                 Reception::Corrected => self.report.stored(identity, Some(CORRECTED)),
                 Reception::Refused => {
                     let reason = FailureReason::CannotUnderstand;
@@ -280,10 +281,12 @@ impl Images<'_> {
             stored,
             failed,
             others,
+            ignored,
             ..
         } = &self.report;
         tracing::info!(
-            images = stored.len(),
+            images = stored.len().saturating_sub(*ignored),
+            ignored,
             failed = failed.len() + others.len(),
             "images were stored by STOW-RS"
         );
@@ -306,6 +309,8 @@ struct Report {
     failed: Vec<Value>,
     others: Vec<Value>,
     has_warnings: bool,
+    /// How many of `stored` are acknowledged and not kept.
+    ignored: usize,
 }
 
 fn element(vr: &str, value: impl Into<Value>) -> Value {
@@ -335,6 +340,12 @@ impl Report {
         // Stored images cannot be retrieved from here.
         item["00081190"] = json!({ "vr": "UR" });
         self.stored.push(item);
+    }
+
+    /// An object of which nothing is kept, as if it were stored.
+    fn ignored(&mut self, identity: &InstanceIdentity) {
+        self.ignored += 1;
+        self.stored(identity, None);
     }
 
     fn failed(&mut self, identity: &InstanceIdentity, reason: FailureReason) {

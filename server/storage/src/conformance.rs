@@ -126,6 +126,7 @@ macro_rules! conformance {
                 an_image_that_comes_under_another_series_leaves_its_own
                 images_that_are_rejected_are_forgotten_and_their_cases_superseded
                 a_series_is_due_when_nothing_came_for_a_while
+                a_corrected_or_grown_series_waits_as_if_no_number_were_known
                 a_series_with_all_announced_images_waits_no_longer
                 a_late_image_fences_the_reader_off_and_makes_the_series_due_again
                 a_series_that_is_not_t1_waits_for_a_case_of_its_study

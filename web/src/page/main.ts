@@ -56,8 +56,8 @@ class App {
   readonly #silence = h("p", { class: "notice-line bad", id: "silence", role: "alert", hidden: true });
   /** Says that the study has other heads. */
   readonly #others = h("div", { class: "notice-line remark others", role: "status", hidden: true });
-  /** The case whose version before lay elsewhere. */
-  #moved = "";
+  /** The case that has inherited nothing from the version before, and why. */
+  #apart: { id: string; why: "moved" | "rejected" } | null = null;
   readonly #superseded = h("p", { class: "notice-line bad", id: "superseded", role: "note", hidden: true });
   readonly #quality = h("div", { class: "quality", role: "note", hidden: true });
   readonly #layouts: HTMLElement;
@@ -275,7 +275,7 @@ class App {
     // What was said of the case before is not of this one.
     setText(this.#live, "");
     this.#showQuality(ready);
-    if (ready) void this.#followMoved(ready);
+    if (ready) void this.#followApart(ready);
     this.#showOthers(ready?.id);
     const surface = this.#kept && this.#kept.id === ready?.id ? this.#kept.surface : null;
     if (this.#kept && !surface) this.#kept.surface.dispose();
@@ -309,22 +309,23 @@ class App {
     void viewer.load();
   }
 
-  /** Whether the case is not the one that counts any more, or lies elsewhere than the version before. */
+  /** Whether the case is not the one that counts any more, or has inherited nothing from the version before. */
   #showSuperseded(): void {
     const { id, superseded } = this.#chosen ?? {};
     const key = superseded
       ? (`superseded.${superseded}.text` as const)
-      : id === this.#moved
-        ? "superseded.moved.next"
+      : this.#apart && id === this.#apart.id
+        ? (`superseded.${this.#apart.why}.next` as const)
         : "";
     tell(this.#superseded, id && key ? t(key) : "");
   }
 
-  /** Looks once whether the version before lay elsewhere. */
-  async #followMoved({ id, previous }: Case): Promise<void> {
+  /** Looks once whether the version before lay elsewhere or was rejected. */
+  async #followApart({ id, previous }: Case): Promise<void> {
     const before = previous ? await getCase(previous).catch(() => null) : null;
-    if (before?.superseded !== "moved") return;
-    this.#moved = id;
+    const why = before?.superseded;
+    if (why !== "moved" && why !== "rejected") return;
+    this.#apart = { id, why };
     this.#showSuperseded();
   }
 

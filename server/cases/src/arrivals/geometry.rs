@@ -94,13 +94,17 @@ impl Cases {
         Ok(Places::new(&new, grid).differ(&Places::new(&old, old_grid)))
     }
 
-    /// Whether the images of a case lie elsewhere than those of the version before, so that it has not inherited from it.
-    pub(crate) async fn is_moved_version(&self, case: &Case) -> Result<bool, StoreError> {
+    /// Why a case has inherited nothing from the version before: its images lie elsewhere, or those were rejected.
+    pub(crate) async fn apart_from_previous(
+        &self,
+        case: &Case,
+    ) -> Result<Option<Superseded>, StoreError> {
         let Some(previous) = &case.previous else {
-            return Ok(false);
+            return Ok(None);
         };
         let before = self.store().series_of(previous).await?;
-        Ok(before.is_some_and(|before| before.superseded == Some(Superseded::Moved)))
+        let why = before.and_then(|before| before.superseded);
+        Ok(why.filter(|why| matches!(why, Superseded::Moved | Superseded::Rejected)))
     }
 
     /// The grid of the volume of a case in any state; `None` if it is damaged.

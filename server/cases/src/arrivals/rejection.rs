@@ -26,15 +26,21 @@ impl Cases {
             cases.extend(self.cases_made_of(uids, instances).await?);
         }
         let store = self.store();
-        store.reject(rejection, source, &reason(), &cases).await?;
+        let images = store.reject(rejection, source, &reason(), &cases).await?;
+        let mut layers = 0;
         for (uids, instances) in &rejection.series {
-            self.remove_layers_made_of(uids, Some(instances)).await?;
+            layers += self.remove_layers_made_of(uids, Some(instances)).await?;
         }
-        let series = rejection.series.len();
-        tracing::warn!(
-            series,
-            "a rejection note came, and what it names is withdrawn"
-        );
+        let cases = cases.len();
+        match images + cases + layers {
+            0 => tracing::warn!("a rejection note came that names nothing that is here"),
+            _ => tracing::warn!(
+                images,
+                cases,
+                layers,
+                "a rejection note came, and what it names is withdrawn"
+            ),
+        }
         Ok(())
     }
 
@@ -62,15 +68,16 @@ impl Cases {
 
     /// Removes the layers that are of a series from the cases of its study.
     pub(super) async fn remove_layers_of(&self, uids: &SeriesUids) -> Result<(), StoreError> {
-        self.remove_layers_made_of(uids, None).await
+        self.remove_layers_made_of(uids, None).await.map(drop)
     }
 
-    /// As [`Cases::remove_layers_of`], those alone that were made of one of these images, if any are named.
+    /// As [`Cases::remove_layers_of`], those alone that were made of one of these images, if any are named. Returns how many.
     async fn remove_layers_made_of(
         &self,
         uids: &SeriesUids,
         instances: Option<&[Uid]>,
-    ) -> Result<(), StoreError> {
+    ) -> Result<usize, StoreError> {
+        let mut removed = 0;
         let study = SeriesQuery::Study(uids.study.clone(), None);
         for series in self.store().cases_of(&study).await? {
             for layer in self.store().layers(&series.case).await? {
@@ -80,10 +87,11 @@ impl Cases {
                 });
                 if is_named {
                     self.store().delete_layer(&series.case, &layer.id).await?;
+                    removed += 1;
                 }
             }
         }
-        Ok(())
+        Ok(removed)
     }
 
     /// Removes the layers that are of a series from a case, all but one.

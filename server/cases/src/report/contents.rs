@@ -189,7 +189,7 @@ impl Report {
     /// That the case is not the one that counts any more, and the verdict on a mask that is not sound.
     fn doubt(&self, words: &Words) -> Option<String> {
         let superseded = self.case.superseded.map(|why| words.superseded(why));
-        let superseded = superseded.or(self.is_moved.then_some(words.moved));
+        let superseded = superseded.or(self.apart.map(|why| words.apart(why)));
         let state = self.facts.quality.as_ref().map(|quality| quality.state);
         let mask = state
             .filter(|state| *state != QualityState::Ok)
@@ -691,7 +691,7 @@ mod tests {
                 expires_at: None,
                 superseded: None,
             },
-            is_moved: false,
+            apart: None,
             facts: Arc::new(facts),
             query: ReportQuery {
                 language,

@@ -10,6 +10,7 @@ mod words;
 use std::sync::Arc;
 
 use bytes::Bytes;
+use case::arrivals::Superseded;
 use case::findings::Finding;
 use case::{Case, CaseFacts, CaseId, Layer, LayerKind, MapName, QualityState};
 use glam::DVec3;
@@ -63,8 +64,8 @@ pub enum ReportSubject<'a> {
 /// Everything that a report shows.
 struct Report {
     case: Case,
-    /// Whether its images lie elsewhere than those of the version before.
-    is_moved: bool,
+    /// Why it has inherited nothing from the version before.
+    apart: Option<Superseded>,
     facts: Arc<CaseFacts>,
     query: ReportQuery,
     /// Attributes of the patient and the study, for people; `None` unless requested.
@@ -170,7 +171,7 @@ impl Cases {
             (true, ReportSubject::Named(attributes)) => Some(named(attributes)),
         };
         let report = Report {
-            is_moved: self.is_moved_version(&case).await?,
+            apart: self.apart_from_previous(&case).await?,
             case,
             facts,
             query,

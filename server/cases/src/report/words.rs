@@ -67,7 +67,8 @@ pub(super) struct Words {
     pub(super) mask: &'static str,
     states: [&'static str; 3],
     superseded: [&'static str; 4],
-    pub(super) moved: &'static str,
+    /// Why nothing was inherited: moved, rejected.
+    apart: [&'static str; 2],
     pub(super) findings: &'static str,
     pub(super) finding: &'static str,
     pub(super) no_findings: &'static str,
@@ -126,6 +127,10 @@ impl Words {
 
     pub(super) fn superseded(&self, why: Superseded) -> &'static str {
         self.superseded[why as usize]
+    }
+
+    pub(super) fn apart(&self, why: Superseded) -> &'static str {
+        self.apart[usize::from(why == Superseded::Rejected)]
     }
 
     pub(super) fn side(&self, side: PatientSide) -> &'static str {
@@ -264,7 +269,10 @@ const ENGLISH: Words = Words {
         "Other images of this series came later",
         "MOVED: the place or the orientation of these images was corrected since; left and right may be exchanged",
     ],
-    moved: "CORRECTED: the place or the orientation of these images differs from the version before, whose findings and layers stay with it",
+    apart: [
+        "CORRECTED: the place or the orientation of these images differs from the version before, whose findings and layers stay with it",
+        "The archive has rejected images of the version before, whose findings and layers stay with it",
+    ],
     findings: "Findings",
     finding: "Finding",
     no_findings: "Nothing was marked.",
@@ -341,7 +349,10 @@ const PORTUGUESE: Words = Words {
         "Outras imagens desta série chegaram depois",
         "DESLOCADO: a posição ou a orientação destas imagens foi corrigida depois; esquerda e direita podem estar trocadas",
     ],
-    moved: "CORRIGIDO: a posição ou a orientação destas imagens difere da versão anterior, com a qual ficam seus achados e camadas",
+    apart: [
+        "CORRIGIDO: a posição ou a orientação destas imagens difere da versão anterior, com a qual ficam seus achados e camadas",
+        "O arquivo rejeitou imagens da versão anterior, com a qual ficam seus achados e camadas",
+    ],
     findings: "Achados",
     finding: "Achado",
     no_findings: "Nada foi marcado.",

@@ -496,8 +496,11 @@ impl Messages<'_> {
             Ok(received) => received,
             Err(error) => return status_of(&error),
         };
-        *self.studies.entry(study).or_default() += 1;
-        match received.first() {
+        let received = received.first();
+        if matches!(received, Some(Reception::Stored | Reception::Corrected)) {
+            *self.studies.entry(study).or_default() += 1;
+        }
+        match received {
             Some(Reception::Corrected) => Status::Corrected,
             Some(Reception::Refused) => Status::CannotUnderstand,
             Some(Reception::Stored | Reception::Rejected) | None => Status::Success,

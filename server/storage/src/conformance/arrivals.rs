@@ -335,7 +335,10 @@ pub(crate) async fn images_that_are_rejected_are_forgotten_and_their_cases_super
     assert_eq!(none.reason.as_ref(), Some(&reason));
     assert_eq!(store.images_of(&series(1)).await.unwrap(), []);
     // A note may come before the images.
-    let early = reject(false, 2, &[instance(2, 1)]).await;
+    let early = reject(false, 2, &[instance(2, 1), instance(3, 1)]).await;
+    let elsewhere = [instance(3, 1)];
+    let are = store.are_withdrawn(&elsewhere).await.unwrap();
+    assert_eq!(are, [false], "it is an image of another series");
     assert_eq!(
         (early.state, early.reason),
         (ArrivalState::Nothing, Some(reason.clone()))
@@ -415,6 +418,35 @@ pub(crate) async fn a_series_with_all_announced_images_waits_no_longer(subject: 
     subject.pass(180);
     let uids = due(store).await.map(|(_, read)| read.uids);
     assert!(uids == Some(series(2)) || uids == Some(series(1)));
+}
+
+pub(crate) async fn a_corrected_or_grown_series_waits_as_if_no_number_were_known(
+    subject: &Subject,
+) {
+    let store = &subject.store;
+    let case = a_case(store, "a").await;
+    receive(store, &[image(1, 1), image(1, 2)]).await;
+    store.expect(&series(1), 2).await.unwrap();
+    let (read, of) = due(store).await.expect("all are there");
+    assert_eq!(of.uids, series(1));
+    assert!(store.settle(&read, &Outcome::Case(case)).await.unwrap());
+    let corrected = NewInstance {
+        digest: blake3::hash(b"corrected"),
+        replaces: Some(Change::Pixels),
+        ..image(1, 1)
+    };
+    receive(store, &[corrected]).await;
+    assert!(due(store).await.is_none());
+    subject.pass(21);
+    let (read, of) = due(store).await.expect("nothing came for a while");
+    assert_eq!(of.uids, series(1));
+    store.expect(&series(1), 2).await.unwrap();
+    assert!(store.settle(&read, &Outcome::Case(case)).await.unwrap());
+    receive(store, &[image(1, 3)]).await;
+    assert!(due(store).await.is_none());
+    subject.pass(21);
+    let (read, _) = due(store).await.expect("nothing came for a while");
+    assert!(store.settle(&read, &Outcome::Case(case)).await.unwrap());
 }
 
 pub(crate) async fn a_late_image_fences_the_reader_off_and_makes_the_series_due_again(

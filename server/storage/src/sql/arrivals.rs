@@ -84,7 +84,9 @@ pub(super) async fn add(
     // Whoever reads the series at this moment does not know this image.
     connection
         .query(
-            "UPDATE arrivals SET instances = instances + 1, state = 'receiving', reason = NULL, last_at = $1
+            // A series that was complete has more images than its sender has stated.
+            "UPDATE arrivals SET expected = CASE WHEN instances >= expected THEN NULL ELSE expected END,
+                    instances = instances + 1, state = 'receiving', reason = NULL, last_at = $1
              WHERE id = $2",
         )
         .bind(now)
@@ -122,7 +124,7 @@ async fn leave_others(
         let row = connection
             .query(
                 "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END,
-                        instances = instances - 1, last_at = $1,
+                        instances = instances - 1, expected = NULL, last_at = $1,
                         state = CASE WHEN instances > 1 THEN 'receiving' ELSE 'nothing' END,
                         reason = CASE WHEN instances > 1 THEN NULL ELSE $2 END
                  WHERE id = $3 RETURNING superseded",
@@ -168,7 +170,8 @@ async fn replace(
     pins::abandon(connection, vec![old], now).await?;
     let row = connection
         .query(
-            "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END,
+            // The number of images does not tell when the last one of them is corrected.
+            "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END, expected = NULL,
                     accession_number = $1, label = $2, state = 'receiving', reason = NULL, last_at = $3
              WHERE id = $4 RETURNING superseded",
         )
@@ -238,14 +241,14 @@ pub(super) async fn ignore(
     Ok(())
 }
 
-/// Withdraws instances of a series: its images are forgotten. What is left is read again.
+/// Withdraws instances of a series: its images are forgotten. What is left is read again. Returns how many were there.
 pub(super) async fn reject(
     connection: &mut Connection,
     (uids, source, project): (&SeriesUids, ArrivalSource, Project),
     instances: &[Uid],
     reason: &Failure,
     now: i64,
-) -> Result<(), StoreError> {
+) -> Result<usize, StoreError> {
     let reason = serde_json::to_string(reason)?;
     let row = connection
         .query(
@@ -274,11 +277,12 @@ pub(super) async fn reject(
             .await?;
         removed.extend(row.as_ref().map(read_object).transpose()?);
     }
-    let count_removed = count(removed.len());
+    let removed_here = removed.len();
+    let count_removed = count(removed_here);
     pins::abandon(connection, removed, now).await?;
     connection
         .query(
-            "UPDATE arrivals SET instances = instances - $1,
+            "UPDATE arrivals SET instances = instances - $1, expected = NULL,
                     state = CASE WHEN instances > $1 THEN 'receiving' ELSE 'nothing' END,
                     reason = CASE WHEN instances > $1 THEN NULL ELSE $2 END
              WHERE id = $3 AND (instances = 0 OR $1 > 0)",
@@ -291,7 +295,7 @@ pub(super) async fn reject(
     if count_removed > 0 {
         jobs::cancel(connection, JobKind::SERIES, &id).await?;
     }
-    Ok(())
+    Ok(removed_here)
 }
 
 /// Supersedes a case whose images were rejected, and lets the series be read again that became layers of it: another head of the
@@ -321,6 +325,30 @@ async fn wake_layers(connection: &mut Connection, case: &CaseId) -> Result<(), S
         .execute()
         .await?;
     Ok(())
+}
+
+/// Those instances that are no images of any series here.
+pub(super) async fn absent(
+    connection: &mut Connection,
+    project: Project,
+    instances: &[Uid],
+) -> Result<Vec<Uid>, StoreError> {
+    let mut absent = Vec::with_capacity(instances.len());
+    for instance in instances {
+        let here = connection
+            .query(
+                "SELECT arrival_id FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
+                 WHERE sop_instance_uid = $1 AND project = $2 LIMIT 1",
+            )
+            .bind(instance.as_str())
+            .bind(project.name())
+            .fetch_optional()
+            .await?;
+        if here.is_none() {
+            absent.push(instance.clone());
+        }
+    }
+    Ok(absent)
 }
 
 /// Notes that instances are withdrawn. One that was withdrawn before keeps the later time.
@@ -702,21 +730,22 @@ async fn supersede_others(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            // Versions with another mask have the same volume.
-            "UPDATE case_series SET superseded = CASE WHEN EXISTS (
-                 SELECT 1 FROM case_objects AS own JOIN case_objects AS other
-                                                   ON other.kind = own.kind AND other.digest = own.digest
-                 WHERE own.case_id = $1 AND own.kind = $2 AND other.case_id = case_series.case_id
+            // Versions with another mask are of the same images.
+            "UPDATE case_series SET superseded = CASE WHEN 2 = (
+                 SELECT count(*) FROM case_objects AS own JOIN case_objects AS other
+                                                          ON other.kind = own.kind AND other.digest = own.digest
+                 WHERE own.case_id = $1 AND own.kind IN ($2, $6) AND other.case_id = case_series.case_id
              ) THEN 0 WHEN superseded = $5 THEN $5 ELSE $3 END
              WHERE case_id <> $1 AND superseded IN (0, $3, $5)
                AND (project, study_uid, series_uid) =
                    (SELECT project, study_uid, series_uid FROM arrivals WHERE id = $4)",
         )
         .bind(case)
-        .bind(ObjectKind::SourceVolume.name())
+        .bind(ObjectKind::SourceDicom.name())
         .bind(superseded_code(Some(Superseded::NewerVersion)))
         .bind(arrival)
         .bind(superseded_code(Some(Superseded::Moved)))
+        .bind(ObjectKind::SourceVolume.name())
         .execute()
         .await?;
     Ok(())
@@ -737,34 +766,38 @@ pub(super) async fn move_case(
                AND case_id IN (
                  SELECT other.case_id FROM case_objects AS own JOIN case_objects AS other
                                            ON other.kind = own.kind AND other.digest = own.digest
-                 WHERE own.case_id = $1 AND own.kind = $2)",
+                 WHERE own.case_id = $1 AND own.kind IN ($2, $5) GROUP BY other.case_id HAVING count(*) = 2)",
         )
         .bind(case.key())
-        .bind(ObjectKind::SourceVolume.name())
+        .bind(ObjectKind::SourceDicom.name())
         .bind(superseded_code(Some(Superseded::Moved)))
         .bind(superseded_code(Some(Superseded::NewerVersion)))
+        .bind(ObjectKind::SourceVolume.name())
         .execute()
         .await?;
     wake_layers(connection, case).await
 }
 
-/// Whether the images of a case lie elsewhere than those of the case that it is a version of.
-pub(super) async fn has_moved(
+/// Whether findings and layers stay with the case that another one is a version of: its images lie elsewhere since, or were
+/// rejected.
+pub(super) async fn keeps_findings(
     connection: &mut Connection,
     case: &CaseId,
     previous: &CaseId,
 ) -> Result<bool, StoreError> {
     let row = connection
         .query(
-            // A version with another mask has the same volume.
-            "SELECT case_id FROM case_series WHERE case_id = $1 AND superseded = $2 AND NOT EXISTS (
-                 SELECT 1 FROM case_objects AS own JOIN case_objects AS other
-                                                   ON other.kind = own.kind AND other.digest = own.digest
-                 WHERE own.case_id = $3 AND own.kind = $4 AND other.case_id = $1)",
+            // A version with another mask is of the same images.
+            "SELECT case_id FROM case_series WHERE case_id = $1 AND superseded IN ($2, $5) AND 2 > (
+                 SELECT count(*) FROM case_objects AS own JOIN case_objects AS other
+                                                          ON other.kind = own.kind AND other.digest = own.digest
+                 WHERE own.case_id = $3 AND own.kind IN ($4, $6) AND other.case_id = $1)",
         )
         .bind(previous.key())
         .bind(superseded_code(Some(Superseded::Moved)))
         .bind(case.key())
+        .bind(ObjectKind::SourceDicom.name())
+        .bind(superseded_code(Some(Superseded::Rejected)))
         .bind(ObjectKind::SourceVolume.name())
         .fetch_optional()
         .await?;

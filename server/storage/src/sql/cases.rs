@@ -67,7 +67,7 @@ pub(super) async fn submit(
     }
     jobs::enqueue_for(connection, &NewJob::prepare(&new.id), &new.client, now).await?;
     if let (Inserted::Created, Some(previous)) = (inserted, &new.previous)
-        && !arrivals::has_moved(connection, &new.id, previous).await?
+        && !arrivals::keeps_findings(connection, &new.id, previous).await?
     {
         layers::inherit(connection, &new.id, previous, now).await?;
         findings::inherit(connection, &new.id, previous).await?;

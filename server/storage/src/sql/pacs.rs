@@ -107,7 +107,8 @@ impl Store {
     }
 
     /// Withdraws what a rejection note names: images are forgotten, and the cases that were made of them superseded. Their
-    /// arrivals became nothing, for this reason, if no image is left.
+    /// arrivals became nothing, for this reason, if no image is left. An image that is here in another series than the note
+    /// says stays, and may be corrected. Returns how many images were forgotten.
     ///
     /// # Errors
     /// If the rows cannot be written.
@@ -117,20 +118,24 @@ impl Store {
         source: ArrivalSource,
         reason: &Failure,
         cases: &[CaseId],
-    ) -> Result<(), StoreError> {
+    ) -> Result<usize, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
+        let mut forgotten = 0;
         for case in cases {
             arrivals::reject_case(&mut transaction, case).await?;
         }
         for (uids, instances) in &rejection.series {
             let of = (uids, source, self.project());
-            arrivals::reject(&mut transaction, of, instances, reason, now).await?;
+            forgotten += arrivals::reject(&mut transaction, of, instances, reason, now).await?;
             if !rejection.may_return {
-                arrivals::withdraw(&mut transaction, self.project(), instances, now).await?;
+                let project = self.project();
+                let withdrawn = arrivals::absent(&mut transaction, project, instances).await?;
+                arrivals::withdraw(&mut transaction, project, &withdrawn, now).await?;
             }
         }
         transaction.commit().await?;
-        self.collect().await
+        self.collect().await?;
+        Ok(forgotten)
     }
 
     /// Notes that the images of a case lie elsewhere since they were corrected. A version of other images, which comes after it,
