@@ -215,7 +215,8 @@ CREATE TABLE case_series (
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     accession_number TEXT,
-    superseded       BIGINT NOT NULL DEFAULT 0 -- whether the patient or the study was corrected since
+    superseded       BIGINT NOT NULL DEFAULT 0, -- whether the patient or the study was corrected since
+    is_received      BIGINT NOT NULL DEFAULT 0  -- whether a PACS sent the images: what was uploaded takes the place of none of these
 );
 
 CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);

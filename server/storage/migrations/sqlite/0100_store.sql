@@ -188,7 +188,8 @@ CREATE TABLE case_series (
     study_uid        TEXT NOT NULL,
     series_uid       TEXT NOT NULL,
     accession_number TEXT,
-    superseded       INTEGER NOT NULL DEFAULT 0 -- whether the patient or the study was corrected since
+    superseded       INTEGER NOT NULL DEFAULT 0, -- whether the patient or the study was corrected since
+    is_received      INTEGER NOT NULL DEFAULT 0  -- whether a PACS sent the images: what was uploaded takes the place of none of these
 ) STRICT, WITHOUT ROWID;
 
 CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);

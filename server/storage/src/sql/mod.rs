@@ -43,31 +43,17 @@ use case::{Case, CaseFacts, CaseId, Failure, JobKind, ObjectKind, Project};
 /// it has had, so what stands here never changes.
 type Migrations = [(i64, &'static str, &'static str)];
 
-const SQLITE: &Migrations = &[
-    (
-        100,
-        "store",
-        include_str!("../../migrations/sqlite/0100_store.sql"),
-    ),
-    (
-        101,
-        "received",
-        include_str!("../../migrations/sqlite/0101_received.sql"),
-    ),
-];
+const SQLITE: &Migrations = &[(
+    100,
+    "store",
+    include_str!("../../migrations/sqlite/0100_store.sql"),
+)];
 
-const POSTGRES: &Migrations = &[
-    (
-        100,
-        "store",
-        include_str!("../../migrations/postgres/0100_store.sql"),
-    ),
-    (
-        101,
-        "received",
-        include_str!("../../migrations/postgres/0101_received.sql"),
-    ),
-];
+const POSTGRES: &Migrations = &[(
+    100,
+    "store",
+    include_str!("../../migrations/postgres/0100_store.sql"),
+)];
 
 /// Rows in a file of SQLite, in memory, or in PostgreSQL.
 #[derive(Debug, Clone)]
