@@ -137,6 +137,8 @@ struct Reload {
     /// Of C-STORE.
     dimse_tls: Option<ReloadedTls>,
     files: Vec<PathBuf>,
+    /// Their states before they were first read: whatever changes afterwards is seen.
+    seen: Vec<Option<FileState>>,
 }
 
 /// What tells one state of a file from another: its length, the time of its last change and its number.
@@ -145,23 +147,22 @@ type FileState = (u64, std::time::SystemTime, u64);
 impl Reload {
     /// Reads it again whenever the signal comes. If the configuration is invalid by then, nothing changes.
     #[cfg(unix)]
-    async fn at_each_signal(self, args: ServeArgs) {
+    async fn at_each_signal(mut self, args: ServeArgs) {
         use tokio::signal::unix::{SignalKind, signal};
         let Ok(mut signals) = signal(SignalKind::hangup()) else {
             return;
         };
         let mut looks = tokio::time::interval(LOOK_EVERY);
-        let mut seen = self.look();
         loop {
             tokio::select! {
                 signal = signals.recv() => if signal.is_none() { return },
                 _ = looks.tick() => {
-                    let now = self.look();
+                    let now = look(&self.files);
                     // A file that is gone for a moment, while it is replaced, changes nothing.
-                    if now.contains(&None) || now == seen {
+                    if now.contains(&None) || now == self.seen {
                         continue;
                     }
-                    seen = now;
+                    self.seen = now;
                 }
             }
             match self.now(&args) {
@@ -172,17 +173,6 @@ impl Reload {
                 ),
             }
         }
-    }
-
-    /// The state of each file; `None` if there is no such file.
-    #[cfg(unix)]
-    fn look(&self) -> Vec<Option<FileState>> {
-        use std::os::unix::fs::MetadataExt as _;
-        let look = |file: &PathBuf| {
-            let metadata = std::fs::metadata(file).ok()?;
-            Some((metadata.len(), metadata.modified().ok()?, metadata.ino()))
-        };
-        self.files.iter().map(look).collect()
     }
 
     #[cfg(not(unix))]
@@ -205,6 +195,19 @@ impl Reload {
     }
 }
 
+/// The state of each file; `None` if there is no such file.
+fn look(files: &[PathBuf]) -> Vec<Option<FileState>> {
+    let look = |file: &PathBuf| {
+        let metadata = std::fs::metadata(file).ok()?;
+        #[cfg(unix)]
+        let number = std::os::unix::fs::MetadataExt::ino(&metadata);
+        #[cfg(not(unix))]
+        let number = 0;
+        Some((metadata.len(), metadata.modified().ok()?, number))
+    };
+    files.iter().map(look).collect()
+}
+
 /// A running server.
 pub(super) struct Server {
     pub(super) state: AppState,
@@ -222,6 +225,8 @@ pub(super) struct Server {
 impl Server {
     /// Opens the store, binds the address, and starts workers and the server.
     pub(super) async fn start(config: &Config) -> Result<Self, CliError> {
+        let files = config.reloaded_files();
+        let seen = look(&files);
         let state = start::open(config).await?;
         let pacs = start::pacs(config, &state.cases)?;
         let (listener, address) = bind(config.http.listen).await?;
@@ -235,7 +240,8 @@ impl Server {
             access: state.access().clone(),
             tls: config.tls()?.map(ReloadedTls::new),
             dimse_tls: None,
-            files: config.reloaded_files(),
+            files,
+            seen,
         };
         let tls = reload.tls.clone();
         let dimse = match config.pacs.dimse()? {
