@@ -104,7 +104,7 @@ impl Cases {
         let (files, choice) = self
             .read_upload(new.volume, None, &new.options, is_identity_removed)
             .await?;
-        if self.is_of_another(&files, &new.case).await? {
+        if self.is_of_patient(&files, &new.case).await? == Some(false) {
             return Err(of_another_patient().into());
         }
         let has_options = new.options.series.is_some() || new.options.allow_gaps;

@@ -199,13 +199,16 @@ impl Asked {
         for study in studies {
             let study = uid(study)?;
             let of_study = |series| SeriesQuery::Study(study.clone(), series);
-            match &series[..] {
-                [] => queries.push(of_study(None)),
-                named => queries.extend(named.iter().cloned().map(Some).map(of_study)),
+            let named = match &series[..] {
+                [] => vec![of_study(None)],
+                named => named.iter().cloned().map(Some).map(of_study).collect(),
+            };
+            for query in named {
+                if !queries.contains(&query) {
+                    queries.push(query);
+                }
             }
         }
-        let mut seen = Vec::new();
-        queries.retain(|query| !seen.contains(query) && (seen.push(query.clone()), true).1);
         if queries.is_empty() {
             let detail = "the address names no study; use `StudyInstanceUIDs`, `study`, `studyUID` or `accessionNumber`";
             let number = number.clone().ok_or_else(|| unreadable(detail))?;

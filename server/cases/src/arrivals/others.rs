@@ -1,11 +1,11 @@
 //! What a query finds besides the heads: series that make no case (yet). They can belong to another patient.
 
 use case::{CaseState, Failure};
+use storage::ObjectName;
 use storage::arrivals::{
-    AccessionNumber, Arrival, ArrivalStatus, CaseSeries, MOVED, OTHER_OBJECTS, REJECTED,
-    SeriesQuery, SeriesUids, Superseded,
+    AccessionNumber, Arrival, ArrivalStatus, MOVED, OTHER_OBJECTS, REJECTED, SeriesQuery,
+    SeriesUids, Superseded,
 };
-use storage::{ObjectName, StoreError};
 
 use super::{Head, Patient};
 use crate::application::Cases;
@@ -134,7 +134,8 @@ impl Cases {
             if series.superseded != Some(Superseded::Rejected) {
                 continue;
             }
-            let patient = self.patient_of(&series).await?;
+            let source = self.attributes_of(&series.case).await?;
+            let patient = source.map(|source| Patient::of(|keyword| source.value(keyword)));
             if is_head(&series.uids, patient.as_ref()) {
                 continue;
             }
@@ -201,15 +202,6 @@ impl Cases {
             self.patients.insert(image, patient.clone());
         }
         Ok(patient)
-    }
-
-    async fn patient_of(&self, series: &CaseSeries) -> Result<Option<Patient>, StoreError> {
-        let stored = self.store().source_dicom(&series.case).await;
-        match stored {
-            Ok(stored) => Ok(stored.and_then(|stored| Patient::of_stored(&stored))),
-            Err(StoreError::Objects(_)) => Ok(None),
-            Err(error) => Err(error),
-        }
     }
 }
 

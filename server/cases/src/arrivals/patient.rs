@@ -3,7 +3,8 @@
 use crate::application::Cases;
 use crate::error::Error;
 use case::CaseId;
-use storage::Upload;
+use imaging::dicom::Attributes;
+use storage::{StoreError, Upload};
 
 /// A patient, as a source states them. This is patient data.
 ///
@@ -103,38 +104,36 @@ impl std::fmt::Debug for Patient {
 }
 
 impl Cases {
-    /// Whether an upload is of the patient of a case; `false` if that is not known.
+    /// Whether an upload is of the patient of a case; `None` if that is not known, because they differ and one of them states no
+    /// patient.
     pub(crate) async fn is_of_patient(
         &self,
         upload: &Upload,
         case: &CaseId,
-    ) -> Result<bool, Error> {
-        let (new, held) = self.patients_of(upload, case).await?;
-        Ok(new.is_some() && new == held)
-    }
-
-    /// Whether an upload and a case state two patients; `false` if one of them states none.
-    pub(crate) async fn is_of_another(
-        &self,
-        upload: &Upload,
-        case: &CaseId,
-    ) -> Result<bool, Error> {
-        let (new, held) = self.patients_of(upload, case).await?;
-        let both = new.zip(held);
-        Ok(both.is_some_and(|(new, held)| new.is_stated() && held.is_stated() && new != held))
-    }
-
-    async fn patients_of(
-        &self,
-        upload: &Upload,
-        case: &CaseId,
-    ) -> Result<(Option<Patient>, Option<Patient>), Error> {
+    ) -> Result<Option<bool>, Error> {
         let Some(new) = &upload.dicom else {
-            return Ok((None, None));
+            return Ok(None);
         };
         let new = Patient::of_stored(&new.read().await?);
         let held = self.store().source_dicom(case).await?;
-        Ok((new, held.and_then(|stored| Patient::of_stored(&stored))))
+        let held = held.and_then(|stored| Patient::of_stored(&stored));
+        Ok(new.zip(held).and_then(|(new, held)| {
+            let is_same = new == held;
+            (is_same || new.is_stated() && held.is_stated()).then_some(is_same)
+        }))
+    }
+
+    /// The attributes of the source of a case; `None` if it has none, or they are damaged.
+    pub(super) async fn attributes_of(
+        &self,
+        case: &CaseId,
+    ) -> Result<Option<Attributes>, StoreError> {
+        let stored = match self.store().source_dicom(case).await {
+            Ok(stored) => stored,
+            Err(StoreError::Objects(_)) => None,
+            Err(error) => return Err(error),
+        };
+        Ok(stored.and_then(|stored| pipeline::attributes(&stored).ok()))
     }
 }
 

@@ -53,13 +53,8 @@ impl Cases {
         let series = SeriesQuery::Study(uids.study.clone(), Some(uids.series.clone()));
         let mut cases = Vec::new();
         for series in self.store().cases_of(&series).await? {
-            let stored = match self.store().source_dicom(&series.case).await {
-                Ok(stored) => stored,
-                Err(StoreError::Objects(_)) => None,
-                Err(error) => return Err(error),
-            };
-            let stored = stored.and_then(|stored| pipeline::attributes(&stored).ok());
-            if stored.is_none_or(|source| is_made_of(&source, instances)) {
+            let source = self.attributes_of(&series.case).await?;
+            if source.is_none_or(|source| is_made_of(&source, instances)) {
                 cases.push(series.case);
             }
         }

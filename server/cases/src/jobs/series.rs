@@ -127,7 +127,7 @@ impl Cases {
         let previous = self.previous(due).await?;
         let (of, parameters) = match previous {
             // Layers, findings and the label stay with the patient whom they are about.
-            Some(case) if !self.is_of_patient(&upload, &case.id).await? => {
+            Some(case) if self.is_of_patient(&upload, &case.id).await? != Some(true) => {
                 let name = None;
                 (
                     None,
@@ -169,11 +169,14 @@ impl Cases {
         let heads = self.heads(&study).await?.into_iter();
         let (mut of_patient, mut is_another_here) = (None, false);
         for head in heads.filter(|head| head.case.state != CaseState::Failed) {
-            if self.is_of_patient(upload, &head.case.id).await? {
-                of_patient = Some(head.case.id);
-                break;
+            match self.is_of_patient(upload, &head.case.id).await? {
+                Some(true) => {
+                    of_patient = Some(head.case.id);
+                    break;
+                }
+                Some(false) => is_another_here = true,
+                None => {}
             }
-            is_another_here |= self.is_of_another(upload, &head.case.id).await?;
         }
         let Some(case) = of_patient else {
             return Ok(is_another_here.then(|| Outcome::Nothing(case_of_another_patient(due))));

@@ -388,6 +388,15 @@ mod tests {
         segmentation(&head(source), &about, &each, &grid, &[None; 4]).unwrap()
     }
 
+    /// Id, issuer and date of birth; empty if they are not stated.
+    fn patient(read: &MarkedPatient) -> [&str; 3] {
+        ["PatientID", "IssuerOfPatientID", "PatientBirthDate"].map(|keyword| {
+            let mut patient = read.patient.iter();
+            let found = patient.find(|(name, _)| name == keyword);
+            found.map_or("", |(_, value)| value.trim())
+        })
+    }
+
     #[test]
     fn segments_are_read_as_they_were_written_and_foreign_ones_are_refused() {
         let all = [
@@ -403,13 +412,7 @@ mod tests {
         let groups =
             ["52009229", "52009230"].map(|name| metadata[name]["Value"].as_array().map(Vec::len));
         assert_eq!(groups, [Some(1), Some(8)]);
-        let stated = |keyword: &str| {
-            let mut patient = read.patient.iter();
-            let found = patient.find(|(name, _)| name == keyword);
-            found.map_or("", |(_, value)| value.trim())
-        };
-        let patient = ["PatientID", "IssuerOfPatientID", "PatientBirthDate"].map(stated);
-        assert_eq!(patient, ["P-1", "", "19670312"]);
+        assert_eq!(patient(&read), ["P-1", "", "19670312"]);
         for foreign in [
             segments(&source(), &[None]),
             segments(&source(), &[Some(all[0].clone()), None]),
@@ -465,13 +468,7 @@ mod tests {
         let read = marks(&written(&source(), &all).unwrap()).unwrap();
         assert_eq!(read.marks, all);
         assert_eq!(read.frame_of_reference, "1.3");
-        let stated = |keyword: &str| {
-            let mut patient = read.patient.iter();
-            let found = patient.find(|(name, _)| name == keyword);
-            found.map_or("", |(_, value)| value.trim())
-        };
-        let patient = ["PatientID", "IssuerOfPatientID", "PatientBirthDate"].map(stated);
-        assert_eq!(patient, ["P-1", "", "19670312"]);
+        assert_eq!(patient(&read), ["P-1", "", "19670312"]);
     }
 
     #[test]

@@ -3,14 +3,14 @@
 use case::{CaseId, Failure, JobKind, ObjectKind, Project};
 
 use super::Subject;
+use super::results::queue;
 use crate::arrivals::{
     ArrivalQuery, ArrivalSource, CaseSeries, DueTerms, NewInstance, Outcome, REJECTED, Rejection,
     SeriesQuery, SeriesUids, TransferQuery, Uid,
 };
 use crate::jobs::{JobQuery, NewJob};
-use crate::results::{NewResult, ResultSeries};
 use crate::rows::{Inserted, Referred, Sweep};
-use crate::testing::{name, new_case, pinned};
+use crate::testing::{name, new_case, new_result, pinned};
 use crate::{ObjectName, Store};
 
 const TERMS: DueTerms = DueTerms {
@@ -192,29 +192,12 @@ pub(crate) async fn projects_receive_the_same_series_apart(subject: &Subject) {
 
 pub(crate) async fn projects_have_their_own_results_and_retrievals(subject: &Subject) {
     const FETCH: JobKind = JobKind::new("fetch", "retrieval");
-    const SEND: JobKind = JobKind::new("send", "delivery");
     let [one, two, plain] = &stores(&subject.store);
     let mut ids = Vec::new();
     for (store, contents) in [(one, "of one"), (two, "of two")] {
-        let new = NewResult {
-            case: insert(store).await,
-            node: "pacs".to_owned(),
-            study: uid("1.2.3"),
-            series: ResultSeries {
-                sop_class_uid: uid("1.2.840.10008.5.1.4.1.1.7"),
-                series_uid: uid("2.25.8"),
-                number: 9001,
-                description: "a view".to_owned(),
-            },
-            instance: uid("2.25.7"),
-            digest: blake3::hash(contents.as_bytes()),
-        };
+        let new = new_result(insert(store).await, "pacs", contents);
         assert_eq!(store.object_of_result(&new.instance).await.unwrap(), None);
-        let pinned = pinned(store, &[new.object()]).await;
-        let queued = match store.insert_result(&new, SEND, &pinned).await.unwrap() {
-            Referred::Done(queued) => queued,
-            other => panic!("{other:?}"),
-        };
+        let queued = queue(store, &new).await;
         assert_eq!(queued.object, new.object());
         ids.push(queued.id);
         let job = NewJob {

@@ -8,13 +8,13 @@ use super::Subject;
 use crate::Store;
 use crate::arrivals::{ArrivalCursor, TransferQuery, Uid};
 use crate::jobs::Claim;
-use crate::results::{NewResult, ResultSeries, SentResult};
+use crate::results::{NewResult, SentResult};
 use crate::rows::{Referred, Sweep};
-use crate::testing::{failure, new_case, pinned};
+use crate::testing::{failure, new_case, new_result, pinned};
 
 const LEASE: Duration = Duration::from_secs(30);
 
-const SEND: JobKind = JobKind::new("send", "delivery");
+pub(super) const SEND: JobKind = JobKind::new("send", "delivery");
 
 fn uid(text: &str) -> Uid {
     Uid::parse(text).unwrap()
@@ -26,23 +26,7 @@ async fn a_case(store: &Store) -> CaseId {
     new.id
 }
 
-fn result(case: CaseId, node: &str, contents: &str) -> NewResult {
-    NewResult {
-        case,
-        node: node.to_owned(),
-        study: uid("1.2.3"),
-        series: ResultSeries {
-            sop_class_uid: uid("1.2.840.10008.5.1.4.1.1.7"),
-            series_uid: uid("2.25.8"),
-            number: 9001,
-            description: "a view".to_owned(),
-        },
-        instance: uid("2.25.7"),
-        digest: blake3::hash(contents.as_bytes()),
-    }
-}
-
-async fn queue(store: &Store, new: &NewResult) -> SentResult {
+pub(super) async fn queue(store: &Store, new: &NewResult) -> SentResult {
     let pinned = pinned(store, &[new.object()]).await;
     match store.insert_result(new, SEND, &pinned).await.unwrap() {
         Referred::Done(queued) => queued,
@@ -65,11 +49,11 @@ pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_ther
     let store = &subject.store;
     let case = a_case(store).await;
     assert_eq!(claim(store).await, None);
-    let first = queue(store, &result(case, "pacs", "one")).await;
+    let first = queue(store, &new_result(case, "pacs", "one")).await;
     assert_eq!(state(store, &first).await, JobState::Queued);
     assert_eq!(store.result(&first.id).await.unwrap(), Some(first.clone()));
     // The same result, although its file was made again: the first file counts.
-    let again = queue(store, &result(case, "pacs", "two")).await;
+    let again = queue(store, &new_result(case, "pacs", "two")).await;
     assert_eq!(again, first);
     let known = store.object_of_result(&uid("2.25.7")).await.unwrap();
     assert_eq!(known, Some(first.object));
@@ -83,7 +67,7 @@ pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_ther
         holder: "sweep".to_owned(),
         lease: LEASE,
     };
-    let two = result(case, "pacs", "two").object();
+    let two = new_result(case, "pacs", "two").object();
     assert_eq!(
         store.mark(&[first.object, two], &sweep).await.unwrap(),
         [two]
@@ -100,7 +84,7 @@ pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_ther
         (JobState::Failed, Some(failure()))
     );
     // Whoever requests it again wants it sent again.
-    let again = queue(store, &result(case, "pacs", "one")).await;
+    let again = queue(store, &new_result(case, "pacs", "one")).await;
     let job = again.job.unwrap();
     assert_eq!(
         (again.id, job.state, job.attempts, job.failure),
@@ -111,7 +95,7 @@ pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_ther
 pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(subject: &Subject) {
     let store = &subject.store;
     let case = a_case(store).await;
-    let [one, other] = ["pacs", "other"].map(|node| result(case, node, "one"));
+    let [one, other] = ["pacs", "other"].map(|node| new_result(case, node, "one"));
     let sent = queue(store, &one).await;
     let leased = claim(store).await.unwrap();
     assert!(store.finish(&leased).await.unwrap());
@@ -140,8 +124,8 @@ pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(s
     subject.pass(1);
     assert_eq!(store.mark(&objects, &sweep).await.unwrap(), objects);
     // A case that is gone gets no results.
-    let pinned = pinned(store, &[result(case, "pacs", "three").object()]).await;
-    let late = result(case, "pacs", "three");
+    let pinned = pinned(store, &[new_result(case, "pacs", "three").object()]).await;
+    let late = new_result(case, "pacs", "three");
     assert!(store.insert_result(&late, SEND, &pinned).await.is_err());
 }
 
@@ -151,7 +135,7 @@ pub(crate) async fn results_are_listed_by_case_and_state_in_pages(subject: &Subj
     let mut ids = Vec::new();
     for node in ["first", "second", "third"] {
         subject.pass(1);
-        ids.push(queue(store, &result(case, node, "one")).await.id);
+        ids.push(queue(store, &new_result(case, node, "one")).await.id);
     }
     ids.reverse();
     let list = async |query: &TransferQuery, after: Option<&ArrivalCursor>, limit| {

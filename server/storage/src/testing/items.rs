@@ -6,6 +6,8 @@ use std::time::Duration;
 use case::{CaseId, JobKind, ObjectKind, Parameters};
 
 use super::name;
+use crate::arrivals::Uid;
+use crate::results::{NewResult, ResultSeries};
 use crate::rows::{NewCase, Pinned};
 use crate::{Claim, ObjectName, Store};
 
@@ -38,4 +40,22 @@ pub(crate) async fn new_case(store: &Store, contents: &str) -> NewCase {
 /// Leases a preparation for 30 s; it fails at its fourth attempt.
 pub(crate) async fn claim(store: &Store) -> Option<Claim> {
     store.claim(JobKind::PREPARE, 3).await.unwrap()
+}
+
+/// A result of a case of the study 1.2.3, to be sent to a node. Its contents are told apart by their digest alone.
+pub(crate) fn new_result(case: CaseId, node: &str, contents: &str) -> NewResult {
+    let uid = |text| Uid::parse(text).expect("a UID");
+    NewResult {
+        case,
+        node: node.to_owned(),
+        study: uid("1.2.3"),
+        series: ResultSeries {
+            sop_class_uid: uid("1.2.840.10008.5.1.4.1.1.7"),
+            series_uid: uid("2.25.8"),
+            number: 9001,
+            description: "a view".to_owned(),
+        },
+        instance: uid("2.25.7"),
+        digest: blake3::hash(contents.as_bytes()),
+    }
 }

@@ -14,7 +14,7 @@ use case::{
 };
 
 #[cfg(test)]
-pub(crate) use self::items::{claim, new_case, pinned};
+pub(crate) use self::items::{claim, new_case, new_result, pinned};
 use super::{KeyId, Keys, ObjectName, Store};
 
 /// The facts of a case, made up.

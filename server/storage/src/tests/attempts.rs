@@ -6,9 +6,8 @@ use crate::arrivals::{
     ArrivalSource, ArrivalState, DueTerms, NewInstance, SeriesQuery, SeriesUids, Uid,
 };
 use crate::conformance::Subject;
-use crate::results::{NewResult, ResultSeries};
 use crate::rows::Referred;
-use crate::testing::{new_case, pinned};
+use crate::testing::{new_case, new_result, pinned};
 use crate::{NewJob, ObjectName};
 use case::{JobKind, JobState};
 
@@ -94,19 +93,7 @@ async fn a_result_whose_sender_dies_each_time_fails() {
     let store = &subject.store;
     let case = new_case(store, "a").await;
     store.insert_case(&case).await.unwrap();
-    let new = NewResult {
-        case: case.id,
-        node: "pacs".to_owned(),
-        study: uid("1.2.3"),
-        series: ResultSeries {
-            sop_class_uid: uid("1.2.840.10008.5.1.4.1.1.7"),
-            series_uid: uid("2.25.8"),
-            number: 9001,
-            description: "a view".to_owned(),
-        },
-        instance: uid("2.25.7"),
-        digest: blake3::hash(b"a result"),
-    };
+    let new = new_result(case.id, "pacs", "a result");
     let pins = pinned(store, &[new.object()]).await;
     let send = JobKind::new("send", "delivery");
     let queued = store.insert_result(&new, send, &pins).await.unwrap();

@@ -5,7 +5,8 @@ use crate::arrivals::{
     AccessionNumber, ArrivalSource, ArrivalState, DueTerms, NewInstance, Outcome, REJECTED,
     Rejection, SeriesQuery, SeriesUids, TransferQuery, Uid,
 };
-use crate::results::{NewResult, ResultSeries};
+use crate::results::NewResult;
+use crate::testing::new_result;
 use crate::{CopyStep, ForPacs, frame};
 use case::{Failure, JobKind, JobState};
 
@@ -257,17 +258,8 @@ async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
     assert!(store.settle(&due, &Outcome::Case(id)).await.unwrap());
     let file = b"a result";
     let new = NewResult {
-        case: id,
-        node: "pacs".to_owned(),
         study: uid("1.2"),
-        series: ResultSeries {
-            sop_class_uid: uid("1.2.840.10008.5.1.4.1.1.7"),
-            series_uid: uid("2.25.8"),
-            number: 9001,
-            description: "a view".to_owned(),
-        },
-        instance: uid("2.25.7"),
-        digest: blake3::hash(file),
+        ..new_result(id, "pacs", "a result")
     };
     let send = JobKind::new("send", "delivery");
     let queued = store.queue_result(new, file[..].into(), send).await;
