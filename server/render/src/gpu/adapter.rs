@@ -1,5 +1,7 @@
 //! The machine's graphics adapter.
 
+use std::sync::OnceLock;
+
 use wgpu::{Backends, DeviceType, Instance, InstanceDescriptor};
 
 use super::GpuError;
@@ -41,8 +43,8 @@ impl Adapter {
     ///
     /// Software OpenGL is not used, because the CPU renderers are faster.
     pub(super) fn find() -> Result<Self, GpuError> {
-        request(Backends::VULKAN).or_else(|reason| {
-            request(Backends::GL)
+        request(Backends::VULKAN, &VULKAN).or_else(|reason| {
+            request(Backends::GL, &GL)
                 .ok()
                 .filter(|adapter| adapter.0.get_info().device_type != DeviceType::Cpu)
                 .ok_or(reason)
@@ -66,19 +68,23 @@ impl Adapter {
     }
 }
 
-fn request(backends: Backends) -> Result<Adapter, GpuError> {
-    let instance = Instance::new(InstanceDescriptor {
-        backends,
-        ..InstanceDescriptor::new_without_display_handle()
+/// The drivers stay loaded until the process ends: NVIDIA's leaves a destructor with each thread that has called it, and once the driver
+/// is unloaded, the process crashes when such a thread ends.
+static VULKAN: OnceLock<Instance> = OnceLock::new();
+static GL: OnceLock<Instance> = OnceLock::new();
+
+fn request(backends: Backends, kept: &OnceLock<Instance>) -> Result<Adapter, GpuError> {
+    let instance = kept.get_or_init(|| {
+        Instance::new(InstanceDescriptor {
+            backends,
+            ..InstanceDescriptor::new_without_display_handle()
+        })
     });
     let options = wgpu::RequestAdapterOptions {
         power_preference: wgpu::PowerPreference::HighPerformance,
         ..Default::default()
     };
     let found = pollster::block_on(instance.request_adapter(&options));
-    // The driver stays loaded until the process ends. NVIDIA's leaves a destructor with each thread that has called it; once the driver
-    // is unloaded, the process crashes when such a thread ends.
-    std::mem::forget(instance);
     found.map(Adapter).map_err(|error| GpuError::NoAdapter {
         reason: error.to_string(),
     })
