@@ -79,8 +79,12 @@ impl Neighbour {
         self.server.send(request).await
     }
 
-    /// The one series that came, once it is settled. If it was sent here, all of it has come, so the time for further images passes
-    /// at once.
+    /// Nothing more comes of what was sent here: the time for further images passes.
+    pub(crate) fn all_has_come(&self) {
+        self.server.state.cases.store().pass_time(STABLE);
+    }
+
+    /// The one series that came, once it is settled. If it was sent here, all of it has come.
     pub(crate) async fn settled(&self) -> Value {
         let mut is_over = false;
         until("the series is settled", async || {
@@ -90,7 +94,7 @@ impl Neighbour {
                 [arrival] if arrival["state"] != "receiving" => return Some(arrival.clone()),
                 [arrival] if !is_over && arrival["source"] != "retrieval" => {
                     is_over = true;
-                    self.server.state.cases.store().pass_time(STABLE);
+                    self.all_has_come();
                 }
                 _ => {}
             }
