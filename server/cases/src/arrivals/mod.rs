@@ -10,7 +10,7 @@ mod others;
 mod patient;
 mod rejection;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use std::time::Duration;
 

@@ -3,18 +3,50 @@
 use std::time::Duration;
 
 use case::Parameters;
-use pipeline::Source;
+use imaging::Limits;
+use pipeline::atlas::AtlasChoice;
+use pipeline::{HeadLimits, Source};
 use storage::arrivals::{ArrivalSource, ArrivalState, NewInstance, SeriesQuery, SeriesUids, Uid};
 use storage::testing::files_below;
 use storage::{Store, StoreError};
 
 use super::{ArrivalOptions, SeriesRule};
+use crate::application::{Cases, Options};
+use crate::dicom::Program;
 use crate::library::Library;
-use crate::testing::{application, source};
+use crate::pictures::{GpuUse, GraphicsOptions};
+use crate::testing::source;
 
 /// A child that reports that there is not enough memory.
 const OUT_OF_MEMORY: &str = r#"order=$(/bin/cat); output=${order#*\"output\":\"}; output=${output%%\"*}
 printf '%s' '{"refused":{"name":"dicom-out-of-memory","kind":"out_of_memory","detail":"too little memory"}}' > "$output/outcome.json""#;
+
+/// An application whose DICOM files are read by a script of the shell.
+pub(crate) fn application(store: Store, script: &str) -> Cases {
+    let arguments = vec!["-c".into(), script.into()];
+    let options = Options {
+        location: std::path::Path::new("unused").into(),
+        preparation_threads: 1,
+        prepares_apart: false,
+        preparation_cpu_seconds: 120,
+        makes_maps: false,
+        max_layers: 20,
+        store: crate::testing::options(),
+        network: None,
+        atlas: AtlasChoice::Off,
+        limits: Limits::default(),
+        head: HeadLimits::default(),
+        render_threads: 1,
+        max_queued_renders: 4,
+        cache_bytes: 1 << 20,
+        graphics: GraphicsOptions::of_one(GpuUse::Off),
+        dicom_program: Program::other("/bin/sh".into(), arguments),
+        max_dicom_bytes: 1 << 20,
+        deidentify: false,
+        audit: audit::Audit::default(),
+    };
+    Cases::on(Library::of(store), &options)
+}
 
 fn uid(text: &str) -> Uid {
     Uid::parse(text).unwrap()
@@ -23,7 +55,7 @@ fn uid(text: &str) -> Uid {
 #[tokio::test]
 async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
     let store = Store::in_memory(crate::testing::options()).await.unwrap();
-    let cases = application(Library::of(store), OUT_OF_MEMORY);
+    let cases = application(store, OUT_OF_MEMORY);
     let file = cases.store().spool_all("an image".into()).await.unwrap();
     let image = NewInstance {
         uids: SeriesUids {
@@ -63,7 +95,7 @@ async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
 async fn a_store_that_fails_is_an_error_and_not_a_case_that_states_no_patient() {
     let directory = tempfile::tempdir().unwrap();
     let store = Store::open_with(directory.path(), crate::testing::options());
-    let cases = application(Library::of(store.await.unwrap()), "");
+    let cases = application(store.await.unwrap(), "");
     let stored = r#"{"attributes":[["PatientID","P-1"]],"instances":[],"interpolated_slices":[]}"#;
     let of_dicom = Source {
         dicom: Some(stored.into()),

@@ -15,10 +15,11 @@ use storage::{DatabaseAddress, Location, Options, Store};
 
 use super::*;
 use crate::application::REMEMBERED_FOR;
+use crate::arrivals::tests::application;
 use crate::error::Error;
 use crate::jobs::Workers;
 use crate::library::{LibraryOptions, Preparation};
-use crate::testing::{application, settled_state};
+use crate::testing::settled_state;
 
 struct Ready {
     directory: tempfile::TempDir,
@@ -274,7 +275,7 @@ async fn what_was_seen_is_served_for_a_while_without_the_database() {
     };
     let store = Store::open_at(&location, Options::default()).await.unwrap();
     let ready = ready_in(store, directory).await;
-    let mut cases = application(ready.library, "");
+    let mut cases = application(ready.library.store().clone(), "");
     cases.ready(&ready.id).await.unwrap();
     cases.model(&ready.id).await.unwrap();
     postgres.stop();
