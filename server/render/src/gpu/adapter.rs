@@ -76,6 +76,9 @@ fn request(backends: Backends) -> Result<Adapter, GpuError> {
         ..Default::default()
     };
     let found = pollster::block_on(instance.request_adapter(&options));
+    // The driver stays loaded until the process ends. NVIDIA's leaves a destructor with each thread that has called it; once the driver
+    // is unloaded, the process crashes when such a thread ends.
+    std::mem::forget(instance);
     found.map(Adapter).map_err(|error| GpuError::NoAdapter {
         reason: error.to_string(),
     })

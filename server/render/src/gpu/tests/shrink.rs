@@ -273,7 +273,12 @@ fn the_vertex_shader_shrinks_as_the_table_does() {
         };
         let apart = expected.iter().zip(&found).filter(is_apart).count();
         let covered = found.iter().filter(|height| height.is_finite()).count();
-        assert!(apart <= 4, "{apart} pixels at {depth_mm} mm");
+        // Devices round the places of vertices differently, which moves the silhouette.
+        let allowed = 4 + covered / 250;
+        assert!(
+            apart <= allowed,
+            "{apart} of {covered} pixels at {depth_mm} mm"
+        );
         assert!(
             covered > 100 || depth_mm > 25.0,
             "{covered} pixels at {depth_mm} mm"
