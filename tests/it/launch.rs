@@ -35,6 +35,7 @@ impl Series<'_> {
     /// Stores it; the case that it becomes, ready.
     async fn becomes(&self, neighbour: &Neighbour) -> String {
         assert_eq!(neighbour.store(&self.files()).await.status, 200);
+        neighbour.all_has_come();
         let case = until(&format!("a case comes of {}", self.uid), async || {
             let list = neighbour.server.get("/v1/arrivals").await.json();
             let mut arrivals = list["arrivals"].as_array().unwrap().iter();

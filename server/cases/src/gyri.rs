@@ -33,7 +33,7 @@ impl Cases {
             let turn = self.queue.turn().await?;
             let placed = self.placed(id).await?;
             let atlas = Arc::clone(atlas);
-            let find = move || Gyri::of(&atlas, &facts, (&placed.volume, &placed.envelope));
+            let find = move || Gyri::of(&atlas, &facts, &placed.volume, &placed.envelope);
             let found = turn.run(find).await?.unwrap_or_else(|error| {
                 tracing::error!("{error}; places have no names");
                 None

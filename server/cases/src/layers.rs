@@ -47,7 +47,8 @@ pub struct AddedLayer {
 /// # Errors
 /// If they do not fit together.
 pub fn parameters_of(
-    (series, name): (Option<&SeriesView>, Option<&str>),
+    series: Option<&SeriesView>,
+    name: Option<&str>,
     kind: Option<LayerKind>,
     unit: Option<String>,
     others: LayerParameters,
@@ -116,8 +117,8 @@ impl Cases {
             });
         }
         let series = choice.as_ref().map(|choice| &choice.series);
-        let told = (series, new.name.as_deref());
-        let parameters = parameters_of(told, new.kind, new.unit, new.parameters)?;
+        let name = new.name.as_deref();
+        let parameters = parameters_of(series, name, new.kind, new.unit, new.parameters)?;
         let usual = || match series.map(|series| series.name.as_str()) {
             Some(name) if !name.is_empty() => name.to_owned(),
             _ => parameters.kind.name().to_owned(),

@@ -108,7 +108,7 @@ fn turned_back(
     let mut quality = Quality {
         agreement: found.quality.agreement,
         uncertain: found.quality.uncertain,
-        ..Quality::of_found(&mask, (&brain, &closed, &cuts), volume)
+        ..Quality::of_found(&mask, &brain, &closed, &cuts, volume)
     };
     quality.offer_axes(about * volume.grid().patient_from_voxel());
     Ok(Extraction {

@@ -55,8 +55,7 @@ pub fn predict(
     let brain = prediction.fine.brain(volume.grid(), threshold)?;
     go_on(observe, 0.95)?;
     let (closed, cuts) = closed(&brain, volume)?;
-    let found = (&brain, &closed, &cuts);
-    let quality = Quality::of_predicted(&prediction, found, volume)?;
+    let quality = Quality::of_predicted(&prediction, &brain, &closed, &cuts, volume)?;
     Ok(Extraction {
         brain,
         closed,
@@ -87,7 +86,7 @@ pub(crate) fn pruned(
     let brain = BrainMask::from_mask(&pruned, volume.grid())?;
     go_on(observe, 0.95)?;
     let (closed, cuts) = closed(&brain, volume)?;
-    let mut quality = Quality::of_found(&pruned, (&brain, &closed, &cuts), volume);
+    let mut quality = Quality::of_found(&pruned, &brain, &closed, &cuts, volume);
     quality.put_to_review(because);
     Ok(Extraction {
         brain,

@@ -212,7 +212,9 @@ impl Quality {
     /// what cuts it.
     pub(crate) fn of_found(
         found: &Mask,
-        (brain, closed, cuts): (&BrainMask, &DistanceMap, &BrainCuts),
+        brain: &BrainMask,
+        closed: &DistanceMap,
+        cuts: &BrainCuts,
         volume: &Volume,
     ) -> Self {
         let numbers = MaskNumbers {
@@ -230,11 +232,13 @@ impl Quality {
     /// Rates a mask that the network found.
     pub(crate) fn of_predicted(
         prediction: &Prediction,
-        (brain, closed, cuts): (&BrainMask, &DistanceMap, &BrainCuts),
+        brain: &BrainMask,
+        closed: &DistanceMap,
+        cuts: &BrainCuts,
         volume: &Volume,
     ) -> Result<Self, ExtractionError> {
         let found = prediction.fine.above(0.5)?;
-        let mut quality = Self::of_found(&found, (brain, closed, cuts), volume);
+        let mut quality = Self::of_found(&found, brain, closed, cuts, volume);
         quality.agreement = Some(agreement(prediction, brain)?);
         quality.uncertain = Some(uncertain_share(prediction));
         quality.judge_prediction();

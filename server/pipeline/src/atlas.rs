@@ -246,21 +246,23 @@ impl Gyri {
     pub fn of(
         atlas: &Arc<Atlas>,
         facts: &CaseFacts,
-        (volume, envelope): (&Volume, &Envelope),
+        volume: &Volume,
+        envelope: &Envelope,
     ) -> Result<Option<Self>, NoAtlas> {
         let quality = facts.quality.as_ref();
         if quality.is_some_and(|quality| quality.state == QualityState::Failed) {
             return Ok(None);
         }
-        Self::placed(atlas, (volume, envelope), mirror_plane(facts))
+        Self::placed(atlas, volume, envelope, mirror_plane(facts))
     }
 
     fn placed(
         atlas: &Arc<Atlas>,
-        (volume, envelope): (&Volume, &Envelope),
+        volume: &Volume,
+        envelope: &Envelope,
         plane: MidsagittalPlane,
     ) -> Result<Option<Self>, NoAtlas> {
-        let found = atlas.drawn()?.place_of((volume, envelope, &plane));
+        let found = atlas.drawn()?.place_of(volume, envelope, &plane);
         Ok(found.misfit.is_none().then(|| Self {
             atlas: Arc::clone(atlas),
             atlas_from_patient: found.template_from_head,
@@ -302,7 +304,9 @@ impl Drawn {
     /// The place of a head in the space of the atlas.
     fn place_of(
         &self,
-        (volume, envelope, plane): (&Volume, &Envelope, &MidsagittalPlane),
+        volume: &Volume,
+        envelope: &Envelope,
+        plane: &MidsagittalPlane,
     ) -> Alignment {
         let head = Aligned {
             volume,
@@ -384,7 +388,7 @@ mod tests {
 
     fn names_of(atlas: &Arc<Atlas>, volume: &Volume, envelope: &Envelope) -> Option<Gyri> {
         let plane = midsagittal_plane(envelope, volume);
-        Gyri::placed(atlas, (volume, envelope), plane).unwrap()
+        Gyri::placed(atlas, volume, envelope, plane).unwrap()
     }
 
     #[test]
@@ -451,10 +455,7 @@ mod tests {
             let envelope = envelope(&brain, CLOSING_MM).unwrap();
             let plane = midsagittal_plane(&envelope, &volume);
             let begun = std::time::Instant::now();
-            let found = atlas
-                .drawn()
-                .unwrap()
-                .place_of((&volume, &envelope, &plane));
+            let found = atlas.drawn().unwrap().place_of(&volume, &envelope, &plane);
             println!("{name} {:?} {found:?}", begun.elapsed());
             assert_eq!(found.misfit, None, "{name}: {found:?}");
         }

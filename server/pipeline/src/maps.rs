@@ -158,8 +158,11 @@ fn parameters_of(facts: &CaseFacts) -> Result<MapParameters, MapsUndefined> {
 
 /// Computes the map of a FLAIR of a case, whose stored voxels are `layer`; the reason if it is undefined.
 pub fn compute_flair(
-    (facts, envelope, volume): (&CaseFacts, &Envelope, &Volume),
-    (layer, placement): (&Volume, &PlacementFacts),
+    facts: &CaseFacts,
+    envelope: &Envelope,
+    volume: &Volume,
+    layer: &Volume,
+    placement: &PlacementFacts,
 ) -> MapsOrReason {
     parameters_of(facts)?;
     if placement.quality != QualityState::Ok {

@@ -201,7 +201,7 @@ impl Library {
                 }
                 Some((row, voxels)) => {
                     let placement = &row.facts.as_ref()?.placement;
-                    let map = compute_flair((facts, &envelope, &volume), (voxels, placement));
+                    let map = compute_flair(facts, &envelope, &volume, voxels, placement);
                     (map, None)
                 }
             };

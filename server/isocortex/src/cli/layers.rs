@@ -162,8 +162,8 @@ async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, Cli
             None,
         )
     };
-    let told = (series.as_ref(), Some(&*file.name));
-    let parameters = parameters_of(told, file.kind, file.unit, file.parameters)?;
+    let (series, name) = (series.as_ref(), Some(&*file.name));
+    let parameters = parameters_of(series, name, file.kind, file.unit, file.parameters)?;
     check_layer(&source, &parameters, &Limits::default())?;
     let spooled = async |bytes: Option<Bytes>| match bytes {
         Some(bytes) => store.spool_all(bytes).await.map(Some),
