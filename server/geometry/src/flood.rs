@@ -52,15 +52,18 @@ pub fn face_neighbours(
     voxel: usize,
 ) -> impl Iterator<Item = (u8, usize)> {
     let [x, y, z] = [voxel % nx, voxel / nx % ny, voxel / (nx * ny)];
-    let steps = [(x, nx, 1), (y, ny, nx), (z, nz, nx * ny)];
-    steps
-        .into_iter()
-        .zip(0u8..)
-        .flat_map(move |((place, side, step), axis)| {
-            let before = (place > 0).then(|| (2 * axis, voxel - step));
-            let after = (place + 1 < side).then(|| (2 * axis + 1, voxel + step));
-            before.into_iter().chain(after)
-        })
+    let before = |is_there: bool, step: usize| is_there.then(|| voxel - step);
+    let after = |is_there: bool, step: usize| is_there.then(|| voxel + step);
+    let neighbours = [
+        before(x > 0, 1),
+        after(x + 1 < nx, 1),
+        before(y > 0, nx),
+        after(y + 1 < ny, nx),
+        before(z > 0, nx * ny),
+        after(z + 1 < nz, nx * ny),
+    ];
+    let numbered = (0..).zip(neighbours);
+    numbered.filter_map(|(direction, neighbour)| Some((direction, neighbour?)))
 }
 
 #[cfg(test)]

@@ -219,6 +219,37 @@ fn dominant_axis(vector: DVec3) -> usize {
     }
 }
 
+/// The values of a block of `size` voxels that starts at voxel `first` of a grid, x-fastest; the default beyond the grid.
+/// `values` are those of the grid, with its size.
+///
+/// # Panics
+/// If the number of values is not that of the voxels of the grid.
+pub fn block_of<T: Copy + Default>(
+    values: &[T],
+    own: [usize; 3],
+    (first, size): ([i64; 3], [usize; 3]),
+) -> Vec<T> {
+    assert_eq!(values.len(), own.iter().product(), "a value for each voxel");
+    let mut block = vec![T::default(); size.iter().product()];
+    // The part of a side of the block that lies in the grid.
+    let within = |axis: usize| {
+        let end = (own[axis] as i64 - first[axis]).clamp(0, size[axis] as i64);
+        (-first[axis]).clamp(0, end) as usize..end as usize
+    };
+    let columns = within(0);
+    if columns.is_empty() {
+        return block;
+    }
+    let own_place = |axis: usize, place: usize| (place as i64 + first[axis]) as usize;
+    for (z, y) in within(2).flat_map(|z| within(1).map(move |y| (z, y))) {
+        let from =
+            own_place(0, columns.start) + own[0] * (own_place(1, y) + own[1] * own_place(2, z));
+        let to = columns.start + size[0] * (y + size[1] * z);
+        block[to..][..columns.len()].copy_from_slice(&values[from..][..columns.len()]);
+    }
+    block
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -235,6 +266,37 @@ mod tests {
                 translation,
             },
         )
+    }
+
+    #[test]
+    fn a_block_has_the_values_of_the_grid_and_the_default_beyond_it() {
+        let own = [4, 3, 2];
+        let values: Vec<u8> = (1..=24).collect();
+        let at = |voxel: [i64; 3]| {
+            let is_inside = (0..3).all(|axis| (0..own[axis] as i64).contains(&voxel[axis]));
+            let [x, y, z] = voxel.map(|place| place as usize);
+            if is_inside {
+                values[x + 4 * (y + 3 * z)]
+            } else {
+                0
+            }
+        };
+        for first in [
+            [0, 0, 0],
+            [-2, 1, -1],
+            [1, -4, 0],
+            [3, 2, 1],
+            [-9, 0, 0],
+            [5, 0, 0],
+        ] {
+            let size = [5, 4, 3];
+            let block = block_of(&values, own, (first, size));
+            for (index, found) in block.into_iter().enumerate() {
+                let voxel = [index % 5, index / 5 % 4, index / 20];
+                let voxel = [0, 1, 2].map(|axis| voxel[axis] as i64 + first[axis]);
+                assert_eq!(found, at(voxel), "{first:?} {voxel:?}");
+            }
+        }
     }
 
     #[test]

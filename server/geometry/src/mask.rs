@@ -3,7 +3,7 @@
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
-use crate::grid::bounds_through;
+use crate::grid::{block_of, bounds_through};
 use crate::runs::{Connectivity, fill_holes, keep_component_with_most_of, keep_largest_component};
 use crate::{GeometryError, Grid, MAX_WORKING_SIZE};
 
@@ -151,14 +151,7 @@ impl Mask {
     /// The set inside a block of `size` voxels that starts at voxel `first`, which may lie outside the grid.
     pub(crate) fn block(&self, first: [i64; 3], size: [usize; 3]) -> Result<Self, GeometryError> {
         let grid = self.grid.block(first, size)?;
-        let marked = |index| {
-            let voxel = grid.voxel(index);
-            self.is_marked([0, 1, 2].map(|axis| voxel[axis] as i64 + first[axis]))
-        };
-        let voxels = (0..grid.voxel_count())
-            .into_par_iter()
-            .map(marked)
-            .collect();
+        let voxels = block_of(&self.voxels, self.grid.size(), (first, size));
         Ok(Self { grid, voxels })
     }
 

@@ -372,11 +372,12 @@ export class MapPane {
     const reach = MAP_MARGIN * pixels_per_unit;
     if (x + reach < 0 || x - reach > width || y + reach < 0 || y - reach > height) return rim;
     const isLeft = about.hemisphere === "left";
-    const words = `${isLeft ? "L" : "R"}${about.face === "inner" ? ` ${t("flat-map.inner")}` : ""}`;
+    const side = isLeft ? "end" : "start";
     // At the upper corner towards the middle of the map, or within the pane.
     const corner = Math.min(Math.max(isLeft ? x + reach : x - reach, 8), width - 8);
     const top = Math.min(Math.max(y - reach, 4), height - 40);
-    return [...rim, at(words, corner, top + 26, `side ${isLeft ? "end" : "start"}`)];
+    const letters = [...rim, at(isLeft ? "L" : "R", corner, top + 26, `side ${side}`)];
+    return about.face === "inner" ? [...letters, at(t("flat-map.inner"), corner, top + 42, `inner ${side}`)] : letters;
   }
 
   #drawCurves({ crosshair_mm }: ViewState, discs: readonly DiscProjection[]): void {

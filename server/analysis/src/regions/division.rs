@@ -1,7 +1,8 @@
 //! The parts of a brain that have surfaces of their own, on the working grid.
 
 use geometry::{
-    BrainMask, Cut, Envelope, GeometryError, Grid, Mask, cut_envelope, face_neighbours, flood,
+    BrainMask, Cut, Envelope, GeometryError, Grid, Mask, block_of, cut_envelope, face_neighbours,
+    flood,
 };
 use glam::DVec3;
 use rayon::prelude::*;
@@ -138,7 +139,8 @@ impl Division {
         let closed = cut_envelope(&BrainMask::from_stored(own)?, radius_mm, cuts)?;
         let marks = self.marks_on(closed.grid());
         let closed = closed.clipped(|index| part.has(marks[index]))?;
-        let fence = without_specks(closed.mask(), &self.fence(part, closed.mask()));
+        let border = border_of(closed.mask());
+        let fence = without_specks(closed.mask(), &border, &self.fence(part, &closed, &border));
         Ok(closed.with_fence(fence))
     }
 
@@ -147,24 +149,7 @@ impl Division {
         let own_from_block = self.grid.voxel_from_patient() * grid.patient_from_voxel();
         let first = own_from_block.translation.round();
         let first = first.to_array().map(|along| along as i64);
-        let [nx, ny, nz] = self.grid.size();
-        let [columns, rows, _] = grid.size();
-        let mut marks = vec![0; grid.voxel_count()];
-        let fill = |(row, marks): (usize, &mut [u8])| {
-            let y = (row % rows) as i64 + first[1];
-            let z = (row / rows) as i64 + first[2];
-            if !(0..ny as i64).contains(&y) || !(0..nz as i64).contains(&z) {
-                return;
-            }
-            let start = nx * (y as usize + ny * z as usize);
-            for (x, mark) in (first[0]..).zip(marks) {
-                if (0..nx as i64).contains(&x) {
-                    *mark = self.marks[start + x as usize];
-                }
-            }
-        };
-        marks.par_chunks_mut(columns).enumerate().for_each(fill);
-        marks
+        block_of(&self.marks, self.grid.size(), (first, grid.size()))
     }
 
     /// The border voxels of a part at which its border runs through tissue, ascending: at the sheet between the hemispheres through
@@ -172,7 +157,7 @@ impl Division {
     /// touch across the falx or the tentorium.
     ///
     /// `closed` is the closed part, on a block of the working grid.
-    fn fence(&self, part: SurfacePart, closed: &Mask) -> Vec<u32> {
+    fn fence(&self, part: SurfacePart, closed: &Envelope, border: &[u32]) -> Vec<u32> {
         let grid = closed.grid();
         let marks = self.marks_on(grid);
         let is_through_tissue = |index: usize, beyond: usize| match marks[beyond] {
@@ -187,18 +172,35 @@ impl Division {
                 self.joining[self.sheet.column(place(index).midpoint(place(beyond)))]
             }
         };
-        let voxels = closed.voxels();
-        let is_fence = |index: &u32| {
-            let index = *index as usize;
-            voxels[index]
-                && face_neighbours(grid.size(), index)
-                    .any(|(_, beyond)| !voxels[beyond] && is_through_tissue(index, beyond))
+        let voxels = closed.mask().voxels();
+        let is_fence = |&index: &u32| {
+            face_neighbours(grid.size(), index as usize)
+                .any(|(_, beyond)| !voxels[beyond] && is_through_tissue(index as usize, beyond))
         };
-        (0..voxels.len() as u32)
-            .into_par_iter()
-            .filter(is_fence)
-            .collect()
+        border.iter().copied().filter(is_fence).collect()
     }
+}
+
+/// The voxels of an envelope with a neighbour outside, ascending.
+fn border_of(closed: &Mask) -> Vec<u32> {
+    let [nx, ny, nz] = closed.grid().size();
+    let voxels = closed.voxels();
+    let mut border = Vec::new();
+    // No voxel of an envelope lies on a face of its grid.
+    for (z, y) in (1..nz - 1).flat_map(|z| (1..ny - 1).map(move |y| (z, y))) {
+        let start = 1 + nx * (y + ny * z);
+        let row = |start: usize| &voxels[start..][..nx - 2];
+        let [before, after] = [row(start - 1), row(start + 1)];
+        let [behind, ahead] = [row(start - nx), row(start + nx)];
+        let [below, above] = [row(start - nx * ny), row(start + nx * ny)];
+        for (x, _) in row(start).iter().enumerate().filter(|(_, is_in)| **is_in) {
+            let is_within = before[x] & after[x] & behind[x] & ahead[x] & below[x] & above[x];
+            if !is_within {
+                border.push((start + x) as u32);
+            }
+        }
+    }
+    border
 }
 
 /// How far around a border voxel it is counted whether the border is a fence, in mm.
@@ -206,22 +208,13 @@ const SPECK_MM: f64 = 4.0;
 
 /// The border voxels around which most of the border is a fence, ascending: specks of a fence on dura, and of dura in a fence, become
 /// what is around them.
-fn without_specks(closed: &Mask, fence: &[u32]) -> Vec<u32> {
+fn without_specks(closed: &Mask, border: &[u32], fence: &[u32]) -> Vec<u32> {
     const BORDER: u8 = 1;
     const FENCE: u8 = 2;
     let grid = closed.grid();
     let [nx, ny, _] = grid.size();
-    let voxels = closed.voxels();
-    let is_border = |&index: &u32| {
-        let index = index as usize;
-        voxels[index] && face_neighbours(grid.size(), index).any(|(_, beyond)| !voxels[beyond])
-    };
-    let border: Vec<u32> = (0..voxels.len() as u32)
-        .into_par_iter()
-        .filter(is_border)
-        .collect();
-    let mut kinds = vec![0; voxels.len()];
-    for &index in &border {
+    let mut kinds = vec![0; closed.voxels().len()];
+    for &index in border {
         kinds[index as usize] = BORDER;
     }
     for &index in fence {
@@ -237,18 +230,28 @@ fn without_specks(closed: &Mask, fence: &[u32]) -> Vec<u32> {
         .filter(|offset| is_near(*offset))
         .map(|[x, y, z]| x + nx as i64 * (y + ny as i64 * z))
         .collect();
+    let around = |index: u32| {
+        let there = offsets.iter().map(move |offset| i64::from(index) + offset);
+        there.filter_map(|there| usize::try_from(there).ok())
+    };
+    let mut is_beside_fence = vec![false; kinds.len()];
+    for there in fence.iter().flat_map(|&index| around(index)) {
+        if let Some(is_beside) = is_beside_fence.get_mut(there) {
+            *is_beside = true;
+        }
+    }
     let stays = |&index: &u32| {
         let mut counts = [0u32; 3];
-        for offset in &offsets {
-            let kind = usize::try_from(i64::from(index) + offset)
-                .ok()
-                .and_then(|there| kinds.get(there));
-            counts[usize::from(kind.copied().unwrap_or(0))] += 1;
+        for there in around(index) {
+            let kind = kinds.get(there).copied().unwrap_or(0);
+            counts[usize::from(kind)] += 1;
         }
         let [_, dura, fence] = counts;
         fence > dura || (fence == dura && kinds[index as usize] == FENCE)
     };
-    border.into_par_iter().filter(stays).collect()
+    let beside = border.iter().copied();
+    let beside = beside.filter(|&index| is_beside_fence[index as usize]);
+    beside.filter(stays).collect()
 }
 
 /// The marks of the voxels of the working grid.
@@ -272,8 +275,8 @@ fn marks(
         let start = block_from_working.transform_point3(start);
         let is_inside = |&(x, _): &(usize, &mut u8)| depths[row * nx + x] >= 0;
         for (x, mark) in marks.iter_mut().enumerate().filter(is_inside) {
-            let place = (start + step * x as f64).round().clamp(DVec3::ZERO, last);
-            let place = place.to_array().map(|along| along as usize);
+            let place = (start + step * x as f64).clamp(DVec3::ZERO, last);
+            let place = (place + 0.5).to_array().map(|along| along as usize);
             let index = block.grid.index(place);
             *mark = match Region::from_code(regions.codes()[index]) {
                 Some(Region::BrainStem) if values[index] >= TISSUE_FROM => REMOVED | NO_CORTEX,
@@ -286,13 +289,13 @@ fn marks(
     };
     marks.par_chunks_mut(nx).enumerate().for_each(fill);
     fill_open(grid, &mut marks);
+    let head_from_working = sheet.head_from_patient() * grid.patient_from_voxel();
     let divide = |(row, marks): (usize, &mut [u8])| {
-        let place = |x: usize| DVec3::from_array([x, row % ny, row / ny].map(|along| along as f64));
+        let start = DVec3::from_array([0, row % ny, row / ny].map(|along| along as f64));
+        let start = head_from_working.transform_point3(start);
+        let step = head_from_working.matrix3.x_axis;
         for (x, mark) in marks.iter_mut().enumerate() {
-            let is_right = || {
-                let place = grid.patient_from_voxel().transform_point3(place(x));
-                sheet.left_mm(place) < 0.0
-            };
+            let is_right = || sheet.left_of(start + step * x as f64) < 0.0;
             if *mark & PART == LEFT && is_right() {
                 *mark = *mark & NO_CORTEX | RIGHT;
             }
@@ -488,13 +491,7 @@ pub(super) mod tests {
         let count = grid.voxel_count();
         let voxels = (0..count).map(|index| place(index).length() <= 18.0);
         let ball = Mask::new(grid.clone(), voxels.collect()).unwrap();
-        let is_border = |index: usize| {
-            ball.voxels()[index]
-                && face_neighbours(grid.size(), index).any(|(_, beyond)| !ball.voxels()[beyond])
-        };
-        let border: Vec<u32> = (0..count as u32)
-            .filter(|&index| is_border(index as usize))
-            .collect();
+        let border = border_of(&ball);
         let is_fence = |index: u32| {
             let place = place(index as usize);
             let hole = place.distance(DVec3::new(18.0, 0.0, 0.0)) < 2.5;
@@ -506,13 +503,13 @@ pub(super) mod tests {
             .copied()
             .filter(|&index| is_fence(index))
             .collect();
-        let clean = without_specks(&ball, &fence);
+        let clean = without_specks(&ball, &border, &fence);
         for &index in &border {
             let x = place(index as usize).x;
             let is_in = clean.binary_search(&index).is_ok();
             assert!(is_in == (x > 4.0) || (x - 4.0).abs() < 2.0, "{x} {is_in}");
         }
-        assert!(fence.len() > 500 && without_specks(&ball, &[]).is_empty());
+        assert!(fence.len() > 500 && without_specks(&ball, &border, &[]).is_empty());
     }
 
     /// How much of each half of a phantom lies in the surface of that half and in that of the other one; `None` with a reason for

@@ -36,6 +36,9 @@ const GREATEST_RESIDUAL_MM: f64 = 1.5;
 const CLEAR_GAIN: f64 = 1.3;
 /// The fewest parts for a median shift.
 const FEWEST_PARTS: usize = 5;
+/// The cosine of half of 60°: the search begins at turns of up to 30°, and what it finds farther from the header than this may be a head
+/// at half a turn from its place.
+const FAR_HALF_COSINE: f64 = 0.866;
 /// A smaller motion counts as none, in mm.
 const LEAST_MOTION_MM: f64 = 0.25;
 
@@ -202,12 +205,23 @@ impl Pair {
     }
 
     /// The ratio by which the information grows when the case is mirrored.
+    ///
+    /// Both placements climb from the same pose at the same resolution: the pose was found at a finer one, and if the mirrored case alone
+    /// climbed, a layer of weak contrast, or of a head whose sides differ little, would seem to fit the mirror image better. Far from the
+    /// header the mirrored case alone climbs: the two do not tell a head from one at half a turn.
     fn gain_of_mirroring(&self, plane: &MidsagittalPlane, pose: Pose) -> f64 {
         let plain = self.comparison(1, Some(pose));
-        let known = plain.score(pose).nmi - 1.0;
-        let mirrored = plain.mirrored(self.region.centre, plane);
-        let (_, score) = climb::<RIGID>(&mirrored, pose, self.region.radius_mm, STEPS_MM[1]);
-        (worth(score) - 1.0) / known.max(1e-9)
+        let information = |comparison: &Comparison| {
+            let radius_mm = self.region.radius_mm;
+            let (_, score) = climb::<RIGID>(comparison, pose, radius_mm, STEPS_MM[1]);
+            worth(score) - 1.0
+        };
+        let known = if pose.cosine_of_half_turn() < FAR_HALF_COSINE {
+            plain.score(pose).nmi - 1.0
+        } else {
+            information(&plain)
+        };
+        information(&plain.mirrored(self.region.centre, plane)) / known.max(1e-9)
     }
 
     /// The volumes at one resolution. The bins of the layer cover the intensities that occur at a pose, or all

@@ -89,6 +89,11 @@ impl Pose {
         self.layer_from_case().inverse()
     }
 
+    /// The cosine of half the angle of its rotation, 0 to 1.
+    pub(super) fn cosine_of_half_turn(self) -> f64 {
+        self.rotation.w.abs()
+    }
+
     /// The mean distance between the images of the points of a sphere of `radius_mm` around the centre, under two
     /// rigid poses.
     pub(super) fn distance_mm(self, other: Self, radius_mm: f64) -> f64 {

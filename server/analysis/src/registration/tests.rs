@@ -9,6 +9,7 @@ use super::metric::{BINS, Comparison};
 use super::pose::{Motion, Pose};
 use super::samples::{Range, Samples};
 use super::{Doubt, Image, Pair, Registration, Verdict, register};
+use crate::regions::phantom::{BrainPhantom, SimulatedLayer, grid as grid_of_brain};
 
 struct Head {
     volume: Volume,
@@ -313,4 +314,26 @@ fn a_coarser_image_keeps_the_places_of_a_ramp() {
     let value = coarse.sample(voxel).expect("it is inside");
     let expected = 100.0 + 3.0 * 19.3 + 5.0 * 42.1 + 11.0 * 24.7;
     assert!((value - expected).abs() < 0.05, "{value} {expected}");
+}
+
+/// A nearly symmetric head fits its mirror image about as well as itself, the more so if the contrast is weak.
+#[test]
+fn a_flair_of_weak_contrast_is_registered_and_a_mirrored_one_is_not() {
+    let phantom = BrainPhantom::PLAIN;
+    let around = grid_of_brain();
+    let scan = phantom.scan(&around);
+    let brain = BrainMask::from_mask(&phantom.mask(&around), &around).unwrap();
+    let envelope = envelope(&brain, 10.0).unwrap();
+    let verdict = |case_from_layer| {
+        let layer = SimulatedLayer {
+            spacing_mm: [2.0; 3],
+            case_from_layer,
+            ..SimulatedLayer::WEAK_FLAIR
+        };
+        register(&scan.volume, &envelope, &phantom.other_contrast(&layer)).verdict
+    };
+    let truth = motion(DVec3::new(0.1, -0.05, 0.08), DVec3::new(5.0, -8.0, 3.0));
+    assert_eq!(verdict(truth), Verdict::Registered);
+    let mirrored = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
+    assert_eq!(verdict(truth * mirrored), Verdict::Failed(Doubt::Mirrored));
 }
