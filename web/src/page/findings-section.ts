@@ -140,7 +140,7 @@ export class FindingsSection {
     this.element = h(
       "div",
       { class: "group-body" },
-      row(add, this.#undo, this.#redo),
+      h("div", { class: "row one-line" }, add, this.#undo, this.#redo),
       this.#status,
       this.#doubled,
       this.#none,

@@ -150,6 +150,14 @@ impl Line {
         !self.0.iter().any(is_foreign)
     }
 
+    /// Whether it is a number with its unit, or several: a line that is not broken.
+    pub(super) fn is_number(&self) -> bool {
+        self.is_own()
+            && self
+                .plain()
+                .contains(|letter: char| letter.is_ascii_digit())
+    }
+
     pub(super) fn plain(&self) -> String {
         self.0.iter().map(Piece::text).collect()
     }
