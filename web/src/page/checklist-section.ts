@@ -34,7 +34,7 @@ export class ChecklistSection {
     LISTS.set(id, this.#list);
     const bands = BANDS_MM.map((band, at) => {
       const to = BANDS_MM[at + 1];
-      return { band, depths: to === undefined ? `> ${number(band)}` : `${number(band)} – ${number(to)}` };
+      return { band, depths: to === undefined ? `> ${number(band)}` : `${number(band)}–${number(to)}` };
     });
     const rows = bands.map(({ band, depths }) => ({ depths, cells: LOOKS.map((look) => this.#cell(look, band)) }));
     const lobes = LOBES.map((lobe) => ({
