@@ -674,6 +674,13 @@ mod tests {
     use super::super::{Language, ReportQuery};
     use super::*;
 
+    #[test]
+    fn a_number_stays_on_its_line_and_a_name_may_be_broken() {
+        assert!(Line::from("R 28.0 · P 19.0 · I 26.0").is_number());
+        assert!(!Line::from("temporal pole, superior part").is_number());
+        assert!(!Line::foreign("3 mm, as the reader wrote").is_number());
+    }
+
     /// The report of a case without findings, and without a brain.
     fn report(language: Language) -> Report {
         let mut facts = storage::testing::facts();
