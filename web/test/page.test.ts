@@ -33,6 +33,7 @@ test("both languages have the same words, with the same values in them", () => {
     assert.deepEqual(values(other), values(text), key);
     assert.notEqual(other.trim(), "", key);
     assert.equal(other.split("|").length, text.split("|").length, key);
+    assert.ok(!`${text}${other}`.includes("`"), key);
   }
 });
 
@@ -73,6 +74,10 @@ test("a problem's detail becomes a sentence; a body that is no JSON is not shown
   );
   assert.equal(problemWords(told), "The mask is empty.");
   assert.equal(told.kind, "mask-empty");
+  // What the server marks as code, a page quotes.
+  const coded = JSON.stringify({ type: "urn:isocortex:problem:x", detail: "state its `contrast`" });
+  const marked = problemFrom(400, headers("application/problem+json"), coded);
+  assert.equal(problemWords(marked), "State its “contrast”.");
   const untold = problemFrom(502, headers("text/html"), "<html>proxy at 10.0.0.1</html>");
   assert.equal(problemWords(untold), "The server answered with status 502.");
   assert.equal(

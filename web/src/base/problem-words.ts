@@ -3,9 +3,10 @@
 import { Problem } from "./api.ts";
 import { known, spoken, t } from "./i18n.ts";
 
-/** The words with a capital letter and a full stop. */
+/** The server's words with a capital letter and a full stop; the names of parameters, which it marks as code, are quoted. */
 export function sentence(words: string): string {
-  const first = words.slice(0, 1).toUpperCase() + words.slice(1);
+  const quoted = words.replaceAll(/`([^`]*)`/g, "“$1”");
+  const first = quoted.slice(0, 1).toUpperCase() + quoted.slice(1);
   return /[.!?…]$/.test(first) ? first : `${first}.`;
 }
 

@@ -11,6 +11,7 @@ import { button, row } from "./fields.ts";
 const TICK_MS = 1000;
 /** A look of so many seconds fills a cell's bar. */
 const FULL_S = 30;
+const SIDES = ["left", "right"] as const;
 
 /** What was looked at, by case, as long as the page is open. */
 const LISTS = new Map<string, Checklist>();
@@ -31,28 +32,21 @@ export class ChecklistSection {
   constructor(id: string) {
     this.#list = LISTS.get(id) ?? new Checklist();
     LISTS.set(id, this.#list);
-    const rows = BANDS_MM.map((band, at) => {
+    const bands = BANDS_MM.map((band, at) => {
       const to = BANDS_MM[at + 1];
-      const depths = to === undefined ? `> ${number(band)} mm` : `${number(band)} – ${number(to)} mm`;
-      return { depths, cells: LOOKS.map((look) => this.#cell(look, band)) };
+      return { band, depths: to === undefined ? `> ${number(band)}` : `${number(band)}–${number(to)}` };
     });
-    const lobes = BANDS_MM.map(() =>
-      LOBES.map((lobe) => (["left", "right"] as const).map((side) => `${lobe} ${side}` as const)),
-    );
-    const ofLobes = lobes.map((row, at) => row.map((sides) => sides.map((one) => this.#cell(one, BANDS_MM[at] ?? 0))));
-    this.#cells = [...rows.flatMap(({ cells }) => cells), ...ofLobes.flat(2)];
+    const rows = bands.map(({ band, depths }) => ({ depths, cells: LOOKS.map((look) => this.#cell(look, band)) }));
+    const lobes = LOBES.map((lobe) => ({
+      lobe,
+      sides: SIDES.map((side) => ({ side, cells: BANDS_MM.map((band) => this.#cell(`${lobe} ${side}`, band)) })),
+    }));
+    this.#cells = [...rows, ...lobes.flatMap(({ sides }) => sides)].flatMap(({ cells }) => cells);
     const heads = LOOKS.map((look) => h("th", { scope: "col", title: lookName(look) }, t(`letter.${look}`)));
     const clear = button(t("checklist.clear"), () => {
       this.#list.clear();
       this.#write();
     });
-    const lobeHeads = LOBES.map((lobe) =>
-      h("th", { scope: "colgroup", colspan: 2, title: t(`lobe.${lobe}`) }, t(`lobe.${lobe}.short`)),
-    );
-    const sideHeads = LOBES.flatMap(() => [
-      h("th", { scope: "col" }, t("letter.left")),
-      h("th", { scope: "col" }, t("letter.right")),
-    ]);
     this.#byLobe = h(
       "div",
       { class: "by-lobe", hidden: true },
@@ -62,14 +56,26 @@ export class ChecklistSection {
         h(
           "thead",
           {},
-          h("tr", {}, h("td", {}), ...lobeHeads),
-          h("tr", {}, h("th", { scope: "col" }, t("places.depth")), ...sideHeads),
+          h(
+            "tr",
+            {},
+            h("th", { scope: "col", colspan: 2 }, t("checklist.depth")),
+            ...bands.map(({ depths }) => h("th", { scope: "col" }, depths)),
+          ),
         ),
-        h(
-          "tbody",
-          {},
-          ...ofLobes.map((cells, at) =>
-            h("tr", {}, h("th", { scope: "row" }, rows[at]?.depths ?? ""), ...cells.flat().map(({ cell }) => cell)),
+        ...lobes.map(({ lobe, sides }) =>
+          h(
+            "tbody",
+            {},
+            ...sides.map(({ side, cells }, at) =>
+              h(
+                "tr",
+                {},
+                ...(at === 0 ? [h("th", { scope: "rowgroup", rowspan: sides.length }, t(`lobe.${lobe}`))] : []),
+                h("th", { scope: "row", title: t(`view.${side}`) }, t(`letter.${side}`)),
+                ...cells.map(({ cell }) => cell),
+              ),
+            ),
           ),
         ),
       ),
@@ -81,7 +87,7 @@ export class ChecklistSection {
       h(
         "table",
         { class: "checklist", "aria-label": t("panel.checklist") },
-        h("thead", {}, h("tr", {}, h("th", { scope: "col" }, t("places.depth")), ...heads)),
+        h("thead", {}, h("tr", {}, h("th", { scope: "col" }, t("checklist.depth")), ...heads)),
         h(
           "tbody",
           {},

@@ -26,7 +26,7 @@ import type { Marked } from "../model/marks.ts";
 import type { ViewState } from "../model/state.ts";
 import { plainLine } from "../model/text.ts";
 import type { Actions } from "./actions.ts";
-import { button, line, row, ticked } from "./fields.ts";
+import { button, line, ticked } from "./fields.ts";
 import { FindingRow } from "./finding-row.ts";
 import { findingFiles } from "./findings-files.ts";
 import { type FindingsHost, FindingsSync, type Kept } from "./findings-sync.ts";
@@ -140,7 +140,7 @@ export class FindingsSection {
     this.element = h(
       "div",
       { class: "group-body" },
-      row(add, this.#undo, this.#redo),
+      h("div", { class: "row one-line" }, add, this.#undo, this.#redo),
       this.#status,
       this.#doubled,
       this.#none,

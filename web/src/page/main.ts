@@ -138,11 +138,14 @@ class App {
         (list_width) => choose({ list_width }),
       ),
     );
+    const bar = this.#header();
+    // Where the list lies over the picture, it begins below the bar, which may have several lines.
+    new ResizeObserver(() => this.#main.style.setProperty("--bar-height", `${bar.offsetHeight}px`)).observe(bar);
     this.#root = h(
       "div",
       { class: "app" },
       h("a", { class: "skip", href: "#stage", click: (event: MouseEvent) => this.#skip(event) }, t("skip")),
-      this.#header(),
+      bar,
       this.#main,
       this.#live,
     );
@@ -159,7 +162,8 @@ class App {
   async start(): Promise<void> {
     await this.#list.refresh();
     document.body.dataset.loaded = "true";
-    if (this.#list.cases.length === 0) {
+    // Where there is no room beside it, the area for files is in sight alone.
+    if (this.#list.cases.length === 0 && window.innerWidth >= BESIDE_PIXELS) {
       this.#showSidebar(true);
       this.#upload.open();
     }

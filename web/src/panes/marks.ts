@@ -16,6 +16,8 @@ const LINE = 1.8;
 const CASING = { width: 3.6, opacity: 0.6 } as const;
 /** So near to others, in CSS pixels, words would hide one another: then the first ones stand alone. */
 const WORDS_APART: Vec2 = [24, 12];
+/** Beside many marks, hundreds of words hide the picture and take as long as all of its lines. */
+const WORDS_OF_MANY_APART: Vec2 = [96, 48];
 const AWAY = { dash: [3, 3], opacity: 0.75 } as const;
 
 export class Marks {
@@ -84,10 +86,11 @@ function paint(context: CanvasRenderingContext2D, marks: readonly Mark[], font: 
   context.font = font;
   context.lineWidth = 3;
   context.strokeStyle = "#000";
+  const [across, down] = isMany ? WORDS_OF_MANY_APART : WORDS_APART;
   const taken = new Set<string>();
   for (const { words, parts, colour, isAway } of marks) {
     const [x, y] = parts[0]?.[0] ?? [0, 0];
-    const cell = `${Math.floor(x / WORDS_APART[0])} ${Math.floor(y / WORDS_APART[1])}`;
+    const cell = `${Math.floor(x / across)} ${Math.floor(y / down)}`;
     if (taken.has(cell)) continue;
     taken.add(cell);
     const at = [x + RADIUS + 3, y - RADIUS] as const;

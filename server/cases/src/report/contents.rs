@@ -150,6 +150,14 @@ impl Line {
         !self.0.iter().any(is_foreign)
     }
 
+    /// Whether it is a number with its unit, or several: a line that is not broken.
+    pub(super) fn is_number(&self) -> bool {
+        self.is_own()
+            && self
+                .plain()
+                .contains(|letter: char| letter.is_ascii_digit())
+    }
+
     pub(super) fn plain(&self) -> String {
         self.0.iter().map(Piece::text).collect()
     }
@@ -665,6 +673,13 @@ mod tests {
     use super::super::shots;
     use super::super::{Language, ReportQuery};
     use super::*;
+
+    #[test]
+    fn a_number_stays_on_its_line_and_a_name_may_be_broken() {
+        assert!(Line::from("R 28.0 · P 19.0 · I 26.0").is_number());
+        assert!(!Line::from("temporal pole, superior part").is_number());
+        assert!(!Line::foreign("3 mm, as the reader wrote").is_number());
+    }
 
     /// The report of a case without findings, and without a brain.
     fn report(language: Language) -> Report {

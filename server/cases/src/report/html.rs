@@ -99,7 +99,7 @@ fn table(Table { head, rows }: &Table) -> Markup {
         table.numbers {
             thead { tr { @for name in head { th { (name) } } } }
             @for row in rows {
-                tr { @for cell in row { td.number[cell.is_own()].text[!cell.is_own()] { (line(cell)) } } }
+                tr { @for cell in row { td.number[cell.is_number()].text[!cell.is_own()] { (line(cell)) } } }
             }
         }
     }
