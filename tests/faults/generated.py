@@ -34,8 +34,12 @@ def installed(folder):
     given = os.environ.get("SCHEMATHESIS")
     if given:
         return given
-    venv.create(folder, with_pip=True)
-    done = subprocess.run([f"{folder}/bin/pip", "install", "-q", f"schemathesis=={VERSION}"], capture_output=True, text=True)
+    try:
+        venv.create(folder, with_pip=True)
+    except (OSError, subprocess.CalledProcessError) as error:
+        skip(f"Python makes no environment for schemathesis here (is python3-venv installed?): {error}")
+    command = [f"{folder}/bin/pip", "install", "-q", "--retries", "1", "--timeout", "15", f"schemathesis=={VERSION}"]
+    done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         skip(f"schemathesis {VERSION} cannot be installed from PyPI: {(done.stderr.strip().splitlines() or ['no reason'])[-1]}")
     return f"{folder}/bin/schemathesis"
