@@ -37,6 +37,7 @@ mod orthanc;
 mod pacs;
 mod positions;
 mod projects;
+mod proxy;
 mod rendered;
 mod renderers;
 mod renders;

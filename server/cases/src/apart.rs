@@ -21,7 +21,7 @@ use pipeline::{Derived, Extractor, Input, Pipeline, Source, StoredBrain};
 use serde::{Deserialize, Serialize};
 
 use crate::confine::{Needs, confine};
-use crate::dicom::Program;
+use crate::dicom::{Instead, Program, said};
 use crate::library::Preparation;
 
 /// How often to look whether the process has ended, or shall end.
@@ -92,6 +92,12 @@ const OBJECTS: [ObjectKind; 6] = [
     ObjectKind::Volume,
     ObjectKind::WholeVolume,
 ];
+
+/// What the process may use, in bytes.
+pub(crate) fn bytes(limits: &Limits) -> u64 {
+    let voxels = limits.max_voxels as u64;
+    BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(voxels))
+}
 
 impl Apart {
     /// The preparation in a process of its own; `has_network` tells whether it will find the weights.
@@ -287,11 +293,33 @@ fn sound(failure: Failure) -> Failure {
     if fits { failure } else { crashed() }
 }
 
-/// In the process: prepares the case.
+/// Prepares a volume in a process of this program, as a worker does. Tests have it.
+///
+/// # Errors
+/// What the process says is wrong, or how it died.
+#[cfg(any(test, feature = "testing"))]
+pub fn prepare_by(program: Program, volume: Bytes, scratch: &Path) -> Result<Derived, Failure> {
+    let apart = Apart {
+        program,
+        network: None,
+        scratch: scratch.to_owned(),
+        threads: 1,
+        cpu_seconds: 120,
+    };
+    let source = Source {
+        volume,
+        ..Source::default()
+    };
+    let (input, never) = (Input::from(&source), AtomicBool::new(false));
+    let limits = Limits::default();
+    apart.prepare(&input, &Parameters::default(), &limits, (&|_| {}, &never))
+}
+
+/// In the process: prepares the case, or runs other code in place of this.
 ///
 /// # Errors
 /// If the files cannot be read or written.
-pub(crate) fn prepare(order: &PrepareOrder) -> io::Result<()> {
+pub(crate) fn prepare(order: &PrepareOrder, instead: Option<Instead<'_>>) -> io::Result<()> {
     let read = |name: &str| match std::fs::read(order.source.join(name)) {
         Ok(bytes) => Ok(Some(Bytes::from(bytes))),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -309,21 +337,23 @@ pub(crate) fn prepare(order: &PrepareOrder) -> io::Result<()> {
             cuts,
         }),
     };
+    crate::priority::yield_to_answers();
     let extractor = Extractor::open(order.network.as_deref()).map_err(io::Error::other)?;
     let output = File::open(&order.output)?;
-    crate::confine::limit_data(
-        BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(order.max_voxels as u64)),
-        order.cpu_seconds,
-    )?;
-    confine(&Needs {
-        writes: Some(output.as_fd()),
-        threads: true,
-        ..Needs::default()
-    });
     let limits = Limits {
         max_voxels: order.max_voxels,
         ..Limits::default()
     };
+    crate::confine::limit_data(bytes(&limits), order.cpu_seconds)?;
+    let confinement = confine(&Needs {
+        writes: Some(output.as_fd()),
+        threads: true,
+        ..Needs::default()
+    });
+    if let Some(code) = instead {
+        let outcome = Outcome::Refused(said(code(&confinement)));
+        return write_outcome(&output, &outcome);
+    }
     let observe = |now: Progress| {
         if let Ok(mut line) = serde_json::to_vec(&now) {
             line.insert(0, b'\n');
@@ -351,5 +381,9 @@ pub(crate) fn prepare(order: &PrepareOrder) -> io::Result<()> {
         }
         Err(failure) => Outcome::Refused(failure),
     };
-    crate::confine::create_in(&output, OUTCOME)?.write_all(&serde_json::to_vec(&outcome)?)
+    write_outcome(&output, &outcome)
+}
+
+fn write_outcome(output: &File, outcome: &Outcome) -> io::Result<()> {
+    crate::confine::create_in(output, OUTCOME)?.write_all(&serde_json::to_vec(outcome)?)
 }

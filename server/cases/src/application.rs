@@ -17,7 +17,8 @@ use crate::apart::Apart;
 use crate::arrivals::Patient;
 use crate::cache::Part;
 use crate::check_memory::CheckMemory;
-use crate::dicom::{DicomReader, HeaderReader, Program, ReaderMemory};
+use crate::children::ChildBudget;
+use crate::dicom::{DicomReader, HeaderReader, Program};
 use crate::error::Error;
 use crate::library::{Library, LibraryOptions};
 use crate::limit::ConcurrencyLimit;
@@ -57,6 +58,8 @@ pub struct Options {
     pub max_queued_renders: usize,
     /// Memory for what is kept of cases, in bytes.
     pub cache_bytes: u64,
+    /// What the processes that read files and prepare cases may use.
+    pub children: ChildBudget,
     /// Threads of each preparation.
     pub preparation_threads: usize,
     /// Whether each preparation runs in a process of its own, which is `dicom_program`.
@@ -120,6 +123,7 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
         limits: options.limits,
         makes_maps: options.makes_maps,
         cache_bytes: options.cache_bytes,
+        children: options.children,
     };
     let library = Library::new(store, preparation, library_options);
     Ok(library.with_audit(options.audit.clone()))
@@ -182,19 +186,19 @@ impl Cases {
             options.limits,
             options.max_dicom_bytes,
         );
-        let memory = ReaderMemory::default();
-        let dicom = dicom.with_memory(memory.clone());
+        let dicom = dicom.with_memory(library.children().clone());
+        let headers = HeaderReader::new(
+            options.dicom_program.clone(),
+            MAX_INSTANCE_BYTES,
+            library.children().clone(),
+        );
         Self {
             models: Models::new(library.clone()),
             library,
             queue: ConcurrencyLimit::new(options.render_threads, options.max_queued_renders),
             graphics: Graphics::start(options.graphics),
             dicom: Arc::new(dicom),
-            headers: Arc::new(HeaderReader::new(
-                options.dicom_program.clone(),
-                MAX_INSTANCE_BYTES,
-                memory,
-            )),
+            headers: Arc::new(headers),
             checks: CheckMemory::new(options.head, options.limits),
             max_layers: options.max_layers,
             registering: Arc::default(),

@@ -7,6 +7,7 @@ mod application;
 pub mod arrivals;
 pub mod cache;
 mod check_memory;
+mod children;
 mod confine;
 mod decoded_uploads;
 pub mod dicom;
@@ -22,6 +23,7 @@ mod limit;
 pub mod models;
 pub mod pictures;
 pub mod places;
+mod priority;
 pub mod profile;
 pub mod ready;
 pub mod registration;
@@ -30,7 +32,10 @@ pub mod runner;
 #[cfg(test)]
 mod testing;
 
+#[cfg(any(test, feature = "testing"))]
+pub use apart::prepare_by;
 pub use application::{Cases, MAX_INSTANCE_BYTES, Options, StartError, open_library};
+pub use children::ChildBudget;
 pub use confine::{Confinement, hide};
 pub use error::Error;
 pub use fair::{Client, for_client};

@@ -17,6 +17,7 @@ use std::sync::atomic::AtomicBool;
 pub use self::layers::LayerVoxels;
 pub use self::loaded_maps::{FlairState, LoadedMaps, MapsState};
 use crate::cache::CaseCache;
+use crate::children::{ChildBudget, ChildMemory, Granted};
 use crate::decoded_uploads::{DecodedUploads, OfferedUpload};
 use audit::Audit;
 use bytes::Bytes;
@@ -39,6 +40,8 @@ pub struct LibraryOptions {
     pub makes_maps: bool,
     /// Memory for what is kept of cases, in bytes.
     pub cache_bytes: u64,
+    /// What the processes that read files and prepare cases may use.
+    pub children: ChildBudget,
 }
 
 impl Default for LibraryOptions {
@@ -47,6 +50,7 @@ impl Default for LibraryOptions {
             limits: Limits::default(),
             makes_maps: false,
             cache_bytes: 1 << 30,
+            children: ChildBudget::default(),
         }
     }
 }
@@ -124,6 +128,8 @@ struct Inner {
     cache: CaseCache,
     /// Volumes that were decoded for their check.
     decoded_uploads: DecodedUploads,
+    /// The memory of processes that read files and prepare cases.
+    children: ChildMemory,
 }
 
 impl Library {
@@ -137,6 +143,7 @@ impl Library {
             inner: Arc::new(Inner {
                 decoded_uploads: DecodedUploads::new(!preparation.is_apart),
                 preparation,
+                children: ChildMemory::new(options.children),
                 options,
                 rebuilding: tokio::sync::Mutex::default(),
                 dividing: tokio::sync::Mutex::default(),
@@ -199,6 +206,19 @@ impl Library {
     /// Volumes that were decoded for their check, for the workers.
     pub(crate) fn decoded_uploads(&self) -> &DecodedUploads {
         &self.inner.decoded_uploads
+    }
+
+    /// The memory of processes that read files and prepare cases.
+    pub(crate) fn children(&self) -> &ChildMemory {
+        &self.inner.children
+    }
+
+    /// Waits until there is memory for a preparation, if it has a process of its own.
+    pub(crate) async fn memory_to_prepare(&self) -> Granted {
+        match self.inner.preparation.is_apart {
+            true => self.children().take_to_prepare().await,
+            false => Granted::default(),
+        }
     }
 
     /// Prepares a case on the calling thread.
@@ -415,7 +435,10 @@ impl Library {
         parameters: Parameters,
     ) -> Result<Result<Derived, Failure>, StoreError> {
         let library = self.clone();
+        let memory = self.memory_to_prepare().await;
         let derived = tokio::task::spawn_blocking(move || {
+            // Also if nobody waits any more.
+            let _until_done = memory;
             let never = AtomicBool::new(false);
             library.prepare((&source).into(), &parameters, &|_| {}, &never)
         });

@@ -9,6 +9,7 @@ use tokio::task;
 
 use crate::error::Error;
 use crate::fair::{FairLimit, FairPlace, FairTurn, this_client};
+use crate::priority::yield_to_answers;
 
 /// Admits a bounded number of pieces of work at a time and lets a bounded number wait. Clients ([`for_client`](crate::for_client))
 /// take turns; the requests of one have theirs in the order in which they came. If nothing more may wait, the client with the most
@@ -172,6 +173,7 @@ impl Turn {
         let (left, turn) = (Arc::downgrade(&client), self.clone());
         let done = task::spawn_blocking(move || {
             let _until_done = turn;
+            yield_to_answers();
             work(&|| left.strong_count() > 0)
         })
         .await;

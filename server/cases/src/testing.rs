@@ -21,6 +21,8 @@ pub(crate) struct Fake {
     pub(crate) hold: AtomicBool,
     /// Preparations at work.
     pub(crate) active: AtomicUsize,
+    /// The most that were at work at a time.
+    pub(crate) most: AtomicUsize,
 }
 
 impl Fake {
@@ -59,7 +61,8 @@ impl Fake {
         cancelled: &AtomicBool,
     ) -> Result<Derived, Failure> {
         self.runs.lock().unwrap().push(source.volume.clone());
-        self.active.fetch_add(1, Ordering::Relaxed);
+        let active = 1 + self.active.fetch_add(1, Ordering::Relaxed);
+        self.most.fetch_max(active, Ordering::Relaxed);
         observe(Progress::at(Stage::Forest));
         while self.hold.load(Ordering::Relaxed) && !cancelled.load(Ordering::Relaxed) {
             std::thread::sleep(Duration::from_millis(1));

@@ -155,6 +155,7 @@ impl Witness {
                 (EventKind::UserAuthentication, "ended token")
             }
             AppError::IssuerAway => (EventKind::UserAuthentication, "unverified token"),
+            AppError::ProxyRefused { .. } => (EventKind::UserAuthentication, "headers of a proxy"),
             _ if has_token => (EventKind::UserAuthentication, "wrong token"),
             _ => (EventKind::UserAuthentication, "no token"),
         };

@@ -25,6 +25,7 @@ use crate::listen::Peer;
 use crate::oidc::{Issuer, SignedIn, as_token};
 use crate::origins::Origins;
 use crate::problem::AppError;
+use crate::proxy::SignInProxy;
 use crate::scopes::ScopeTable;
 use crate::tokens::{ANYBODY, Holder, Mismatch, NamedToken, Tokens};
 
@@ -48,6 +49,8 @@ pub struct Access {
     tokens: Arc<watch::Sender<Option<Tokens>>>,
     /// Whose tokens open beside these.
     issuer: Option<Issuer>,
+    /// Which headers of a proxy open beside these.
+    proxy: Option<SignInProxy>,
     guesses: Arc<Guesses>,
     origins: Origins,
 }
@@ -91,6 +94,17 @@ impl Access {
         Self { issuer, ..self }
     }
 
+    /// The same, for whomever a proxy has signed in too.
+    #[must_use]
+    pub fn with_proxy(self, proxy: Option<SignInProxy>) -> Self {
+        Self { proxy, ..self }
+    }
+
+    /// How people sign in by a proxy, if they do.
+    pub fn proxy(&self) -> Option<&SignInProxy> {
+        self.proxy.as_ref()
+    }
+
     /// The issuer of tokens, if there is one.
     pub fn issuer(&self) -> Option<&Issuer> {
         self.issuer.as_ref()
@@ -129,8 +143,21 @@ impl Access {
         }
     }
 
-    /// Who asks, by a token of this server or of the issuer; `None` if no token is required.
-    async fn identify(&self, headers: &HeaderMap) -> Result<Option<Opened>, AppError> {
+    /// Who asks, by the headers of a proxy, if they are believed, or else by a token of this server or of the issuer; `None` if no token is
+    /// required.
+    async fn identify(
+        &self,
+        headers: &HeaderMap,
+        believes_proxy: bool,
+    ) -> Result<Option<Opened>, AppError> {
+        if let Some(proxy) = self.proxy.as_ref().filter(|_| believes_proxy)
+            && let Some(SignedIn { holder, ends }) = proxy.open(headers)?
+        {
+            return Ok(Some(Opened {
+                holder,
+                by: OpenedBy::Proxy { ends },
+            }));
+        }
         match (self.check_token(headers), &self.issuer) {
             (Err(AppError::Unauthorized), Some(issuer)) => {
                 let given = given_token(headers).unwrap_or_default();
@@ -152,7 +179,7 @@ impl Access {
     async fn no_longer(self, opened: Opened) {
         match opened.by {
             OpenedBy::Token(token) => self.closed(token).await,
-            OpenedBy::Issuer { ends } => until(ends).await,
+            OpenedBy::Issuer { ends } | OpenedBy::Proxy { ends } => until(ends).await,
         }
     }
 
@@ -212,6 +239,18 @@ enum OpenedBy {
     Token(NamedToken),
     /// A token of the issuer, which is right until its end.
     Issuer { ends: SystemTime },
+    /// The headers of a proxy, which is asked again after a while.
+    Proxy { ends: SystemTime },
+}
+
+impl OpenedBy {
+    /// The header of a request for whose value alone a browser keeps an answer. It gets no header of a proxy, which knows people by a cookie.
+    fn kept_for(&self) -> HeaderValue {
+        HeaderValue::from_static(match self {
+            Self::Proxy { .. } => "cookie",
+            Self::Token(_) | Self::Issuer { .. } => "authorization",
+        })
+    }
 }
 
 async fn until(end: SystemTime) {
@@ -343,7 +382,7 @@ pub struct Guard {
 ///
 /// # Errors
 /// [`AppError::Unauthorized`], [`AppError::TokenEnded`]; those of a token of the issuer: [`AppError::TokenRefused`],
-/// [`AppError::SignInEnded`], [`AppError::IssuerAway`]; [`AppError::MissingScope`];
+/// [`AppError::SignInEnded`], [`AppError::IssuerAway`]; [`AppError::ProxyRefused`]; [`AppError::MissingScope`];
 /// [`AppError::AuditFull`]; [`AppError::TooManyGuesses`] for one wrong token too soon after others; [`cases::Error::Busy`] if there are too many clients.
 pub async fn require_token(
     State(Guard {
@@ -355,7 +394,11 @@ pub async fn require_token(
     next: Next,
 ) -> Result<Response, AppError> {
     let connection = request.extensions().get::<Arc<Connection>>();
-    let refusal = match access.identify(request.headers()).await {
+    let is_of_proxy = connection.is_some_and(|connection| connection.is_of_proxy());
+    // A page of a listed origin may ask for changes with a token of its own, not with the cookie that the proxy knows a person by.
+    let believes_proxy =
+        is_of_proxy && !is_cross_site_change(request.method(), request.uri(), request.headers());
+    let refusal = match access.identify(request.headers(), believes_proxy).await {
         Ok(opened) => {
             let holder = match &opened {
                 Some(opened) => opened.holder.clone(),
@@ -378,10 +421,10 @@ pub async fn require_token(
             }
             request.extensions_mut().insert(holder);
             let mut response = witness.watch(audited, request, next).await;
-            if opened.is_some() {
-                // A browser keeps answers for the holder of this token alone.
+            if let Some(opened) = &opened {
+                // A browser keeps answers for whoever has asked alone.
                 let headers = response.headers_mut();
-                headers.append(header::VARY, HeaderValue::from_static("authorization"));
+                headers.append(header::VARY, opened.by.kept_for());
             }
             return Ok(match opened {
                 Some(opened) if is_endless(&response) => ending(response, access.no_longer(opened)),
@@ -415,8 +458,11 @@ pub async fn require_token(
         return Ok(response);
     };
     let response = AppError::TooManyGuesses { wait }.into_response();
-    let shared = connection.is_some_and(|connection| connection.is_shared());
-    Ok(if shared { response } else { closing(response) })
+    Ok(if is_of_proxy {
+        response
+    } else {
+        closing(response)
+    })
 }
 
 /// Whether a response goes on until something happens.

@@ -5,7 +5,7 @@
 //! token makes a stranger a client within milliseconds, so that only idle and hostile strangers lose their places.
 
 use std::collections::HashMap;
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv4Addr};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use axum::http::HeaderMap;
@@ -17,6 +17,9 @@ use cases::places::{Place, Places, network_of};
 
 /// Connections of strangers at a time.
 pub(crate) const STRANGERS: usize = 256;
+
+/// Where a proxy is that comes by a socket in the file system.
+const THIS_MACHINE: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
 
 /// The connections of a listener. Cheap to clone.
 #[derive(Debug, Clone)]
@@ -55,11 +58,11 @@ impl Door {
         }
     }
 
-    /// Lets a stranger in, if need be in the place of another one.
-    pub(crate) fn enter(&self, address: IpAddr) -> Open {
+    /// Lets a stranger in, if need be in the place of another one. Who has no address comes by the socket of the proxy.
+    pub(crate) fn enter(&self, address: Option<IpAddr>) -> Open {
         let connection = Arc::new(Connection {
-            address: network_of(address),
-            by_proxy: self.is_proxy(address),
+            address: network_of(address.unwrap_or(THIS_MACHINE)),
+            by_proxy: address.is_none_or(|address| self.is_proxy(address)),
             door: self.clone(),
             place: OnceLock::new(),
             evicted: Notify::new(),
@@ -79,13 +82,15 @@ impl Door {
 
     /// The address of the client of a request: the last one in `X-Forwarded-For` that no listed proxy has, if the
     /// request comes from a listed proxy.
-    pub(crate) fn client_of(&self, peer: IpAddr, headers: &HeaderMap) -> IpAddr {
-        if !self.is_proxy(peer) {
+    pub(crate) fn client_of(&self, peer: Option<IpAddr>, headers: &HeaderMap) -> IpAddr {
+        if let Some(peer) = peer
+            && !self.is_proxy(peer)
+        {
             return peer;
         }
         let lines = headers.get_all("x-forwarded-for").iter().rev();
         let named = lines.flat_map(|line| line.to_str().unwrap_or("").rsplit(','));
-        let mut client = peer;
+        let mut client = peer.unwrap_or(THIS_MACHINE);
         for named in named {
             let Some(address) = address_of(named.trim()) else {
                 break;
@@ -167,8 +172,8 @@ impl Connection {
         Ok(())
     }
 
-    /// Whether many clients share this connection.
-    pub(crate) fn is_shared(&self) -> bool {
+    /// Whether it is the connection of a proxy, which many clients share.
+    pub(crate) fn is_of_proxy(&self) -> bool {
         self.by_proxy
     }
 
@@ -206,10 +211,12 @@ mod tests {
     #[test]
     fn strangers_of_the_greediest_address_lose_their_places_first() {
         let door = door(&[]);
-        let quiet = door.enter(ip("10.0.0.1"));
-        let greedy: Vec<_> = (1..STRANGERS).map(|_| door.enter(ip("10.0.0.2"))).collect();
+        let quiet = door.enter(Some(ip("10.0.0.1")));
+        let greedy: Vec<_> = (1..STRANGERS)
+            .map(|_| door.enter(Some(ip("10.0.0.2"))))
+            .collect();
         assert!(door.is_crowded());
-        let late = door.enter(ip("10.0.0.3"));
+        let late = door.enter(Some(ip("10.0.0.3")));
         assert!(is_evicted(&greedy[0]));
         assert!(!greedy[1..].iter().any(is_evicted));
         assert!(!is_evicted(&quiet) && !is_evicted(&late));
@@ -220,27 +227,29 @@ mod tests {
     #[test]
     fn strangers_take_no_place_of_a_client_and_clients_none_of_another() {
         let door = door(&[]);
-        let _strangers: Vec<_> = (0..STRANGERS).map(|_| door.enter(ip("10.0.0.1"))).collect();
-        let clients = [(); 3].map(|()| door.enter(ip("10.0.0.1")));
+        let _strangers: Vec<_> = (0..STRANGERS)
+            .map(|_| door.enter(Some(ip("10.0.0.1"))))
+            .collect();
+        let clients = [(); 3].map(|()| door.enter(Some(ip("10.0.0.1"))));
         clients[0].0.admit().unwrap();
         clients[0].0.admit().expect("it is one already");
         clients[1].0.admit().unwrap();
         assert!(clients[2].0.admit().is_err(), "two of one address");
-        let other = door.enter(ip("10.0.0.2"));
+        let other = door.enter(Some(ip("10.0.0.2")));
         other.0.admit().unwrap();
         assert!(!is_evicted(&clients[0]));
         drop(clients);
-        let again = door.enter(ip("10.0.0.1"));
+        let again = door.enter(Some(ip("10.0.0.1")));
         again.0.admit().expect("the place is free again");
     }
 
     #[test]
     fn a_proxy_has_as_many_connections_as_all_clients() {
         let door = door(&["10.1.0.0/16"]);
-        let all = [(); 4].map(|()| door.enter(ip("10.1.2.3")));
+        let all = [(); 4].map(|()| door.enter(Some(ip("10.1.2.3"))));
         assert!(all.iter().all(|open| open.0.admit().is_ok()));
         assert!(
-            door.enter(ip("10.1.2.3")).0.admit().is_err(),
+            door.enter(Some(ip("10.1.2.3"))).0.admit().is_err(),
             "all are taken"
         );
     }
@@ -253,7 +262,7 @@ mod tests {
                 let name = axum::http::HeaderName::from_static("x-forwarded-for");
                 (name, line.parse().unwrap())
             });
-            door.client_of(ip(peer), &lines.collect()).to_string()
+            door.client_of(Some(ip(peer)), &lines.collect()).to_string()
         };
         assert_eq!(client("192.0.2.1", &["203.0.113.5"]), "192.0.2.1");
         assert_eq!(client("10.1.0.1", &[]), "10.1.0.1");

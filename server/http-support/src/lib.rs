@@ -17,6 +17,7 @@ pub mod oidc;
 pub mod origins;
 pub mod pace;
 pub mod problem;
+pub mod proxy;
 pub mod query;
 pub mod refusals;
 pub mod scopes;

@@ -20,7 +20,9 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::GracefulShutdown;
 use ipnet::IpNet;
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::TcpListener;
+#[cfg(unix)]
+use tokio::net::UnixListener;
 use tokio_rustls::TlsAcceptor;
 use tower::ServiceExt as _;
 
@@ -87,6 +89,21 @@ impl<S: Sync> FromRequestParts<S> for ClientAddress {
     }
 }
 
+/// Whether a request comes by the connection of a proxy that the configuration trusts.
+#[derive(Debug, Clone, Copy)]
+pub struct ByProxy(pub bool);
+
+impl<S: Sync> FromRequestParts<S> for ByProxy {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Self, Infallible> {
+        let connection = parts.extensions.get::<Arc<Connection>>();
+        Ok(Self(
+            connection.is_some_and(|connection| connection.is_of_proxy()),
+        ))
+    }
+}
+
 /// A place for a request, if there is one for its client. The fewer places are left, the faster its body must come.
 pub fn place_for(request: &Request, places: &Places) -> Option<Place> {
     let place = places.take(Peer::of(request))?;
@@ -98,7 +115,7 @@ pub fn place_for(request: &Request, places: &Places) -> Option<Place> {
 
 /// Serves `app` until `stop` resolves, then finishes running requests within the grace period. With TLS, nothing else is served.
 pub async fn serve(
-    listener: TcpListener,
+    listener: impl Into<Listener>,
     app: Router,
     limits: ConnectionLimits,
     tls: Option<ReloadedTls>,
@@ -109,6 +126,7 @@ pub async fn serve(
         limits.connections_per_address,
         limits.trusted_proxies.clone(),
     );
+    let listener = listener.into();
     let graceful = GracefulShutdown::new();
     let mut stop = std::pin::pin!(stop);
     loop {
@@ -116,7 +134,7 @@ pub async fn serve(
             () = &mut stop => break,
             accepted = accept(&listener) => accepted,
         };
-        let Some((stream, address)) = accepted else {
+        let Some(Accepted { stream, address }) = accepted else {
             tokio::time::sleep(PAUSE_AFTER_REFUSAL).await;
             continue;
         };
@@ -159,31 +177,60 @@ pub async fn serve(
     }
 }
 
+/// Where connections come from.
+#[derive(Debug)]
+pub enum Listener {
+    /// The network.
+    Tcp(TcpListener),
+    /// A socket in the file system, for a proxy alone.
+    #[cfg(unix)]
+    Unix(UnixListener),
+}
+
+impl From<TcpListener> for Listener {
+    fn from(listener: TcpListener) -> Self {
+        Self::Tcp(listener)
+    }
+}
+
+/// A connection, and the address of the other end, if it has one.
+struct Accepted {
+    stream: Box<dyn Connected>,
+    address: Option<IpAddr>,
+}
+
 /// The next connection; `None` if the system cannot accept one.
-async fn accept(listener: &TcpListener) -> Option<(TcpStream, IpAddr)> {
-    match listener.accept().await {
-        Ok((stream, address)) => {
+async fn accept(listener: &Listener) -> Option<Accepted> {
+    let accepted = match listener {
+        Listener::Tcp(listener) => listener.accept().await.map(|(stream, address)| {
             // Small answers must not wait for the acknowledgement of the one before.
             if let Err(error) = stream.set_nodelay(true) {
                 tracing::debug!(%error, "TCP_NODELAY refused");
             }
-            Some((stream, address.ip()))
-        }
-        Err(error) => {
-            tracing::warn!(%error, "cannot accept a connection");
-            None
-        }
-    }
+            Accepted {
+                stream: Box::new(stream),
+                address: Some(address.ip()),
+            }
+        }),
+        #[cfg(unix)]
+        Listener::Unix(listener) => listener.accept().await.map(|(stream, _)| Accepted {
+            stream: Box::new(stream),
+            address: None,
+        }),
+    };
+    let accepted =
+        accepted.inspect_err(|error| tracing::warn!(%error, "cannot accept a connection"));
+    accepted.ok()
 }
 
-/// A connection, by TLS or not.
+/// A connection of any kind, by TLS or not.
 trait Connected: AsyncRead + AsyncWrite + Send + Unpin {}
 
 impl<S: AsyncRead + AsyncWrite + Send + Unpin> Connected for S {}
 
 /// The connection, by TLS if there is an acceptor. A handshake has the time of a header.
 async fn secured(
-    stream: Unstalled<TcpStream>,
+    stream: Unstalled<Box<dyn Connected>>,
     acceptor: Option<TlsAcceptor>,
     header_timeout: Duration,
 ) -> Result<Box<dyn Connected>, BoxError> {
@@ -218,7 +265,7 @@ fn service(
     app: Router,
     door: Door,
     connection: Arc<Connection>,
-    address: IpAddr,
+    address: Option<IpAddr>,
     least_rate: LeastRate,
     by_tls: bool,
 ) -> impl hyper::service::Service<

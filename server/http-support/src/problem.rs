@@ -121,6 +121,12 @@ pub enum AppError {
         /// Whether the issuer has signed it.
         is_signed: bool,
     },
+    /// The headers of a proxy that signs people in are not accepted.
+    #[error("the proxy in front of this server {why}; tell the administrator of this server")]
+    ProxyRefused {
+        /// What it did.
+        why: &'static str,
+    },
     /// A token of the issuer has ended.
     #[error("your sign-in has ended; sign in again")]
     SignInEnded,
@@ -324,6 +330,7 @@ impl AppError {
             }
             Self::Unauthorized => (StatusCode::UNAUTHORIZED, "unauthorized"),
             Self::TokenRefused { .. } => (StatusCode::UNAUTHORIZED, "token-refused"),
+            Self::ProxyRefused { .. } => (StatusCode::UNAUTHORIZED, "proxy-refused"),
             Self::TokenEnded => (StatusCode::UNAUTHORIZED, "token-ended"),
             Self::SignInEnded => (StatusCode::UNAUTHORIZED, "sign-in-ended"),
             Self::IssuerAway => (StatusCode::SERVICE_UNAVAILABLE, "issuer-away"),
@@ -441,7 +448,7 @@ impl IntoResponse for AppError {
 /// The header that a status asks for.
 fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderName, HeaderValue)> {
     match error {
-        AppError::Unauthorized => Some((
+        AppError::Unauthorized | AppError::ProxyRefused { .. } => Some((
             header::WWW_AUTHENTICATE,
             HeaderValue::from_static("Bearer realm=\"isocortex\""),
         )),
@@ -476,7 +483,7 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
             (wait.as_secs_f64().ceil() as u64).into(),
         )),
         AppError::Cases(Error::BusyFor(wait)) => {
-            let seconds = wait.as_secs_f64().ceil().clamp(1.0, 60.0) as u64;
+            let seconds = wait.as_secs_f64().round().clamp(1.0, 60.0) as u64;
             Some((header::RETRY_AFTER, seconds.into()))
         }
         // A repeated request would not help.

@@ -44,6 +44,20 @@ pub const UNNAMED: &str = "token";
 /// The name of everybody on this machine, if no token is required.
 pub const ANYBODY: &str = "anybody";
 
+/// The greatest length of a name of somebody else's that is shown as it is.
+const LONGEST_NAME: usize = 128;
+
+/// A name for the record of somebody whom others know: the name that they state, if it is a plain word, otherwise its digest. What it begins with
+/// makes it differ from the names of tokens.
+pub(crate) fn name_by(prefix: &str, stated: &[u8]) -> Arc<str> {
+    let is_plain = stated.iter().all(u8::is_ascii_graphic);
+    if is_plain && stated.len() <= LONGEST_NAME {
+        return format!("{prefix}{}", String::from_utf8_lossy(stated)).into();
+    }
+    let digest = blake3::hash(stated).to_hex();
+    format!("{prefix}{}", &digest[..32]).into()
+}
+
 impl Holder {
     /// The holder of a token without a name, who may do everything.
     pub(crate) fn of_everything() -> Self {

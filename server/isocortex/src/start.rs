@@ -1,17 +1,20 @@
 //! Starts a server from a configuration.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use axum::Router;
+use case::Project;
 use cases::{Cases, Library};
 use http_support::oidc::Issuer;
+use http_support::proxy::SignInProxy;
 use http_support::scopes::Role;
 use http_support::uploads::UploadLimits;
 use pacs::Pacs;
 use service::app::{Beside, app_beside};
 use service::state::{AppState, HttpOptions};
 
-use crate::config::{Config, ConfigError, DICOM_UNPACKING};
+use crate::config::{Config, ConfigError, DICOM_UNPACKING, Network};
 
 /// Why a server cannot start.
 #[derive(Debug, thiserror::Error)]
@@ -41,7 +44,9 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     config.check()?;
     let access = config.access()?;
     config.origins()?;
-    let location = config.cases()?.location;
+    let cases::Options {
+        location, children, ..
+    } = config.cases()?;
     let nodes = config.pacs.nodes()?;
     let dimse = config.pacs.dimse()?;
     config.pacs.time_zone()?;
@@ -49,13 +54,15 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     config.tls()?;
     let mut checked = Checked::default();
     let named = config.named_tokens()?.len();
-    let guard = match (access.wants_token(), named, access.issuer()) {
-        (true, 0, Some(_)) => "with the tokens of an issuer".to_owned(),
-        (true, 0, None) => "with a token".to_owned(),
-        (true, named, _) => format!("with {named} named tokens"),
-        (false, ..) => "without a token, for this machine alone".to_owned(),
+    let guard = match (access.wants_token(), named) {
+        (true, 0) if access.issuer().is_some() => "with the tokens of an issuer".to_owned(),
+        (true, 0) if access.proxy().is_some() => "with the headers of a proxy".to_owned(),
+        (true, 0) => "with a token".to_owned(),
+        (true, named) => format!("with {named} named tokens"),
+        (false, _) => "without a token, for this machine alone".to_owned(),
     };
-    let mut say = |line: String| checked.lines.push(line);
+    let lines = &mut checked.lines;
+    let mut say = |line: String| lines.push(line);
     let scheme = config.scheme();
     say(format!(
         "listens on {scheme}://{} {guard}",
@@ -63,6 +70,10 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     ));
     if let Some(issuer) = access.issuer() {
         issuer_lines(issuer).into_iter().for_each(&mut say);
+    }
+    if let Some(proxy) = access.proxy() {
+        proxy_lines(config, proxy).into_iter().for_each(&mut say);
+        checked.warnings.extend(proxy_warnings(config, proxy));
     }
     let database = location.database.map(|database| database.to_string());
     let objects = location.objects.map(|objects| objects.to_string());
@@ -75,6 +86,10 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         Some(key) => format!("its objects are encrypted with the key {key}"),
         None => "its objects are not encrypted (`storage.key_file`)".to_owned(),
     });
+    say(format!(
+        "processes that read files and prepare cases may use {} MiB together",
+        children.bytes >> 20
+    ));
     match &config.audit.folder {
         Some(folder) => say(format!("who does what is recorded in {}", folder.display())),
         None => say("nothing is recorded of who does what (`audit.folder`)".to_owned()),
@@ -106,27 +121,15 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
 fn issuer_lines(issuer: &Issuer) -> Vec<String> {
     let options = issuer.options();
     let roles = &options.roles;
-    let known: Vec<_> = match roles.roles.is_empty() {
-        true => Role::ALL.map(|role| role.name().to_owned()).into(),
-        false => (roles.roles.iter())
-            .map(|(value, role)| format!("{value} = {}", role.name()))
-            .collect(),
-    };
     let page = match &options.client_id {
         Some(client) => format!("the page signs in there as the client {client}"),
         None => "the page does not sign in there: `oidc.client_id` is not set".to_owned(),
     };
     let projects = &options.projects;
-    let of_projects = (projects.projects.iter()).map(|(value, project)| match project.name() {
-        "" => format!("{value} = the project without a name"),
-        name => format!("{value} = {name}"),
-    });
-    let of_projects: Vec<_> = of_projects.collect();
-    let of_projects = (!of_projects.is_empty()).then(|| {
+    let of_projects = project_words(&projects.projects).map(|words| {
         format!(
-            "projects are read from the claim {}: {}",
-            projects.claim,
-            of_projects.join(", ")
+            "projects are read from the claim {}: {words}",
+            projects.claim
         )
     });
     let lines = [
@@ -137,11 +140,95 @@ fn issuer_lines(issuer: &Issuer) -> Vec<String> {
         format!(
             "roles are read from the claim {}: {}",
             roles.claim,
-            known.join(", ")
+            role_words(&roles.roles)
         ),
         page,
     ];
     lines.into_iter().chain(of_projects).collect()
+}
+
+/// The roles of a table, in words.
+fn role_words(roles: &BTreeMap<String, Role>) -> String {
+    let known: Vec<_> = match roles.is_empty() {
+        true => Role::ALL.map(|role| role.name().to_owned()).into(),
+        false => (roles.iter())
+            .map(|(value, role)| format!("{value} = {}", role.name()))
+            .collect(),
+    };
+    known.join(", ")
+}
+
+/// The projects of a table, in words, if there are any.
+fn project_words(projects: &BTreeMap<String, Project>) -> Option<String> {
+    let words = projects
+        .iter()
+        .map(|(value, project)| match project.name() {
+            "" => format!("{value} = the project without a name"),
+            name => format!("{value} = {name}"),
+        });
+    let words: Vec<_> = words.collect();
+    (!words.is_empty()).then(|| words.join(", "))
+}
+
+/// Whose headers are believed, and who may do what in which project by them.
+fn proxy_lines(config: &Config, proxy: &SignInProxy) -> Vec<String> {
+    let options = proxy.options();
+    let socket = config.proxy.as_ref().and_then(|it| it.socket.as_ref());
+    let socket = socket.map(|socket| format!("the socket {}", socket.display()));
+    let listed = config.http.trusted_proxies.iter();
+    let listed = listed.map(|network| network.0.to_string());
+    let trusted: Vec<_> = listed.chain(socket).collect();
+    let named = match &options.groups_header {
+        Some(groups) => format!("groups in {groups}"),
+        None => format!("users in {}", options.user_header),
+    };
+    let projects = project_words(&options.projects);
+    let projects = projects.map(|words| format!("projects are those of the {named}: {words}"));
+    let lines = [
+        format!(
+            "believes whom the header {} names, from {} alone",
+            options.user_header,
+            trusted.join(", ")
+        ),
+        format!(
+            "roles are those of the {named}: {}",
+            role_words(&options.roles)
+        ),
+        match &options.sign_out {
+            Some(place) => format!("the page signs out at {place}"),
+            None => "the page does not sign out: `proxy.sign_out` is not set".to_owned(),
+        },
+    ];
+    lines.into_iter().chain(projects).collect()
+}
+
+/// Who else than a proxy could name anybody in its headers.
+fn proxy_warnings(config: &Config, proxy: &SignInProxy) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for Network(network) in &config.http.trusted_proxies {
+        if network.addr().is_loopback() {
+            warnings.push(format!(
+                "every program on this machine can sign in as anybody, because `http.trusted_proxies` has {network}: use `proxy.socket` for a proxy on this machine"
+            ));
+        } else if network.prefix_len() < network.max_prefix_len() {
+            warnings.push(format!(
+                "every machine in {network} can sign in as anybody: list the addresses of the proxies alone in `http.trusted_proxies`"
+            ));
+        }
+    }
+    let is_listening = !config.http.listen.ip().is_loopback();
+    if is_listening && !config.http.trusted_proxies.is_empty() && config.scheme() == "http" {
+        warnings.push(
+            "whoever can change what the network carries between the proxy and this server can sign in as anybody: set `http.tls_certificate`".to_owned(),
+        );
+    }
+    let options = proxy.options();
+    if options.roles.is_empty() {
+        warnings.push(
+            "a group that is called `admin` may do everything, because there is no table `proxy.roles`".to_owned(),
+        );
+    }
+    warnings
 }
 
 /// Opens the store for serving. Cases are prepared only after workers are started on the library.

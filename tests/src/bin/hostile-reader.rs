@@ -1,4 +1,4 @@
-//! The process that reads DICOM files, taken over: once it has confined itself, it tries to reach what is not its own.
+//! The process that reads DICOM files, or prepares a case, taken over: once it has confined itself, it tries to reach what is not its own.
 //!
 //! It is built for the tests alone. `hostile-reader read …` stands for the server and starts `hostile-reader child …`;
 //! `hostile-reader control …` tries the same without being confined.
@@ -152,7 +152,7 @@ fn trace(process: Pid) -> io::Result<()> {
     Ok(())
 }
 
-/// In place of reading a series.
+/// In place of reading a series or preparing a case.
 fn child(targets: &Targets) -> ExitCode {
     cases::dicom::run_instead(|confinement| {
         let mut lines = targets.attack();
@@ -170,7 +170,7 @@ fn child(targets: &Targets) -> ExitCode {
     })
 }
 
-/// Reads one file, and a directory of files, as the server does, in a process that is taken over.
+/// Reads one file, and a directory of files, and prepares a case, as the server does, in a process that is taken over.
 async fn server(targets: &Targets) -> io::Result<()> {
     let scratch = tempfile::tempdir_in(&targets.store)?;
     let own = scratch.path().join("own");
@@ -185,7 +185,7 @@ async fn server(targets: &Targets) -> io::Result<()> {
     };
     let arguments = ["child".into()].into_iter().chain(targets.arguments());
     let program = Program::other(std::env::current_exe()?, arguments.collect());
-    let reader = DicomReader::new(program, Limits::default(), 1 << 20);
+    let reader = DicomReader::new(program.clone(), Limits::default(), 1 << 20);
     let directory = tempfile::tempdir_in(scratch.path())?;
     std::fs::write(directory.path().join("0"), "a file of this patient")?;
     for input in [Input::Path(&own), Input::Directory(&directory)] {
@@ -196,6 +196,10 @@ async fn server(targets: &Targets) -> io::Result<()> {
             Err(error) => println!("{error}"),
             Ok(_) => println!("it was read"),
         }
+    }
+    match cases::prepare_by(program, "the volume of this patient".into(), scratch.path()) {
+        Err(failure) => println!("{}", failure.detail),
+        Ok(_) => println!("it was prepared"),
     }
     Ok(())
 }

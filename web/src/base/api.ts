@@ -8,7 +8,7 @@ import { wait } from "./patience.ts";
 import { renewed, session } from "./session.ts";
 
 let token = "";
-let askForToken: (refusal: Refusal) => Promise<string> = async () => "";
+let askForToken: Ask = async () => "";
 let hearReach: (reachable: boolean) => void = () => {};
 let reachable = true;
 
@@ -38,12 +38,15 @@ export interface Refusal {
 }
 
 /**
- * `ask(refusal)` resolves to the token that the user typed, or to nothing once there is a session, or none; it is called whenever
- * the server answers 401.
+ * Resolves to the token that the user typed, to nothing once there is a session, or none, and to null if a proxy may know the user
+ * by now.
  */
-export function onTokenWanted(ask: (refusal: Refusal) => Promise<string>): void {
+type Ask = (refusal: Refusal) => Promise<string | null>;
+
+/** `ask` is called whenever the server answers 401. */
+export function onTokenWanted(ask: Ask): void {
   // Many requests may be refused at once; the user is asked once.
-  let asking: Promise<string> | null = null;
+  let asking: ReturnType<Ask> | null = null;
   askForToken = (refusal) => (asking ??= ask(refusal).finally(() => (asking = null)));
 }
 
@@ -98,7 +101,11 @@ async function tokenEntered(problem: unknown, sent: string, isFirst: boolean): P
   const isOld = isFirst && problem.kind === "sign-in-ended";
   // Another request may have brought a token in the meantime.
   if (bearer() === sent && isOld) await renewed(sent);
-  if (bearer() === sent) token = await askForToken({ problem, hadToken: sent !== "" });
+  if (bearer() === sent) {
+    const entered = await askForToken({ problem, hadToken: sent !== "" });
+    if (entered === null) return true;
+    token = entered;
+  }
   return bearer() !== "";
 }
 
@@ -107,7 +114,18 @@ export interface Holder {
   readonly name: string;
   readonly scopes: readonly string[];
   readonly project?: string;
+  /** Where the proxy signs out whom it has signed in. */
+  readonly sign_out?: string;
 }
+
+const BY_PROXY = "proxy:";
+
+/** Whether a proxy has signed somebody in. */
+export const isByProxy = ({ name }: Holder): boolean => name.startsWith(BY_PROXY);
+
+/** The name of somebody as people know it. */
+export const plainName = (holder: Holder): string =>
+  isByProxy(holder) ? holder.name.slice(BY_PROXY.length) : holder.name;
 
 export async function getHolder(): Promise<Holder> {
   return (await send("v1/session", { cache: "no-store" })).json() as Promise<Holder>;

@@ -46,10 +46,11 @@ export const canSignIn = (): boolean => isSecureContext;
 /** Whether somebody has signed out in this tab. */
 export const isSignedOut = (): boolean => sessionStorage.getItem(SIGNED_OUT) !== null;
 
-/** The issuer, if the page signs in by one. */
-export async function askForIssuer(): Promise<Issuer | null> {
+/** The issuer, if the page signs in by one; or whether a proxy in front of the server signs people in. */
+export async function askHowToSignIn(): Promise<Issuer | "proxy" | null> {
   const answer = await fetch("sign-in", { cache: "no-store" });
-  const said = answer.ok ? ((await answer.json()) as Partial<Issuer>) : {};
+  const said = answer.ok ? ((await answer.json()) as Partial<Issuer> & { readonly by_proxy?: boolean }) : {};
+  if (said.by_proxy) return "proxy";
   return said.issuer ? (said as Issuer) : null;
 }
 

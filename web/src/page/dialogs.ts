@@ -1,6 +1,6 @@
 // Questions and help in front of the page.
 
-import { type Holder, type Refusal, getPicture, takeHanded } from "../base/api.ts";
+import { type Holder, type Refusal, getPicture, isByProxy, takeHanded } from "../base/api.ts";
 import { h, iconButton, quiet, tell } from "../base/dom.ts";
 import { number, t, wordsBetween } from "../base/i18n.ts";
 import { decoded } from "../base/picture.ts";
@@ -11,7 +11,7 @@ import {
   NotSignedIn,
   OtherPerson,
   answerFromWindow,
-  askForIssuer,
+  askHowToSignIn,
   begin,
   canSignIn,
   enter,
@@ -122,20 +122,21 @@ export async function askText(title: string, label: string, value: string): Prom
   return (await closed) === "enter" ? input.value.trim() : "";
 }
 
-/** Asks for the token that the server requires, or lets its user sign in; empty if none was typed. */
-export async function askToken(refusal: Refusal): Promise<string> {
+/** Asks for the token that the server requires, or lets its user sign in; empty if none was typed, null if a proxy may know the user. */
+export async function askToken(refusal: Refusal): Promise<string | null> {
   // The page that opens a case from a PACS hands on what was typed there, once.
   const handed = takeHanded().token;
   if (handed) return handed;
-  let issuer: Issuer | null = null;
+  let by: Issuer | "proxy" | null = null;
   let problem: unknown = null;
   try {
-    issuer = await askForIssuer();
+    by = await askHowToSignIn();
   } catch (why) {
     // A token still works.
     problem = why;
   }
-  if (issuer) return askToSignIn(issuer, refusal);
+  if (by === "proxy") return askForProxy(refusal);
+  if (by) return askToSignIn(by, refusal);
   const input = h("input", { type: "password", autocomplete: "off", required: true, id: "token" });
   const text = refusal.hadToken ? t("token.refused") : t("token.text");
   const { closed } = open(
@@ -147,6 +148,36 @@ export async function askToken(refusal: Refusal): Promise<string> {
   );
   await closed;
   return input.value.trim();
+}
+
+/** A token instead of signing in. */
+const tokenInstead = (input: HTMLInputElement): HTMLElement =>
+  h(
+    "details",
+    {},
+    h("summary", {}, t("sign-in.token")),
+    h("label", {}, t("token.label"), input),
+    h("div", { class: "row end" }, closing("enter", t("token.enter"))),
+  );
+
+/** Lets somebody sign in at the proxy in front of the server, in a window of its own; this page stays as it is. */
+async function askForProxy({ problem, hadToken }: Refusal): Promise<string | null> {
+  const input = h("input", { type: "password", autocomplete: "off", id: "token" });
+  const isRefused = hadToken || problem.kind === "proxy-refused";
+  const { closed } = open(
+    t("sign-in.title"),
+    "ask-proxy",
+    quiet(isRefused ? problemWords(problem) : t("sign-in.proxy")),
+    // The first one is what Enter does.
+    h(
+      "div",
+      { class: "row" },
+      h("a", { href: "./", target: "_blank", rel: "noopener", id: "sign-in" }, t("sign-in.enter")),
+      closing("again", t("sign-in.again"), { class: "primary", autofocus: true }),
+    ),
+    tokenInstead(input),
+  );
+  return (await closed) === "again" ? null : input.value.trim();
 }
 
 /**
@@ -171,13 +202,7 @@ async function askToSignIn(issuer: Issuer, { problem, hadToken }: Refusal): Prom
     quiet(text),
     said,
     h("div", { class: "row" }, enterButton),
-    h(
-      "details",
-      {},
-      h("summary", {}, t("sign-in.token")),
-      h("label", {}, t("token.label"), input),
-      h("div", { class: "row end" }, closing("enter", t("token.enter"))),
-    ),
+    tokenInstead(input),
   );
   const done = new AbortController();
   // Another frame of this page may have signed in.
@@ -225,7 +250,9 @@ function reasonOf(why: unknown): string {
 }
 
 /** Says who is signed in, what they may do and where, and lets them sign out. */
-export function holderDialog(name: string, { scopes, project }: Holder): void {
+export function holderDialog(name: string, holder: Holder): void {
+  const { scopes, project, sign_out } = holder;
+  const leave = (): void => (sign_out === undefined ? void signOut() : location.assign(sign_out));
   open(
     t("who.title"),
     "holder",
@@ -235,7 +262,10 @@ export function holderDialog(name: string, { scopes, project }: Holder): void {
     h(
       "div",
       { class: "row end" },
-      h("button", { type: "button", id: "sign-out", click: () => void signOut() }, t("who.out")),
+      // Whom a proxy knows would be signed in again at once.
+      isByProxy(holder) && sign_out === undefined
+        ? null
+        : h("button", { type: "button", id: "sign-out", click: leave }, t("who.out")),
       closing("close", t("close"), { class: "primary", autofocus: true }),
     ),
   );

@@ -1,6 +1,15 @@
 // The page: the list of cases at one side, the chosen case in the middle, its controls at the other side.
 
-import { anyArrivals, deleteCase, getCase, getHolder, handOver, onReach, onTokenWanted } from "../base/api.ts";
+import {
+  anyArrivals,
+  deleteCase,
+  getCase,
+  getHolder,
+  handOver,
+  onReach,
+  onTokenWanted,
+  plainName,
+} from "../base/api.ts";
 import { AcquiredSlices } from "./acquired.ts";
 import type { Case } from "../model/case.ts";
 import { caseIdentity, caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
@@ -176,7 +185,7 @@ class App {
     if (parent !== window) return;
     // Whoever may not even ask has signed in all the same, and can sign out.
     const holder = await getHolder().catch(() => ({ name: "anybody", scopes: [] }));
-    const name = session()?.name ?? (holder.name === "token" ? t("who.unnamed") : holder.name);
+    const name = session()?.name ?? (holder.name === "token" ? t("who.unnamed") : plainName(holder));
     if (name === "anybody") return;
     this.#who.textContent = name;
     this.#who.title = t("who.as", { name });

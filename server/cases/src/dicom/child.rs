@@ -27,16 +27,16 @@ const BASE_FILE_BYTES: u64 = 1 << 30;
 /// Files open at a time: the three standard ones, those that are read and written, and some that libraries want.
 const OPEN_FILES: u64 = 32;
 
-/// Other code to run once this process is confined, in place of reading a series; it returns words about what it reached.
-/// Tests have it.
-type Instead<'a> = &'a mut dyn FnMut(&Confinement) -> String;
+/// Other code to run once this process is confined, in place of reading a series or preparing a case; it returns words about what it
+/// reached. Tests have it.
+pub(crate) type Instead<'a> = &'a mut dyn FnMut(&Confinement) -> String;
 
 /// Handles the request on standard input. Errors in the files are written as an outcome.
 pub fn run() -> ExitCode {
     exit_code(carry_out(None))
 }
 
-/// As [`run`], with other code that runs in place of reading a series. The outcome is a failure with its words.
+/// As [`run`], with other code that runs in place of reading a series or preparing a case. The outcome is a failure with its words.
 #[cfg(any(test, feature = "testing"))]
 pub fn run_instead(mut code: impl FnMut(&Confinement) -> String) -> ExitCode {
     exit_code(carry_out(Some(&mut code)))
@@ -56,7 +56,7 @@ fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
         Order::Header(order) => answer(&read_header(&order, header)?),
         Order::Marks(order) => answer(&read_header(&order, |file, _, _| dicom::marks(file))?),
         Order::Stored(order) => read_stored(&order),
-        Order::Prepare(order) => crate::apart::prepare(&order),
+        Order::Prepare(order) => crate::apart::prepare(&order, instead),
         Order::Confine => {
             limit_this_process(1 << 30, 0, 1)?;
             answer(&confine(&Needs::default()))
@@ -107,7 +107,7 @@ fn read_series(order: &SeriesOrder, instead: Option<Instead<'_>>) -> io::Result<
         }
     };
     let outcome = match instead {
-        Some(code) => Outcome::Refused(Failure::unusable("other-code", code(&confinement))),
+        Some(code) => Outcome::Refused(said(code(&confinement))),
         None => match read(order, place) {
             Ok((volume, summary)) => {
                 io::copy(&mut io::repeat(0).take(order.room), &mut volume_file)?;
@@ -118,6 +118,11 @@ fn read_series(order: &SeriesOrder, instead: Option<Instead<'_>>) -> io::Result<
         },
     };
     outcome_file.write_all(&serde_json::to_vec(&outcome)?)
+}
+
+/// What other code has said, as a failure.
+pub(crate) fn said(words: String) -> Failure {
+    Failure::unusable("other-code", words)
 }
 
 /// What `read` finds in a file, given its bytes, the room before an output, and that output.

@@ -12,9 +12,9 @@ use serde::de::DeserializeOwned;
 use storage::Spooled;
 use storage::arrivals::{AccessionNumber, Rejection, SeriesUids, Uid};
 
-use super::memory::ReaderMemory;
 use super::message::{HeaderOrder, Order, Stated};
 use super::reader::{Program, at_a_time, cannot_run, check_file, checked_failure, died};
+use crate::children::ChildMemory;
 use crate::error::Error;
 use crate::limit::ConcurrencyLimit;
 
@@ -131,12 +131,12 @@ pub struct HeaderReader {
     max_file_bytes: u64,
     longest: Duration,
     limit: ConcurrencyLimit,
-    memory: ReaderMemory,
+    memory: ChildMemory,
 }
 
 impl HeaderReader {
     /// A reader of files of at most `max_file_bytes`.
-    pub(crate) fn new(program: Program, max_file_bytes: u64, memory: ReaderMemory) -> Self {
+    pub(crate) fn new(program: Program, max_file_bytes: u64, memory: ChildMemory) -> Self {
         Self {
             program,
             max_file_bytes,
@@ -191,7 +191,7 @@ impl HeaderReader {
     ) -> Result<T, Error> {
         let _turn = self.limit.turn().await?;
         let memory_bytes = PROGRAM_BYTES + (UNPACKING + 4) * file.len();
-        let _memory = self.memory.take(memory_bytes).await?;
+        let _memory = self.memory.take(memory_bytes).await;
         let absolute = |path: &Path| std::path::absolute(path).map_err(cannot_run);
         let order = order(HeaderOrder {
             file: absolute(file.path())?,
@@ -236,7 +236,7 @@ mod tests {
     async fn read_by(script: &str, longest: Duration) -> Result<InstanceIdentity, Error> {
         let arguments = vec!["-c".into(), script.into()];
         let program = Program::other("/bin/sh".into(), arguments);
-        let mut reader = HeaderReader::new(program, 1 << 20, ReaderMemory::default());
+        let mut reader = HeaderReader::new(program, 1 << 20, ChildMemory::default());
         reader.longest = longest;
         let store = Store::in_memory(Options::default()).await.unwrap();
         let file = store.spool_all(Bytes::from_static(b"file")).await.unwrap();

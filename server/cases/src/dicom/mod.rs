@@ -8,7 +8,6 @@
 mod child;
 mod files;
 mod headers;
-mod memory;
 mod message;
 mod reader;
 mod stored;
@@ -27,8 +26,9 @@ use crate::apart::PrepareOrder;
 pub use self::child::run as run_child;
 #[cfg(any(test, feature = "testing"))]
 pub use self::child::run_instead;
+pub(crate) use self::child::{Instead, said};
 pub use self::headers::{HeaderReader, InstanceIdentity};
-pub(crate) use self::memory::ReaderMemory;
+pub(crate) use self::reader::series_bytes;
 pub use self::reader::{DicomReader, Program};
 pub use self::stored::StoredFiles;
 pub(crate) use self::stored::copy_objects;

@@ -16,9 +16,9 @@ use tempfile::TempDir;
 use tokio::io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader};
 use tokio::process::{Child, ChildStdin, ChildStdout};
 
-use super::memory::ReaderMemory;
 use super::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
 use super::{Choice, Input, Reading, SUBCOMMAND};
+use crate::children::ChildMemory;
 use crate::confine::Confinement;
 use crate::error::Error;
 use crate::limit::ConcurrencyLimit;
@@ -152,7 +152,7 @@ pub struct DicomReader {
     pub(super) max_input_bytes: u64,
     pub(super) longest: Duration,
     pub(super) limit: ConcurrencyLimit,
-    pub(super) memory: ReaderMemory,
+    pub(super) memory: ChildMemory,
 }
 
 impl DicomReader {
@@ -164,13 +164,13 @@ impl DicomReader {
             max_input_bytes,
             longest: LONGEST,
             limit: ConcurrencyLimit::new(at_a_time(), WAITING),
-            memory: ReaderMemory::default(),
+            memory: ChildMemory::default(),
         }
     }
 
-    /// The same with memory that other readers share.
+    /// The same with memory that others share.
     #[must_use]
-    pub(crate) fn with_memory(self, memory: ReaderMemory) -> Self {
+    pub(crate) fn with_memory(self, memory: ChildMemory) -> Self {
         Self { memory, ..self }
     }
 
@@ -212,9 +212,8 @@ impl DicomReader {
             .prefix("dicom-")
             .tempdir_in(scratch)
             .map_err(cannot_run)?;
-        let voxels = self.limits.max_voxels as u64;
-        let memory_bytes = BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(voxels));
-        let _memory = self.memory.take(memory_bytes).await?;
+        let memory_bytes = series_bytes(&self.limits);
+        let _memory = self.memory.take(memory_bytes).await;
         let order = SeriesOrder {
             input: std::path::absolute(input).map_err(cannot_run)?,
             is_own_input,
@@ -264,6 +263,12 @@ impl DicomReader {
             }
         }
     }
+}
+
+/// What the process may use that reads a series, in bytes.
+pub(crate) fn series_bytes(limits: &Limits) -> u64 {
+    let voxels = limits.max_voxels as u64;
+    BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(voxels))
 }
 
 /// As many as there are CPUs, so that a slow series does not block the others.

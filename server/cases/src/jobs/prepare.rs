@@ -79,8 +79,11 @@ impl PrepareCase {
         };
         let source = source.ok_or_else(|| Failed::Forever(Failure::source_damaged()))?;
         let (report, is_cancelled) = (job.reporter(), job.is_cancelled());
+        let memory = library.memory_to_prepare().await;
         let library = library.clone();
         let derive = move || {
+            // Also if nobody waits any more.
+            let _until_done = memory;
             let observe = |now: Progress| {
                 report(&now);
                 library.store().signals().progress(&id, Some(now));

@@ -20,9 +20,9 @@ use self::discovery::{Known, is_safe, read};
 use self::keys::{Claims, Key};
 use crate::client::{HttpClient, http_client};
 use crate::problem::AppError;
-use crate::tokens::Holder;
+use crate::tokens::{Holder, name_by};
 
-use self::roles::Found;
+pub(crate) use self::roles::{Found, project_of, scopes_of};
 pub use self::roles::{ProjectRules, RoleRules};
 
 /// How much the clocks of the issuer and of this machine may differ.
@@ -36,9 +36,6 @@ const LONGEST: Duration = Duration::from_secs(24 * 3600);
 
 /// The least time between two requests to the issuer.
 const PAUSE: Duration = Duration::from_secs(10);
-
-/// The greatest length of a subject that is shown as it is.
-const LONGEST_SUBJECT: usize = 128;
 
 /// What the names of those who sign in begin with, so that none is the name of a token.
 const PREFIX: &str = "oidc:";
@@ -110,12 +107,23 @@ pub struct SignIn {
     /// Where the page gives its tokens back.
     #[serde(skip_serializing_if = "Option::is_none")]
     revocation_endpoint: Option<String>,
+    /// Whether the request came by a proxy that signs people in.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    by_proxy: bool,
     /// What the page asks for.
     scope: String,
     /// What else the page sends to the issuer.
     parameters: BTreeMap<String, String>,
     /// Whether the issuer names itself when it sends somebody back (RFC 9207).
     names_itself: bool,
+}
+
+impl SignIn {
+    /// The same, and whether a proxy signs people in.
+    #[must_use]
+    pub fn by_proxy(self, by_proxy: bool) -> Self {
+        Self { by_proxy, ..self }
+    }
 }
 
 /// An issuer. Cheap to clone: all clones share its keys.
@@ -264,7 +272,7 @@ impl Issuer {
         let ends = ends.and_then(|ends| SystemTime::UNIX_EPOCH.checked_add(ends + LEEWAY));
         Ok(SignedIn {
             holder: Holder {
-                name: name_of(subject).into(),
+                name: name_by(PREFIX, subject.as_bytes()),
                 scopes,
                 project,
             },
@@ -369,6 +377,7 @@ impl Issuer {
             token_endpoint: Some(token),
             end_session_endpoint: endpoints.end_session_endpoint.clone(),
             revocation_endpoint: own(&endpoints.revocation_endpoint),
+            by_proxy: false,
             scope: options.scope.clone(),
             parameters: options.parameters.clone(),
             names_itself: endpoints.authorization_response_iss_parameter_supported,
@@ -385,16 +394,6 @@ pub(crate) fn as_token(given: &[u8]) -> Option<&str> {
 fn origin_of(address: &str) -> Option<String> {
     let uri: Uri = address.parse().ok()?;
     Some(format!("{}://{}", uri.scheme_str()?, uri.authority()?))
-}
-
-/// The name for the record: the subject as the issuer states it, if it is a plain word, otherwise its digest.
-fn name_of(subject: &str) -> String {
-    let is_plain = subject.bytes().all(|byte| byte.is_ascii_graphic());
-    if is_plain && subject.len() <= LONGEST_SUBJECT {
-        return format!("{PREFIX}{subject}");
-    }
-    let digest = blake3::hash(subject.as_bytes()).to_hex();
-    format!("{PREFIX}{}", &digest[..32])
 }
 
 /// A token that the issuer has not signed.

@@ -20,18 +20,18 @@ pub struct RoleRules {
 impl RoleRules {
     /// What somebody may do: what any of the roles permits.
     pub(super) fn scopes(&self, claims: &Claims) -> BTreeSet<Scope> {
-        let roles = values_of(&self.claim, claims)
-            .into_iter()
-            .filter_map(|word| self.role(word));
-        roles.flat_map(Role::scopes).copied().collect()
+        scopes_of(&self.roles, &values_of(&self.claim, claims))
     }
+}
 
-    fn role(&self, word: &str) -> Option<Role> {
-        match self.roles.is_empty() {
-            true => word.parse().ok(),
-            false => self.roles.get(word).copied(),
-        }
-    }
+/// What the roles or groups of somebody permit, by a table of the role of each. If it is empty, they are the names of roles.
+pub(crate) fn scopes_of(roles: &BTreeMap<String, Role>, words: &[&str]) -> BTreeSet<Scope> {
+    let role = |word: &&str| match roles.is_empty() {
+        true => word.parse().ok(),
+        false => roles.get(*word).copied(),
+    };
+    let roles = words.iter().filter_map(role);
+    roles.flat_map(Role::scopes).copied().collect()
 }
 
 /// How the project of a person is read from the claims of a token.
@@ -45,7 +45,7 @@ pub struct ProjectRules {
 
 /// The project of a person.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Found {
+pub(crate) enum Found {
     One(Project),
     None,
     Several,
@@ -53,16 +53,23 @@ pub(super) enum Found {
 
 impl ProjectRules {
     pub(super) fn project(&self, claims: &Claims) -> Found {
-        if self.projects.is_empty() {
-            return Found::One(Project::DEFAULT);
-        }
-        let values = values_of(&self.claim, claims).into_iter();
-        let named: BTreeSet<_> = values.filter_map(|word| self.projects.get(word)).collect();
-        match named.len() {
-            0 => Found::None,
-            1 => named.first().map_or(Found::None, |&&one| Found::One(one)),
-            _ => Found::Several,
-        }
+        project_of(&self.projects, &values_of(&self.claim, claims))
+    }
+}
+
+/// The project of somebody with these groups, by a table of the project of each. If it is empty, everybody belongs to the project without a name.
+pub(crate) fn project_of(projects: &BTreeMap<String, Project>, words: &[&str]) -> Found {
+    if projects.is_empty() {
+        return Found::One(Project::DEFAULT);
+    }
+    let named: BTreeSet<_> = words
+        .iter()
+        .filter_map(|&word| projects.get(word))
+        .collect();
+    match named.len() {
+        0 => Found::None,
+        1 => named.first().map_or(Found::None, |&&one| Found::One(one)),
+        _ => Found::Several,
     }
 }
 

@@ -1,7 +1,7 @@
 //! `isocortex serve`.
 
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -258,7 +258,28 @@ impl Server {
         };
         let stop = stop_of(state.clone());
         let router = start::router(&state, &pacs);
-        let serving = tokio::spawn(listen::serve(listener, router, limits, tls, stop));
+        let socket = config.proxy.as_ref().and_then(|it| it.socket.as_ref());
+        let by_socket = match socket {
+            Some(path) => {
+                let (listener, file) = bind_socket(path)?;
+                let stop = state.stopping().begun();
+                let serving = listen::serve(listener, router.clone(), limits.clone(), None, stop);
+                Some(tokio::spawn(async move {
+                    serving.await;
+                    drop(file);
+                }))
+            }
+            None => None,
+        };
+        let by_network = listen::serve(listener, router, limits, tls, stop);
+        let serving = tokio::spawn(async move {
+            by_network.await;
+            if let Some(serving) = by_socket
+                && let Err(error) = serving.await
+            {
+                tracing::error!(%error, "the listener for the proxy failed");
+            }
+        });
         tracing::info!(%address, "listening");
         let reader = Arc::clone(&state.cases.dicom);
         tokio::spawn(tell_confinement(reader, "reads DICOM files"));
@@ -317,6 +338,44 @@ pub(super) async fn bind(listen: SocketAddr) -> Result<(TcpListener, SocketAddr)
     let listener = TcpListener::bind(listen).await.map_err(taken)?;
     let address = listener.local_addr().map_err(taken)?;
     Ok((listener, address))
+}
+
+/// A socket in the file system, which is removed with this.
+struct SocketFile(PathBuf);
+
+impl Drop for SocketFile {
+    fn drop(&mut self) {
+        // Somebody may have removed it.
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+/// A listener on a socket in the file system, which its owner and its group may open.
+#[cfg(unix)]
+fn bind_socket(path: &Path) -> Result<(listen::Listener, SocketFile), CliError> {
+    use std::os::unix::fs::{FileTypeExt as _, PermissionsExt as _};
+    let failed = |error| {
+        let path = path.display();
+        let message = format!("cannot listen on the socket {path} (`proxy.socket`): {error}");
+        CliError::new(ExitStatus::Unavailable, message)
+    };
+    let is_socket = std::fs::symlink_metadata(path).is_ok_and(|it| it.file_type().is_socket());
+    // A server that was killed leaves one behind, on which nobody listens.
+    if is_socket && std::os::unix::net::UnixStream::connect(path).is_err() {
+        std::fs::remove_file(path).map_err(failed)?;
+    }
+    let listener = tokio::net::UnixListener::bind(path).map_err(failed)?;
+    let file = SocketFile(path.to_owned());
+    let for_group = std::fs::Permissions::from_mode(0o660);
+    std::fs::set_permissions(path, for_group).map_err(failed)?;
+    tracing::info!("listening for the proxy on its socket");
+    Ok((listen::Listener::Unix(listener), file))
+}
+
+#[cfg(not(unix))]
+fn bind_socket(_path: &Path) -> Result<(listen::Listener, SocketFile), CliError> {
+    let message = "this system has no sockets in the file system (`proxy.socket`)";
+    Err(CliError::new(ExitStatus::Config, message))
 }
 
 /// Resolves at Ctrl-C or SIGTERM, after ending endless answers.

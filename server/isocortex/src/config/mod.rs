@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use audit::Audit;
 use case::NotAProject;
+use cases::ChildBudget;
 use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
 use http_support::auth::{Access, BadToken, unnamed};
@@ -18,6 +19,7 @@ use http_support::listen::ConnectionLimits;
 use http_support::oidc::{BadIssuer, Issuer};
 use http_support::origins::{NotAnOrigin, Origins};
 use http_support::pace::LeastRate;
+use http_support::proxy::{BadProxy, SignInProxy};
 use http_support::tls::{BadTls, ListeningTls, serving_tls};
 use http_support::tokens::NamedToken;
 use pipeline::HeadLimits;
@@ -28,7 +30,7 @@ use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::sections::{
-    AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Oidc, Page, Prepare, Render,
+    AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Oidc, Page, Prepare, Proxy, Render,
     Secret, Storage,
 };
 pub(crate) use self::tokens::check_name as check_token_name;
@@ -58,6 +60,8 @@ pub struct Config {
     pub pacs: Pacs,
     /// Preparation of cases.
     pub prepare: Prepare,
+    /// The proxy by which people sign in, if there is one.
+    pub proxy: Option<Proxy>,
     /// Rendering.
     pub render: Render,
     /// The store.
@@ -82,6 +86,7 @@ impl Default for Config {
             page: Page::default(),
             pacs: Pacs::default(),
             prepare: Prepare::default(),
+            proxy: None,
             render: Render::default(),
             storage: Storage::default(),
             prepares_apart: false,
@@ -144,9 +149,28 @@ pub enum ConfigError {
     /// The issuer cannot be used.
     #[error("`oidc`: {0}")]
     Issuer(#[from] BadIssuer),
+    /// Nobody can sign in by the proxy.
+    #[error("`proxy`: {0}")]
+    Proxy(#[from] BadProxy),
+    /// No proxy is trusted.
+    #[error(
+        "`proxy` needs `proxy.socket`, or the addresses of the proxies in `http.trusted_proxies`: headers that come from elsewhere are ignored"
+    )]
+    NoProxy,
+    /// Everybody could be everybody.
+    #[error(
+        "`http.trusted_proxies` has {network}, so that everybody could name anybody in the headers of `proxy`; list the addresses of the proxies alone"
+    )]
+    ProxyOfEverybody {
+        /// The network.
+        network: ipnet::IpNet,
+    },
+    /// A project of `[proxy]` is not one.
+    #[error("`proxy.projects`: {0}")]
+    ProxyProject(NotAProject),
     /// Everyone on the network could read everything.
     #[error(
-        "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file` or `oidc`, or listen on 127.0.0.1"
+        "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file`, `oidc` or `proxy`, or listen on 127.0.0.1"
     )]
     OpenToStrangers {
         /// The configured address.
@@ -241,6 +265,14 @@ pub enum ConfigError {
     /// A file for TLS of DIMSE is invalid.
     #[error("TLS of DIMSE: {0}")]
     BadTls(#[from] BadTls),
+    /// One process may use more than all together.
+    #[error(
+        "`limits.child_bytes` must be at least {least}: one process needs as much for a volume of `limits.max_voxels`"
+    )]
+    ChildBytes {
+        /// The fewest bytes.
+        least: u64,
+    },
     /// A limit of zero.
     #[error("`{key}` must be at least 1")]
     Zero {
@@ -277,14 +309,38 @@ impl Config {
         }
         let listen = self.http.listen;
         let issuer = self.issuer()?;
-        let wants_token = !tokens.is_empty() || self.http.tokens_file.is_some() || issuer.is_some();
+        let proxy = self.sign_in_proxy()?;
+        let wants_token = !tokens.is_empty()
+            || self.http.tokens_file.is_some()
+            || issuer.is_some()
+            || proxy.is_some();
         let access = match wants_token {
             true => Access::with_tokens(tokens),
             false if listen.ip().is_loopback() => Access::of_this_machine(),
             false => return Err(ConfigError::OpenToStrangers { listen }),
         };
         let [allowed, _] = self.origins()?;
-        Ok(access.with_origins(allowed).with_issuer(issuer))
+        let access = access.with_origins(allowed).with_issuer(issuer);
+        Ok(access.with_proxy(proxy))
+    }
+
+    /// How people sign in by a proxy, if they do.
+    ///
+    /// # Errors
+    /// If nobody could sign in, or everybody as anybody.
+    pub fn sign_in_proxy(&self) -> Result<Option<SignInProxy>, ConfigError> {
+        let Some(proxy) = &self.proxy else {
+            return Ok(None);
+        };
+        let trusted = &self.http.trusted_proxies;
+        if trusted.is_empty() && proxy.socket.is_none() {
+            return Err(ConfigError::NoProxy);
+        }
+        if let Some(Network(network)) = trusted.iter().find(|it| it.0.prefix_len() == 0) {
+            return Err(ConfigError::ProxyOfEverybody { network: *network });
+        }
+        let options = proxy.options().map_err(ConfigError::ProxyProject)?;
+        Ok(Some(SignInProxy::new(options)?))
     }
 
     /// The issuer by whom people sign in, of which nothing is asked yet.
@@ -508,6 +564,29 @@ impl Config {
         })
     }
 
+    /// What the processes that read files and prepare cases may use together.
+    ///
+    /// # Errors
+    /// If one of them needs more.
+    pub fn children(&self) -> Result<ChildBudget, ConfigError> {
+        let usual = ChildBudget::usual(&self.volume_limits(), self.prepare.workers);
+        let Some(bytes) = self.limits.child_bytes else {
+            return Ok(usual);
+        };
+        let least = usual.least();
+        match bytes < least {
+            true => Err(ConfigError::ChildBytes { least }),
+            false => Ok(usual.of(bytes)),
+        }
+    }
+
+    fn volume_limits(&self) -> pipeline::Limits {
+        pipeline::Limits {
+            max_voxels: self.limits.max_voxels,
+            ..pipeline::Limits::default()
+        }
+    }
+
     /// The options of the application.
     ///
     /// # Errors
@@ -524,10 +603,7 @@ impl Config {
             },
             network: self.prepare.network.clone(),
             atlas: self.prepare.atlas.clone(),
-            limits: pipeline::Limits {
-                max_voxels: self.limits.max_voxels,
-                ..pipeline::Limits::default()
-            },
+            limits: self.volume_limits(),
             head: HeadLimits {
                 voxel_mm: [self.limits.min_voxel_mm, self.limits.max_voxel_mm],
                 field_mm: [self.limits.min_field_mm, self.limits.max_field_mm],
@@ -536,6 +612,7 @@ impl Config {
             render_threads: self.render.threads,
             max_queued_renders: self.limits.max_queued_renders,
             cache_bytes: self.render.cache_bytes,
+            children: self.children()?,
             preparation_threads: self.limits.preparation_threads,
             prepares_apart: self.prepares_apart,
             preparation_cpu_seconds: self.prepare.max_cpu_secs,

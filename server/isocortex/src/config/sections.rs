@@ -8,6 +8,7 @@ use std::str::FromStr;
 use case::{NotAProject, Project};
 use cases::pictures::GpuUse;
 use http_support::oidc::{IssuerOptions, ProjectRules, RoleRules};
+use http_support::proxy::ProxyOptions;
 use http_support::scopes::Role;
 use ipnet::IpNet;
 use pipeline::HeadLimits;
@@ -181,10 +182,6 @@ fn default_roles_claim() -> String {
 
 impl Oidc {
     pub(super) fn options(&self) -> Result<IssuerOptions, NotAProject> {
-        let named = self.projects.iter().map(|(value, name)| {
-            let project = Project::with_name(name).ok_or(NotAProject)?;
-            Ok((value.clone(), project))
-        });
         Ok(IssuerOptions {
             issuer: self.issuer.clone(),
             audience: self.audience.clone(),
@@ -198,13 +195,64 @@ impl Oidc {
                     .as_ref()
                     .unwrap_or(&self.roles_claim)
                     .clone(),
-                projects: named.collect::<Result<_, _>>()?,
+                projects: named_projects(&self.projects)?,
             },
             client_id: self.client_id.clone(),
             scope: self.scope.clone(),
             parameters: self.parameters.clone(),
         })
     }
+}
+
+/// `[proxy]`: a proxy that signs people in, and names them in headers.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Proxy {
+    /// The header with the name of the user.
+    pub user_header: String,
+    /// The header with the groups of the user. Without one, `roles` and `projects` are of users.
+    pub groups_header: Option<String>,
+    /// What is between two groups.
+    #[serde(default = "default_separator")]
+    pub separator: char,
+    /// The role of each group. Without one, the groups are the names of roles.
+    #[serde(default)]
+    pub roles: BTreeMap<String, Role>,
+    /// The project of each group; empty for the project without a name. Without a table, everybody belongs to that one.
+    #[serde(default)]
+    pub projects: BTreeMap<String, String>,
+    /// Where the proxy signs people out: a path, or an address.
+    pub sign_out: Option<String>,
+    /// A socket in the file system for the proxy, beside the address. Whoever may open it may name anybody.
+    pub socket: Option<PathBuf>,
+}
+
+fn default_separator() -> char {
+    ','
+}
+
+impl Proxy {
+    pub(super) fn options(&self) -> Result<ProxyOptions, NotAProject> {
+        Ok(ProxyOptions {
+            user_header: self.user_header.clone(),
+            groups_header: self.groups_header.clone(),
+            separator: self.separator,
+            roles: self.roles.clone(),
+            projects: named_projects(&self.projects)?,
+            sign_out: self.sign_out.clone(),
+        })
+    }
+}
+
+/// The projects of a table.
+fn named_projects(
+    table: &BTreeMap<String, String>,
+) -> Result<BTreeMap<String, Project>, NotAProject> {
+    let named = table.iter().map(|(value, name)| {
+        let project = Project::with_name(name).ok_or(NotAProject)?;
+        Ok((value.clone(), project))
+    });
+    named.collect()
 }
 
 /// `[limits]`: limits on uploads, preparations and queues.
@@ -227,6 +275,8 @@ pub struct Limits {
     pub max_voxel_ratio: f64,
     /// Threads of a preparation; by default, one for each CPU core.
     pub preparation_threads: usize,
+    /// Memory for all processes together that read files and prepare cases, in bytes; by default enough for all workers and two series.
+    pub child_bytes: Option<u64>,
     /// Cases that may wait to be prepared.
     pub max_queued_cases: usize,
     /// Pictures, meshes and checks of uploads that may wait.
@@ -260,6 +310,7 @@ impl Default for Limits {
             max_field_mm: head.field_mm[1],
             max_voxel_ratio: head.max_ratio,
             preparation_threads: cores(),
+            child_bytes: None,
             max_queued_cases: 64,
             max_queued_renders: 64,
             max_layers: 20,

@@ -1,16 +1,19 @@
 //! Cases from their upload to their preparation.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use bytes::Bytes;
 use case::{CaseState, Parameters};
+use imaging::Limits;
 use storage::testing::{assert_nothing_left_over, files_below};
 use storage::{NewMask, Options, Store, StoreError, Version};
 
 use super::{GRACE, expected, load, open, ready};
 use crate::jobs::Workers;
-use crate::testing::{Fake, library_on, options, settled, settled_state, source, submit};
+use crate::testing::{Fake, library_on, options, settled, settled_state, source, submit, until};
+use crate::{ChildBudget, Library, LibraryOptions, Preparation};
 
 #[tokio::test]
 async fn a_case_is_prepared_and_outlives_the_process() {
@@ -93,6 +96,45 @@ async fn a_preparation_that_takes_too_long_fails_and_the_next_one_is_begun() {
     let next = submit(&library, "next").await.id;
     assert_eq!(settled_state(&library, &next).await, Some(CaseState::Ready));
     workers.shut_down(GRACE).await;
+}
+
+#[tokio::test]
+async fn preparations_wait_until_there_is_memory_for_their_processes() {
+    let directory = tempfile::tempdir().unwrap();
+    for (processes, is_apart, most) in [(1, true, 1), (2, true, 2), (1, false, 2)] {
+        let fake = Arc::<Fake>::default();
+        let folder = directory.path().join(format!("{processes}-{is_apart}"));
+        let store = Store::open_with(&folder, options()).await.unwrap();
+        let preparation = Preparation {
+            is_apart,
+            ..fake.preparation()
+        };
+        let usual = ChildBudget::usual(&Limits::default(), 1);
+        let library_options = LibraryOptions {
+            children: usual.of((processes + 1) * usual.least()),
+            ..LibraryOptions::default()
+        };
+        let library = Library::new(store, preparation, library_options);
+        let workers = Workers::start(library.clone(), 2);
+        fake.hold(true);
+        let ids = [
+            submit(&library, "first").await.id,
+            submit(&library, "second").await.id,
+        ];
+        // Both are at work, whether there is memory for both or not.
+        for id in &ids {
+            let mut watch = library.store().subscribe(id);
+            while watch.next().await.unwrap().unwrap().state == CaseState::Queued {}
+        }
+        until(|| fake.run_count() >= most).await;
+        fake.hold(false);
+        for id in &ids {
+            assert_eq!(settled_state(&library, id).await, Some(CaseState::Ready));
+        }
+        let reached = fake.most.load(Ordering::Relaxed);
+        assert_eq!(reached, most, "{processes} {is_apart}");
+        workers.shut_down(GRACE).await;
+    }
 }
 
 #[tokio::test]

@@ -1,0 +1,137 @@
+// A proxy in front of the server signs people in: the page says who it is, goes on after the end of a session without a loss, and signs out
+// at the proxy.
+
+import assert from "node:assert/strict";
+import { once } from "node:events";
+import { writeFile } from "node:fs/promises";
+import { type Server as HttpServer, createServer, request } from "node:http";
+import type { AddressInfo } from "node:net";
+import path from "node:path";
+import { after, before, test } from "node:test";
+
+import type { Browser } from "playwright-core";
+
+import { violations } from "./axe.ts";
+import { brainMask, markedVolume } from "./phantom.ts";
+import {
+  type Server,
+  keep,
+  launchBrowser,
+  openPage,
+  scratchFolder,
+  shown,
+  skip,
+  startServer,
+  until,
+} from "./support.ts";
+import { sendCase } from "./uploads.ts";
+
+const TOKEN = { authorization: "Bearer a-token-of-the-tests" };
+
+let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let server: Server;
+let proxy: HttpServer;
+let address: string;
+let browser: Browser;
+let id: string;
+/** Who is signed in at the proxy. */
+let person: string | null = "ana";
+
+/** A proxy as it should be: it removes what clients send, and answers 401 to what pages ask for while nobody is signed in. */
+function startProxy(socketPath: string): HttpServer {
+  return createServer((incoming, answer) => {
+    const { method = "GET", url = "/" } = incoming;
+    if (url === "/oauth2/sign_out") {
+      person = null;
+      return void answer.setHeader("content-type", "text/html").end("<title>Out</title><p>You have signed out.</p>");
+    }
+    if (person === null && url.startsWith("/v1/")) return void answer.writeHead(401).end("<p>Sign in.</p>");
+    const { "x-remote-user": _user, "x-remote-groups": _groups, ...headers } = incoming.headers;
+    const named = person === null ? {} : { "x-remote-user": person, "x-remote-groups": "readers" };
+    const asked = request({ socketPath, method, path: url, headers: { ...headers, ...named } }, (answered) => {
+      answer.writeHead(answered.statusCode ?? 502, answered.headers);
+      answered.pipe(answer);
+    });
+    asked.on("error", () => answer.destroy());
+    answer.on("close", () => asked.destroy());
+    incoming.pipe(asked);
+  });
+}
+
+before(
+  async () => {
+    if (skip) return;
+    scratch = await scratchFolder();
+    const config = path.join(scratch.folder, "isocortex.toml");
+    const socket = path.join(scratch.folder, "proxy.sock");
+    const lines = [
+      `[http]`,
+      `token = "${TOKEN.authorization.slice(7)}"`,
+      `[proxy]`,
+      `user_header = "X-Remote-User"`,
+      `groups_header = "X-Remote-Groups"`,
+      `sign_out = "/oauth2/sign_out"`,
+      `socket = "${socket}"`,
+      `[proxy.roles]`,
+      `readers = "editor"`,
+    ];
+    await writeFile(config, lines.join("\n"));
+    const options = ["--config", config];
+    server = await startServer({ command: "serve", data: path.join(scratch.folder, "data"), options });
+    id = await sendCase(server, { volume: markedVolume(), mask: brainMask() }, TOKEN);
+    proxy = startProxy(socket).listen(0, "127.0.0.1");
+    await once(proxy, "listening");
+    address = `http://127.0.0.1:${(proxy.address() as AddressInfo).port}/`;
+    browser = await launchBrowser();
+  },
+  { timeout: 600_000 },
+);
+
+after(async () => {
+  await browser?.close();
+  proxy?.closeAllConnections();
+  proxy?.close();
+  await server?.stop();
+  await scratch?.clean();
+});
+
+test("the proxy says who it is, and the end of its session loses nothing", { skip }, async () => {
+  const { page, context, troubles } = await openPage(browser, { locale: "en-GB" });
+  await page.goto(`${address}#${id}&r=mesh&d=12&l=slices&x=-38,0,0`);
+  await shown(page);
+  await page.waitForSelector(".findings", { state: "attached" });
+  await page.locator("#who").waitFor();
+  assert.equal(await page.locator("#who").innerText(), "ana");
+  assert.equal(await page.evaluate(() => sessionStorage.getItem("session")), null);
+
+  // The session ends at the proxy, while a finding is written.
+  person = null;
+  await page.getByRole("button", { name: "Mark the cross as a finding", disabled: false }).click();
+  await page.locator("dialog.ask-proxy").waitFor();
+  await keep(page, "proxy-session-ended");
+  assert.deepEqual(await violations(page), []);
+  // Whoever is still out is asked again.
+  await page.getByRole("button", { name: "I have signed in: go on" }).click();
+  await page.locator("dialog.ask-proxy").waitFor();
+  assert.equal(await page.locator("#sign-in").getAttribute("target"), "_blank");
+  person = "ana";
+  await page.getByRole("button", { name: "I have signed in: go on" }).click();
+  await page.locator("dialog.ask-proxy").waitFor({ state: "detached" });
+  const findings = new URL(`v1/cases/${id}/findings`, server.address);
+  const list = async (): Promise<readonly unknown[]> =>
+    ((await (await fetch(findings, { headers: TOKEN })).json()) as { findings: unknown[] }).findings;
+  assert.equal((await until(list, ({ length }) => length === 1)).length, 1);
+
+  await page.locator("#who").click();
+  await page.locator("#holder").waitFor();
+  await keep(page, "proxy-who");
+  assert.match(await page.locator("dialog.holder").innerText(), /ana[^]*read, write, results/);
+  await page.locator("#sign-out").click();
+  await page.getByText("You have signed out.").waitFor();
+  assert.equal(page.url(), new URL("/oauth2/sign_out", address).href);
+  assert.deepEqual(
+    troubles.filter((trouble) => !/status of 401/.test(trouble)),
+    [],
+  );
+  await context.close();
+});
