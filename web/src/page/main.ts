@@ -475,8 +475,9 @@ class App {
 
   /** A key that is no one else's. */
   key(event: KeyboardEvent): void {
-    if (event.defaultPrevented || !(event.target instanceof HTMLElement) || document.querySelector("dialog[open]"))
-      return;
+    // Dialogs are children of the body: looking through a thousand findings for one would take longer than a frame has.
+    const isCovered = [...document.body.children].some((one) => one.matches("dialog[open]"));
+    if (event.defaultPrevented || !(event.target instanceof HTMLElement) || isCovered) return;
     const onPicture = event.target.closest(".pane.surface") !== null;
     const hasModifier = event.ctrlKey || event.metaKey;
     // Where text is typed, undoing is the text's.
