@@ -117,13 +117,15 @@ def main():
             Server(program, "TLS", ["--tls-cert", f"{keys}/cert.pem", "--tls-key", f"{keys}/key.pem"], cached, tls=True),
         ]
         cold = [Server(program, "nothing", settings=uncached), Server(program, "encryption, without caches", key_file, uncached)]
-        for server in warm + cold:
-            server.prepare(volume)
-        print("| request | CPU, waiting | with | CPU | waiting |\n|---|---|---|---|---|")
-        compare(warm, KINDS, rounds)
-        compare(cold, ["mesh", "picture"], rounds)
-        for server in warm + cold:
-            server.end()
+        try:
+            for server in warm + cold:
+                server.prepare(volume)
+            print("| request | CPU, waiting | with | CPU | waiting |\n|---|---|---|---|---|")
+            compare(warm, KINDS, rounds)
+            compare(cold, ["mesh", "picture"], rounds)
+        finally:
+            for server in warm + cold:
+                server.end()
 
 
 def compare(servers, kinds, rounds):

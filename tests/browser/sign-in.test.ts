@@ -96,12 +96,16 @@ async function signIn(page: Page, name: string): Promise<void> {
 const session = (page: Page): Promise<Record<string, unknown> | null> =>
   page.evaluate(() => JSON.parse(sessionStorage.getItem("session") ?? "null") as Record<string, unknown> | null);
 
-/** Changes it, as time does. */
-const change = (page: Page, changes: Record<string, unknown>): Promise<void> =>
-  page.evaluate((changed) => {
-    const kept = JSON.parse(sessionStorage.getItem("session") ?? "{}") as object;
-    sessionStorage.setItem("session", JSON.stringify({ ...kept, ...changed }));
-  }, changes);
+/** Lets the token end while the page is loaded again. The page before must not renew it, because it would lose the answer. */
+async function reloadAfterEnd(page: Page): Promise<void> {
+  await page.addInitScript(() => {
+    const kept = JSON.parse(sessionStorage.getItem("session") ?? "null") as object | null;
+    if (!kept || sessionStorage.getItem("has-ended")) return;
+    sessionStorage.setItem("has-ended", "yes");
+    sessionStorage.setItem("session", JSON.stringify({ ...kept, ends: 0 }));
+  });
+  await page.reload();
+}
 
 /** Ends the session for good and presses a button, before the page can ask the server for anything else. */
 const endAndPress = (button: Locator): Promise<void> =>
@@ -196,8 +200,7 @@ test("a session is renewed silently, and what is written after its end is kept",
   await shown(page);
   await page.waitForSelector(".findings", { state: "attached" });
   const first = await session(page);
-  await change(page, { ends: 0 });
-  await page.reload();
+  await reloadAfterEnd(page);
   await shown(page);
   await page.waitForSelector(".findings", { state: "attached" });
   const renewed = await session(page);
