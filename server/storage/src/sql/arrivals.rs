@@ -719,7 +719,8 @@ pub(super) async fn settle(
     Ok(true)
 }
 
-/// Notes that the cases of a series that were made of other images are older than its case.
+/// Notes that the cases of a series that were made of other images of the PACS are older than its case. What was uploaded may be of
+/// another patient.
 async fn supersede_others(
     connection: &mut Connection,
     case: &str,
@@ -732,7 +733,7 @@ async fn supersede_others(
                  SELECT count(*) FROM case_objects AS own JOIN case_objects AS other
                                                           ON other.kind = own.kind AND other.digest = own.digest
                  WHERE own.case_id = $1 AND own.kind IN ($2, $5) AND other.case_id = case_series.case_id
-             ) THEN 0 WHEN superseded = 0 THEN $3 ELSE superseded END
+             ) THEN 0 WHEN superseded = 0 AND is_received = 1 THEN $3 ELSE superseded END
              WHERE case_id <> $1
                AND (project, study_uid, series_uid) =
                    (SELECT project, study_uid, series_uid FROM arrivals WHERE id = $4)",
