@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use axum::http::Request;
 use imaging::dicom::Attributes;
 use imaging::dicom::write::{Head, KeyObjectTitle, Listed, key_object};
 use serde_json::{Value, json};
@@ -62,6 +63,24 @@ async fn case_of_a_link(neighbour: &Neighbour) -> String {
     .await;
     neighbour.server.until_ready(&case).await;
     case
+}
+
+/// A version of a case with another mask, ready.
+async fn other_mask(server: &Server, case: &str) -> String {
+    let request = Request::put(format!("{case}/mask?offset_mm=-1&closing_radius_mm=8"));
+    let version = server.send(request.body(Vec::new().into()).unwrap()).await;
+    let version = format!("/v1/cases/{}", version.json()["id"].as_str().unwrap());
+    server.until_ready(&version).await;
+    version
+}
+
+async fn findings_of(server: &Server, case: &str) -> Value {
+    let findings = server.get(&format!("{case}/findings")).await.json();
+    findings["findings"].clone()
+}
+
+async fn put_report(server: &Server, case: &str, report: &[u8]) -> Answer {
+    crate::findings::put(server, case, "application/dicom", report.to_vec()).await
 }
 
 /// Why a case is superseded, by its own address and by the list.
@@ -423,9 +442,14 @@ async fn a_rejection_note_withdraws_the_series_and_another_list_does_not() {
 #[tokio::test]
 async fn what_was_kept_long_enough_may_come_again() {
     let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
+    let other_mask = other_mask(server, &case).await;
     let rejection = note(KeyObjectTitle::RetentionExpired);
     assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    for version in [&case, &other_mask] {
+        assert_eq!(superseded(server, version).await, "rejected");
+    }
     assert_eq!(launched(&neighbour).await["case"], Value::Null);
     assert_eq!(neighbour.store(&identified_head()).await.status, 200);
     let found = until("it is a case again", async || {
@@ -433,7 +457,11 @@ async fn what_was_kept_long_enough_may_come_again() {
         found["case"].as_str().map(str::to_owned)
     })
     .await;
-    assert!(case.ends_with(&found));
+    // Its newest version, as before.
+    assert!(other_mask.ends_with(&found));
+    for version in [&case, &other_mask] {
+        assert_eq!(superseded(server, version).await, Value::Null);
+    }
 }
 
 #[tokio::test]
@@ -777,6 +805,119 @@ async fn findings_stay_with_a_rejected_case_when_the_series_comes_under_new_uids
     assert_eq!(findings(&rejected).await, marked["findings"]);
     assert_eq!(superseded(server, &rejected).await, "rejected");
     assert_eq!(superseded(server, &next).await, Value::Null);
+}
+
+#[tokio::test]
+async fn a_corrected_name_hides_no_other_place_of_the_images() {
+    let neighbour = Neighbour::start(|config| {
+        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
+    })
+    .await;
+    let server = &neighbour.server;
+    let first = identified_case(&neighbour).await;
+    let marked = other_mask(server, &first).await;
+    let findings = crate::findings::mark(server, &marked).await;
+    let mut reports = Vec::new();
+    for what in ["findings", "finding-segments"] {
+        let report = result(server, &marked, &json!({ "what": what })).await;
+        assert_eq!(report.status, 200, "{report:?}");
+        reports.push(report.body.to_vec());
+    }
+    let view = |node: Value| json!({"what": "view", "render": small(), "node": node});
+    let sent = result(server, &marked, &view(json!("away"))).await.json();
+    // A version of other pixels has what was marked in the version that readers saw, and takes reports of it.
+    let darker = |slice: &Slice| Slice {
+        samples: slice.samples.iter().map(|sample| sample / 2).collect(),
+        ..slice.clone()
+    };
+    let darker: Vec<_> = head_slices().iter().map(darker).collect();
+    assert_eq!(neighbour.store(&identified(&darker)).await.status, 202);
+    let second = case_after(&neighbour, &first).await;
+    let version = server.get(&second).await.json();
+    assert!(marked.ends_with(version["previous"].as_str().unwrap()));
+    let inherited = findings_of(server, &second).await;
+    assert_eq!(inherited, findings["findings"]);
+    for report in &reports {
+        let taken = put_report(server, &second, report).await;
+        assert_eq!(taken.status, 200, "{taken:?}");
+    }
+    // The name and the place of all images are corrected in one go.
+    let name = [([0x10, 0x0010], "PN", "Müller^Anne")];
+    let corrected = |slice: &Slice| with_texts(&exchanged(slice), &[&IDENTITY[..], &name].concat());
+    let corrected: Vec<_> = darker.iter().map(corrected).collect();
+    assert_eq!(neighbour.store(&corrected).await.status, 202);
+    let third = case_after(&neighbour, &second).await;
+    let version = server.get(&third).await.json();
+    assert!(second.ends_with(version["previous"].as_str().unwrap()));
+    assert_eq!(findings_of(server, &third).await, json!([]));
+    assert_eq!(superseded(server, &third).await, Value::Null);
+    for report in &reports {
+        let refused = put_report(server, &third, report).await;
+        assert_eq!(
+            (refused.status.as_u16(), refused.problem().as_str()),
+            (409, "findings-elsewhere")
+        );
+    }
+    for case in [&first, &marked, &second] {
+        assert_eq!(superseded(server, case).await, "moved", "{case}");
+        let refused = result(server, case, &view(Value::Null)).await;
+        assert_eq!(
+            (refused.status.as_u16(), refused.problem().as_str()),
+            (409, "superseded")
+        );
+        let detail = refused.json()["detail"].to_string();
+        assert!(detail.contains("left and right"), "{detail}");
+    }
+    // Nor is what waits already sent.
+    let address = format!("/v1/dicom-results/{}", sent["id"].as_str().unwrap());
+    let background = pacs::Background::start(server.pacs.clone());
+    let waiting = ended(server, &address).await;
+    background.shut_down(Duration::from_secs(5)).await;
+    assert_eq!(waiting["reason"]["name"], "superseded", "{waiting}");
+}
+
+#[tokio::test]
+async fn a_corrected_name_hides_no_rejection() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let rejected = identified_case(&neighbour).await;
+    crate::findings::mark(server, &rejected).await;
+    let slices = head_slices();
+    let (last, others) = slices.split_last().unwrap();
+    let named = note_of(
+        KeyObjectTitle::RejectedForSafety,
+        std::slice::from_ref(&last.sop_uid),
+    );
+    assert_eq!(neighbour.store(&[named]).await.status, 200);
+    // The name is corrected in the others, most likely before they are read again.
+    let name = [([0x10, 0x0010], "PN", "Müller^Anne")];
+    let corrected = |slice: &Slice| with_texts(slice, &[&IDENTITY[..], &name].concat());
+    let corrected: Vec<_> = others.iter().map(corrected).collect();
+    assert_eq!(neighbour.store(&corrected).await.status, 202);
+    let next = case_of_a_link(&neighbour).await;
+    assert_eq!(superseded(server, &rejected).await, "rejected");
+    assert_eq!(findings_of(server, &next).await, json!([]));
+}
+
+#[tokio::test]
+async fn findings_do_not_follow_pixels_that_are_mirrored() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let before = identified_case(&neighbour).await;
+    crate::findings::mark(server, &before).await;
+    let mirrored = |slice: &Slice| {
+        let rows = slice.samples.chunks(slice.columns.into());
+        let mirrored = rows.flat_map(|row| row.iter().rev().copied());
+        Slice {
+            samples: mirrored.collect(),
+            ..slice.clone()
+        }
+    };
+    let mirrored: Vec<_> = head_slices().iter().map(mirrored).collect();
+    assert_eq!(neighbour.store(&identified(&mirrored)).await.status, 202);
+    let next = case_after(&neighbour, &before).await;
+    assert_eq!(findings_of(server, &next).await, json!([]));
+    assert_eq!(superseded(server, &before).await, "moved");
 }
 
 #[tokio::test]

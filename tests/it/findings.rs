@@ -74,7 +74,7 @@ pub(crate) async fn mark(server: &Server, case: &str) -> Value {
 }
 
 /// Replaces the findings that are there.
-async fn put(server: &Server, case: &str, kind: &str, body: Vec<u8>) -> Answer {
+pub(crate) async fn put(server: &Server, case: &str, kind: &str, body: Vec<u8>) -> Answer {
     let address = format!("{case}/findings");
     let tag = server.get(&address).await.header("etag").to_owned();
     let request = Request::builder().method(Method::PUT).uri(address);

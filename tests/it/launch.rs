@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 
 use crate::dicom::{head_slices, zipped};
 use crate::pacs::{Neighbour, with_texts};
+use crate::results::{result, small};
 use crate::series_builder::Slice;
 use crate::server::{form, form_type};
 use crate::until::until;
@@ -479,6 +480,18 @@ async fn an_upload_with_the_uids_of_another_patient_opens_in_the_place_of_nothin
                 (&found["state"], &found["case"]),
                 (&json!("ready"), &json!(case))
             );
+        }
+        // The upload is no older version, and no result of it goes to the study of the other patient.
+        let view = json!({"what": "view", "render": small()});
+        for (case, status) in [(&case, 200), (&upload, 409)] {
+            let address = format!("/v1/cases/{case}");
+            let shown = server.get(&address).await.json();
+            assert_eq!(shown["superseded"], Value::Null);
+            let made = result(server, &address, &view).await;
+            assert_eq!(made.status, status, "{made:?}");
+            if status == 409 {
+                assert_eq!(made.problem(), "several-patients");
+            }
         }
         let keys = "rendered3D?depth_mm=5&viewport=64,48";
         for of in ["", &format!("/series/{uid}")] {

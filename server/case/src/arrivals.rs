@@ -164,9 +164,22 @@ impl Serialize for Superseded {
 }
 
 impl Superseded {
-    /// Whether nothing may be made of the case any more: its images are another patient's or study's, or withdrawn.
+    /// Whether nothing may be made of the case any more: its images are another patient's or study's, lie elsewhere, or are
+    /// withdrawn.
     pub fn is_final(self) -> bool {
-        matches!(self, Self::Corrected | Self::Rejected)
+        self != Self::NewerVersion
+    }
+
+    /// The reason as a sentence without its end.
+    pub fn sentence(self) -> &'static str {
+        match self {
+            Self::Corrected => "the patient or the study of these images was corrected since",
+            Self::Rejected => "the PACS has rejected these images",
+            Self::NewerVersion => "other images of this series came later",
+            Self::Moved => {
+                "the place or the orientation of these images was corrected since, so that left and right may be exchanged"
+            }
+        }
     }
 }
 
@@ -399,7 +412,7 @@ pub struct CaseSeries {
 }
 
 impl CaseSeries {
-    /// Whether the patient or the study was corrected since it was made, or its images were rejected.
+    /// Whether the patient, the study or the place was corrected since it was made, or its images were rejected.
     pub fn is_superseded(&self) -> bool {
         self.superseded.is_some_and(Superseded::is_final)
     }

@@ -42,7 +42,7 @@ pub enum NotReplaced {
     Changed(Findings),
     /// One of them is wrong.
     Refused(FindingRefused),
-    /// A file is of another patient, or of another frame of reference: a sentence.
+    /// A file is of another patient, of another frame of reference, or of images that lay elsewhere: a sentence.
     Elsewhere(&'static str),
     /// Another error.
     Other(Error),
@@ -147,7 +147,7 @@ impl Cases {
     /// The findings of a DICOM measurement report or a segmentation that this program wrote about the patient of a case.
     ///
     /// # Errors
-    /// [`NotReplaced::Elsewhere`] if it is about another patient or place; a failure that states what is wrong with the file.
+    /// [`NotReplaced::Elsewhere`] if it is about another patient or place, also if its images were corrected or rejected since; a failure that states what is wrong with the file.
     pub async fn findings_of_dicom(
         &self,
         id: &CaseId,
@@ -180,6 +180,20 @@ impl Cases {
             return Err(NotReplaced::Elsewhere(
                 "the findings of the file lie in another frame of reference than the case",
             ));
+        }
+        let mut named: Vec<_> = marks
+            .iter()
+            .filter_map(|mark| mark.case.as_deref())
+            .collect();
+        named.dedup();
+        for marked_in in named.into_iter().filter_map(CaseId::parse) {
+            let marked_in = marked_in.in_project(id.project());
+            if self.store().are_apart(id, &marked_in).await? {
+                return Err(NotReplaced::Elsewhere(
+                    "the findings of the file were marked in images that have been rejected since, or whose place or orientation was \
+                     corrected, so that left and right may be exchanged; mark them again",
+                ));
+            }
         }
         let numbered = marks.into_iter().enumerate();
         let findings = numbered.map(|(number, mark)| of_mark(mark, number));

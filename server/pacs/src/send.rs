@@ -8,6 +8,7 @@ use axum::body::Bytes;
 use case::{Failure, JobKind};
 use cases::runner::{End, Failed, Running, Terms, Work};
 use storage::Unreadable;
+use storage::arrivals::Superseded;
 use storage::results::SentResult;
 
 use crate::node::NodeError;
@@ -78,10 +79,8 @@ enum SendError {
     Lost,
     #[error("the store cannot be read at the moment")]
     Store,
-    #[error(
-        "the patient or the study of its case was corrected since, or the PACS has rejected its images"
-    )]
-    Superseded,
+    #[error("it was made of images that do not count any more: {}", .0.sentence())]
+    Superseded(Superseded),
     #[error("it was withdrawn by a rejection note")]
     Withdrawn,
     #[error("the audit record of the server cannot be written")]
@@ -92,7 +91,7 @@ impl SendError {
     fn may_pass(&self) -> bool {
         match self {
             Self::Node(error) => error.may_pass(),
-            Self::NoSuchNode | Self::Lost | Self::Superseded | Self::Withdrawn => false,
+            Self::NoSuchNode | Self::Lost | Self::Superseded(_) | Self::Withdrawn => false,
             Self::Store | Self::NotRecorded => true,
         }
     }
@@ -102,7 +101,7 @@ impl SendError {
             Self::NoSuchNode => "no-such-node",
             Self::Node(error) => error.kind(),
             Self::Lost => "result-lost",
-            Self::Superseded => "superseded",
+            Self::Superseded(_) => "superseded",
             Self::Withdrawn => "withdrawn",
             Self::Store => "store-failed",
             Self::NotRecorded => "audit-full",
@@ -160,13 +159,14 @@ async fn may_leave(pacs: &Pacs, result: &SentResult, file: &Bytes) -> Result<(),
         return Err(SendError::Withdrawn);
     }
     let series = store.series_of(&result.case).await.map_err(of_store)?;
-    if !series.is_some_and(|series| series.is_superseded()) {
+    let superseded = series.and_then(|series| series.superseded);
+    let Some(why) = superseded.filter(|why| why.is_final()) else {
         return Ok(());
-    }
+    };
     let spooled = store.spool_all(file.clone()).await.map_err(of_store)?;
     match pacs.cases().headers.read(&spooled).await {
         Ok(identity) if identity.rejection.is_some() => Ok(()),
-        Ok(_) | Err(cases::Error::Failure(_)) => Err(SendError::Superseded),
+        Ok(_) | Err(cases::Error::Failure(_)) => Err(SendError::Superseded(why)),
         Err(_) => Err(SendError::Store),
     }
 }

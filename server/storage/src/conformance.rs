@@ -122,6 +122,7 @@ macro_rules! conformance {
                 holders_that_are_dead_hold_nothing
                 an_image_is_received_once
                 an_image_that_replaces_another_supersedes_the_cases_of_its_series
+                a_version_whose_images_lie_elsewhere_hands_nothing_on
                 objects_that_are_not_kept_are_counted
                 an_image_that_comes_under_another_series_leaves_its_own
                 images_that_are_rejected_are_forgotten_and_their_cases_superseded

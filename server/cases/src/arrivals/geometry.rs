@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use bytes::Bytes;
 use case::{Case, ObjectKind};
 use geometry::Grid;
 use glam::DVec3;
@@ -10,6 +11,7 @@ use imaging::dicom::Attributes;
 use storage::arrivals::Superseded;
 use storage::{StoreError, Upload};
 
+use super::mirror::Reduced;
 use crate::application::Cases;
 use crate::error::Error;
 
@@ -22,8 +24,8 @@ type Corners = [DVec3; 3];
 /// Where the images of a volume lie.
 struct Places {
     grid: Grid,
-    /// By image and frame; none if it is not known which slice is of which image.
-    of_images: HashMap<(String, Option<usize>), Corners>,
+    /// The slice of each image and frame; none if it is not known which slice is of which image.
+    of_images: HashMap<(String, Option<usize>), usize>,
 }
 
 impl Places {
@@ -35,7 +37,7 @@ impl Places {
         let images = source.instances.iter().filter(|_| is_known);
         let of_images = images.zip(acquired).map(|(image, slice)| {
             let name = (image.sop_instance_uid.clone(), image.frame);
-            (name, corners(&grid, slice))
+            (name, slice)
         });
         Self {
             of_images: of_images.collect(),
@@ -43,24 +45,34 @@ impl Places {
         }
     }
 
+    /// The slices of the images that both have, here and there, in the order in which they lie here. If they have none in common,
+    /// all slices, as far as there are as many.
+    fn common(&self, other: &Self) -> Vec<[usize; 2]> {
+        let both = self.of_images.iter();
+        let both = both.filter_map(|(name, slice)| Some([*slice, *other.of_images.get(name)?]));
+        let mut both: Vec<_> = both.collect();
+        if both.is_empty() {
+            let [here, there] = [self, other].map(|places| places.grid.size()[2]);
+            both = (0..here.min(there)).map(|slice| [slice; 2]).collect();
+        }
+        both.sort_unstable();
+        both
+    }
+
     /// Whether an image that both have lies elsewhere. If they have none in common, all slices must lie where they did.
     fn differ(&self, other: &Self) -> bool {
-        let common = self.of_images.iter();
-        let mut common = common
-            .filter_map(|(name, corners)| Some((corners, other.of_images.get(name)?)))
-            .peekable();
-        let is_apart = |one: &Corners, other: &Corners| {
-            let mut corners = one.iter().zip(other);
-            corners.any(|(one, other)| one.distance(*other) > ROUNDING_MM)
+        let [size, before] = [self, other].map(|places| places.grid.size());
+        let has_common = (self.of_images.keys()).any(|name| other.of_images.contains_key(name));
+        let is_comparable = match has_common {
+            true => size[..2] == before[..2],
+            false => size == before,
         };
-        if common.peek().is_some() {
-            return common.any(|(one, other)| is_apart(one, other));
-        }
-        let last = |grid: &Grid| grid.size()[2].saturating_sub(1);
-        self.grid.size() != other.grid.size()
-            || [0, last(&self.grid)]
-                .into_iter()
-                .any(|slice| is_apart(&corners(&self.grid, slice), &corners(&other.grid, slice)))
+        let is_apart = |[here, there]: [usize; 2]| {
+            let [here, there] = [corners(&self.grid, here), corners(&other.grid, there)];
+            let mut corners = here.iter().zip(there);
+            corners.any(|(one, other)| one.distance(other) > ROUNDING_MM)
+        };
+        !is_comparable || self.common(other).into_iter().any(is_apart)
     }
 }
 
@@ -74,23 +86,60 @@ fn corners(grid: &Grid, slice: usize) -> Corners {
 }
 
 impl Cases {
-    /// Whether the images of an upload lie elsewhere in the patient than those of an older version; also if that is not known.
+    /// Whether the images of an upload lie elsewhere in the patient than those of an older version, or show its mirror image; also
+    /// if that is not known.
     pub(crate) async fn is_moved(&self, upload: &Upload, before: &Case) -> Result<bool, Error> {
         let Some(stated) = &upload.dicom else {
             return Ok(false);
         };
         let new = pipeline::attributes(&stated.read().await?)?;
         let old = self.attributes_of(&before.id).await?;
+        let names = self.store().case_objects(&before.id).await?;
+        let kind = ObjectKind::SourceVolume;
+        let Some(old_volume) = self.store().read(&before.id, &names, kind).await? else {
+            return Ok(true);
+        };
+        let new_volume = upload.volume.read().await?;
+        let grid =
+            |volume: &Bytes| imaging::nifti::read_grid(start(volume), &self.library.limits());
+        let (Some(old), Ok(grid), Ok(old_grid)) = (old, grid(&new_volume), grid(&old_volume))
+        else {
+            return Ok(true);
+        };
+        let (new, old) = (Places::new(&new, grid), Places::new(&old, old_grid));
+        if new.differ(&old) {
+            return Ok(true);
+        }
+        let mut volumes = names.iter().filter(|name| name.kind == kind);
+        if volumes.any(|name| name.digest == *upload.volume.digest()) {
+            return Ok(false);
+        }
+        let (here, there) = new
+            .common(&old)
+            .into_iter()
+            .map(|[here, there]| (here, there))
+            .unzip();
+        let new = self.reduced(new_volume, here).await?;
+        let old = self.reduced(old_volume, there).await?;
+        Ok(new
+            .zip(old)
+            .is_none_or(|(new, old)| new.is_mirror_image_of(&old)))
+    }
+
+    /// Slices of a stored volume with few voxels; `None` if it is damaged.
+    async fn reduced(&self, volume: Bytes, slices: Vec<usize>) -> Result<Option<Reduced>, Error> {
+        let room = match self.checks.enter(start(&volume)).await {
+            Ok(room) => room,
+            Err(Error::Failure(_)) => return Ok(None),
+            Err(error) => return Err(error),
+        };
         let limits = self.library.limits();
-        let start = upload.volume.head(START_BYTES).await?;
-        let grid = imaging::nifti::read_grid(&start, &limits);
-        let (Some(old), Ok(grid)) = (old, grid) else {
-            return Ok(true);
+        let work = move || {
+            let _room = room;
+            let volume = imaging::nifti::read_volume(&volume, &limits).ok()?;
+            Some(Reduced::new(&volume, &slices))
         };
-        let Some(old_grid) = self.grid_of(before).await? else {
-            return Ok(true);
-        };
-        Ok(Places::new(&new, grid).differ(&Places::new(&old, old_grid)))
+        self.queue.run(work).await
     }
 
     /// Why a case has inherited nothing from the version before: its images lie elsewhere, or those were rejected.
@@ -105,19 +154,11 @@ impl Cases {
         let why = before.and_then(|before| before.superseded);
         Ok(why.filter(|why| matches!(why, Superseded::Moved | Superseded::Rejected)))
     }
+}
 
-    /// The grid of the volume of a case in any state; `None` if it is damaged.
-    async fn grid_of(&self, case: &Case) -> Result<Option<Grid>, Error> {
-        let names = self.store().case_objects(&case.id).await?;
-        let read = self
-            .store()
-            .read(&case.id, &names, ObjectKind::SourceVolume);
-        let Some(volume) = read.await? else {
-            return Ok(None);
-        };
-        let start = &volume[..volume.len().min(START_BYTES as usize)];
-        Ok(imaging::nifti::read_grid(start, &self.library.limits()).ok())
-    }
+/// The part of a file that has its header.
+fn start(volume: &Bytes) -> &[u8] {
+    &volume[..volume.len().min(START_BYTES as usize)]
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 mod geometry;
 mod heads;
 mod index;
+mod mirror;
 mod others;
 mod patient;
 mod rejection;

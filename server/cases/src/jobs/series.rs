@@ -3,7 +3,9 @@
 use std::time::Duration;
 
 use async_trait::async_trait;
-use case::{Case, CaseState, Failure, FailureKind, JobKind, LayerParameters, Parameters};
+use case::{
+    Case, CaseId, CaseState, Failure, FailureKind, JobKind, LayerParameters, ObjectKind, Parameters,
+};
 use storage::arrivals::{DueTerms, NO_CASE, NOT_T1, Outcome, SeriesQuery, TakenAs};
 use storage::{DueSeries, Store, StoreError, Upload};
 
@@ -142,7 +144,10 @@ impl Cases {
                 if self.is_moved(&upload, &case).await? {
                     self.store().move_case(&case.id).await?;
                 }
-                (Some(case.id), case.parameters)
+                (
+                    Some(self.newest_of_same_images(&case.id, due).await?),
+                    case.parameters,
+                )
             }
             None => (None, Parameters::default()),
         };
@@ -161,6 +166,31 @@ impl Cases {
             Some(series) if series.uids == due.uids => self.store().case(id).await,
             _ => Ok(None),
         }
+    }
+
+    /// The newest ready version of the images of a case, which readers see: it may have another mask, and what they marked there.
+    async fn newest_of_same_images(
+        &self,
+        of: &CaseId,
+        due: &DueSeries,
+    ) -> Result<CaseId, StoreError> {
+        let images = async |case: &CaseId| {
+            let names = self.store().case_objects(case).await?.into_iter();
+            let kinds = [ObjectKind::SourceVolume, ObjectKind::SourceDicom];
+            let mut images: Vec<_> = names.filter(|name| kinds.contains(&name.kind)).collect();
+            images.sort_by_key(|name| name.kind.name());
+            Ok::<_, StoreError>(images)
+        };
+        let own = images(of).await?;
+        let series = SeriesQuery::Study(due.uids.study.clone(), Some(due.uids.series.clone()));
+        for version in self.store().cases_of(&series).await? {
+            let case = self.store().case(&version.case).await?;
+            let is_ready = case.is_some_and(|case| case.state == CaseState::Ready);
+            if is_ready && images(&version.case).await? == own {
+                return Ok(version.case);
+            }
+        }
+        Ok(*of)
     }
 
     /// Makes a layer of a series; `None` if there is no case of its study and its patient that could have it.

@@ -99,6 +99,9 @@ pub struct Mark {
     pub is_dismissed: bool,
     /// Who wrote it.
     pub author: Option<String>,
+    /// The case in whose images it was marked.
+    #[serde(default)]
+    pub case: Option<String>,
 }
 
 /// The findings of a measurement report or a segmentation that this program wrote. The patient must not reach a log, an error or an address.
@@ -235,6 +238,7 @@ fn mark(group: &InMemDicomObject) -> Option<(Mark, String)> {
         from_map: text_of(code::MAP),
         is_dismissed: word_of(code::STATE).as_deref() == Some(code::DISMISSED),
         author: text_of(code::AUTHOR),
+        case: text_of(code::CASE),
     };
     let frame_of_reference = text(region, tags::REFERENCED_FRAME_OF_REFERENCE_UID)?;
     Some((mark, frame_of_reference))
@@ -315,6 +319,7 @@ pub(super) mod code {
         GYRUS "99ISOCORTEX" "gyrus" "Gyrus, about, from an atlas"
         MAP "99ISOCORTEX" "map" "Map in whose list it was found"
         AUTHOR "99ISOCORTEX" "author" "Author, as stated by the client"
+        CASE "99ISOCORTEX" "case" "Case in whose images it was marked"
         CERTAINTY "99ISOCORTEX" "certainty" "Certainty that it is abnormal"
         STATE "99ISOCORTEX" "state" "State"
     }
@@ -437,6 +442,7 @@ mod tests {
             from_map: Some("blur".to_owned()),
             is_dismissed: true,
             author: Some("somebody".to_owned()),
+            case: Some("0123".to_owned()),
         }
     }
 
@@ -457,6 +463,7 @@ mod tests {
             from_map: None,
             is_dismissed: false,
             author: None,
+            case: None,
             ..mark("trajectory", &bent[..2])
         };
         let all = [

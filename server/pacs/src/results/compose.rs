@@ -6,6 +6,7 @@ use axum::body::Bytes;
 use axum::http::StatusCode;
 use case::findings::Finding;
 use case::{Case, CaseFacts, CaseId, MaskMethod, ObjectKind, PatientSide, QualityState};
+use cases::arrivals::Patient;
 use cases::pictures::{Layout, PictureRequest, window_of};
 use cases::report::{ReportFormat, ReportSubject};
 use cases::{Cases, Error};
@@ -20,7 +21,7 @@ use pipeline::findings::voxels_of;
 use render::{
     Frame, FrameSize, PixelFormat, RESEARCH_USE_NOTICE, SHORT_NOTICE, WindowFunction, encode_png,
 };
-use storage::arrivals::Uid;
+use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids, Superseded, Uid};
 use storage::results::ResultSeries;
 
 use super::draw::Drawing;
@@ -30,7 +31,7 @@ use crate::state::Pacs;
 use http_support::problem::AppError;
 
 /// A part of every UID. Raise it if the same request gives another object.
-const FORMAT: &str = "isocortex result 2";
+const FORMAT: &str = "isocortex result 3";
 
 /// The number of the first series of results.
 const FIRST_SERIES: u32 = 9100;
@@ -70,7 +71,7 @@ impl Composer {
     /// Finds the patient, the study and the source of a result.
     ///
     /// # Errors
-    /// `no-patient`, `study-known`, `no-frame-of-reference`, and those of [`Cases::ready`].
+    /// `superseded`, `several-patients`, `no-patient`, `study-known`, `no-frame-of-reference`, and those of [`Cases::ready`].
     pub(crate) async fn begin(
         pacs: &Pacs,
         id: CaseId,
@@ -83,10 +84,20 @@ impl Composer {
         let series = cases.store().series_of(&id).await?;
         // What was sent of a wrong patient must still be withdrawn.
         let is_rejection = matches!(&plan, Plan::KeyObject(plan) if plan.title.is_rejection());
-        if !is_rejection && series.is_some_and(|series| series.is_superseded()) {
-            return Err(superseded());
+        let superseded = series.as_ref().and_then(|series| series.superseded);
+        if let Some(why) = superseded.filter(|why| why.is_final() && !is_rejection) {
+            return Err(no_longer_valid(why));
         }
         let source = source(cases, &id, asked).await?;
+        if let Some(series) = series.filter(|series| !series.is_received && !is_rejection)
+            && contradicts_pacs(cases, &series, &source).await?
+        {
+            return Err(AppError::new(
+                StatusCode::CONFLICT,
+                "several-patients",
+                "the case was uploaded, and the PACS has sent images of another patient with the UIDs of its series; use the case of those",
+            ));
+        }
         let study = value(&source, "StudyInstanceUID").and_then(Uid::parse);
         let study = study.ok_or_else(no_patient)?;
         let withdrawn = match &plan {
@@ -261,11 +272,14 @@ impl Composer {
                 Pixels::None(title, listed) => write::key_object(&head, title, &listed),
                 Pixels::Mask(mask, plan) => segmentation(&head, mask, plan, &facts, method),
                 Pixels::Findings(FindingsPlan::Report, findings) => {
-                    let marks: Vec<_> = findings.iter().map(|each| mark(&source, each)).collect();
+                    let marks: Vec<_> = findings
+                        .iter()
+                        .map(|each| mark(&id, &source, each))
+                        .collect();
                     write::measurement_report(&head, &marks)
                 }
                 Pixels::Findings(FindingsPlan::Segments, findings) => {
-                    segments(&head, &findings, &facts)
+                    segments(&head, &id, &findings, &facts)
                 }
                 Pixels::Report(pdf) => write::encapsulated_pdf(&head, &title, pdf.into()),
             }
@@ -313,8 +327,8 @@ fn last_change(findings: &[Finding]) -> Option<Timestamp> {
     times.filter_map(|time| time.parse().ok()).max()
 }
 
-/// A finding as a report states it.
-fn mark(source: &Attributes, finding: &Finding) -> Mark {
+/// A finding of a case as a report states it.
+fn mark(id: &CaseId, source: &Attributes, finding: &Finding) -> Mark {
     let parts = [
         "isocortex finding",
         value(source, "FrameOfReferenceUID").unwrap_or_default(),
@@ -343,12 +357,14 @@ fn mark(source: &Attributes, finding: &Finding) -> Mark {
         from_map: finding.from_map.map(|map| map.name().to_owned()),
         is_dismissed: finding.is_dismissed,
         author: finding.author.clone(),
+        case: Some(id.to_string()),
     }
 }
 
-/// Findings as segments.
+/// Findings of a case as segments.
 fn segments(
     head: &Head<'_>,
+    id: &CaseId,
     findings: &[Finding],
     facts: &CaseFacts,
 ) -> Result<Vec<u8>, WriteError> {
@@ -364,7 +380,7 @@ fn segments(
             description: format!("Marked by a reader; {SHORT_NOTICE}"),
             algorithm: Algorithm::Manual,
             property: Property::SelectedRegion,
-            mark: Some(mark(head.source, finding)),
+            mark: Some(mark(id, head.source, finding)),
         };
         Some((segment, voxels_of(finding, &native)?))
     };
@@ -434,12 +450,9 @@ fn refuse(kind: &'static str, detail: &str) -> AppError {
     AppError::new(StatusCode::UNPROCESSABLE_ENTITY, kind, detail)
 }
 
-fn superseded() -> AppError {
-    AppError::new(
-        StatusCode::CONFLICT,
-        "superseded",
-        "the patient or the study of this case was corrected since, or the PACS has rejected its images; use the case of the corrected images",
-    )
+fn no_longer_valid(why: Superseded) -> AppError {
+    let detail = format!("{}; use the case of the corrected images", why.sentence());
+    AppError::new(StatusCode::CONFLICT, "superseded", detail)
 }
 
 fn no_patient() -> AppError {
@@ -487,6 +500,25 @@ async fn source(cases: &Cases, id: &CaseId, asked: &ResultRequest) -> Result<Att
         (None, Some(study)) => study.attributes(),
         (None, None) => Err(no_patient()),
     }
+}
+
+/// Whether the PACS has sent images of another patient with the UIDs of a series that was uploaded.
+async fn contradicts_pacs(
+    cases: &Cases,
+    uploaded: &CaseSeries,
+    source: &Attributes,
+) -> Result<bool, AppError> {
+    let patient = |source: &Attributes| Patient::of(|keyword| source.value(keyword));
+    let SeriesUids { study, series } = uploaded.uids.clone();
+    let query = SeriesQuery::Study(study, Some(series));
+    let received = cases.store().cases_of(&query).await?.into_iter();
+    for held in received.filter(|held| held.is_received && !held.is_superseded()) {
+        let sent = cases.attributes_of(&held.case).await?;
+        if sent.is_some_and(|sent| patient(&sent) != patient(source)) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// Whether an optional attribute of the patient has a value of its kind (PS3.5 §6.2); all others are copied as they are.

@@ -98,7 +98,7 @@ impl From<SentResult> for ResultView {
         (status = 400, description = "The body cannot be read, or a value is invalid"),
         (status = 404, description = "No such case, or no node has this name"),
         (status = 406, description = "A segmentation, a list, findings and a report have no picture"),
-        (status = 409, description = "The case is not ready, its patient or study was corrected since or its images were rejected (`superseded`), or the result was withdrawn (`withdrawn`)"),
+        (status = 409, description = "The case is not ready, its patient, study or place was corrected since or its images were rejected (`superseded`), it was uploaded and the PACS has sent another patient with its UIDs (`several-patients`), or the result was withdrawn (`withdrawn`)"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), nothing was marked (`no-findings`), or no frame of reference for a segmentation or findings"),
         (status = 503, description = "Too much work is waiting"),
     )

@@ -215,7 +215,7 @@ CREATE TABLE case_series (
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     accession_number TEXT,
-    superseded       BIGINT NOT NULL DEFAULT 0, -- whether the patient or the study was corrected since
+    superseded       BIGINT NOT NULL DEFAULT 0, -- why it does not count any more: 1 newer version, 2 corrected, 3 moved, 4 rejected
     is_received      BIGINT NOT NULL DEFAULT 0  -- whether a PACS sent the images: what was uploaded takes the place of none of these
 );
 

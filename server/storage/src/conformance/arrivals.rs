@@ -14,7 +14,7 @@ use crate::arrivals::{
     REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Superseded, Taken, TakenAs, Uid,
 };
 use crate::jobs::{Claim, Release};
-use crate::rows::{DueSeries, Known, Referred, Sweep};
+use crate::rows::{DueSeries, Known, NewCase, Referred, Sweep};
 use crate::testing::{failure, new_case, pinned};
 
 const TERMS: DueTerms = DueTerms {
@@ -222,6 +222,62 @@ pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_s
             .is_superseded()
     };
     assert!(!is_superseded(&first).await && is_superseded(&second).await);
+}
+
+pub(crate) async fn a_version_whose_images_lie_elsewhere_hands_nothing_on(subject: &Subject) {
+    let store = &subject.store;
+    let version = async |id: &str, images: &str, previous: Option<CaseId>| {
+        let digest = blake3::hash(images.as_bytes());
+        let kinds = [ObjectKind::SourceVolume, ObjectKind::SourceDicom];
+        let images = kinds.map(|kind| ObjectName { kind, digest });
+        let new = NewCase {
+            previous,
+            sources: pinned(store, &images).await,
+            ..new_case(store, id).await
+        };
+        store.insert_case(&new).await.unwrap();
+        let of_series = CaseSeries {
+            case: new.id,
+            uids: series(1),
+            accession_number: None,
+            superseded: None,
+            is_received: true,
+        };
+        store.index_series(&of_series).await.unwrap();
+        new.id
+    };
+    let findings = async |case: CaseId| store.findings(&case).await.unwrap();
+    let why = async |case: CaseId| store.case(&case).await.unwrap().unwrap().superseded;
+    let first = version("a", "images", None).await;
+    let none = findings(first).await.version;
+    let marked = store.replace_findings(&first, none, "[1]".to_owned());
+    marked.await.unwrap();
+    let other_mask = version("b", "images", Some(first)).await;
+    let second = version("c", "darker images", Some(other_mask)).await;
+    assert_eq!(findings(second).await.document, "[1]");
+    store.move_case(&second).await.unwrap();
+    let third = version("d", "images elsewhere", Some(second)).await;
+    assert_eq!(findings(third).await.document, "[]");
+    for older in [first, other_mask, second] {
+        assert_eq!(why(older).await, Some(Superseded::Moved));
+        assert!(store.are_apart(&third, &older).await.unwrap());
+        assert!(store.are_apart(&older, &third).await.unwrap());
+    }
+    assert_eq!(why(third).await, None);
+    // A version with another mask is of the same images.
+    assert!(!store.are_apart(&first, &other_mask).await.unwrap());
+    let again = version("e", "images", Some(other_mask)).await;
+    assert_eq!(findings(again).await.document, "[1]");
+    // The correction is taken back: they count again.
+    receive(store, &[image(1, 1)]).await;
+    subject.pass(21);
+    let (leased, _) = due(store).await.unwrap();
+    assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
+    for same in [first, other_mask, again] {
+        assert_eq!(why(same).await, None);
+    }
+    assert_eq!(why(second).await, Some(Superseded::Moved));
+    assert_eq!(why(third).await, Some(Superseded::NewerVersion));
 }
 
 pub(crate) async fn objects_that_are_not_kept_are_counted(subject: &Subject) {

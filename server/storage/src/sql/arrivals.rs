@@ -193,24 +193,21 @@ async fn replace(
     })
 }
 
-/// Notes why the cases of a series are not the ones that count any more. A final reason takes the place of any other one, and that
-/// there are newer images of none.
+/// Notes why the cases of a series are not the ones that count any more. A graver reason stays.
 async fn supersede(
     connection: &mut Connection,
     arrival: &str,
     why: Superseded,
 ) -> Result<(), StoreError> {
-    let highest = if why.is_final() { i64::MAX } else { 0 };
     connection
         .query(
             "UPDATE case_series SET superseded = $1
              WHERE (project, study_uid, series_uid) =
                    (SELECT project, study_uid, series_uid FROM arrivals WHERE id = $2)
-               AND superseded <= $3",
+               AND superseded < $1",
         )
         .bind(superseded_code(Some(why)))
         .bind(arrival)
-        .bind(highest)
         .execute()
         .await?;
     Ok(())
@@ -722,7 +719,8 @@ pub(super) async fn settle(
     Ok(true)
 }
 
-/// Notes that the cases of a series that were made of other images are older than its case.
+/// Notes that the cases of a series that were made of other images of the PACS are older than its case. What was uploaded may be of
+/// another patient.
 async fn supersede_others(
     connection: &mut Connection,
     case: &str,
@@ -730,13 +728,13 @@ async fn supersede_others(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            // Versions with another mask are of the same images.
+            // Versions with another mask are of the same images, and count again with them.
             "UPDATE case_series SET superseded = CASE WHEN 2 = (
                  SELECT count(*) FROM case_objects AS own JOIN case_objects AS other
                                                           ON other.kind = own.kind AND other.digest = own.digest
-                 WHERE own.case_id = $1 AND own.kind IN ($2, $6) AND other.case_id = case_series.case_id
-             ) THEN 0 WHEN superseded = $5 THEN $5 ELSE $3 END
-             WHERE case_id <> $1 AND superseded IN (0, $3, $5)
+                 WHERE own.case_id = $1 AND own.kind IN ($2, $5) AND other.case_id = case_series.case_id
+             ) THEN 0 WHEN superseded = 0 AND is_received = 1 THEN $3 ELSE superseded END
+             WHERE case_id <> $1
                AND (project, study_uid, series_uid) =
                    (SELECT project, study_uid, series_uid FROM arrivals WHERE id = $4)",
         )
@@ -744,42 +742,44 @@ async fn supersede_others(
         .bind(ObjectKind::SourceDicom.name())
         .bind(superseded_code(Some(Superseded::NewerVersion)))
         .bind(arrival)
-        .bind(superseded_code(Some(Superseded::Moved)))
         .bind(ObjectKind::SourceVolume.name())
         .execute()
         .await?;
     Ok(())
 }
 
-/// Notes that the images of a case, and of its versions with another mask, lie elsewhere since they were corrected. Series that
-/// became layers of it are read again, because its successor does not have them.
+/// Notes that the images of a case lie elsewhere since they were corrected, and so do those of the versions before it, and of all
+/// their versions with another mask. Series that became layers of it are read again, because its successor does not have them.
 pub(super) async fn move_case(
     connection: &mut Connection,
     case: &CaseId,
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "UPDATE case_series SET superseded = $3
-             WHERE superseded IN (0, $4)
+            "WITH RECURSIVE line (id) AS (
+                 SELECT id FROM cases WHERE id = $1
+                 UNION SELECT cases.previous FROM cases JOIN line ON cases.id = line.id WHERE cases.previous IS NOT NULL)
+             UPDATE case_series SET superseded = $3
+             WHERE superseded < $3
                AND (project, study_uid, series_uid) =
                    (SELECT project, study_uid, series_uid FROM case_series WHERE case_id = $1)
                AND case_id IN (
-                 SELECT other.case_id FROM case_objects AS own JOIN case_objects AS other
-                                           ON other.kind = own.kind AND other.digest = own.digest
-                 WHERE own.case_id = $1 AND own.kind IN ($2, $5) GROUP BY other.case_id HAVING count(*) = 2)",
+                 SELECT other.case_id
+                 FROM line JOIN case_objects AS own ON own.case_id = line.id
+                           JOIN case_objects AS other ON other.kind = own.kind AND other.digest = own.digest
+                 WHERE own.kind IN ($2, $4) GROUP BY own.case_id, other.case_id HAVING count(*) = 2)",
         )
         .bind(case.key())
         .bind(ObjectKind::SourceDicom.name())
         .bind(superseded_code(Some(Superseded::Moved)))
-        .bind(superseded_code(Some(Superseded::NewerVersion)))
         .bind(ObjectKind::SourceVolume.name())
         .execute()
         .await?;
     wake_layers(connection, case).await
 }
 
-/// Whether findings and layers stay with the case that another one is a version of: its images lie elsewhere since, or were
-/// rejected.
+/// Whether findings and layers stay with a case, and another one of its images may not have them: its images lie elsewhere since,
+/// or were rejected.
 pub(super) async fn keeps_findings(
     connection: &mut Connection,
     case: &CaseId,
@@ -788,16 +788,15 @@ pub(super) async fn keeps_findings(
     let row = connection
         .query(
             // A version with another mask is of the same images.
-            "SELECT case_id FROM case_series WHERE case_id = $1 AND superseded IN ($2, $5) AND 2 > (
+            "SELECT case_id FROM case_series WHERE case_id = $1 AND superseded >= $2 AND 2 > (
                  SELECT count(*) FROM case_objects AS own JOIN case_objects AS other
                                                           ON other.kind = own.kind AND other.digest = own.digest
-                 WHERE own.case_id = $3 AND own.kind IN ($4, $6) AND other.case_id = $1)",
+                 WHERE own.case_id = $3 AND own.kind IN ($4, $5) AND other.case_id = $1)",
         )
         .bind(previous.key())
         .bind(superseded_code(Some(Superseded::Moved)))
         .bind(case.key())
         .bind(ObjectKind::SourceDicom.name())
-        .bind(superseded_code(Some(Superseded::Rejected)))
         .bind(ObjectKind::SourceVolume.name())
         .fetch_optional()
         .await?;
@@ -1140,14 +1139,15 @@ fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
     })
 }
 
-/// Why a case is superseded, in a column.
-fn superseded_code(why: Option<Superseded>) -> i64 {
+/// Why a case is superseded, in a column. What follows from a reason follows from each greater one, too: from `Corrected` on, nothing is made
+/// of the case; from `Moved` on, findings and layers stay with it.
+pub(super) fn superseded_code(why: Option<Superseded>) -> i64 {
     match why {
         None => 0,
-        Some(Superseded::Corrected) => 1,
-        Some(Superseded::Rejected) => 2,
-        Some(Superseded::NewerVersion) => 3,
-        Some(Superseded::Moved) => 4,
+        Some(Superseded::NewerVersion) => 1,
+        Some(Superseded::Corrected) => 2,
+        Some(Superseded::Moved) => 3,
+        Some(Superseded::Rejected) => 4,
     }
 }
 
@@ -1155,10 +1155,10 @@ fn superseded_code(why: Option<Superseded>) -> i64 {
 pub(super) fn read_superseded(code: Option<i64>) -> Option<Superseded> {
     match code {
         None | Some(0) => None,
-        Some(2) => Some(Superseded::Rejected),
-        Some(3) => Some(Superseded::NewerVersion),
-        Some(4) => Some(Superseded::Moved),
-        Some(_) => Some(Superseded::Corrected),
+        Some(1) => Some(Superseded::NewerVersion),
+        Some(2) => Some(Superseded::Corrected),
+        Some(3) => Some(Superseded::Moved),
+        Some(_) => Some(Superseded::Rejected),
     }
 }
 

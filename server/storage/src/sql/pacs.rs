@@ -138,8 +138,8 @@ impl Store {
         Ok(forgotten)
     }
 
-    /// Notes that the images of a case lie elsewhere since they were corrected. A version of other images, which comes after it,
-    /// inherits neither its findings nor its layers.
+    /// Notes that the images of a case, and of the versions before it, lie elsewhere since they were corrected. A version of other
+    /// images, which comes after it, inherits neither its findings nor its layers.
     ///
     /// # Errors
     /// If the rows cannot be written.
@@ -149,6 +149,17 @@ impl Store {
         transaction.commit().await?;
         self.signals().changed(case);
         Ok(())
+    }
+
+    /// Whether the findings of one of two cases may not come into the other: its images lie elsewhere since they were corrected, or
+    /// were rejected, and the other one has other images.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn are_apart(&self, one: &CaseId, other: &CaseId) -> Result<bool, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        Ok(arrivals::keeps_findings(&mut connection, one, other).await?
+            || arrivals::keeps_findings(&mut connection, other, one).await?)
     }
 
     /// Queues a job for each series that is due; returns how many.

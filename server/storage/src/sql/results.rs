@@ -1,9 +1,9 @@
 //! Results that are sent to a node.
 
-use super::arrivals::{count, name_of, read_time, unreadable};
+use super::arrivals::{count, name_of, read_time, superseded_code, unreadable};
 use super::connection::{Connection, Row};
 use super::{jobs, pins};
-use crate::arrivals::{ArrivalCursor, TransferQuery, Uid};
+use crate::arrivals::{ArrivalCursor, Superseded, TransferQuery, Uid};
 use crate::jobs::{Job, NewJob};
 use crate::results::{HeldResult, NewResult, ResultSeries, SentResult, object};
 use crate::{ObjectName, StoreError};
@@ -193,12 +193,13 @@ pub(super) async fn of_study(
             "SELECT case_id, sop_instance_uid, sop_class_uid, series_uid, series_number, series_description, digest FROM results
              WHERE study_uid = $1 AND coalesce($3, project) = project
                AND ($2 = 1 OR (sop_instance_uid, project) NOT IN (SELECT sop_instance_uid, project FROM rejections)
-                              AND case_id NOT IN (SELECT case_id FROM case_series WHERE superseded IN (1, 2)))
+                              AND case_id NOT IN (SELECT case_id FROM case_series WHERE superseded >= $4))
              ORDER BY series_number, sop_instance_uid, created_at, id",
         )
         .bind(study.as_str())
         .bind(i64::from(with_invalid))
         .bind(name_of(scope))
+        .bind(superseded_code(Some(Superseded::Corrected)))
         .fetch_all()
         .await?;
     let mut held = rows.iter().map(read_held).collect::<Result<Vec<_>, _>>()?;

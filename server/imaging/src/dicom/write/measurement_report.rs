@@ -122,6 +122,7 @@ fn group(mark: &Mark, frame_of_reference: &str) -> Item {
         (code::COLOUR, Some(&mark.colour)),
         (code::MAP, mark.from_map.as_ref()),
         (code::AUTHOR, mark.author.as_ref()),
+        (code::CASE, mark.case.as_ref()),
     ];
     for (name, value) in written {
         if let Some(value) = value.filter(|value| !value.is_empty()) {
