@@ -41,6 +41,9 @@ fn stow(address: &str, body: Vec<u8>) -> Request<Body> {
         .unwrap()
 }
 
+/// How long nothing may have come for a series.
+const STABLE: Duration = Duration::from_millis(1500);
+
 /// A server that reads series soon.
 pub(crate) struct Neighbour {
     pub(crate) server: Server,
@@ -55,7 +58,7 @@ impl Neighbour {
         })
         .await;
         let options = ArrivalOptions {
-            stable: Duration::from_millis(1500),
+            stable: STABLE,
             ..ArrivalOptions::default()
         };
         Self {
@@ -76,15 +79,22 @@ impl Neighbour {
         self.server.send(request).await
     }
 
-    /// The one series that came, once it is settled.
+    /// The one series that came, once it is settled. If it was sent here, all of it has come, so the time for further images passes
+    /// at once.
     pub(crate) async fn settled(&self) -> Value {
+        let mut is_over = false;
         until("the series is settled", async || {
             let authorization = ("authorization", "Bearer 0123456789abcdef");
             let list = self.server.get_with("/v1/arrivals", &[authorization]).await;
             match &list.json()["arrivals"].as_array().unwrap()[..] {
-                [arrival] if arrival["state"] != "receiving" => Some(arrival.clone()),
-                _ => None,
+                [arrival] if arrival["state"] != "receiving" => return Some(arrival.clone()),
+                [arrival] if !is_over && arrival["source"] != "retrieval" => {
+                    is_over = true;
+                    self.server.state.cases.store().pass_time(STABLE);
+                }
+                _ => {}
             }
+            None
         })
         .await
     }

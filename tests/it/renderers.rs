@@ -200,19 +200,13 @@ fn program() -> Option<std::path::PathBuf> {
 }
 
 #[tokio::test]
-async fn many_renders_at_once_on_two_threads_are_all_drawn_or_told_to_come_again() {
-    let server = Server::start_with(|config| {
-        config.render.threads = 2;
-        config.limits.max_queued_renders = 64;
-    })
-    .await;
+async fn many_renders_at_once_on_two_threads_are_all_drawn() {
+    let server = Server::start_with(|config| config.render.threads = 2).await;
     let case = server.plain_case().await;
-    for renderer in ["splat", "trace", "auto", "mesh"] {
-        let pictures = (0..64).map(|step| {
-            let address = format!(
-                "{case}/render?renderer={renderer}&depth_mm={}&width=64&height=64",
-                f64::from(step) / 4.0
-            );
+    for renderer in ["splat", "trace", "mesh"] {
+        let pictures = (0..16).map(|depth_mm| {
+            let address =
+                format!("{case}/render?renderer={renderer}&depth_mm={depth_mm}&width=64&height=64");
             let server = &server;
             async move { server.get(&address).await }
         });

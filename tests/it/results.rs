@@ -769,6 +769,12 @@ async fn what_a_killed_process_was_sending_is_sent_by_the_next_one() {
         .unwrap();
     assert!(leased.is_some());
     let server = neighbour.restarted().await;
+    // Its lease ends.
+    server
+        .state
+        .cases
+        .store()
+        .pass_time(Duration::from_secs(31));
     let _background = pacs::Background::start(server.pacs.clone());
     let sent = until_sent(&server, &accepted).await;
     assert_eq!(

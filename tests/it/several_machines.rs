@@ -248,10 +248,10 @@ async fn two_servers_and_a_worker_are_one_service_that_outlives_its_database() {
         assert!(here.body == there.body, "{route}");
     }
 
-    // Without the database what was seen is still served, and an upload is refused for a moment.
+    // Without the database what was seen is still served (for how long, the tests of `cases::models` say), and an upload is
+    // refused for a moment.
     let picture = format!("{case}/render?depth_mm=8");
     postgres.stop();
-    tokio::time::sleep(Duration::from_secs(11)).await;
     assert_eq!(get(first, &picture).await.status(), "200");
     let refused = upload(first).await;
     assert_eq!(refused.status(), "503", "{}", refused.head);

@@ -34,7 +34,7 @@ const REMEMBERED_CASES: usize = 4096;
 const REMEMBERED_PATIENTS: usize = 1024;
 
 /// How long a case is remembered as ready; another server on the same store may delete it.
-const REMEMBERED_FOR: Duration = Duration::from_secs(10);
+pub(crate) const REMEMBERED_FOR: Duration = Duration::from_secs(10);
 
 /// The options of the application.
 #[derive(Debug, Clone)]
@@ -386,6 +386,15 @@ impl Cases {
         let deleted = self.store().delete(id).await;
         self.forget(id);
         Ok(deleted?)
+    }
+
+    /// Lets time pass for what is remembered, as this handle sees it.
+    #[cfg(test)]
+    pub(crate) fn pass_time(&mut self, by: Duration) {
+        self.models.pass_time(by);
+        for (id, (since, facts)) in self.remembered.iter() {
+            self.remembered.insert(id, (since - by, facts));
+        }
     }
 
     fn forget(&self, id: &CaseId) {

@@ -6,11 +6,16 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use case::{Case, CaseId, CaseState, Failure, ObjectKind, Parameters, Progress, Stage};
-use pipeline::{Derived, Source};
+use imaging::Limits;
+use pipeline::atlas::AtlasChoice;
+use pipeline::{Derived, HeadLimits, Source};
 use storage::testing::{facts, failure};
 use storage::{Options, Store};
 
+use crate::application::{self, Cases};
+use crate::dicom::Program;
 use crate::library::{Library, LibraryOptions, Preparation};
+use crate::pictures::{GpuUse, GraphicsOptions};
 
 /// A preparation that takes as long as it is told, and whose results are made of the source's bytes.
 #[derive(Debug, Default)]
@@ -99,6 +104,33 @@ pub(crate) fn fake_objects(volume: &[u8]) -> Vec<(ObjectKind, Bytes)> {
 /// The library of a store whose cases are prepared by a fake.
 pub(crate) fn library_on(store: Store, fake: &Arc<Fake>) -> Library {
     Library::new(store, fake.preparation(), LibraryOptions::default())
+}
+
+/// An application whose DICOM files are read by a script of the shell.
+pub(crate) fn application(library: Library, script: &str) -> Cases {
+    let arguments = vec!["-c".into(), script.into()];
+    let options = application::Options {
+        location: std::path::Path::new("unused").into(),
+        preparation_threads: 1,
+        prepares_apart: false,
+        preparation_cpu_seconds: 120,
+        makes_maps: false,
+        max_layers: 20,
+        store: self::options(),
+        network: None,
+        atlas: AtlasChoice::Off,
+        limits: Limits::default(),
+        head: HeadLimits::default(),
+        render_threads: 1,
+        max_queued_renders: 4,
+        cache_bytes: 1 << 20,
+        graphics: GraphicsOptions::of_one(GpuUse::Off),
+        dicom_program: Program::other("/bin/sh".into(), arguments),
+        max_dicom_bytes: 1 << 20,
+        deidentify: false,
+        audit: audit::Audit::default(),
+    };
+    Cases::on(library, &options)
 }
 
 /// Options of a store whose workers are quick to look for work.

@@ -193,8 +193,7 @@ impl HeldStudy {
         if let Some(number) = &case.accession_number {
             of_study.put("AccessionNumber", number.as_str());
         }
-        let stored = store.source_dicom(&case.case).await.ok().flatten();
-        let stored = stored.and_then(|stored| pipeline::attributes(&stored).ok());
+        let stored = pacs.cases().attributes_of(&case.case).await?;
         let patient = (stored.as_ref()).map(|stored| Patient::of(|keyword| stored.value(keyword)));
         // Of damaged attributes nobody knows whose they are.
         let is_same = |study: &&mut Self| match (&study.patient, &patient) {

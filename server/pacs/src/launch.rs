@@ -8,10 +8,10 @@ use axum::extract::Request;
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, CaseState};
-use cases::arrivals::{Fitting, Head, Other, OtherState, Patient};
+use cases::arrivals::{Fitting, Head, Other, Patient};
 use imaging::dicom::kind_of_series;
 use serde::{Deserialize, Serialize};
-use storage::arrivals::{AccessionNumber, ArrivalState, SeriesQuery, Uid};
+use storage::arrivals::{AccessionNumber, ArrivalState, ArrivalStatus, SeriesQuery, Uid};
 use utoipa::ToSchema;
 
 use crate::error::ReasonView;
@@ -395,7 +395,7 @@ fn candidate_without_case(other: &Other, shows_patient: bool) -> CandidateView {
     let label = other.label.as_deref().unwrap_or_default();
     CandidateView {
         case: None,
-        state: other.state.name(),
+        state: other.state(),
         reason: other.reason.clone().map(Into::into),
         study_date: None,
         acquired: None,
@@ -418,7 +418,7 @@ fn patient(patient: Option<Patient>, is_shown: bool) -> Option<String> {
 
 /// How far series of which there is no case are.
 fn without_case(others: &[Other]) -> LaunchView {
-    let is_received = |other: &Other| other.state == OtherState::Receiving;
+    let is_received = |other: &Other| other.status == ArrivalStatus::Receiving;
     let (state, reason) = match others.iter().any(is_received) {
         true => ("receiving", None),
         false => (

@@ -11,7 +11,7 @@ use super::extractor::from_extraction;
 use super::failure::{from_geometry, from_imaging};
 use super::own_mask::own_mask;
 use super::steps::Steps;
-use super::{Extractor, Limits, Source, StoredBrain};
+use super::{Extractor, How, Limits, Source, StoredBrain};
 use crate::codec::decode_brain;
 use crate::quality;
 use case::{Failure, MaskKind, MaskMethod, MaskSource, Parameters, Quality, Stage};
@@ -80,11 +80,17 @@ impl Found {
 /// Finds the brain of an upload on the working grid, according to the parameters. `looked` is the result of
 /// [`Given::on_working_grid`] for the same upload and parameters, if it is known already.
 pub(super) fn find_brain(
-    (source, looked): (&Source, Option<Option<Placed>>),
+    source: &Source,
+    looked: Option<Option<Placed>>,
     volume: &Volume,
-    (parameters, limits, extractor): (&Parameters, &Limits, &Extractor),
+    how: How<'_>,
     steps: &mut Steps<'_>,
 ) -> Result<Found, Failure> {
+    let How {
+        parameters,
+        extractor,
+        ..
+    } = how;
     if let Some(stored) = &source.brain
         && let Some(found) = stored_brain(stored)
     {
@@ -97,14 +103,14 @@ pub(super) fn find_brain(
             placed
         }
         None => {
-            let given = given_mask(source, volume, (parameters, limits))?;
+            let given = given_mask(source, volume, parameters, how.limits)?;
             steps.begin(stage_after(given.is_some()))?;
             let placed = given.map(|given| given.on_working_grid(volume.grid()));
             placed.transpose()?
         }
     };
     let Some(placed) = placed else {
-        return extracted(volume, (parameters, extractor), steps);
+        return extracted(volume, parameters, extractor, steps);
     };
     let Placed {
         mask,
@@ -121,7 +127,7 @@ pub(super) fn find_brain(
                 cuts: &cuts,
                 volume,
             };
-            let judgement = judged(supplied, (extractor, steps))?;
+            let judgement = judged(supplied, extractor, steps)?;
             let distance = is_closed_so(parameters).then_some(distance);
             (Some(judgement), distance, cuts)
         }
@@ -157,7 +163,8 @@ fn stage_after(is_given: bool) -> Stage {
 /// Rates a supplied mask; with a network, by the brain that it finds.
 fn judged(
     supplied: Supplied<'_>,
-    (extractor, steps): (&Extractor, &Steps<'_>),
+    extractor: &Extractor,
+    steps: &Steps<'_>,
 ) -> Result<Judgement, Failure> {
     let ask = || extractor.second_opinion(supplied.volume, steps.cancelled());
     judge(supplied, ask).map_err(from_extraction)
@@ -174,12 +181,14 @@ fn moved_cuts(cuts: Vec<Cut>, offset_mm: f64) -> Vec<Cut> {
 /// Extracts the brain of a volume.
 fn extracted(
     volume: &Volume,
-    (parameters, extractor): (&Parameters, &Extractor),
+    parameters: &Parameters,
+    extractor: &Extractor,
     steps: &mut Steps<'_>,
 ) -> Result<Found, Failure> {
     let found = extractor.extract(
         volume,
-        (parameters.mask, parameters.threshold),
+        parameters.mask,
+        parameters.threshold,
         &|done| steps.extracted(done),
         steps.cancelled(),
     )?;
@@ -238,7 +247,8 @@ impl Given {
 pub(super) fn given_mask(
     source: &Source,
     volume: &Volume,
-    (parameters, limits): (&Parameters, &Limits),
+    parameters: &Parameters,
+    limits: &Limits,
 ) -> Result<Option<Given>, Failure> {
     match (&source.mask, parameters.mask) {
         (Some(bytes), MaskSource::Auto) => {

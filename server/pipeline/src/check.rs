@@ -59,7 +59,7 @@ pub fn check(
     parameters.check()?;
     let begun = Instant::now();
     let volume = read_sound_volume(source, limits)?;
-    let given = given_mask(source, &volume, (&parameters, limits))?;
+    let given = given_mask(source, &volume, &parameters, limits)?;
     let given = given.map(|given| given.on_working_grid(volume.grid()));
     let read = ReadSource {
         given: given.transpose()?,

@@ -130,7 +130,8 @@ impl Extractor {
     pub(super) fn extract(
         &self,
         volume: &Volume,
-        (source, threshold): (MaskSource, f64),
+        source: MaskSource,
+        threshold: f64,
         observe: &dyn Fn(f32),
         is_cancelled: &AtomicBool,
     ) -> Result<Extraction, Failure> {

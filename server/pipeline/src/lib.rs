@@ -77,12 +77,21 @@ impl Prepared {
     }
 }
 
+/// How a case is prepared.
+#[derive(Debug, Clone, Copy)]
+struct How<'a> {
+    parameters: &'a Parameters,
+    limits: &'a Limits,
+    extractor: &'a Extractor,
+}
+
 /// Computes everything of a case, as [`Pipeline::prepare`] says, of what was read before if anything was.
 fn prepare(
     Input { source, read }: Input<'_>,
-    (parameters, limits, extractor): (&Parameters, &Limits, &Extractor),
+    how: How<'_>,
     mut steps: Steps<'_>,
 ) -> Result<Prepared, Failure> {
+    let parameters = how.parameters;
     parameters.check()?;
     steps.begin(Stage::Reading)?;
     let (native, given) = match read {
@@ -90,10 +99,9 @@ fn prepare(
             steps.took_before(read.took);
             (read.volume, Some(read.given))
         }
-        None => (read_sound_volume(source, limits)?, None),
+        None => (read_sound_volume(source, how.limits)?, None),
     };
-    let how = (parameters, limits, extractor);
-    let mut found = find_brain((source, given), &native, how, &mut steps)?;
+    let mut found = find_brain(source, given, &native, how, &mut steps)?;
 
     steps.begin(Stage::Closing)?;
     let closed = found.close(parameters)?;
@@ -385,7 +393,11 @@ impl Pipeline {
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Prepared, Failure> {
-        let how = (parameters, limits, &*self.extractor);
+        let how = How {
+            parameters,
+            limits,
+            extractor: &self.extractor,
+        };
         self.on_its_threads(|| prepare(input, how, Steps::new(observe, cancelled)))
     }
 
@@ -401,7 +413,11 @@ impl Pipeline {
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> Result<Derived, Failure> {
-        let how = (parameters, limits, &*self.extractor);
+        let how = How {
+            parameters,
+            limits,
+            extractor: &self.extractor,
+        };
         self.on_its_threads(|| prepare(input, how, Steps::new(observe, cancelled)).map(Derived::of))
     }
 

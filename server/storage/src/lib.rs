@@ -554,10 +554,11 @@ impl Store {
         self.objects().get(name).await
     }
 
-    /// Lets time pass on the clock of the database, as this store sees it.
+    /// Lets time pass on the clock of the database, as this store sees it, and wakes whoever waits for work.
     #[cfg(any(test, feature = "testing"))]
     pub fn pass_time(&self, by: Duration) {
         self.rows().pass_time(by);
+        self.signals().queued();
     }
 
     /// The options.

@@ -12,7 +12,6 @@ import {
   length,
   normalized,
   rotate,
-  scale,
   turnAbout,
   unit,
 } from "./space.ts";
@@ -110,12 +109,3 @@ export function hasSides(plane: AcrossPlane): boolean {
   const right = rotate(inverse(plane.orientation), [1, 0, 0]);
   return Math.abs(right[0]) >= Math.abs(right[1]);
 }
-
-/** The ends of a trace that is so long to either side of the mark. */
-export const traceEnds = (mark: Vec3, along: Vec3, mm: number): readonly [Vec3, Vec3] => {
-  const [x, y, z] = scale(along, mm);
-  return [
-    [mark[0] + x, mark[1] + y, mark[2] + z],
-    [mark[0] - x, mark[1] - y, mark[2] - z],
-  ];
-};

@@ -8,7 +8,7 @@ use glam::DVec3;
 use imaging::START_BYTES;
 use imaging::dicom::Attributes;
 use storage::arrivals::Superseded;
-use storage::{StoreError, Unreadable, Upload};
+use storage::{StoreError, Upload};
 
 use crate::application::Cases;
 use crate::error::Error;
@@ -80,8 +80,7 @@ impl Cases {
             return Ok(false);
         };
         let new = pipeline::attributes(&stated.read().await?)?;
-        let old = self.store().source_dicom(&before.id).await?;
-        let old = old.and_then(|stored| pipeline::attributes(&stored).ok());
+        let old = self.attributes_of(&before.id).await?;
         let limits = self.library.limits();
         let start = upload.volume.head(START_BYTES).await?;
         let grid = imaging::nifti::read_grid(&start, &limits);
@@ -110,14 +109,11 @@ impl Cases {
     /// The grid of the volume of a case in any state; `None` if it is damaged.
     async fn grid_of(&self, case: &Case) -> Result<Option<Grid>, Error> {
         let names = self.store().case_objects(&case.id).await?;
-        let mut names = names.iter();
-        let Some(name) = names.find(|name| name.kind == ObjectKind::SourceVolume) else {
+        let read = self
+            .store()
+            .read(&case.id, &names, ObjectKind::SourceVolume);
+        let Some(volume) = read.await? else {
             return Ok(None);
-        };
-        let volume = match self.store().object(name).await {
-            Ok(volume) => volume,
-            Err(Unreadable::Store(error)) => return Err(error.into()),
-            Err(_) => return Ok(None),
         };
         let start = &volume[..volume.len().min(START_BYTES as usize)];
         Ok(imaging::nifti::read_grid(start, &self.library.limits()).ok())

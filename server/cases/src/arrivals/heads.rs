@@ -135,7 +135,7 @@ impl Cases {
     /// counts only if there is no other one. Versions whose patient or study was corrected since do not count.
     ///
     /// # Errors
-    /// If the rows cannot be read.
+    /// If the store cannot be reached.
     pub async fn heads(&self, query: &SeriesQuery) -> Result<Vec<Head>, StoreError> {
         let mut versions = Vec::new();
         let all = self.store().cases_of(query).await?;
@@ -143,8 +143,7 @@ impl Cases {
             let Some(case) = self.store().case(&series.case).await? else {
                 continue;
             };
-            let stored = self.store().source_dicom(&case.id).await.ok().flatten();
-            let stored = stored.and_then(|stored| pipeline::attributes(&stored).ok());
+            let stored = self.attributes_of(&case.id).await?;
             let attributes = stored.map(|stored| stored.attributes).unwrap_or_default();
             versions.push(Head {
                 case,

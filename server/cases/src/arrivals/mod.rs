@@ -25,7 +25,7 @@ use crate::error::Error;
 
 pub use self::heads::Head;
 pub(crate) use self::index::SeriesOfUpload;
-pub use self::others::{Fitting, Other, OtherState};
+pub use self::others::{Fitting, Other};
 pub use self::patient::Patient;
 pub use crate::jobs::ArrivalReader;
 

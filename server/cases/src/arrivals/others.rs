@@ -29,40 +29,26 @@ pub struct Other {
     pub accession_number: Option<AccessionNumber>,
     /// What lists call it.
     pub label: Option<String>,
-    /// What has become of it.
-    pub state: OtherState,
+    /// What has become of it; never a case.
+    pub status: ArrivalStatus,
     /// Why it is no case.
     pub reason: Option<Failure>,
     /// Its patient; `None` if none of its images is kept.
     pub patient: Option<Patient>,
 }
 
-/// What has become of a series that makes no case.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OtherState {
-    /// Its images are received.
-    Receiving,
-    /// It became nothing.
-    Nothing,
-    /// The PACS has rejected it.
-    Rejected,
-    /// It became a layer.
-    Layer,
-}
-
-impl OtherState {
-    /// The word in answers.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Receiving => "receiving",
-            Self::Nothing => "nothing",
-            Self::Rejected => "rejected",
-            Self::Layer => "layer",
+impl Other {
+    /// The word for what has become of it, in answers.
+    pub fn state(&self) -> &'static str {
+        let reason = self.reason.as_ref();
+        match self.status {
+            ArrivalStatus::Nothing if reason.is_some_and(|reason| reason.name == REJECTED) => {
+                REJECTED
+            }
+            status => status.name(),
         }
     }
-}
 
-impl Other {
     /// Whether it is of another patient than a head. If no image of it is kept, it counts as of the patient of its study.
     fn is_of_another(&self, head: &Head) -> bool {
         match (&self.patient, head.patient()) {
@@ -146,7 +132,7 @@ impl Cases {
                     uids: series.uids,
                     accession_number: series.accession_number,
                     label: None,
-                    state: OtherState::Rejected,
+                    status: ArrivalStatus::Nothing,
                     reason: Some(super::rejection::reason()),
                     patient,
                 }),
@@ -164,13 +150,10 @@ impl Cases {
             Some((_, image)) => self.patient_of_image(*image).await?,
             None => None,
         };
-        let is_rejected = (arrival.reason.as_ref()).is_some_and(|reason| reason.name == REJECTED);
         Ok(Other {
-            state: match arrival.status() {
-                ArrivalStatus::Receiving => OtherState::Receiving,
-                ArrivalStatus::Layer => OtherState::Layer,
-                ArrivalStatus::Nothing if is_rejected => OtherState::Rejected,
-                ArrivalStatus::Nothing | ArrivalStatus::Case => OtherState::Nothing,
+            status: match arrival.status() {
+                ArrivalStatus::Case => ArrivalStatus::Nothing,
+                status => status,
             },
             uids: arrival.uids,
             accession_number: arrival.accession_number,

@@ -2,9 +2,9 @@
 
 use crate::application::Cases;
 use crate::error::Error;
-use case::CaseId;
+use case::{CaseId, ObjectKind};
 use imaging::dicom::Attributes;
-use storage::{StoreError, Upload};
+use storage::{ObjectName, StoreError, Upload};
 
 /// A patient, as a source states them. This is patient data.
 ///
@@ -124,15 +124,22 @@ impl Cases {
     }
 
     /// The attributes of the source of a case; `None` if it has none, or they are damaged.
-    pub(super) async fn attributes_of(
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub async fn attributes_of(&self, case: &CaseId) -> Result<Option<Attributes>, StoreError> {
+        let objects = self.store().case_objects(case).await?;
+        self.attributes_among(case, &objects).await
+    }
+
+    /// The attributes among the objects of a case or of one of its layers, as [`Cases::attributes_of`].
+    pub(super) async fn attributes_among(
         &self,
         case: &CaseId,
+        objects: &[ObjectName],
     ) -> Result<Option<Attributes>, StoreError> {
-        let stored = match self.store().source_dicom(case).await {
-            Ok(stored) => stored,
-            Err(StoreError::Objects(_)) => None,
-            Err(error) => return Err(error),
-        };
+        let read = self.store().read(case, objects, ObjectKind::SourceDicom);
+        let stored = read.await?;
         Ok(stored.and_then(|stored| pipeline::attributes(&stored).ok()))
     }
 }

@@ -1,9 +1,9 @@
 //! Rejection notes of the PACS (IHE RAD, Imaging Object Change Management).
 
-use case::{CaseId, Failure, Layer, LayerId, ObjectKind};
+use case::{CaseId, Failure, Layer, LayerId};
 use imaging::dicom::Attributes;
+use storage::StoreError;
 use storage::arrivals::{ArrivalSource, REJECTED, Rejection, SeriesQuery, SeriesUids, Uid};
-use storage::{StoreError, Unreadable};
 
 use crate::application::Cases;
 use crate::error::Error;
@@ -113,18 +113,7 @@ impl Cases {
         uids: &SeriesUids,
     ) -> Result<Option<Attributes>, StoreError> {
         let objects = self.store().layer_objects(case, &layer.id).await?;
-        let source = objects
-            .iter()
-            .find(|name| name.kind == ObjectKind::SourceDicom);
-        let Some(source) = source else {
-            return Ok(None);
-        };
-        let stored = match self.store().object(source).await {
-            Ok(stored) => stored,
-            Err(Unreadable::Store(error)) => return Err(error.into()),
-            Err(_) => return Ok(None),
-        };
-        let source = pipeline::attributes(&stored).ok();
+        let source = self.attributes_among(case, &objects).await?;
         Ok(source.filter(|source| source.value("SeriesInstanceUID") == Some(uids.series.as_str())))
     }
 }

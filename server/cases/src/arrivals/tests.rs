@@ -1,48 +1,20 @@
-//! Series that cannot be read, for a reason that is not theirs.
+//! What is stored and cannot be read, for a reason that is not its own.
 
 use std::time::Duration;
 
-use imaging::Limits;
-use pipeline::HeadLimits;
-use pipeline::atlas::AtlasChoice;
-use storage::Store;
+use case::Parameters;
+use pipeline::Source;
 use storage::arrivals::{ArrivalSource, ArrivalState, NewInstance, SeriesQuery, SeriesUids, Uid};
+use storage::testing::files_below;
+use storage::{Store, StoreError};
 
 use super::{ArrivalOptions, SeriesRule};
-use crate::application::{Cases, Options};
-use crate::dicom::Program;
 use crate::library::Library;
-use crate::pictures::{GpuUse, GraphicsOptions};
+use crate::testing::{application, source};
 
 /// A child that reports that there is not enough memory.
 const OUT_OF_MEMORY: &str = r#"order=$(/bin/cat); output=${order#*\"output\":\"}; output=${output%%\"*}
 printf '%s' '{"refused":{"name":"dicom-out-of-memory","kind":"out_of_memory","detail":"too little memory"}}' > "$output/outcome.json""#;
-
-fn application(store: Store, script: &str) -> Cases {
-    let arguments = vec!["-c".into(), script.into()];
-    let options = Options {
-        location: std::path::Path::new("unused").into(),
-        preparation_threads: 1,
-        prepares_apart: false,
-        preparation_cpu_seconds: 120,
-        makes_maps: false,
-        max_layers: 20,
-        store: crate::testing::options(),
-        network: None,
-        atlas: AtlasChoice::Off,
-        limits: Limits::default(),
-        head: HeadLimits::default(),
-        render_threads: 1,
-        max_queued_renders: 4,
-        cache_bytes: 1 << 20,
-        graphics: GraphicsOptions::of_one(GpuUse::Off),
-        dicom_program: Program::other("/bin/sh".into(), arguments),
-        max_dicom_bytes: 1 << 20,
-        deidentify: false,
-        audit: audit::Audit::default(),
-    };
-    Cases::on(Library::of(store), &options)
-}
 
 fn uid(text: &str) -> Uid {
     Uid::parse(text).unwrap()
@@ -51,7 +23,7 @@ fn uid(text: &str) -> Uid {
 #[tokio::test]
 async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
     let store = Store::in_memory(crate::testing::options()).await.unwrap();
-    let cases = application(store, OUT_OF_MEMORY);
+    let cases = application(Library::of(store), OUT_OF_MEMORY);
     let file = cases.store().spool_all("an image".into()).await.unwrap();
     let image = NewInstance {
         uids: SeriesUids {
@@ -85,4 +57,33 @@ async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
     let words = arrival.reason.unwrap().detail;
     assert!(words.contains(&format!("{attempts} attempts")), "{words}");
     assert!(words.contains("too little memory"), "{words}");
+}
+
+#[tokio::test]
+async fn a_store_that_fails_is_an_error_and_not_a_case_that_states_no_patient() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = Store::open_with(directory.path(), crate::testing::options());
+    let cases = application(Library::of(store.await.unwrap()), "");
+    let stored = r#"{"attributes":[["PatientID","P-1"]],"instances":[],"interpolated_slices":[]}"#;
+    let of_dicom = Source {
+        dicom: Some(stored.into()),
+        ..source("volume")
+    };
+    let submitted = cases.library.submit(of_dicom, Parameters::default());
+    let id = submitted.await.unwrap().case.id;
+    let attributes = cases.attributes_of(&id).await.unwrap().unwrap();
+    assert_eq!(attributes.value("PatientID"), Some("P-1"));
+    let [file] = &files_below(&directory.path().join("objects/source-dicom"))[..] else {
+        panic!("one object has the attributes");
+    };
+    std::fs::write(file, b"damaged").unwrap();
+    assert!(cases.attributes_of(&id).await.unwrap().is_none());
+    // A link that leads to itself can be read as little as a disk that fails.
+    std::fs::remove_file(file).unwrap();
+    std::os::unix::fs::symlink(file, file).unwrap();
+    let failed = cases.attributes_of(&id).await.unwrap_err();
+    assert!(
+        matches!(failed, StoreError::Objects(_) | StoreError::Disk(_)),
+        "{failed:?}"
+    );
 }

@@ -95,6 +95,12 @@ impl Models {
         }
     }
 
+    /// Lets time pass on the clock of this handle.
+    #[cfg(test)]
+    pub(crate) fn pass_time(&mut self, by: Duration) {
+        self.begun -= by;
+    }
+
     fn warm(&self, entry: &Entry) -> WarmModel {
         WarmModel::new(Arc::clone(&entry.model), self.library.clone())
     }

@@ -10,12 +10,15 @@ use imaging::Limits;
 use pipeline::Pipeline;
 use pipeline::testing::{phantom, upload};
 use storage::testing::files_below;
-use storage::{Options, Store};
+use storage::testing::postgres::PostgresServer;
+use storage::{DatabaseAddress, Location, Options, Store};
 
 use super::*;
+use crate::application::REMEMBERED_FOR;
+use crate::error::Error;
 use crate::jobs::Workers;
 use crate::library::{LibraryOptions, Preparation};
-use crate::testing::settled_state;
+use crate::testing::{application, settled_state};
 
 struct Ready {
     directory: tempfile::TempDir,
@@ -26,9 +29,12 @@ struct Ready {
 
 async fn ready() -> Ready {
     let directory = tempfile::tempdir().unwrap();
-    let store = Store::open_with(directory.path(), Options::default())
-        .await
-        .unwrap();
+    let store = Store::open_with(directory.path(), Options::default());
+    let store = store.await.unwrap();
+    ready_in(store, directory).await
+}
+
+async fn ready_in(store: Store, directory: tempfile::TempDir) -> Ready {
     let library = Library::of(store);
     let workers = Workers::start(library.clone(), 1);
     let submitted = library
@@ -241,11 +247,11 @@ async fn a_deleted_case_has_no_model() {
 
 #[tokio::test]
 async fn a_case_deleted_by_another_process_has_no_model_soon_after() {
-    let ready = ready().await;
+    let mut ready = ready().await;
     ready.model().await;
     let other = Store::open(ready.directory.path()).await.unwrap();
     other.delete(&ready.id).await.unwrap();
-    tokio::time::sleep(TRUST_FOR + Duration::from_millis(50)).await;
+    ready.models.pass_time(TRUST_FOR);
     assert!(
         ready
             .models
@@ -254,6 +260,33 @@ async fn a_case_deleted_by_another_process_has_no_model_soon_after() {
             .unwrap()
             .is_none()
     );
+}
+
+#[tokio::test]
+async fn what_was_seen_is_served_for_a_while_without_the_database() {
+    let Some(mut postgres) = PostgresServer::start().await else {
+        return;
+    };
+    let directory = tempfile::tempdir().unwrap();
+    let location = Location {
+        database: Some(DatabaseAddress::parse(&postgres.database().await).unwrap()),
+        ..directory.path().into()
+    };
+    let store = Store::open_at(&location, Options::default()).await.unwrap();
+    let ready = ready_in(store, directory).await;
+    let mut cases = application(ready.library, "");
+    cases.ready(&ready.id).await.unwrap();
+    cases.model(&ready.id).await.unwrap();
+    postgres.stop();
+    // It asks the database, which does not answer.
+    cases.pass_time(REMEMBERED_FOR);
+    cases.ready(&ready.id).await.unwrap();
+    cases.model(&ready.id).await.unwrap();
+    cases.pass_time(REMEMBERED_WHILE_AWAY);
+    let asked = cases.ready(&ready.id).await.map(drop);
+    assert!(matches!(asked, Err(Error::Unavailable)), "{asked:?}");
+    let asked = cases.model(&ready.id).await.map(drop);
+    assert!(matches!(asked, Err(Error::Unavailable)), "{asked:?}");
 }
 
 #[tokio::test]

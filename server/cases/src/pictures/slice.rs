@@ -310,7 +310,8 @@ impl CheckedSlice {
         &self,
         kind: SliceKind,
         facts: &CaseFacts,
-        (layers, steepness): (&PictureLayers, Option<&Layer>),
+        layers: &PictureLayers,
+        steepness: Option<&Layer>,
         model: &DeformableModel,
     ) -> (SliceRequest, Option<DVec3>) {
         let plane = match kind {
@@ -468,7 +469,7 @@ impl SlicePicture {
             .as_ref()
             .and_then(|(map, _)| map.layers().base);
         let (request, turned_about) =
-            (self.slice).of_case(self.kind, &facts, (&layers, steepness), model.model());
+            (self.slice).of_case(self.kind, &facts, &layers, steepness, model.model());
         let layers = layers.keyed;
         let volume = cases.whole_volume(&self.id).await?;
         let draw = move || {

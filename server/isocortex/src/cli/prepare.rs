@@ -15,8 +15,8 @@ use case::{CaseId, CaseState, Parameters, Project};
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::Workers;
 use cases::{Library, LibraryOptions};
-use pipeline::{Limits, Pipeline, Source};
-use storage::{Location, Store};
+use pipeline::{Limits, Source};
+use storage::Store;
 
 /// The time for the worker to finish.
 pub(super) const GRACE: Duration = Duration::from_secs(5);
@@ -53,12 +53,12 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
     let location = args.key.location(&data)?;
-    super::block_on(into_store(
-        (&location, args.project.unwrap_or_default()),
-        (source, parameters),
-        layers,
-        pipeline,
-    ))
+    let project = args.project.unwrap_or_default();
+    super::block_on(async {
+        let store = Store::open_at(&location, storage::Options::default()).await?;
+        let library = Library::new(store, pipeline.into(), LibraryOptions::default());
+        into_store(library, project, source, parameters, layers).await
+    })
 }
 
 /// Reads the files of an input. DICOM files, recognised by content, become a volume.
@@ -130,13 +130,13 @@ pub(super) async fn warn_of_doubts(store: &Store, id: &CaseId) -> Result<(), Cli
 }
 
 async fn into_store(
-    (location, project): (&Location, Project),
-    (source, parameters): (Source, Parameters),
+    library: Library,
+    project: Project,
+    source: Source,
+    parameters: Parameters,
     layers: Vec<LayerFile>,
-    pipeline: Pipeline,
 ) -> Result<(), CliError> {
-    let store = Store::open_at(location, storage::Options::default()).await?;
-    let library = Library::new(store.clone(), pipeline.into(), LibraryOptions::default());
+    let store = library.store().clone();
     let workers = Workers::start(library.clone(), 1);
     let submitted = library
         .in_project(project)

@@ -12,14 +12,13 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseId, JobState};
 use serde::Serialize;
-use storage::arrivals::{Uid, is_id};
-use storage::results::{NewResult, ResultSeries, SentResult};
+use storage::arrivals::is_id;
+use storage::results::{NewResult, SentResult};
 use utoipa::ToSchema;
 
 use self::compose::Composer;
 use self::request::ResultRequest;
 use crate::error::ReasonView;
-use crate::node::Node;
 use crate::rendered::media::accepted_ranges;
 use crate::retrievals::read_json;
 use crate::send::SEND;
@@ -141,14 +140,21 @@ pub(crate) async fn create_result(
         Some(name) => store.object(&name).await.ok(),
         None => None,
     };
-    let study = composer.study();
-    let series = composer.series();
+    let (study, series) = (composer.study(), composer.series());
     let withdrawn = composer.withdrawn();
     let file = match known {
         Some(file) => file,
         None => composer.file(pacs.cases()).await?,
     };
-    let queued = queue(&pacs, id, node, (study, series, instance), file).await?;
+    let new = NewResult {
+        case: id,
+        node: node.name().to_owned(),
+        study,
+        series,
+        instance,
+        digest: blake3::hash(&file),
+    };
+    let queued = queue(&pacs, new, file).await?;
     store.withdraw(&withdrawn).await?;
     let address = format!("/v1/dicom-results/{}", queued.id);
     let mut response = fresh_json(StatusCode::ACCEPTED, &ResultView::from(queued));
@@ -160,22 +166,8 @@ pub(crate) async fn create_result(
     Ok(response)
 }
 
-async fn queue(
-    pacs: &Pacs,
-    case: CaseId,
-    node: &Node,
-    (study, series, instance): (Uid, ResultSeries, Uid),
-    file: Bytes,
-) -> Result<SentResult, AppError> {
-    let new = NewResult {
-        case,
-        node: node.name().to_owned(),
-        study,
-        series,
-        instance,
-        digest: blake3::hash(&file),
-    };
-    let store = pacs.cases().store();
+async fn queue(pacs: &Pacs, new: NewResult, file: Bytes) -> Result<SentResult, AppError> {
+    let (store, case) = (pacs.cases().store(), new.case);
     let queued = store.queue_result(new, file, SEND).await;
     if queued.is_err() && store.case(&case).await?.is_none() {
         return Err(cases::Error::NoSuchCase.into());
