@@ -336,6 +336,11 @@ pub(crate) fn note_of(title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
 
 /// A list of images as of that series in a study, with a title.
 fn note_in(study: &str, title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
+    note_naming((study, &head_slices()[0].series_uid, title, uids))
+}
+
+/// A list of images of a series, with a title.
+fn note_naming((study, series, title, uids): (&str, &str, KeyObjectTitle, &[String])) -> Vec<u8> {
     let texts = [("StudyInstanceUID", study), ("PatientID", "P-77")];
     let source = Attributes {
         attributes: texts
@@ -360,7 +365,7 @@ fn note_in(study: &str, title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
     };
     let slice = Slice::number(0);
     let listed = |uid: &String| Listed {
-        series_uid: head_slices()[0].series_uid.clone(),
+        series_uid: series.to_owned(),
         sop_class_uid: slice.sop_class.to_owned(),
         sop_instance_uid: uid.clone(),
     };
@@ -854,4 +859,65 @@ async fn a_note_of_another_study_neither_withdraws_an_image_nor_holds_its_correc
         .collect();
     let count = format!("images=0 ignored={} ", corrected.len());
     assert!(plain.contains(&count), "{plain}");
+}
+
+/// The arrival of a series.
+async fn arrival_of(server: &Server, series: &str) -> Value {
+    let list = server.get("/v1/arrivals").await.json();
+    let mut arrivals = list["arrivals"].as_array().unwrap().iter();
+    let found = arrivals.find(|each| each["series"] == series);
+    found.cloned().unwrap_or_default()
+}
+
+/// The files of slices of another patient than [`identified_head`].
+fn of_another(slices: &[Slice]) -> Vec<Vec<u8>> {
+    let other = [
+        ([0x10, 0x0010], "PN", "Right^Patient"),
+        ([0x10, 0x0020], "LO", "PAT-RIGHT"),
+        ([0x08, 0x0050], "SH", "A-2"),
+    ];
+    let texts = [&IDENTITY[..], &other].concat();
+    let slices = slices.iter();
+    slices.map(|slice| with_texts(slice, &texts)).collect()
+}
+
+async fn until_layer(server: &Server, series: &str) {
+    until("the series is a layer", async || {
+        (arrival_of(server, series).await["state"] == "layer").then_some(())
+    })
+    .await;
+}
+
+#[tokio::test]
+async fn deleting_a_case_leaves_the_images_that_were_corrected_or_rejected_since() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let flair = flair_slices(0);
+    assert_eq!(neighbour.store(&identified(&flair)).await.status, 200);
+    until_layer(server, "1.2.3.77").await;
+    // The FLAIR was another patient's, and leads to the case of this one no longer.
+    let corrected = of_another(&flair);
+    assert_eq!(neighbour.store(&corrected).await.status, 202);
+    let arrival = arrival_of(server, "1.2.3.77").await;
+    assert_eq!(arrival["case"], Value::Null, "{arrival}");
+    // Every image of the head comes with other pixels, and the user deletes the case that shows the old ones.
+    let brighter = |slice: &Slice| Slice {
+        samples: slice.samples.iter().map(|value| value + 1).collect(),
+        ..slice.clone()
+    };
+    let brighter: Vec<_> = head_slices().iter().map(brighter).collect();
+    assert_eq!(neighbour.store(&identified(&brighter)).await.status, 202);
+    let deleted = server.method(axum::http::Method::DELETE, &case).await;
+    assert!(deleted.status.is_success(), "{deleted:?}");
+    for series in ["1.2.3.77", "1.2.3.1"] {
+        let arrival = arrival_of(server, series).await;
+        assert_eq!(arrival["instances"], flair.len(), "{series}: {arrival}");
+    }
+    let next = until("the new pixels are a case", async || {
+        let arrival = arrival_of(server, "1.2.3.1").await;
+        arrival["case"].as_str().map(str::to_owned)
+    })
+    .await;
+    assert!(!case.ends_with(&next));
 }

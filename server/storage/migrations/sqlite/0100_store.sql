@@ -145,7 +145,9 @@ CREATE TABLE arrivals (
     reason           TEXT,    -- JSON, when it became nothing
     taken            TEXT,    -- JSON, when somebody took it although it was refused
     refused          TEXT,    -- JSON: the reason for which it was refused before
+    -- The case that it is or of which it is a layer, until its images are corrected or rejected; and the one that it became last.
     case_id          TEXT    REFERENCES cases (id) ON DELETE SET NULL,
+    previous         TEXT    REFERENCES cases (id) ON DELETE SET NULL,
     instances        INTEGER NOT NULL DEFAULT 0,
     superseded       INTEGER NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
     ignored          INTEGER NOT NULL DEFAULT 0, -- objects that were not kept
@@ -157,6 +159,7 @@ CREATE TABLE arrivals (
 
 CREATE INDEX arrivals_by_age ON arrivals (first_at, id);
 CREATE INDEX arrivals_by_case ON arrivals (case_id);
+CREATE INDEX arrivals_by_previous ON arrivals (previous);
 CREATE INDEX arrivals_by_accession_number ON arrivals (accession_number);
 
 -- Their images: objects of the kind `instance`.

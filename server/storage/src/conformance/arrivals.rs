@@ -573,6 +573,65 @@ pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_d
     assert!(objects.iter().all(|name| name.kind == ObjectKind::Instance));
 }
 
+pub(crate) async fn images_that_have_changed_do_not_go_with_the_case_that_was_made_before(
+    subject: &Subject,
+) {
+    let store = &subject.store;
+    let of = async |number| {
+        let one = SeriesQuery::Study(uid("1.2.3"), Some(series(number).series));
+        store.arrivals_of(&one).await.unwrap().remove(0)
+    };
+    let case = a_case(store, "a").await;
+    for number in 1..=5 {
+        receive(store, &[image(number, 1), image(number, 2)]).await;
+        subject.pass(21);
+        let (leased, _) = due(store).await.unwrap();
+        let outcome = match number {
+            1 => Outcome::Case(case),
+            _ => Outcome::Layer(case),
+        };
+        assert!(store.settle(&leased, &outcome).await.unwrap());
+        assert_eq!(of(number).await.case, Some(case));
+    }
+    let corrected = |number, change| NewInstance {
+        digest: blake3::hash(format!("corrected {number}").as_bytes()),
+        replaces: Some(change),
+        ..image(number, 1)
+    };
+    received(store, &[corrected(1, Change::Pixels)]).await;
+    received(store, &[corrected(2, Change::Owner)]).await;
+    let moved = NewInstance {
+        uids: series(9),
+        ..corrected(3, Change::Owner)
+    };
+    received(store, &[moved]).await;
+    let rejection = Rejection {
+        may_return: false,
+        series: vec![(series(4), vec![image(4, 1).sop_instance_uid])],
+    };
+    let reason = Failure::unusable(REJECTED, "it was rejected");
+    let source = ArrivalSource::Stow;
+    let rejected = store.reject(&rejection, source, &reason, &[]);
+    assert_eq!(rejected.await.unwrap(), 1);
+    for number in 1..=4 {
+        assert_eq!(of(number).await.case, None, "{number}");
+    }
+    // The series is still read as the next version of its case.
+    subject.pass(21);
+    let (leased, read) = due(store).await.unwrap();
+    assert_eq!((read.uids, read.previous), (series(1), Some(case)));
+    let nothing = Outcome::Nothing(failure());
+    assert!(store.settle(&leased, &nothing).await.unwrap());
+    assert!(store.delete_case(&case).await.unwrap());
+    for (number, instances) in [(1, 2), (2, 2), (3, 1), (4, 1), (9, 1)] {
+        assert_eq!(of(number).await.instances, instances, "{number}");
+    }
+    // What has not changed goes with its case.
+    let left = SeriesQuery::Study(uid("1.2.3"), Some(series(5).series));
+    assert_eq!(store.arrivals_of(&left).await.unwrap(), []);
+    assert_eq!(of(1).await.previous, None);
+}
+
 pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
     let store = &subject.store;
     let [first, second] = [a_case(store, "a").await, a_case(store, "b").await];

@@ -17,7 +17,7 @@ use case::{CaseId, Failure, JobKind, ObjectKind, Project};
 macro_rules! select_arrival {
     ($rest:literal) => {
         concat!(
-            "SELECT id, project, study_uid, series_uid, accession_number, source, label, state, reason, taken, refused, case_id,
+            "SELECT id, project, study_uid, series_uid, accession_number, source, label, state, reason, taken, refused, case_id, previous,
                     instances, expected, superseded, ignored, first_at, last_at
              FROM arrivals ",
             $rest
@@ -124,7 +124,7 @@ async fn leave_others(
         let row = connection
             .query(
                 "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END,
-                        instances = instances - 1, expected = NULL, last_at = $1,
+                        instances = instances - 1, expected = NULL, last_at = $1, case_id = NULL,
                         state = CASE WHEN instances > 1 THEN 'receiving' ELSE 'nothing' END,
                         reason = CASE WHEN instances > 1 THEN NULL ELSE $2 END
                  WHERE id = $3 RETURNING superseded",
@@ -172,7 +172,7 @@ async fn replace(
         .query(
             // The number of images does not tell when the last one of them is corrected.
             "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END, expected = NULL,
-                    accession_number = $1, label = $2, state = 'receiving', reason = NULL, last_at = $3
+                    accession_number = $1, label = $2, state = 'receiving', reason = NULL, case_id = NULL, last_at = $3
              WHERE id = $4 RETURNING superseded",
         )
         .bind(new.accession_number.as_ref().map(AccessionNumber::as_str))
@@ -282,7 +282,7 @@ pub(super) async fn reject(
     pins::abandon(connection, removed, now).await?;
     connection
         .query(
-            "UPDATE arrivals SET instances = instances - $1, expected = NULL,
+            "UPDATE arrivals SET instances = instances - $1, expected = NULL, case_id = NULL,
                     state = CASE WHEN instances > $1 THEN 'receiving' ELSE 'nothing' END,
                     reason = CASE WHEN instances > $1 THEN NULL ELSE $2 END
              WHERE id = $3 AND (instances = 0 OR $1 > 0)",
@@ -317,7 +317,7 @@ pub(super) async fn reject_case(
 async fn wake_layers(connection: &mut Connection, case: &CaseId) -> Result<(), StoreError> {
     connection
         .query(
-            "UPDATE arrivals SET state = 'receiving', reason = NULL
+            "UPDATE arrivals SET state = 'receiving', reason = NULL, case_id = NULL
              WHERE case_id = $1 AND instances > 0 AND state = 'case' AND reason LIKE $2",
         )
         .bind(case.key())
@@ -522,10 +522,8 @@ pub(super) async fn adopt(
         add(connection, (image, arrival.project), arrival.source, now).await?;
     }
     // Without its case, it is read again.
-    let case = match arrival.case {
-        Some(case) if connection.has_case(&case.key()).await? => Some(case.key()),
-        _ => None,
-    };
+    let case = held(connection, arrival.case).await?;
+    let previous = held(connection, arrival.previous).await?;
     let state = match arrival.state {
         ArrivalState::Case if case.is_none() => ArrivalState::Receiving,
         state => state,
@@ -536,8 +534,8 @@ pub(super) async fn adopt(
     connection
         .query(
             "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
-                    label = $7, taken = $8, refused = $9, superseded = $10, ignored = $11
-             WHERE study_uid = $12 AND series_uid = $13 AND project = $14",
+                    label = $7, taken = $8, refused = $9, superseded = $10, ignored = $11, previous = $12
+             WHERE study_uid = $13 AND series_uid = $14 AND project = $15",
         )
         .bind(state.name())
         .bind(reason.transpose()?)
@@ -550,12 +548,24 @@ pub(super) async fn adopt(
         .bind(refused.transpose()?)
         .bind(count(arrival.superseded))
         .bind(count(arrival.ignored))
+        .bind(previous)
         .bind(arrival.uids.study.as_str())
         .bind(arrival.uids.series.as_str())
         .bind(arrival.project.name())
         .execute()
         .await?;
     Ok(())
+}
+
+/// The key of a case, if it is here.
+async fn held(
+    connection: &mut Connection,
+    case: Option<CaseId>,
+) -> Result<Option<String>, StoreError> {
+    match case {
+        Some(case) if connection.has_case(&case.key()).await? => Ok(Some(case.key())),
+        _ => Ok(None),
+    }
 }
 
 /// Forgets the images of a series that are not among these.
@@ -640,7 +650,7 @@ pub(super) async fn to_read(
     id: &str,
 ) -> Result<Option<DueSeries>, StoreError> {
     let row = connection
-        .query("SELECT project, study_uid, series_uid, case_id, taken FROM arrivals WHERE id = $1")
+        .query("SELECT project, study_uid, series_uid, previous, taken FROM arrivals WHERE id = $1")
         .bind(id)
         .fetch_optional()
         .await?;
@@ -650,7 +660,7 @@ pub(super) async fn to_read(
     Ok(Some(DueSeries {
         project: read_project(&row)?,
         uids: read_uids(&row)?,
-        previous: read_case(&row)?,
+        previous: read_case(&row, "previous")?,
         taken: read_taken(&row)?,
         instances: objects(connection, id).await?,
     }))
@@ -698,10 +708,12 @@ pub(super) async fn settle(
         return Ok(false);
     }
     connection
-        .query("UPDATE arrivals SET state = 'case', reason = $1, case_id = $2 WHERE id = $3")
+        .query("UPDATE arrivals SET state = 'case', reason = $1, case_id = $2, previous = CASE WHEN $4 = 1 THEN $2 ELSE previous END
+             WHERE id = $3")
         .bind(reason)
         .bind(&case)
         .bind(id)
+        .bind(i64::from(matches!(outcome, Outcome::Case(_))))
         .execute()
         .await?;
     if let Outcome::Case(_) = outcome {
@@ -1013,14 +1025,15 @@ pub(super) async fn forget(
     Ok(rows.len())
 }
 
-/// Removes the series that a case came from, so that nothing of the patient stays.
+/// Removes the series that a case came from, and those that are its layers, so that nothing of the patient stays. A series whose
+/// images have changed since, or that is read again, stays: what was acknowledged is not of this case, or not of it alone.
 pub(super) async fn remove_of_case(
     connection: &mut Connection,
     case: &CaseId,
     now: i64,
 ) -> Result<(), StoreError> {
     let rows = connection
-        .query("SELECT id FROM arrivals WHERE case_id = $1")
+        .query("SELECT id FROM arrivals WHERE case_id = $1 AND state = 'case'")
         .bind(case.key())
         .fetch_all()
         .await?;
@@ -1132,7 +1145,7 @@ pub(super) async fn cases_of(
 
 fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
     Ok(CaseSeries {
-        case: read_case(row)?.ok_or_else(|| unreadable("case"))?,
+        case: read_case(row, "case_id")?.ok_or_else(|| unreadable("case"))?,
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
         superseded: read_superseded(Some(row.get("superseded")?)),
@@ -1188,8 +1201,8 @@ pub(super) fn read_uids(row: &Row) -> Result<SeriesUids, StoreError> {
     })
 }
 
-fn read_case(row: &Row) -> Result<Option<CaseId>, StoreError> {
-    let id: Option<String> = row.get("case_id")?;
+fn read_case(row: &Row, column: &str) -> Result<Option<CaseId>, StoreError> {
+    let id: Option<String> = row.get(column)?;
     id.map(|id| CaseId::from_key(&id).ok_or_else(|| unreadable("case")))
         .transpose()
 }
@@ -1226,7 +1239,8 @@ fn read(row: &Row) -> Result<Arrival, StoreError> {
         reason: read_reason(row)?,
         taken: read_taken(row)?,
         refused: read_failure(row, "refused")?,
-        case: read_case(row)?,
+        case: read_case(row, "case_id")?,
+        previous: read_case(row, "previous")?,
         instances: read_count(row.get("instances")?),
         expected: expected.map(read_count),
         superseded: read_count(row.get("superseded")?),
