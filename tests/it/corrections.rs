@@ -921,3 +921,39 @@ async fn deleting_a_case_leaves_the_images_that_were_corrected_or_rejected_since
     .await;
     assert!(!case.ends_with(&next));
 }
+
+#[tokio::test]
+async fn a_correction_that_cannot_be_decoded_takes_nobodys_place() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let middle = &head_slices()[20];
+    let other = ([0x10, 0x0020], "LO", "PAT-RIGHT");
+    let cut = Slice {
+        samples: middle.samples[..500].to_vec(),
+        ..middle.clone()
+    };
+    let rows = u16::try_from(middle.samples.len() / usize::from(middle.columns)).unwrap();
+    let rows = String::from_utf8(rows.to_le_bytes().into()).unwrap();
+    let broken = [
+        (&cut, ([0x28, 0x10], "US", rows.as_str())),
+        (middle, ([0x28, 0x10], "US", "\0\0")),
+        (middle, ([0x28, 0x100], "US", "\u{c}\0")),
+        (middle, ([0x20, 0x32], "DS", "nan\\0\\0")),
+        (middle, ([0x20, 0x37], "DS", "1\\0\\0\\1\\0\\0")),
+        (middle, ([0x28, 0x30], "DS", "0\\0")),
+    ];
+    for (slice, wrong) in broken {
+        for texts in [&[wrong][..], &[wrong, other]] {
+            let file = with_texts(slice, &[&IDENTITY[..], texts].concat());
+            let refused = neighbour.store(&[file]).await;
+            assert_eq!(refused.status, 409, "{texts:?}: {refused:?}");
+        }
+    }
+    let arrival = arrival_of(server, "1.2.3.1").await;
+    assert_eq!(
+        (&arrival["state"], &arrival["superseded"]),
+        (&json!("case"), &json!(0))
+    );
+    assert_eq!(superseded(server, &case).await, Value::Null);
+}
