@@ -6,11 +6,11 @@ use imaging::dicom::Attributes;
 use imaging::dicom::write::{Head, KeyObjectTitle, Listed, key_object};
 use serde_json::{Value, json};
 
-use crate::dicom::head_slices;
+use crate::dicom::{head_slices, zipped};
 use crate::pacs::{Lines, Neighbour, dcmtk, dimse, dimse_options, items, run, with_texts};
 use crate::results::{IDENTITY, add_node, identified_case, identified_head, result, small};
 use crate::series_builder::{Slice, Syntax, files};
-use crate::server::{Answer, Server};
+use crate::server::{Answer, Part, Server, form, form_type};
 use crate::until::until;
 
 /// The files of [`identified_head`] with another patient.
@@ -956,4 +956,113 @@ async fn a_correction_that_cannot_be_decoded_takes_nobodys_place() {
         (&json!("case"), &json!(0))
     );
     assert_eq!(superseded(server, &case).await, Value::Null);
+}
+
+/// Adds the files of a volume to a case as a layer.
+async fn add_layer(server: &Server, case: &str, files: &[Vec<u8>]) -> Answer {
+    let form = form(&[("volume", &zipped(files))]);
+    let request = axum::http::Request::post(format!("{case}/layers"))
+        .header("content-type", form_type())
+        .body(form.into());
+    server.send(request.unwrap()).await
+}
+
+/// The layers of a case that were uploaded, beside its maps.
+async fn flairs(server: &Server, case: &str) -> usize {
+    let layers = server.get(&format!("{case}/layers")).await.json();
+    let layers = layers["layers"].as_array().unwrap().iter();
+    let names = layers.filter_map(|layer| layer["name"].as_str());
+    names.filter(|name| name.starts_with("FLAIR")).count()
+}
+
+#[tokio::test]
+async fn what_was_rejected_does_not_come_back_by_upload() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let rejected = identified_case(&neighbour).await;
+    let rejection = note(KeyObjectTitle::RejectedForSafety);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    // With another parameter, it is another case.
+    let volume = zipped(&identified_head());
+    let parts: [Part<'_>; 2] = [
+        ("volume", &volume),
+        ("parameters", br#"{"closing_radius_mm": 9}"#),
+    ];
+    let uploaded = server.prepared(&parts).await;
+    assert_ne!(uploaded, rejected);
+    assert_eq!(superseded(server, &uploaded).await, "rejected");
+    let found = launched(&neighbour).await;
+    assert_eq!(found["case"], Value::Null, "{found}");
+    let view = json!({"what": "view", "render": small()});
+    let refused = result(server, &uploaded, &view).await;
+    assert_eq!(
+        (refused.status.as_u16(), refused.problem().as_str()),
+        (409, "superseded")
+    );
+    // Nor is it shown over another head.
+    assert_eq!(neighbour.store(&other_t1()).await.status, 200);
+    let next = case_of_a_link(&neighbour).await;
+    let refused = add_layer(server, &next, &identified_head()).await;
+    assert_eq!(
+        (refused.status.as_u16(), refused.problem().as_str()),
+        (422, "images-rejected")
+    );
+}
+
+#[tokio::test]
+async fn a_layer_of_a_corrected_or_rejected_series_is_removed_from_cases_of_other_studies() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    // The FLAIR of the same patient in two other studies, which a user added by hand.
+    let elsewhere = |study: &str, patient: &str| {
+        let series = format!("{study}.1");
+        let file = |slice: &Slice| {
+            let sop = format!("{series}.{}", slice.instance);
+            let texts = [
+                ([0x08, 0x18], "UI", sop.as_str()),
+                ([0x10, 0x20], "LO", patient),
+                ([0x20, 0x0D], "UI", study),
+                ([0x20, 0x0E], "UI", series.as_str()),
+            ];
+            with_texts(slice, &[&IDENTITY[..], &texts].concat())
+        };
+        flair_slices(0).iter().map(file).collect::<Vec<_>>()
+    };
+    for (added, study) in ["1.2.31", "1.2.32"].into_iter().enumerate() {
+        let files = elsewhere(study, "P-77");
+        assert_eq!(neighbour.store(&files).await.status, 200);
+        let answer = add_layer(server, &case, &files).await;
+        assert_eq!(answer.status, 202, "{answer:?}");
+        assert_eq!(flairs(server, &case).await, added + 1);
+    }
+    let corrected = elsewhere("1.2.31", "PAT-RIGHT");
+    assert_eq!(neighbour.store(&corrected[..1]).await.status, 202);
+    assert_eq!(flairs(server, &case).await, 1);
+    let uids: Vec<_> = (flair_slices(0).iter())
+        .map(|slice| format!("1.2.32.1.{}", slice.instance))
+        .collect();
+    let series = (
+        "1.2.32",
+        "1.2.32.1",
+        KeyObjectTitle::RejectedForSafety,
+        &uids[..],
+    );
+    assert_eq!(neighbour.store(&[note_naming(series)]).await.status, 200);
+    assert_eq!(flairs(server, &case).await, 0);
+}
+
+#[tokio::test]
+async fn a_note_that_comes_before_its_images_names_them_in_its_own_study_alone() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let uids = head_slices().into_iter().map(|slice| slice.sop_uid);
+    let title = KeyObjectTitle::RejectedForQuality;
+    let foreign = note_in("1.2.30", title, &uids.collect::<Vec<_>>());
+    assert_eq!(neighbour.store(&[foreign]).await.status, 200);
+    assert_eq!(neighbour.store(&identified_head()).await.status, 200);
+    let arrival = arrival_of(&neighbour.server, "1.2.3.1").await;
+    assert_eq!(
+        (&arrival["instances"], &arrival["ignored"]),
+        (&json!(head_slices().len()), &json!(0))
+    );
 }

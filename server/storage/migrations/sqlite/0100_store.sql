@@ -106,9 +106,12 @@ CREATE TABLE layers (
     facts        TEXT,   -- JSON, when ready; when queued again, those before, whose placement stays
     facts_digest TEXT,   -- BLAKE3 of `facts`
     created_at   INTEGER NOT NULL,
+    series_uid   TEXT,   -- of the images that it is made of, which a PACS may reject or correct
     PRIMARY KEY (case_id, id),
     UNIQUE (case_id, name)
 ) STRICT;
+
+CREATE INDEX layers_by_series ON layers (series_uid);
 
 -- Which objects a layer needs. Several layers may need the same one.
 CREATE TABLE layer_objects (
@@ -177,9 +180,12 @@ CREATE INDEX arrival_instances_by_uid ON arrival_instances (sop_instance_uid);
 -- Instances that a rejection note has withdrawn: for a year, images that are not received again, and results of ours.
 CREATE TABLE rejections (
     project          TEXT NOT NULL DEFAULT '',
+    -- As the note states them; empty for results of ours, whose UIDs are in no other series.
+    study_uid        TEXT NOT NULL,
+    series_uid       TEXT NOT NULL,
     sop_instance_uid TEXT NOT NULL,
     rejected_at      INTEGER NOT NULL,
-    PRIMARY KEY (sop_instance_uid, project)
+    PRIMARY KEY (sop_instance_uid, project, study_uid, series_uid)
 ) STRICT, WITHOUT ROWID;
 
 CREATE INDEX rejections_by_age ON rejections (rejected_at);

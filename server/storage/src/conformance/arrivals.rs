@@ -10,8 +10,9 @@ use crate::ObjectName;
 use crate::Store;
 use crate::arrivals::{
     AccessionNumber, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState, ArrivalStatus,
-    BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome,
-    REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Superseded, Taken, TakenAs, Uid,
+    BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, OTHER_OBJECTS,
+    Outcome, REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Superseded, Taken, TakenAs,
+    Uid,
 };
 use crate::jobs::{Claim, Release};
 use crate::rows::{DueSeries, Known, Referred, Sweep};
@@ -336,9 +337,9 @@ pub(crate) async fn images_that_are_rejected_are_forgotten_and_their_cases_super
     assert_eq!(store.images_of(&series(1)).await.unwrap(), []);
     // A note may come before the images.
     let early = reject(false, 2, &[instance(2, 1), instance(3, 1)]).await;
-    let elsewhere = [instance(3, 1)];
-    let are = store.are_withdrawn(&elsewhere).await.unwrap();
-    assert_eq!(are, [false], "it is an image of another series");
+    let named = [2, 3].map(|number| (series(number), instance(3, 1)));
+    let are = store.are_rejected(&named).await.unwrap();
+    assert_eq!(are, [true, false], "it is an image of another series");
     assert_eq!(
         (early.state, early.reason),
         (ArrivalState::Nothing, Some(reason.clone()))
@@ -492,12 +493,22 @@ pub(crate) async fn a_series_that_is_not_t1_waits_for_a_case_of_its_study(subjec
     let not_t1 = Outcome::Nothing(Failure::unusable(NOT_T1, "words"));
     assert!(store.settle(&leased, &not_t1).await.unwrap());
     assert!(due(store).await.is_none());
+    // One that was taken as a layer waits for it, too.
+    receive(store, &[image(3, 1)]).await;
+    subject.pass(21);
+    let (leased, _) = due(store).await.unwrap();
+    let no_case = Outcome::Nothing(Failure::unusable(NO_CASE, "words"));
+    assert!(store.settle(&leased, &no_case).await.unwrap());
+    assert!(due(store).await.is_none());
     receive(store, &[image(2, 1)]).await;
     subject.pass(21);
     let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(case)).await.unwrap());
     let (again, read) = due(store).await.expect("there is a case now");
     assert_eq!(read.uids, series(1));
+    assert!(store.settle(&again, &Outcome::Layer(case)).await.unwrap());
+    let (again, read) = due(store).await.expect("there is a case now");
+    assert_eq!(read.uids, series(3));
     assert!(store.settle(&again, &Outcome::Layer(case)).await.unwrap());
     assert!(due(store).await.is_none(), "a layer wakes nothing");
     let arrivals = store.arrivals_of(&study()).await.unwrap();

@@ -6,10 +6,10 @@ use super::connection::{Connection, Row, microseconds};
 use super::{jobs, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
-    ArrivalStatus, BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NOT_T1, NewInstance, Outcome,
-    SeriesQuery, SeriesUids, Superseded, Taken, Uid,
+    ArrivalStatus, BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance,
+    Outcome, SeriesQuery, SeriesUids, Superseded, Taken, Uid,
 };
-use crate::rows::{DueSeries, Known};
+use crate::rows::{DueSeries, Known, Withdrawn};
 use crate::{ObjectName, StoreError};
 use case::{CaseId, Failure, JobKind, ObjectKind, Project};
 
@@ -327,53 +327,29 @@ async fn wake_layers(connection: &mut Connection, case: &CaseId) -> Result<(), S
     Ok(())
 }
 
-/// Those instances that are no images of any series here.
-pub(super) async fn absent(
-    connection: &mut Connection,
-    project: Project,
-    instances: &[Uid],
-) -> Result<Vec<Uid>, StoreError> {
-    let mut absent = Vec::with_capacity(instances.len());
-    for instance in instances {
-        let here = connection
-            .query(
-                "SELECT arrival_id FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
-                 WHERE sop_instance_uid = $1 AND project = $2 LIMIT 1",
-            )
-            .bind(instance.as_str())
-            .bind(project.name())
-            .fetch_optional()
-            .await?;
-        if here.is_none() {
-            absent.push(instance.clone());
-        }
-    }
-    Ok(absent)
-}
-
 /// Notes that instances are withdrawn. One that was withdrawn before keeps the later time.
 pub(super) async fn withdraw(
     connection: &mut Connection,
-    project: Project,
-    instances: &[Uid],
-    at: i64,
+    withdrawn: &Withdrawn,
 ) -> Result<(), StoreError> {
-    for instance in instances {
-        connection
-            .query(
-                "INSERT INTO rejections (sop_instance_uid, rejected_at, project) VALUES ($1, $2, $3)
-                 ON CONFLICT (sop_instance_uid, project) DO UPDATE SET rejected_at = excluded.rejected_at
-                 WHERE rejections.rejected_at < excluded.rejected_at",
-            )
-            .bind(instance.as_str())
-            .bind(at)
-            .bind(project.name())
-            .execute()
-            .await?;
-    }
+    let uids = withdrawn.uids.as_ref();
+    connection
+        .query(
+            "INSERT INTO rejections (sop_instance_uid, rejected_at, project, study_uid, series_uid) VALUES ($1, $2, $3, $4, $5)
+             ON CONFLICT (sop_instance_uid, project, study_uid, series_uid) DO UPDATE SET rejected_at = excluded.rejected_at
+             WHERE rejections.rejected_at < excluded.rejected_at",
+        )
+        .bind(withdrawn.instance.as_str())
+        .bind(withdrawn.at.as_microsecond())
+        .bind(withdrawn.project.name())
+        .bind(uids.map_or("", |uids| uids.study.as_str()))
+        .bind(uids.map_or("", |uids| uids.series.as_str()))
+        .execute()
+        .await?;
     Ok(())
 }
 
+/// Whether an instance was withdrawn, in whichever study.
 pub(super) async fn is_withdrawn(
     connection: &mut Connection,
     scope: Option<Project>,
@@ -391,26 +367,55 @@ pub(super) async fn is_withdrawn(
     Ok(row.is_some())
 }
 
-/// The next instances that are withdrawn, by UID and project, and when each was.
+/// Whether an image of a series was withdrawn.
+pub(super) async fn is_rejected(
+    connection: &mut Connection,
+    project: Project,
+    (uids, instance): (&SeriesUids, &Uid),
+) -> Result<bool, StoreError> {
+    let row = connection
+        .query(
+            "SELECT sop_instance_uid FROM rejections
+             WHERE sop_instance_uid = $1 AND project = $2 AND study_uid = $3 AND series_uid = $4",
+        )
+        .bind(instance.as_str())
+        .bind(project.name())
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
+        .fetch_optional()
+        .await?;
+    Ok(row.is_some())
+}
+
+/// The next instances that are withdrawn, by UID, project and series.
 pub(super) async fn withdrawn(
     connection: &mut Connection,
-    after: Option<&(Uid, Project)>,
+    after: Option<&Withdrawn>,
     limit: usize,
-) -> Result<Vec<(Uid, Project, Timestamp)>, StoreError> {
+) -> Result<Vec<Withdrawn>, StoreError> {
+    let uids = after.and_then(|after| after.uids.as_ref());
     let rows = connection
         .query(
-            "SELECT sop_instance_uid, project, rejected_at FROM rejections WHERE (sop_instance_uid, project) > ($1, $2)
-             ORDER BY sop_instance_uid, project LIMIT $3",
+            "SELECT sop_instance_uid, project, study_uid, series_uid, rejected_at FROM rejections
+             WHERE (sop_instance_uid, project, study_uid, series_uid) > ($1, $2, $3, $4)
+             ORDER BY sop_instance_uid, project, study_uid, series_uid LIMIT $5",
         )
-        .bind(after.map_or("", |(uid, _)| uid.as_str()))
-        .bind(after.map_or("", |(_, project)| project.name()))
+        .bind(after.map_or("", |after| after.instance.as_str()))
+        .bind(after.map_or("", |after| after.project.name()))
+        .bind(uids.map_or("", |uids| uids.study.as_str()))
+        .bind(uids.map_or("", |uids| uids.series.as_str()))
         .bind(count(limit))
         .fetch_all()
         .await?;
     let read = |row: &Row| {
         let uid: String = row.get("sop_instance_uid")?;
-        let uid = Uid::parse(&uid).ok_or_else(|| unreadable("UID"))?;
-        Ok((uid, read_project(row)?, read_time(row, "rejected_at")?))
+        let study: String = row.get("study_uid")?;
+        Ok(Withdrawn {
+            project: read_project(row)?,
+            uids: (!study.is_empty()).then(|| read_uids(row)).transpose()?,
+            instance: Uid::parse(&uid).ok_or_else(|| unreadable("UID"))?,
+            at: read_time(row, "rejected_at")?,
+        })
     };
     rows.iter().map(read).collect()
 }
@@ -832,16 +837,18 @@ pub(super) async fn make_nothing(
     Ok(())
 }
 
-/// Lets the other series of a study be read again that may become layers now that there is a case.
+/// Lets the other series of a study be read again that may become layers now that there is a case, also those that were taken as
+/// layers.
 async fn wake_others(connection: &mut Connection, id: &str) -> Result<(), StoreError> {
     connection
         .query(
             "UPDATE arrivals SET state = 'receiving', reason = NULL
-             WHERE id <> $1 AND state = 'nothing' AND reason LIKE $2
+             WHERE id <> $1 AND state = 'nothing' AND (reason LIKE $2 OR reason LIKE $3)
                AND (project, study_uid) = (SELECT project, study_uid FROM arrivals WHERE id = $1)",
         )
         .bind(id)
         .bind(format!("%\"{NOT_T1}\"%"))
+        .bind(format!("%\"{NO_CASE}\"%"))
         .execute()
         .await?;
     Ok(())
