@@ -7,11 +7,11 @@ use imaging::dicom::Attributes;
 use imaging::dicom::write::{Head, KeyObjectTitle, Listed, key_object};
 use serde_json::{Value, json};
 
-use crate::dicom::head_slices;
+use crate::dicom::{head_slices, zipped};
 use crate::pacs::{Lines, Neighbour, dcmtk, dimse, dimse_options, items, run, with_texts};
 use crate::results::{IDENTITY, add_node, identified_case, identified_head, result, small};
 use crate::series_builder::{Slice, Syntax, files};
-use crate::server::{Answer, Server};
+use crate::server::{Answer, Part, Server, form, form_type};
 use crate::until::until;
 
 /// The files of [`identified_head`] with another patient.
@@ -355,6 +355,11 @@ pub(crate) fn note_of(title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
 
 /// A list of images as of that series in a study, with a title.
 fn note_in(study: &str, title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
+    note_naming((study, &head_slices()[0].series_uid, title, uids))
+}
+
+/// A list of images of a series, with a title.
+fn note_naming((study, series, title, uids): (&str, &str, KeyObjectTitle, &[String])) -> Vec<u8> {
     let texts = [("StudyInstanceUID", study), ("PatientID", "P-77")];
     let source = Attributes {
         attributes: texts
@@ -379,7 +384,7 @@ fn note_in(study: &str, title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
     };
     let slice = Slice::number(0);
     let listed = |uid: &String| Listed {
-        series_uid: head_slices()[0].series_uid.clone(),
+        series_uid: series.to_owned(),
         sop_class_uid: slice.sop_class.to_owned(),
         sop_instance_uid: uid.clone(),
     };
@@ -995,4 +1000,210 @@ async fn a_note_of_another_study_neither_withdraws_an_image_nor_holds_its_correc
         .collect();
     let count = format!("images=0 ignored={} ", corrected.len());
     assert!(plain.contains(&count), "{plain}");
+}
+
+/// The arrival of a series.
+async fn arrival_of(server: &Server, series: &str) -> Value {
+    let list = server.get("/v1/arrivals").await.json();
+    let mut arrivals = list["arrivals"].as_array().unwrap().iter();
+    let found = arrivals.find(|each| each["series"] == series);
+    found.cloned().unwrap_or_default()
+}
+
+/// The files of slices of another patient than [`identified_head`].
+fn of_another(slices: &[Slice]) -> Vec<Vec<u8>> {
+    let other = [
+        ([0x10, 0x0010], "PN", "Right^Patient"),
+        ([0x10, 0x0020], "LO", "PAT-RIGHT"),
+        ([0x08, 0x0050], "SH", "A-2"),
+    ];
+    let texts = [&IDENTITY[..], &other].concat();
+    let slices = slices.iter();
+    slices.map(|slice| with_texts(slice, &texts)).collect()
+}
+
+async fn until_layer(server: &Server, series: &str) {
+    until("the series is a layer", async || {
+        (arrival_of(server, series).await["state"] == "layer").then_some(())
+    })
+    .await;
+}
+
+#[tokio::test]
+async fn deleting_a_case_leaves_the_images_that_were_corrected_or_rejected_since() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let flair = flair_slices(0);
+    assert_eq!(neighbour.store(&identified(&flair)).await.status, 200);
+    until_layer(server, "1.2.3.77").await;
+    // The FLAIR was another patient's, and leads to the case of this one no longer.
+    let corrected = of_another(&flair);
+    assert_eq!(neighbour.store(&corrected).await.status, 202);
+    let arrival = arrival_of(server, "1.2.3.77").await;
+    assert_eq!(arrival["case"], Value::Null, "{arrival}");
+    // Every image of the head comes with other pixels, and the user deletes the case that shows the old ones.
+    let brighter = |slice: &Slice| Slice {
+        samples: slice.samples.iter().map(|value| value + 1).collect(),
+        ..slice.clone()
+    };
+    let brighter: Vec<_> = head_slices().iter().map(brighter).collect();
+    assert_eq!(neighbour.store(&identified(&brighter)).await.status, 202);
+    let deleted = server.method(axum::http::Method::DELETE, &case).await;
+    assert!(deleted.status.is_success(), "{deleted:?}");
+    for series in ["1.2.3.77", "1.2.3.1"] {
+        let arrival = arrival_of(server, series).await;
+        assert_eq!(arrival["instances"], flair.len(), "{series}: {arrival}");
+    }
+    let next = until("the new pixels are a case", async || {
+        let arrival = arrival_of(server, "1.2.3.1").await;
+        arrival["case"].as_str().map(str::to_owned)
+    })
+    .await;
+    assert!(!case.ends_with(&next));
+}
+
+#[tokio::test]
+async fn a_correction_that_cannot_be_decoded_takes_nobodys_place() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let middle = &head_slices()[20];
+    let other = ([0x10, 0x0020], "LO", "PAT-RIGHT");
+    let cut = Slice {
+        samples: middle.samples[..500].to_vec(),
+        ..middle.clone()
+    };
+    let rows = u16::try_from(middle.samples.len() / usize::from(middle.columns)).unwrap();
+    let rows = String::from_utf8(rows.to_le_bytes().into()).unwrap();
+    let broken = [
+        (&cut, ([0x28, 0x10], "US", rows.as_str())),
+        (middle, ([0x28, 0x10], "US", "\0\0")),
+        (middle, ([0x28, 0x100], "US", "\u{c}\0")),
+        (middle, ([0x20, 0x32], "DS", "nan\\0\\0")),
+        (middle, ([0x20, 0x37], "DS", "1\\0\\0\\1\\0\\0")),
+        (middle, ([0x28, 0x30], "DS", "0\\0")),
+    ];
+    for (slice, wrong) in broken {
+        for texts in [&[wrong][..], &[wrong, other]] {
+            let file = with_texts(slice, &[&IDENTITY[..], texts].concat());
+            let refused = neighbour.store(&[file]).await;
+            assert_eq!(refused.status, 409, "{texts:?}: {refused:?}");
+        }
+    }
+    let arrival = arrival_of(server, "1.2.3.1").await;
+    assert_eq!(
+        (&arrival["state"], &arrival["superseded"]),
+        (&json!("case"), &json!(0))
+    );
+    assert_eq!(superseded(server, &case).await, Value::Null);
+}
+
+/// Adds the files of a volume to a case as a layer.
+async fn add_layer(server: &Server, case: &str, files: &[Vec<u8>]) -> Answer {
+    let form = form(&[("volume", &zipped(files))]);
+    let request = axum::http::Request::post(format!("{case}/layers"))
+        .header("content-type", form_type())
+        .body(form.into());
+    server.send(request.unwrap()).await
+}
+
+/// The layers of a case that were uploaded, beside its maps.
+async fn flairs(server: &Server, case: &str) -> usize {
+    let layers = server.get(&format!("{case}/layers")).await.json();
+    let layers = layers["layers"].as_array().unwrap().iter();
+    let names = layers.filter_map(|layer| layer["name"].as_str());
+    names.filter(|name| name.starts_with("FLAIR")).count()
+}
+
+#[tokio::test]
+async fn what_was_rejected_does_not_come_back_by_upload() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let rejected = identified_case(&neighbour).await;
+    let rejection = note(KeyObjectTitle::RejectedForSafety);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    // With another parameter, it is another case.
+    let volume = zipped(&identified_head());
+    let parts: [Part<'_>; 2] = [
+        ("volume", &volume),
+        ("parameters", br#"{"closing_radius_mm": 9}"#),
+    ];
+    let uploaded = server.prepared(&parts).await;
+    assert_ne!(uploaded, rejected);
+    assert_eq!(superseded(server, &uploaded).await, "rejected");
+    let found = launched(&neighbour).await;
+    assert_eq!(found["case"], Value::Null, "{found}");
+    let view = json!({"what": "view", "render": small()});
+    let refused = result(server, &uploaded, &view).await;
+    assert_eq!(
+        (refused.status.as_u16(), refused.problem().as_str()),
+        (409, "superseded")
+    );
+    // Nor is it shown over another head.
+    assert_eq!(neighbour.store(&other_t1()).await.status, 200);
+    let next = case_of_a_link(&neighbour).await;
+    let refused = add_layer(server, &next, &identified_head()).await;
+    assert_eq!(
+        (refused.status.as_u16(), refused.problem().as_str()),
+        (422, "images-rejected")
+    );
+}
+
+#[tokio::test]
+async fn a_layer_of_a_corrected_or_rejected_series_is_removed_from_cases_of_other_studies() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    // The FLAIR of the same patient in two other studies, which a user added by hand.
+    let elsewhere = |study: &str, patient: &str| {
+        let series = format!("{study}.1");
+        let file = |slice: &Slice| {
+            let sop = format!("{series}.{}", slice.instance);
+            let texts = [
+                ([0x08, 0x18], "UI", sop.as_str()),
+                ([0x10, 0x20], "LO", patient),
+                ([0x20, 0x0D], "UI", study),
+                ([0x20, 0x0E], "UI", series.as_str()),
+            ];
+            with_texts(slice, &[&IDENTITY[..], &texts].concat())
+        };
+        flair_slices(0).iter().map(file).collect::<Vec<_>>()
+    };
+    for (added, study) in ["1.2.31", "1.2.32"].into_iter().enumerate() {
+        let files = elsewhere(study, "P-77");
+        assert_eq!(neighbour.store(&files).await.status, 200);
+        let answer = add_layer(server, &case, &files).await;
+        assert_eq!(answer.status, 202, "{answer:?}");
+        assert_eq!(flairs(server, &case).await, added + 1);
+    }
+    let corrected = elsewhere("1.2.31", "PAT-RIGHT");
+    assert_eq!(neighbour.store(&corrected[..1]).await.status, 202);
+    assert_eq!(flairs(server, &case).await, 1);
+    let uids: Vec<_> = (flair_slices(0).iter())
+        .map(|slice| format!("1.2.32.1.{}", slice.instance))
+        .collect();
+    let series = (
+        "1.2.32",
+        "1.2.32.1",
+        KeyObjectTitle::RejectedForSafety,
+        &uids[..],
+    );
+    assert_eq!(neighbour.store(&[note_naming(series)]).await.status, 200);
+    assert_eq!(flairs(server, &case).await, 0);
+}
+
+#[tokio::test]
+async fn a_note_that_comes_before_its_images_names_them_in_its_own_study_alone() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let uids = head_slices().into_iter().map(|slice| slice.sop_uid);
+    let title = KeyObjectTitle::RejectedForQuality;
+    let foreign = note_in("1.2.30", title, &uids.collect::<Vec<_>>());
+    assert_eq!(neighbour.store(&[foreign]).await.status, 200);
+    assert_eq!(neighbour.store(&identified_head()).await.status, 200);
+    let arrival = arrival_of(&neighbour.server, "1.2.3.1").await;
+    assert_eq!(
+        (&arrival["instances"], &arrival["ignored"]),
+        (&json!(head_slices().len()), &json!(0))
+    );
 }

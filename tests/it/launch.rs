@@ -545,6 +545,53 @@ async fn of_one_patient_the_images_from_the_pacs_come_before_an_upload() {
 }
 
 #[tokio::test]
+async fn late_images_of_another_patient_in_the_same_series_make_a_link_a_choice() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let first = Series {
+        study: "1.2.85",
+        uid: "1.2.85.1",
+        texts: &[([0x10, 0x20], "LO", "P-100")],
+    };
+    first.becomes(&neighbour).await;
+    let opens = launched(&neighbour, "study=1.2.85").await;
+    assert_eq!(opens["state"], "ready");
+    // As if a modality had kept the series open for the next patient.
+    let late = |slice: Slice| {
+        let sop = format!("1.2.85.9.{}", slice.instance);
+        let texts = [
+            ([0x08, 0x18], "UI", sop.as_str()),
+            ([0x10, 0x20], "LO", "P-200"),
+            ([0x20, 0x0D], "UI", "1.2.85"),
+            ([0x20, 0x0E], "UI", "1.2.85.1"),
+        ];
+        with_texts(&slice, &texts)
+    };
+    let late: Vec<_> = head_slices().into_iter().take(3).map(late).collect();
+    assert_eq!(neighbour.store(&late).await.status, 200);
+    let is_choice = async || {
+        let found = launched(&neighbour, "study=1.2.85").await;
+        assert_eq!(
+            (&found["state"], &found["case"]),
+            (&json!("choice"), &Value::Null)
+        );
+    };
+    is_choice().await;
+    until("the series is refused", async || {
+        let arrival = arrival(&neighbour, "1.2.85.1").await;
+        (arrival["reason"]["name"] == "dicom-mixed-patients").then_some(())
+    })
+    .await;
+    is_choice().await;
+    let keys = "rendered3D?depth_mm=5&viewport=64,48";
+    let address = format!("/dicomweb/studies/1.2.85/{keys}");
+    let refused = neighbour.server.get(&address).await;
+    assert_eq!(
+        (refused.status.as_u16(), refused.problem().as_str()),
+        (409, "several-patients")
+    );
+}
+
+#[tokio::test]
 async fn files_of_another_patient_are_no_layer() {
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;

@@ -306,6 +306,20 @@ fn a_configuration_is_checked_without_starting_anything() {
         ("[render]\nthreads = 0", "render.threads"),
         ("[audit]\nfolder = \"/nowhere\"", "`audit.folder`"),
         ("[pacs]\ntime_zone = \"Mars/Phobos\"", "`pacs.time_zone`"),
+        (
+            "[pacs]\ntime_zone = \"+25:00\"",
+            "from `-12:00` to `+14:00`",
+        ),
+        ("[storage]\ndata = \"/etc/passwd\"", "is no folder"),
+        ("[storage]\ndata = \"/etc/passwd/store\"", "is no folder"),
+        (
+            "[http]\nlisten = \"127.0.0.1:8640\"\n[pacs.dimse]\nlisten = \"127.0.0.1:8640\"",
+            "the same port 8640",
+        ),
+        (
+            "[pacs.dimse]\ntls_certificate = \"/nowhere\"\ntls_key = \"/nowhere\"",
+            "/nowhere",
+        ),
     ] {
         let config = written(folder.path(), "bad.toml", text);
         let (status, said) = run(&["check-config", "--config", &config]);

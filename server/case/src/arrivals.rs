@@ -272,8 +272,11 @@ pub struct Arrival {
     pub taken: Option<Taken>,
     /// The reason for which it was refused before it was taken.
     pub refused: Option<Failure>,
-    /// The case that it became last; also while late images are coming.
+    /// The case that it is, or of which it is a layer; also while late images are coming, but not if images were corrected or
+    /// rejected since.
     pub case: Option<CaseId>,
+    /// The case that it became last. The next one is a version of it.
+    pub previous: Option<CaseId>,
     /// Images so far.
     pub instances: usize,
     /// How many the sender says there are.

@@ -32,7 +32,7 @@ pub const MAX_INSTANCE_BYTES: u64 = 512 << 20;
 const REMEMBERED_CASES: usize = 4096;
 
 /// The most images whose patients are remembered.
-const REMEMBERED_PATIENTS: usize = 1024;
+const REMEMBERED_PATIENTS: usize = 4096;
 
 /// How long a case is remembered as ready; another server on the same store may delete it.
 pub(crate) const REMEMBERED_FOR: Duration = Duration::from_secs(10);

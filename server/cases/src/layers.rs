@@ -6,6 +6,7 @@ use pipeline::layers::{LayerSource, check_layer};
 use storage::{LayerChange, LayerName, LayerUpload, StoreError, SubmittedLayer};
 
 use crate::application::Cases;
+use crate::arrivals::SeriesOfUpload;
 use crate::dicom::{Choice, Options, SeriesView};
 use crate::error::Error;
 use crate::intake::VolumeFiles;
@@ -76,6 +77,14 @@ fn of_another_patient() -> Failure {
     )
 }
 
+/// What the PACS has withdrawn is not shown over another head either.
+fn images_rejected() -> Failure {
+    Failure::unusable(
+        "images-rejected",
+        "the PACS has rejected images of the series; add the series that the PACS has sent in its place",
+    )
+}
+
 impl Cases {
     /// Checks a layer and queues it. One that is there already is answered as it is.
     ///
@@ -108,6 +117,12 @@ impl Cases {
         if self.is_of_patient(&files, &new.case).await? == Some(false) {
             return Err(of_another_patient().into());
         }
+        let of_series = SeriesOfUpload::read(&files).await?;
+        if let Some(series) = &of_series
+            && self.is_rejected(series).await?
+        {
+            return Err(images_rejected().into());
+        }
         let has_options = new.options.series.is_some() || new.options.allow_gaps;
         if choice.is_none() && has_options {
             return Err(Error::Parameter {
@@ -127,6 +142,7 @@ impl Cases {
             case: new.case,
             volume: files.volume,
             dicom: files.dicom,
+            series: of_series.map(|of_series| of_series.series().clone()),
             name: new
                 .name
                 .map_or_else(|| LayerName::Usual(usual()), LayerName::Given),

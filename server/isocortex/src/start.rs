@@ -50,6 +50,7 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     let nodes = config.pacs.nodes()?;
     let dimse = config.pacs.dimse()?;
     config.pacs.time_zone()?;
+    config.check_ports()?;
     config.check_audit()?;
     config.tls()?;
     let mut checked = Checked::default();

@@ -53,7 +53,7 @@ pub(crate) struct ArrivalView {
     /// The reason for which it was refused before it was taken.
     #[serde(skip_serializing_if = "Option::is_none")]
     refused: Option<ReasonView>,
-    /// The case that it became last, or that has it as a layer.
+    /// The case that it became, or that has it as a layer; omitted if its images were corrected or rejected since.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     case: Option<CaseId>,

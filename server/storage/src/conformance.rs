@@ -132,6 +132,7 @@ macro_rules! conformance {
                 a_late_image_fences_the_reader_off_and_makes_the_series_due_again
                 a_series_that_is_not_t1_waits_for_a_case_of_its_study
                 an_image_is_kept_until_its_series_is_forgotten_or_its_case_deleted
+                images_that_have_changed_do_not_go_with_the_case_that_was_made_before
                 cases_are_found_by_their_series
                 series_are_listed_newest_first_in_pages
                 series_are_listed_by_state_case_label_and_time

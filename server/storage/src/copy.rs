@@ -119,10 +119,10 @@ impl Store {
         let mut last = None;
         loop {
             let page = self.withdrawn(last.as_ref(), ROWS_AT_ONCE).await?;
-            let Some((uid, project, _)) = page.last() else {
+            let Some(latest) = page.last() else {
                 break;
             };
-            last = Some((uid.clone(), *project));
+            last = Some(latest.clone());
             other.adopt_withdrawn(&page).await?;
         }
         let (every, mut after) = (TransferQuery::default(), None);
@@ -256,7 +256,14 @@ impl Store {
         }
         other.abandon(&pinned).await;
         let mut is_whole = true;
-        for layer in self.layers(id).await? {
+        let layers = self.layers(id).await?;
+        // An earlier copy may have what was deleted, corrected or rejected since.
+        for former in other.layers(id).await? {
+            if layers.iter().all(|layer| layer.id != former.id) {
+                other.delete_layer(id, &former.id).await?;
+            }
+        }
+        for layer in layers {
             is_whole &= self.copy_layer(other, layer, copied).await?;
         }
         Ok(is_whole)
@@ -287,7 +294,8 @@ impl Store {
             layer.state = CaseState::Queued;
             pinned.names.retain(|pinned| pinned != name);
         }
-        other.adopt_layer(&layer, &pinned).await?;
+        let series = self.series_of_layer(&layer.case, &layer.id).await?;
+        other.adopt_layer(&layer, series.as_ref(), &pinned).await?;
         other.abandon(&pinned).await;
         Ok(true)
     }

@@ -3,6 +3,7 @@
 use bytes::Bytes;
 use case::{CaseId, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
 
+use super::arrivals::Uid;
 use super::jobs::Claim;
 use super::pinned::Writing;
 use super::rows::{LayerChange, LayerName, NewLayer, Pinned, Published};
@@ -20,6 +21,8 @@ pub struct LayerUpload {
     pub volume: Spooled,
     /// The identifying attributes, if it comes from DICOM.
     pub dicom: Option<Spooled>,
+    /// The series that it is made of, if that is known.
+    pub series: Option<Uid>,
     /// The name.
     pub name: LayerName,
     /// The parameters.
@@ -79,6 +82,7 @@ impl Store {
                 id,
                 name: upload.name.clone(),
                 parameters: upload.parameters.clone(),
+                series: upload.series.clone(),
                 sources,
                 most: upload.most,
                 queue_limit: self.options().queue_limit,

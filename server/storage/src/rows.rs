@@ -11,8 +11,9 @@
 
 use std::time::Duration;
 
-use case::arrivals::{SeriesUids, Taken};
+use case::arrivals::{SeriesUids, Taken, Uid};
 use case::{CaseId, Contrast, LayerId, LayerParameters, Parameters, Project};
+use jiff::Timestamp;
 
 use super::ObjectName;
 
@@ -53,12 +54,27 @@ pub(crate) struct NewLayer {
     pub name: LayerName,
     /// Its parameters.
     pub parameters: LayerParameters,
+    /// The series that it is made of, if that is known.
+    pub series: Option<Uid>,
     /// Its source objects: durable, and pinned.
     pub sources: Pinned,
     /// How many layers a case may have.
     pub most: usize,
     /// How many jobs may wait.
     pub queue_limit: usize,
+}
+
+/// An instance that was withdrawn.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Withdrawn {
+    /// Its project.
+    pub project: Project,
+    /// The series in which it was withdrawn; none for results, which are the same in every series.
+    pub uids: Option<SeriesUids>,
+    /// The instance.
+    pub instance: Uid,
+    /// When the latest note of it came.
+    pub at: Timestamp,
 }
 
 /// The name of a new layer.

@@ -1,7 +1,7 @@
 //! Enters the series of cases into the index, by which viewers of a PACS find them.
 
 use case::CaseId;
-use storage::arrivals::{AccessionNumber, CaseSeries, SeriesUids, Uid};
+use storage::arrivals::{AccessionNumber, CaseSeries, SeriesUids, Superseded, Uid};
 use storage::{StoreError, Upload};
 
 use crate::application::Cases;
@@ -12,6 +12,7 @@ use crate::error::Error;
 pub(crate) struct SeriesOfUpload {
     uids: SeriesUids,
     accession_number: Option<AccessionNumber>,
+    images: Vec<Uid>,
 }
 
 impl SeriesOfUpload {
@@ -28,7 +29,10 @@ impl SeriesOfUpload {
         };
         let uid = |keyword| stored.value(keyword).and_then(Uid::parse);
         let uids = uid("StudyInstanceUID").zip(uid("SeriesInstanceUID"));
+        let images = stored.instances.iter();
+        let images = images.filter_map(|image| Uid::parse(&image.sop_instance_uid));
         Ok(uids.map(|(study, series)| Self {
+            images: images.collect(),
             uids: SeriesUids { study, series },
             accession_number: stored
                 .value("AccessionNumber")
@@ -37,8 +41,24 @@ impl SeriesOfUpload {
     }
 }
 
+impl SeriesOfUpload {
+    /// The series.
+    pub(crate) fn series(&self) -> &Uid {
+        &self.uids.series
+    }
+}
+
 impl Cases {
-    /// Enters the series of a case.
+    /// Whether the PACS has rejected any image of an upload.
+    pub(crate) async fn is_rejected(&self, series: &SeriesOfUpload) -> Result<bool, StoreError> {
+        let images = series.images.iter();
+        let images: Vec<_> = images
+            .map(|image| (series.uids.clone(), image.clone()))
+            .collect();
+        Ok(self.store().are_rejected(&images).await?.contains(&true))
+    }
+
+    /// Enters the series of a case. What the PACS has rejected does not count when a user uploads it.
     pub(crate) async fn index(
         &self,
         case: CaseId,
@@ -47,11 +67,12 @@ impl Cases {
         let Some(series) = series else {
             return Ok(());
         };
+        let is_rejected = self.is_rejected(&series).await?;
         let series = CaseSeries {
             case,
             uids: series.uids,
             accession_number: series.accession_number,
-            superseded: None,
+            superseded: is_rejected.then_some(Superseded::Rejected),
             is_received: false,
         };
         self.store().index_series(&series).await

@@ -133,11 +133,11 @@ impl Cases {
             .map(|(instance, _)| instance.clone())
             .collect();
         let known = self.store().known(&instances).await?;
-        let uids: Vec<_> = instances
+        let named: Vec<_> = instances
             .into_iter()
-            .map(|new| new.sop_instance_uid)
+            .map(|new| (new.uids, new.sop_instance_uid))
             .collect();
-        let rejected = self.store().are_withdrawn(&uids).await?;
+        let rejected = self.store().are_rejected(&named).await?;
         let (mut kept, mut receptions) = (Vec::with_capacity(images.len()), Vec::new());
         for (((mut instance, file), known), is_rejected) in
             images.into_iter().zip(known).zip(rejected)

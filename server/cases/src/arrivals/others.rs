@@ -1,15 +1,19 @@
 //! What a query finds besides the heads: series that make no case (yet). They can belong to another patient.
 
 use case::{CaseState, Failure};
+use serde_json::Value;
 use storage::ObjectName;
 use storage::arrivals::{
-    AccessionNumber, Arrival, ArrivalStatus, MOVED, OTHER_OBJECTS, REJECTED, SeriesQuery,
-    SeriesUids, Superseded,
+    AccessionNumber, Arrival, ArrivalState, ArrivalStatus, MOVED, OTHER_OBJECTS, REJECTED,
+    SeriesQuery, SeriesUids, Superseded,
 };
 
 use super::{Head, Patient};
 use crate::application::Cases;
 use crate::error::Error;
+
+/// The reason of a series with images of several patients.
+const MIXED_PATIENTS: &str = "dicom-mixed-patients";
 
 /// What a query finds.
 #[derive(Debug, Default)]
@@ -110,10 +114,8 @@ impl Cases {
             if is_case_of_head || is_layer_of_head || !says_something(&arrival) {
                 continue;
             }
-            let other = self.other(arrival).await?;
-            if !is_head(&other.uids, other.patient.as_ref()) {
-                others.push(other);
-            }
+            let of_arrival = self.others_of(arrival).await?.into_iter();
+            others.extend(of_arrival.filter(|other| !is_head(&other.uids, other.patient.as_ref())));
         }
         // Arrivals are forgotten before their cases.
         for series in self.store().cases_of(query).await? {
@@ -141,51 +143,92 @@ impl Cases {
         Ok(Fitting { heads, others })
     }
 
-    async fn other(&self, arrival: Arrival) -> Result<Other, Error> {
-        let images = match arrival.instances {
+    /// What a series says, once for each of its patients.
+    async fn others_of(&self, arrival: Arrival) -> Result<Vec<Other>, Error> {
+        let mut images: Vec<_> = match arrival.instances {
             0 => Vec::new(),
             _ => self.store().images_of(&arrival.uids).await?,
         };
-        let patient = match images.first() {
-            Some((_, image)) => self.patient_of_image(*image).await?,
-            None => None,
+        // Of all series but these, one image tells the patient.
+        if !may_be_of_several(&arrival) {
+            images.truncate(1);
+        }
+        let images: Vec<_> = images.into_iter().map(|(_, image)| image).collect();
+        let patients = self.patients_of_images(&images).await?;
+        let patients = match patients.is_empty() {
+            true => vec![None],
+            false => patients.into_iter().map(Some).collect(),
         };
-        Ok(Other {
+        let other = |patient| Other {
             status: match arrival.status() {
                 ArrivalStatus::Case => ArrivalStatus::Nothing,
                 status => status,
             },
-            uids: arrival.uids,
-            accession_number: arrival.accession_number,
-            label: arrival.label,
-            reason: arrival.reason,
+            uids: arrival.uids.clone(),
+            accession_number: arrival.accession_number.clone(),
+            label: arrival.label.clone(),
+            reason: arrival.reason.clone(),
             patient,
-        })
+        };
+        Ok(patients.into_iter().map(other).collect())
     }
 
-    /// The patient of a stored image; `None` if it is lost.
-    async fn patient_of_image(&self, image: ObjectName) -> Result<Option<Patient>, Error> {
-        if let Some(patient) = self.patients.get(&image) {
-            return Ok(Some(patient));
+    /// The patients of stored images; none of images that are lost.
+    async fn patients_of_images(&self, images: &[ObjectName]) -> Result<Vec<Patient>, Error> {
+        let mut patients: Vec<Patient> = Vec::new();
+        let mut unread = Vec::new();
+        for image in images {
+            match self.patients.get(image) {
+                Some(patient) if patients.contains(&patient) => {}
+                Some(patient) => patients.push(patient),
+                None => unread.push(*image),
+            }
         }
-        let read = match self.stored_metadata(&[image]).await {
-            Ok(read) => read.and_then(|all| all.into_iter().next()),
-            // It cannot be read now or ever.
-            Err(Error::Failure(_)) => None,
-            Err(error) => return Err(error),
-        };
-        let patient = read.map(|image| {
-            Patient::of(|keyword| {
+        if unread.is_empty() {
+            return Ok(patients);
+        }
+        let mut read = self.metadata_of(&unread).await?;
+        // One that cannot be read hides none of the others.
+        if read.is_none() && unread.len() > 1 {
+            let mut found = Vec::new();
+            for image in std::mem::take(&mut unread) {
+                if let Some(one) = self.metadata_of(&[image]).await? {
+                    found.extend(one);
+                    unread.push(image);
+                }
+            }
+            read = Some(found);
+        }
+        for (name, image) in unread.into_iter().zip(read.unwrap_or_default()) {
+            let patient = Patient::of(|keyword| {
                 let tag = imaging::dicom::attribute(keyword)?.name();
                 let value = &image[&tag]["Value"][0];
                 value.as_str().or_else(|| value["Alphabetic"].as_str())
-            })
-        });
-        if let Some(patient) = &patient {
-            self.patients.insert(image, patient.clone());
+            });
+            self.patients.insert(name, patient.clone());
+            if !patients.contains(&patient) {
+                patients.push(patient);
+            }
         }
-        Ok(patient)
+        Ok(patients)
     }
+}
+
+impl Cases {
+    /// The attributes of stored images; `None` if one is lost, or cannot be read now or ever.
+    async fn metadata_of(&self, images: &[ObjectName]) -> Result<Option<Vec<Value>>, Error> {
+        match self.stored_metadata(images).await {
+            Err(Error::Failure(_)) => Ok(None),
+            read => read,
+        }
+    }
+}
+
+/// Whether the images of a series may be of several patients: those that came late, or that were refused for it.
+fn may_be_of_several(arrival: &Arrival) -> bool {
+    let is_mixed = |reason: &Failure| reason.name == MIXED_PATIENTS;
+    let is_late = arrival.state == ArrivalState::Receiving && arrival.previous.is_some();
+    is_late || arrival.reason.as_ref().is_some_and(is_mixed)
 }
 
 /// Whether a series that makes no case says that its patient is there. One without images was moved, or never had any.

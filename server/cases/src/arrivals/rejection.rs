@@ -1,6 +1,6 @@
 //! Rejection notes of the PACS (IHE RAD, Imaging Object Change Management).
 
-use case::{CaseId, Failure, Layer, LayerId};
+use case::{CaseId, Failure, LayerId};
 use imaging::dicom::Attributes;
 use storage::StoreError;
 use storage::arrivals::{ArrivalSource, REJECTED, Rejection, SeriesQuery, SeriesUids, Uid};
@@ -29,7 +29,7 @@ impl Cases {
         let images = store.reject(rejection, source, &reason(), &cases).await?;
         let mut layers = 0;
         for (uids, instances) in &rejection.series {
-            layers += self.remove_layers_made_of(uids, Some(instances)).await?;
+            layers += self.remove_layers_made_of(uids, instances).await?;
         }
         let cases = cases.len();
         match images + cases + layers {
@@ -61,60 +61,50 @@ impl Cases {
         Ok(cases)
     }
 
-    /// Removes the layers that are of a series from the cases of its study.
+    /// Removes the layers that are made of a series from all cases, also of other studies.
     pub(super) async fn remove_layers_of(&self, uids: &SeriesUids) -> Result<(), StoreError> {
-        self.remove_layers_made_of(uids, None).await.map(drop)
+        for (case, layer) in self.store().layers_of_series(&uids.series).await? {
+            self.store().delete_layer(&case, &layer).await?;
+        }
+        Ok(())
     }
 
-    /// As [`Cases::remove_layers_of`], those alone that were made of one of these images, if any are named. Returns how many.
+    /// As [`Cases::remove_layers_of`], those alone that were made of one of these images. One whose source is damaged counts.
+    /// Returns how many.
     async fn remove_layers_made_of(
         &self,
         uids: &SeriesUids,
-        instances: Option<&[Uid]>,
+        instances: &[Uid],
     ) -> Result<usize, StoreError> {
         let mut removed = 0;
-        let study = SeriesQuery::Study(uids.study.clone(), None);
-        for series in self.store().cases_of(&study).await? {
-            for layer in self.store().layers(&series.case).await? {
-                let source = self.source_of_layer(&series.case, &layer, uids).await?;
-                let is_named = source.is_some_and(|source| {
-                    instances.is_none_or(|instances| is_made_of(&source, instances))
-                });
-                if is_named {
-                    self.store().delete_layer(&series.case, &layer.id).await?;
-                    removed += 1;
-                }
+        for (case, layer) in self.store().layers_of_series(&uids.series).await? {
+            let objects = self.store().layer_objects(&case, &layer).await?;
+            let source = self.attributes_among(&case, &objects).await?;
+            let is_named = source.is_none_or(|source| {
+                let study = source.value("StudyInstanceUID");
+                study == Some(uids.study.as_str()) && is_made_of(&source, instances)
+            });
+            if is_named {
+                self.store().delete_layer(&case, &layer).await?;
+                removed += 1;
             }
         }
         Ok(removed)
     }
 
-    /// Removes the layers that are of a series from a case, all but one.
+    /// Removes the layers that are made of a series from a case, all but one.
     pub(crate) async fn remove_other_layers_of(
         &self,
         uids: &SeriesUids,
         case: &CaseId,
         kept: &LayerId,
     ) -> Result<(), StoreError> {
-        for layer in self.store().layers(case).await? {
-            let is_other = *kept != layer.id;
-            if is_other && self.source_of_layer(case, &layer, uids).await?.is_some() {
-                self.store().delete_layer(case, &layer.id).await?;
+        for (of, layer) in self.store().layers_of_series(&uids.series).await? {
+            if of == *case && layer != *kept {
+                self.store().delete_layer(case, &layer).await?;
             }
         }
         Ok(())
-    }
-
-    /// The source of a layer, if it is of a series.
-    async fn source_of_layer(
-        &self,
-        case: &CaseId,
-        layer: &Layer,
-        uids: &SeriesUids,
-    ) -> Result<Option<Attributes>, StoreError> {
-        let objects = self.store().layer_objects(case, &layer.id).await?;
-        let source = self.attributes_among(case, &objects).await?;
-        Ok(source.filter(|source| source.value("SeriesInstanceUID") == Some(uids.series.as_str())))
     }
 }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::DicomError;
 use super::attributes::wanted;
-use super::frames::pixel_bytes;
+use super::frames::whole_pixel_bytes;
 use super::header::{Image, parse, read_image};
 use super::numbers::text;
 use super::scan::scan;
@@ -53,7 +53,19 @@ impl Decoded {
         Ok(Self {
             owner: OWNER.iter().map(|&tag| plain(&object, tag)).collect(),
             image: read_image(0, file, &scanned)?,
-            pixels: pixel_bytes(file, &scanned, &object)?,
+            pixels: whole_pixel_bytes(file, &scanned, &object)?,
+        })
+    }
+
+    /// Whether it states how its pixels are stored and where they lie.
+    fn is_placed(&self) -> bool {
+        let image = self.image.as_ref();
+        image.is_some_and(|image| {
+            let frames = image.frames.iter().flatten();
+            let mut places = frames.map(|frame| {
+                frame.position.is_some() && frame.axes.is_some() && frame.spacing_mm.is_some()
+            });
+            image.format.is_ok() && image.frames.is_ok() && places.all(|is_stated| is_stated)
         })
     }
 
@@ -100,12 +112,18 @@ fn plain(object: &InMemDicomObject, tag: Tag) -> String {
 /// What is different about a new file of an image that is stored already.
 ///
 /// # Errors
-/// If the new file cannot be decoded. A stored one that cannot be decoded differs from every other.
+/// If the new file cannot be decoded, or states no place that the stored one states. A stored one that cannot be decoded differs
+/// from every other.
 pub fn difference(stored: &[u8], new: &[u8]) -> Result<Difference, DicomError> {
     let new = Decoded::read(new)?;
     let Ok(stored) = Decoded::read(stored) else {
         return Ok(Difference::Pixels);
     };
+    if stored.is_placed() && !new.is_placed() {
+        return Err(DicomError::Damaged {
+            what: "an image does not state how its pixels are stored or where they lie",
+        });
+    }
     Ok(match stored.owner == new.owner {
         false => Difference::Owner,
         true if stored.shows_the_same(&new) => Difference::None,

@@ -10,6 +10,7 @@ use clap::Args;
 use imaging::sniff;
 use pipeline::Limits;
 use pipeline::layers::{LayerSource, check_layer};
+use storage::arrivals::Uid;
 use storage::{LayerName, LayerUpload, Store, StoreError};
 
 use super::status::{CliError, ExitStatus};
@@ -165,6 +166,12 @@ async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, Cli
     let (series, name) = (series.as_ref(), Some(&*file.name));
     let parameters = parameters_of(series, name, file.kind, file.unit, file.parameters)?;
     check_layer(&source, &parameters, &Limits::default())?;
+    let stated = source
+        .dicom
+        .as_ref()
+        .map(|dicom| pipeline::attributes(dicom));
+    let stated = stated.transpose()?;
+    let series = stated.and_then(|stated| stated.value("SeriesInstanceUID").and_then(Uid::parse));
     let spooled = async |bytes: Option<Bytes>| match bytes {
         Some(bytes) => store.spool_all(bytes).await.map(Some),
         None => Ok(None),
@@ -173,6 +180,7 @@ async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, Cli
         case: *case,
         volume: store.spool_all(source.volume).await?,
         dicom: spooled(source.dicom).await?,
+        series,
         name: LayerName::Usual(file.name),
         parameters,
         most: Config::default().limits.max_layers,

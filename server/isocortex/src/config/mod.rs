@@ -116,7 +116,7 @@ pub enum ConfigError {
     },
     /// An unknown time zone.
     #[error(
-        "`pacs.time_zone` is `{zone}`; it must be an offset such as `-03:00`, or the name of a zone that this machine knows, such as `Europe/Berlin` (is `tzdata` installed?)"
+        "`pacs.time_zone` is `{zone}`; it must be an offset such as `-03:00`, from `-12:00` to `+14:00`, or the name of a zone that this machine knows, such as `Europe/Berlin` (is `tzdata` installed?)"
     )]
     TimeZone {
         /// The value.
@@ -256,6 +256,20 @@ pub enum ConfigError {
         "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
     )]
     DimseTls,
+    /// The folder of the store is something else.
+    #[error("`storage.data` is {}, which is no folder; name a folder, or one that does not exist yet", .folder.display())]
+    NoFolder {
+        /// What it is.
+        folder: PathBuf,
+    },
+    /// Two listeners cannot have one port.
+    #[error(
+        "`http.listen` and `pacs.dimse.listen` have the same port {port}; choose another one for C-STORE"
+    )]
+    SamePort {
+        /// The port.
+        port: u16,
+    },
     /// TLS of HTTP is configured incompletely.
     #[error("`http` needs both `tls_certificate` and `tls_key`, or neither")]
     HttpTls,
@@ -539,11 +553,37 @@ impl Config {
         }
     }
 
+    /// Checks that the listeners for HTTP and C-STORE do not need the same port. The system chooses a free port for 0.
+    ///
+    /// # Errors
+    /// If they do.
+    pub fn check_ports(&self) -> Result<(), ConfigError> {
+        let http = self.http.listen;
+        let is_same = |dimse: &SocketAddr| {
+            let is_any = http.ip().is_unspecified() || dimse.ip().is_unspecified();
+            dimse.port() == http.port() && http.port() > 0 && (is_any || dimse.ip() == http.ip())
+        };
+        match self.pacs.dimse.listen.filter(is_same) {
+            Some(dimse) => Err(ConfigError::SamePort { port: dimse.port() }),
+            None => Ok(()),
+        }
+    }
+
     /// The location of the store.
     ///
     /// # Errors
-    /// If an address is invalid, or the password cannot be read.
+    /// If an address is invalid, the password cannot be read, or the folder is something else.
     pub fn location(&self) -> Result<Location, ConfigError> {
+        // A folder below a file cannot be made either.
+        let folder = &self.storage.data;
+        let mut above = folder.ancestors();
+        if let Some(held) = above.find(|part| part.exists())
+            && !held.is_dir()
+        {
+            return Err(ConfigError::NoFolder {
+                folder: folder.clone(),
+            });
+        }
         let wrong = |key| move |source| ConfigError::Address { key, source };
         let address = self.storage.database.as_ref();
         let mut database = address

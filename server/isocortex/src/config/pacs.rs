@@ -175,7 +175,7 @@ impl Dimse {
     }
 }
 
-/// An offset from UTC, such as `-03:00`.
+/// An offset from UTC, such as `-03:00`, as a DICOM object may state it (0008,0201).
 fn offset_of(text: &str) -> Option<Offset> {
     let sign = match text.get(..1)? {
         "+" => 1,
@@ -187,8 +187,10 @@ fn offset_of(text: &str) -> Option<Offset> {
         let is_plain = part.len() == 2 && part.bytes().all(|byte| byte.is_ascii_digit());
         is_plain.then(|| part.parse().ok())?
     };
-    let minutes = 60 * number(hours)? + number(minutes)?;
-    Offset::from_seconds(sign * 60 * minutes).ok()
+    let minutes = number(minutes).filter(|minutes| *minutes < 60)?;
+    let minutes = sign * (60 * number(hours)? + minutes);
+    let is_possible = (-12 * 60..=14 * 60).contains(&minutes);
+    is_possible.then(|| Offset::from_seconds(60 * minutes).ok())?
 }
 
 fn authority(path: &Path) -> Result<TlsAuthority, ConfigError> {
@@ -248,6 +250,8 @@ impl Pacs {
     /// # Errors
     /// If an application entity title is not one.
     pub fn dimse(&self) -> Result<Option<(SocketAddr, DimseOptions)>, ConfigError> {
+        // The files for TLS are of use to nodes, too.
+        let tls = self.dimse.tls()?;
         let Some(listen) = self.dimse.listen else {
             return Ok(None);
         };
@@ -286,7 +290,7 @@ impl Pacs {
             max_associations: self.dimse.max_associations,
             idle: Duration::from_secs(self.dimse.idle_secs),
             least_bytes_per_second: self.dimse.least_bytes_per_second,
-            tls: self.dimse.tls()?.map(ReloadedTls::new),
+            tls: tls.map(ReloadedTls::new),
             ignores_other_objects: self.ignore_other_objects,
             ..DimseOptions::default()
         };
@@ -408,16 +412,23 @@ mod tests {
     fn a_time_zone_is_an_offset_or_a_known_name() {
         let zone = |text| parsed(&format!("time_zone = \"{text}\"")).time_zone();
         assert_eq!(parsed("").time_zone().unwrap(), None);
-        for offset in ["-03:00", "+05:30"] {
+        for offset in ["-03:00", "+05:30", "-12:00", "+14:00"] {
             assert!(
                 zone(offset).unwrap().unwrap().to_fixed_offset().is_ok(),
                 "{offset}"
             );
         }
-        assert!(matches!(
-            zone("Nowhere/City"),
-            Err(ConfigError::TimeZone { .. })
-        ));
+        for wrong in [
+            "Nowhere/City",
+            "-03:99",
+            "+25:00",
+            "-12:01",
+            "+14:30",
+            "-03",
+        ] {
+            let refused = matches!(zone(wrong), Err(ConfigError::TimeZone { .. }));
+            assert!(refused, "{wrong}");
+        }
     }
 
     #[test]

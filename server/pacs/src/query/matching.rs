@@ -1,5 +1,7 @@
 //! Whether a value matches a key (PS3.4 C.2.2.2).
 
+use jiff::civil::Date;
+
 /// The key that matches what has no value, if the search asks for it (PS3.4 C.2.2.2.7).
 pub(crate) const EMPTY: &str = "\"\"";
 
@@ -27,14 +29,18 @@ pub(crate) fn is_moment(vr: &str, wanted: &str) -> bool {
 
 fn is_date(text: &str) -> bool {
     let digits = text.replace('.', "");
-    let part = |range: std::ops::Range<usize>| digits.get(range)?.parse::<u32>().ok();
-    let is_month = || part(4..6).is_some_and(|month| (1..=12).contains(&month));
-    let is_day = || part(6..8).is_some_and(|day| (1..=31).contains(&day));
+    let part = |range: std::ops::Range<usize>| digits.get(range)?.parse::<i16>().ok();
+    let short = |range| part(range).and_then(|part| i8::try_from(part).ok());
+    let is_month = || short(4..6).is_some_and(|month| (1..=12).contains(&month));
+    let is_day = || {
+        let day = part(0..4).zip(short(4..6)).zip(short(6..8));
+        day.is_some_and(|((year, month), day)| Date::new(year, month, day).is_ok())
+    };
     digits.bytes().all(|byte| byte.is_ascii_digit())
         && match digits.len() {
             4 => true,
             6 => is_month(),
-            8 => is_month() && is_day(),
+            8 => is_day(),
             _ => false,
         }
 }
@@ -193,6 +199,8 @@ mod tests {
             ("DA", "*", true),
             ("DA", "-", false),
             ("DA", "20261301", false),
+            ("DA", "20260230", false),
+            ("DA", "20240229-20260229", false),
             ("DA", "2026-11-01", false),
             ("DA", "yesterday", false),
             ("TM", "1000-1011", true),

@@ -122,9 +122,12 @@ CREATE TABLE layers (
     facts        TEXT,
     facts_digest TEXT,
     created_at   BIGINT           NOT NULL,
+    series_uid   TEXT COLLATE "C",   -- of the images that it is made of, which a PACS may reject or correct
     PRIMARY KEY (case_id, id),
     UNIQUE (case_id, name)
 );
+
+CREATE INDEX layers_by_series ON layers (series_uid);
 
 CREATE TABLE layer_objects (
     case_id  TEXT COLLATE "C" NOT NULL,
@@ -172,7 +175,9 @@ CREATE TABLE arrivals (
     reason           TEXT,    -- JSON, when it became nothing
     taken            TEXT,    -- JSON, when somebody took it although it was refused
     refused          TEXT,    -- JSON: the reason for which it was refused before
+    -- The case that it is or of which it is a layer, until its images are corrected or rejected; and the one that it became last.
     case_id          TEXT COLLATE "C" REFERENCES cases (id) ON DELETE SET NULL,
+    previous         TEXT COLLATE "C" REFERENCES cases (id) ON DELETE SET NULL,
     instances        BIGINT NOT NULL DEFAULT 0,
     superseded       BIGINT NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
     ignored          BIGINT NOT NULL DEFAULT 0, -- objects that were not kept
@@ -184,6 +189,7 @@ CREATE TABLE arrivals (
 
 CREATE INDEX arrivals_by_age ON arrivals (first_at, id);
 CREATE INDEX arrivals_by_case ON arrivals (case_id);
+CREATE INDEX arrivals_by_previous ON arrivals (previous);
 CREATE INDEX arrivals_by_accession_number ON arrivals (accession_number);
 
 -- Their images: objects of the kind `instance`.
@@ -201,9 +207,12 @@ CREATE INDEX arrival_instances_by_uid ON arrival_instances (sop_instance_uid);
 -- Instances that a rejection note has withdrawn: for a year, images that are not received again, and results of ours.
 CREATE TABLE rejections (
     project          TEXT COLLATE "C" NOT NULL DEFAULT '',
+    -- As the note states them; empty for results of ours, whose UIDs are in no other series.
+    study_uid        TEXT COLLATE "C" NOT NULL,
+    series_uid       TEXT COLLATE "C" NOT NULL,
     sop_instance_uid TEXT COLLATE "C" NOT NULL,
     rejected_at      BIGINT NOT NULL,
-    PRIMARY KEY (sop_instance_uid, project)
+    PRIMARY KEY (sop_instance_uid, project, study_uid, series_uid)
 );
 
 CREATE INDEX rejections_by_age ON rejections (rejected_at);

@@ -106,9 +106,12 @@ CREATE TABLE layers (
     facts        TEXT,   -- JSON, when ready; when queued again, those before, whose placement stays
     facts_digest TEXT,   -- BLAKE3 of `facts`
     created_at   INTEGER NOT NULL,
+    series_uid   TEXT,   -- of the images that it is made of, which a PACS may reject or correct
     PRIMARY KEY (case_id, id),
     UNIQUE (case_id, name)
 ) STRICT;
+
+CREATE INDEX layers_by_series ON layers (series_uid);
 
 -- Which objects a layer needs. Several layers may need the same one.
 CREATE TABLE layer_objects (
@@ -145,7 +148,9 @@ CREATE TABLE arrivals (
     reason           TEXT,    -- JSON, when it became nothing
     taken            TEXT,    -- JSON, when somebody took it although it was refused
     refused          TEXT,    -- JSON: the reason for which it was refused before
+    -- The case that it is or of which it is a layer, until its images are corrected or rejected; and the one that it became last.
     case_id          TEXT    REFERENCES cases (id) ON DELETE SET NULL,
+    previous         TEXT    REFERENCES cases (id) ON DELETE SET NULL,
     instances        INTEGER NOT NULL DEFAULT 0,
     superseded       INTEGER NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
     ignored          INTEGER NOT NULL DEFAULT 0, -- objects that were not kept
@@ -157,6 +162,7 @@ CREATE TABLE arrivals (
 
 CREATE INDEX arrivals_by_age ON arrivals (first_at, id);
 CREATE INDEX arrivals_by_case ON arrivals (case_id);
+CREATE INDEX arrivals_by_previous ON arrivals (previous);
 CREATE INDEX arrivals_by_accession_number ON arrivals (accession_number);
 
 -- Their images: objects of the kind `instance`.
@@ -174,9 +180,12 @@ CREATE INDEX arrival_instances_by_uid ON arrival_instances (sop_instance_uid);
 -- Instances that a rejection note has withdrawn: for a year, images that are not received again, and results of ours.
 CREATE TABLE rejections (
     project          TEXT NOT NULL DEFAULT '',
+    -- As the note states them; empty for results of ours, whose UIDs are in no other series.
+    study_uid        TEXT NOT NULL,
+    series_uid       TEXT NOT NULL,
     sop_instance_uid TEXT NOT NULL,
     rejected_at      INTEGER NOT NULL,
-    PRIMARY KEY (sop_instance_uid, project)
+    PRIMARY KEY (sop_instance_uid, project, study_uid, series_uid)
 ) STRICT, WITHOUT ROWID;
 
 CREATE INDEX rejections_by_age ON rejections (rejected_at);

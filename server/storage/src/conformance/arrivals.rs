@@ -10,8 +10,9 @@ use crate::ObjectName;
 use crate::Store;
 use crate::arrivals::{
     AccessionNumber, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState, ArrivalStatus,
-    BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome,
-    REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Superseded, Taken, TakenAs, Uid,
+    BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, OTHER_OBJECTS,
+    Outcome, REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Superseded, Taken, TakenAs,
+    Uid,
 };
 use crate::jobs::{Claim, Release};
 use crate::rows::{DueSeries, Known, NewCase, Referred, Sweep};
@@ -392,9 +393,9 @@ pub(crate) async fn images_that_are_rejected_are_forgotten_and_their_cases_super
     assert_eq!(store.images_of(&series(1)).await.unwrap(), []);
     // A note may come before the images.
     let early = reject(false, 2, &[instance(2, 1), instance(3, 1)]).await;
-    let elsewhere = [instance(3, 1)];
-    let are = store.are_withdrawn(&elsewhere).await.unwrap();
-    assert_eq!(are, [false], "it is an image of another series");
+    let named = [2, 3].map(|number| (series(number), instance(3, 1)));
+    let are = store.are_rejected(&named).await.unwrap();
+    assert_eq!(are, [true, false], "it is an image of another series");
     assert_eq!(
         (early.state, early.reason),
         (ArrivalState::Nothing, Some(reason.clone()))
@@ -548,12 +549,22 @@ pub(crate) async fn a_series_that_is_not_t1_waits_for_a_case_of_its_study(subjec
     let not_t1 = Outcome::Nothing(Failure::unusable(NOT_T1, "words"));
     assert!(store.settle(&leased, &not_t1).await.unwrap());
     assert!(due(store).await.is_none());
+    // One that was taken as a layer waits for it, too.
+    receive(store, &[image(3, 1)]).await;
+    subject.pass(21);
+    let (leased, _) = due(store).await.unwrap();
+    let no_case = Outcome::Nothing(Failure::unusable(NO_CASE, "words"));
+    assert!(store.settle(&leased, &no_case).await.unwrap());
+    assert!(due(store).await.is_none());
     receive(store, &[image(2, 1)]).await;
     subject.pass(21);
     let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(case)).await.unwrap());
     let (again, read) = due(store).await.expect("there is a case now");
     assert_eq!(read.uids, series(1));
+    assert!(store.settle(&again, &Outcome::Layer(case)).await.unwrap());
+    let (again, read) = due(store).await.expect("there is a case now");
+    assert_eq!(read.uids, series(3));
     assert!(store.settle(&again, &Outcome::Layer(case)).await.unwrap());
     assert!(due(store).await.is_none(), "a layer wakes nothing");
     let arrivals = store.arrivals_of(&study()).await.unwrap();
@@ -627,6 +638,65 @@ pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_d
     // That of the forgotten series is gone already.
     assert_eq!(store.mark(&objects, &sweep).await.unwrap().len(), 2);
     assert!(objects.iter().all(|name| name.kind == ObjectKind::Instance));
+}
+
+pub(crate) async fn images_that_have_changed_do_not_go_with_the_case_that_was_made_before(
+    subject: &Subject,
+) {
+    let store = &subject.store;
+    let of = async |number| {
+        let one = SeriesQuery::Study(uid("1.2.3"), Some(series(number).series));
+        store.arrivals_of(&one).await.unwrap().remove(0)
+    };
+    let case = a_case(store, "a").await;
+    for number in 1..=5 {
+        receive(store, &[image(number, 1), image(number, 2)]).await;
+        subject.pass(21);
+        let (leased, _) = due(store).await.unwrap();
+        let outcome = match number {
+            1 => Outcome::Case(case),
+            _ => Outcome::Layer(case),
+        };
+        assert!(store.settle(&leased, &outcome).await.unwrap());
+        assert_eq!(of(number).await.case, Some(case));
+    }
+    let corrected = |number, change| NewInstance {
+        digest: blake3::hash(format!("corrected {number}").as_bytes()),
+        replaces: Some(change),
+        ..image(number, 1)
+    };
+    received(store, &[corrected(1, Change::Pixels)]).await;
+    received(store, &[corrected(2, Change::Owner)]).await;
+    let moved = NewInstance {
+        uids: series(9),
+        ..corrected(3, Change::Owner)
+    };
+    received(store, &[moved]).await;
+    let rejection = Rejection {
+        may_return: false,
+        series: vec![(series(4), vec![image(4, 1).sop_instance_uid])],
+    };
+    let reason = Failure::unusable(REJECTED, "it was rejected");
+    let source = ArrivalSource::Stow;
+    let rejected = store.reject(&rejection, source, &reason, &[]);
+    assert_eq!(rejected.await.unwrap(), 1);
+    for number in 1..=4 {
+        assert_eq!(of(number).await.case, None, "{number}");
+    }
+    // The series is still read as the next version of its case.
+    subject.pass(21);
+    let (leased, read) = due(store).await.unwrap();
+    assert_eq!((read.uids, read.previous), (series(1), Some(case)));
+    let nothing = Outcome::Nothing(failure());
+    assert!(store.settle(&leased, &nothing).await.unwrap());
+    assert!(store.delete_case(&case).await.unwrap());
+    for (number, instances) in [(1, 2), (2, 2), (3, 1), (4, 1), (9, 1)] {
+        assert_eq!(of(number).await.instances, instances, "{number}");
+    }
+    // What has not changed goes with its case.
+    let left = SeriesQuery::Study(uid("1.2.3"), Some(series(5).series));
+    assert_eq!(store.arrivals_of(&left).await.unwrap(), []);
+    assert_eq!(of(1).await.previous, None);
 }
 
 pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {

@@ -7,6 +7,7 @@ use case::{
 };
 
 use super::{Subject, derived, insert, removed};
+use crate::arrivals::Uid;
 use crate::jobs::{Claim, Release};
 use crate::rows::{
     Inserted, LayerChange, LayerName, NewCase, NewLayer, Pinned, Published, Referred,
@@ -39,6 +40,7 @@ async fn new_layer(store: &Store, case: &CaseId, contents: &str) -> NewLayer {
         id: LayerId::of(&source.digest, None, &parameters),
         name: LayerName::Usual("pet".to_owned()),
         parameters,
+        series: Uid::parse("1.2.3"),
         sources: pinned(store, &[source]).await,
         most: 20,
         queue_limit: 100,
@@ -350,7 +352,7 @@ pub(crate) async fn a_layer_of_another_store_is_adopted_as_it_is_there(subject: 
     let names = [new.sources.names[0], object];
     for _ in 0..2 {
         let objects = pinned(store, &names).await;
-        store.adopt_layer(&known, &objects).await.unwrap();
+        store.adopt_layer(&known, None, &objects).await.unwrap();
         assert_eq!(layer(store, &new).await.unwrap(), known);
     }
     let objects = store.layer_objects(&case, &new.id).await.unwrap();
@@ -360,6 +362,6 @@ pub(crate) async fn a_layer_of_another_store_is_adopted_as_it_is_there(subject: 
         ..known
     };
     let objects = pinned(store, &names[..1]).await;
-    store.adopt_layer(&queued, &objects).await.unwrap();
+    store.adopt_layer(&queued, None, &objects).await.unwrap();
     assert_eq!(layer(store, &new).await.unwrap().state, CaseState::Queued);
 }

@@ -6,10 +6,10 @@ use super::connection::{Connection, Row, microseconds};
 use super::{jobs, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
-    ArrivalStatus, BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NOT_T1, NewInstance, Outcome,
-    SeriesQuery, SeriesUids, Superseded, Taken, Uid,
+    ArrivalStatus, BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance,
+    Outcome, SeriesQuery, SeriesUids, Superseded, Taken, Uid,
 };
-use crate::rows::{DueSeries, Known};
+use crate::rows::{DueSeries, Known, Withdrawn};
 use crate::{ObjectName, StoreError};
 use case::{CaseId, Failure, JobKind, ObjectKind, Project};
 
@@ -17,7 +17,7 @@ use case::{CaseId, Failure, JobKind, ObjectKind, Project};
 macro_rules! select_arrival {
     ($rest:literal) => {
         concat!(
-            "SELECT id, project, study_uid, series_uid, accession_number, source, label, state, reason, taken, refused, case_id,
+            "SELECT id, project, study_uid, series_uid, accession_number, source, label, state, reason, taken, refused, case_id, previous,
                     instances, expected, superseded, ignored, first_at, last_at
              FROM arrivals ",
             $rest
@@ -124,7 +124,7 @@ async fn leave_others(
         let row = connection
             .query(
                 "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END,
-                        instances = instances - 1, expected = NULL, last_at = $1,
+                        instances = instances - 1, expected = NULL, last_at = $1, case_id = NULL,
                         state = CASE WHEN instances > 1 THEN 'receiving' ELSE 'nothing' END,
                         reason = CASE WHEN instances > 1 THEN NULL ELSE $2 END
                  WHERE id = $3 RETURNING superseded",
@@ -172,7 +172,7 @@ async fn replace(
         .query(
             // The number of images does not tell when the last one of them is corrected.
             "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END, expected = NULL,
-                    accession_number = $1, label = $2, state = 'receiving', reason = NULL, last_at = $3
+                    accession_number = $1, label = $2, state = 'receiving', reason = NULL, case_id = NULL, last_at = $3
              WHERE id = $4 RETURNING superseded",
         )
         .bind(new.accession_number.as_ref().map(AccessionNumber::as_str))
@@ -279,7 +279,7 @@ pub(super) async fn reject(
     pins::abandon(connection, removed, now).await?;
     connection
         .query(
-            "UPDATE arrivals SET instances = instances - $1, expected = NULL,
+            "UPDATE arrivals SET instances = instances - $1, expected = NULL, case_id = NULL,
                     state = CASE WHEN instances > $1 THEN 'receiving' ELSE 'nothing' END,
                     reason = CASE WHEN instances > $1 THEN NULL ELSE $2 END
              WHERE id = $3 AND (instances = 0 OR $1 > 0)",
@@ -314,7 +314,7 @@ pub(super) async fn reject_case(
 async fn wake_layers(connection: &mut Connection, case: &CaseId) -> Result<(), StoreError> {
     connection
         .query(
-            "UPDATE arrivals SET state = 'receiving', reason = NULL
+            "UPDATE arrivals SET state = 'receiving', reason = NULL, case_id = NULL
              WHERE case_id = $1 AND instances > 0 AND state = 'case' AND reason LIKE $2",
         )
         .bind(case.key())
@@ -324,53 +324,29 @@ async fn wake_layers(connection: &mut Connection, case: &CaseId) -> Result<(), S
     Ok(())
 }
 
-/// Those instances that are no images of any series here.
-pub(super) async fn absent(
-    connection: &mut Connection,
-    project: Project,
-    instances: &[Uid],
-) -> Result<Vec<Uid>, StoreError> {
-    let mut absent = Vec::with_capacity(instances.len());
-    for instance in instances {
-        let here = connection
-            .query(
-                "SELECT arrival_id FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
-                 WHERE sop_instance_uid = $1 AND project = $2 LIMIT 1",
-            )
-            .bind(instance.as_str())
-            .bind(project.name())
-            .fetch_optional()
-            .await?;
-        if here.is_none() {
-            absent.push(instance.clone());
-        }
-    }
-    Ok(absent)
-}
-
 /// Notes that instances are withdrawn. One that was withdrawn before keeps the later time.
 pub(super) async fn withdraw(
     connection: &mut Connection,
-    project: Project,
-    instances: &[Uid],
-    at: i64,
+    withdrawn: &Withdrawn,
 ) -> Result<(), StoreError> {
-    for instance in instances {
-        connection
-            .query(
-                "INSERT INTO rejections (sop_instance_uid, rejected_at, project) VALUES ($1, $2, $3)
-                 ON CONFLICT (sop_instance_uid, project) DO UPDATE SET rejected_at = excluded.rejected_at
-                 WHERE rejections.rejected_at < excluded.rejected_at",
-            )
-            .bind(instance.as_str())
-            .bind(at)
-            .bind(project.name())
-            .execute()
-            .await?;
-    }
+    let uids = withdrawn.uids.as_ref();
+    connection
+        .query(
+            "INSERT INTO rejections (sop_instance_uid, rejected_at, project, study_uid, series_uid) VALUES ($1, $2, $3, $4, $5)
+             ON CONFLICT (sop_instance_uid, project, study_uid, series_uid) DO UPDATE SET rejected_at = excluded.rejected_at
+             WHERE rejections.rejected_at < excluded.rejected_at",
+        )
+        .bind(withdrawn.instance.as_str())
+        .bind(withdrawn.at.as_microsecond())
+        .bind(withdrawn.project.name())
+        .bind(uids.map_or("", |uids| uids.study.as_str()))
+        .bind(uids.map_or("", |uids| uids.series.as_str()))
+        .execute()
+        .await?;
     Ok(())
 }
 
+/// Whether an instance was withdrawn, in whichever study.
 pub(super) async fn is_withdrawn(
     connection: &mut Connection,
     scope: Option<Project>,
@@ -388,26 +364,55 @@ pub(super) async fn is_withdrawn(
     Ok(row.is_some())
 }
 
-/// The next instances that are withdrawn, by UID and project, and when each was.
+/// Whether an image of a series was withdrawn.
+pub(super) async fn is_rejected(
+    connection: &mut Connection,
+    project: Project,
+    (uids, instance): (&SeriesUids, &Uid),
+) -> Result<bool, StoreError> {
+    let row = connection
+        .query(
+            "SELECT sop_instance_uid FROM rejections
+             WHERE sop_instance_uid = $1 AND project = $2 AND study_uid = $3 AND series_uid = $4",
+        )
+        .bind(instance.as_str())
+        .bind(project.name())
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
+        .fetch_optional()
+        .await?;
+    Ok(row.is_some())
+}
+
+/// The next instances that are withdrawn, by UID, project and series.
 pub(super) async fn withdrawn(
     connection: &mut Connection,
-    after: Option<&(Uid, Project)>,
+    after: Option<&Withdrawn>,
     limit: usize,
-) -> Result<Vec<(Uid, Project, Timestamp)>, StoreError> {
+) -> Result<Vec<Withdrawn>, StoreError> {
+    let uids = after.and_then(|after| after.uids.as_ref());
     let rows = connection
         .query(
-            "SELECT sop_instance_uid, project, rejected_at FROM rejections WHERE (sop_instance_uid, project) > ($1, $2)
-             ORDER BY sop_instance_uid, project LIMIT $3",
+            "SELECT sop_instance_uid, project, study_uid, series_uid, rejected_at FROM rejections
+             WHERE (sop_instance_uid, project, study_uid, series_uid) > ($1, $2, $3, $4)
+             ORDER BY sop_instance_uid, project, study_uid, series_uid LIMIT $5",
         )
-        .bind(after.map_or("", |(uid, _)| uid.as_str()))
-        .bind(after.map_or("", |(_, project)| project.name()))
+        .bind(after.map_or("", |after| after.instance.as_str()))
+        .bind(after.map_or("", |after| after.project.name()))
+        .bind(uids.map_or("", |uids| uids.study.as_str()))
+        .bind(uids.map_or("", |uids| uids.series.as_str()))
         .bind(count(limit))
         .fetch_all()
         .await?;
     let read = |row: &Row| {
         let uid: String = row.get("sop_instance_uid")?;
-        let uid = Uid::parse(&uid).ok_or_else(|| unreadable("UID"))?;
-        Ok((uid, read_project(row)?, read_time(row, "rejected_at")?))
+        let study: String = row.get("study_uid")?;
+        Ok(Withdrawn {
+            project: read_project(row)?,
+            uids: (!study.is_empty()).then(|| read_uids(row)).transpose()?,
+            instance: Uid::parse(&uid).ok_or_else(|| unreadable("UID"))?,
+            at: read_time(row, "rejected_at")?,
+        })
     };
     rows.iter().map(read).collect()
 }
@@ -519,10 +524,8 @@ pub(super) async fn adopt(
         add(connection, (image, arrival.project), arrival.source, now).await?;
     }
     // Without its case, it is read again.
-    let case = match arrival.case {
-        Some(case) if connection.has_case(&case.key()).await? => Some(case.key()),
-        _ => None,
-    };
+    let case = held(connection, arrival.case).await?;
+    let previous = held(connection, arrival.previous).await?;
     let state = match arrival.state {
         ArrivalState::Case if case.is_none() => ArrivalState::Receiving,
         state => state,
@@ -533,8 +536,8 @@ pub(super) async fn adopt(
     connection
         .query(
             "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
-                    label = $7, taken = $8, refused = $9, superseded = $10, ignored = $11
-             WHERE study_uid = $12 AND series_uid = $13 AND project = $14",
+                    label = $7, taken = $8, refused = $9, superseded = $10, ignored = $11, previous = $12
+             WHERE study_uid = $13 AND series_uid = $14 AND project = $15",
         )
         .bind(state.name())
         .bind(reason.transpose()?)
@@ -547,12 +550,24 @@ pub(super) async fn adopt(
         .bind(refused.transpose()?)
         .bind(count(arrival.superseded))
         .bind(count(arrival.ignored))
+        .bind(previous)
         .bind(arrival.uids.study.as_str())
         .bind(arrival.uids.series.as_str())
         .bind(arrival.project.name())
         .execute()
         .await?;
     Ok(())
+}
+
+/// The key of a case, if it is here.
+async fn held(
+    connection: &mut Connection,
+    case: Option<CaseId>,
+) -> Result<Option<String>, StoreError> {
+    match case {
+        Some(case) if connection.has_case(&case.key()).await? => Ok(Some(case.key())),
+        _ => Ok(None),
+    }
 }
 
 /// Forgets the images of a series that are not among these.
@@ -637,7 +652,7 @@ pub(super) async fn to_read(
     id: &str,
 ) -> Result<Option<DueSeries>, StoreError> {
     let row = connection
-        .query("SELECT project, study_uid, series_uid, case_id, taken FROM arrivals WHERE id = $1")
+        .query("SELECT project, study_uid, series_uid, previous, taken FROM arrivals WHERE id = $1")
         .bind(id)
         .fetch_optional()
         .await?;
@@ -647,7 +662,7 @@ pub(super) async fn to_read(
     Ok(Some(DueSeries {
         project: read_project(&row)?,
         uids: read_uids(&row)?,
-        previous: read_case(&row)?,
+        previous: read_case(&row, "previous")?,
         taken: read_taken(&row)?,
         instances: objects(connection, id).await?,
     }))
@@ -695,10 +710,12 @@ pub(super) async fn settle(
         return Ok(false);
     }
     connection
-        .query("UPDATE arrivals SET state = 'case', reason = $1, case_id = $2 WHERE id = $3")
+        .query("UPDATE arrivals SET state = 'case', reason = $1, case_id = $2, previous = CASE WHEN $4 = 1 THEN $2 ELSE previous END
+             WHERE id = $3")
         .bind(reason)
         .bind(&case)
         .bind(id)
+        .bind(i64::from(matches!(outcome, Outcome::Case(_))))
         .execute()
         .await?;
     if let Outcome::Case(_) = outcome {
@@ -819,16 +836,18 @@ pub(super) async fn make_nothing(
     Ok(())
 }
 
-/// Lets the other series of a study be read again that may become layers now that there is a case.
+/// Lets the other series of a study be read again that may become layers now that there is a case, also those that were taken as
+/// layers.
 async fn wake_others(connection: &mut Connection, id: &str) -> Result<(), StoreError> {
     connection
         .query(
             "UPDATE arrivals SET state = 'receiving', reason = NULL
-             WHERE id <> $1 AND state = 'nothing' AND reason LIKE $2
+             WHERE id <> $1 AND state = 'nothing' AND (reason LIKE $2 OR reason LIKE $3)
                AND (project, study_uid) = (SELECT project, study_uid FROM arrivals WHERE id = $1)",
         )
         .bind(id)
         .bind(format!("%\"{NOT_T1}\"%"))
+        .bind(format!("%\"{NO_CASE}\"%"))
         .execute()
         .await?;
     Ok(())
@@ -1012,14 +1031,15 @@ pub(super) async fn forget(
     Ok(rows.len())
 }
 
-/// Removes the series that a case came from, so that nothing of the patient stays.
+/// Removes the series that a case came from, and those that are its layers, so that nothing of the patient stays. A series whose
+/// images have changed since, or that is read again, stays: what was acknowledged is not of this case, or not of it alone.
 pub(super) async fn remove_of_case(
     connection: &mut Connection,
     case: &CaseId,
     now: i64,
 ) -> Result<(), StoreError> {
     let rows = connection
-        .query("SELECT id FROM arrivals WHERE case_id = $1")
+        .query("SELECT id FROM arrivals WHERE case_id = $1 AND state = 'case'")
         .bind(case.key())
         .fetch_all()
         .await?;
@@ -1131,7 +1151,7 @@ pub(super) async fn cases_of(
 
 fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
     Ok(CaseSeries {
-        case: read_case(row)?.ok_or_else(|| unreadable("case"))?,
+        case: read_case(row, "case_id")?.ok_or_else(|| unreadable("case"))?,
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
         superseded: read_superseded(Some(row.get("superseded")?)),
@@ -1188,8 +1208,8 @@ pub(super) fn read_uids(row: &Row) -> Result<SeriesUids, StoreError> {
     })
 }
 
-fn read_case(row: &Row) -> Result<Option<CaseId>, StoreError> {
-    let id: Option<String> = row.get("case_id")?;
+fn read_case(row: &Row, column: &str) -> Result<Option<CaseId>, StoreError> {
+    let id: Option<String> = row.get(column)?;
     id.map(|id| CaseId::from_key(&id).ok_or_else(|| unreadable("case")))
         .transpose()
 }
@@ -1226,7 +1246,8 @@ fn read(row: &Row) -> Result<Arrival, StoreError> {
         reason: read_reason(row)?,
         taken: read_taken(row)?,
         refused: read_failure(row, "refused")?,
-        case: read_case(row)?,
+        case: read_case(row, "case_id")?,
+        previous: read_case(row, "previous")?,
         instances: read_count(row.get("instances")?),
         expected: expected.map(read_count),
         superseded: read_count(row.get("superseded")?),

@@ -3,6 +3,7 @@
 use case::{CaseId, CaseState, Layer, LayerFacts, LayerId};
 
 use super::{jobs, layers};
+use crate::arrivals::Uid;
 use crate::jobs::Claim;
 use crate::rows::{Inserted, LayerChange, NewLayer, Pinned, Published, Referred};
 use crate::{ObjectName, Store, StoreError};
@@ -146,10 +147,31 @@ impl Store {
     pub(crate) async fn adopt_layer(
         &self,
         layer: &Layer,
+        series: Option<&Uid>,
         objects: &Pinned,
     ) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        layers::adopt(&mut transaction, layer, objects, now).await?;
+        layers::adopt(&mut transaction, (layer, series), objects, now).await?;
         transaction.commit().await
+    }
+
+    /// The layers of the project that are made of a series, of whichever case and study.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn layers_of_series(
+        &self,
+        series: &Uid,
+    ) -> Result<Vec<(CaseId, LayerId)>, StoreError> {
+        layers::of_series(&mut self.rows().connect().await?, self.project(), series).await
+    }
+
+    /// The series that a layer is made of, if that is known.
+    pub(crate) async fn series_of_layer(
+        &self,
+        case: &CaseId,
+        layer: &LayerId,
+    ) -> Result<Option<Uid>, StoreError> {
+        layers::series_of(&mut self.rows().connect().await?, (case, layer)).await
     }
 }

@@ -2,12 +2,14 @@
 
 use case::{
     CaseId, CaseState, Failure, JobKind, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind,
+    Project,
 };
 use jiff::Timestamp;
 
 use super::cases::read_state;
 use super::connection::{Connection, Row};
 use super::{jobs, pins, upkeep};
+use crate::arrivals::Uid;
 use crate::jobs::{NewJob, layer_key};
 use crate::rows::{Inserted, LayerChange, LayerName, NewLayer, Pinned, Referred};
 use crate::{ObjectName, StoreError};
@@ -86,14 +88,15 @@ async fn insert_row(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO layers (case_id, id, name, place, parameters, state, created_at)
-             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, 'queued', $5)",
+            "INSERT INTO layers (case_id, id, name, place, parameters, state, created_at, series_uid)
+             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, 'queued', $5, $6)",
         )
         .bind(new.case.key())
         .bind(new.id.to_string())
         .bind(name)
         .bind(serde_json::to_string(&new.parameters)?)
         .bind(now)
+        .bind(new.series.as_ref().map(Uid::as_str))
         .execute()
         .await?;
     jobs::enqueue(connection, &NewJob::layer(&new.case, &new.id), now).await
@@ -122,8 +125,8 @@ pub(super) async fn inherit(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO layers (case_id, id, name, place, parameters, state, facts, facts_digest, created_at)
-             SELECT $1, id, name, place, parameters, 'queued', facts, facts_digest, created_at FROM layers
+            "INSERT INTO layers (case_id, id, name, place, parameters, state, facts, facts_digest, created_at, series_uid)
+             SELECT $1, id, name, place, parameters, 'queued', facts, facts_digest, created_at, series_uid FROM layers
              WHERE case_id = $2 AND state <> 'failed'",
         )
         .bind(case.key())
@@ -215,6 +218,42 @@ pub(super) async fn of_case(
         .fetch_all()
         .await?;
     rows.iter().map(read).collect()
+}
+
+/// The layers of a project that are made of a series.
+pub(super) async fn of_series(
+    connection: &mut Connection,
+    project: Project,
+    series: &Uid,
+) -> Result<Vec<(CaseId, LayerId)>, StoreError> {
+    let rows = connection
+        .query(
+            "SELECT case_id, layers.id FROM layers JOIN cases ON cases.id = case_id
+             WHERE series_uid = $1 AND project = $2 ORDER BY case_id, place",
+        )
+        .bind(series.as_str())
+        .bind(project.name())
+        .fetch_all()
+        .await?;
+    rows.iter().map(read_ids).collect()
+}
+
+/// The series that a layer is made of, if that is known.
+pub(super) async fn series_of(
+    connection: &mut Connection,
+    (case, layer): (&CaseId, &LayerId),
+) -> Result<Option<Uid>, StoreError> {
+    let row = connection
+        .query("SELECT series_uid FROM layers WHERE case_id = $1 AND id = $2")
+        .bind(case.key())
+        .bind(layer.to_string())
+        .fetch_optional()
+        .await?;
+    let series: Option<String> = match row {
+        Some(row) => row.get("series_uid")?,
+        None => None,
+    };
+    Ok(series.as_deref().and_then(Uid::parse))
 }
 
 /// Renames a layer, or moves it in the list; whether there is such a layer.
@@ -353,7 +392,7 @@ pub(super) async fn prepare_again(
 
 pub(super) async fn adopt(
     connection: &mut Connection,
-    layer: &Layer,
+    (layer, series): (&Layer, Option<&Uid>),
     objects: &Pinned,
     now: i64,
 ) -> Result<(), StoreError> {
@@ -375,8 +414,8 @@ pub(super) async fn adopt(
     let name = free_name(&LayerName::Usual(layer.name.clone()), &others);
     connection
         .query(
-            "INSERT INTO layers (case_id, id, name, place, parameters, state, failure, facts, facts_digest, created_at)
-             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, $5, $6, $7, $8, $9)
+            "INSERT INTO layers (case_id, id, name, place, parameters, state, failure, facts, facts_digest, created_at, series_uid)
+             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, $5, $6, $7, $8, $9, $10)
              ON CONFLICT (case_id, id) DO UPDATE SET state = excluded.state, failure = excluded.failure,
                                                      facts = excluded.facts, facts_digest = excluded.facts_digest",
         )
@@ -389,6 +428,7 @@ pub(super) async fn adopt(
         .bind(facts.as_deref())
         .bind(facts.as_deref().map(upkeep::digest))
         .bind(layer.created_at.as_microsecond())
+        .bind(series.map(Uid::as_str))
         .execute()
         .await?;
     if !refer(connection, (&layer.case, &layer.id), objects, now).await? {
@@ -430,12 +470,19 @@ pub(super) async fn forget_facts(
     queue_again(connection, (case, layer), now).await
 }
 
-fn read(row: &Row) -> Result<Layer, StoreError> {
-    let unreadable =
-        |what: &str| StoreError::Rows(format!("a layer's row has an unknown {what}").into());
+fn unreadable(what: &str) -> StoreError {
+    StoreError::Rows(format!("a layer's row has an unknown {what}").into())
+}
+
+fn read_ids(row: &Row) -> Result<(CaseId, LayerId), StoreError> {
     let [case, id]: [String; 2] = [row.get("case_id")?, row.get("id")?];
     let case = CaseId::from_key(&case).ok_or_else(|| unreadable("case"))?;
     let id = LayerId::parse(&id).ok_or_else(|| unreadable("id"))?;
+    Ok((case, id))
+}
+
+fn read(row: &Row) -> Result<Layer, StoreError> {
+    let (case, id) = read_ids(row)?;
     let facts: Option<String> = row.get("facts")?;
     let digest: Option<String> = row.get("facts_digest")?;
     if facts.as_deref().map(upkeep::digest) != digest {

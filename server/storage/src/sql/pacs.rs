@@ -11,13 +11,17 @@ use crate::arrivals::{
     Outcome, Received, Rejection, SeriesQuery, SeriesUids, Taken, Uid,
 };
 use crate::jobs::{Claim, NewJob};
-use crate::rows::{DueSeries, Known, Pinned, Referred, RowCounts};
+use crate::rows::{DueSeries, Known, Pinned, Referred, RowCounts, Withdrawn};
 use crate::{ForPacs, ObjectName, Store, StoreError};
 use case::{CaseId, Failure, JobKind, ObjectKind, Project};
 
 /// How long to remember what rejection notes have withdrawn: a PACS that sends the images again does so within days, and
 /// UIDs should not stay for ever.
 const REJECTIONS_KEPT: Duration = Duration::from_secs(365 * 24 * 3600);
+
+fn timestamp(now: i64) -> Result<Timestamp, StoreError> {
+    Timestamp::from_microsecond(now).map_err(|_| arrivals::unreadable("time"))
+}
 
 /// The next objects of a kind that has rows of its own, by digest; none of another kind.
 pub(super) async fn objects(
@@ -108,7 +112,7 @@ impl Store {
 
     /// Withdraws what a rejection note names: images are forgotten, and the cases that were made of them superseded. Their
     /// arrivals became nothing, for this reason, if no image is left. An image that is here in another series than the note
-    /// says stays, and may be corrected. Returns how many images were forgotten.
+    /// says stays. Returns how many images were forgotten.
     ///
     /// # Errors
     /// If the rows cannot be written.
@@ -128,9 +132,16 @@ impl Store {
             let of = (uids, source, self.project());
             forgotten += arrivals::reject(&mut transaction, of, instances, reason, now).await?;
             if !rejection.may_return {
-                let project = self.project();
-                let withdrawn = arrivals::absent(&mut transaction, project, instances).await?;
-                arrivals::withdraw(&mut transaction, project, &withdrawn, now).await?;
+                let at = timestamp(now)?;
+                for instance in instances {
+                    let withdrawn = Withdrawn {
+                        project: self.project(),
+                        uids: Some(uids.clone()),
+                        instance: instance.clone(),
+                        at,
+                    };
+                    arrivals::withdraw(&mut transaction, &withdrawn).await?;
+                }
             }
         }
         transaction.commit().await?;
@@ -229,39 +240,61 @@ impl Store {
         self.collect().await
     }
 
-    /// Notes that results are withdrawn.
+    /// Notes that results are withdrawn, in whichever series they are.
     ///
     /// # Errors
     /// If the rows cannot be written.
     pub async fn withdraw(&self, instances: &[Uid]) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        arrivals::withdraw(&mut transaction, self.project(), instances, now).await?;
-        transaction.commit().await
-    }
-
-    /// At most `limit` withdrawn instances after one, by UID, and when each was withdrawn.
-    pub(crate) async fn withdrawn(
-        &self,
-        after: Option<&(Uid, Project)>,
-        limit: usize,
-    ) -> Result<Vec<(Uid, Project, Timestamp)>, StoreError> {
-        arrivals::withdrawn(&mut self.rows().connect().await?, after, limit).await
-    }
-
-    /// Notes that instances were withdrawn at these times in another store.
-    pub(crate) async fn adopt_withdrawn(
-        &self,
-        withdrawn: &[(Uid, Project, Timestamp)],
-    ) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
-        for (instance, project, at) in withdrawn {
-            let instance = std::slice::from_ref(instance);
-            arrivals::withdraw(&mut transaction, *project, instance, at.as_microsecond()).await?;
+        let at = timestamp(now)?;
+        for instance in instances {
+            let withdrawn = Withdrawn {
+                project: self.project(),
+                uids: None,
+                instance: instance.clone(),
+                at,
+            };
+            arrivals::withdraw(&mut transaction, &withdrawn).await?;
         }
         transaction.commit().await
     }
 
-    /// Whether each instance was withdrawn.
+    /// At most `limit` withdrawn instances after one, by UID.
+    pub(crate) async fn withdrawn(
+        &self,
+        after: Option<&Withdrawn>,
+        limit: usize,
+    ) -> Result<Vec<Withdrawn>, StoreError> {
+        arrivals::withdrawn(&mut self.rows().connect().await?, after, limit).await
+    }
+
+    /// Notes that instances were withdrawn at these times in another store.
+    pub(crate) async fn adopt_withdrawn(&self, withdrawn: &[Withdrawn]) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        for withdrawn in withdrawn {
+            arrivals::withdraw(&mut transaction, withdrawn).await?;
+        }
+        transaction.commit().await
+    }
+
+    /// Whether each image was withdrawn in its series.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn are_rejected(
+        &self,
+        images: &[(SeriesUids, Uid)],
+    ) -> Result<Vec<bool>, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let mut are = Vec::with_capacity(images.len());
+        for (uids, instance) in images {
+            let image = (uids, instance);
+            are.push(arrivals::is_rejected(&mut connection, self.project(), image).await?);
+        }
+        Ok(are)
+    }
+
+    /// Whether each instance, such as a result, was withdrawn in whichever series.
     ///
     /// # Errors
     /// If the rows cannot be read.

@@ -7,8 +7,8 @@ use crate::arrivals::{
 };
 use crate::results::NewResult;
 use crate::testing::new_result;
-use crate::{CopyStep, ForPacs, frame};
-use case::{Failure, JobKind, JobState};
+use crate::{CopyStep, ForPacs, LayerName, LayerUpload, frame};
+use case::{Failure, JobKind, JobState, LayerParameters};
 
 fn closer() -> Parameters {
     Parameters {
@@ -323,8 +323,25 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
     let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     let (from, to) = (store(&here).await, store(&there).await);
     let (case, ..) = a_kept_series(&from).await;
+    let spooled = from.spool_all("a FLAIR".into()).await.unwrap();
+    let upload = LayerUpload {
+        case,
+        volume: spooled,
+        dicom: None,
+        series: Some(uid("1.2.7")),
+        name: LayerName::Usual("FLAIR".to_owned()),
+        parameters: LayerParameters::default(),
+        most: 20,
+    };
+    let layer = from.submit_layer(upload).await.unwrap().layer;
     copied(&from, &to).await;
     copied_for_pacs(&from, &to).await;
+    // The series of a layer, by which it is found when the PACS rejects it, is copied too.
+    let of_series = to.layers_of_series(&uid("1.2.7")).await.unwrap();
+    assert_eq!(of_series, [(case, layer.id)]);
+    from.delete_layer(&case, &layer.id).await.unwrap();
+    copied(&from, &to).await;
+    assert_eq!(to.layers(&case).await.unwrap(), []);
     let study = SeriesQuery::Study(uid("1.2"), None);
     let arrival = from.arrivals_of(&study).await.unwrap().remove(0);
     let images = from.images_of(&arrival.uids).await.unwrap();
