@@ -76,7 +76,7 @@ struct SentParameters {
         (status = 409, description = "The case has too many layers, or another layer has the name"),
         (status = 413, description = "The body is too large"),
         (status = 415, description = "The body is not a form, or its volume is neither NIfTI nor DICOM"),
-        (status = 422, description = "The volume cannot be used, or it is of another patient than the case (`layer-of-another-patient`): both are from DICOM, and differ in patient id, issuer or date of birth"),
+        (status = 422, description = "The volume cannot be used, or it is of another patient than the case (`layer-of-another-patient`): both are from DICOM, and differ in patient id, issuer or date of birth; or the PACS has rejected its images (`images-rejected`)"),
         (status = 503, description = "Too much work is waiting"),
         (status = 507, description = "The disk of the server is full (`storage-full`) or failed (`storage-failed`); nothing was stored"),
     )
