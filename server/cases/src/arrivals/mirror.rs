@@ -66,7 +66,7 @@ impl Reduced {
 
     /// The correlation with another picture of which the axes are exchanged, and those reversed that have a bit.
     fn correlation(&self, other: &Self, order: [usize; 3], reversed: u8) -> f64 {
-        let [columns, rows, layers] = self.size;
+        let [columns, rows, _] = self.size;
         let steps = [1, columns, columns * rows];
         // Where the other picture has the voxels along an axis of this one.
         let along = |axis: usize| {
@@ -80,13 +80,11 @@ impl Reduced {
         let [x, y, z] = [0, 1, 2].map(along);
         let mut own = self.voxels.iter();
         let mut sum = 0.0;
-        for layer in 0..layers {
-            for row in 0..rows {
-                let there = y[row] + z[layer];
+        for layer in &z {
+            for row in &y {
                 let pairs = x.iter().zip(&mut own);
-                sum += pairs
-                    .map(|(column, own)| own * other.voxels[column + there])
-                    .sum::<f64>();
+                let products = pairs.map(|(column, own)| own * other.voxels[column + row + layer]);
+                sum += products.sum::<f64>();
             }
         }
         sum
