@@ -559,7 +559,7 @@ async fn a_report_shows_what_stands_out_first_and_doubts_the_regions() {
         assert!(html.contains(doubt), "{language}");
         let heading = format!("<h3>{others}</h3>");
         let (first, rest) = html.split_once(&heading).unwrap_or((&html, ""));
-        let rows = |text: &str| text.matches(&format!("<td>{region}</td>")).count();
+        let rows = |text: &str| text.matches(&format!(">{region}</td>")).count();
         assert_eq!(rows(first), standing_out, "{language}");
         assert_eq!(
             rows(rest),
