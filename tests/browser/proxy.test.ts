@@ -43,7 +43,9 @@ function startProxy(socketPath: string): HttpServer {
     const { method = "GET", url = "/" } = incoming;
     if (url === "/oauth2/sign_out") {
       person = null;
-      return void answer.setHeader("content-type", "text/html").end("<title>Out</title><p>You have signed out.</p>");
+      return void answer
+        .setHeader("content-type", "text/html")
+        .end(`<title>Out</title><link rel="icon" href="data:,"><p>You have signed out.</p>`);
     }
     if (person === null && url.startsWith("/v1/")) return void answer.writeHead(401).end("<p>Sign in.</p>");
     const { "x-remote-user": _user, "x-remote-groups": _groups, ...headers } = incoming.headers;
