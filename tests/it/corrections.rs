@@ -879,6 +879,15 @@ async fn a_corrected_name_hides_no_other_place_of_the_images() {
     let waiting = ended(server, &address).await;
     background.shut_down(Duration::from_secs(5)).await;
     assert_eq!(waiting["reason"]["name"], "superseded", "{waiting}");
+    // Deleted cases tell nothing of their images any more.
+    for case in [&first, &marked, &second] {
+        let deleted = server.method(axum::http::Method::DELETE, case).await;
+        assert_eq!(deleted.status, 204, "{deleted:?}");
+    }
+    for report in &reports {
+        let refused = put_report(server, &third, report).await;
+        assert_eq!(refused.problem(), "findings-elsewhere");
+    }
 }
 
 #[tokio::test]
@@ -910,6 +919,14 @@ async fn findings_do_not_follow_pixels_that_are_mirrored() {
     let server = &neighbour.server;
     let before = identified_case(&neighbour).await;
     crate::findings::mark(server, &before).await;
+    assert_eq!(neighbour.store(&mirrored_head()).await.status, 202);
+    let next = case_after(&neighbour, &before).await;
+    assert_eq!(findings_of(server, &next).await, json!([]));
+    assert_eq!(superseded(server, &before).await, "moved");
+}
+
+/// The slices of the head with the columns reversed.
+fn mirrored_head() -> Vec<Vec<u8>> {
     let mirrored = |slice: &Slice| {
         let rows = slice.samples.chunks(slice.columns.into());
         let mirrored = rows.flat_map(|row| row.iter().rev().copied());
@@ -918,9 +935,21 @@ async fn findings_do_not_follow_pixels_that_are_mirrored() {
             ..slice.clone()
         }
     };
-    let mirrored: Vec<_> = head_slices().iter().map(mirrored).collect();
-    assert_eq!(neighbour.store(&identified(&mirrored)).await.status, 202);
-    let next = case_after(&neighbour, &before).await;
+    identified(&head_slices().iter().map(mirrored).collect::<Vec<_>>())
+}
+
+#[tokio::test]
+async fn findings_do_not_follow_pixels_that_are_mirrored_part_by_part() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let before = identified_case(&neighbour).await;
+    crate::findings::mark(server, &before).await;
+    let mirrored = mirrored_head();
+    let (first, rest) = mirrored.split_at(mirrored.len() / 2);
+    assert_eq!(neighbour.store(first).await.status, 202);
+    let half = case_after(&neighbour, &before).await;
+    assert_eq!(neighbour.store(rest).await.status, 202);
+    let next = case_after(&neighbour, &half).await;
     assert_eq!(findings_of(server, &next).await, json!([]));
     assert_eq!(superseded(server, &before).await, "moved");
 }

@@ -147,7 +147,7 @@ impl Cases {
     /// The findings of a DICOM measurement report or a segmentation that this program wrote about the patient of a case.
     ///
     /// # Errors
-    /// [`NotReplaced::Elsewhere`] if it is about another patient or place, also if its images were corrected or rejected since; a failure that states what is wrong with the file.
+    /// [`NotReplaced::Elsewhere`] if it is about another patient or place, also if its images were corrected or rejected since, or its case is not here; a failure that states what is wrong with the file.
     pub async fn findings_of_dicom(
         &self,
         id: &CaseId,
@@ -188,6 +188,12 @@ impl Cases {
         named.dedup();
         for marked_in in named.into_iter().filter_map(CaseId::parse) {
             let marked_in = marked_in.in_project(id.project());
+            if marked_in != *id && self.store().case(&marked_in).await?.is_none() {
+                return Err(NotReplaced::Elsewhere(
+                    "the case in which the findings of the file were marked is not here, so it is not known whether its images lie where those \
+                     of this case lie; mark them again",
+                ));
+            }
             if self.store().are_apart(id, &marked_in).await? {
                 return Err(NotReplaced::Elsewhere(
                     "the findings of the file were marked in images that have been rejected since, or whose place or orientation was \

@@ -85,10 +85,36 @@ fn corners(grid: &Grid, slice: usize) -> Corners {
     })
 }
 
+/// The most versions that an upload is compared with.
+const MOST_VERSIONS: usize = 8;
+
 impl Cases {
+    /// Whether the images of an upload lie elsewhere in the patient than those of an older version, or of one from which that has inherited.
+    /// A correction may come in parts, each of which differs little from the one before.
+    pub(crate) async fn is_moved_since(
+        &self,
+        upload: &Upload,
+        before: &Case,
+    ) -> Result<bool, Error> {
+        let mut version = Some(before.clone());
+        for _ in 0..MOST_VERSIONS {
+            let Some(case) = version else { break };
+            if self.is_moved(upload, &case).await? {
+                return Ok(true);
+            }
+            version = match case.previous {
+                Some(previous) if self.apart_from_previous(&case).await?.is_none() => {
+                    self.store().case(&previous).await?
+                }
+                _ => None,
+            };
+        }
+        Ok(false)
+    }
+
     /// Whether the images of an upload lie elsewhere in the patient than those of an older version, or show its mirror image; also
     /// if that is not known.
-    pub(crate) async fn is_moved(&self, upload: &Upload, before: &Case) -> Result<bool, Error> {
+    async fn is_moved(&self, upload: &Upload, before: &Case) -> Result<bool, Error> {
         let Some(stated) = &upload.dicom else {
             return Ok(false);
         };

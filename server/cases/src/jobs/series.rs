@@ -141,7 +141,7 @@ impl Cases {
             }
             Some(case) => {
                 // Neither may findings and layers stay where they lay, if the images lie elsewhere now.
-                if self.is_moved(&upload, &case).await? {
+                if self.is_moved_since(&upload, &case).await? {
                     self.store().move_case(&case.id).await?;
                 }
                 (

@@ -101,7 +101,7 @@ pub async fn get_findings(
     responses(
         (status = 200, description = "The findings as they are now", body = FindingList, headers(("ETag" = String, description = "The new one"))),
         (status = 400, description = "The body is invalid; `parameter` states where"),
-        (status = 409, description = "The case is not ready, or the file is about another patient or another frame of reference, or of images that were rejected or moved since (`findings-elsewhere`)"),
+        (status = 409, description = "The case is not ready, or the file is about another patient or another frame of reference, or of images that were rejected or moved since, or of a case that is not here (`findings-elsewhere`)"),
         (status = 412, description = "Somebody has changed the findings; the answer has them as they are", body = FindingsChanged, content_type = "application/problem+json", headers(("ETag" = String, description = "The current one"))),
         (status = 413, description = "The body is larger than 4 MiB"),
         (status = 415, description = "The body should be a DICOM file, and is none"),
