@@ -360,8 +360,17 @@ test(
     await page.keyboard.press("z");
     // Without a mark there is nothing to look at.
     await page.getByRole("button", { name: "Remove the mark" }).click();
-    await page.locator(".layouts button[value=closer]").click();
-    await page.waitForFunction(() => /Mark a point first/.test(document.querySelector("#live")?.textContent ?? ""));
+    // What is said may be followed at once by the description of the next picture.
+    await page.evaluate(
+      () =>
+        new Promise<void>((tell) => {
+          const live = document.querySelector("#live");
+          if (!live) throw new Error("nothing is said");
+          const heard = (): void => void (/Mark a point first/.test(live.textContent ?? "") && tell());
+          new MutationObserver(heard).observe(live, { childList: true, characterData: true, subtree: true });
+          document.querySelector<HTMLElement>(".layouts button[value=closer]")?.click();
+        }),
+    );
     assert.notEqual((await fragment(page)).l, "closer");
     assert.deepEqual(troubles, []);
     await context.close();
