@@ -2,7 +2,7 @@
 //!
 //! A mirrored head is never tried: no network can tell left from right, and a correct header would become wrong.
 
-use geometry::{BrainMask, Grid, Mask, Volume};
+use geometry::{AXIS_ORDERS, BrainMask, Grid, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::methods::{Extraction, Method, closed, predict};
@@ -55,15 +55,7 @@ fn is_better(quality: &Quality) -> bool {
 
 /// The 23 rotations that map axes to axes, without the identity.
 fn turns() -> impl Iterator<Item = DMat3> {
-    const ORDERS: [[usize; 3]; 6] = [
-        [0, 1, 2],
-        [0, 2, 1],
-        [1, 0, 2],
-        [1, 2, 0],
-        [2, 0, 1],
-        [2, 1, 0],
-    ];
-    let all = ORDERS.into_iter().flat_map(|order| {
+    let all = AXIS_ORDERS.into_iter().flat_map(|order| {
         (0..8).map(move |signs| {
             let axis = |axis: usize| {
                 let sign = if signs >> axis & 1 == 0 { 1.0 } else { -1.0 };

@@ -180,14 +180,7 @@ mod tests {
 
     #[test]
     fn every_order_and_sense_of_axes_looks_the_same() {
-        for order in [
-            [0, 1, 2],
-            [0, 2, 1],
-            [1, 0, 2],
-            [1, 2, 0],
-            [2, 0, 1],
-            [2, 1, 0],
-        ] {
+        for order in geometry::AXIS_ORDERS {
             for signs in 0..8 {
                 let volume = turned(order, signs);
                 let canonical = Canonical::new(&volume);

@@ -10,6 +10,16 @@ pub const MAX_VOXELS: usize = 1 << 30;
 /// The largest side of a working grid, in voxels.
 pub const MAX_WORKING_SIZE: usize = 512;
 
+/// The orders of three axes, the usual one first.
+pub const AXIS_ORDERS: [[usize; 3]; 6] = [
+    [0, 1, 2],
+    [0, 2, 1],
+    [1, 0, 2],
+    [1, 2, 0],
+    [2, 0, 1],
+    [2, 1, 0],
+];
+
 /// The greatest distance of a volume from the origin of the scanner, in mm; single precision still resolves 0.01 mm
 /// there.
 const MAX_OFFSET_MM: f64 = 1e5;

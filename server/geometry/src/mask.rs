@@ -407,14 +407,7 @@ mod tests {
         let centre = DVec3::new(4.0, -3.0, 2.0);
         let expected =
             BrainMask::from_mask(&ball_on(&reference, centre, 14.0), &reference).unwrap();
-        for order in [
-            [0, 1, 2],
-            [0, 2, 1],
-            [1, 0, 2],
-            [1, 2, 0],
-            [2, 0, 1],
-            [2, 1, 0],
-        ] {
+        for order in crate::AXIS_ORDERS {
             for signs in 0..8 {
                 let sign = |axis: usize| if signs >> axis & 1 == 0 { 1.0 } else { -1.0 };
                 let column = |axis: usize| DVec3::AXES[order[axis]] * sign(axis);

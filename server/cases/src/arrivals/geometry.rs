@@ -96,10 +96,16 @@ impl Cases {
         upload: &Upload,
         before: &Case,
     ) -> Result<bool, Error> {
+        let Some(stated) = &upload.dicom else {
+            return Ok(false);
+        };
+        let stated = pipeline::attributes(&stated.read().await?)?;
+        let volume = upload.volume.read().await?;
+        let digest = upload.volume.digest();
         let mut version = Some(before.clone());
         for _ in 0..MOST_VERSIONS {
             let Some(case) = version else { break };
-            if self.is_moved(upload, &case).await? {
+            if self.is_moved(&stated, &volume, digest, &case).await? {
                 return Ok(true);
             }
             version = match case.previous {
@@ -112,32 +118,32 @@ impl Cases {
         Ok(false)
     }
 
-    /// Whether the images of an upload lie elsewhere in the patient than those of an older version, or show its mirror image; also
-    /// if that is not known.
-    async fn is_moved(&self, upload: &Upload, before: &Case) -> Result<bool, Error> {
-        let Some(stated) = &upload.dicom else {
-            return Ok(false);
-        };
-        let new = pipeline::attributes(&stated.read().await?)?;
+    /// Whether images with these attributes and this volume lie elsewhere in the patient than those of an older version, or show its
+    /// mirror image; also if that is not known.
+    async fn is_moved(
+        &self,
+        new: &Attributes,
+        new_volume: &Bytes,
+        digest: &blake3::Hash,
+        before: &Case,
+    ) -> Result<bool, Error> {
         let old = self.attributes_of(&before.id).await?;
         let names = self.store().case_objects(&before.id).await?;
         let kind = ObjectKind::SourceVolume;
         let Some(old_volume) = self.store().read(&before.id, &names, kind).await? else {
             return Ok(true);
         };
-        let new_volume = upload.volume.read().await?;
         let grid =
             |volume: &Bytes| imaging::nifti::read_grid(start(volume), &self.library.limits());
-        let (Some(old), Ok(grid), Ok(old_grid)) = (old, grid(&new_volume), grid(&old_volume))
-        else {
+        let (Some(old), Ok(grid), Ok(old_grid)) = (old, grid(new_volume), grid(&old_volume)) else {
             return Ok(true);
         };
-        let (new, old) = (Places::new(&new, grid), Places::new(&old, old_grid));
+        let (new, old) = (Places::new(new, grid), Places::new(&old, old_grid));
         if new.differ(&old) {
             return Ok(true);
         }
         let mut volumes = names.iter().filter(|name| name.kind == kind);
-        if volumes.any(|name| name.digest == *upload.volume.digest()) {
+        if volumes.any(|name| name.digest == *digest) {
             return Ok(false);
         }
         let (here, there) = new
@@ -145,7 +151,7 @@ impl Cases {
             .into_iter()
             .map(|[here, there]| (here, there))
             .unzip();
-        let new = self.reduced(new_volume, here).await?;
+        let new = self.reduced(new_volume.clone(), here).await?;
         let old = self.reduced(old_volume, there).await?;
         Ok(new
             .zip(old)

@@ -1,22 +1,12 @@
 //! Whether a picture is the mirror image of another one, or another one turned over.
 
-use geometry::Volume;
+use geometry::{AXIS_ORDERS, Volume};
 
 /// The most voxels along an axis that are compared.
 const MOST: usize = 64;
 
 /// How much better the pictures must correlate when one is turned over: a head that is its own mirror image is none.
 const MARGIN: f64 = 1e-3;
-
-/// The orders of three axes.
-const ORDERS: [[usize; 3]; 6] = [
-    [0, 1, 2],
-    [0, 2, 1],
-    [1, 0, 2],
-    [1, 2, 0],
-    [2, 0, 1],
-    [2, 1, 0],
-];
 
 /// Few voxels of a volume, on both sides of its middle alike, so that they stay the same voxels when it is turned over.
 #[derive(Debug)]
@@ -56,8 +46,8 @@ impl Reduced {
         if self.full != other.full {
             return true;
         }
-        let plain = self.correlation(other, ORDERS[0], 0);
-        let orders = ORDERS
+        let plain = self.correlation(other, AXIS_ORDERS[0], 0);
+        let orders = AXIS_ORDERS
             .into_iter()
             .filter(|order| order.map(|axis| self.full[axis]) == self.full);
         let mut turned = orders.flat_map(|order| (0..8).map(move |reversed| (order, reversed)));
