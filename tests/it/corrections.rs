@@ -732,9 +732,15 @@ async fn findings_and_layers_do_not_follow_images_that_lie_elsewhere() {
         Some(format!("/v1/cases/{}", other["case"].as_str()?))
     })
     .await;
-    // The archive corrects the orientation of every image.
-    let stored = neighbour.store(&identified_head()).await;
-    assert_eq!(warnings(&stored).len(), slices.len());
+    // The archive corrects the orientation of every image. From the first one on, nothing is made of the old case.
+    let corrected = identified_head();
+    let (first, rest) = corrected.split_at(1);
+    assert_eq!(warnings(&neighbour.store(first).await).len(), 1);
+    assert_eq!(superseded(server, &wrong).await, "moved");
+    let view = json!({"what": "view", "render": small()});
+    assert_eq!(result(server, &wrong, &view).await.problem(), "superseded");
+    let stored = neighbour.store(rest).await;
+    assert_eq!(warnings(&stored).len(), rest.len());
     let right = until("the corrected images are a case", async || {
         let found = launched(&neighbour).await;
         let case = format!("/v1/cases/{}", found["case"].as_str()?);
@@ -831,11 +837,7 @@ async fn a_corrected_name_hides_no_other_place_of_the_images() {
     let view = |node: Value| json!({"what": "view", "render": small(), "node": node});
     let sent = result(server, &marked, &view(json!("away"))).await.json();
     // A version of other pixels has what was marked in the version that readers saw, and takes reports of it.
-    let darker = |slice: &Slice| Slice {
-        samples: slice.samples.iter().map(|sample| sample / 2).collect(),
-        ..slice.clone()
-    };
-    let darker: Vec<_> = head_slices().iter().map(darker).collect();
+    let darker = darker_slices();
     assert_eq!(neighbour.store(&identified(&darker)).await.status, 202);
     let second = case_after(&neighbour, &first).await;
     let version = server.get(&second).await.json();
@@ -914,28 +916,72 @@ async fn a_corrected_name_hides_no_rejection() {
 }
 
 #[tokio::test]
-async fn findings_do_not_follow_pixels_that_are_mirrored() {
+async fn findings_do_not_follow_pixels_that_are_mirrored_or_shifted() {
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
-    let before = identified_case(&neighbour).await;
-    crate::findings::mark(server, &before).await;
-    assert_eq!(neighbour.store(&mirrored_head()).await.status, 202);
-    let next = case_after(&neighbour, &before).await;
-    assert_eq!(findings_of(server, &next).await, json!([]));
-    assert_eq!(superseded(server, &before).await, "moved");
+    let mut before = identified_case(&neighbour).await;
+    // One that is mirrored and shifted, and one that is shifted.
+    let pictures = [2, 5].map(|shift| mirrored_head(shift, &[]));
+    for (number, pictures) in pictures.iter().enumerate() {
+        crate::findings::mark(server, &before).await;
+        assert_eq!(neighbour.store(pictures).await.status, 202, "{number}");
+        let next = case_after(&neighbour, &before).await;
+        assert_eq!(findings_of(server, &next).await, json!([]), "{number}");
+        assert_eq!(superseded(server, &before).await, "moved", "{number}");
+        before = next;
+    }
 }
 
-/// The slices of the head with the columns reversed.
-fn mirrored_head() -> Vec<Vec<u8>> {
+#[tokio::test]
+async fn a_report_is_not_taken_over_into_pixels_that_were_mirrored_behind_another_patient() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let first = identified_case(&neighbour).await;
+    crate::findings::mark(server, &first).await;
+    let report = result(server, &first, &json!({"what": "findings"})).await;
+    assert_eq!(report.status, 200, "{report:?}");
+    let wrong = [([0x10, 0x20], "LO", "PAT-WRONG")];
+    assert_eq!(neighbour.store(&mirrored_head(0, &wrong)).await.status, 202);
+    let second = case_after(&neighbour, &first).await;
+    assert_eq!(neighbour.store(&mirrored_head(0, &[])).await.status, 202);
+    let third = case_after(&neighbour, &second).await;
+    assert_eq!(findings_of(server, &third).await, json!([]));
+    let refused = put_report(server, &third, &report.body).await;
+    assert_eq!(refused.problem(), "findings-elsewhere");
+    // Into other pixels that show the same it is.
+    let darker = darker_slices();
+    assert_eq!(neighbour.store(&identified(&darker)).await.status, 202);
+    let fourth = case_after(&neighbour, &third).await;
+    let taken = put_report(server, &fourth, &report.body).await;
+    assert_eq!(taken.status, 200, "{taken:?}");
+}
+
+/// The head with half the brightness.
+fn darker_slices() -> Vec<Slice> {
+    let darker = |slice: &Slice| Slice {
+        samples: slice.samples.iter().map(|sample| sample / 2).collect(),
+        ..slice.clone()
+    };
+    head_slices().iter().map(darker).collect()
+}
+
+/// The slices of the head with the columns reversed, and so many of them moved from one end to the other, with these texts.
+fn mirrored_head(shift: usize, texts: &[([u16; 2], &str, &str)]) -> Vec<Vec<u8>> {
     let mirrored = |slice: &Slice| {
         let rows = slice.samples.chunks(slice.columns.into());
-        let mirrored = rows.flat_map(|row| row.iter().rev().copied());
-        Slice {
+        let mirrored = rows.flat_map(|row| {
+            let mut row = row.to_vec();
+            row.reverse();
+            row.rotate_right(shift);
+            row
+        });
+        let slice = Slice {
             samples: mirrored.collect(),
             ..slice.clone()
-        }
+        };
+        with_texts(&slice, &[&IDENTITY[..], texts].concat())
     };
-    identified(&head_slices().iter().map(mirrored).collect::<Vec<_>>())
+    head_slices().iter().map(mirrored).collect()
 }
 
 #[tokio::test]
@@ -944,7 +990,7 @@ async fn findings_do_not_follow_pixels_that_are_mirrored_part_by_part() {
     let server = &neighbour.server;
     let before = identified_case(&neighbour).await;
     crate::findings::mark(server, &before).await;
-    let mirrored = mirrored_head();
+    let mirrored = mirrored_head(0, &[]);
     let (first, rest) = mirrored.split_at(mirrored.len() / 2);
     assert_eq!(neighbour.store(first).await.status, 202);
     let half = case_after(&neighbour, &before).await;

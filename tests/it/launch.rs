@@ -1,12 +1,14 @@
 //! A link from a PACS opens the head of the right patient, the same one every time, or offers a choice.
 
+use std::time::Duration;
+
 use axum::body::Body;
 use axum::http::Request;
 use serde_json::{Value, json};
 
 use crate::dicom::{head_slices, zipped};
 use crate::pacs::{Neighbour, with_texts};
-use crate::results::{result, small};
+use crate::results::{add_node, result, small};
 use crate::series_builder::Slice;
 use crate::server::{form, form_type};
 use crate::until::until;
@@ -513,6 +515,37 @@ async fn an_upload_with_the_uids_of_another_patient_opens_in_the_place_of_nothin
         let of = |patient: &str| (json!(patient), json!("20261101"), json!(1));
         assert_eq!(rows, [of("P-100"), of("P-999")]);
     }
+}
+
+#[tokio::test]
+async fn a_result_that_waits_is_not_sent_once_the_pacs_has_sent_another_patient_with_its_uids() {
+    let neighbour = Neighbour::start(|config| {
+        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
+    })
+    .await;
+    let server = &neighbour.server;
+    let wrong = Series {
+        study: "1.2.87",
+        uid: "1.2.87.1",
+        texts: &[([0x10, 0x20], "LO", "P-999")],
+    };
+    let upload = format!("/v1/cases/{}", uploaded(&neighbour, &wrong).await);
+    let view = json!({"what": "view", "render": small(), "node": "away"});
+    let waiting = result(server, &upload, &view).await.json();
+    let right = Series {
+        texts: &[([0x10, 0x20], "LO", "P-100")],
+        ..wrong
+    };
+    right.becomes(&neighbour).await;
+    let background = pacs::Background::start(server.pacs.clone());
+    let address = format!("/v1/dicom-results/{}", waiting["id"].as_str().unwrap());
+    let ended = until("the result ends", async || {
+        let result = server.get(&address).await.json();
+        (result["state"] == "failed").then_some(result)
+    })
+    .await;
+    background.shut_down(Duration::from_secs(5)).await;
+    assert_eq!(ended["reason"]["name"], "several-patients", "{ended}");
 }
 
 #[tokio::test]

@@ -225,9 +225,11 @@ pub struct NewInstance {
 /// What is different about an image that takes the place of another one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Change {
-    /// The pixels, or their place.
+    /// The pixels.
     Pixels,
-    /// The patient or the study: cases of the series are superseded from now on.
+    /// The place in the patient: nothing is made of the cases of the series from now on.
+    Place,
+    /// The patient or the study, likewise.
     Owner,
 }
 

@@ -188,16 +188,22 @@ impl Cases {
         named.dedup();
         for marked_in in named.into_iter().filter_map(CaseId::parse) {
             let marked_in = marked_in.in_project(id.project());
-            if marked_in != *id && self.store().case(&marked_in).await?.is_none() {
+            if marked_in == *id {
+                continue;
+            }
+            let Some(other) = self.store().case(&marked_in).await? else {
                 return Err(NotReplaced::Elsewhere(
                     "the case in which the findings of the file were marked is not here, so it is not known whether its images lie where those \
                      of this case lie; mark them again",
                 ));
-            }
-            if self.store().are_apart(id, &marked_in).await? {
+            };
+            if self.store().are_apart(id, &marked_in).await?
+                || (self.are_of_one_series(id, &marked_in).await?
+                    && self.is_moved_from(id, &other).await?)
+            {
                 return Err(NotReplaced::Elsewhere(
-                    "the findings of the file were marked in images that have been rejected since, or whose place or orientation was \
-                     corrected, so that left and right may be exchanged; mark them again",
+                    "the findings of the file were marked in images that have been rejected since, or whose place or orientation differs from \
+                     that of this case, so that left and right may be exchanged; mark them again",
                 ));
             }
         }
@@ -206,6 +212,18 @@ impl Cases {
         findings
             .collect::<Result<_, _>>()
             .map_err(NotReplaced::Refused)
+    }
+}
+
+impl Cases {
+    async fn are_of_one_series(&self, one: &CaseId, other: &CaseId) -> Result<bool, StoreError> {
+        let [one, other] = [
+            self.store().series_of(one).await?,
+            self.store().series_of(other).await?,
+        ];
+        Ok(one
+            .zip(other)
+            .is_some_and(|(one, other)| one.uids == other.uids))
     }
 }
 

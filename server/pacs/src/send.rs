@@ -81,6 +81,10 @@ enum SendError {
     Store,
     #[error("it was made of images that do not count any more: {}", .0.sentence())]
     Superseded(Superseded),
+    #[error(
+        "its case was uploaded, and the PACS has sent images of another patient with the UIDs of the series since"
+    )]
+    SeveralPatients,
     #[error("it was withdrawn by a rejection note")]
     Withdrawn,
     #[error("the audit record of the server cannot be written")]
@@ -91,7 +95,11 @@ impl SendError {
     fn may_pass(&self) -> bool {
         match self {
             Self::Node(error) => error.may_pass(),
-            Self::NoSuchNode | Self::Lost | Self::Superseded(_) | Self::Withdrawn => false,
+            Self::NoSuchNode
+            | Self::Lost
+            | Self::Superseded(_)
+            | Self::SeveralPatients
+            | Self::Withdrawn => false,
             Self::Store | Self::NotRecorded => true,
         }
     }
@@ -102,6 +110,7 @@ impl SendError {
             Self::Node(error) => error.kind(),
             Self::Lost => "result-lost",
             Self::Superseded(_) => "superseded",
+            Self::SeveralPatients => "several-patients",
             Self::Withdrawn => "withdrawn",
             Self::Store => "store-failed",
             Self::NotRecorded => "audit-full",
@@ -158,15 +167,25 @@ async fn may_leave(pacs: &Pacs, result: &SentResult, file: &Bytes) -> Result<(),
     if store.are_withdrawn(instance).await.map_err(of_store)? == [true] {
         return Err(SendError::Withdrawn);
     }
-    let series = store.series_of(&result.case).await.map_err(of_store)?;
-    let superseded = series.and_then(|series| series.superseded);
-    let Some(why) = superseded.filter(|why| why.is_final()) else {
+    let Some(series) = store.series_of(&result.case).await.map_err(of_store)? else {
         return Ok(());
+    };
+    let why = match series.superseded.filter(|why| why.is_final()) {
+        Some(why) => SendError::Superseded(why),
+        None if pacs
+            .cases()
+            .is_of_another_patient(&series)
+            .await
+            .map_err(of_store)? =>
+        {
+            SendError::SeveralPatients
+        }
+        None => return Ok(()),
     };
     let spooled = store.spool_all(file.clone()).await.map_err(of_store)?;
     match pacs.cases().headers.read(&spooled).await {
         Ok(identity) if identity.rejection.is_some() => Ok(()),
-        Ok(_) | Err(cases::Error::Failure(_)) => Err(SendError::Superseded(why)),
+        Ok(_) | Err(cases::Error::Failure(_)) => Err(why),
         Err(_) => Err(SendError::Store),
     }
 }

@@ -3,20 +3,17 @@
 use std::collections::HashMap;
 
 use bytes::Bytes;
-use case::{Case, ObjectKind};
+use case::{Case, CaseId, ObjectKind};
 use geometry::Grid;
 use glam::DVec3;
 use imaging::START_BYTES;
-use imaging::dicom::Attributes;
+use imaging::dicom::{Attributes, ROUNDING_MM};
 use storage::arrivals::Superseded;
 use storage::{StoreError, Upload};
 
 use super::mirror::Reduced;
 use crate::application::Cases;
 use crate::error::Error;
-
-/// How far the corner of an image may move, in mm: numbers may be written with fewer digits.
-const ROUNDING_MM: f64 = 0.1;
 
 /// The corners of an image in patient space: its first voxel, the last one of its first row, and that of its first column.
 type Corners = [DVec3; 3];
@@ -118,8 +115,8 @@ impl Cases {
         Ok(false)
     }
 
-    /// Whether images with these attributes and this volume lie elsewhere in the patient than those of an older version, or show its
-    /// mirror image; also if that is not known.
+    /// Whether images with these attributes and this volume lie elsewhere in the patient than those of an older version, or show what it
+    /// shows mirrored, turned over or elsewhere; also if that is not known.
     async fn is_moved(
         &self,
         new: &Attributes,
@@ -155,7 +152,22 @@ impl Cases {
         let old = self.reduced(old_volume, there).await?;
         Ok(new
             .zip(old)
-            .is_none_or(|(new, old)| new.is_mirror_image_of(&old)))
+            .is_none_or(|(new, old)| new.is_moved_from(&old)))
+    }
+
+    /// Whether the images of a case lie elsewhere in the patient than those of another case of their series, or show what it shows
+    /// mirrored, turned over or elsewhere; also if that is not known.
+    pub(crate) async fn is_moved_from(&self, case: &CaseId, other: &Case) -> Result<bool, Error> {
+        let names = self.store().case_objects(case).await?;
+        let mut volumes = names.iter();
+        let volume = volumes.find(|name| name.kind == ObjectKind::SourceVolume);
+        let read = self.store().read(case, &names, ObjectKind::SourceVolume);
+        let (Some(name), Some(volume), Some(source)) =
+            (volume, read.await?, self.attributes_of(case).await?)
+        else {
+            return Ok(true);
+        };
+        self.is_moved(&source, &volume, &name.digest, other).await
     }
 
     /// Slices of a stored volume with few voxels; `None` if it is damaged.

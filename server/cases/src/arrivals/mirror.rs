@@ -1,14 +1,14 @@
-//! Whether a picture is the mirror image of another one, or another one turned over.
+//! Whether a picture shows what another one shows in the same place, or mirrored, turned over or shifted.
 
 use geometry::{AXIS_ORDERS, Volume};
 
-/// The most voxels along an axis that are compared.
+/// The most blocks of voxels along an axis.
 const MOST: usize = 64;
 
-/// How much better the pictures must correlate when one is turned over: a head that is its own mirror image is none.
+/// How much better the pictures must correlate when one is moved: a head that is its own mirror image is none.
 const MARGIN: f64 = 1e-3;
 
-/// Few voxels of a volume, on both sides of its middle alike, so that they stay the same voxels when it is turned over.
+/// A volume with few voxels, each the mean of a block.
 #[derive(Debug)]
 pub(super) struct Reduced {
     /// Those of the volume.
@@ -18,62 +18,118 @@ pub(super) struct Reduced {
     voxels: Vec<f64>,
 }
 
+/// The axes of a picture in another order, and those reversed that have a bit.
+type Turn = ([usize; 3], u8);
+
+const AS_IT_IS: Turn = (AXIS_ORDERS[0], 0);
+
 impl Reduced {
-    /// Voxels of some slices of a volume.
+    /// Some slices of a volume.
     pub(super) fn new(volume: &Volume, slices: &[usize]) -> Self {
         let grid = volume.grid();
         let full = [grid.size()[0], grid.size()[1], slices.len()];
-        let [columns, rows, layers] = full.map(places);
-        let mut voxels = Vec::with_capacity(columns.len() * rows.len() * layers.len());
-        for &layer in &layers {
-            for &row in &rows {
-                let voxel = |&column: &usize| grid.index([column, row, slices[layer]]);
-                let of_row = columns.iter().map(voxel);
-                voxels.extend(of_row.map(|index| f64::from(volume.voxels()[index])));
+        let blocks = full.map(Blocks::new);
+        let size = [0, 1, 2].map(|axis| blocks[axis].count);
+        let mut sums = vec![0.0; size.iter().product()];
+        let columns: Vec<_> = (0..full[0]).map(|column| blocks[0].of(column)).collect();
+        for (layer, &slice) in slices.iter().enumerate() {
+            for row in 0..full[1] {
+                let first = grid.index([0, row, slice]);
+                let to = size[0] * (blocks[1].of(row) + size[1] * blocks[2].of(layer));
+                let voxels = &volume.voxels()[first..first + full[0]];
+                for (column, voxel) in columns.iter().zip(voxels) {
+                    sums[to + column] += f64::from(*voxel);
+                }
             }
         }
-        normalise(&mut voxels);
+        for (index, sum) in sums.iter_mut().enumerate() {
+            let block = [
+                index % size[0],
+                index / size[0] % size[1],
+                index / size[0] / size[1],
+            ];
+            let voxels = (0..3).map(|axis| blocks[axis].length(block[axis], full[axis]));
+            *sum /= voxels.product::<usize>() as f64;
+        }
+        normalise(&mut sums);
         Self {
             full,
-            size: [columns.len(), rows.len(), layers.len()],
-            voxels,
+            size,
+            voxels: sums,
         }
     }
 
-    /// Whether this picture is more like another one that is mirrored, turned by right angles, or both, than like the other one as
-    /// it is. It is if their sizes differ.
-    pub(super) fn is_mirror_image_of(&self, other: &Self) -> bool {
+    /// Whether this picture is more like another one that is mirrored, turned by right angles, shifted by more than half a block, or
+    /// all of that, than like the other one as it is. It is if their sizes differ.
+    pub(super) fn is_moved_from(&self, other: &Self) -> bool {
         if self.full != other.full {
             return true;
         }
-        let plain = self.correlation(other, AXIS_ORDERS[0], 0);
+        let as_it_is = self.correlation(other, AS_IT_IS, [0; 3]);
         let orders = AXIS_ORDERS
             .into_iter()
             .filter(|order| order.map(|axis| self.full[axis]) == self.full);
-        let mut turned = orders.flat_map(|order| (0..8).map(move |reversed| (order, reversed)));
-        turned.any(|(order, reversed)| self.correlation(other, order, reversed) > plain + MARGIN)
+        let mut turns = orders.flat_map(|order| (0..8).map(move |reversed| (order, reversed)));
+        turns.any(|turn| self.best_correlation(other, turn) > as_it_is + MARGIN)
     }
 
-    /// The correlation with another picture of which the axes are exchanged, and those reversed that have a bit.
-    fn correlation(&self, other: &Self, order: [usize; 3], reversed: u8) -> f64 {
+    /// The best correlation with another picture that is turned and then shifted: a way from no shift, along which it grows.
+    fn best_correlation(&self, other: &Self, turn: Turn) -> f64 {
+        let mut shift = [0_isize; 3];
+        let mut best = self.correlation(other, turn, shift);
+        loop {
+            let before = best;
+            for (axis, step) in [0, 1, 2]
+                .into_iter()
+                .flat_map(|axis| [(axis, 1), (axis, -1)])
+            {
+                let half = (self.size[axis] / 2) as isize;
+                loop {
+                    let mut further = shift;
+                    further[axis] += step;
+                    if further[axis].abs() > half {
+                        break;
+                    }
+                    let found = self.correlation(other, turn, further);
+                    if found <= best {
+                        break;
+                    }
+                    (best, shift) = (found, further);
+                }
+            }
+            if best <= before {
+                return best;
+            }
+        }
+    }
+
+    /// The correlation with another picture that is turned and then shifted by so many blocks.
+    fn correlation(&self, other: &Self, (order, reversed): Turn, shift: [isize; 3]) -> f64 {
         let [columns, rows, _] = self.size;
         let steps = [1, columns, columns * rows];
-        // Where the other picture has the voxels along an axis of this one.
+        // Where this picture and the other one have the voxels along an axis that both have.
         let along = |axis: usize| {
-            let (count, step) = (self.size[axis], steps[order[axis]]);
-            let at = move |index: usize| match reversed >> axis & 1 {
-                0 => index * step,
-                _ => (count - 1 - index) * step,
+            let count = self.size[axis];
+            let at = move |own: usize| {
+                let there = own
+                    .checked_add_signed(-shift[axis])
+                    .filter(|at| *at < count)?;
+                let there = match reversed >> axis & 1 {
+                    0 => there,
+                    _ => count - 1 - there,
+                };
+                Some((own * steps[axis], there * steps[order[axis]]))
             };
-            (0..count).map(at).collect::<Vec<_>>()
+            (0..count).filter_map(at).collect::<Vec<_>>()
         };
         let [x, y, z] = [0, 1, 2].map(along);
-        let mut own = self.voxels.iter();
         let mut sum = 0.0;
-        for layer in &z {
-            for row in &y {
-                let pairs = x.iter().zip(&mut own);
-                let products = pairs.map(|(column, own)| own * other.voxels[column + row + layer]);
+        for (own_layer, layer) in &z {
+            for (own_row, row) in &y {
+                let (own, there) = (own_row + own_layer, row + layer);
+                let products = x.iter().map(|(own_column, column)| {
+                    self.voxels[own_column + own] * other.voxels[column + there]
+                });
                 sum += products.sum::<f64>();
             }
         }
@@ -81,13 +137,36 @@ impl Reduced {
     }
 }
 
-/// At most [`MOST`] of so many voxels along an axis.
-fn places(count: usize) -> Vec<usize> {
-    let step = count.div_ceil(MOST).max(1);
-    let lower: Vec<_> = (0..count / 2).step_by(step).collect();
-    let middle = (count % 2 == 1).then_some(count / 2);
-    let upper = lower.iter().rev().map(|index| count - 1 - index);
-    lower.iter().copied().chain(middle).chain(upper).collect()
+/// Blocks along an axis that are as long as each other, but for the first and the last one. They stay the same blocks, to half a
+/// voxel, when the axis is reversed.
+#[derive(Debug, Clone, Copy)]
+struct Blocks {
+    count: usize,
+    length: usize,
+    /// How much the first one lacks.
+    before: usize,
+}
+
+impl Blocks {
+    fn new(voxels: usize) -> Self {
+        let length = voxels.div_ceil(MOST).max(1);
+        let count = voxels.div_ceil(length);
+        Self {
+            count,
+            length,
+            before: (count * length - voxels) / 2,
+        }
+    }
+
+    fn of(self, voxel: usize) -> usize {
+        (voxel + self.before) / self.length
+    }
+
+    /// The voxels of a block, of so many along the axis.
+    fn length(self, block: usize, voxels: usize) -> usize {
+        let end = ((block + 1) * self.length - self.before).min(voxels);
+        end - (block * self.length).saturating_sub(self.before)
+    }
 }
 
 fn normalise(voxels: &mut [f64]) {
@@ -132,31 +211,53 @@ mod tests {
     }
 
     #[test]
-    fn what_is_mirrored_or_turned_is_found_and_other_changes_are_not() {
+    fn what_is_mirrored_turned_or_shifted_is_found_and_other_changes_are_not() {
         let plain = picture(|at, _| at, |value| value);
-        assert!(!plain.is_mirror_image_of(&plain));
+        assert!(!plain.is_moved_from(&plain));
         for scaled in [|value| value / 3 * 2 + 100, |value: u16| value.min(2500)] {
             let changed = picture(|at, _| at, scaled);
-            assert!(!changed.is_mirror_image_of(&plain) && !plain.is_mirror_image_of(&changed));
+            assert!(!changed.is_moved_from(&plain) && !plain.is_moved_from(&changed));
         }
-        for axis in 0..3 {
-            let reversed = |mut at: [usize; 3], sides: [usize; 3]| {
+        let reversed = |axis: usize| {
+            move |mut at: [usize; 3], sides: [usize; 3]| {
                 at[axis] = sides[axis] - 1 - at[axis];
                 at
-            };
-            assert!(
-                picture(reversed, |value| value / 2).is_mirror_image_of(&plain),
-                "{axis}"
-            );
+            }
+        };
+        let shifted = |axis: usize, by: usize| {
+            move |mut at: [usize; 3], _: [usize; 3]| {
+                at[axis] = at[axis].saturating_sub(by);
+                at
+            }
+        };
+        for axis in 0..3 {
+            for by in [0, 1, 2, 5] {
+                // What is shifted as it is would be found without the mirror image.
+                for other in 0..3 {
+                    let moved = |at, sides| reversed(axis)(shifted(other, by)(at, sides), sides);
+                    let moved = picture(moved, |value| value / 2);
+                    assert!(moved.is_moved_from(&plain), "{axis} {other} {by}");
+                }
+            }
+            let moved = picture(shifted(axis, 2), |value| value);
+            assert!(moved.is_moved_from(&plain), "{axis}");
         }
         let exchanged = picture(|[x, y, z], _| [y, x, z], |value| value);
-        assert!(exchanged.is_mirror_image_of(&plain));
-        // Few voxels, the same ones from both ends.
-        for count in [1, 2, 7, 64, 65, 256, 301] {
-            let few = places(count);
-            assert!(few.len() <= MOST + 1, "{count}");
-            let reversed: Vec<_> = few.iter().rev().map(|index| count - 1 - index).collect();
-            assert_eq!(few, reversed);
+        assert!(exchanged.is_moved_from(&plain));
+    }
+
+    #[test]
+    fn blocks_have_each_voxel_once_and_lie_alike_on_both_sides() {
+        for voxels in [1, 2, 7, 64, 65, 181, 217, 256, 301] {
+            let blocks = Blocks::new(voxels);
+            assert!(blocks.count <= MOST, "{voxels}");
+            let mut found = vec![0; blocks.count];
+            (0..voxels).for_each(|voxel| found[blocks.of(voxel)] += 1);
+            let lengths: Vec<_> = (0..blocks.count)
+                .map(|block| blocks.length(block, voxels))
+                .collect();
+            assert_eq!(found, lengths, "{voxels}");
+            assert!(found[0].abs_diff(found[blocks.count - 1]) <= 1, "{voxels}");
         }
     }
 }

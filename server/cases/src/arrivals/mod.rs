@@ -81,7 +81,7 @@ impl Cases {
     /// Adds images to their series, and returns what became of each. Afterwards they are durable.
     ///
     /// An image that is known and has other contents takes the place of the one that is stored, and its series is read
-    /// again. If its patient or its study has changed, the cases of the series are superseded. A layer of the series is
+    /// again. If its patient, its study or its place has changed, nothing more is made of the cases of the series. A layer of the series is
     /// removed until the series is complete again.
     ///
     /// # Errors
@@ -160,6 +160,7 @@ impl Cases {
                     Ok(_) if stored.is_elsewhere => Some(Change::Owner),
                     Ok(Difference::None) => None,
                     Ok(Difference::Pixels) => Some(Change::Pixels),
+                    Ok(Difference::Place) => Some(Change::Place),
                     Ok(Difference::Owner) => Some(Change::Owner),
                     Err(Error::Failure(_)) => {
                         receptions.push(Reception::Refused);

@@ -4,6 +4,7 @@ use crate::application::Cases;
 use crate::error::Error;
 use case::{CaseId, ObjectKind};
 use imaging::dicom::Attributes;
+use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids};
 use storage::{ObjectName, StoreError, Upload};
 
 /// A patient, as a source states them. This is patient data.
@@ -121,6 +122,33 @@ impl Cases {
             let is_same = new == held;
             (is_same || new.is_stated() && held.is_stated()).then_some(is_same)
         }))
+    }
+
+    /// Whether the PACS has sent images of another patient with the UIDs of a series that was uploaded.
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub async fn is_of_another_patient(&self, uploaded: &CaseSeries) -> Result<bool, StoreError> {
+        if uploaded.is_received {
+            return Ok(false);
+        }
+        let patient = |source: Attributes| Patient::of(|keyword| source.value(keyword));
+        let own = self.attributes_of(&uploaded.case).await?.map(patient);
+        let SeriesUids { study, series } = uploaded.uids.clone();
+        let query = SeriesQuery::Study(study, Some(series));
+        for held in self.store().cases_of(&query).await? {
+            if !held.is_received || held.is_superseded() {
+                continue;
+            }
+            let sent = self.attributes_of(&held.case).await?.map(patient);
+            if sent
+                .zip(own.as_ref())
+                .is_some_and(|(sent, own)| sent != *own)
+            {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// The attributes of the source of a case; `None` if it has none, or they are damaged.

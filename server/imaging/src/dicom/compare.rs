@@ -3,12 +3,13 @@
 use dicom_core::Tag;
 use dicom_dictionary_std::tags;
 use dicom_object::InMemDicomObject;
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::DicomError;
 use super::attributes::wanted;
 use super::frames::whole_pixel_bytes;
-use super::header::{Image, parse, read_image};
+use super::header::{Frame, Image, parse, read_image};
 use super::numbers::text;
 use super::scan::scan;
 
@@ -33,11 +34,16 @@ const OWNER: [Tag; 11] = [
 pub enum Difference {
     /// Nothing that counts: another transfer syntax and other file meta information are no change.
     None,
-    /// The pixels, or their place in the patient.
+    /// The pixels, and no place by more than rounding.
     Pixels,
+    /// The place in the patient, and perhaps the pixels as well.
+    Place,
     /// The patient or the study, and perhaps the pixels as well.
     Owner,
 }
+
+/// How far a corner of an image may move, in mm: numbers may be written with fewer digits.
+pub const ROUNDING_MM: f64 = 0.1;
 
 /// A file, decoded.
 struct Decoded {
@@ -77,6 +83,31 @@ impl Decoded {
         is_padded && self.pixels[..length] == other.pixels[..length] && self.lies_where(other)
     }
 
+    /// Whether the corners of a frame lie elsewhere, or its size is another one. Other frames are a matter of the whole series.
+    fn is_moved_from(&self, other: &Self) -> bool {
+        let [Some(image), Some(before)] = [self, other].map(|decoded| decoded.image.as_ref())
+        else {
+            return false;
+        };
+        let [
+            (Ok(format), Ok(frames)),
+            (Ok(format_before), Ok(frames_before)),
+        ] = [image, before].map(|image| (image.format.as_ref(), image.frames.as_ref()))
+        else {
+            return false;
+        };
+        let size = [format.columns, format.rows];
+        let is_apart = |(one, other): (&Frame, &Frame)| {
+            let corners = corners(one, size).zip(corners(other, size));
+            corners.is_some_and(|(one, other)| {
+                let mut corners = one.iter().zip(other);
+                corners.any(|(one, other)| one.distance(other) > ROUNDING_MM)
+            })
+        };
+        size != [format_before.columns, format_before.rows]
+            || frames.iter().zip(frames_before).any(is_apart)
+    }
+
     fn lies_where(&self, other: &Self) -> bool {
         let places = |decoded: &Self| {
             let image = decoded.image.as_ref()?;
@@ -92,6 +123,16 @@ impl Decoded {
         };
         places(self) == places(other)
     }
+}
+
+/// Where the first pixel of a frame lies, the last one of its first row, and that of its first column.
+fn corners(frame: &Frame, [columns, rows]: [usize; 2]) -> Option<[DVec3; 3]> {
+    let (first, axes, [between_columns, between_rows]) =
+        (frame.position?, frame.axes?, frame.spacing_mm?);
+    let along = |count: usize, step_mm: f64| count.saturating_sub(1) as f64 * step_mm;
+    let row = axes[0] * along(columns, between_columns);
+    let column = axes[1] * along(rows, between_rows);
+    Some([first, first + row, first + column])
 }
 
 /// The text of an attribute, without what may differ between two ways to write one value.
@@ -127,6 +168,7 @@ pub fn difference(stored: &[u8], new: &[u8]) -> Result<Difference, DicomError> {
     Ok(match stored.owner == new.owner {
         false => Difference::Owner,
         true if stored.shows_the_same(&new) => Difference::None,
+        true if new.is_moved_from(&stored) => Difference::Place,
         true => Difference::Pixels,
     })
 }

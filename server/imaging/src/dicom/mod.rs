@@ -45,7 +45,7 @@ pub mod write;
 
 pub use attributes::{Attributes, Instance};
 pub use choose::{Purpose, SeriesName, sequence_name};
-pub use compare::{Difference, difference};
+pub use compare::{Difference, ROUNDING_MM, difference};
 pub use convert::{Converted, Files, Options, convert};
 pub use deidentify::{deidentified_file, kind_of_series, replaced_uid};
 pub use error::DicomError;

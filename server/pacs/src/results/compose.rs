@@ -6,7 +6,6 @@ use axum::body::Bytes;
 use axum::http::StatusCode;
 use case::findings::Finding;
 use case::{Case, CaseFacts, CaseId, MaskMethod, ObjectKind, PatientSide, QualityState};
-use cases::arrivals::Patient;
 use cases::pictures::{Layout, PictureRequest, window_of};
 use cases::report::{ReportFormat, ReportSubject};
 use cases::{Cases, Error};
@@ -21,7 +20,7 @@ use pipeline::findings::voxels_of;
 use render::{
     Frame, FrameSize, PixelFormat, RESEARCH_USE_NOTICE, SHORT_NOTICE, WindowFunction, encode_png,
 };
-use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids, Superseded, Uid};
+use storage::arrivals::{Superseded, Uid};
 use storage::results::ResultSeries;
 
 use super::draw::Drawing;
@@ -89,8 +88,8 @@ impl Composer {
             return Err(no_longer_valid(why));
         }
         let source = source(cases, &id, asked).await?;
-        if let Some(series) = series.filter(|series| !series.is_received && !is_rejection)
-            && contradicts_pacs(cases, &series, &source).await?
+        if let Some(series) = series.filter(|_| !is_rejection)
+            && cases.is_of_another_patient(&series).await?
         {
             return Err(AppError::new(
                 StatusCode::CONFLICT,
@@ -500,25 +499,6 @@ async fn source(cases: &Cases, id: &CaseId, asked: &ResultRequest) -> Result<Att
         (None, Some(study)) => study.attributes(),
         (None, None) => Err(no_patient()),
     }
-}
-
-/// Whether the PACS has sent images of another patient with the UIDs of a series that was uploaded.
-async fn contradicts_pacs(
-    cases: &Cases,
-    uploaded: &CaseSeries,
-    source: &Attributes,
-) -> Result<bool, AppError> {
-    let patient = |source: &Attributes| Patient::of(|keyword| source.value(keyword));
-    let SeriesUids { study, series } = uploaded.uids.clone();
-    let query = SeriesQuery::Study(study, Some(series));
-    let received = cases.store().cases_of(&query).await?.into_iter();
-    for held in received.filter(|held| held.is_received && !held.is_superseded()) {
-        let sent = cases.attributes_of(&held.case).await?;
-        if sent.is_some_and(|sent| patient(&sent) != patient(source)) {
-            return Ok(true);
-        }
-    }
-    Ok(false)
 }
 
 /// Whether an optional attribute of the patient has a value of its kind (PS3.5 §6.2); all others are copied as they are.

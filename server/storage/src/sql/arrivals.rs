@@ -184,6 +184,7 @@ async fn replace(
     jobs::cancel(connection, JobKind::SERIES, id).await?;
     let why = match change {
         Change::Owner => Superseded::Corrected,
+        Change::Place => Superseded::Moved,
         Change::Pixels => Superseded::NewerVersion,
     };
     supersede(connection, id, why).await?;
