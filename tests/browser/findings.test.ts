@@ -8,7 +8,17 @@ import type { Browser, Page } from "playwright-core";
 
 import { violations } from "./axe.ts";
 import { brainMask, markedVolume } from "./phantom.ts";
-import { type Server, keep, launchBrowser, openPage, scratchFolder, skip, startServer, until } from "./support.ts";
+import {
+  type Server,
+  findingsOf,
+  keep,
+  launchBrowser,
+  openPage,
+  scratchFolder,
+  skip,
+  startServer,
+  until,
+} from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
 let scratch: Awaited<ReturnType<typeof scratchFolder>>;
@@ -36,20 +46,7 @@ after(async () => {
   await scratch?.clean();
 });
 
-interface Stored {
-  readonly label: string;
-  readonly note: string;
-  readonly author?: string;
-  readonly side: string;
-  readonly certainty?: string;
-  readonly is_dismissed: boolean;
-}
-
-const address = (): URL => new URL(`v1/cases/${id}/findings`, server.address);
-
-async function stored(): Promise<readonly Stored[]> {
-  return ((await (await fetch(address())).json()) as { findings: readonly Stored[] }).findings;
-}
+const stored = () => findingsOf(server, id);
 
 /** Opens the case with the cross at the bright ball, and waits for what was marked before. */
 async function open(page: Page): Promise<void> {
@@ -85,6 +82,12 @@ test("a finding is kept on the server, with its side, and is there again", { ski
   assert.equal(await page.locator(".finding-label").inputValue(), "<b>thick</b> gyrus");
   assert.match((await page.locator(".finding-name").textContent()) ?? "", /^1 · Right · /);
   assert.deepEqual(await violations(page), []);
+  // On a phone too, while it is written about: nothing is too small for a finger, or covered.
+  const phone = await openPage(browser, { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
+  await open(phone.page);
+  await phone.page.locator(".finding-label").focus();
+  assert.deepEqual(await violations(phone.page), []);
+  await phone.context.close();
 
   // The last sentence is in the report, although the server has not had it before.
   await page.locator(".finding-note").fill("the last sentence");

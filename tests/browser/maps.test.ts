@@ -21,6 +21,7 @@ import { agreement, bare, canvasSize, show } from "./pixels.ts";
 import {
   type Server,
   type Watched,
+  findingsOf,
   fragment,
   keep,
   launchBrowser,
@@ -462,9 +463,7 @@ test(
     await page.waitForSelector(".candidates tr:nth-child(1)[aria-current=true]");
     await judge("Keep as a finding").click();
     assert.equal(await places.nth(0).locator(".dot").getAttribute("aria-label"), "kept as a finding");
-    const findings = new URL(`v1/cases/${id}/findings`, server.address);
-    const stored = async (): Promise<readonly { from_map: string; is_dismissed: boolean }[]> =>
-      ((await (await fetch(findings)).json()) as { findings: { from_map: string; is_dismissed: boolean }[] }).findings;
+    const stored = () => findingsOf(server, id);
     assert.deepEqual(
       (await until(stored, (list) => list.length === 2)).map(({ from_map, is_dismissed }) => [from_map, is_dismissed]),
       [

@@ -15,6 +15,7 @@ import { violations } from "./axe.ts";
 import { brainMask, markedVolume } from "./phantom.ts";
 import {
   type Server,
+  findingsOf,
   keep,
   launchBrowser,
   openPage,
@@ -122,9 +123,7 @@ test("the proxy says who it is, and the end of its session loses nothing", { ski
   person = "ana";
   await page.getByRole("button", { name: "I have signed in: go on" }).click();
   await page.locator("dialog.ask-proxy").waitFor({ state: "detached" });
-  const findings = new URL(`v1/cases/${id}/findings`, server.address);
-  const list = async (): Promise<readonly unknown[]> =>
-    ((await (await fetch(findings, { headers: TOKEN })).json()) as { findings: unknown[] }).findings;
+  const list = () => findingsOf(server, id, TOKEN);
   assert.equal((await until(list, ({ length }) => length === 1)).length, 1);
 
   await page.locator("#who").click();

@@ -9,6 +9,7 @@ import { violations } from "./axe.ts";
 import { brainMask, isBrain, nifti } from "./phantom.ts";
 import {
   type Server,
+  findingsOf,
   keep,
   launchBrowser,
   openPage,
@@ -51,18 +52,6 @@ after(async () => {
   await server?.stop();
   await scratch?.clean();
 });
-
-interface Stored {
-  readonly kind: string;
-  readonly note: string;
-  readonly depth_mm: number;
-  readonly points_in_patient: readonly (readonly number[])[];
-}
-
-const stored = async (id: string): Promise<readonly Stored[]> => {
-  const answer = await fetch(new URL(`v1/cases/${id}/findings`, server.address));
-  return ((await answer.json()) as { findings: readonly Stored[] }).findings;
-};
 
 /** The number in words such as `Length 100.0 mm`. */
 const valueOf = (words = ""): number => Number(/-?\d[\d,]*(\.\d+)?/.exec(words)?.[0].replace(",", ""));
@@ -161,7 +150,7 @@ test(
 
     await page.locator(".measures li").last().getByRole("button", { name: "Keep as a finding" }).click();
     const [one] = await until(
-      () => stored(head),
+      () => findingsOf(server, head),
       (list) => list.length === 1,
     );
     assert.deepEqual([one?.kind, one?.points_in_patient.length], ["polygon", 4]);
@@ -182,14 +171,14 @@ test(
     // Undone and done again.
     await page.getByRole("button", { name: "Undo the last change of the findings" }).click();
     await until(
-      () => stored(head),
+      () => findingsOf(server, head),
       (list) => list.length === 0,
     );
     await page.getByRole("button", { name: "Redo the last change of the findings" }).click();
     assert.equal(
       (
         await until(
-          () => stored(head),
+          () => findingsOf(server, head),
           (list) => list.length === 1,
         )
       ).length,
@@ -263,7 +252,7 @@ test(
 
     await page.locator(".measures li").getByRole("button", { name: "Keep as a finding" }).click();
     const [one] = await until(
-      () => stored(ball),
+      () => findingsOf(server, ball),
       (list) => list.length === 1,
     );
     assert.deepEqual([one?.kind, one?.depth_mm], ["line", 10]);

@@ -13,6 +13,7 @@ import { brainMask, markedVolume } from "./phantom.ts";
 import {
   type Server,
   type Watched,
+  findingsOf,
   keep,
   launchBrowser,
   openPage,
@@ -218,9 +219,7 @@ test("a session is renewed silently, and what is written after its end is kept",
   await page.locator("#sign-in").click();
   const beside = await opened;
   await page.locator("dialog.ask-sign-in").waitFor({ state: "detached" });
-  const findings = new URL(`v1/cases/${id}/findings`, server.address);
-  const list = async (): Promise<readonly unknown[]> =>
-    ((await (await fetch(findings, { headers: TOKEN })).json()) as { findings: unknown[] }).findings;
+  const list = () => findingsOf(server, id, TOKEN);
   assert.equal((await until(list, ({ length }) => length === 1)).length, 1);
   assert.equal(await page.locator(".finding-label").count(), 1);
   // The issuer knew who it was, and asked nothing.

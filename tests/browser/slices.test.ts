@@ -360,7 +360,11 @@ test("a click in a slice turns the surface to that point", { skip }, async () =>
 test("the slice across the sulcus comes with a key, turns by hand, and marks what is clicked", { skip }, async () => {
   await reset();
   await page.keyboard.press("x");
-  assert.match(await text("#live"), /^Mark a point first/);
+  const said = await until(
+    () => text("#live"),
+    (words) => words.startsWith("Mark a point first"),
+  );
+  assert.match(said, /^Mark a point first/);
   await page.locator(".layouts button[value=slices]").click();
   const { x, y, width, height } = await surface();
   await page.mouse.dblclick(x + width * 0.45, y + height * 0.45);

@@ -226,6 +226,30 @@ export async function readyCase(address: string, seconds = 480): Promise<string>
   }
 }
 
+/** A finding as the server keeps it. */
+export interface StoredFinding {
+  readonly kind: string;
+  readonly points_in_patient: readonly (readonly number[])[];
+  readonly depth_mm: number;
+  readonly side: string;
+  readonly label: string;
+  readonly note: string;
+  readonly certainty?: string;
+  readonly author?: string;
+  readonly from_map?: string;
+  readonly is_dismissed: boolean;
+}
+
+/** The findings of a case, as the server has them now. */
+export async function findingsOf(
+  { address }: Pick<Server, "address">,
+  id: string,
+  headers: Readonly<Record<string, string>> = {},
+): Promise<readonly StoredFinding[]> {
+  const answer = await fetch(new URL(`v1/cases/${id}/findings`, address), { headers });
+  return ((await answer.json()) as { findings: readonly StoredFinding[] }).findings;
+}
+
 /**
  * Where the pixels are that are at least so bright: as shares of the picture, their mean place and their leftmost
  * one.

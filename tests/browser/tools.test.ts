@@ -463,7 +463,7 @@ test(
     release();
     await shown(phone.page);
     for (const place of [0, 400, 99_999]) {
-      await phone.page.evaluate((top) => scrollTo(0, top), place);
+      await phone.page.locator(".page").evaluate((one, top) => one.scrollTo(0, top), place);
       const bar = await phone.page.locator(".depth-bar").boundingBox();
       assert.ok(bar && bar.y >= 0 && bar.y + bar.height <= 844.5, `${place}: ${JSON.stringify(bar)}`);
     }
@@ -506,14 +506,15 @@ test("on a phone a finger scrolls past slices, and marks a point where it taps",
   await touch("touchStart", y);
   for (const up of [20, 60, 120, 200]) await touch("touchMove", y - up);
   await touch("touchEnd");
-  const scrolled = (): Promise<number> => small.evaluate(() => scrollY);
+  const scroller = small.locator(".page");
+  const scrolled = (): Promise<number> => scroller.evaluate((one) => one.scrollTop);
   assert.ok((await until(scrolled, (top) => top > 100)) > 100, "the page is scrolled");
   assert.equal((await fragment(small)).x, undefined, "nothing is marked");
   // What the finger has thrown rolls on for a while.
   const scrolledBack = (): Promise<number> =>
-    small.evaluate(() => {
-      scrollTo(0, 0);
-      return new Promise((resolve) => setTimeout(() => resolve(scrollY), 200));
+    scroller.evaluate((one) => {
+      one.scrollTo(0, 0);
+      return new Promise((resolve) => setTimeout(() => resolve(one.scrollTop), 200));
     });
   assert.equal(await until(scrolledBack, (top) => top === 0), 0);
   await small.touchscreen.tap(x, y);

@@ -484,7 +484,7 @@ test(
     }
     await page.getByRole("button", { name: "Claro ou escuro" }).click();
     await page.reload();
-    await page.waitForSelector("html[data-theme=light] .layouts >> text=Com cortes");
+    await page.waitForSelector("html[data-theme=light] .layouts >> text=De perto");
     const stored = await page.evaluate(() => JSON.stringify(localStorage));
     assert.ok(!stored.includes(id) && !stored.includes("Demo"), stored);
   },

@@ -61,6 +61,8 @@ export class Aids {
   #filling: Promise<Filled> | null = null;
   #filled: Filled | null = null;
   #list: LayerList | null = null;
+  /** What a key wanted to see before the layers were listed. */
+  #wanted: "grey" | "colours" | null = null;
   /** The layer that the map of the FLAIR belongs to. */
   #flairOf: string | undefined;
   #state: ViewState | null = null;
@@ -193,10 +195,15 @@ export class Aids {
     return false;
   }
 
-  /** Shows the next of the added layers, or none after the last. */
+  /** Shows the next of the added layers, or none after the last, once they are listed. */
   #next(how: "grey" | "colours"): void {
+    if (!this.#list) {
+      this.#wanted = how;
+      this.load().catch((problem: unknown) => this.#listener.complain(problem));
+      return;
+    }
     const state = this.#state;
-    const ready = this.#list?.layers.filter((layer) => isAdded(layer) && isReady(layer)) ?? [];
+    const ready = this.#list.layers.filter((layer) => isAdded(layer) && isReady(layer));
     const usable = how === "grey" ? ready.filter((layer) => greyOf(layer)) : ready;
     if (!state || usable.length === 0) return this.#listener.announce(t("layers.none-ready"));
     const shown = how === "grey" ? state.layer?.id : state.overlay?.name;
@@ -346,6 +353,9 @@ export class Aids {
     if (this.#state) this.#showFilled(this.#state);
     this.#settle();
     this.#listener.redraw();
+    const wanted = this.#wanted;
+    this.#wanted = null;
+    if (wanted) this.#next(wanted);
   }
 }
 

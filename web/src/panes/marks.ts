@@ -20,6 +20,9 @@ const WORDS_APART: Vec2 = [24, 12];
 const WORDS_OF_MANY_APART: Vec2 = [96, 48];
 const AWAY = { dash: [3, 3], opacity: 0.75 } as const;
 
+/** The words of so many marks can be read without seeing them: those of thousands take as long as their lines. */
+const MOST_TOLD = 100;
+
 export class Marks {
   readonly element = h("canvas", { class: "finding-marks", hidden: true, "aria-hidden": "true" });
   // Graphics devices are slow at long lines.
@@ -28,10 +31,14 @@ export class Marks {
 
   show(marks: readonly Mark[], [width, height]: Vec2): void {
     const { element } = this;
+    if (element.hidden && marks.length === 0) return;
     element.hidden = marks.length === 0;
-    // What is painted cannot be read from a canvas: the words, how many are dashed, and where the last one ends.
+    // What is painted cannot be read from a canvas: the first words, how many are dashed, and where the last one ends.
     Object.assign(element.dataset, {
-      words: marks.map(({ words }) => words).join("\n"),
+      words: marks
+        .slice(0, MOST_TOLD)
+        .map(({ words }) => words)
+        .join("\n"),
       away: marks.filter(({ isAway }) => isAway).length,
       end:
         marks

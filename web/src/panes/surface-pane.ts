@@ -82,6 +82,8 @@ export class SurfacePane {
   readonly surface: Surface;
   #drawn: ViewState | null = null;
   #marked: readonly Marked[] = [];
+  /** What the marks that are drawn depend on. */
+  #laid: readonly unknown[] = [];
   #ghost: Vec2 | null = null;
 
   /** `kept` draws the case already. */
@@ -235,10 +237,13 @@ export class SurfacePane {
     if (this.#drawn) this.#marks(this.#drawn);
   }
 
-  /** The marks on the side of the head that each half shows. */
+  /** The marks on the side of the head that each half shows; those of the picture that is up stay as they are. */
   #marks(state: ViewState): void {
     const sphere = this.#shown.envelope_sphere;
     const size = this.size(state);
+    const laid = [state, this.#marked, ...size, devicePixelRatio];
+    if (laid.every((one, at) => one === this.#laid[at])) return;
+    this.#laid = laid;
     const mirror = isMirrored(state) ? mirrored(state, mirrorPlane(this.#shown), sphere) : state;
     const [own, others] = [state.surface, isMirrored(state) ? mirroredSurface(state.surface) : state.surface];
     const marksOf = (surface: SurfaceName, view: View): readonly Mark[] =>

@@ -46,12 +46,25 @@ impl Contents<'_> {
     /// A section. All but the first, which says it in full, begin with the verdict on the mask: not every browser prints the margins
     /// of pages.
     fn section(&self, number: usize, section: &Section<'_>) -> Markup {
-        let blocks = html! { @for each in &section.blocks { (block(each)) } };
         let doubt =
             html! { @if let Some(doubt) = &self.doubt { p.warning { strong { (doubt) } } } };
-        html! {
-            @if number == 0 { (blocks) }
-            @else { section.page.finding[section.is_finding] { (doubt) (blocks) } }
+        let blocks = html! { @for each in &section.blocks { (block(each)) } };
+        match section.blocks.split_first() {
+            _ if number == 0 => blocks,
+            Some((heading, rest)) if section.is_finding => {
+                html! { section.page.finding { (sheet(&html! { (doubt) (block(heading)) }, rest)) } }
+            }
+            _ => html! { section.page { (doubt) (blocks) } },
+        }
+    }
+}
+
+/// Blocks below a head. Where they go on to the next printed page, it stands above them again, as the head of a table does.
+fn sheet(head: &Markup, blocks: &[Block<'_>]) -> Markup {
+    html! {
+        table.sheet role="presentation" {
+            thead { tr { td { (head) } } }
+            tbody { @for each in blocks { tr { td { (block(each)) } } } }
         }
     }
 }

@@ -73,6 +73,13 @@ async fn the_report_shows_what_was_marked_and_runs_nothing() {
         assert!(!html.contains(forbidden), "{forbidden}");
     }
     assert_eq!(html.matches("class=\"page finding\"").count(), 2);
+    // Each is named by the head of a table, which is printed again on the pages that it goes on to.
+    for head in [
+        "<thead><tr><td><h2>Finding 1: ",
+        "<thead><tr><td><h2>Finding 2: ",
+    ] {
+        assert_eq!(html.matches(head).count(), 1, "{head}");
+    }
     assert!(html.contains("<strong>left</strong>") && html.contains("<strong>right</strong>"));
     assert!(html.contains("left, as acquired") && html.contains("right, flipped"));
     assert!(html.contains("Looked at and dismissed") && html.contains("nothing here"));
