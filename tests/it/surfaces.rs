@@ -227,6 +227,48 @@ async fn a_side_that_a_surface_lacks_and_a_head_without_parts_are_refused_with_a
 }
 
 #[tokio::test]
+async fn a_mask_of_one_side_is_doubted_and_has_no_hemispheres() {
+    let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
+    let [volume, mask] = head(false);
+    let mask = imaging::nifti::read_mask(&mask, &imaging::Limits::default()).unwrap();
+    let place = |index: usize| {
+        let voxel = mask.grid().voxel(index).map(|along| along as f64);
+        mask.grid()
+            .patient_from_voxel()
+            .transform_point3(voxel.into())
+    };
+    let left = mask.voxels().iter().enumerate();
+    let left = left.map(|(index, is_brain)| *is_brain && place(index).x > 0.0);
+    let left = geometry::Mask::new(mask.grid().clone(), left.collect()).unwrap();
+    let left = imaging::nifti::write_mask(&left).unwrap();
+    let case = case_of(&server, [volume, left]).await;
+    let facts = server.get(&case).await.json();
+    assert_eq!(facts["quality"]["state"], "review");
+    let codes = facts["quality"]["reason_codes"].as_array().unwrap();
+    assert!(codes.contains(&"mask-volume".into()), "{codes:?}");
+    // A picture of what there is says so.
+    for keys in ["depth_mm=8", "projection=map"] {
+        let picture = server.get(&format!("{case}/render?{keys}")).await;
+        assert_eq!(picture.status, StatusCode::OK, "{keys}");
+        assert_eq!(picture.header("x-isocortex-quality"), "review", "{keys}");
+    }
+    // A hemisphere would be the whole mask, and its inner side the cut.
+    for keys in [
+        "surface=left",
+        "surface=right",
+        "surface=cerebrum",
+        "surface=left&view=mesial-left",
+        "projection=map&sides=both",
+    ] {
+        let answer = server.get(&format!("{case}/render?{keys}")).await;
+        assert_eq!(answer.status, StatusCode::CONFLICT, "{keys}");
+        assert_eq!(answer.problem(), "no-surfaces", "{keys}");
+        let reason = answer.json()["reason"].as_str().unwrap().to_owned();
+        assert!(reason.starts_with("regions-"), "{keys}: {reason}");
+    }
+}
+
+#[tokio::test]
 async fn the_parts_of_a_head_are_stored_with_its_maps_and_are_those_that_are_made_on_request() {
     let server = Server::start_with(|config| config.render.gpu = GpuUse::Off).await;
     let case = case_of(&server, head(false)).await;

@@ -4,7 +4,7 @@ use geometry::{DepthField, distance_map};
 use glam::DVec3;
 
 use super::division::tests::closed;
-use super::tests::{check_moved, of};
+use super::tests::{Kept, check_moved, of};
 use super::{Division, Region, SurfacePart, regions};
 use crate::block::depth_at;
 use crate::maps::tissue_of;
@@ -50,15 +50,17 @@ fn the_cortex_of_each_hemisphere_lies_on_its_side_and_in_the_cerebrum() {
 }
 
 #[test]
-fn the_parts_of_a_real_head_turn_and_mirror_with_it() {
+fn the_parts_of_real_heads_turn_and_mirror_with_them() {
     let Some(data) = data() else { return };
-    let volume = read_volume(&data.join("csi1/t1.nii.gz"));
-    let agreements = check_moved(&volume, &read_mask(&data.join("csi1/mask_dura.nii.gz")));
-    // The plane is fitted again on other samples, and fluid has no border: 0.1 to 0.6 % change their part.
-    assert!(
-        agreements.iter().all(|same| *same >= 0.993),
-        "{agreements:?}"
-    );
+    for (folder, volume) in [("csi1", "t1"), ("colin27", "ch2"), ("pycortex-s1", "t1")] {
+        let folder = data.join(folder);
+        let volume = read_volume(&folder.join(format!("{volume}.nii.gz")));
+        let kept = check_moved(&volume, &read_mask(&folder.join("mask_dura.nii.gz")));
+        // Plane and envelope are found again along other axes, which moves the cells of the lattice by a fraction of a millimetre. That
+        // alone changes as much.
+        let is_kept = |kept: &Kept| kept.all >= 0.993 && kept.tissue >= 0.998 && kept.far >= 0.9985;
+        assert!(kept.iter().all(is_kept), "{kept:?}");
+    }
 }
 
 /// Distances from the sheet between the hemispheres up to which the junction is that of the mesial wall, in mm.

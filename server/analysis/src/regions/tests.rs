@@ -161,25 +161,37 @@ fn placed(volume: &Volume, mask: &Mask, moved: DAffine3) -> Scan {
 fn the_parts_turn_and_mirror_with_the_voxels() {
     let scan = BrainPhantom::PLAIN.scan(&grid());
     let mask = BrainPhantom::PLAIN.mask(&grid());
-    let agreements = check_moved(&scan.volume, &mask);
-    assert!(
-        agreements.iter().all(|same| *same >= 0.999),
-        "{agreements:?}"
-    );
+    let kept = check_moved(&scan.volume, &mask);
+    assert!(kept.iter().all(|kept| kept.all >= 0.999), "{kept:?}");
 }
 
-/// The shares of voxels that keep their regions in turned and mirrored heads.
-pub(super) fn check_moved(volume: &Volume, mask: &Mask) -> Vec<f64> {
-    let mut agreements = Vec::new();
+/// The shares of voxels that keep their part in a turned or mirrored head.
+#[derive(Debug)]
+pub(super) struct Kept {
+    /// Of all voxels.
+    pub(super) all: f64,
+    /// Of those that are tissue: in fluid there is no border to be found.
+    pub(super) tissue: f64,
+    /// Of those that lie farther than [`NEAR`] from every border between parts.
+    pub(super) far: f64,
+}
+
+/// How far from a border a voxel is near it, in voxels along each axis.
+const NEAR: usize = 2;
+
+/// Compares a head with itself, turned twice and mirrored.
+pub(super) fn check_moved(volume: &Volume, mask: &Mask) -> Vec<Kept> {
     let scan = placed(volume, mask, DAffine3::IDENTITY);
     let plain = of(&scan);
     assert_eq!(plain.doubts, []);
     let (_, values, _) = tissue_of(scan.head()).expect("a tissue scale");
-    for (moved, is_mirrored) in [
+    let is_near = near_borders(&plain);
+    let moves = [
         (turned([25.0, 0.0, 0.0]), false),
         (turned([-9.0, 6.0, 14.0]), false),
         (mirrored(), true),
-    ] {
+    ];
+    let kept = moves.map(|(moved, is_mirrored)| {
         let found = of(&placed(volume, mask, moved));
         assert_eq!(found.doubts, []);
         let as_seen = |region| {
@@ -189,17 +201,35 @@ pub(super) fn check_moved(volume: &Volume, mask: &Mask) -> Vec<f64> {
                 region
             }
         };
-        let same = agreement((&plain, |_| true), &found, moved, as_seen);
-        let of_tissue = agreement(
-            (&plain, |index: usize| values[index] >= TISSUE_FROM),
-            &found,
-            moved,
-            as_seen,
-        );
-        println!("{same:.5}, {of_tissue:.5} of the tissue");
-        agreements.push(same);
+        let share =
+            |counts: &dyn Fn(usize) -> bool| agreement((&plain, counts), &found, moved, as_seen);
+        Kept {
+            all: share(&|_| true),
+            tissue: share(&|index| values[index] >= TISSUE_FROM),
+            far: share(&|index| !is_near[index]),
+        }
+    });
+    println!("{kept:.5?}");
+    kept.into()
+}
+
+/// The voxels around which there is more than one part of the brain.
+fn near_borders(regions: &Regions) -> Vec<bool> {
+    let [nx, ny, nz] = regions.grid().size();
+    // A bit for each part.
+    let of_code = |&code: &u8| Region::from_code(code).map_or(0, |region| 1 << part(region) as u8);
+    let mut around: Vec<u8> = regions.codes().iter().map(of_code).collect();
+    for (stride, side) in [(1, nx), (nx, ny), (nx * ny, nz)] {
+        let before = around.clone();
+        for (index, parts) in around.iter_mut().enumerate() {
+            let place = index / stride % side;
+            let first = index - place.min(NEAR) * stride;
+            let last = index + (side - 1 - place).min(NEAR) * stride;
+            let beside = (first..=last).step_by(stride);
+            *parts = beside.fold(0, |parts, index| parts | before[index]);
+        }
     }
-    agreements
+    around.iter().map(|parts| parts.count_ones() > 1).collect()
 }
 
 #[test]
