@@ -80,6 +80,11 @@ pub struct Quality {
 }
 
 impl Quality {
+    /// Whether it has the reason of this code.
+    pub fn has_reason(&self, code: &str) -> bool {
+        self.reason_codes.iter().any(|reason| reason == code)
+    }
+
     /// Adds a reason for a review, with its code.
     pub fn put_to_review(&mut self, code: &str, sentence: &str) {
         self.state = self.state.max(QualityState::Review);

@@ -1,45 +1,41 @@
-//! Doubts a case if another case has the same voxels with other axes.
+//! Doubts two cases that have the same voxels with other axes.
 
 use case::{CaseFacts, CaseId};
 use storage::{Store, StoreError};
 
 /// The code of the doubt.
-const CODE: &str = "axes-corrected";
+pub(super) const CODE: &str = "axes-corrected";
 
-const SENTENCE: &str = "another case has the same voxels with other axes, so that one of the two headers is wrong. The picture cannot tell \
+pub(super) const SENTENCE: &str = "another case has the same voxels with other axes, so that one of the two headers is wrong. The picture cannot tell \
                         left from right: ask whoever made the file which side is left, then delete both cases and upload the volume with the \
                         correct header";
 
 /// How many cases with the same voxels are compared.
 const MOST_COMPARED: usize = 100;
 
-/// Puts a case to review if another ready case has the same stored values in other places: one of the two headers exchanges or
-/// reverses axes, and a brain looks like its mirror image. A further version of a doubted case is doubted too.
-pub(super) async fn doubt_header(
+/// Whether a case contradicts a ready case with the same stored values in other places, or is a further version of a doubted one. One of the
+/// headers exchanges or reverses axes, and a brain looks like its mirror image. The cases that it contradicts are put to review.
+pub(super) async fn contradicts_header(
     store: &Store,
     id: &CaseId,
-    facts: &mut CaseFacts,
-) -> Result<(), StoreError> {
-    let (Some(voxels), Some(quality)) = (&facts.voxels, &mut facts.quality) else {
-        return Ok(());
+    facts: &CaseFacts,
+) -> Result<bool, StoreError> {
+    let Some(voxels) = &facts.voxels else {
+        return Ok(false);
     };
     let same = store
         .cases_with_voxels((id.project(), &voxels.values), MOST_COMPARED)
         .await?;
-    let is_doubted = |other: &CaseFacts| {
-        let doubts = other.quality.as_ref().map(|quality| &quality.reason_codes);
-        doubts.is_some_and(|codes| codes.iter().any(|code| code == CODE))
-    };
-    let others = same.iter().filter(|case| case.id != *id);
-    let contradicts =
-        others
-            .filter_map(|case| case.facts.as_ref())
-            .any(|other| match &other.voxels {
-                Some(there) if there.moments == voxels.moments => is_doubted(other),
-                there => there.is_some(),
-            });
-    if contradicts {
-        quality.put_to_review(CODE, SENTENCE);
+    let mut is_doubtful = false;
+    for case in same.iter().filter(|case| case.id != *id) {
+        let Some(other) = &case.facts else { continue };
+        let is_doubted = (other.quality.as_ref()).is_some_and(|quality| quality.has_reason(CODE));
+        let lies_elsewhere =
+            (other.voxels.as_ref()).is_some_and(|there| there.moments != voxels.moments);
+        is_doubtful |= lies_elsewhere || is_doubted;
+        if lies_elsewhere {
+            store.put_to_review(&case.id, CODE, SENTENCE).await?;
+        }
     }
-    Ok(())
+    Ok(is_doubtful)
 }

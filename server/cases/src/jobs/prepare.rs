@@ -8,7 +8,7 @@ use case::{Case, Failure, FailureKind, JobKind, Progress, Stage};
 use pipeline::{Derived, Input};
 use storage::{Count, Published, Publisher, StoreError, frame_all};
 
-use super::headers::doubt_header;
+use super::headers::{CODE, SENTENCE, contradicts_header};
 use super::usual_terms;
 use crate::library::Library;
 use crate::runner::{End, Failed, Running, Terms, Work};
@@ -35,7 +35,10 @@ impl Work for PrepareCase {
             return Ok(End::Settled);
         };
         let mut derived = self.derive(job, case).await?;
-        doubt_header(store, &id, &mut derived.facts).await?;
+        let is_doubtful = contradicts_header(store, &id, &derived.facts).await?;
+        if let Some(quality) = derived.facts.quality.as_mut().filter(|_| is_doubtful) {
+            quality.put_to_review(CODE, SENTENCE);
+        }
         let storing = Progress::at(Stage::Storing);
         store.signals().progress(&id, Some(storing));
         let framed = frame_all(derived.objects).await?;
@@ -51,6 +54,10 @@ impl Work for PrepareCase {
             Published::Done => {
                 store.signals().count(Count::Prepared);
                 tracing::info!(job = job.claim.fence, case = id.short(), "a case is ready");
+                // Another one may have become ready meanwhile.
+                if contradicts_header(store, &id, &derived.facts).await? {
+                    store.put_to_review(&id, CODE, SENTENCE).await?;
+                }
             }
             Published::Fenced => tracing::info!(
                 job = job.claim.fence,

@@ -219,6 +219,23 @@ pub(super) async fn make_ready(
     Ok(())
 }
 
+/// Changes the facts of a ready case.
+pub(super) async fn change_facts(
+    connection: &mut Connection,
+    id: &CaseId,
+    facts: &CaseFacts,
+) -> Result<(), StoreError> {
+    let stored = serde_json::to_string(facts)?;
+    connection
+        .query("UPDATE cases SET facts = $1, facts_digest = $2 WHERE id = $3 AND state = 'ready'")
+        .bind(&stored)
+        .bind(upkeep::digest(&stored))
+        .bind(id.key())
+        .execute()
+        .await?;
+    Ok(())
+}
+
 /// What [`with_voxels`] finds a case by.
 fn values_of(facts: &CaseFacts) -> Option<&str> {
     facts.voxels.as_ref().map(|voxels| voxels.values.as_str())

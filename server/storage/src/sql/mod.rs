@@ -304,6 +304,31 @@ impl Store {
         cases::objects(&mut self.rows().connect().await?, id).await
     }
 
+    /// Puts a ready case to review for a further reason; nothing if it has the reason already, or no verdict.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn put_to_review(
+        &self,
+        id: &CaseId,
+        code: &str,
+        sentence: &str,
+    ) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        let case = cases::one(&mut transaction, id).await?;
+        let Some(mut facts) = case.and_then(|case| case.facts) else {
+            return Ok(());
+        };
+        match &mut facts.quality {
+            Some(quality) if !quality.has_reason(code) => quality.put_to_review(code, sentence),
+            _ => return Ok(()),
+        }
+        cases::change_facts(&mut transaction, id, &facts).await?;
+        transaction.commit().await?;
+        self.signals().changed(id);
+        Ok(())
+    }
+
     /// Changes the label of a case; nothing if there is no such case.
     ///
     /// # Errors
