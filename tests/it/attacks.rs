@@ -9,10 +9,11 @@ use axum::http::{Request, StatusCode, header};
 use bytes::Bytes;
 use isocortex::config::Secret;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
-use tokio::net::TcpStream;
+use tokio::net::{TcpSocket, TcpStream};
 
 use crate::head::plain_head;
 use crate::nifti::Nifti;
+use crate::scopes::TokensFile;
 use crate::server::{Answer, CLOSING_BYTES, Server, Socket, form, form_type};
 
 /// Uploads `start` and then 64 MB of `filler`; the answer, and how many bytes were taken of it.
@@ -132,6 +133,74 @@ async fn one_client_leaves_room_for_the_uploads_of_others() {
     let answer = server.upload(&[("volume", &plain_head().bytes())]).await;
     assert_eq!(answer.status, StatusCode::ACCEPTED);
     drop(held);
+}
+
+/// A connection from an address of this machine, which has sent a request.
+async fn from(number: u8, socket: &Socket, sending: &str) -> TcpStream {
+    let here = TcpSocket::new_v4().unwrap();
+    here.bind(([127, 0, 0, number], 0).into()).unwrap();
+    let mut stream = here.connect(socket.address).await.unwrap();
+    stream.write_all(sending.as_bytes()).await.unwrap();
+    stream
+}
+
+/// The first line of an answer.
+async fn status_of(stream: &mut TcpStream) -> String {
+    let mut answer = vec![0; 4096];
+    let length = stream.read(&mut answer).await.unwrap();
+    let answer = String::from_utf8_lossy(&answer[..length]);
+    answer.lines().next().unwrap_or_default().to_owned()
+}
+
+#[tokio::test]
+async fn one_token_leaves_room_for_others_at_however_many_addresses() {
+    let mut tokens = TokensFile::new();
+    for name in ["greedy", "other"] {
+        tokens.add(name, &["--role", "editor"]);
+    }
+    let server = Server::start_with(|config| {
+        config.http.tokens_file = Some(tokens.path());
+        config.http.max_uploads = 4;
+        config.http.max_connections = 8;
+    })
+    .await;
+    let socket = server.on_a_socket().await;
+    let with = |request: &str, name: &str| {
+        let host = "Host: localhost\r\n";
+        request.replace(
+            host,
+            &format!("{host}Authorization: {}\r\n", tokens.bearer(name)),
+        )
+    };
+    let half = |name| with(&half_an_upload(), name);
+    let mut held = Vec::new();
+    for number in [2, 3] {
+        held.push(from(number, &socket, &half("greedy")).await);
+    }
+    while server.stored_files().len() < 2 {
+        tokio::task::yield_now().await;
+    }
+    let mut third = from(4, &socket, &half("greedy")).await;
+    assert!(status_of(&mut third).await.contains(" 503 "));
+    held.push(from(4, &socket, &half("other")).await);
+    while server.stored_files().len() < 3 {
+        tokio::task::yield_now().await;
+    }
+    drop((held, third));
+    // The same for connections that are kept.
+    let list = |name| with(&get("/v1/cases").replace("Connection: close\r\n", ""), name);
+    let mut kept = Vec::new();
+    let mut refused = 0;
+    while refused == 0 {
+        let mut stream = from(2 + (kept.len() % 3) as u8, &socket, &list("greedy")).await;
+        match status_of(&mut stream).await {
+            status if status.contains(" 200 ") => kept.push(stream),
+            _ => refused += 1,
+        }
+        assert!(kept.len() <= 4, "half of eight");
+    }
+    let mut other = from(5, &socket, &list("other")).await;
+    assert!(status_of(&mut other).await.contains(" 200 "));
 }
 
 /// The same for images of a PACS, which have places of their own.

@@ -106,7 +106,7 @@ impl From<ObjectError> for Error {
 impl From<StoreError> for Error {
     fn from(error: StoreError) -> Self {
         match error {
-            StoreError::QueueFull => Self::Busy,
+            StoreError::QueueFull(wait) => Self::BusyFor(wait),
             StoreError::NoSuchCase => Self::NoSuchCase,
             StoreError::LayerNameTaken => Self::LayerNameTaken,
             full if full.is_full() => Self::StorageFull,

@@ -1,14 +1,12 @@
 //! A limit on concurrent work that gives each client its place and its turn.
 
 use std::collections::{HashMap, VecDeque};
-use std::net::IpAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::oneshot;
 
-/// The client of a request; `None` for this program itself and if the address is unknown.
-pub type Client = Option<IpAddr>;
+use crate::places::{Client, Identity};
 
 tokio::task_local! {
     static CLIENT: Client;
@@ -21,14 +19,15 @@ pub async fn for_client<F: Future>(client: Client, request: F) -> F::Output {
 
 /// The client of the request that this task runs.
 pub(crate) fn this_client() -> Client {
-    CLIENT.try_with(|client| *client).ok().flatten()
+    CLIENT.try_with(|client| *client).unwrap_or_default()
 }
 
 /// A limit on places, and on the work at a time of those who have one.
 ///
 /// A free turn goes to the waiting client with the fewest turns, among those to the one whose last turn began first, and among its
 /// requests to the one that has waited longest, so that a client with many requests delays its own. If all places are taken, the
-/// client with the most of them loses the last of those that have not had a turn to a client with fewer.
+/// client with the most of them loses the last of those that have not had a turn to a client with fewer. One identity has at most half of
+/// the places, at however many addresses it is, or as many as may run.
 #[derive(Debug, Clone)]
 pub(crate) struct FairLimit {
     running: usize,
@@ -91,7 +90,11 @@ impl FairLimit {
     /// A place for a client; `None` if all are taken and no other client has many more.
     pub(crate) fn enter(&self, client: Client) -> Option<FairPlace> {
         let mut queue = self.lock();
-        if queue.places() >= self.places && !queue.make_room(client) {
+        let most_of_one = self.places.div_ceil(2).max(self.running);
+        // Then only one of its own may lose a place.
+        let within = (client.identity).filter(|&own| queue.places_of(own) >= most_of_one);
+        let is_full = queue.places() >= self.places || within.is_some();
+        if is_full && !queue.make_room(client, within) {
             return None;
         }
         queue.clients.entry(client).or_default().places += 1;
@@ -170,17 +173,25 @@ impl Queue {
         self.clients.values().map(|share| share.turns).sum()
     }
 
-    /// Takes a place away from the client with the most, if that has at least two more than this one.
-    fn make_room(&mut self, client: Client) -> bool {
+    fn places_of(&self, identity: Identity) -> usize {
+        let own = self.clients.iter();
+        let own = own.filter(|(client, _)| client.identity == Some(identity));
+        own.map(|(_, share)| share.places).sum()
+    }
+
+    /// Takes a place away from the client with the most, if that has at least two more than this one; within an identity, if one is
+    /// given.
+    fn make_room(&mut self, client: Client, within: Option<Identity>) -> bool {
         let own = self.clients.get(&client).map_or(0, |share| share.places);
         let waits = |other: &Client| {
             let mut waiting = self.waiting.iter();
             waiting.any(|waiting| waiting.is_first && waiting.client == *other)
         };
-        let others = self
-            .clients
-            .iter()
-            .filter(|(other, share)| other.is_some() && share.places >= own + 2 && waits(other));
+        let others = self.clients.iter().filter(|(other, share)| {
+            let is_within = within.is_none() || other.identity == within;
+            let is_client = **other != Client::default();
+            is_client && is_within && share.places >= own + 2 && waits(other)
+        });
         let Some((&greedy, _)) = others.max_by_key(|(_, share)| share.places) else {
             return false;
         };
@@ -261,7 +272,38 @@ mod tests {
     use super::*;
 
     fn client(number: u8) -> Client {
-        Some(IpAddr::from([10, 0, 0, number]))
+        Client::at([10, 0, 0, number].into())
+    }
+
+    #[tokio::test]
+    async fn one_identity_takes_half_of_the_places_at_however_many_addresses() {
+        let limit = FairLimit::new(1, 8);
+        let named = |number, name| Client {
+            identity: Some(Identity::of(name)),
+            ..client(number)
+        };
+        let _held: Vec<_> = (0..4)
+            .map(|number| limit.enter(named(number, "greedy")).unwrap())
+            .collect();
+        assert!(limit.enter(named(9, "greedy")).is_none());
+        assert!(limit.enter(named(9, "other")).is_some());
+    }
+
+    #[tokio::test]
+    async fn addresses_of_one_identity_share_its_places() {
+        let limit = FairLimit::new(1, 8);
+        let named = |number| Client {
+            identity: Some(Identity::of("site")),
+            ..client(number)
+        };
+        let places: Vec<_> = (0..4).map(|_| limit.enter(named(1)).unwrap()).collect();
+        let mut turns: Vec<_> = places.iter().map(|place| Box::pin(place.turn())).collect();
+        let _running = poll!(&mut turns[0]);
+        for turn in &mut turns[1..] {
+            assert!(poll!(turn).is_pending());
+        }
+        assert!(limit.enter(named(2)).is_some());
+        assert!(turns.pop().unwrap().await.is_none(), "the last one is lost");
     }
 
     /// A place and its turn.
@@ -375,10 +417,10 @@ mod tests {
     #[tokio::test]
     async fn who_leaves_makes_room_and_gets_no_turn() {
         let limit = FairLimit::new(1, 2);
-        let held = turn(&limit, None).await;
+        let held = turn(&limit, Client::default()).await;
         let mut gone = Box::pin(turn(&limit, client(1)));
         assert!(poll!(&mut gone).is_pending());
-        assert!(limit.enter(None).is_none());
+        assert!(limit.enter(Client::default()).is_none());
         drop(gone);
         let mut kept = Box::pin(turn(&limit, client(2)));
         assert!(poll!(&mut kept).is_pending());

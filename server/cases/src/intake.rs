@@ -11,7 +11,7 @@ use bytes::Bytes;
 use case::{CaseId, CaseState, Failure, Parameters};
 use imaging::{START_BYTES, sniff};
 use pipeline::{Source, check};
-use storage::{NewMask, Spooled, Submitted, Upload, Version};
+use storage::{NewMask, Spooled, Store, Submitted, Upload, Version};
 use tempfile::TempDir;
 use tokio::sync::OwnedSemaphorePermit;
 
@@ -21,6 +21,7 @@ use crate::decoded_uploads::OfferedUpload;
 use crate::dicom::{Choice, Input, Options};
 use crate::error::Error;
 use crate::fair::this_client;
+use crate::places::{Client, Identity};
 
 /// The received files of a volume.
 #[derive(Debug)]
@@ -117,11 +118,18 @@ impl Cases {
             parameters.name = self.label_of(&upload).await?;
         }
         let series = SeriesOfUpload::read(&upload).await?;
-        let store = self.store().for_client(this_client());
+        let store = self.store_of_client();
         let submitted = store.submit_after(upload, parameters, previous).await?;
         self.index(submitted.case.id, series).await?;
         offer.keep_if(submitted.created);
         Ok(submitted)
+    }
+
+    /// The store for the client of this request.
+    pub(crate) fn store_of_client(&self) -> Store {
+        let Client { address, identity } = this_client();
+        let name = identity.map(Identity::digest);
+        self.store().for_client(address, name)
     }
 
     /// Whether an upload is a case that has a label.
@@ -152,7 +160,7 @@ impl Cases {
         let of = version.of;
         let offer;
         (version.parameters, offer) = self.check_version(&version).await?;
-        let store = self.store().for_client(this_client());
+        let store = self.store_of_client();
         let submitted = store.submit_version(version).await?;
         let submitted = submitted.ok_or(Error::NoSuchCase)?;
         self.index_version(&of, submitted.case.id).await?;

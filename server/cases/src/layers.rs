@@ -153,7 +153,8 @@ impl Cases {
         if known.is_none() {
             self.check_layer(&upload).await?;
         }
-        match self.store().submit_layer(upload).await {
+        let store = self.store_of_client();
+        match store.submit_layer(upload).await {
             Ok(SubmittedLayer { layer, created }) => Ok(AddedLayer {
                 layer,
                 created,

@@ -38,7 +38,7 @@ pub use application::{Cases, MAX_INSTANCE_BYTES, Options, StartError, open_libra
 pub use children::ChildBudget;
 pub use confine::{Confinement, hide};
 pub use error::Error;
-pub use fair::{Client, for_client};
+pub use fair::for_client;
 pub use intake::VolumeFiles;
 pub use library::{Library, LibraryOptions, Preparation};
 pub use limit::{ConcurrencyLimit, Queued, Turn};

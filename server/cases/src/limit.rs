@@ -188,7 +188,6 @@ impl Turn {
 #[cfg(test)]
 mod tests {
     use std::future::{pending, ready};
-    use std::net::IpAddr;
     use std::sync::atomic::AtomicUsize;
     use std::sync::mpsc;
     use std::thread;
@@ -198,6 +197,7 @@ mod tests {
 
     use super::*;
     use crate::fair::for_client;
+    use crate::places::Client;
 
     /// Work in a turn of a limit.
     async fn pass<T>(limit: &ConcurrencyLimit, work: impl Future<Output = T>) -> Result<T, Error> {
@@ -222,7 +222,7 @@ mod tests {
     #[tokio::test]
     async fn one_client_with_many_pictures_delays_its_own() {
         let limit = ConcurrencyLimit::new(1, 8);
-        let [greedy, other] = [1, 2].map(|number| Some(IpAddr::from([10, 0, 0, number])));
+        let [greedy, other] = [1, 2].map(|number| Client::at([10, 0, 0, number].into()));
         let first = for_client(greedy, limit.turn()).await.unwrap();
         let mut second = Box::pin(for_client(greedy, limit.turn()));
         let mut late = Box::pin(for_client(other, limit.turn()));

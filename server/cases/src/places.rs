@@ -1,8 +1,9 @@
 //! Places that clients share: for connections, uploads, streams of events and associations.
 
 use std::collections::HashMap;
+use std::hash::Hash;
 use std::net::{IpAddr, Ipv4Addr};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// How many times the least rate a client must keep if all places are taken.
 const HURRY: f64 = 10.0;
@@ -17,24 +18,69 @@ pub fn hurry(taken: f64) -> f64 {
     1.0 + (HURRY - 1.0) * shortage_at(taken)
 }
 
-/// A number of places, of which one client may take only some. Cheap to clone.
+/// Who takes places and turns. The default is this program itself.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash)]
+pub struct Client {
+    /// The address, if it is known.
+    pub address: Option<IpAddr>,
+    /// The person or the token, if it has a name and there are others.
+    pub identity: Option<Identity>,
+}
+
+/// What stands for a person or a token, at whatever address.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Identity([u8; 8]);
+
+impl Client {
+    /// Somebody at an address.
+    pub fn at(address: IpAddr) -> Self {
+        Self {
+            address: Some(address),
+            identity: None,
+        }
+    }
+}
+
+impl Identity {
+    /// That of a name, which is unique.
+    pub fn of(name: &str) -> Self {
+        let [a, b, c, d, e, f, g, h, ..] = *blake3::hash(name.as_bytes()).as_bytes();
+        Self([a, b, c, d, e, f, g, h])
+    }
+
+    /// A digest of the name.
+    pub fn digest(self) -> [u8; 8] {
+        self.0
+    }
+}
+
+/// A number of places, of which one address may take only some, and one [`Identity`] half. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Places {
     most: usize,
     most_of_one: usize,
-    /// The number of places of each client. Held only briefly.
-    held: Arc<Mutex<HashMap<IpAddr, usize>>>,
+    /// Held only briefly.
+    held: Arc<Mutex<Held>>,
+}
+
+/// How many places are taken.
+#[derive(Debug, Default)]
+struct Held {
+    all: usize,
+    by_address: HashMap<IpAddr, usize>,
+    by_identity: HashMap<Identity, usize>,
 }
 
 /// A place, until it is dropped.
 #[derive(Debug)]
 pub struct Place {
-    client: IpAddr,
+    address: IpAddr,
+    identity: Option<Identity>,
     places: Places,
 }
 
 impl Places {
-    /// `most` places, of which one client takes at most `most_of_one`.
+    /// `most` places, of which one address takes at most `most_of_one`.
     pub fn new(most: usize, most_of_one: usize) -> Self {
         Self {
             most,
@@ -43,21 +89,22 @@ impl Places {
         }
     }
 
-    /// `most` places, of which one client takes at most a quarter.
+    /// `most` places, of which one address takes at most a quarter.
     pub fn in_quarters(most: usize) -> Self {
         Self::new(most, most.div_ceil(4))
     }
 
-    /// A place, if there is one for this client. `None` is this program itself, which may take all.
-    pub fn take(&self, client: Option<IpAddr>) -> Option<Place> {
-        match client {
-            Some(client) => self.take_at_most(client, self.most_of_one),
-            None => self.take_at_most(IpAddr::V4(Ipv4Addr::UNSPECIFIED), self.most),
-        }
+    /// A place, if there is one for this client. Who has no address may take all of them.
+    pub fn take(&self, client: Client) -> Option<Place> {
+        let most_of_one = match client.address {
+            Some(_) => self.most_of_one,
+            None => self.most,
+        };
+        self.take_at_most(client, most_of_one)
     }
 
-    /// A place, if there is any, however many this client has.
-    pub fn take_any(&self, client: IpAddr) -> Option<Place> {
+    /// A place, if there is any, however many this address has.
+    pub fn take_any(&self, client: Client) -> Option<Place> {
         self.take_at_most(client, self.most)
     }
 
@@ -68,34 +115,56 @@ impl Places {
 
     /// The share that is taken.
     fn taken(&self) -> f64 {
-        let held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        let all: usize = held.values().sum();
-        all as f64 / self.most.max(1) as f64
+        self.held().all as f64 / self.most.max(1) as f64
     }
 
-    fn take_at_most(&self, client: IpAddr, most_of_one: usize) -> Option<Place> {
-        let client = network_of(client);
-        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        let all: usize = held.values().sum();
-        let of_this = held.get(&client).copied().unwrap_or(0);
-        if all >= self.most || of_this >= most_of_one {
+    fn take_at_most(&self, client: Client, most_of_address: usize) -> Option<Place> {
+        let address = client.address.unwrap_or(Ipv4Addr::UNSPECIFIED.into());
+        let (address, identity) = (network_of(address), client.identity);
+        let mut held = self.held();
+        let of_address = held.by_address.get(&address).copied().unwrap_or(0);
+        let of_identity = identity.and_then(|identity| held.by_identity.get(&identity));
+        if held.all >= self.most
+            || of_address >= most_of_address
+            || of_identity.is_some_and(|&taken| taken >= self.most.div_ceil(2))
+        {
             return None;
         }
-        held.insert(client, of_this + 1);
+        held.all += 1;
+        *held.by_address.entry(address).or_default() += 1;
+        if let Some(identity) = identity {
+            *held.by_identity.entry(identity).or_default() += 1;
+        }
         drop(held);
-        let places = self.clone();
-        Some(Place { client, places })
+        Some(Place {
+            address,
+            identity,
+            places: self.clone(),
+        })
+    }
+
+    fn held(&self) -> MutexGuard<'_, Held> {
+        // Each change is complete, even if a holder panicked.
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Drop for Place {
     fn drop(&mut self) {
-        let held = &self.places.held;
-        let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
-        match held.get_mut(&self.client) {
-            Some(count) if *count > 1 => *count -= 1,
-            _ => drop(held.remove(&self.client)),
+        let mut held = self.places.held();
+        held.all -= 1;
+        give_back(&mut held.by_address, self.address);
+        if let Some(identity) = self.identity {
+            give_back(&mut held.by_identity, identity);
         }
+    }
+}
+
+/// Counts one less for somebody.
+fn give_back<K: Eq + Hash>(counts: &mut HashMap<K, usize>, key: K) {
+    match counts.get_mut(&key) {
+        Some(count) if *count > 1 => *count -= 1,
+        _ => drop(counts.remove(&key)),
     }
 }
 
@@ -115,8 +184,28 @@ pub fn network_of(address: IpAddr) -> IpAddr {
 mod tests {
     use super::*;
 
-    fn ip(text: &str) -> Option<IpAddr> {
-        Some(text.parse().unwrap())
+    fn ip(text: &str) -> Client {
+        Client::at(text.parse().unwrap())
+    }
+
+    #[test]
+    fn one_identity_takes_half_of_the_places_at_however_many_addresses() {
+        let places = Places::in_quarters(8);
+        let take = |number: u8, name: &str| {
+            places.take(Client {
+                address: Some(IpAddr::from([10, 0, 0, number])),
+                identity: Some(Identity::of(name)),
+            })
+        };
+        let held: Vec<_> = (0..4).map(|number| take(number, "greedy")).collect();
+        assert!(held.iter().all(Option::is_some));
+        assert!(take(9, "greedy").is_none());
+        assert!(take(9, "other").is_some());
+        assert!(places.take(ip("10.0.0.9")).is_some(), "without a name");
+        drop(held);
+        assert!(take(9, "greedy").is_some());
+        let held = places.held();
+        assert!(held.by_identity.is_empty() && held.by_address.is_empty());
     }
 
     #[test]
@@ -140,7 +229,7 @@ mod tests {
         let mut held = Vec::new();
         let mut shortages = vec![shortage_at(places.taken())];
         for _ in 0..8 {
-            held.push(places.take(None).unwrap());
+            held.push(places.take(Client::default()).unwrap());
             shortages.push(shortage_at(places.taken()));
         }
         assert_eq!(shortages, [0.0, 0.0, 0.0, 0.0, 0.0, 0.25, 0.5, 0.75, 1.0]);
@@ -149,9 +238,9 @@ mod tests {
     #[test]
     fn one_place_serves_one_client_after_another() {
         let places = Places::in_quarters(1);
-        drop(places.take(None).unwrap());
+        drop(places.take(Client::default()).unwrap());
         let _held = places.take(ip("10.0.0.1")).unwrap();
-        assert!(places.take(None).is_none());
+        assert!(places.take(Client::default()).is_none());
     }
 
     #[test]
@@ -162,7 +251,7 @@ mod tests {
         assert!(places.take(ip("2001:db8:0:1::1")).is_some());
         assert_eq!(
             network_of("::ffff:10.0.0.1".parse().unwrap()),
-            ip("10.0.0.1").unwrap()
+            "10.0.0.1".parse::<IpAddr>().unwrap()
         );
     }
 }

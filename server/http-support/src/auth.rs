@@ -15,13 +15,14 @@ use axum::response::{IntoResponse as _, Response};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use case::Project;
+use cases::places::Identity;
 use futures_util::StreamExt as _;
 use tokio::sync::watch;
 
 use crate::audited::Witness;
 use crate::door::Connection;
 use crate::guesses::Guesses;
-use crate::listen::Peer;
+use crate::listen::{Peer, client_of};
 use crate::oidc::{Issuer, SignedIn, as_token};
 use crate::origins::Origins;
 use crate::problem::AppError;
@@ -127,6 +128,15 @@ impl Access {
     /// Whether a token is required.
     pub fn wants_token(&self) -> bool {
         self.tokens.borrow().is_some()
+    }
+
+    /// What stands for somebody where places are shared; `None` if there is nobody else, for whom to leave any.
+    fn identity_of(&self, holder: &Holder) -> Option<Identity> {
+        let tokens = self.tokens.borrow();
+        let has_others = self.issuer.is_some()
+            || self.proxy.is_some()
+            || tokens.as_ref().is_some_and(|tokens| tokens.count() > 1);
+        has_others.then(|| Identity::of(&holder.name))
     }
 
     /// The token of a request; `None` if none is required.
@@ -404,7 +414,8 @@ pub async fn require_token(
                 Some(opened) => opened.holder.clone(),
                 None => Holder::anybody(),
             };
-            if let Some(Err(busy)) = connection.map(|connection| connection.admit()) {
+            let identity = access.identity_of(&holder);
+            if let Some(Err(busy)) = connection.map(|connection| connection.admit(identity)) {
                 return Ok(closing(AppError::from(busy).into_response()));
             }
             let path = request.extensions().get::<MatchedPath>();
@@ -420,7 +431,12 @@ pub async fn require_token(
                 return Err(refusal);
             }
             request.extensions_mut().insert(holder);
-            let mut response = witness.watch(audited, request, next).await;
+            if let Some(identity) = identity {
+                request.extensions_mut().insert(identity);
+            }
+            let client = client_of(request.extensions());
+            let answered = witness.watch(audited, request, next);
+            let mut response = cases::for_client(client, answered).await;
             if let Some(opened) = &opened {
                 // A browser keeps answers for whoever has asked alone.
                 let headers = response.headers_mut();

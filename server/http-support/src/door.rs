@@ -13,7 +13,7 @@ use cases::Error;
 use ipnet::IpNet;
 use tokio::sync::Notify;
 
-use cases::places::{Place, Places, network_of};
+use cases::places::{Client, Identity, Place, Places, network_of};
 
 /// Connections of strangers at a time.
 pub(crate) const STRANGERS: usize = 256;
@@ -23,7 +23,7 @@ const THIS_MACHINE: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
 
 /// The connections of a listener. Cheap to clone.
 #[derive(Debug, Clone)]
-pub(crate) struct Door {
+pub struct Door {
     clients: Places,
     proxies: Arc<[IpNet]>,
     strangers: Arc<Mutex<Strangers>>,
@@ -35,7 +35,7 @@ struct Strangers(Vec<Arc<Connection>>);
 
 /// A connection, which every request that comes by it carries as an extension.
 #[derive(Debug)]
-pub(crate) struct Connection {
+pub struct Connection {
     address: IpAddr,
     by_proxy: bool,
     door: Door,
@@ -46,11 +46,11 @@ pub(crate) struct Connection {
 
 /// A connection that is open, until this is dropped.
 #[derive(Debug)]
-pub(crate) struct Open(pub(crate) Arc<Connection>);
+pub struct Open(pub Arc<Connection>);
 
 impl Door {
     /// At most `clients` connections of clients, of which `of_one` from one address that is not a proxy.
-    pub(crate) fn new(clients: usize, of_one: usize, proxies: Arc<[IpNet]>) -> Self {
+    pub fn new(clients: usize, of_one: usize, proxies: Arc<[IpNet]>) -> Self {
         Self {
             clients: Places::new(clients, of_one),
             proxies,
@@ -59,7 +59,7 @@ impl Door {
     }
 
     /// Lets a stranger in, if need be in the place of another one. Who has no address comes by the socket of the proxy.
-    pub(crate) fn enter(&self, address: Option<IpAddr>) -> Open {
+    pub fn enter(&self, address: Option<IpAddr>) -> Open {
         let connection = Arc::new(Connection {
             address: network_of(address.unwrap_or(THIS_MACHINE)),
             by_proxy: address.is_none_or(|address| self.is_proxy(address)),
@@ -76,7 +76,7 @@ impl Door {
     }
 
     /// Whether more than half of the places of strangers are taken.
-    pub(crate) fn is_crowded(&self) -> bool {
+    pub fn is_crowded(&self) -> bool {
         self.strangers().0.len() > STRANGERS / 2
     }
 
@@ -151,19 +151,19 @@ impl Strangers {
 }
 
 impl Connection {
-    /// Makes a stranger a client.
+    /// Makes a stranger a client, with an identity if there are others. The connections of a proxy are those of all its clients.
     ///
     /// # Errors
     /// [`Error::Busy`] if there are too many clients, or too many connections of this one.
-    pub(crate) fn admit(&self) -> Result<(), Error> {
+    pub fn admit(&self, identity: Option<Identity>) -> Result<(), Error> {
         if self.place.get().is_some() {
             return Ok(());
         }
         let places = &self.door.clients;
-        let place = if self.by_proxy {
-            places.take_any(self.address)
-        } else {
-            places.take(Some(self.address))
+        let client = Client::at(self.address);
+        let place = match self.by_proxy {
+            true => places.take_any(client),
+            false => places.take(Client { identity, ..client }),
         };
         let place = place.ok_or(Error::Busy)?;
         // Requests of one connection come one after the other, so nobody else has set it.
@@ -178,7 +178,7 @@ impl Connection {
     }
 
     /// Resolves when another stranger needs the place.
-    pub(crate) async fn evicted(&self) {
+    pub async fn evicted(&self) {
         self.evicted.notified().await;
     }
 }
@@ -231,25 +231,25 @@ mod tests {
             .map(|_| door.enter(Some(ip("10.0.0.1"))))
             .collect();
         let clients = [(); 3].map(|()| door.enter(Some(ip("10.0.0.1"))));
-        clients[0].0.admit().unwrap();
-        clients[0].0.admit().expect("it is one already");
-        clients[1].0.admit().unwrap();
-        assert!(clients[2].0.admit().is_err(), "two of one address");
+        clients[0].0.admit(None).unwrap();
+        clients[0].0.admit(None).expect("it is one already");
+        clients[1].0.admit(None).unwrap();
+        assert!(clients[2].0.admit(None).is_err(), "two of one address");
         let other = door.enter(Some(ip("10.0.0.2")));
-        other.0.admit().unwrap();
+        other.0.admit(None).unwrap();
         assert!(!is_evicted(&clients[0]));
         drop(clients);
         let again = door.enter(Some(ip("10.0.0.1")));
-        again.0.admit().expect("the place is free again");
+        again.0.admit(None).expect("the place is free again");
     }
 
     #[test]
     fn a_proxy_has_as_many_connections_as_all_clients() {
         let door = door(&["10.1.0.0/16"]);
         let all = [(); 4].map(|()| door.enter(Some(ip("10.1.2.3"))));
-        assert!(all.iter().all(|open| open.0.admit().is_ok()));
+        assert!(all.iter().all(|open| open.0.admit(None).is_ok()));
         assert!(
-            door.enter(Some(ip("10.1.2.3"))).0.admit().is_err(),
+            door.enter(Some(ip("10.1.2.3"))).0.admit(None).is_err(),
             "all are taken"
         );
     }

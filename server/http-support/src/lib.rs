@@ -5,7 +5,7 @@ pub mod audited;
 pub mod auth;
 pub mod client;
 pub mod conditional;
-mod door;
+pub mod door;
 pub mod form_body;
 pub mod fresh;
 mod guesses;

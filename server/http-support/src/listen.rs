@@ -30,7 +30,7 @@ use crate::door::{Connection, Door};
 use crate::pace::{Hurry, LeastRate, PacedBody};
 use crate::tls::ReloadedTls;
 use crate::unstalled::Unstalled;
-use cases::places::{Place, Places, network_of};
+use cases::places::{Client, Identity, Place, Places, network_of};
 
 /// How long to wait after the system is out of descriptors.
 const PAUSE_AFTER_REFUSAL: Duration = Duration::from_millis(100);
@@ -77,15 +77,23 @@ impl Peer {
     }
 }
 
-/// The address that identifies the client of a request ([`Peer::of`]), for handlers that do not take the request.
-#[derive(Debug, Clone, Copy)]
-pub struct ClientAddress(pub Option<IpAddr>);
+/// The client of a request, for places and turns. The guard of routes knows the identity.
+pub fn client_of(extensions: &Extensions) -> Client {
+    Client {
+        address: Peer::of_extensions(extensions),
+        identity: extensions.get::<Identity>().copied(),
+    }
+}
 
-impl<S: Sync> FromRequestParts<S> for ClientAddress {
+/// The client of a request ([`client_of`]), for handlers that do not take the request.
+#[derive(Debug, Clone, Copy)]
+pub struct ThisClient(pub Client);
+
+impl<S: Sync> FromRequestParts<S> for ThisClient {
     type Rejection = Infallible;
 
     async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Self, Infallible> {
-        Ok(Self(Peer::of_extensions(&parts.extensions)))
+        Ok(Self(client_of(&parts.extensions)))
     }
 }
 
@@ -106,7 +114,7 @@ impl<S: Sync> FromRequestParts<S> for ByProxy {
 
 /// A place for a request, if there is one for its client. The fewer places are left, the faster its body must come.
 pub fn place_for(request: &Request, places: &Places) -> Option<Place> {
-    let place = places.take(Peer::of(request))?;
+    let place = places.take(client_of(request.extensions()))?;
     if let Some(hurry) = request.extensions().get::<Hurry>() {
         hurry.by(places);
     }

@@ -526,8 +526,9 @@ mod tests {
 
     #[test]
     fn a_full_queue_says_when_to_come_again() {
-        let response = AppError::from(StoreError::QueueFull).into_response();
+        let response =
+            AppError::from(StoreError::QueueFull(Duration::from_secs(20))).into_response();
         assert_eq!(response.status(), 503);
-        assert!(response.headers().contains_key(header::RETRY_AFTER));
+        assert_eq!(response.headers()[header::RETRY_AFTER], "20");
     }
 }

@@ -124,7 +124,7 @@ fn content_policy(ancestors: &FrameAncestors, issuer: Option<&Issuer>) -> Header
 
 /// Handles a request so that its work takes turns with that of other clients.
 async fn in_turn(request: axum::extract::Request, next: middleware::Next) -> Response {
-    let client = http_support::listen::Peer::of(&request);
+    let client = http_support::listen::client_of(request.extensions());
     cases::for_client(client, next.run(request)).await
 }
 
@@ -158,7 +158,7 @@ mod tests {
     use cases::ConcurrencyLimit;
     use futures_util::future::join_all;
     use futures_util::poll;
-    use http_support::listen::{ClientAddress, Peer};
+    use http_support::listen::{Peer, ThisClient};
     use tower::ServiceExt as _;
 
     use super::*;
@@ -169,9 +169,12 @@ mod tests {
         let served = Arc::new(Mutex::new(Vec::new()));
         let handler = {
             let (limit, served) = (limit.clone(), Arc::clone(&served));
-            move |client: ClientAddress| async move {
+            move |client: ThisClient| async move {
                 let _turn = limit.turn().await.unwrap();
-                served.lock().unwrap().push(client.0.unwrap().to_string());
+                served
+                    .lock()
+                    .unwrap()
+                    .push(client.0.address.unwrap().to_string());
             }
         };
         let app: Router = Router::new()

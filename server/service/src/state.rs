@@ -6,11 +6,11 @@ use std::time::Duration;
 
 use axum::extract::{FromRef, FromRequestParts, Request};
 use axum::http::request::Parts;
-use cases::{Cases, Client, Error};
+use cases::{Cases, Error};
 use tokio::sync::watch;
 
 use crate::routes::bodies::Bodies;
-use cases::places::{Place, Places};
+use cases::places::{Client, Place, Places};
 use http_support::auth::Access;
 use http_support::listen::place_for;
 use http_support::metrics::Metrics;

@@ -96,6 +96,7 @@ macro_rules! conformance {
                 a_case_is_renamed
                 cases_are_listed_newest_first_in_pages
                 no_more_jobs_wait_than_may
+                one_client_takes_a_quarter_of_the_queue
                 a_failed_case_is_queued_again
                 without_its_pins_nothing_is_inserted_or_published
                 jobs_are_leased_in_their_order_and_once
@@ -281,7 +282,7 @@ pub(crate) async fn no_more_jobs_wait_than_may(subject: &Subject) {
     let mut new = new_case(store, "b").await;
     new.queue_limit = 1;
     let full = store.insert_case(&new).await;
-    assert!(matches!(full, Err(StoreError::QueueFull)));
+    assert!(matches!(full, Err(StoreError::QueueFull(_))));
     assert_eq!(state(store, &new).await, None);
     // A leased job does not wait.
     claim(store).await.unwrap();
@@ -289,6 +290,60 @@ pub(crate) async fn no_more_jobs_wait_than_may(subject: &Subject) {
         store.insert_case(&new).await.unwrap(),
         Referred::Done(Inserted::Created)
     );
+}
+
+pub(crate) async fn one_client_takes_a_quarter_of_the_queue(subject: &Subject) {
+    let store = &subject.store;
+    let insert = async |contents: String, client: &str| {
+        let new = NewCase {
+            client: client.to_owned(),
+            queue_limit: 8,
+            ..new_case(store, &contents).await
+        };
+        store.insert_case(&new).await
+    };
+    let wait_of =
+        async |contents: &str, client: &str| match insert(contents.to_owned(), client).await {
+            Err(StoreError::QueueFull(wait)) => wait.as_secs(),
+            other => panic!("{other:?}"),
+        };
+    let client = |number: u8, name: Option<u8>| {
+        let address = std::net::IpAddr::from([10, 0, 0, number]);
+        let store = store.for_client(Some(address), name.map(|name| [name; 8]));
+        store.client.to_string()
+    };
+    let [greedy, other] = [1, 2].map(|number| client(number, None));
+    for number in 0..2 {
+        insert(format!("greedy {number}"), &greedy).await.unwrap();
+    }
+    subject.pass(10);
+    // Nothing has ended yet, and the first has waited for so long.
+    assert_eq!(wait_of("third", &greedy).await, 10);
+    assert_eq!(wait_of("third", &client(1, Some(7))).await, 10);
+    insert("other".to_owned(), &other).await.unwrap();
+    subject.pass(20);
+    for _ in 0..2 {
+        let leased = claim(store).await.unwrap();
+        assert!(store.fail(&leased, &failure()).await.unwrap());
+        subject.pass(5);
+    }
+    // One of this client and the one of the other have ended meanwhile, and one waits.
+    insert("third".to_owned(), &greedy).await.unwrap();
+    assert_eq!(wait_of("fourth", &greedy).await, 30);
+    // One name at many addresses has half.
+    for number in 10..14 {
+        insert(format!("named {number}"), &client(number, Some(9)))
+            .await
+            .unwrap();
+    }
+    wait_of("named", &client(14, Some(9))).await;
+    insert("named".to_owned(), &client(14, Some(8)))
+        .await
+        .unwrap();
+    // This program itself may take all that is left.
+    insert("own".to_owned(), "").await.unwrap();
+    wait_of("late", &client(20, None)).await;
+    wait_of("late", "").await;
 }
 
 pub(crate) async fn a_failed_case_is_queued_again(subject: &Subject) {

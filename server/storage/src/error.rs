@@ -3,6 +3,7 @@
 use std::error::Error;
 use std::io::ErrorKind;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 
 use crate::objects::{BUCKET, KeyId, ObjectError};
 use sqlx::error::DatabaseError;
@@ -25,9 +26,9 @@ const CLOCKS_DIFFER: &str = "RequestTimeTooSkewed";
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
-    /// The queue of cases is full; try again later.
+    /// The queue is full, or the share of the client in it; a place will be free after about this time.
     #[error("too many cases are waiting to be prepared")]
-    QueueFull,
+    QueueFull(Duration),
     /// There is no such case.
     #[error("there is no case with this id")]
     NoSuchCase,
@@ -220,7 +221,7 @@ mod tests {
             source: Box::new(std::io::Error::from(ErrorKind::QuotaExceeded)),
         };
         assert!(StoreError::from(ObjectError::from(object)).is_full());
-        assert!(!StoreError::QueueFull.is_full());
+        assert!(!StoreError::QueueFull(Duration::ZERO).is_full());
     }
 
     /// An error of a database with this code.
@@ -286,7 +287,7 @@ mod tests {
             (coded("23505"), none),
             (sqlx::Error::RowNotFound.into(), none),
             (of_objects("LocalFileSystem"), none),
-            (StoreError::QueueFull, none),
+            (StoreError::QueueFull(Duration::ZERO), none),
         ] {
             let found = [error.is_away(), error.is_full(), error.is_unwritable()];
             assert_eq!(found, expected, "{error:?}");
@@ -304,7 +305,7 @@ mod tests {
             ),
             (of_objects(BUCKET), "the object store failed"),
             (
-                StoreError::QueueFull,
+                StoreError::QueueFull(Duration::ZERO),
                 "too many cases are waiting to be prepared",
             ),
             (

@@ -86,6 +86,7 @@ impl Store {
                 sources,
                 most: upload.most,
                 queue_limit: self.options().queue_limit,
+                client: self.client.to_string(),
             };
             self.insert_layer(&new).await
         };

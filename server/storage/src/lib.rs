@@ -149,11 +149,14 @@ impl Default for Options {
     }
 }
 
+/// The digits of a client that stand for its address. Those of its name follow.
+pub(crate) const ADDRESS_DIGITS: usize = 16;
+
 /// The store. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Store {
     inner: Arc<Inner>,
-    /// A digest of the client, or nothing.
+    /// Digests of the address and the name of the client, or nothing.
     client: Arc<str>,
     /// The project to which lists, searches and what is new belong; `None` for all.
     scope: Option<Project>,
@@ -309,16 +312,22 @@ impl Store {
         self.scope.is_none_or(|scope| scope == project)
     }
 
-    /// The same store for a client: the preparations that it queues take turns with those of other clients. `None` is this
-    /// program itself.
+    /// The same store for a client, by its address and a digest of its name: the preparations that it queues take turns with those of other
+    /// clients. Neither means this program itself.
     #[must_use]
-    pub fn for_client(&self, client: Option<IpAddr>) -> Self {
-        let digest = |client: IpAddr| {
-            let digest = blake3::hash(client.to_string().as_bytes());
-            digest.to_hex()[..16].to_owned()
+    pub fn for_client(&self, address: Option<IpAddr>, name: Option<[u8; 8]>) -> Self {
+        let of_address = address.map(|address| blake3::hash(address.to_string().as_bytes()));
+        let client = match (of_address, name) {
+            (None, None) => String::new(),
+            (address, name) => {
+                let address = address.map(|digest| digest.to_hex()[..ADDRESS_DIGITS].to_owned());
+                let name = name.map(|name| format!("{:016x}", u64::from_be_bytes(name)));
+                let nowhere = || "-".repeat(ADDRESS_DIGITS);
+                address.unwrap_or_else(nowhere) + &name.unwrap_or_default()
+            }
         };
         Self {
-            client: client.map(digest).unwrap_or_default().into(),
+            client: client.into(),
             ..self.clone()
         }
     }

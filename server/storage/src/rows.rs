@@ -62,6 +62,8 @@ pub(crate) struct NewLayer {
     pub most: usize,
     /// How many jobs may wait.
     pub queue_limit: usize,
+    /// Whose it is: see [`Store::for_client`](crate::Store::for_client).
+    pub client: String,
 }
 
 /// An instance that was withdrawn.

@@ -208,9 +208,7 @@ impl Store {
                     created: false,
                 }));
             }
-            if self.waiting(JobKind::PREPARE).await? >= self.options().queue_limit {
-                return Err(StoreError::QueueFull);
-            }
+            self.check_room(JobKind::PREPARE).await?;
             let Some(inserted) = self.insert(&inputs).await? else {
                 return Ok(None);
             };

@@ -97,7 +97,7 @@ async fn a_full_queue_refuses_and_keeps_nothing_of_it() {
     }
     assert_eq!(store.waiting(JobKind::PREPARE).await.unwrap(), 2);
     let refused = submit(&store, "three").await;
-    assert!(matches!(refused, Err(StoreError::QueueFull)));
+    assert!(matches!(refused, Err(StoreError::QueueFull(_))));
     assert!(
         !submit(&store, "one").await.unwrap().created,
         "what is there is found"

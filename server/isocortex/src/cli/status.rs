@@ -74,7 +74,7 @@ impl From<Failure> for CliError {
 impl From<StoreError> for CliError {
     fn from(error: StoreError) -> Self {
         let status = match error {
-            StoreError::QueueFull => ExitStatus::Unavailable,
+            StoreError::QueueFull(_) => ExitStatus::Unavailable,
             StoreError::NoStore(_) => ExitStatus::NoInput,
             StoreError::NoKey(_) => ExitStatus::Config,
             _ => ExitStatus::InputOutput,

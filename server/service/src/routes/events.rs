@@ -12,7 +12,7 @@ use futures_util::stream::{self, Stream, StreamExt};
 use super::cases::CaseView;
 use crate::state::{EventStreams, InProject, Stopping};
 use cases::places::Place;
-use http_support::listen::ClientAddress;
+use http_support::listen::ThisClient;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 use storage::Watch;
@@ -35,7 +35,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
 pub async fn get_events(
     InProject(cases): InProject,
     State(streams): State<EventStreams>,
-    ClientAddress(client): ClientAddress,
+    ThisClient(client): ThisClient,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {

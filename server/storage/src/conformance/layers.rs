@@ -44,6 +44,7 @@ async fn new_layer(store: &Store, case: &CaseId, contents: &str) -> NewLayer {
         sources: pinned(store, &[source]).await,
         most: 20,
         queue_limit: 100,
+        client: String::new(),
     }
 }
 
@@ -104,7 +105,7 @@ pub(crate) async fn a_layer_is_inserted_once_and_as_many_as_may(subject: &Subjec
     second.most = 2;
     second.queue_limit = 1;
     let refused = store.insert_layer(&second).await;
-    assert!(matches!(refused, Err(StoreError::QueueFull)));
+    assert!(matches!(refused, Err(StoreError::QueueFull(_))));
     second.queue_limit = 2;
     second.name = LayerName::Given("pet".to_owned());
     let refused = store.insert_layer(&second).await;

@@ -52,9 +52,13 @@ pub(super) async fn submit(
     if state.as_deref().is_some_and(|state| state != "failed") {
         return Ok(Referred::Unneeded(Inserted::Exists));
     }
-    if jobs::waiting(connection, JobKind::PREPARE).await? >= new.queue_limit {
-        return Err(StoreError::QueueFull);
-    }
+    jobs::check_room(
+        connection,
+        (JobKind::PREPARE, new.queue_limit),
+        &new.client,
+        now,
+    )
+    .await?;
     let inserted = if state.is_none() {
         insert(connection, new, now).await?;
         Inserted::Created

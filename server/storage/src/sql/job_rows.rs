@@ -79,6 +79,17 @@ impl Store {
         jobs::waiting(&mut self.rows().connect().await?, kind).await
     }
 
+    /// Refuses one more job of a kind of the client of this store, before anything is done for it.
+    ///
+    /// # Errors
+    /// [`StoreError::QueueFull`], or if the rows cannot be read.
+    pub(crate) async fn check_room(&self, kind: JobKind) -> Result<(), StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let now = self.rows().now(&mut connection).await?;
+        let most = self.options().queue_limit;
+        jobs::check_room(&mut connection, (kind, most), &self.client, now).await
+    }
+
     /// Leases the oldest job of a kind. Those with as many attempts behind them fail on the way.
     ///
     /// # Errors

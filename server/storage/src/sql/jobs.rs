@@ -7,9 +7,9 @@ use jiff::Timestamp;
 
 use super::connection::{Connection, Row, microseconds};
 use super::{arrivals, cases, fence, layers};
-use crate::StoreError;
 use crate::arrivals::ArrivalCursor;
 use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
+use crate::{ADDRESS_DIGITS, StoreError};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_job {
@@ -211,6 +211,78 @@ pub(super) async fn waiting(
         .await?;
     let count: i64 = row.get("count")?;
     Ok(usize::try_from(count).unwrap_or(0))
+}
+
+/// Refuses one more job of a kind of a client if `most` wait, or a quarter of `most` of the address of the client, or half of its name.
+/// Nobody is this program itself, which may take all.
+pub(super) async fn check_room(
+    connection: &mut Connection,
+    (kind, most): (JobKind, usize),
+    client: &str,
+    now: i64,
+) -> Result<(), StoreError> {
+    let (address, name) = client
+        .split_at_checked(ADDRESS_DIGITS)
+        .unwrap_or((client, ""));
+    let mut wait = time_to_a_place(connection, (kind, most), ["", ""], now).await?;
+    if !address.is_empty() && !address.starts_with('-') {
+        let limit = (kind, most.div_ceil(4));
+        wait = wait.max(time_to_a_place(connection, limit, [address, ""], now).await?);
+    }
+    if !name.is_empty() {
+        let limit = (kind, most.div_ceil(2));
+        wait = wait.max(time_to_a_place(connection, limit, ["", name], now).await?);
+    }
+    wait.map_or(Ok(()), |wait| Err(StoreError::QueueFull(wait)))
+}
+
+/// After how long fewer than `most` jobs of a kind will wait, of an address and a name or, if these are empty, of all; `None` if fewer do.
+///
+/// Since the oldest one came, there has always been one, so those that have ended since then tell the pace.
+async fn time_to_a_place(
+    connection: &mut Connection,
+    (kind, most): (JobKind, usize),
+    [address, name]: [&str; 2],
+    now: i64,
+) -> Result<Option<Duration>, StoreError> {
+    let row = connection
+        .query(
+            "SELECT count(*) AS count, coalesce(min(created_at), 0) AS oldest FROM jobs
+             WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'
+               AND ($2 = '' OR substr(client, 1, 16) = $2) AND ($3 = '' OR substr(client, 17) = $3)",
+        )
+        .bind(kind.name())
+        .bind(address)
+        .bind(name)
+        .fetch_one()
+        .await?;
+    let (count, oldest): (i64, i64) = (row.get("count")?, row.get("oldest")?);
+    let count = usize::try_from(count).unwrap_or(0);
+    if count < most {
+        return Ok(None);
+    }
+    let row = connection
+        .query(
+            "SELECT count(*) AS ended, coalesce(max(ended_at), $4) AS last FROM jobs
+             WHERE kind = $1 AND state IN ('done', 'failed') AND ended_at > $4
+               AND ($2 = '' OR substr(client, 1, 16) = $2) AND ($3 = '' OR substr(client, 17) = $3)",
+        )
+        .bind(kind.name())
+        .bind(address)
+        .bind(name)
+        .bind(oldest)
+        .fetch_one()
+        .await?;
+    let (ended, last): (i64, i64) = (row.get("ended")?, row.get("last")?);
+    let of_one = (now - oldest).max(0) / ended.max(1);
+    let of_next = match ended {
+        // It takes at least as long as it has taken.
+        0 => of_one,
+        _ => (of_one - (now - last)).max(of_one / 8),
+    };
+    let beyond = i64::try_from(count - most).unwrap_or(0);
+    let wait = of_next.saturating_add(of_one.saturating_mul(beyond));
+    Ok(Some(Duration::from_micros(wait.unsigned_abs())))
 }
 
 /// A job that may be leased.

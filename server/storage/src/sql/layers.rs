@@ -50,11 +50,15 @@ pub(super) async fn submit(
     if known.is_none() && others.len() >= new.most {
         return Err(StoreError::TooManyLayers);
     }
-    if jobs::waiting(connection, JobKind::LAYER).await? >= new.queue_limit {
-        return Err(StoreError::QueueFull);
-    }
+    jobs::check_room(
+        connection,
+        (JobKind::LAYER, new.queue_limit),
+        &new.client,
+        now,
+    )
+    .await?;
     let inserted = if known.is_some() {
-        queue_again(connection, (&new.case, &new.id), now).await?;
+        queue_again(connection, (&new.case, &new.id), &new.client, now).await?;
         Inserted::Requeued
     } else {
         let name = free_name(&new.name, &others).ok_or(StoreError::LayerNameTaken)?;
@@ -99,12 +103,14 @@ async fn insert_row(
         .bind(new.series.as_ref().map(Uid::as_str))
         .execute()
         .await?;
-    jobs::enqueue(connection, &NewJob::layer(&new.case, &new.id), now).await
+    let job = NewJob::layer(&new.case, &new.id);
+    jobs::enqueue_for(connection, &job, &new.client, now).await
 }
 
 async fn queue_again(
     connection: &mut Connection,
     (case, layer): (&CaseId, &LayerId),
+    client: &str,
     now: i64,
 ) -> Result<(), StoreError> {
     connection
@@ -113,7 +119,7 @@ async fn queue_again(
         .bind(layer.to_string())
         .execute()
         .await?;
-    jobs::enqueue(connection, &NewJob::layer(case, layer), now).await
+    jobs::enqueue_for(connection, &NewJob::layer(case, layer), client, now).await
 }
 
 /// Gives a new version of a case the layers of the case, to be prepared with its own envelope; their placement stays.
@@ -386,7 +392,7 @@ pub(super) async fn prepare_again(
     if !layers.iter().any(is_ready) {
         return Ok(false);
     }
-    queue_again(connection, (case, layer), now).await?;
+    queue_again(connection, (case, layer), "", now).await?;
     Ok(true)
 }
 
@@ -467,7 +473,7 @@ pub(super) async fn forget_facts(
         .bind(layer.to_string())
         .execute()
         .await?;
-    queue_again(connection, (case, layer), now).await
+    queue_again(connection, (case, layer), "", now).await
 }
 
 fn unreadable(what: &str) -> StoreError {

@@ -45,9 +45,9 @@ async fn rebuilds_of_a_case_come_one_after_another() {
     );
     assert!(matches!((first, second), (Ok(Some(())), Ok(Some(())))));
     // One that fails gives its lease back.
-    let fails = async { Err::<(), _>(StoreError::QueueFull) };
+    let fails = async { Err::<(), _>(StoreError::NoSuchCase) };
     let failed = store.rebuild_alone(&id, fails).await;
-    assert!(matches!(failed, Err(StoreError::QueueFull)));
+    assert!(matches!(failed, Err(StoreError::NoSuchCase)));
     let begun = std::time::Instant::now();
     assert!(store.rebuild_alone(&id, rebuild()).await.unwrap().is_some());
     assert!(begun.elapsed() < Duration::from_secs(5));

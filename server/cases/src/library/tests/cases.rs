@@ -72,7 +72,7 @@ async fn a_full_queue_refuses_and_leaves_nothing() {
     let refused = library
         .submit(source("second"), Parameters::default())
         .await;
-    assert!(matches!(refused, Err(StoreError::QueueFull)));
+    assert!(matches!(refused, Err(StoreError::QueueFull(_))));
     // What is there already is no further work.
     assert_eq!(submit(&library, "first").await.state, CaseState::Queued);
     assert_nothing_left_over(library.store(), directory.path()).await;

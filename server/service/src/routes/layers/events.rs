@@ -13,7 +13,7 @@ use storage::Watch;
 use super::{LayerView, layer_of};
 use crate::routes::events::stream_of;
 use crate::state::{EventStreams, InProject};
-use http_support::listen::ClientAddress;
+use http_support::listen::ThisClient;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
 
@@ -36,7 +36,7 @@ use http_support::query::{ApiQuery, CasePath, NoQuery};
 pub async fn get_layer_events(
     InProject(cases): InProject,
     State(streams): State<EventStreams>,
-    ClientAddress(client): ClientAddress,
+    ThisClient(client): ThisClient,
     CasePath(id): CasePath,
     path: RawPathParams,
     _no_query: ApiQuery<NoQuery>,
