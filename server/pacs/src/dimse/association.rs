@@ -2,12 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::net::IpAddr;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use audit::{Action, Event, EventKind, Outcome, digest_of_uid, project_named};
 use cases::arrivals::Reception;
 use cases::{Cases, Error, MAX_INSTANCE_BYTES};
 use dicom_ul::pdu::{AbortRQServiceProviderReason, AbortRQSource, PDataValue, PDataValueType, Pdu};
+use http_support::door::Connection;
 use imaging::dicom::IMAGE_CLASSES;
 use storage::arrivals::ArrivalSource;
 use storage::{Spool, Spooled};
@@ -67,6 +69,10 @@ pub(crate) struct Caller {
     pub(crate) address: IpAddr,
     /// The titles that are listed with the address.
     pub(crate) titles: Vec<String>,
+    /// The connection, which needs a place for an association.
+    pub(crate) connection: Arc<Connection>,
+    /// The time for the request of an association.
+    pub(crate) patience: Duration,
 }
 
 /// A title that a peer has sent, for the log: it may be anything.
@@ -97,27 +103,14 @@ pub(crate) async fn associate<S: AsyncRead + AsyncWrite + Unpin>(
     served
 }
 
-/// Rejects an association that would be one too many.
-pub(crate) async fn reject_for_now<S: AsyncRead + AsyncWrite + Unpin>(
-    stream: S,
-    options: &DimseOptions,
-) -> Result<(), Abort> {
-    let mut wire = Wire::new(stream, options.idle);
-    match wire.receive().await? {
-        Pdu::AssociationRQ(_) => Ok(wire
-            .send(&Pdu::AssociationRJ(rejection(Rejection::Limit)))
-            .await?),
-        _ => Err(Abort::Unexpected),
-    }
-}
-
 async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     wire: &mut Wire<S>,
     caller: &Caller,
     cases: &Cases,
     options: &DimseOptions,
 ) -> Result<usize, Abort> {
-    let Pdu::AssociationRQ(request) = wire.receive().await? else {
+    let asked = wire.receive_within(caller.patience).await?;
+    let Pdu::AssociationRQ(request) = asked else {
         return Err(Abort::Unexpected);
     };
     let negotiated = negotiate(&request, &caller.titles, options);
@@ -143,6 +136,13 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
             return Err(Abort::Rejected);
         }
     };
+    if caller.connection.admit(None).is_err() {
+        let why = Rejection::Limit;
+        options.counts.reject(why);
+        tracing::warn!(address = %caller.address, reason = why.name(), "an association was rejected");
+        wire.send(&Pdu::AssociationRJ(rejection(why))).await?;
+        return Err(Abort::Rejected);
+    }
     let _running = options.counts.begin();
     let project = options.project_of(&request.calling_ae_title);
     let cases = &cases.in_project(project);

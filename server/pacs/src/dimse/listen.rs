@@ -5,22 +5,19 @@ use std::time::Duration;
 
 use audit::{Action, Event, EventKind, Outcome};
 use cases::Cases;
-use cases::places::Places;
+use http_support::door::Door;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
 
-use crate::dimse::association::{Abort, Caller, associate, reject_for_now};
+use crate::dimse::association::{Abort, Caller, associate};
 use crate::dimse::counts::Rejection;
 use crate::dimse::options::DimseOptions;
 use crate::dimse::peers::Peers;
 use crate::dimse::wire::{Connection, WireError};
 
-/// As many connections beyond the limit of associations are told so at a time; more are closed.
-const MAX_REFUSALS: usize = 16;
-/// The longest time to tell one of them.
-const LONGEST_REFUSAL: Duration = Duration::from_secs(2);
+/// Time for the request of an association while many connections have not asked yet.
+const CROWDED_REQUEST_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// How long to wait after the system could not accept a connection.
 const PAUSE: Duration = Duration::from_millis(100);
@@ -38,8 +35,9 @@ pub async fn serve(
     }
     let peers = Peers::new(options.peers.clone());
     let options = Arc::new(options);
-    let room = Places::in_quarters(options.max_associations);
-    let door = Arc::new(Semaphore::new(MAX_REFUSALS));
+    let most = options.max_associations;
+    // Connections without an association have places of their own.
+    let door = Door::new(most, most.div_ceil(4), Arc::default());
     let mut associations = JoinSet::new();
     let mut stop = std::pin::pin!(stop);
     loop {
@@ -76,22 +74,22 @@ pub async fn serve(
             continue;
         }
         let (cases, options) = (cases.clone(), Arc::clone(&options));
-        let Some(place) = room.take(Some(address)) else {
-            let reason = reject(&options, Rejection::Limit);
-            tracing::warn!(%address, reason, "an association was rejected");
-            if let Ok(turn) = Arc::clone(&door).try_acquire_owned() {
-                associations.spawn(async move {
-                    let rejection = refuse_one(stream, &options);
-                    let _ = tokio::time::timeout(LONGEST_REFUSAL, rejection).await;
-                    drop(turn);
-                });
-            }
-            continue;
+        let open = door.enter(Some(address));
+        let patience = match door.is_crowded() {
+            true => options.idle.min(CROWDED_REQUEST_TIMEOUT),
+            false => options.idle,
         };
         associations.spawn(async move {
-            let caller = Caller { address, titles };
-            serve_one(stream, &caller, &cases, &options).await;
-            drop(place);
+            let caller = Caller {
+                address,
+                titles,
+                connection: Arc::clone(&open.0),
+                patience,
+            };
+            tokio::select! {
+                () = open.0.evicted() => {}
+                () = serve_one(stream, &caller, &cases, &options) => {}
+            }
         });
     }
     drop(listener);
@@ -107,22 +105,18 @@ fn reject(options: &DimseOptions, why: Rejection) -> &'static str {
     why.name()
 }
 
-/// The connection, by TLS if that is configured.
+/// The connection, by TLS if that is configured. A handshake has the time of the request of an association.
 async fn secured(
     stream: TcpStream,
+    patience: Duration,
     options: &DimseOptions,
 ) -> Result<Box<dyn Connection>, WireError> {
     let Some(tls) = &options.tls else {
         return Ok(Box::new(stream));
     };
     let accepting = TlsAcceptor::from(tls.current()).accept(stream);
-    let accepted = tokio::time::timeout(options.idle, accepting).await;
+    let accepted = tokio::time::timeout(patience, accepting).await;
     Ok(Box::new(accepted.map_err(|_elapsed| WireError::Silent)??))
-}
-
-async fn refuse_one(stream: TcpStream, options: &DimseOptions) -> Result<(), Abort> {
-    let stream = secured(stream, options).await?;
-    reject_for_now(stream, options).await
 }
 
 async fn serve_one(stream: TcpStream, caller: &Caller, cases: &Cases, options: &DimseOptions) {
@@ -130,7 +124,7 @@ async fn serve_one(stream: TcpStream, caller: &Caller, cases: &Cases, options: &
         tracing::debug!(%error, "TCP_NODELAY refused");
     }
     let association = async {
-        let stream = secured(stream, options).await?;
+        let stream = secured(stream, caller.patience, options).await?;
         associate(stream, caller, cases, options).await
     };
     let address = caller.address;
