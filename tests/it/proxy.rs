@@ -249,6 +249,28 @@ async fn what_a_client_adds_to_the_headers_of_a_proxy_is_worth_nothing() {
         let answer = over(stream, &change(headers)).await;
         assert_eq!(answer.status, status, "{headers}: {}", answer.body);
     }
+    // Nor has any in what it reads: an export would be on record as one of the person.
+    for (headers, status) in [
+        (
+            "Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: no-cors\r\n",
+            403,
+        ),
+        (
+            "Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: navigate\r\n",
+            403,
+        ),
+        ("Sec-Fetch-Site: same-site\r\n", 403),
+        ("Origin: https://evil.example\r\n", 403),
+        ("Origin: https://viewer.example\r\n", 401),
+        ("Sec-Fetch-Site: same-origin\r\n", 404),
+        ("Sec-Fetch-Site: none\r\n", 404),
+        ("", 404),
+    ] {
+        let line = "GET /v1/cases/00000000000000000000000000000000/mask";
+        let stream = TcpStream::connect(socket.address).await.unwrap();
+        let answer = over(stream, &request(line, &format!("{ANA}{headers}"))).await;
+        assert_eq!(answer.status, status, "{headers}: {}", answer.body);
+    }
 }
 
 #[tokio::test]

@@ -284,6 +284,12 @@ pub fn unnamed(token: &str) -> Result<NamedToken, BadToken> {
     })
 }
 
+/// The scheme of the header with the token of a request.
+fn given_scheme(headers: &HeaderMap) -> Option<&[u8]> {
+    let value = headers.get(header::AUTHORIZATION)?.as_bytes();
+    value.split(|&byte| byte == b' ').next()
+}
+
 /// The token in a request: a bearer token, or the password of `Basic`, which is all that some programs can send.
 fn given_token(headers: &HeaderMap) -> Option<Vec<u8>> {
     let value = headers.get(header::AUTHORIZATION)?.as_bytes();
@@ -318,14 +324,16 @@ pub(crate) fn is_name_of_this_machine(host: &str) -> bool {
 }
 
 /// Whether a page of another site requests a change, according to its browser.
+fn is_cross_site_change(method: &Method, uri: &Uri, headers: &HeaderMap) -> bool {
+    !method.is_safe() && is_cross_site(uri, headers)
+}
+
+/// Whether a page of another site asks, according to its browser.
 ///
 /// `Sec-Fetch-Site` decides if it is present; it is correct even behind a proxy that changes `Host`. Browsers omit it
 /// on plain HTTP to other machines, and old browsers always; then the `Origin` must match the authority of the request.
 /// A request with neither header does not come from a page.
-fn is_cross_site_change(method: &Method, uri: &Uri, headers: &HeaderMap) -> bool {
-    if method.is_safe() {
-        return false;
-    }
+fn is_cross_site(uri: &Uri, headers: &HeaderMap) -> bool {
     match headers.get("sec-fetch-site") {
         Some(site) => site != "same-origin" && site != "none",
         None => headers
@@ -392,7 +400,7 @@ pub struct Guard {
 ///
 /// # Errors
 /// [`AppError::Unauthorized`], [`AppError::TokenEnded`]; those of a token of the issuer: [`AppError::TokenRefused`],
-/// [`AppError::SignInEnded`], [`AppError::IssuerAway`]; [`AppError::ProxyRefused`]; [`AppError::MissingScope`];
+/// [`AppError::SignInEnded`], [`AppError::IssuerAway`]; [`AppError::ProxyRefused`]; [`AppError::CrossSite`]; [`AppError::MissingScope`];
 /// [`AppError::AuditFull`]; [`AppError::TooManyGuesses`] for one wrong token too soon after others; [`cases::Error::Busy`] if there are too many clients.
 pub async fn require_token(
     State(Guard {
@@ -405,10 +413,20 @@ pub async fn require_token(
 ) -> Result<Response, AppError> {
     let connection = request.extensions().get::<Arc<Connection>>();
     let is_of_proxy = connection.is_some_and(|connection| connection.is_of_proxy());
-    // A page of a listed origin may ask for changes with a token of its own, not with the cookie that the proxy knows a person by.
-    let believes_proxy =
-        is_of_proxy && !is_cross_site_change(request.method(), request.uri(), request.headers());
-    let refusal = match access.identify(request.headers(), believes_proxy).await {
+    // A page of another site may ask with a token that it has, if its origin is listed; not with what the browser of a person adds by
+    // itself, which is the cookie that the proxy knows the person by, or a password that the browser remembers.
+    let is_cross_site = is_cross_site(request.uri(), request.headers());
+    let is_of_browser = match given_scheme(request.headers()) {
+        None => is_of_proxy && access.proxy.is_some(),
+        Some(scheme) => scheme.eq_ignore_ascii_case(b"Basic"),
+    };
+    let is_listed = access.origins.allowed(request.headers()).is_some();
+    let believes_proxy = is_of_proxy && !is_cross_site;
+    let identified = match is_cross_site && is_of_browser && !is_listed {
+        true => Err(AppError::CrossSite),
+        false => access.identify(request.headers(), believes_proxy).await,
+    };
+    let refusal = match identified {
         Ok(opened) => {
             let holder = match &opened {
                 Some(opened) => opened.holder.clone(),
