@@ -218,6 +218,37 @@ async fn a_flood_of_refusals_is_counted_and_does_not_fill_the_disk() {
 }
 
 #[tokio::test]
+async fn a_flood_of_failures_is_counted_and_successes_are_not() {
+    let recorded = Recorded::start().await;
+    let address = recorded.uploaded().await;
+    let nowhere = "/v1/cases/00000000000000000000000000000000";
+    for _ in 0..100 {
+        for (method, path) in [(Method::GET, "/mask"), (Method::DELETE, "")] {
+            let address = format!("{nowhere}{path}");
+            let failed = recorded.ask(method, &address, "dr.silva").await;
+            assert_eq!(failed.status, 404);
+        }
+    }
+    let gone = recorded.ask(Method::DELETE, &address, "dr.silva").await;
+    assert_eq!(gone.status, 204);
+    recorded.server.state.cases.audit().shut_down();
+    let totals = |object: &str| {
+        let mut totals: std::collections::BTreeMap<String, (usize, u64)> = Default::default();
+        for (outcome, count) in outcomes(&recorded.all_of(object)) {
+            let (lines, total) = totals.entry(outcome.to_owned()).or_default();
+            *lines += 1;
+            *total = (*total).max(count);
+        }
+        totals
+    };
+    // Eight of their own, the first of the rest, and their count.
+    assert_eq!(totals("export")["minor-failure"], (10, 92));
+    let deletions = totals("deletion");
+    assert_eq!(deletions["minor-failure"], (10, 92));
+    assert_eq!(deletions["success"], (1, 1));
+}
+
+#[tokio::test]
 async fn what_cannot_be_recorded_is_not_done() {
     let recorded = Recorded::start().await;
     let address = recorded.uploaded().await;

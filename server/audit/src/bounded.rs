@@ -17,6 +17,12 @@ const REFUSED_FOR: Duration = Duration::from_secs(600);
 /// Somebody who shows a token again within this time has not signed in anew.
 const SIGNED_IN_FOR: Duration = Duration::from_secs(12 * 3600);
 
+/// Failures are counted together after so many, until something succeeds …
+const FAILURES: u64 = 8;
+
+/// … or for this time without another one.
+const FAILED_FOR: Duration = Duration::from_secs(300);
+
 /// Refusals that are recorded at once; then one a second.
 const BURST: f64 = 60.0;
 
@@ -101,6 +107,7 @@ pub(crate) struct Due {
 pub(crate) struct Bounded {
     refused: Seen,
     signed_in: Seen,
+    failed: Seen,
     room: f64,
     filled: Instant,
 }
@@ -110,6 +117,7 @@ impl Bounded {
         Self {
             refused: Seen::new(REFUSED_FOR),
             signed_in: Seen::new(SIGNED_IN_FOR),
+            failed: Seen::new(FAILED_FOR),
             room: BURST,
             filled: Instant::now(),
         }
@@ -141,6 +149,22 @@ impl Bounded {
     /// Whether somebody signs in by showing a token: for the first time in half a day from this address.
     pub(crate) fn is_sign_in(&mut self, key: Key, now: Instant) -> bool {
         self.signed_in.count(key, now).all == 1
+    }
+
+    /// Notes how something ended.
+    pub(crate) fn ended(&mut self, key: Key, is_success: bool, now: Instant) {
+        match is_success {
+            true => drop(self.failed.by_key.remove(&key)),
+            false => drop(self.failed.count(key, now)),
+        }
+    }
+
+    /// Whether something has failed so often in a row that failures of it are counted together.
+    pub(crate) fn fails(&self, key: &Key, now: Instant) -> bool {
+        let failed = self.failed.by_key.get(key);
+        failed.is_some_and(|count| {
+            count.all >= FAILURES && now.duration_since(count.last) < FAILED_FOR
+        })
     }
 
     /// Makes the next request of somebody a sign-in.
@@ -209,6 +233,20 @@ mod tests {
         assert_eq!(flood(&mut bounded, 10, 10_000), 10);
         assert!(bounded.refused.by_key.len() <= KEYS);
         assert_eq!(counted + bounded.rest(), 20_000);
+    }
+
+    #[test]
+    fn failures_in_a_row_are_counted_until_something_succeeds_or_for_a_while() {
+        let mut bounded = Bounded::new();
+        let now = Instant::now();
+        for _ in 0..FAILURES {
+            assert!(!bounded.fails(&key(1), now));
+            bounded.ended(key(1), false, now);
+        }
+        assert!(bounded.fails(&key(1), now) && !bounded.fails(&key(2), now));
+        assert!(!bounded.fails(&key(1), now + FAILED_FOR));
+        bounded.ended(key(1), true, now);
+        assert!(!bounded.fails(&key(1), now));
     }
 
     #[test]

@@ -168,6 +168,21 @@ impl Audit {
     }
 
     /// Records durably that somebody has signed in, if the last request with this name from this address was half a day ago.
+    /// Whether events like this one have failed so often in a row that they are counted ([`Audit::record_counted`]) until one succeeds.
+    pub fn is_failing(&self, event: &Event) -> bool {
+        let inner = self.0.as_ref();
+        inner.is_some_and(|inner| inner.bounded().fails(&key_of(event), Instant::now()))
+    }
+
+    /// Notes how an event ended, for [`Audit::is_failing`].
+    pub fn note_end(&self, event: &Event) {
+        if let Some(inner) = &self.0 {
+            let is_success = event.outcome == Outcome::Success;
+            let mut bounded = inner.bounded();
+            bounded.ended(key_of(event), is_success, Instant::now());
+        }
+    }
+
     ///
     /// # Errors
     /// If it cannot be written.

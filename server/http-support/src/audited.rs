@@ -63,6 +63,7 @@ enum When {
     Before,
     /// Durably before anything is done, and durably again before the answer.
     Twice,
+    // Of these two, what has failed eight times in a row is counted until it succeeds.
 }
 
 impl Audited {
@@ -180,23 +181,34 @@ impl Witness {
         let (kind, action, object) = audited.event();
         let mut event = self.event(kind, action, object);
         let request = name_case(&mut event, request).await;
+        // Whoever goes on with what fails does not fill the disk.
+        let is_failing = self.audit.is_failing(&event);
         if when == When::Twice {
             let intended = Event {
                 outcome: Outcome::Intended,
                 ..event.clone()
             };
-            if let Err(full) = in_time(self.audit.record_durable(intended)).await {
+            let recorded = match is_failing {
+                true => self.audit.record_counted(counted(intended)).map_err(full),
+                false => in_time(self.audit.record_durable(intended)).await,
+            };
+            if let Err(full) = recorded {
                 return full.into_response();
             }
         }
         let mut response = next.run(request).await;
         event.outcome = outcome_of(response.status());
         name_new_case(&mut event, &response);
+        self.audit.note_end(&event);
         if let Some(StoredImages(studies)) = response.extensions_mut().remove() {
             return self.stored(event, studies, response);
         }
+        let is_counted = is_failing && event.outcome != Outcome::Success;
         let recorded = match when {
             When::Never => Ok(()),
+            When::Before | When::Twice if is_counted => {
+                self.audit.record_counted(counted(event)).map_err(full)
+            }
             When::Counted => self.audit.record_counted(counted(event)).map_err(full),
             When::Before => in_time(self.audit.record_durable(event)).await,
             When::Twice => {
