@@ -9,6 +9,7 @@
 
 mod bounded;
 mod event;
+mod found;
 mod line;
 mod verify;
 mod writer;

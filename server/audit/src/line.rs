@@ -4,6 +4,7 @@ use jiff::{Timestamp, Unit};
 use serde::{Deserialize, Serialize};
 
 use crate::event::{Action, Event, Outcome};
+use crate::found::Named;
 
 /// What stands before the digest, which is the last key of a line.
 const BEFORE_DIGEST: &[u8] = b",\"digest\":\"";
@@ -65,7 +66,19 @@ struct Keys<'a> {
     /// The number of the file, in its first line.
     #[serde(skip_serializing_if = "Option::is_none")]
     file: Option<u32>,
+    /// The last lines of other processes, in the first line of this one.
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    others: &'a [Named],
     previous: String,
+}
+
+/// What the first line of a file has.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Begins<'a> {
+    /// The number of the file.
+    pub(crate) file: u32,
+    /// The last lines of other processes.
+    pub(crate) others: &'a [Named],
 }
 
 /// The line of an event with its end, and where the next one stands. The first line of a file has the number of the file.
@@ -74,7 +87,7 @@ pub(crate) fn write(
     first: Option<u64>,
     process: &str,
     at: &Position,
-    begins_file: Option<u32>,
+    begins_file: Option<Begins<'_>>,
 ) -> (Vec<u8>, Position) {
     let (code, name) = event.kind.code();
     let now = Timestamp::now();
@@ -97,7 +110,8 @@ pub(crate) fn write(
         request: event.request.as_deref(),
         count: event.count,
         first,
-        file: begins_file,
+        file: begins_file.map(|begins| begins.file),
+        others: begins_file.map_or(&[][..], |begins| begins.others),
         previous: at.previous.to_hex().to_string(),
     };
     // Numbers, texts and options cannot fail.
@@ -176,7 +190,11 @@ mod tests {
         );
         event.from = Some("::ffff:10.0.0.5".parse().unwrap());
         event.case = Some("0123".into());
-        let (line, next) = write(&event, None, "p", &Position::first(), Some(1));
+        let begins = Begins {
+            file: 1,
+            others: &[],
+        };
+        let (line, next) = write(&event, None, "p", &Position::first(), Some(begins));
         let json: serde_json::Value = serde_json::from_slice(&line).unwrap();
         assert_eq!(json["name"], "DICOM Instances Accessed");
         assert_eq!(json["from"], "10.0.0.5");

@@ -17,7 +17,8 @@ use jiff::Timestamp;
 
 use crate::bounded::{Bounded, Key};
 use crate::event::{Action, Event, EventKind, Outcome};
-use crate::line::{Position, STOP, write};
+use crate::found::others;
+use crate::line::{Begins, Position, STOP, write};
 
 /// Events of one kind by one person about one case within this time are one event with a count.
 pub const WINDOW: Duration = Duration::from_secs(300);
@@ -167,7 +168,6 @@ impl Audit {
         }
     }
 
-    /// Records durably that somebody has signed in, if the last request with this name from this address was half a day ago.
     /// Whether events like this one have failed so often in a row that they are counted ([`Audit::record_counted`]) until one succeeds.
     pub fn is_failing(&self, event: &Event) -> bool {
         let inner = self.0.as_ref();
@@ -183,6 +183,7 @@ impl Audit {
         }
     }
 
+    /// Records durably that somebody has signed in, if the last request with this name from this address was half a day ago.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -445,8 +446,15 @@ impl Writer {
             self.begin_file()?;
         }
         let (mut lines, mut at) = (Vec::new(), self.at.clone());
+        let others = match self.length {
+            0 if self.number == 1 => others(&self.options.folder, &self.process),
+            _ => Vec::new(),
+        };
         for one in waiting {
-            let begins = (self.length == 0 && lines.is_empty()).then_some(self.number);
+            let begins = (self.length == 0 && lines.is_empty()).then_some(Begins {
+                file: self.number,
+                others: &others,
+            });
             let (line, next) = write(&one.event, one.first, &self.process, &at, begins);
             lines.extend(line);
             at = next;

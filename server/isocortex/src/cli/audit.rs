@@ -23,7 +23,7 @@ enum AuditCommand {
 
 /// Reads all files of the record, prints each place at which it is not as it was written, then the last line of each process:
 /// compare these with ones that you kept elsewhere, because lines that are missing at the end leave no other trace. The exit status
-/// is 0 if nothing was found, otherwise 74. The record may be in use.
+/// is 0 if nothing was found, 66 if the folder has no record, otherwise 74. The record may be in use.
 #[derive(Debug, Clone, Args)]
 struct VerifyArgs {
     /// The folder of the record.
@@ -64,6 +64,13 @@ fn verify(args: &VerifyArgs) -> Result<(), CliError> {
         );
     }
     let (lines, files) = (verified.lines, verified.files);
+    if files == 0 {
+        let why = format!(
+            "{} has no file of an audit record: nothing was ever recorded here, or everything was removed",
+            args.folder.display()
+        );
+        return Err(CliError::new(ExitStatus::NoInput, why));
+    }
     match verified.breaks.len() {
         0 => {
             println!("{lines} lines in {files} files are as they were written");
