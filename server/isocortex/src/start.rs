@@ -62,6 +62,7 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         (true, named) => format!("with {named} named tokens"),
         (false, _) => "without a token, for this machine alone".to_owned(),
     };
+    checked.warnings.extend(config.warn_of_no_tokens()?);
     let lines = &mut checked.lines;
     let mut say = |line: String| lines.push(line);
     let scheme = config.scheme();

@@ -181,6 +181,10 @@ impl Reload {
     fn now(&self, args: &ServeArgs) -> Result<(), CliError> {
         let config = args.config()?;
         let access = config.access()?;
+        if let Some(warning) = config.warn_of_no_tokens()? {
+            // An editor may have emptied the file before it writes it.
+            return Err(CliError::new(ExitStatus::Config, warning));
+        }
         let replaced = [
             (&self.tls, config.tls()?),
             (&self.dimse_tls, config.pacs.dimse.tls()?),

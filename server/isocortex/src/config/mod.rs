@@ -393,6 +393,23 @@ impl Config {
         }
     }
 
+    /// What is wrong if `http.tokens_file` has no token in it.
+    ///
+    /// # Errors
+    /// As [`Config::named_tokens`].
+    pub fn warn_of_no_tokens(&self) -> Result<Option<String>, ConfigError> {
+        let Some(path) = &self.http.tokens_file else {
+            return Ok(None);
+        };
+        let has_none = self.named_tokens()?.is_empty();
+        Ok(has_none.then(|| {
+            format!(
+                "{} has no token: add one with `isocortex token new`, or leave `http.tokens_file` out",
+                path.display()
+            )
+        }))
+    }
+
     /// The tokens of `http.tokens_file`.
     ///
     /// # Errors
