@@ -150,7 +150,7 @@ struct Found {
 
 /// The second of a time, as names of processes have it.
 fn second(time: &str) -> String {
-    let digits = time.chars().filter(|char| char.is_ascii_digit());
+    let digits = time.chars().filter(char::is_ascii_digit);
     digits.take("20260101000000".len()).collect()
 }
 
