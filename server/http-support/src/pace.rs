@@ -201,7 +201,9 @@ mod tests {
     #[tokio::test]
     async fn the_same_rate_is_too_slow_once_all_places_are_taken() {
         let places = Places::in_quarters(4);
-        let _all: Vec<_> = (0..4).map(|_| places.take(None).unwrap()).collect();
+        let _all: Vec<_> = (0..4)
+            .map(|_| places.take(cases::places::Client::default()).unwrap())
+            .collect();
         let body = body_of(40, 60, Duration::from_millis(20));
         body.hurry.by(&places);
         let error = body.collect().await.unwrap_err();
