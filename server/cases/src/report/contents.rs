@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
-use case::findings::Finding;
+use case::findings::{Finding, FindingKind};
 use case::{CandidateFacts, Gyrus, PatientSide, QualityState};
+use geometry::{flat_area_of, length_of};
+use glam::DVec3;
 use pipeline::atlas::Gyri;
 use pipeline::maps::NoMaps;
 use render::NamedView;
@@ -11,6 +13,7 @@ use render::NamedView;
 use super::shots::{DEPTHS_MM, FindingPictures, Shot, Shows};
 use super::words::Words;
 use super::{Numbers, Report, ReportedFinding};
+use crate::arrivals::{Patient, day};
 use crate::gyri::named;
 use crate::library::LoadedMaps;
 use crate::profile::ProfileSample;
@@ -225,14 +228,10 @@ impl Report {
         let identity = Line::foreign(&words.identity(&self.case));
         let mut facts = vec![(words.case, identity.and(format!(" · {}", self.case.id)))];
         if let Some(patient) = &self.patient {
-            let mut line = Line::default();
-            if patient.is_empty() {
-                line = line.and(words.not_from_dicom);
-            }
-            for (at, (name, value)) in patient.iter().enumerate() {
-                let separator = if at == 0 { "" } else { " · " };
-                line = line.and(format!("{separator}{name}: ")).and_foreign(value);
-            }
+            let line = match patient.is_empty() {
+                true => words.not_from_dicom.into(),
+                false => patient_of(words, patient),
+            };
             facts.push((words.patient, line));
         }
         facts.push((words.acquisition, self.acquisition(words)));
@@ -344,6 +343,7 @@ impl Report {
             let name = gyrus_of(words, finding.gyrus);
             facts.insert(1, (words.about_gyrus(), name.into()));
         }
+        facts.extend(measures(words, finding));
         if let Some(certainty) = finding.certainty {
             facts.push((words.certainty, words.certainty(certainty).into()));
         }
@@ -597,6 +597,53 @@ fn line_about(words: &Words, finding: &Finding) -> Line {
     match &*finding.note {
         "" => line,
         note => line.and(": ").and_foreign(note),
+    }
+}
+
+/// The patient as the page has it, and the study.
+fn patient_of(words: &Words, stated: &[(&str, String)]) -> Line {
+    let value = |keyword: &str| {
+        let mut stated = stated.iter();
+        let found = stated.find(|(name, value)| *name == keyword && !value.is_empty());
+        found.map(|(_, value)| value.as_str())
+    };
+    let line = Line::foreign(&Patient::of(value).words());
+    let line = match value("PatientSex") {
+        Some(sex) => line.and(" · ").and_foreign(sex),
+        None => line,
+    };
+    let study = [
+        (words.study_of, value("StudyDate").map(day)),
+        (
+            words.accession_number,
+            value("AccessionNumber").map(str::to_owned),
+        ),
+    ];
+    study
+        .into_iter()
+        .fold(line, |line, (name, value)| match value {
+            Some(value) => line.and(format!(" · {name} ")).and_foreign(&value),
+            None => line,
+        })
+}
+
+/// What can be measured of the points of a finding.
+fn measures(words: &Words, finding: &Finding) -> Vec<(&'static str, Line)> {
+    let points = &finding.points_in_patient;
+    let vectors: Vec<_> = points.iter().copied().map(DVec3::from_array).collect();
+    let length = (words.length, depth(words, length_of(&vectors)).into());
+    match (finding.kind, &**points) {
+        (FindingKind::Line, _) => vec![length],
+        (FindingKind::Trajectory, [entry, target]) => vec![
+            length,
+            (words.entry, position(words, *entry).into()),
+            (words.target, position(words, *target).into()),
+        ],
+        (FindingKind::Polygon, _) => {
+            let area = format!("{} mm²", words.number(flat_area_of(&vectors), 0));
+            vec![(words.area, area.into())]
+        }
+        _ => Vec::new(),
     }
 }
 
