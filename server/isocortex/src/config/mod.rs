@@ -26,12 +26,13 @@ use pipeline::HeadLimits;
 use serde::Deserialize;
 use storage::{BadAddress, BadKeys, DatabaseAddress, Keys, Location, ObjectsAddress};
 
+use crate::collector::{BadCollector, Collector};
 use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::sections::{
     AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Oidc, Page, Prepare, Proxy, Render,
-    Secret, Storage,
+    Secret, Storage, Syslog,
 };
 pub(crate) use self::tokens::check_name as check_token_name;
 
@@ -143,6 +144,12 @@ pub enum ConfigError {
         /// The reason.
         source: std::io::Error,
     },
+    /// There is no record to send.
+    #[error("`audit.syslog` sends what is in `audit.folder`; set the folder too")]
+    NothingToSend,
+    /// The collector of the audit record cannot be used.
+    #[error("`audit.syslog`: {0}")]
+    Collector(#[from] BadCollector),
     /// A token in two places.
     #[error("set the token in `http.token` or in `http.token_file`, not in both")]
     TwoTokens,
@@ -409,19 +416,7 @@ impl Config {
             path: path.clone(),
             why,
         };
-        let tokens = tokens::parse(&text).map_err(wrong)?;
-        // The audit record names both.
-        let mut peers = self.pacs.dimse.peers.iter();
-        let is_named = |peer: &Peer| {
-            let mut names = tokens.iter().map(|token| &token.holder.name);
-            names.any(|name| **name == *peer.aet.trim())
-        };
-        match peers.find(|peer| is_named(peer)) {
-            None => Ok(tokens),
-            Some(Peer { aet, .. }) => Err(wrong(format!(
-                "the token `{aet}` has the title of a peer in `pacs.dimse.peers`, and the audit record could not tell them apart; choose another name"
-            ))),
-        }
+        tokens::parse(&text).map_err(wrong)
     }
 
     /// The files that are read again when they change.
@@ -494,6 +489,20 @@ impl Config {
             folder: folder.clone(),
             source,
         })
+    }
+
+    /// The collector to which the record is sent, if there is one.
+    ///
+    /// # Errors
+    /// If it has no address, or a file for TLS cannot be used.
+    pub fn collector(&self) -> Result<Option<Collector>, ConfigError> {
+        let Some(syslog) = &self.audit.syslog else {
+            return Ok(None);
+        };
+        if self.audit.folder.is_none() {
+            return Err(ConfigError::NothingToSend);
+        }
+        Ok(Some(Collector::new(syslog)?))
     }
 
     fn token_text(&self) -> Result<Option<String>, ConfigError> {
@@ -747,25 +756,6 @@ mod tests {
 
     fn secret() -> Option<Secret> {
         Some(Secret("0123456789abcdef".to_owned()))
-    }
-
-    #[test]
-    fn no_token_has_the_title_of_a_peer() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("tokens.toml");
-        let digest = blake3::hash(b"a token");
-        let entry =
-            format!("[[tokens]]\nname = \"ORTHANC\"\nscopes = [\"read\"]\nblake3 = \"{digest}\"\n");
-        std::fs::write(&file, entry).unwrap();
-        let text = |aet: &str| {
-            let file = file.display();
-            format!(
-                "[http]\ntokens_file = \"{file}\"\n[[pacs.dimse.peers]]\naet = \"{aet}\"\naddress = \"10.0.0.5\"\n"
-            )
-        };
-        assert!(parsed(&text("PACS")).unwrap().named_tokens().is_ok());
-        let error = parsed(&text("ORTHANC")).unwrap().access().unwrap_err();
-        assert!(error.to_string().contains("title of a peer"), "{error}");
     }
 
     #[test]
