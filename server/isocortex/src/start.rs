@@ -55,6 +55,7 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     config.check_audit()?;
     config.tls()?;
     let mut checked = Checked::default();
+    checked.warnings.extend(config.memory_warning()?);
     let named = config.named_tokens()?.len();
     let guard = match (access.wants_token(), named) {
         (true, 0) if access.issuer().is_some() => "with the tokens of an issuer".to_owned(),
@@ -239,12 +240,20 @@ fn proxy_warnings(config: &Config, proxy: &SignInProxy) -> Vec<String> {
     warnings
 }
 
+fn warn_of_memory(config: &Config) -> Result<(), ConfigError> {
+    if let Some(warning) = config.memory_warning()? {
+        tracing::warn!("{warning}");
+    }
+    Ok(())
+}
+
 /// Opens the store for serving. Cases are prepared only after workers are started on the library.
 ///
 /// # Errors
 /// If the configuration is invalid or the store cannot be opened.
 pub async fn open(config: &Config) -> Result<AppState, StartError> {
     config.check()?;
+    warn_of_memory(config)?;
     let [_, frame_ancestors] = config.origins()?;
     let options = HttpOptions {
         access: config.access()?,
@@ -322,6 +331,7 @@ pub fn router(state: &AppState, pacs: &Pacs) -> Router {
 /// If the configuration is invalid or the store cannot be opened.
 pub async fn open_library(config: &Config) -> Result<Library, StartError> {
     config.check()?;
+    warn_of_memory(config)?;
     let options = cases::Options {
         audit: config.audit()?,
         ..config.cases()?

@@ -1,6 +1,7 @@
 //! The configuration: a TOML file with a section for each concern, overridden by the environment, overridden by the
 //! command line.
 
+mod memory;
 mod pacs;
 mod sections;
 mod tokens;
@@ -613,20 +614,55 @@ impl Config {
         })
     }
 
-    /// What the processes that read files and prepare cases may use together.
+    /// What the processes that read files and prepare cases may use together: what fits beside the rest into the memory of the container, if
+    /// it is limited.
     ///
     /// # Errors
-    /// If one of them needs more.
+    /// If one of them needs more than the configuration gives.
     pub fn children(&self) -> Result<ChildBudget, ConfigError> {
+        self.children_in(memory::limit())
+    }
+
+    /// The same in a container with so many bytes.
+    ///
+    /// # Errors
+    /// As [`Config::children`].
+    pub fn children_in(&self, container: Option<u64>) -> Result<ChildBudget, ConfigError> {
         let usual = ChildBudget::usual(&self.volume_limits(), self.prepare.workers);
-        let Some(bytes) = self.limits.child_bytes else {
-            return Ok(usual);
-        };
         let least = usual.least();
-        match bytes < least {
-            true => Err(ConfigError::ChildBytes { least }),
-            false => Ok(usual.of(bytes)),
+        match (self.limits.child_bytes, container) {
+            (Some(bytes), _) if bytes < least => Err(ConfigError::ChildBytes { least }),
+            (Some(bytes), _) => Ok(usual.of(bytes)),
+            (None, None) => Ok(usual),
+            (None, Some(container)) => {
+                let fits = container.saturating_sub(self.own_bytes());
+                Ok(usual.of(fits.clamp(least, usual.bytes.max(least))))
+            }
         }
+    }
+
+    /// What this process uses itself, in bytes.
+    fn own_bytes(&self) -> u64 {
+        self.render.cache_bytes.saturating_add(memory::REST)
+    }
+
+    /// What may happen because the memory of the container is limited, if anything.
+    ///
+    /// # Errors
+    /// As [`Config::children`].
+    pub fn memory_warning(&self) -> Result<Option<String>, ConfigError> {
+        let Some(container) = memory::limit() else {
+            return Ok(None);
+        };
+        let children = self.children_in(Some(container))?.bytes;
+        let needed = children.saturating_add(self.own_bytes());
+        Ok((needed > container).then(|| {
+            format!(
+                "this process and its children may use {} MiB, but the memory of the container is limited to {} MiB: the system may end them; raise its limit, or lower `render.cache_bytes` or `limits.child_bytes`",
+                needed >> 20,
+                container >> 20
+            )
+        }))
     }
 
     fn volume_limits(&self) -> pipeline::Limits {
@@ -756,6 +792,24 @@ mod tests {
 
     fn secret() -> Option<Secret> {
         Some(Secret("0123456789abcdef".to_owned()))
+    }
+
+    #[test]
+    fn children_fit_into_the_memory_of_the_container() {
+        let bytes = |config: &Config, container| config.children_in(container).unwrap().bytes;
+        let config = Config::default();
+        let usual = bytes(&config, None);
+        assert_eq!(bytes(&config, Some(64 << 30)), usual);
+        let within = bytes(&config, Some(4 << 30));
+        assert_eq!(within, (4 << 30) - config.own_bytes());
+        assert!(within < usual);
+        // With less, each process still has its turn.
+        let least = config.children_in(None).unwrap().least();
+        assert_eq!(bytes(&config, Some(1 << 30)), least);
+        let set = parsed("[limits]\nchild_bytes = 6442450944").unwrap();
+        assert_eq!(bytes(&set, Some(4 << 30)), 6 << 30);
+        let small = parsed("[limits]\nchild_bytes = 1").unwrap();
+        assert!(small.children_in(Some(4 << 30)).is_err());
     }
 
     #[test]
