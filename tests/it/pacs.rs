@@ -861,6 +861,42 @@ async fn no_title_is_the_name_of_anybody_else_in_the_audit_record() {
 }
 
 #[tokio::test]
+async fn an_association_needs_a_listed_title_at_its_own_address() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let mut options = dimse_options();
+    options.peers[1].aet = "OTHER".to_owned();
+    let address = dimse(&neighbour, options).await;
+    let answer = async |from: &str, title: &str, called: &str| {
+        let socket = TcpSocket::new_v4().unwrap();
+        socket.bind(format!("{from}:0").parse().unwrap()).unwrap();
+        let mut stream = socket.connect(address).await.unwrap();
+        let mut request = association_of(title);
+        request[10..26].copy_from_slice(format!("{called:16}").as_bytes());
+        // The connection of a stranger may be closed already.
+        let _ = stream.write_all(&request).await;
+        let mut head = [0; 1];
+        match stream.read_exact(&mut head).await {
+            Ok(_) => Some(head[0]),
+            Err(_) => None,
+        }
+    };
+    let (accepted, rejected) = (Some(2), Some(3));
+    for (from, title, called, expected) in [
+        ("127.0.0.1", "SENDER", "ISOCORTEX", accepted),
+        ("127.0.0.2", "OTHER", "ISOCORTEX", accepted),
+        ("127.0.0.1", "OTHER", "ISOCORTEX", rejected),
+        ("127.0.0.2", "SENDER", "ISOCORTEX", rejected),
+        ("127.0.0.1", "sender", "ISOCORTEX", rejected),
+        ("127.0.0.1", "STRANGER", "ISOCORTEX", rejected),
+        ("127.0.0.1", "SENDER", "ELSEWHERE", rejected),
+        ("127.0.0.3", "SENDER", "ISOCORTEX", None),
+    ] {
+        let answered = answer(from, title, called).await;
+        assert_eq!(answered, expected, "{title} at {from} to {called}");
+    }
+}
+
+#[tokio::test]
 async fn peers_that_stall_lie_or_come_in_crowds_harm_nothing() {
     let neighbour = Neighbour::start(|_| {}).await;
     let address = dimse(&neighbour, dimse_options()).await;

@@ -38,6 +38,9 @@ const UNACKNOWLEDGED: Duration = Duration::from_secs(20);
 /// How long the place of a line is not kept after it was sent: longer than a connection outlives a line that has not arrived.
 const HELD: Duration = Duration::from_secs(30);
 
+/// How often a place is kept.
+const KEPT_EVERY: Duration = Duration::from_secs(5);
+
 /// How often the record is looked at.
 const TICK: Duration = Duration::from_millis(500);
 
@@ -326,6 +329,7 @@ impl Sender {
             progress: Arc::clone(&progress),
             stop: stopped,
             is_stopping: false,
+            is_settled: false,
             last_failure: None,
         };
         let thread = std::thread::Builder::new().name("audit-sender".to_owned());
@@ -363,6 +367,8 @@ struct Sending {
     progress: Arc<Progress>,
     stop: oneshot::Receiver<()>,
     is_stopping: bool,
+    /// Whether the connection has lasted for a moment.
+    is_settled: bool,
     /// Each is said once.
     last_failure: Option<Unsent>,
 }
@@ -382,15 +388,14 @@ impl Sending {
             };
             let failure = match connected {
                 Err(failure) => failure,
-                Ok(stream) => {
-                    self.connected();
-                    pause = FIRST_PAUSE;
-                    match self.send(&mut trail, &mut recent, stream).await {
-                        Paused::Stopped => return,
-                        Paused::Failed(failure) => failure,
-                    }
-                }
+                Ok(stream) => match self.send(&mut trail, &mut recent, stream).await {
+                    Paused::Stopped => return,
+                    Paused::Failed(failure) => failure,
+                },
             };
+            if std::mem::take(&mut self.is_settled) {
+                pause = FIRST_PAUSE;
+            }
             // What may not have arrived is sent again.
             trail.go_to(recent.kept);
             self.failed(failure);
@@ -440,13 +445,16 @@ impl Sending {
         }
     }
 
-    fn connected(&mut self) {
-        self.progress.is_connected.store(true, Ordering::Relaxed);
-        self.last_failure = None;
-        tracing::info!(
-            collector = self.collector.address,
-            "sending the audit record"
-        );
+    /// A connection has lasted for a moment. One that is refused because of our certificate is refused only after the handshake.
+    fn settled(&mut self) {
+        if !self.is_settled {
+            self.is_settled = true;
+            self.last_failure = None;
+            tracing::info!(
+                collector = self.collector.address,
+                "sending the audit record"
+            );
+        }
     }
 
     fn failed(&mut self, failure: Unsent) {
@@ -471,6 +479,7 @@ impl Sending {
         let (mut reading, mut writing) = tokio::io::split(stream);
         let lost = |error: io::Error| Paused::Failed(Unsent::new("lost", error));
         let mut deadline = None;
+        self.progress.is_connected.store(true, Ordering::Relaxed);
         loop {
             if self.is_stopping() {
                 deadline = deadline.or_else(|| Some(Instant::now() + LAST));
@@ -524,7 +533,7 @@ impl Sending {
                     Ok(_) => {}
                     Err(error) => return lost(error),
                 },
-                _ = self.stops_within(TICK) => {}
+                _ = self.stops_within(TICK) => self.settled(),
             }
         }
     }
@@ -555,8 +564,7 @@ impl Recent {
         }
         self.last = places.clone();
         match self.places.back_mut() {
-            // One a second is enough.
-            Some((from, until, last)) if now.duration_since(*from) < Duration::from_secs(1) => {
+            Some((from, until, last)) if now.duration_since(*from) < KEPT_EVERY => {
                 (*until, *last) = (now, places);
             }
             _ => self.places.push_back((now, now, places)),
@@ -690,7 +698,7 @@ mod tests {
         recent.sent(place(3), start + Duration::from_secs(5));
         assert!(!recent.keeps_later(start + HELD));
         assert!(recent.keeps_later(start + HELD + Duration::from_secs(1)));
-        assert_eq!(recent.kept, place(2), "two of one second are one");
+        assert_eq!(recent.kept, place(2), "two of a moment are one");
         // Nothing new was sent.
         recent.sent(place(3), start + Duration::from_secs(20));
         assert!(recent.keeps_later(start + HELD + Duration::from_secs(5)));
