@@ -6,6 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::line::{NO_DIGEST, Read, read};
+use crate::trail::{is_of_trail, process_and_number};
 
 /// What was found in a folder.
 #[derive(Debug, Default)]
@@ -104,14 +105,11 @@ pub fn verify(folder: &Path) -> io::Result<Verified> {
     for entry in std::fs::read_dir(folder)? {
         let path = entry?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let parts = name.strip_suffix(".jsonl").and_then(|name| {
-            let (process, number) = name.rsplit_once('-')?;
-            Some((process.to_owned(), number.parse().ok()?))
-        });
-        match parts {
+        match process_and_number(&name) {
             Some((process, number)) => {
                 processes.entry(process).or_default().insert(number, path);
             }
+            None if is_of_trail(&name) => {}
             None => verified
                 .notes
                 .push(format!("{name} is no file of an audit record")),
