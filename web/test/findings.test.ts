@@ -13,10 +13,11 @@ import {
   newFinding,
   plainFinding,
   readFindings,
+  signed,
 } from "../src/model/findings.ts";
 import type { Depths } from "../src/model/isosurface.ts";
 import { type Line, lettered, pieces, sliceMarks, surfaceMarks, thinned } from "../src/model/marks.ts";
-import { plainLine, plainText } from "../src/model/text.ts";
+import { excessOf, plainLine, plainText } from "../src/model/text.ts";
 import { FindingsSync, type Kept } from "../src/page/findings-sync.ts";
 
 const finding = (id: string, change: Partial<Finding> = {}): Finding => ({
@@ -415,4 +416,17 @@ test("the words of marks never run into one another", () => {
   const crowd = Array.from({ length: 60 }, (_, at) => mark(String(at), 100, 100 + at / 10));
   assert.ok(lettered(crowd, [300, 300], widthOf).length < 30);
   assert.equal(lettered(crowd, [300, 300], widthOf, [96, 48]).length, 1);
+});
+
+test("a finding has the author who made it, or the first one who changed it when it had none", () => {
+  const unsigned = newFinding({ points_in_patient: [[1, 2, 3]], depth_mm: 8 });
+  assert.equal(signed(unsigned, "").author, undefined);
+  const own = signed(unsigned, "A. Reader");
+  assert.equal(own.author, "A. Reader");
+  assert.equal(signed(own, "B. Reader").author, "A. Reader");
+});
+
+test("a note that is too long says by how much", () => {
+  assert.equal(excessOf("a".repeat(10_000), 10_000), 0);
+  assert.equal(excessOf(`${"a".repeat(10_000)}\u{1f9e0}\r\n`, 10_000), 2);
 });

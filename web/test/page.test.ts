@@ -3,6 +3,8 @@ import { afterEach, before, test } from "node:test";
 
 import { Problem, getCase, listCases, onReach, onTokenWanted, problemFrom } from "../src/base/api.ts";
 import { caseIdentity, caseStatus, reasonWords } from "../src/base/case-words.ts";
+import type { Quality } from "../src/model/case.ts";
+import { doubtsOf } from "../src/model/quality.ts";
 import { matches } from "../src/page/cases.ts";
 import { pathOf, ticks } from "../src/page/chart.ts";
 import { type Words, intensity, languageFor, number, numberUpTo, readNumber, speak, t } from "../src/base/i18n.ts";
@@ -24,6 +26,20 @@ afterEach(() => {
 const json = (status: number, body: unknown): Response =>
   new Response(JSON.stringify(body), { status, headers: { "content-type": "application/problem+json" } });
 const headers = (type: string): Headers => new Headers({ "content-type": type });
+
+test("that left and right are in doubt is said first, and not as an error of the mask", () => {
+  const quality = (state: "ok" | "review" | "failed", ...codes: string[]): Quality => ({
+    state,
+    method: "network",
+    reasons: codes.map((code) => `about ${code}`),
+    reason_codes: codes,
+  });
+  assert.deepEqual(doubtsOf(quality("ok")), []);
+  assert.deepEqual(doubtsOf(quality("review", "axes-corrected")), ["sides"]);
+  assert.deepEqual(doubtsOf(quality("review", "mask-thin", "axes-corrected")), ["sides", "review"]);
+  assert.deepEqual(doubtsOf(quality("failed", "axes-corrected")), ["sides", "failed"]);
+  assert.deepEqual(doubtsOf(quality("review", "mask-thin")), ["review"]);
+});
 
 test("both languages have the same words, with the same values in them", () => {
   assert.deepEqual(Object.keys(portuguese), Object.keys(english));

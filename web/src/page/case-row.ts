@@ -6,7 +6,7 @@ import { t } from "../base/i18n.ts";
 import { served } from "../base/picture.ts";
 import { NAMED_VIEWS } from "../model/camera.ts";
 import type { Case } from "../model/case.ts";
-import { qualityOf } from "../model/quality.ts";
+import { doubtsOf, qualityOf } from "../model/quality.ts";
 import { renderQuery } from "../model/query.ts";
 import { firstState } from "../model/state.ts";
 
@@ -66,10 +66,12 @@ export class Row {
     // There is room for one of them.
     this.#status.hidden = version !== "" && one.state === "ready";
     const quality = one.state === "ready" ? qualityOf(one) : null;
-    this.#badge.hidden = !quality || quality.state === "ok";
-    if (quality && quality.state !== "ok") {
-      setText(this.#badgeText, t(`quality.${quality.state}`));
-      this.#badge.title = t(`quality.${quality.state}`);
+    const doubts = quality ? doubtsOf(quality) : [];
+    const [doubt] = doubts;
+    this.#badge.hidden = !doubt;
+    if (quality && doubt) {
+      setText(this.#badgeText, t(`quality.${doubt}`));
+      this.#badge.title = doubts.map((one) => t(`quality.${one}`)).join("\n");
       this.#badge.dataset.verdict = quality.state;
     }
     tell(this.#superseded, one.superseded ? t(`superseded.${one.superseded}`) : "");

@@ -160,7 +160,10 @@ export class OnDemand {
       const findings = new FindingsSection({
         ...common,
         actions,
-        listed,
+        listed: (list) => {
+          listed(list);
+          this.#measures?.listed();
+        },
         reader,
         depthAt: (position) => surface.surface.wholeDepth(position),
         draw: (marked) => this.#mark({ findings: marked }),
@@ -170,6 +173,7 @@ export class OnDemand {
         ...common,
         draw: (marked) => this.#mark({ measures: marked }),
         keep: (finding) => findings.take(finding),
+        isFinding: (id) => findings.list.some((one) => one.id === id),
       });
       this.#checklist = new ChecklistSection(shown.id);
       this.#checklist.show(common.state());

@@ -19,6 +19,8 @@ use crate::profile::ProfileSample;
 const MAX_CANDIDATES: usize = 20;
 const MAX_ELSEWHERE: usize = 5;
 const MAX_BRIGHT: usize = 5;
+/// The code of the reason that is about the sides of the head and not about its mask.
+const SIDES_IN_DOUBT: &str = "axes-corrected";
 
 /// The contents of a report.
 pub(super) struct Contents<'a> {
@@ -194,15 +196,32 @@ impl Report {
         }
     }
 
-    /// That the case is not the one that counts any more, and the verdict on a mask that is not sound.
+    /// That the case is not the one that counts any more, that its sides are in doubt, and the verdict on a mask that is not sound.
     fn doubt(&self, words: &Words) -> Option<String> {
         let superseded = self.case.superseded.map(|why| words.superseded(why));
         let superseded = superseded.or(self.apart.map(|why| words.apart(why)));
-        let state = self.facts.quality.as_ref().map(|quality| quality.state);
-        let mask = state
-            .filter(|state| *state != QualityState::Ok)
-            .map(|state| format!("{}: {}", words.mask, words.state(state)));
-        let doubts: Vec<_> = (superseded.map(str::to_owned).into_iter().chain(mask)).collect();
+        let quality = self.facts.quality.as_ref();
+        let has_sides_in_doubt = quality.is_some_and(|quality| {
+            quality
+                .reason_codes
+                .iter()
+                .any(|code| code == SIDES_IN_DOUBT)
+        });
+        let sides = has_sides_in_doubt.then(|| words.sides_in_doubt());
+        let mask = quality
+            .filter(|quality| {
+                let is_about_sides_alone = has_sides_in_doubt
+                    && quality.reasons.len() == 1
+                    && quality.state != QualityState::Failed;
+                quality.state != QualityState::Ok && !is_about_sides_alone
+            })
+            .map(|quality| format!("{}: {}", words.mask, words.state(quality.state)));
+        let doubts: Vec<_> = superseded
+            .into_iter()
+            .chain(sides)
+            .map(str::to_owned)
+            .chain(mask)
+            .collect();
         (!doubts.is_empty()).then(|| doubts.join(" · "))
     }
 
@@ -239,6 +258,7 @@ impl Report {
         if let Some(quality) = &self.facts.quality {
             facts.push((words.mask, words.state(quality.state).into()));
         }
+        facts.push((words.letters, words.legend_of_letters().into()));
         let version = format!("Isocortex {}", env!("CARGO_PKG_VERSION"));
         facts.push((words.made_by, version.into()));
         facts
@@ -726,6 +746,45 @@ mod tests {
                 anatomy: Vec::new(),
                 map: Vec::new(),
             },
+        }
+    }
+
+    #[test]
+    fn sides_in_doubt_are_named_before_the_mask_on_every_page() {
+        let sides = ("axes-corrected", "another case has other axes");
+        let ragged = ("mask-ragged", "the mask is ragged");
+        for (language, reasons, doubt) in [
+            (
+                Language::English,
+                vec![sides],
+                "Left and right are in doubt",
+            ),
+            (
+                Language::English,
+                vec![ragged, sides],
+                "Left and right are in doubt · Brain mask: CHECK IT",
+            ),
+            (Language::English, vec![ragged], "Brain mask: CHECK IT"),
+            (
+                Language::Portuguese,
+                vec![sides],
+                "Esquerda e direita estão em dúvida",
+            ),
+        ] {
+            let mut report = report(language);
+            let mut facts = (*report.facts).clone();
+            let quality = facts.quality.as_mut().unwrap();
+            quality.state = QualityState::Review;
+            quality.reason_codes = reasons.iter().map(|(code, _)| (*code).into()).collect();
+            quality.reasons = reasons.iter().map(|(_, text)| (*text).into()).collect();
+            report.facts = Arc::new(facts);
+            let contents = report.contents();
+            assert_eq!(contents.doubt.as_deref(), Some(doubt));
+            let named = format!("<strong>{doubt}</strong>");
+            assert_eq!(
+                contents.html().matches(&named).count(),
+                contents.sections.len()
+            );
         }
     }
 

@@ -65,6 +65,8 @@ pub(super) struct Words {
     pub(super) unknown: &'static str,
     pub(super) voxels: &'static str,
     pub(super) mask: &'static str,
+    /// The name of what the letters of directions mean.
+    pub(super) letters: &'static str,
     states: [&'static str; 3],
     superseded: [&'static str; 4],
     /// Why nothing was inherited: moved, rejected.
@@ -160,6 +162,11 @@ impl Words {
         letters.chars().map(letter).collect()
     }
 
+    /// What the letters of the patient's directions mean: those of DICOM, in all languages.
+    pub(super) fn legend_of_letters(&self) -> &'static str {
+        self.of_page("letters.legend")
+    }
+
     pub(super) fn region(&self, region: BrainRegion) -> &'static str {
         self.regions[region as usize]
     }
@@ -200,6 +207,10 @@ impl Words {
     /// A map that lists places.
     pub(super) fn map(&self, map: MapName) -> &'static str {
         self.maps[usize::from(map == MapName::Thickness)]
+    }
+
+    pub(super) fn sides_in_doubt(&self) -> &'static str {
+        self.of_page("quality.sides")
     }
 
     pub(super) fn nothing_stands_out(&self) -> &'static str {
@@ -262,6 +273,7 @@ const ENGLISH: Words = Words {
     unknown: "unknown",
     voxels: "voxels",
     mask: "Brain mask",
+    letters: "Letters in pictures",
     states: ["nothing unusual", "CHECK IT", "NOT A BRAIN"],
     superseded: [
         "SUPERSEDED: the patient or the study of these images was corrected since",
@@ -282,7 +294,8 @@ const ENGLISH: Words = Words {
     no_maps: "There are no maps of this case:",
     candidates: "Places of the map",
     candidates_note: "Places where the junction of grey and white matter is less sharp than around it and on the other side. \
-                      Most are normal.",
+                      Most are normal. The score is the mean of the map over the junction around the point, and lower where there is little \
+                      junction; at a single point the map can be higher.",
     others: "Other places",
     elsewhere: "Elsewhere in the brain",
     elsewhere_note: "In the cerebellum, in the brain stem, or where the cerebrum has no cortex. They do not count as standing out.",
@@ -291,7 +304,7 @@ const ENGLISH: Words = Words {
     sides: ["left", "right", "middle"],
     depth: "Depth",
     position: "Position (LPS, mm)",
-    score: "Score (z)",
+    score: "Score of the place (z)",
     unusual: "Unusual",
     unusuals: ["yes", "borderline", "no"],
     size: "Size",
@@ -307,7 +320,7 @@ const ENGLISH: Words = Words {
     here: "Here",
     other_side: "Other side",
     intensity: "Intensity",
-    blur: "Blur (z)",
+    blur: "Blur at this point (z)",
     sharpness: "Sharpness (per mm)",
     anatomy: "T1",
     maps: ["map of blur", "map of thickness"],
@@ -342,6 +355,7 @@ const PORTUGUESE: Words = Words {
     unknown: "desconhecida",
     voxels: "voxels",
     mask: "Máscara do encéfalo",
+    letters: "Letras nas imagens",
     states: ["nada incomum", "VERIFIQUE", "NÃO É UM ENCÉFALO"],
     superseded: [
         "SUBSTITUÍDO: o paciente ou o estudo destas imagens foi corrigido depois",
@@ -362,7 +376,8 @@ const PORTUGUESE: Words = Words {
     no_maps: "Não há mapas deste caso:",
     candidates: "Locais do mapa",
     candidates_note: "Locais onde a junção entre as substâncias cinzenta e branca é menos nítida do que ao redor e do outro lado. \
-                      A maioria é normal.",
+                      A maioria é normal. O escore é a média do mapa na junção em torno do ponto, e menor onde há pouca \
+                      junção; em um único ponto, o mapa pode ser mais alto.",
     others: "Outros locais",
     elsewhere: "Em outras partes do encéfalo",
     elsewhere_note: "No cerebelo, no tronco encefálico ou onde o cérebro não tem córtex. Não contam como locais que se destacam.",
@@ -371,7 +386,7 @@ const PORTUGUESE: Words = Words {
     sides: ["esquerdo", "direito", "meio"],
     depth: "Profundidade",
     position: "Coordenadas (LPS, mm)",
-    score: "Escore (z)",
+    score: "Escore do local (z)",
     unusual: "Incomum",
     unusuals: ["sim", "limítrofe", "não"],
     size: "Tamanho",
@@ -387,7 +402,7 @@ const PORTUGUESE: Words = Words {
     here: "Aqui",
     other_side: "Outro lado",
     intensity: "Intensidade",
-    blur: "Borramento (z)",
+    blur: "Borramento neste ponto (z)",
     sharpness: "Nitidez (por mm)",
     anatomy: "T1",
     maps: ["mapa de borramento", "mapa de espessura"],
@@ -424,6 +439,8 @@ mod tests {
             assert!(words.nothing_stands_out().starts_with(nothing));
             assert!(!words.about_gyrus().is_empty() && !words.of_page("case.added").is_empty());
             for text in [
+                words.sides_in_doubt(),
+                words.legend_of_letters(),
                 words.thickness(),
                 words.thickness_note(),
                 words.nothing_is_thick(),
