@@ -74,20 +74,7 @@ pub(super) struct Table {
 /// A picture and what it shows.
 pub(super) struct Picture<'a> {
     pub(super) shot: &'a Shot,
-    /// The patient's directions at its left, right, upper and lower edge.
-    pub(super) letters: [String; 4],
     pub(super) caption: Line,
-}
-
-impl<'a> Picture<'a> {
-    fn new(words: &Words, shot: &'a Shot, caption: Line) -> Self {
-        let letters = shot.directions.each_ref();
-        Self {
-            letters: letters.map(|letters| words.directions(letters)),
-            shot,
-            caption,
-        }
-    }
 }
 
 /// Small pictures in rows and columns, which no page divides.
@@ -382,7 +369,7 @@ impl Report {
         let depth = depth(words, finding.depth_mm);
         let picture = |shot: &'a Shot, shown: String| {
             let caption = self.what(words, shot.shows).and(format!(", {shown}"));
-            Picture::new(words, shot, caption)
+            Picture { shot, caption }
         };
         let here = pictures.cuts.iter().map(|[here, _]| {
             let shown = format!("{depth}, {view}: {own}, {}", words.as_acquired);
@@ -619,7 +606,7 @@ fn position(words: &Words, in_patient: [f64; 3]) -> String {
     let sides = ["LR", "PA", "SI"];
     let coordinates = in_patient.iter().zip(sides).map(|(mm, sides)| {
         let side = &sides[usize::from(*mm < 0.0)..][..1];
-        format!("{} {}", words.directions(side), words.number(mm.abs(), 1))
+        format!("{} {}", side, words.number(mm.abs(), 1))
     });
     coordinates.collect::<Vec<_>>().join(" · ")
 }
@@ -650,7 +637,8 @@ fn overview<'a>(words: &Words, title: &'static str, rows: &'a [Vec<Shot>]) -> Bl
         let pictures = shots.iter().zip(NamedView::ALL);
         let pictures = pictures.map(|(shot, view)| {
             let caption = format!("{depth_mm} mm, {}", words.view(view));
-            Picture::new(words, shot, caption.into())
+            let caption = caption.into();
+            Picture { shot, caption }
         });
         (format!("{depth_mm} mm"), pictures.collect())
     };

@@ -149,7 +149,7 @@ fn drawing(picture: &Picture<'_>) -> Markup {
         svg viewBox={ "0 0 " (side) " " (side) } role="img" aria-label=(picture.caption.plain()) {
             image href=(png) width=(side) height=(side) transform=[shot.is_flipped.then_some(flip)] {}
             @if !lines.is_empty() { @for class in ["halo", "mark"] { path class=(class) d=(lines) {} } }
-            @for (letters, [x, y]) in picture.letters.iter().zip(shot.letter_places()) {
+            @for (letters, [x, y]) in shot.directions.iter().zip(shot.letter_places()) {
                 text x=(format!("{x:.1}")) y=(format!("{y:.1}")) font-size=(size) { (letters) }
             }
         }
