@@ -76,20 +76,7 @@ pub(super) struct Table {
 /// A picture and what it shows.
 pub(super) struct Picture<'a> {
     pub(super) shot: &'a Shot,
-    /// The patient's directions at its left, right, upper and lower edge.
-    pub(super) letters: [String; 4],
     pub(super) caption: Line,
-}
-
-impl<'a> Picture<'a> {
-    fn new(words: &Words, shot: &'a Shot, caption: Line) -> Self {
-        let letters = shot.directions.each_ref();
-        Self {
-            letters: letters.map(|letters| words.directions(letters)),
-            shot,
-            caption,
-        }
-    }
 }
 
 /// Small pictures in rows and columns, which no page divides.
@@ -200,22 +187,11 @@ impl Report {
     fn doubt(&self, words: &Words) -> Option<String> {
         let superseded = self.case.superseded.map(|why| words.superseded(why));
         let superseded = superseded.or(self.apart.map(|why| words.apart(why)));
-        let quality = self.facts.quality.as_ref();
-        let has_sides_in_doubt = quality.is_some_and(|quality| {
-            quality
-                .reason_codes
-                .iter()
-                .any(|code| code == SIDES_IN_DOUBT)
-        });
-        let sides = has_sides_in_doubt.then(|| words.sides_in_doubt());
-        let mask = quality
-            .filter(|quality| {
-                let is_about_sides_alone = has_sides_in_doubt
-                    && quality.reasons.len() == 1
-                    && quality.state != QualityState::Failed;
-                quality.state != QualityState::Ok && !is_about_sides_alone
-            })
-            .map(|quality| format!("{}: {}", words.mask, words.state(quality.state)));
+        let sides = self.has_sides_in_doubt().then(|| words.sides_in_doubt());
+        let mask = self
+            .state_of_mask()
+            .filter(|state| *state != QualityState::Ok)
+            .map(|state| format!("{}: {}", words.mask, words.state(state)));
         let doubts: Vec<_> = superseded
             .into_iter()
             .chain(sides)
@@ -223,6 +199,25 @@ impl Report {
             .chain(mask)
             .collect();
         (!doubts.is_empty()).then(|| doubts.join(" · "))
+    }
+
+    fn has_sides_in_doubt(&self) -> bool {
+        let mut codes = self
+            .facts
+            .quality
+            .iter()
+            .flat_map(|quality| &quality.reason_codes);
+        codes.any(|code| code == SIDES_IN_DOUBT)
+    }
+
+    /// The verdict on the mask, for which doubts about the sides do not count.
+    fn state_of_mask(&self) -> Option<QualityState> {
+        let quality = self.facts.quality.as_ref()?;
+        let is_about_sides_alone = self.has_sides_in_doubt() && quality.reasons.len() == 1;
+        Some(match quality.state {
+            QualityState::Review if is_about_sides_alone => QualityState::Ok,
+            state => state,
+        })
     }
 
     /// What is wrong with the case or its mask, if something is.
@@ -255,8 +250,8 @@ impl Report {
             facts.push((words.patient, line));
         }
         facts.push((words.acquisition, self.acquisition(words)));
-        if let Some(quality) = &self.facts.quality {
-            facts.push((words.mask, words.state(quality.state).into()));
+        if let Some(state) = self.state_of_mask() {
+            facts.push((words.mask, words.state(state).into()));
         }
         facts.push((words.letters, words.legend_of_letters().into()));
         let version = format!("Isocortex {}", env!("CARGO_PKG_VERSION"));
@@ -402,7 +397,7 @@ impl Report {
         let depth = depth(words, finding.depth_mm);
         let picture = |shot: &'a Shot, shown: String| {
             let caption = self.what(words, shot.shows).and(format!(", {shown}"));
-            Picture::new(words, shot, caption)
+            Picture { shot, caption }
         };
         let here = pictures.cuts.iter().map(|[here, _]| {
             let shown = format!("{depth}, {view}: {own}, {}", words.as_acquired);
@@ -639,7 +634,7 @@ fn position(words: &Words, in_patient: [f64; 3]) -> String {
     let sides = ["LR", "PA", "SI"];
     let coordinates = in_patient.iter().zip(sides).map(|(mm, sides)| {
         let side = &sides[usize::from(*mm < 0.0)..][..1];
-        format!("{} {}", words.directions(side), words.number(mm.abs(), 1))
+        format!("{} {}", side, words.number(mm.abs(), 1))
     });
     coordinates.collect::<Vec<_>>().join(" · ")
 }
@@ -670,7 +665,8 @@ fn overview<'a>(words: &Words, title: &'static str, rows: &'a [Vec<Shot>]) -> Bl
         let pictures = shots.iter().zip(NamedView::ALL);
         let pictures = pictures.map(|(shot, view)| {
             let caption = format!("{depth_mm} mm, {}", words.view(view));
-            Picture::new(words, shot, caption.into())
+            let caption = caption.into();
+            Picture { shot, caption }
         });
         (format!("{depth_mm} mm"), pictures.collect())
     };

@@ -115,8 +115,6 @@ pub(super) struct Words {
     planes: [&'static str; 3],
     across: &'static str,
     pub(super) unprintable: &'static str,
-    /// The letters for left and right.
-    sides_in_pictures: [char; 2],
     /// What separates the whole part of a number from its decimals.
     decimal: char,
     page: &'static PageWords,
@@ -149,17 +147,6 @@ impl Words {
 
     pub(super) fn view(&self, view: NamedView) -> &'static str {
         self.views[view as usize]
-    }
-
-    /// Letters of the patient's directions; those of anterior, posterior, superior and inferior are the same in all languages.
-    pub(super) fn directions(&self, letters: &str) -> String {
-        let [left, right] = self.sides_in_pictures;
-        let letter = |letter| match letter {
-            'L' => left,
-            'R' => right,
-            other => other,
-        };
-        letters.chars().map(letter).collect()
     }
 
     /// What the letters of the patient's directions mean: those of DICOM, in all languages.
@@ -339,7 +326,6 @@ const ENGLISH: Words = Words {
     planes: ["axial", "coronal", "sagittal"],
     across: "across the sulcus",
     unprintable: "A character that the font of this file lacks is shown by its number in Unicode, as ‹U+1F9E0›. The report as HTML shows it.",
-    sides_in_pictures: ['L', 'R'],
     decimal: '.',
     page: &ENGLISH_PAGE,
 };
@@ -421,7 +407,6 @@ const PORTUGUESE: Words = Words {
     planes: ["axial", "coronal", "sagital"],
     across: "através do sulco",
     unprintable: "Um caractere que falta na fonte deste arquivo é indicado pelo seu número em Unicode, como ‹U+1F9E0›. O relatório em HTML o mostra.",
-    sides_in_pictures: ['E', 'D'],
     decimal: ',',
     page: &PORTUGUESE_PAGE,
 };
