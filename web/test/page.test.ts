@@ -188,7 +188,7 @@ const file = (name: string, size = 1000): { name: string; size: number } => ({ n
 
 test("a case is told from all others by label, day and the first digits of its id", () => {
   assert.equal(caseIdentity(SHOWN), "A case · added Jan 1, 2026 · 01234567");
-  assert.equal(caseIdentity({ ...SHOWN, name: null }), "added Jan 1, 2026 · 01234567");
+  assert.equal(caseIdentity({ ...SHOWN, name: null }), "Case 01234567 · added Jan 1, 2026");
 });
 
 test("files are sorted by what they are", () => {

@@ -16,7 +16,15 @@ import {
 } from "../model/layers.ts";
 import type { Command, LayerCommand } from "../model/controls.ts";
 import type { Finding } from "../model/findings.ts";
-import { type Candidate, type LayerOverlay, type ListingMap, isLayerId, isMap, styleOfMap, toggled } from "../model/maps.ts";
+import {
+  type Candidate,
+  type LayerOverlay,
+  type ListingMap,
+  isLayerId,
+  isMap,
+  styleOfMap,
+  toggled,
+} from "../model/maps.ts";
 import { type HalfLook, type ViewState, bareOf, halfOf, layersOf } from "../model/state.ts";
 import type { Vec3 } from "../model/space.ts";
 import type { Block } from "../model/wire.ts";
