@@ -6,7 +6,7 @@ import { caseIdentity, caseStatus, reasonWords } from "../src/base/case-words.ts
 import type { Quality } from "../src/model/case.ts";
 import { doubtsOf } from "../src/model/quality.ts";
 import { matches } from "../src/page/cases.ts";
-import { pathOf, ticks } from "../src/page/chart.ts";
+import { pathOf, reachOfChart, ticks } from "../src/page/chart.ts";
 import { type Words, intensity, languageFor, number, numberUpTo, readNumber, speak, t } from "../src/base/i18n.ts";
 import { readPreferences } from "../src/page/preferences.ts";
 import { problemWords } from "../src/base/problem-words.ts";
@@ -39,6 +39,10 @@ test("that left and right are in doubt is said first, and not as an error of the
   assert.deepEqual(doubtsOf(quality("review", "mask-thin", "axes-corrected")), ["sides", "review"]);
   assert.deepEqual(doubtsOf(quality("failed", "axes-corrected")), ["sides", "failed"]);
   assert.deepEqual(doubtsOf(quality("review", "mask-thin")), ["review"]);
+});
+
+test("a profile is drawn down to 30 mm, or to the depth that is shown", () => {
+  assert.deepEqual([0, 12, 30, 30.1, 38, 40].map(reachOfChart), [30, 30, 30, 35, 40, 40]);
 });
 
 test("both languages have the same words, with the same values in them", () => {
