@@ -169,8 +169,9 @@ export function lettered(
     if (words === "" || (cell && cells.has(key))) return [];
     cells.add(key);
     const width = widthOf(words);
-    const free = placesBeside([x, y], width).filter((at) => taken.every((box) => !meet(box, boxOf(at, width))));
-    const at = free.find((one) => isWithin(boxOf(one, width), pane)) ?? free[0];
+    const places = placesBeside([x, y], width);
+    const isFree = (at: Vec2): boolean => taken.every((box) => !meet(box, boxOf(at, width)));
+    const at = places.find((one) => isWithin(boxOf(one, width), pane) && isFree(one)) ?? places.find(isFree);
     if (!at) return [];
     taken.push(boxOf(at, width));
     return [{ words, at, colour, isAway }];
