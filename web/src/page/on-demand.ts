@@ -85,12 +85,12 @@ export class OnDemand {
   sections(sweep: Sweep): readonly HTMLElement[] {
     const host = this.#host;
     return [
-      this.#section("panel.sweep", ({ SweepSection }) => {
-        return new SweepSection(host.shown, sweep.choice, (choice) => sweep.choose(choice)).element;
-      }),
       this.#section("panel.case", ({ CaseSection }) => {
         const lay = (make: Laid): void => host.onScreen().slices.lay(make);
         return new CaseSection(host.shown, { lay, made: host.made }).element;
+      }),
+      this.#section("panel.sweep", ({ SweepSection }) => {
+        return new SweepSection(host.shown, sweep.choice, (choice) => sweep.choose(choice)).element;
       }),
       this.#section("panel.export", ({ exportSection }) =>
         exportSection({ onScreen: () => this.#onScreen, sweep: () => sweep.choice, address: host.address }),
