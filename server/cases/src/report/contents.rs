@@ -22,6 +22,8 @@ use crate::profile::ProfileSample;
 const MAX_CANDIDATES: usize = 20;
 const MAX_ELSEWHERE: usize = 5;
 const MAX_BRIGHT: usize = 5;
+/// The code of the reason that is about the sides of the head and not about its mask.
+const SIDES_IN_DOUBT: &str = "axes-corrected";
 
 /// The contents of a report.
 pub(super) struct Contents<'a> {
@@ -77,20 +79,7 @@ pub(super) struct Table {
 /// A picture and what it shows.
 pub(super) struct Picture<'a> {
     pub(super) shot: &'a Shot,
-    /// The patient's directions at its left, right, upper and lower edge.
-    pub(super) letters: [String; 4],
     pub(super) caption: Line,
-}
-
-impl<'a> Picture<'a> {
-    fn new(words: &Words, shot: &'a Shot, caption: Line) -> Self {
-        let letters = shot.directions.each_ref();
-        Self {
-            letters: letters.map(|letters| words.directions(letters)),
-            shot,
-            caption,
-        }
-    }
 }
 
 /// Small pictures in rows and columns, which no page divides.
@@ -197,16 +186,41 @@ impl Report {
         }
     }
 
-    /// That the case is not the one that counts any more, and the verdict on a mask that is not sound.
+    /// That the case is not the one that counts any more, that its sides are in doubt, and the verdict on a mask that is not sound.
     fn doubt(&self, words: &Words) -> Option<String> {
         let superseded = self.case.superseded.map(|why| words.superseded(why));
         let superseded = superseded.or(self.apart.map(|why| words.apart(why)));
-        let state = self.facts.quality.as_ref().map(|quality| quality.state);
-        let mask = state
+        let sides = self.has_sides_in_doubt().then(|| words.sides_in_doubt());
+        let mask = self
+            .state_of_mask()
             .filter(|state| *state != QualityState::Ok)
             .map(|state| format!("{}: {}", words.mask, words.state(state)));
-        let doubts: Vec<_> = (superseded.map(str::to_owned).into_iter().chain(mask)).collect();
+        let doubts: Vec<_> = superseded
+            .into_iter()
+            .chain(sides)
+            .map(str::to_owned)
+            .chain(mask)
+            .collect();
         (!doubts.is_empty()).then(|| doubts.join(" · "))
+    }
+
+    fn has_sides_in_doubt(&self) -> bool {
+        let mut codes = self
+            .facts
+            .quality
+            .iter()
+            .flat_map(|quality| &quality.reason_codes);
+        codes.any(|code| code == SIDES_IN_DOUBT)
+    }
+
+    /// The verdict on the mask, for which doubts about the sides do not count.
+    fn state_of_mask(&self) -> Option<QualityState> {
+        let quality = self.facts.quality.as_ref()?;
+        let is_about_sides_alone = self.has_sides_in_doubt() && quality.reasons.len() == 1;
+        Some(match quality.state {
+            QualityState::Review if is_about_sides_alone => QualityState::Ok,
+            state => state,
+        })
     }
 
     /// What is wrong with the case or its mask, if something is.
@@ -235,9 +249,10 @@ impl Report {
             facts.push((words.patient, line));
         }
         facts.push((words.acquisition, self.acquisition(words)));
-        if let Some(quality) = &self.facts.quality {
-            facts.push((words.mask, words.state(quality.state).into()));
+        if let Some(state) = self.state_of_mask() {
+            facts.push((words.mask, words.state(state).into()));
         }
+        facts.push((words.letters, words.legend_of_letters().into()));
         let version = format!("Isocortex {}", env!("CARGO_PKG_VERSION"));
         facts.push((words.made_by, version.into()));
         facts
@@ -382,7 +397,7 @@ impl Report {
         let depth = depth(words, finding.depth_mm);
         let picture = |shot: &'a Shot, shown: String| {
             let caption = self.what(words, shot.shows).and(format!(", {shown}"));
-            Picture::new(words, shot, caption)
+            Picture { shot, caption }
         };
         let here = pictures.cuts.iter().map(|[here, _]| {
             let shown = format!("{depth}, {view}: {own}, {}", words.as_acquired);
@@ -666,7 +681,7 @@ fn position(words: &Words, in_patient: [f64; 3]) -> String {
     let sides = ["LR", "PA", "SI"];
     let coordinates = in_patient.iter().zip(sides).map(|(mm, sides)| {
         let side = &sides[usize::from(*mm < 0.0)..][..1];
-        format!("{} {}", words.directions(side), words.number(mm.abs(), 1))
+        format!("{} {}", side, words.number(mm.abs(), 1))
     });
     coordinates.collect::<Vec<_>>().join(" · ")
 }
@@ -697,7 +712,8 @@ fn overview<'a>(words: &Words, title: &'static str, rows: &'a [Vec<Shot>]) -> Bl
         let pictures = shots.iter().zip(NamedView::ALL);
         let pictures = pictures.map(|(shot, view)| {
             let caption = format!("{depth_mm} mm, {}", words.view(view));
-            Picture::new(words, shot, caption.into())
+            let caption = caption.into();
+            Picture { shot, caption }
         });
         (format!("{depth_mm} mm"), pictures.collect())
     };
@@ -773,6 +789,45 @@ mod tests {
                 anatomy: Vec::new(),
                 map: Vec::new(),
             },
+        }
+    }
+
+    #[test]
+    fn sides_in_doubt_are_named_before_the_mask_on_every_page() {
+        let sides = ("axes-corrected", "another case has other axes");
+        let ragged = ("mask-ragged", "the mask is ragged");
+        for (language, reasons, doubt) in [
+            (
+                Language::English,
+                vec![sides],
+                "Left and right are in doubt",
+            ),
+            (
+                Language::English,
+                vec![ragged, sides],
+                "Left and right are in doubt · Brain mask: CHECK IT",
+            ),
+            (Language::English, vec![ragged], "Brain mask: CHECK IT"),
+            (
+                Language::Portuguese,
+                vec![sides],
+                "Esquerda e direita estão em dúvida",
+            ),
+        ] {
+            let mut report = report(language);
+            let mut facts = (*report.facts).clone();
+            let quality = facts.quality.as_mut().unwrap();
+            quality.state = QualityState::Review;
+            quality.reason_codes = reasons.iter().map(|(code, _)| (*code).into()).collect();
+            quality.reasons = reasons.iter().map(|(_, text)| (*text).into()).collect();
+            report.facts = Arc::new(facts);
+            let contents = report.contents();
+            assert_eq!(contents.doubt.as_deref(), Some(doubt));
+            let named = format!("<strong>{doubt}</strong>");
+            assert_eq!(
+                contents.html().matches(&named).count(),
+                contents.sections.len()
+            );
         }
     }
 
