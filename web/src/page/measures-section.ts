@@ -77,6 +77,7 @@ export class MeasuresSection implements PointTool {
       (tool) => t(`measure.${tool}`),
       (tool) => this.choose(tool === this.#tool ? null : tool),
     );
+    this.#tools.classList.add("tools");
     this.#clear = button(t("measure.clear"), () => this.#put([]));
     this.element = h("div", { class: "group-body" }, this.#tools, this.#hint, this.#list, row(this.#clear));
     this.#put(MEASURED.get(host.shown.id) ?? []);
