@@ -218,10 +218,10 @@ test("two readers who write about the same finding are told, and both go on in t
   await second.page.locator(".finding-note").last().click();
   await second.page.keyboard.type("of the second");
   await until(stored, (list) => list.length === before + 1);
-  await second.page.getByText("Somebody else has changed the same findings").waitFor();
+  await second.page.getByText("somebody else, has changed the same findings").waitFor();
   await second.page.keyboard.type(" reader");
   const list = await until(stored, (now) => now.some(({ note }) => note === "of the second reader"));
   assert.ok(list.some(({ note }) => note === "of the first"));
-  assert.ok(await second.page.getByText("Somebody else has changed the same findings").isVisible());
+  assert.ok(await second.page.getByText("somebody else, has changed the same findings").isVisible());
   for (const { context } of [first, second]) await context.close();
 });

@@ -155,6 +155,11 @@ test(
     );
     assert.deepEqual([one?.kind, one?.points_in_patient.length], ["polygon", 4]);
     assert.match(one?.note ?? "", /mm²/);
+    // Its name is typed at once; the measure is a finding as long as that one is there.
+    await page.waitForSelector(".finding-label:focus");
+    assert.ok(
+      await page.locator(".measures li").last().getByRole("button", { name: "Kept as a finding" }).isDisabled(),
+    );
     await page.waitForSelector(".findings li .finding-name");
     assert.match(await page.locator(".finding-name").innerText(), /^1 · Polygon · /);
     // It is hidden and shown again, which is of the page alone.

@@ -84,7 +84,7 @@ const faults = (page: Page): Promise<string[]> =>
         .filter((one) => one.checkVisibility() && one.textContent !== "")
         .map((one) => one.getBoundingClientRect());
     for (const pane of document.querySelectorAll(".pane")) {
-      const words = boxesOf(pane, ".pane-notice, .scale-text");
+      const words = boxesOf(pane, ".pane-notice, .scale-text, .colour-bar");
       for (const letter of boxesOf(pane, ".edge"))
         for (const other of words)
           if (

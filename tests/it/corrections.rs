@@ -956,6 +956,108 @@ async fn a_report_is_not_taken_over_into_pixels_that_were_mirrored_behind_anothe
     assert_eq!(taken.status, 200, "{taken:?}");
 }
 
+#[tokio::test]
+async fn a_report_is_not_taken_over_into_mirrored_pixels_of_another_series() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let first = identified_case(&neighbour).await;
+    crate::findings::mark(server, &first).await;
+    let report = result(server, &first, &json!({"what": "findings"})).await;
+    let series = [([0x20, 0x0E], "UI", "1.2.3.98")];
+    assert_eq!(
+        neighbour.store(&mirrored_head(0, &series)).await.status,
+        202
+    );
+    let second = until("the other series is a case", async || {
+        let found = launched(&neighbour).await;
+        let case = format!("/v1/cases/{}", found["case"].as_str()?);
+        (case != first).then_some(case)
+    })
+    .await;
+    server.until_ready(&second).await;
+    let refused = put_report(server, &second, &report.body).await;
+    assert_eq!(refused.problem(), "findings-elsewhere");
+}
+
+#[tokio::test]
+async fn another_frame_of_reference_is_another_place() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let first = identified_case(&neighbour).await;
+    crate::findings::mark(server, &first).await;
+    let frame = [([0x20, 0x52], "UI", "1.2.3.97")];
+    let texts = [&IDENTITY[..], &frame].concat();
+    let slices = head_slices();
+    let other: Vec<_> = slices
+        .iter()
+        .map(|slice| with_texts(slice, &texts))
+        .collect();
+    let stored = neighbour.store(&other).await;
+    assert_eq!(warnings(&stored).len(), other.len(), "{stored:?}");
+    assert_eq!(superseded(server, &first).await, "moved");
+    let second = case_after(&neighbour, &first).await;
+    assert_eq!(findings_of(server, &second).await, json!([]));
+}
+
+#[tokio::test]
+async fn a_correction_counts_although_the_images_before_it_are_forgotten() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let store = server.pacs.cases().store().clone();
+    let first = identified_case(&neighbour).await;
+    crate::findings::mark(server, &first).await;
+    store.forget(Duration::ZERO, false).await.unwrap();
+    assert_eq!(neighbour.store(&mirrored_head(0, &[])).await.status, 200);
+    let second = case_after(&neighbour, &first).await;
+    assert_eq!(superseded(server, &first).await, "moved");
+    assert_eq!(findings_of(server, &second).await, json!([]));
+    store.forget(Duration::ZERO, false).await.unwrap();
+    assert_eq!(neighbour.store(&corrected_head()).await.status, 200);
+    let third = case_after(&neighbour, &second).await;
+    assert_eq!(superseded(server, &second).await, "corrected");
+    assert_eq!(superseded(server, &third).await, Value::Null);
+    let view = json!({"what": "view", "render": small()});
+    assert_eq!(result(server, &second, &view).await.problem(), "superseded");
+}
+
+#[tokio::test]
+async fn a_result_that_waits_is_not_sent_once_a_layer_was_withdrawn() {
+    let neighbour = Neighbour::start(|config| {
+        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
+    })
+    .await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let view = json!({"what": "view", "render": small(), "node": "away"});
+    for number in 0..2 {
+        let flair = identified(&flair_slices(number));
+        let status = if number == 0 { 200 } else { 202 };
+        assert_eq!(neighbour.store(&flair[..1]).await.status, status);
+        assert_eq!(neighbour.store(&flair[1..]).await.status, status);
+        until_layer(server, "1.2.3.77").await;
+        let waiting = result(server, &case, &view).await.json();
+        let address = format!("/v1/dicom-results/{}", waiting["id"].as_str().unwrap());
+        let waits = server.get(&address).await.json();
+        assert_eq!(waits["state"], "queued", "{waits}");
+        if number == 0 {
+            // The first image of the FLAIR is corrected.
+            let corrected = identified(&flair_slices(9));
+            assert_eq!(neighbour.store(&corrected[..1]).await.status, 202);
+        } else {
+            let uids: Vec<_> = flair_slices(0)
+                .into_iter()
+                .map(|slice| slice.sop_uid)
+                .collect();
+            let title = KeyObjectTitle::RejectedForSafety;
+            let rejection = note_naming(("1.2.3", "1.2.3.77", title, &uids));
+            assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+        }
+        let failed = server.get(&address).await.json();
+        assert_eq!(failed["state"], "failed", "{failed}");
+        assert_eq!(failed["reason"]["name"], "layer-withdrawn", "{failed}");
+    }
+}
+
 /// The head with half the brightness.
 fn darker_slices() -> Vec<Slice> {
     let darker = |slice: &Slice| Slice {

@@ -135,10 +135,19 @@ async fn a_report_of_findings_is_valid_and_comes_back_as_it_was() {
     assert_eq!(restored.status, 200, "{restored:?}");
     assert_eq!(of_reader(&restored.json()), of_reader(&stored));
 
-    // Segments bring back what was not dismissed, to the last digit.
+    // Segments bring back what was not dismissed, to the last digit. What was dismissed stays.
     let segments = made(server, &case, "finding-segments", folder.path()).await;
     let from_segments = put(server, &case, "application/dicom", segments.clone()).await;
     assert_eq!(from_segments.status, 200, "{from_segments:?}");
+    assert_eq!(of_reader(&from_segments.json()), of_reader(&stored));
+    let emptied = put(
+        server,
+        &case,
+        "application/json",
+        b"{\"findings\": []}".to_vec(),
+    );
+    assert_eq!(emptied.await.status, 200);
+    let from_segments = put(server, &case, "application/dicom", segments.clone()).await;
     let mut looked_at = stored.clone();
     let list = looked_at["findings"].as_array_mut().unwrap();
     list.retain(|finding| finding["is_dismissed"] == false);
@@ -263,6 +272,15 @@ for group, finding in zip(groups, wanted):
     assert (word("state") == "dismissed") == finding["is_dismissed"]
     measured = values("depth")[0].MeasuredValueSequence[0]
     assert measured.NumericValue == finding["depth_mm"] and measured.MeasurementUnitsCodeSequence[0].CodeValue == "mm"
+    exact = numpy.array(finding["points_in_patient"])
+    corners = exact - exact[0]
+    length = numpy.linalg.norm(numpy.diff(exact, axis=0), axis=1).sum()
+    area = numpy.linalg.norm(numpy.cross(corners[:-1], corners[1:]).sum(axis=0)) / 2
+    expected = {"point": [], "polygon": [("42798000", area, "mm2")]}.get(kind, [("410668003", length, "mm")])
+    measured = [(c, m) for c in ("410668003", "42798000") for i in values(c) for m in i.MeasuredValueSequence]
+    assert len(measured) == len(expected), (kind, measured)
+    for (code, value, unit), (found, m) in zip(expected, measured):
+        assert code == found and abs(m.NumericValue - value) < 1e-6 and m.MeasurementUnitsCodeSequence[0].CodeValue == unit
     side = [m.ConceptCodeSequence[0].CodeMeaning for s in values("363698007") for m in s.get("ContentSequence", [])]
     assert side == ([] if finding["side"] == "middle" else [finding["side"].capitalize()]), (side, finding["side"])
 assert len(uids) == len(wanted)
@@ -351,12 +369,16 @@ async fn a_report_names_the_patient_on_request_alone() {
         assert_eq!(answer.status, 200, "{answer:?}");
         answer.body
     };
-    let identity = ["Müller^Änne", "P-77", "19670312", "A-1"];
+    let identity = ["Müller, Änne", "P-77", "1967-03-12", "A-1"];
     let [plain, named] = [
         report("patient=false", "text/html").await,
         report("patient=true", "text/html").await,
     ]
     .map(|body| String::from_utf8(body.to_vec()).unwrap());
+    // Line, polygon and trajectory.
+    for measure in ["10.4 mm<", "144 mm²<", "17.7 mm<"] {
+        assert!(plain.contains(measure), "{measure}");
+    }
     for text in identity {
         assert!(!plain.contains(text), "{text}");
         assert_eq!(named.matches(text).count(), 1, "{text}");

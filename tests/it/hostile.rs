@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
-use std::os::unix::fs::PermissionsExt as _;
+use std::os::unix::fs::{MetadataExt as _, PermissionsExt as _};
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -249,6 +249,14 @@ fn a_secret_from_the_environment_works_and_is_in_the_environment_no_more() {
                 );
             }
             Err(error) => assert!(!is_root(), "{error}"),
+        }
+        // The kernel gives these to root alone once a process may not be traced.
+        for secret in ["environ", "mem", "fd"] {
+            let secret = Path::new("/proc")
+                .join(server.process.id().to_string())
+                .join(secret);
+            let owner = std::fs::metadata(&secret).unwrap().uid();
+            assert_eq!(owner, 0, "{}", secret.display());
         }
         let expected = match is_root() && user.is_none() {
             true => {

@@ -146,3 +146,35 @@ fn the_page_and_the_readme_show_the_notice() {
         assert!(read(path).contains(notice), "{path}");
     }
 }
+
+#[test]
+fn children_and_caches_fit_into_the_memory_of_the_shipped_containers() {
+    let config = isocortex::config::Config::default();
+    let mut containers = 0;
+    for file in [
+        "docker/compose.yaml",
+        "docker/compose-cluster.yaml",
+        "docker/orthanc/compose.yaml",
+        "docker/kubernetes/isocortex.yaml",
+    ] {
+        let text = read(file);
+        for container in text.split("image: isocortex\n").skip(1) {
+            let limits = ["mem_limit: ", "limits: { memory: "];
+            let places = limits.map(|limit| Some(container.find(limit)? + limit.len()));
+            let at = places.into_iter().flatten().min().expect(file);
+            let digits: String = container[at..]
+                .chars()
+                .take_while(char::is_ascii_digit)
+                .collect();
+            let unit = container[at + digits.len()..].chars().next();
+            assert!(unit.is_some_and(|unit| "gG".contains(unit)), "{file}");
+            let bytes = digits.parse::<u64>().unwrap() << 30;
+            let children = config.children_in(Some(bytes)).unwrap();
+            let least = children.least();
+            let all = children.bytes + config.render.cache_bytes + (512 << 20);
+            assert!(all <= bytes && children.bytes >= least, "{file}: {all}");
+            containers += 1;
+        }
+    }
+    assert_eq!(containers, 5);
+}

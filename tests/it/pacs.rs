@@ -800,6 +800,11 @@ async fn answered(stream: &mut TcpStream) -> Vec<u8> {
 
 /// A request for an association that would be accepted.
 fn association_request() -> Vec<u8> {
+    association_of("SENDER")
+}
+
+/// A request for an association by somebody with a title.
+fn association_of(title: &str) -> Vec<u8> {
     let item = |kind: u8, value: &[u8]| {
         let mut item = vec![kind, 0];
         item.extend((value.len() as u16).to_be_bytes());
@@ -810,7 +815,7 @@ fn association_request() -> Vec<u8> {
     context.extend(item(0x30, b"1.2.840.10008.5.1.4.1.1.4"));
     context.extend(item(0x40, b"1.2.840.10008.1.2"));
     let mut body = vec![0, 1, 0, 0];
-    body.extend(b"ISOCORTEX       SENDER          ");
+    body.extend(format!("ISOCORTEX       {title:16}").as_bytes());
     body.extend([0; 32]);
     body.extend(item(0x10, b"1.2.840.10008.3.1.1.1"));
     body.extend(item(0x20, &context));
@@ -819,6 +824,76 @@ fn association_request() -> Vec<u8> {
     pdu.extend((body.len() as u32).to_be_bytes());
     pdu.extend(body);
     pdu
+}
+
+#[tokio::test]
+async fn no_title_is_the_name_of_anybody_else_in_the_audit_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let neighbour = Neighbour::start(|config| {
+        config.audit.folder = Some(folder.path().to_owned());
+    })
+    .await;
+    let address = dimse(&neighbour, dimse_options()).await;
+    let titles = [
+        "proxy:ana",
+        "oidc:u-17",
+        "isocortex",
+        "anybody",
+        "token",
+        "dr.silva",
+    ];
+    for title in titles {
+        let mut stream = TcpStream::connect(address).await.unwrap();
+        stream.write_all(&association_of(title)).await.unwrap();
+        assert_eq!(answered(&mut stream).await[0], 3, "it is rejected");
+    }
+    neighbour.server.state.cases.audit().shut_down();
+    let file = std::fs::read_dir(folder.path()).unwrap().next().unwrap();
+    let record = std::fs::read_to_string(file.unwrap().path()).unwrap();
+    let lines = record
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let who: Vec<_> = lines
+        .filter(|line| line["object"] == "association")
+        .map(|line| line["who"].as_str().unwrap().to_owned())
+        .collect();
+    assert_eq!(who, titles.map(|title| format!("aet:{title}")));
+}
+
+#[tokio::test]
+async fn an_association_needs_a_listed_title_at_its_own_address() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let mut options = dimse_options();
+    options.peers[1].aet = "OTHER".to_owned();
+    let address = dimse(&neighbour, options).await;
+    let answer = async |from: &str, title: &str, called: &str| {
+        let socket = TcpSocket::new_v4().unwrap();
+        socket.bind(format!("{from}:0").parse().unwrap()).unwrap();
+        let mut stream = socket.connect(address).await.unwrap();
+        let mut request = association_of(title);
+        request[10..26].copy_from_slice(format!("{called:16}").as_bytes());
+        // The connection of a stranger may be closed already.
+        let _ = stream.write_all(&request).await;
+        let mut head = [0; 1];
+        match stream.read_exact(&mut head).await {
+            Ok(_) => Some(head[0]),
+            Err(_) => None,
+        }
+    };
+    let (accepted, rejected) = (Some(2), Some(3));
+    for (from, title, called, expected) in [
+        ("127.0.0.1", "SENDER", "ISOCORTEX", accepted),
+        ("127.0.0.2", "OTHER", "ISOCORTEX", accepted),
+        ("127.0.0.1", "OTHER", "ISOCORTEX", rejected),
+        ("127.0.0.2", "SENDER", "ISOCORTEX", rejected),
+        ("127.0.0.1", "sender", "ISOCORTEX", rejected),
+        ("127.0.0.1", "STRANGER", "ISOCORTEX", rejected),
+        ("127.0.0.1", "SENDER", "ELSEWHERE", rejected),
+        ("127.0.0.3", "SENDER", "ISOCORTEX", None),
+    ] {
+        let answered = answer(from, title, called).await;
+        assert_eq!(answered, expected, "{title} at {from} to {called}");
+    }
 }
 
 #[tokio::test]

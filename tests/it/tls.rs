@@ -3,10 +3,11 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
-use ::http_support::tls::{TlsAuthority, connecting_tls};
+use ::http_support::tls::{ConnectingTls, TlsAuthority, connecting_tls};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
+use tokio_rustls::rustls::HandshakeKind;
 
 use crate::command_line::run;
 use crate::operation::Logged;
@@ -26,6 +27,37 @@ async fn ask(address: SocketAddr, authority: &Certificates) -> std::io::Result<S
     let mut answer = String::new();
     stream.read_to_string(&mut answer).await?;
     Ok(answer)
+}
+
+#[tokio::test]
+async fn a_client_resumes_its_session_although_many_others_came() {
+    let Some(ours) = Certificates::make() else {
+        return;
+    };
+    let server = Server::start_with(|config| {
+        config.http.tls_certificate = Some(ours.path("cert.pem"));
+        config.http.tls_key = Some(ours.path("key.pem"));
+    })
+    .await;
+    let socket = server.on_a_socket().await;
+    let authority = TlsAuthority::read(&ours.read("ca.pem")).unwrap();
+    let client = || connecting_tls(&authority, None).unwrap();
+    let handshake = async |tls: &ConnectingTls| {
+        let stream = TcpStream::connect(socket.address).await.unwrap();
+        let name = socket.address.ip().into();
+        let connector = TlsConnector::from(tls.clone());
+        let mut stream = connector.connect(name, stream).await.unwrap();
+        stream.write_all(REQUEST).await.unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).await.unwrap();
+        stream.get_ref().1.handshake_kind().unwrap()
+    };
+    let ours = client();
+    assert_eq!(handshake(&ours).await, HandshakeKind::Full);
+    for _ in 0..200 {
+        assert_eq!(handshake(&client()).await, HandshakeKind::Full);
+    }
+    assert_eq!(handshake(&ours).await, HandshakeKind::Resumed);
 }
 
 /// What comes to a client that sends these bytes, until the server closes the connection.

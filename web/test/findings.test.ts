@@ -13,10 +13,11 @@ import {
   newFinding,
   plainFinding,
   readFindings,
+  signed,
 } from "../src/model/findings.ts";
 import type { Depths } from "../src/model/isosurface.ts";
-import { type Line, pieces, sliceMarks, surfaceMarks, thinned } from "../src/model/marks.ts";
-import { plainLine, plainText } from "../src/model/text.ts";
+import { type Line, lettered, pieces, sliceMarks, surfaceMarks, thinned } from "../src/model/marks.ts";
+import { excessOf, plainLine, plainText } from "../src/model/text.ts";
 import { FindingsSync, type Kept } from "../src/page/findings-sync.ts";
 
 const finding = (id: string, change: Partial<Finding> = {}): Finding => ({
@@ -387,4 +388,45 @@ test("findings of a file are added once, and where it says something else both a
     assert.equal(readFindings(wrong), null, wrong);
   for (const change of [{ kind: "x" }, { points_in_patient: [] }, { points_in_patient: [[1, 2]] }, { note: 5 }])
     assert.equal(readFindings(JSON.stringify({ findings: [{ ...bare, ...change }] })), null);
+});
+
+test("the words of marks never run into one another", () => {
+  const mark = (words: string, x: number, y: number) => ({
+    words,
+    parts: [[[x, y] as const]],
+    colour: "#7dffa0",
+    isAway: false,
+  });
+  const widthOf = (words: string): number => 7 * words.length;
+  const near = [mark("90.0°", 100, 100), mark("153 mm²", 104, 101), mark("19.7 mm", 90, 99), mark("1", 100, 112)];
+  const words = lettered(near, [300, 300], widthOf);
+  assert.deepEqual(
+    words.map((one) => one.words),
+    ["90.0°", "153 mm²", "19.7 mm", "1"],
+  );
+  for (const [first, one] of words.entries())
+    for (const other of words.slice(first + 1)) {
+      const isBeside = one.at[0] + widthOf(one.words) < other.at[0] || other.at[0] + widthOf(other.words) < one.at[0];
+      assert.ok(isBeside || Math.abs(one.at[1] - other.at[1]) >= 14, `${one.words} and ${other.words}`);
+    }
+  // At the right edge words stand to the left of their mark.
+  const [edge] = lettered([mark("19.7 mm", 290, 100)], [300, 300], widthOf);
+  assert.ok(edge && edge.at[0] + widthOf("19.7 mm") < 290);
+  // Where there is no room at all, some are left out; of many, each cell has one.
+  const crowd = Array.from({ length: 60 }, (_, at) => mark(String(at), 100, 100 + at / 10));
+  assert.ok(lettered(crowd, [300, 300], widthOf).length < 30);
+  assert.equal(lettered(crowd, [300, 300], widthOf, [96, 48]).length, 1);
+});
+
+test("a finding has the author who made it, or the first one who changed it when it had none", () => {
+  const unsigned = newFinding({ points_in_patient: [[1, 2, 3]], depth_mm: 8 });
+  assert.equal(signed(unsigned, "").author, undefined);
+  const own = signed(unsigned, "A. Reader");
+  assert.equal(own.author, "A. Reader");
+  assert.equal(signed(own, "B. Reader").author, "A. Reader");
+});
+
+test("a note that is too long says by how much", () => {
+  assert.equal(excessOf("a".repeat(10_000), 10_000), 0);
+  assert.equal(excessOf(`${"a".repeat(10_000)}\u{1f9e0}\r\n`, 10_000), 2);
 });

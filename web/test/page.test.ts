@@ -3,8 +3,10 @@ import { afterEach, before, test } from "node:test";
 
 import { Problem, getCase, listCases, onReach, onTokenWanted, problemFrom } from "../src/base/api.ts";
 import { caseIdentity, caseStatus, reasonWords } from "../src/base/case-words.ts";
+import type { Quality } from "../src/model/case.ts";
+import { doubtsOf } from "../src/model/quality.ts";
 import { matches } from "../src/page/cases.ts";
-import { pathOf, ticks } from "../src/page/chart.ts";
+import { pathOf, reachOfChart, ticks } from "../src/page/chart.ts";
 import { type Words, intensity, languageFor, number, numberUpTo, readNumber, speak, t } from "../src/base/i18n.ts";
 import { readPreferences } from "../src/page/preferences.ts";
 import { problemWords } from "../src/base/problem-words.ts";
@@ -24,6 +26,24 @@ afterEach(() => {
 const json = (status: number, body: unknown): Response =>
   new Response(JSON.stringify(body), { status, headers: { "content-type": "application/problem+json" } });
 const headers = (type: string): Headers => new Headers({ "content-type": type });
+
+test("that left and right are in doubt is said first, and not as an error of the mask", () => {
+  const quality = (state: "ok" | "review" | "failed", ...codes: string[]): Quality => ({
+    state,
+    method: "network",
+    reasons: codes.map((code) => `about ${code}`),
+    reason_codes: codes,
+  });
+  assert.deepEqual(doubtsOf(quality("ok")), []);
+  assert.deepEqual(doubtsOf(quality("review", "axes-corrected")), ["sides"]);
+  assert.deepEqual(doubtsOf(quality("review", "mask-thin", "axes-corrected")), ["sides", "review"]);
+  assert.deepEqual(doubtsOf(quality("failed", "axes-corrected")), ["sides", "failed"]);
+  assert.deepEqual(doubtsOf(quality("review", "mask-thin")), ["review"]);
+});
+
+test("a profile is drawn down to 30 mm, or to the depth that is shown", () => {
+  assert.deepEqual([0, 12, 30, 30.1, 38, 40].map(reachOfChart), [30, 30, 30, 35, 40, 40]);
+});
 
 test("both languages have the same words, with the same values in them", () => {
   assert.deepEqual(Object.keys(portuguese), Object.keys(english));
@@ -172,7 +192,7 @@ const file = (name: string, size = 1000): { name: string; size: number } => ({ n
 
 test("a case is told from all others by label, day and the first digits of its id", () => {
   assert.equal(caseIdentity(SHOWN), "A case · added Jan 1, 2026 · 01234567");
-  assert.equal(caseIdentity({ ...SHOWN, name: null }), "added Jan 1, 2026 · 01234567");
+  assert.equal(caseIdentity({ ...SHOWN, name: null }), "Case 01234567 · added Jan 1, 2026");
 });
 
 test("files are sorted by what they are", () => {

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::line::read;
+use crate::trail::{is_of_trail, process_and_number};
 
 /// The longest line that is read here, in bytes.
 const LONGEST_LINE: u64 = 4 << 20;
@@ -44,14 +45,11 @@ pub(crate) fn files_in(folder: &Path) -> io::Result<(Files, Vec<String>)> {
     for entry in std::fs::read_dir(folder)? {
         let path = entry?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let parts = name.strip_suffix(".jsonl").and_then(|name| {
-            let (process, number) = name.rsplit_once('-')?;
-            Some((process.to_owned(), number.parse().ok()?))
-        });
-        match parts {
+        match process_and_number(&name) {
             Some((process, number)) => {
                 files.entry(process).or_default().insert(number, path);
             }
+            None if is_of_trail(&name) => {}
             None => strange.push(name.into_owned()),
         }
     }

@@ -59,6 +59,7 @@ struct Inner {
     is_full: Arc<AtomicBool>,
     /// Held for moments.
     bounded: Mutex<Bounded>,
+    counted: Arc<AllCounted>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
@@ -97,7 +98,8 @@ impl Audit {
     /// If a file cannot be made in the folder.
     pub fn start(options: Options) -> io::Result<Self> {
         let is_full = Arc::new(AtomicBool::new(false));
-        let writer = Writer::start(options, is_full.clone())?;
+        let counted = Arc::new(AllCounted::default());
+        let writer = Writer::start(options, is_full.clone(), Arc::clone(&counted))?;
         let (sender, receiver) = sync_channel(WAITING);
         let thread = std::thread::Builder::new().name("audit".to_owned());
         let thread = thread.spawn(move || writer.run(&receiver))?;
@@ -105,6 +107,7 @@ impl Audit {
             sender,
             is_full,
             bounded: Mutex::new(Bounded::new()),
+            counted,
             thread: Mutex::new(Some(thread)),
         }))))
     }
@@ -129,6 +132,13 @@ impl Audit {
     /// # Errors
     /// If nothing can be recorded at the moment.
     pub fn record_counted(&self, event: Event) -> Result<(), CannotRecord> {
+        // Most are only counted, which the writer need not be woken for.
+        if let Some(inner) = &self.0
+            && !self.is_full()
+            && inner.counted.add(&event)
+        {
+            return Ok(());
+        }
         self.send(Waiting {
             is_counted: true,
             ..Waiting::of(event)
@@ -265,6 +275,22 @@ struct Alike {
     study: Option<Arc<str>>,
 }
 
+impl Alike {
+    fn of(event: &Event) -> Self {
+        Self {
+            kind: event.kind,
+            action: event.action,
+            outcome: event.outcome,
+            object: event.object,
+            who: event.who.clone(),
+            from: event.from,
+            project: event.project.clone(),
+            case: event.case.clone(),
+            study: event.study.clone(),
+        }
+    }
+}
+
 /// Events that are counted.
 #[derive(Debug)]
 struct Counted {
@@ -272,6 +298,40 @@ struct Counted {
     /// The line of the first, once it is written.
     first: u64,
     since: Instant,
+}
+
+/// All events that are counted, since the first of each was given to the writer. Held for moments.
+#[derive(Debug, Default)]
+struct AllCounted(Mutex<HashMap<Alike, Counted>>);
+
+impl AllCounted {
+    fn lock(&self) -> MutexGuard<'_, HashMap<Alike, Counted>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Counts an event, unless it is the first of its kind.
+    fn add(&self, event: &Event) -> bool {
+        let mut counted = self.lock();
+        let known = counted.get_mut(&Alike::of(event));
+        if let Some(known) = known {
+            known.event.count += event.count;
+            return true;
+        }
+        false
+    }
+
+    /// Begins to count events like one, whose line is the first of them, unless there are too many.
+    fn begin(&self, event: &Event, first: u64) {
+        let mut counted = self.lock();
+        if counted.len() < COUNTED {
+            let begun = Counted {
+                event: event.clone(),
+                first,
+                since: Instant::now(),
+            };
+            counted.insert(Alike::of(event), begun);
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -284,14 +344,18 @@ struct Writer {
     /// The bytes of whole lines in the file.
     length: u64,
     at: Position,
-    counted: HashMap<Alike, Counted>,
+    counted: Arc<AllCounted>,
     waiting: Vec<Waiting>,
     /// Events that could not be written.
     lost: u64,
 }
 
 impl Writer {
-    fn start(options: Options, is_full: Arc<AtomicBool>) -> io::Result<Self> {
+    fn start(
+        options: Options,
+        is_full: Arc<AtomicBool>,
+        counted: Arc<AllCounted>,
+    ) -> io::Result<Self> {
         let began = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
         let process = format!("{began}-{:08x}", RandomState::new().hash_one(0) as u32);
         let number = 1;
@@ -303,7 +367,7 @@ impl Writer {
             number,
             length: 0,
             at: Position::first(),
-            counted: HashMap::new(),
+            counted,
             waiting: Vec::new(),
             lost: 0,
         };
@@ -323,7 +387,7 @@ impl Writer {
 
     fn run(mut self, receiver: &Receiver<Message>) {
         loop {
-            let is_idle = self.counted.is_empty() && !self.is_full.load(Ordering::Relaxed);
+            let is_idle = self.counted.lock().is_empty() && !self.is_full.load(Ordering::Relaxed);
             let next = match is_idle {
                 true => receiver.recv().map_err(|_| RecvTimeoutError::Disconnected),
                 false => receiver.recv_timeout(TICK),
@@ -358,30 +422,12 @@ impl Writer {
             self.waiting.push(*waiting);
             return true;
         }
-        let event = &waiting.event;
-        let alike = Alike {
-            kind: event.kind,
-            action: event.action,
-            outcome: event.outcome,
-            object: event.object,
-            who: event.who.clone(),
-            from: event.from,
-            project: event.project.clone(),
-            case: event.case.clone(),
-            study: event.study.clone(),
-        };
-        if let Some(counted) = self.counted.get_mut(&alike) {
-            counted.event.count += event.count;
+        // Others like it may have come first.
+        if self.counted.add(&waiting.event) {
             return true;
         }
-        if self.counted.len() < COUNTED {
-            let counted = Counted {
-                event: event.clone(),
-                first: self.at.seq + self.waiting.len() as u64,
-                since: Instant::now(),
-            };
-            self.counted.insert(alike, counted);
-        }
+        let first = self.at.seq + self.waiting.len() as u64;
+        self.counted.begin(&waiting.event, first);
         self.waiting.push(*waiting);
         true
     }
@@ -390,8 +436,9 @@ impl Writer {
     fn close_windows(&mut self, goes_on: bool) {
         let window = self.options.window;
         let is_over = |counted: &Counted| !goes_on || counted.since.elapsed() >= window;
-        let over = self.counted.extract_if(|_, counted| is_over(counted));
-        let counts = over.map(|(_, counted)| counted);
+        let over = |_: &Alike, counted: &mut Counted| is_over(counted);
+        let over: Vec<_> = self.counted.lock().extract_if(over).collect();
+        let counts = over.into_iter().map(|(_, counted)| counted);
         let mut counts: Vec<_> = counts.filter(|counted| counted.event.count > 1).collect();
         counts.sort_by_key(|counted| counted.first);
         self.waiting
@@ -406,7 +453,7 @@ impl Writer {
         let waiting = std::mem::take(&mut self.waiting);
         if self.is_full.load(Ordering::Relaxed) {
             self.lost += waiting.len() as u64;
-            self.counted.clear();
+            self.counted.lock().clear();
             let mut again = self.activity("recorded again");
             again.count = self.lost;
             if self.append(&[Waiting::of(again)]).is_ok() {
@@ -435,7 +482,7 @@ impl Writer {
                 // Those that wait hear it, because what they wait for is dropped. They do nothing, so nothing of them is lost.
                 let lost = waiting.iter().filter(|waiting| waiting.done.is_none());
                 self.lost = lost.count() as u64;
-                self.counted.clear();
+                self.counted.lock().clear();
             }
         }
     }
@@ -513,7 +560,7 @@ fn make_file(folder: &Path, process: &str, number: u32) -> io::Result<File> {
     Ok(file)
 }
 
-fn private() -> OpenOptions {
+pub(crate) fn private() -> OpenOptions {
     let mut options = OpenOptions::new();
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
@@ -521,7 +568,7 @@ fn private() -> OpenOptions {
 }
 
 /// Makes the name of a new file durable.
-fn sync_folder(folder: &Path) -> io::Result<()> {
+pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) {
         File::open(folder)?.sync_all()?;
     }

@@ -1,6 +1,6 @@
 //! The findings of a case: what readers have marked and written.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use bytes::Bytes;
 use case::findings::{Finding, FindingRefused, check};
@@ -144,7 +144,8 @@ impl Cases {
         self.queue.run(draw).await?
     }
 
-    /// The findings of a DICOM measurement report or a segmentation that this program wrote about the patient of a case.
+    /// The findings of a DICOM measurement report or a segmentation that this program wrote about the patient of a case. A segmentation has no
+    /// dismissed findings: those of the case stay.
     ///
     /// # Errors
     /// [`NotReplaced::Elsewhere`] if it is about another patient or place, also if its images were corrected or rejected since, or its case is not here; a failure that states what is wrong with the file.
@@ -163,6 +164,7 @@ impl Cases {
             patient,
             frame_of_reference,
             marks,
+            has_dismissed,
         } = self.headers.read_marks(&file).await?;
         let known = Patient::of(|keyword| source.value(keyword));
         let stated = Patient::of(|keyword| {
@@ -198,7 +200,7 @@ impl Cases {
                 ));
             };
             if self.store().are_apart(id, &marked_in).await?
-                || (self.are_of_one_series(id, &marked_in).await?
+                || (self.share_images(id, &marked_in).await?
                     && self.is_moved_from(id, &other).await?)
             {
                 return Err(NotReplaced::Elsewhere(
@@ -209,14 +211,33 @@ impl Cases {
         }
         let numbered = marks.into_iter().enumerate();
         let findings = numbered.map(|(number, mark)| of_mark(mark, number));
-        findings
+        let mut findings: Vec<_> = findings
             .collect::<Result<_, _>>()
-            .map_err(NotReplaced::Refused)
+            .map_err(NotReplaced::Refused)?;
+        if !has_dismissed {
+            let here = self.findings(id).await?.list.into_iter();
+            let dismissed = here
+                .filter(|one| one.is_dismissed && findings.iter().all(|other| other.id != one.id));
+            let dismissed: Vec<_> = dismissed.collect();
+            findings.extend(dismissed);
+        }
+        Ok(findings)
     }
 }
 
 impl Cases {
-    async fn are_of_one_series(&self, one: &CaseId, other: &CaseId) -> Result<bool, StoreError> {
+    /// Whether two cases are of one series, or of images with the same UIDs, which may have come under another series since.
+    async fn share_images(&self, one: &CaseId, other: &CaseId) -> Result<bool, StoreError> {
+        let [images, others] = [
+            self.attributes_of(one).await?,
+            self.attributes_of(other).await?,
+        ]
+        .map(|source| source.map_or_else(Vec::new, |source| source.instances));
+        let mut others = others.iter().map(|image| &image.sop_instance_uid);
+        let uids: HashSet<_> = images.iter().map(|image| &image.sop_instance_uid).collect();
+        if others.any(|uid| uids.contains(uid)) {
+            return Ok(true);
+        }
         let [one, other] = [
             self.store().series_of(one).await?,
             self.store().series_of(other).await?,

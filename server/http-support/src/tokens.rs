@@ -47,15 +47,20 @@ pub const ANYBODY: &str = "anybody";
 /// The greatest length of a name of somebody else's that is shown as it is.
 const LONGEST_NAME: usize = 128;
 
+/// The length of a digest that stands for a name.
+const DIGEST_DIGITS: usize = 32;
+
 /// A name for the record of somebody whom others know: the name that they state, if it is a plain word, otherwise its digest. What it begins with
-/// makes it differ from the names of tokens.
+/// makes it differ from the names of tokens and the titles of peers. A name that could be a digest is not shown as it is, so that nobody has the
+/// name of somebody else.
 pub(crate) fn name_by(prefix: &str, stated: &[u8]) -> Arc<str> {
     let is_plain = stated.iter().all(u8::is_ascii_graphic);
-    if is_plain && stated.len() <= LONGEST_NAME {
+    let is_digest = stated.len() == DIGEST_DIGITS && stated.iter().all(u8::is_ascii_hexdigit);
+    if is_plain && !is_digest && stated.len() <= LONGEST_NAME {
         return format!("{prefix}{}", String::from_utf8_lossy(stated)).into();
     }
     let digest = blake3::hash(stated).to_hex();
-    format!("{prefix}{}", &digest[..32]).into()
+    format!("{prefix}{}", &digest[..DIGEST_DIGITS]).into()
 }
 
 impl Holder {
@@ -121,6 +126,18 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
+
+    #[test]
+    fn a_name_that_is_stated_is_nobody_elses() {
+        let named = |stated: &str| name_by("oidc:", stated.as_bytes());
+        assert_eq!(&*named("u-17"), "oidc:u-17");
+        let long = named(&"x".repeat(500));
+        let digest = long.strip_prefix("oidc:").unwrap();
+        assert_eq!(digest.len(), DIGEST_DIGITS);
+        // Somebody who is called like the digest of somebody else.
+        assert_ne!(named(digest), long);
+        assert_ne!(named("two words"), named("two  words"));
+    }
 
     fn token(name: &str, text: &str, ends: Option<SystemTime>) -> NamedToken {
         NamedToken {

@@ -2,6 +2,7 @@
 
 pub mod again;
 pub mod cli;
+pub mod collector;
 pub mod config;
 mod figures;
 mod health;

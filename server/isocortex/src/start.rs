@@ -14,6 +14,7 @@ use pacs::Pacs;
 use service::app::{Beside, app_beside};
 use service::state::{AppState, HttpOptions};
 
+use crate::collector::Sender;
 use crate::config::{Config, ConfigError, DICOM_UNPACKING, Network};
 
 /// Why a server cannot start.
@@ -54,6 +55,7 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     config.check_audit()?;
     config.tls()?;
     let mut checked = Checked::default();
+    checked.warnings.extend(config.memory_warning()?);
     let named = config.named_tokens()?.len();
     let guard = match (access.wants_token(), named) {
         (true, 0) if access.issuer().is_some() => "with the tokens of an issuer".to_owned(),
@@ -95,6 +97,12 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     match &config.audit.folder {
         Some(folder) => say(format!("who does what is recorded in {}", folder.display())),
         None => say("nothing is recorded of who does what (`audit.folder`)".to_owned()),
+    }
+    if let Some(collector) = config.collector()? {
+        say(format!(
+            "sends this record by syslog over TLS to {}, which nobody has asked yet (`isocortex audit test`)",
+            collector.address()
+        ));
     }
     for (what, place) in [("database", database), ("objects", objects)] {
         if let Some(place) = place {
@@ -233,12 +241,20 @@ fn proxy_warnings(config: &Config, proxy: &SignInProxy) -> Vec<String> {
     warnings
 }
 
+fn warn_of_memory(config: &Config) -> Result<(), ConfigError> {
+    if let Some(warning) = config.memory_warning()? {
+        tracing::warn!("{warning}");
+    }
+    Ok(())
+}
+
 /// Opens the store for serving. Cases are prepared only after workers are started on the library.
 ///
 /// # Errors
 /// If the configuration is invalid or the store cannot be opened.
 pub async fn open(config: &Config) -> Result<AppState, StartError> {
     config.check()?;
+    warn_of_memory(config)?;
     let [_, frame_ancestors] = config.origins()?;
     let options = HttpOptions {
         access: config.access()?,
@@ -257,6 +273,22 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
         ..config.cases()?
     };
     Ok(AppState::new(Cases::open(cases).await?, options))
+}
+
+/// Begins to send the audit record to its collector, if there is one.
+///
+/// # Errors
+/// If the configuration is invalid, or nothing can be sent.
+pub fn sender(config: &Config) -> Result<Option<Sender>, ConfigError> {
+    let (Some(collector), Some(folder)) = (config.collector()?, &config.audit.folder) else {
+        return Ok(None);
+    };
+    let sender = Sender::start(folder, collector);
+    let sender = sender.map_err(|source| ConfigError::Audit {
+        folder: folder.clone(),
+        source,
+    })?;
+    Ok(Some(sender))
 }
 
 /// What images from a PACS go to, on the application that is served.
@@ -300,6 +332,7 @@ pub fn router(state: &AppState, pacs: &Pacs) -> Router {
 /// If the configuration is invalid or the store cannot be opened.
 pub async fn open_library(config: &Config) -> Result<Library, StartError> {
     config.check()?;
+    warn_of_memory(config)?;
     let options = cases::Options {
         audit: config.audit()?,
         ..config.cases()?

@@ -86,10 +86,24 @@ impl Store {
             };
             report(step, &copied);
         }
+        self.copy_withdrawn(other).await?;
         Ok(copied)
     }
 
-    /// Copies every series that came from a PACS with its images, every result, and what was withdrawn, after the cases;
+    /// Copies what was withdrawn, which must not come back.
+    async fn copy_withdrawn(&self, other: &Self) -> Result<(), StoreError> {
+        let mut last = None;
+        loop {
+            let page = self.withdrawn(last.as_ref(), ROWS_AT_ONCE).await?;
+            let Some(latest) = page.last() else {
+                return Ok(());
+            };
+            last = Some(latest.clone());
+            other.adopt_withdrawn(&page).await?;
+        }
+    }
+
+    /// Copies every series that came from a PACS with its images, and every result, after the cases;
     /// adds to `copied`. Results that wait to be sent wait there too. Retrievals are not copied.
     ///
     /// # Errors
@@ -115,15 +129,6 @@ impl Store {
                 Some(next) => after = Some(next),
                 None => break,
             }
-        }
-        let mut last = None;
-        loop {
-            let page = self.withdrawn(last.as_ref(), ROWS_AT_ONCE).await?;
-            let Some(latest) = page.last() else {
-                break;
-            };
-            last = Some(latest.clone());
-            other.adopt_withdrawn(&page).await?;
         }
         let (every, mut after) = (TransferQuery::default(), None);
         loop {

@@ -66,6 +66,8 @@ export function caseFacts(one: Case): string {
   return [caseTitle(one), moment(one.created_at), caseStatus(one), ...known].join("\n");
 }
 
-/** What no two cases have in common: label, day and the first digits of the id. */
+/** What no two cases have in common: label, day and the first digits of the id, which name a case without a label. */
 export const caseIdentity = (one: Case): string =>
-  [...(one.name ? [one.name] : []), t("case.added", { day: day(one.created_at) }), one.id.slice(0, 8)].join(" · ");
+  [caseTitle(one), t("case.added", { day: day(one.created_at) }), ...(one.name ? [one.id.slice(0, 8)] : [])].join(
+    " · ",
+  );

@@ -1,12 +1,12 @@
 // What a command makes of a state: pure.
 
-import { facing, outwardAt, towardsViewer } from "./camera.ts";
+import { facing, mirrored, outwardAt, towardsViewer } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
 import { type Change, type ChangingCommand, deepen, invert, lookFrom, pan, turn, zoomAt } from "./controls.ts";
 import { firstOverlay, toggled } from "./maps.ts";
 import { mirrorPlane, sideOf, sideSeen } from "./midsagittal.ts";
 import type { Vec2, Vec3 } from "./space.ts";
-import { nextSurface } from "./surfaces.ts";
+import { mirroredSurface, nextSurface } from "./surfaces.ts";
 import { type Layout, type ViewState, clampDepth, firstState, isMirrored, presetWindow, textureOf } from "./state.ts";
 
 /** `size` is that of the pane, in pixels; `isStep`: Back undoes it. */
@@ -65,6 +65,12 @@ export function laidOut(layout: Layout, state: ViewState, shown: ReadyCase): Cha
   const turn = crosshair_mm && marked !== "middle" ? turnedTo(crosshair_mm, shown) : lookFrom("left");
   return { layout, beside: null, ...(isInSight ? {} : turn) };
 }
+
+/** The change after which the other hemisphere is shown as it was acquired, where the mirrored half shows it flipped. */
+export const otherSide = (state: ViewState, shown: ReadyCase): Change => ({
+  ...mirrored(state, mirrorPlane(shown), shown.envelope_sphere),
+  surface: mirroredSurface(state.surface),
+});
 
 /** The change that brings a position to the viewer; none in the middle itself, which has no side. */
 export function turnedTo(position: Vec3, shown: ReadyCase): Change {

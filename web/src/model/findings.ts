@@ -65,6 +65,10 @@ export function plainFinding(finding: Finding): Finding {
   };
 }
 
+/** A finding with an author: who made it, or who was the first to change it once it was known who reads. */
+export const signed = (finding: Finding, reader: string): Finding =>
+  finding.author || reader === "" ? finding : { ...finding, author: reader };
+
 /** The middle of what was marked. */
 export function middleOf({ points_in_patient }: Pick<Finding, "points_in_patient">): Vec3 {
   const sum = (axis: 0 | 1 | 2): number => points_in_patient.reduce((all, point) => all + point[axis], 0);

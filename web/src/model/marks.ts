@@ -136,3 +136,65 @@ export function pieces(lines: readonly Line[]): readonly (readonly Line[])[] {
   }
   return all;
 }
+
+/** The words of a mark, and where their baseline begins. */
+export interface Lettering extends Pick<Mark, "words" | "colour" | "isAway"> {
+  readonly at: Vec2;
+}
+
+/** Words stand so far beside the first place of their mark, and above it, in CSS pixels. */
+const BESIDE: Vec2 = [10, 7];
+/** How far words reach above their baseline and below it, and how far they stay from others, in CSS pixels. */
+const ASCENT = 11;
+const DESCENT = 3;
+const FREE = 3;
+/** Words that find no room beside their mark may stand so many lines above or below it. */
+const LINES = 4;
+
+/**
+ * The words of marks in a pane, none over others: two numbers that run into one another would read as a third one. What
+ * finds no room is left out. Of the marks that begin in one cell of this size, if there are cells, the first has words.
+ */
+export function lettered(
+  marks: readonly Mark[],
+  pane: Vec2,
+  widthOf: (words: string) => number,
+  cell: Vec2 | null = null,
+): readonly Lettering[] {
+  const cells = new Set<string>();
+  const taken: Box[] = [];
+  return marks.flatMap(({ words, parts, colour, isAway }) => {
+    const [x, y] = parts[0]?.[0] ?? [0, 0];
+    const key = cell ? `${Math.floor(x / cell[0])} ${Math.floor(y / cell[1])}` : "";
+    if (words === "" || (cell && cells.has(key))) return [];
+    cells.add(key);
+    const width = widthOf(words);
+    const places = placesBeside([x, y], width);
+    const isFree = (at: Vec2): boolean => taken.every((box) => !meet(box, boxOf(at, width)));
+    const at = places.find((one) => isWithin(boxOf(one, width), pane) && isFree(one)) ?? places.find(isFree);
+    if (!at) return [];
+    taken.push(boxOf(at, width));
+    return [{ words, at, colour, isAway }];
+  });
+}
+
+/** Left, top, right and bottom. */
+type Box = readonly [number, number, number, number];
+
+const boxOf = ([x, y]: Vec2, width: number): Box => [x, y - ASCENT, x + width, y + DESCENT];
+
+const meet = (a: Box, b: Box): boolean => a[0] < b[2] + FREE && b[0] < a[2] + FREE && a[1] < b[3] && b[1] < a[3];
+
+const isWithin = ([left, top, right, bottom]: Box, [width, height]: Vec2): boolean =>
+  left >= 0 && top >= 0 && right <= width && bottom <= height;
+
+/** Where words of a width may stand beside a place, the best first: to its right, above or below, else to its left. */
+function placesBeside([x, y]: Vec2, width: number): readonly Vec2[] {
+  const [beside, above] = BESIDE;
+  return Array.from({ length: LINES }, (_, line) => line * (ASCENT + DESCENT)).flatMap((away) =>
+    [x + beside, x - beside - width].flatMap((left): Vec2[] => [
+      [left, y - above - away],
+      [left, y + above + ASCENT - DESCENT + away],
+    ]),
+  );
+}

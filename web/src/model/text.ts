@@ -5,6 +5,10 @@ const DROPPED = /[\u202a-\u202e\u2066-\u2069\p{Cs}]/gu;
 
 const cut = (text: string, most: number): string => [...text].slice(0, most).join("");
 
+/** How many characters of a text are more than so many. */
+export const excessOf = (text: string, most: number): number =>
+  Math.max([...plainText(text, Infinity)].length - most, 0);
+
 /** Lines of at most so many characters together: without what turns the writing around, and with spaces for all other controls. */
 export const plainText = (text: string, most: number): string =>
   cut(

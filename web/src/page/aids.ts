@@ -16,7 +16,15 @@ import {
 } from "../model/layers.ts";
 import type { Command, LayerCommand } from "../model/controls.ts";
 import type { Finding } from "../model/findings.ts";
-import { type Candidate, type LayerOverlay, type ListingMap, isLayerId, isMap, toggled } from "../model/maps.ts";
+import {
+  type Candidate,
+  type LayerOverlay,
+  type ListingMap,
+  isLayerId,
+  isMap,
+  styleOfMap,
+  toggled,
+} from "../model/maps.ts";
 import { type HalfLook, type ViewState, bareOf, halfOf, layersOf } from "../model/state.ts";
 import type { Vec3 } from "../model/space.ts";
 import type { Block } from "../model/wire.ts";
@@ -360,7 +368,11 @@ export class Aids {
 }
 
 /** What a layer over the picture is called beside its values. */
-const overlayName = ({ name, about }: LayerOverlay): string => (isMap(name) ? t(`map.${name}`) : (about?.title ?? ""));
+const overlayName = ({ name, about }: LayerOverlay): string => {
+  if (!isMap(name)) return about?.title ?? "";
+  // A place of the list has a score of its own.
+  return styleOfMap(name).unit === "z" ? t("value.map", { name: t(`map.${name}`) }) : t(`map.${name}`);
+};
 
 /** What stands on a picture about a layer that is ready. */
 const aboutOf = ({ name, origin, quality }: Layer) => {

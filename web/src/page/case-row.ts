@@ -6,13 +6,17 @@ import { t } from "../base/i18n.ts";
 import { served } from "../base/picture.ts";
 import { NAMED_VIEWS } from "../model/camera.ts";
 import type { Case } from "../model/case.ts";
-import { qualityOf } from "../model/quality.ts";
+import { doubtsOf, qualityOf } from "../model/quality.ts";
 import { renderQuery } from "../model/query.ts";
 import { firstState } from "../model/state.ts";
 
 const THUMB_PIXELS = 96;
 
 /** One case of the list. */
+/** A title of more letters than this has no room in a row; the last ones are always seen. */
+const LONG_TITLE = 20;
+const TITLE_END = 9;
+
 export class Row {
   readonly element: HTMLElement;
   readonly #link: HTMLAnchorElement;
@@ -58,7 +62,7 @@ export class Row {
   show(one: Case): void {
     this.#case = one;
     this.element.dataset.state = one.state;
-    setText(this.#title, caseTitle(one));
+    this.#tellTitle(caseTitle(one));
     this.element.title = caseFacts(one);
     setText(this.#status, caseStatus(one));
     const version = versionOf(one);
@@ -66,15 +70,25 @@ export class Row {
     // There is room for one of them.
     this.#status.hidden = version !== "" && one.state === "ready";
     const quality = one.state === "ready" ? qualityOf(one) : null;
-    this.#badge.hidden = !quality || quality.state === "ok";
-    if (quality && quality.state !== "ok") {
-      setText(this.#badgeText, t(`quality.${quality.state}`));
-      this.#badge.title = t(`quality.${quality.state}`);
+    const doubts = quality ? doubtsOf(quality) : [];
+    const [doubt] = doubts;
+    this.#badge.hidden = !doubt;
+    if (quality && doubt) {
+      setText(this.#badgeText, t(`quality.${doubt}`));
+      this.#badge.title = doubts.map((one) => t(`quality.${one}`)).join("\n");
       this.#badge.dataset.verdict = quality.state;
     }
     tell(this.#superseded, one.superseded ? t(`superseded.${one.superseded}`) : "");
     this.#bar.hidden = one.state !== "preparing";
     if (one.state === "preparing") this.#bar.value = one.progress?.fraction ?? 0;
+  }
+
+  /** A long title is cut in its middle. */
+  #tellTitle(title: string): void {
+    if (this.#title.textContent === title) return;
+    if (title.length <= LONG_TITLE) return setText(this.#title, title);
+    const [begins, ends] = [title.slice(0, -TITLE_END), title.slice(-TITLE_END)];
+    this.#title.replaceChildren(h("span", { class: "begins" }, begins), h("span", { class: "ends" }, ends));
   }
 
   /** The row is in sight: its picture is asked for. */

@@ -7,7 +7,7 @@ import { known, moment, number, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { Case, ReadyCase } from "../model/case.ts";
 import { type MaskBlock, decodeMask } from "../model/mask.ts";
-import { qualityOf } from "../model/quality.ts";
+import { doubtsOf, qualityOf } from "../model/quality.ts";
 import { MaskLayer } from "../panes/mask-layer.ts";
 import type { SliceLayer } from "../panes/slice-parts.ts";
 import { askText, maskDialog } from "./dialogs.ts";
@@ -131,6 +131,8 @@ export class CaseSection {
   #tellFacts(): void {
     const { volume, envelope_ml, max_depth_mm, mask_kind } = this.#shown;
     const quality = qualityOf(this.#shown);
+    const found = quality ? doubtsOf(quality) : [];
+    const doubts = found.length > 0 ? found : [quality?.state ?? ("unknown" as const)];
     const method = known(`method.${quality?.method ?? ""}`);
     const brain_ml = quality?.numbers?.brain_ml;
     const missing = volume.interpolated_slices?.length ?? 0;
@@ -148,7 +150,7 @@ export class CaseSection {
       ],
       [
         t("case.verdict"),
-        [t(`quality.${quality?.state ?? "unknown"}`), ...(quality ? reasonWords(quality) : [])].join("\n"),
+        [...doubts.map((doubt) => t(`quality.${doubt}`)), ...(quality ? reasonWords(quality) : [])].join("\n"),
       ],
       [
         t("case.radius"),

@@ -16,9 +16,14 @@ const MARGIN = { left: 40, right: 8, top: 8, bottom: 30 } as const;
 
 /** What is drawn: the cortex and the white matter below it; deeper down, a way in crosses other folds. */
 const SHALLOW_MM = 30;
+const DEEP_STEP_MM = 5;
 
-function shallowPart(profile: Profile): Profile {
-  const count = SHALLOW_MM / PROFILE_STEP_MM + 1;
+/** Down to which depth a profile is drawn, with the depth that is shown in it. */
+export const reachOfChart = (depth_mm: number): number =>
+  Math.max(SHALLOW_MM, DEEP_STEP_MM * Math.ceil(depth_mm / DEEP_STEP_MM));
+
+function shallowPart(profile: Profile, depth_mm: number): Profile {
+  const count = reachOfChart(depth_mm) / PROFILE_STEP_MM + 1;
   return {
     depth_mm: profile.depth_mm.slice(0, count),
     intensity: profile.intensity.slice(0, count),
@@ -71,7 +76,7 @@ interface ProfileUses {
 
 /** The chart, what the pointer reads in it, its files and, for those who do not see it, its table. */
 export function profileView(profile: Profile, depth_mm: number, uses: ProfileUses): HTMLElement {
-  const shallow = shallowPart(profile);
+  const shallow = shallowPart(profile, depth_mm);
   const deepest = shallow.depth_mm.at(-1) ?? 1;
   const values = [...shallow.intensity, ...shallow.mirrored].filter(Number.isFinite);
   const [low, high] = [Math.min(...values, 0), Math.max(...values, 1e-9)];

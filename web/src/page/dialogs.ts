@@ -303,6 +303,7 @@ export function helpDialog(preferences: Preferences, change: (change: Partial<Pr
     h("div", { class: "help-columns" }, ...sections),
     quiet(t("help.mirror")),
     quiet(t("help.slices")),
+    quiet(`${t("help.letters")} ${t("letters.legend")}`),
     quiet(t("help.zero")),
     h("h3", {}, t("help.choices")),
     h("label", { class: "inline" }, t("wheel.label"), wheel),

@@ -1,12 +1,12 @@
 // A finding in the list: its name, what is written about it, and how it is shown. It stays as long as the finding does.
 
-import { h, iconButton, quiet, setText, setValue } from "../base/dom.ts";
+import { h, iconButton, quiet, setText, setValue, tell } from "../base/dom.ts";
 import { gyrusWords, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
 import type { ReadyCase } from "../model/case.ts";
 import { CERTAINTIES, type Certainty, type Finding, LONGEST_LABEL, LONGEST_NOTE, middleOf } from "../model/findings.ts";
 import { mirrorPlane, sideOf } from "../model/midsagittal.ts";
-import { plainLine, plainText } from "../model/text.ts";
+import { excessOf, plainLine, plainText } from "../model/text.ts";
 import { button, choice, line, row, tall, ticked } from "./fields.ts";
 
 export interface FindingRowListener {
@@ -34,6 +34,8 @@ export class FindingRow {
   readonly #remove: HTMLButtonElement;
   readonly #label: HTMLInputElement;
   readonly #note: HTMLTextAreaElement;
+  /** That the note is longer than what is kept. */
+  readonly #excess = h("p", { class: "doubtful", role: "status", hidden: true });
   readonly #certainty: HTMLSelectElement;
   readonly #colour: HTMLInputElement;
   readonly #dismissed: HTMLInputElement;
@@ -59,12 +61,15 @@ export class FindingRow {
     this.#note = h("textarea", {
       class: "finding-note",
       rows: 2,
-      maxlength: LONGEST_NOTE,
       dir: "auto",
       placeholder: t("findings.note"),
-      input: () => listener.write({ note: plainNote(this.#note.value) }),
+      input: () => {
+        this.#tellExcess();
+        listener.write({ note: plainNote(this.#note.value) });
+      },
       change: () => {
-        this.#note.value = plainNote(this.#note.value);
+        // What is too long stays as it is typed, to be shortened by hand.
+        if (this.#excess.hidden) this.#note.value = plainNote(this.#note.value);
         listener.written();
       },
     });
@@ -88,6 +93,7 @@ export class FindingRow {
       this.#label,
       tall(t("findings.certainty"), this.#certainty),
       this.#note,
+      this.#excess,
       line(
         t("findings.colour"),
         this.#colour,
@@ -113,6 +119,12 @@ export class FindingRow {
     return isHere && plainLabel(this.#label.value) === label && plainNote(this.#note.value) === note;
   }
 
+  #tellExcess(): void {
+    const excess = excessOf(this.#note.value, LONGEST_NOTE);
+    const values = { most: number(LONGEST_NOTE), excess: number(excess) };
+    tell(this.#excess, excess > 0 ? t("findings.excess", values) : "");
+  }
+
   /** Shows the finding as it is now, with its number; null: it is dismissed. */
   show(finding: Finding, at: number | null): void {
     this.#finding = finding;
@@ -135,7 +147,10 @@ export class FindingRow {
       field.setAttribute("aria-label", `${name}: ${t(words)}`);
     // What is being typed says the same, but for a space at its end.
     if (plainLabel(this.#label.value) !== finding.label) this.#label.value = finding.label;
-    if (plainNote(this.#note.value) !== finding.note) this.#note.value = finding.note;
+    if (plainNote(this.#note.value) !== finding.note) {
+      this.#note.value = finding.note;
+      this.#tellExcess();
+    }
     setValue(this.#certainty, finding.certainty ?? "");
     setValue(this.#colour, finding.colour);
     this.#dismissed.checked = finding.is_dismissed;

@@ -1,7 +1,7 @@
 // Findings as files: the report of a reading, tables and DICOM objects that are saved, and lists that are added.
 
 import { getFile, postForFile } from "../base/api.ts";
-import { h, setText, tell } from "../base/dom.ts";
+import { h, quiet, setText, tell } from "../base/dom.ts";
 import { number, spoken, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
 import type { ReadyCase } from "../model/case.ts";
@@ -103,7 +103,13 @@ export function findingFiles({ shown, sync, status, added, doubled }: FindingFil
     },
     { accept: isOfPatient ? ".json,.dcm" : ".json" },
   );
+  const why = isOfPatient ? null : quiet(t("findings.no-dicom"));
   const words = t("findings.add-file");
   const open = h("label", { class: "file" }, h("span", { class: "visually-hidden" }, words), input, fileButton(words));
-  return [row(report, pdf, isOfPatient ? ticked(named, t("findings.patient")) : null), row(format, table), row(open)];
+  return [
+    row(report, pdf, isOfPatient ? ticked(named, t("findings.patient")) : null),
+    row(format, table),
+    why,
+    row(open),
+  ].filter((one) => one !== null);
 }

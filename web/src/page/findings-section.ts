@@ -18,6 +18,7 @@ import {
   newFinding,
   numbered,
   plainFinding,
+  signed,
 } from "../model/findings.ts";
 import { Flows } from "../model/flow.ts";
 import type { Depths } from "../model/isosurface.ts";
@@ -140,13 +141,13 @@ export class FindingsSection {
     this.element = h(
       "div",
       { class: "group-body" },
+      line(t("findings.reader"), reader),
       h("div", { class: "row one-line" }, add, this.#undo, this.#redo),
       this.#status,
       this.#doubled,
       this.#none,
       ticked(this.#all, t("findings.shown")),
       this.#list,
-      line(t("findings.reader"), reader),
       ...files,
     );
     if (this.#sync.list.length > 0) this.#show(this.#sync.list);
@@ -202,7 +203,7 @@ export class FindingsSection {
   /** Changes the list in one step, which can be undone. */
   #step(list: readonly Finding[]): void {
     const before = new Set(this.#sync.list);
-    const after = list.map((one) => (before.has(one) ? one : plainFinding(one)));
+    const after = list.map((one) => (before.has(one) ? one : this.#own(one)));
     this.#did(this.#sync.list, after);
     this.#sync.change(after);
   }
@@ -250,7 +251,7 @@ export class FindingsSection {
   /** What is typed is in the list at once, so that it is sent, or missed, as all of it is; what one field hears is one step. */
   #write(id: string, text: Partial<Pick<Finding, "label" | "note">>): void {
     const written = (list: readonly Finding[]): readonly Finding[] =>
-      list.map((one) => (one.id === id ? plainFinding({ ...one, ...text }) : one));
+      list.map((one) => (one.id === id ? this.#own({ ...one, ...text }) : one));
     const field = [id, ...Object.keys(text)].join();
     const step = this.#done.at(-1);
     if (step && this.#writing?.field === field && this.#writing.step === step) {
@@ -265,6 +266,11 @@ export class FindingsSection {
     this.#did(this.#sync.list, after);
     this.#writing = { field, step: this.#done.at(-1) as Step };
     this.#sync.change(after);
+  }
+
+  /** What this reader has made or changed. */
+  #own(finding: Finding): Finding {
+    return plainFinding(signed(finding, this.#host.reader.get()));
   }
 
   #change(id: string, change: Partial<Finding>): void {
@@ -282,17 +288,19 @@ export class FindingsSection {
     return this.#host.depthAt(position) ?? this.#host.state().depth_mm;
   }
 
-  #made(given: NewFinding): Finding {
-    const author = this.#host.reader.get();
-    return newFinding({ ...given, ...(author !== "" && { author }) });
-  }
-
-  /** Adds a finding, to be written about. */
-  take(given: NewFinding): void {
-    const finding = this.#made(given);
+  /** Adds a finding, to be written about; its id. */
+  take(given: NewFinding): string {
+    const finding = newFinding(given);
     this.#step([...this.#sync.list, finding]);
     this.#host.announce(t("findings.taken"));
-    this.#list.querySelector<HTMLInputElement>(`[data-id="${finding.id}"] .finding-label`)?.focus();
+    this.#writeAbout(finding);
+    return finding.id;
+  }
+
+  /** Puts the hand where a finding gets its name, and that in sight. */
+  #writeAbout({ id }: Finding): void {
+    this.element.closest("details")?.setAttribute("open", "");
+    this.#list.querySelector<HTMLInputElement>(`[data-id="${id}"] .finding-label`)?.focus();
   }
 
   /** Adds a place of the list, or says whether it is dismissed; `null`: it is no finding any more. */
@@ -307,9 +315,11 @@ export class FindingsSection {
     else if (before) this.#change(before.id, { is_dismissed });
     else {
       const given = { points_in_patient: [position_in_patient], depth_mm, from_map, is_dismissed } as const;
-      this.#step([...this.#sync.list, this.#made(given)]);
+      this.#step([...this.#sync.list, newFinding(given)]);
     }
     this.#host.announce(t(judgement ? `places.${judgement}` : "findings.removed"));
+    const finding = findingOfPlace(this.#sync.list, position_in_patient);
+    if (finding && judgement === "kept") this.#writeAbout(finding);
   }
 
   // -- What is shown

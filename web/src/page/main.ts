@@ -26,7 +26,7 @@ import { resizer } from "./resizer.ts";
 import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { session } from "../base/session.ts";
-import { qualityOf } from "../model/quality.ts";
+import { doubtsOf, qualityOf } from "../model/quality.ts";
 import { ViewMemory } from "../model/memory.ts";
 import { LAYOUTS, hasSlices } from "../model/state.ts";
 import { UploadSlot, hearDrops } from "./upload-slot.ts";
@@ -363,15 +363,18 @@ class App {
     );
   }
 
-  /** A warning before a picture whose mask is doubtful. */
+  /** A warning before a picture whose sides or mask are doubtful. */
   #showQuality(ready: (Case & { state: "ready" }) | null): void {
     const quality = ready && qualityOf(ready);
-    this.#quality.hidden = !quality || quality.state === "ok";
-    if (!ready || !quality || quality.state === "ok") return;
+    const doubts = quality ? doubtsOf(quality) : [];
+    this.#quality.hidden = doubts.length === 0;
+    if (!ready || !quality || doubts.length === 0) return;
     this.#quality.dataset.verdict = quality.state;
     this.#quality.replaceChildren(
-      h("strong", { class: "quality-badge", "data-verdict": quality.state }, t(`quality.${quality.state}`)),
-      h("span", {}, t(`quality.${quality.state}.text`)),
+      ...doubts.flatMap((doubt) => [
+        h("strong", { class: "quality-badge", "data-verdict": quality.state }, t(`quality.${doubt}`)),
+        h("span", {}, t(`quality.${doubt}.text`)),
+      ]),
       h("button", { click: () => this.#open(({ maskDialog }) => maskDialog(ready.id)) }, t("quality.look")),
       h("ul", {}, ...reasonWords(quality).map((reason) => h("li", {}, reason))),
     );

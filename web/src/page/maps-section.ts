@@ -116,6 +116,7 @@ export class MapsSection {
     const isKnown = state !== "undefined" && state !== "off";
     for (const list of this.#lists) list.isKnown = isKnown;
     this.#say(state === "ready" ? "" : words);
+    if (state === "ready") for (const list of this.#lists) list.resume();
   }
 
   /** Shows the state of the map of the newest FLAIR, which is offered only if there is such a layer. */

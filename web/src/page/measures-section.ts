@@ -29,8 +29,10 @@ export interface MeasuresHost {
   depths(): Depths | null;
   /** Draws the measures in the panes. */
   draw(marked: readonly Marked[]): void;
-  /** A measure is to be a finding. */
-  keep(finding: NewFinding): void;
+  /** A measure is to be a finding; its id. */
+  keep(finding: NewFinding): string;
+  /** Whether there is a finding of this id. */
+  isFinding(id: string): boolean;
   announce(words: string): void;
 }
 
@@ -43,6 +45,8 @@ interface Measured {
   readonly values: Values;
   /** Of an area on the surface: the column below it, between two depths. */
   readonly column?: { readonly between: Column; readonly volume_mm3: number };
+  /** The finding that it was kept as. */
+  readonly kept_as?: string;
 }
 
 /** A column reaches so far to either side of its area at first, in mm. */
@@ -73,6 +77,7 @@ export class MeasuresSection implements PointTool {
       (tool) => t(`measure.${tool}`),
       (tool) => this.choose(tool === this.#tool ? null : tool),
     );
+    this.#tools.classList.add("tools");
     this.#clear = button(t("measure.clear"), () => this.#put([]));
     this.element = h("div", { class: "group-body" }, this.#tools, this.#hint, this.#list, row(this.#clear));
     this.#put(MEASURED.get(host.shown.id) ?? []);
@@ -163,7 +168,8 @@ export class MeasuresSection implements PointTool {
   #withColumn(measured: Measured, between: Column): Measured {
     const surface = this.#surface(measured.measure.depth_mm);
     const volume_mm3 = surface ? columnOf(measured.measure, surface, between) : NaN;
-    return { ...measured, column: { between, volume_mm3 } };
+    const { kept_as: _kept, ...rest } = measured;
+    return { ...rest, column: { between, volume_mm3 } };
   }
 
   #surface(depth_mm: number): Isosurface | null {
@@ -173,6 +179,21 @@ export class MeasuresSection implements PointTool {
   }
 
   // -- What is shown
+
+  /** The findings have changed: a measure whose finding was removed can be kept again. */
+  listed(): void {
+    const kept = this.#measured.filter((one) => this.#isKept(one)).length;
+    const said = this.#list.querySelectorAll("button:disabled").length;
+    if (kept !== said) this.#list.replaceChildren(...this.#items());
+  }
+
+  #isKept({ kept_as }: Measured): boolean {
+    return kept_as !== undefined && this.#host.isFinding(kept_as);
+  }
+
+  #items(): readonly HTMLElement[] {
+    return this.#measured.map((one) => this.#item(one));
+  }
 
   #say(): void {
     const tool = this.#tool;
@@ -187,20 +208,23 @@ export class MeasuresSection implements PointTool {
     this.#measured = measured;
     MEASURED.set(this.#host.shown.id, measured);
     this.#clear.disabled = measured.length === 0;
-    this.#list.replaceChildren(...measured.map((one) => this.#item(one)));
+    this.#list.replaceChildren(...this.#items());
     this.#draw();
   }
 
   #item(measured: Measured): HTMLElement {
     const { measure, values } = measured;
     const words = wordsOf(measured);
+    const isKept = this.#isKept(measured);
+    const label = t(isKept ? "measure.kept" : "measure.keep");
     const keep = button(
-      t("measure.keep"),
+      label,
       () => {
         const note = [words, columnWords(measured)].filter(Boolean).join("\n");
-        this.#host.keep(findingOf({ ...measure, depth_mm: this.#depthOf(measure) }, note));
+        const kept_as = this.#host.keep(findingOf({ ...measure, depth_mm: this.#depthOf(measure) }, note));
+        this.#put(this.#measured.map((one) => (one === measured ? { ...measured, kept_as } : one)));
       },
-      { "aria-label": `${words}: ${t("measure.keep")}` },
+      { "aria-label": `${words}: ${label}`, ...(isKept && { disabled: "" }) },
     );
     const remove = iconButton("trash", t("findings.remove", { name: words }), () =>
       this.#put(this.#measured.filter((one) => one !== measured)),

@@ -85,12 +85,12 @@ export class OnDemand {
   sections(sweep: Sweep): readonly HTMLElement[] {
     const host = this.#host;
     return [
-      this.#section("panel.sweep", ({ SweepSection }) => {
-        return new SweepSection(host.shown, sweep.choice, (choice) => sweep.choose(choice)).element;
-      }),
       this.#section("panel.case", ({ CaseSection }) => {
         const lay = (make: Laid): void => host.onScreen().slices.lay(make);
         return new CaseSection(host.shown, { lay, made: host.made }).element;
+      }),
+      this.#section("panel.sweep", ({ SweepSection }) => {
+        return new SweepSection(host.shown, sweep.choice, (choice) => sweep.choose(choice)).element;
       }),
       this.#section("panel.export", ({ exportSection }) =>
         exportSection({ onScreen: () => this.#onScreen, sweep: () => sweep.choice, address: host.address }),
@@ -160,7 +160,10 @@ export class OnDemand {
       const findings = new FindingsSection({
         ...common,
         actions,
-        listed,
+        listed: (list) => {
+          listed(list);
+          this.#measures?.listed();
+        },
         reader,
         depthAt: (position) => surface.surface.wholeDepth(position),
         draw: (marked) => this.#mark({ findings: marked }),
@@ -170,6 +173,7 @@ export class OnDemand {
         ...common,
         draw: (marked) => this.#mark({ measures: marked }),
         keep: (finding) => findings.take(finding),
+        isFinding: (id) => findings.list.some((one) => one.id === id),
       });
       this.#checklist = new ChecklistSection(shown.id);
       this.#checklist.show(common.state());

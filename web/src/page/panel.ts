@@ -248,6 +248,9 @@ export class Panel {
   choose(task: Task): void {
     this.element.dataset.task = task;
     press(this.#tasks, task);
+    // A task that is all folded would show nothing.
+    const own = [...this.element.querySelectorAll<HTMLDetailsElement>(`:scope > details[data-task~=${task}]`)];
+    if (own[0] && own.every(({ open }) => !open)) own[0].open = true;
   }
 
   /** Brings a section of a task to where it can be seen. */

@@ -17,6 +17,9 @@ const WORDS = {
   flair: { ask: "flair.ask", nothing: "flair.nothing", warning: "flair.warning" },
 } as const;
 
+/** The lists that were asked for, by case and map, as long as the page is open: another language builds the page anew. */
+const ASKED = new Set<string>();
+
 export interface ListListener extends PlacesListener {
   /** Asks the server; resolves to nothing if it cannot be said. */
   ask(map: ListingMap): Promise<CandidateList | null>;
@@ -28,6 +31,7 @@ export interface ListListener extends PlacesListener {
 export class PlacesList {
   readonly element = h("div", { class: "group-part" });
   readonly #map: ListingMap;
+  readonly #key: string;
   readonly #listener: ListListener;
   readonly #ask: HTMLButtonElement;
   /** Why this list alone has no map. */
@@ -39,9 +43,11 @@ export class PlacesList {
   readonly #places: PlacesTable;
   #candidates: readonly Candidate[] = [];
   #isKnown = true;
+  #isAsked = false;
 
   constructor(map: ListingMap, shown: ReadyCase, listener: ListListener) {
     this.#map = map;
+    this.#key = `${shown.id} ${map}`;
     this.#listener = listener;
     const words = WORDS[map];
     this.#ask = button(t(words.ask), () => void this.ask(), { "aria-describedby": "maps-status" });
@@ -89,7 +95,15 @@ export class PlacesList {
     return this.#places.chart;
   }
 
+  /** Asks again, once, for the list that was there before the page was built anew. */
+  resume(): void {
+    if (this.#isAsked || !ASKED.has(this.#key)) return;
+    void this.ask();
+  }
+
   async ask(): Promise<void> {
+    this.#isAsked = true;
+    ASKED.add(this.#key);
     this.#ask.disabled = true;
     const list = await this.#listener.ask(this.#map);
     if (list) this.#put(list);

@@ -219,6 +219,7 @@ export class PlacesTable {
         "td",
         { colspan: COLUMNS.length },
         h("p", { class: "quiet" }, `${facts} · ${positionWords(position_in_patient)}`),
+        h("p", { class: "quiet" }, t("candidates.score-about")),
         this.#judging,
         row(...goes),
         bars,

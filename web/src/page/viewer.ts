@@ -1,13 +1,11 @@
 // The chosen case: one state, the panes that show it, and what changes it.
 
-import { mirrored } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
-import { broughtTo, changeOf, laidOut, turnedTo } from "../model/commands.ts";
+import { broughtTo, changeOf, laidOut, otherSide, turnedTo } from "../model/commands.ts";
 import { type Change, type Command, dragWindow } from "../model/controls.ts";
 import { readState, writeAddress } from "../model/fragment.ts";
 import type { StateHistory } from "../model/history.ts";
 import type { Left } from "../model/memory.ts";
-import { mirrorPlane } from "../model/midsagittal.ts";
 import type { Picked } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { clampDepth, type Layout, type ViewState, hasSlices, leftOf } from "../model/state.ts";
@@ -226,6 +224,7 @@ export class Viewer {
         this.#schedule();
       },
       move: (position, done) => this.#moveCross(position, done),
+      scroll: (position) => this.#moveCross(position, false),
       missed: () => this.#tellMissed("point.beside"),
       values: (position) => this.#valuesAt(position),
       window: (move) => this.#change(dragWindow(this.#state, this.shown, move, preferences().drag)),
@@ -587,7 +586,7 @@ export class Viewer {
     }
     this.#picked = picked;
     // The marked hemisphere is the one that is shown as it was acquired.
-    const view = picked.isFlipped ? mirrored(state, mirrorPlane(this.shown), this.shown.envelope_sphere) : {};
+    const view = picked.isFlipped ? otherSide(state, this.shown) : {};
     this.#change({ ...view, crosshair_mm: picked.position_in_patient }, true);
     this.#host.announce(t("point.said", { position: positionWords(picked.position_in_patient) }));
   }

@@ -35,6 +35,8 @@ export class Closer {
   #panes: readonly ClosePane[] = [];
   /** The mark and its mirror image: the same as long as the mark is the same. */
   #pair: readonly [Vec3, Vec3] | null = null;
+  /** The mark, while a hand holds it on the other side: the sides change places when the hand has left. */
+  #held: Vec3 | null = null;
   #isOutlined = true;
   #marked: readonly Marked[] = [];
 
@@ -91,7 +93,11 @@ export class Closer {
     const { crosshair_mm: mark, convention } = state;
     if (!mark) return [state, { ...state, convention: otherConvention(convention) }];
     if (this.#pair?.[0] !== mark) this.#pair = [mark, reflected(mark, mirrorPlane(this.#shown))];
-    return [state, { ...state, crosshair_mm: this.#pair[1], convention: otherConvention(convention) }];
+    const [here, opposite] = mark === this.#held ? [this.#pair[1], mark] : this.#pair;
+    return [
+      { ...state, crosshair_mm: here },
+      { ...state, crosshair_mm: opposite, convention: otherConvention(convention) },
+    ];
   }
 
   /** Lays out the panes; those of the case itself stay when a layer comes or goes. */
@@ -124,7 +130,11 @@ export class Closer {
     const listener: SliceListener = {
       ...this.#listener,
       window: (move) => this.#listener.window(move, isLayer),
-      move: (position, done) => this.#move(position, isOpposite, done),
+      move: (position, done) => {
+        this.#held = isOpposite && !done ? position : null;
+        this.#listener.move(position, done);
+      },
+      scroll: (position) => this.#scroll(position, isOpposite),
       zoomed: (_, wanted) => {
         if (this.#listener.hasOneZoom()) for (const { pane } of this.#panes) pane.zoomTo(wanted);
       },
@@ -147,11 +157,11 @@ export class Closer {
     return t(`${isOpposite ? "flipped" : "mirror"}.${side}`);
   }
 
-  /** A hand on the other side puts the mark where its mirror image is. */
-  #move(position: Vec3, isOpposite: boolean, done: boolean): void {
-    if (!isOpposite) return this.#listener.move(position, done);
-    if (this.#pair?.[1] !== position) this.#pair = [reflected(position, mirrorPlane(this.#shown)), position];
-    this.#listener.move(this.#pair[0], done);
+  /** The slices of both sides go together: on the other side the mark stays on its own. */
+  #scroll(position: Vec3, isOpposite: boolean): void {
+    if (!isOpposite) return this.#listener.scroll(position);
+    this.#pair = [reflected(position, mirrorPlane(this.#shown)), position];
+    this.#listener.scroll(this.#pair[0]);
   }
 
   #enlarge(one: SlicePane, isDoubleClick = false): void {

@@ -2,7 +2,7 @@
 // painted all at once: as elements, ten thousand points would cost several times the picture.
 
 import { h } from "../base/dom.ts";
-import { type Line, type Mark, pieces, thinned } from "../model/marks.ts";
+import { type Line, type Mark, lettered, pieces, thinned } from "../model/marks.ts";
 import type { Vec2 } from "../model/space.ts";
 
 /** More parts of lines than this at once are drawn thin: wide ones would take ten times as long, longer than the picture. */
@@ -14,10 +14,8 @@ const RADIUS = 7;
 const LINE = 1.8;
 /** Dark below a line, so that it is seen on white. */
 const CASING = { width: 3.6, opacity: 0.6 } as const;
-/** So near to others, in CSS pixels, words would hide one another: then the first ones stand alone. */
-const WORDS_APART: Vec2 = [24, 12];
-/** Beside many marks, hundreds of words hide the picture and take as long as all of its lines. */
-const WORDS_OF_MANY_APART: Vec2 = [96, 48];
+/** Of many marks, the first one in a cell of this size has words, in CSS pixels: hundreds of words hide the picture and take as long as all of its lines. */
+const CELL_OF_MANY: Vec2 = [96, 48];
 const AWAY = { dash: [3, 3], opacity: 0.75 } as const;
 
 /** The words of so many marks can be read without seeing them: those of thousands take as long as their lines. */
@@ -51,7 +49,7 @@ export class Marks {
     const [wide, high] = [width, height].map((side) => Math.round(side * devicePixelRatio));
     if (element.width !== wide || element.height !== high) [element.width, element.height] = [wide ?? 0, high ?? 0];
     this.#font ||= fontOf(element);
-    paint(this.#context, marks, this.#font);
+    paint(this.#context, marks, [width, height], this.#font);
   }
 }
 
@@ -60,7 +58,7 @@ const fontOf = (element: Element): string => {
   return `${fontWeight} ${fontSize} ${fontFamily}`;
 };
 
-function paint(context: CanvasRenderingContext2D, marks: readonly Mark[], font: string): void {
+function paint(context: CanvasRenderingContext2D, marks: readonly Mark[], size: Vec2, font: string): void {
   context.setTransform(1, 0, 0, 1, 0, 0);
   context.clearRect(0, 0, context.canvas.width, context.canvas.height);
   context.scale(devicePixelRatio, devicePixelRatio);
@@ -93,14 +91,8 @@ function paint(context: CanvasRenderingContext2D, marks: readonly Mark[], font: 
   context.font = font;
   context.lineWidth = 3;
   context.strokeStyle = "#000";
-  const [across, down] = isMany ? WORDS_OF_MANY_APART : WORDS_APART;
-  const taken = new Set<string>();
-  for (const { words, parts, colour, isAway } of marks) {
-    const [x, y] = parts[0]?.[0] ?? [0, 0];
-    const cell = `${Math.floor(x / across)} ${Math.floor(y / down)}`;
-    if (taken.has(cell)) continue;
-    taken.add(cell);
-    const at = [x + RADIUS + 3, y - RADIUS] as const;
+  const widthOf = (words: string): number => context.measureText(words).width;
+  for (const { words, at, colour, isAway } of lettered(marks, size, widthOf, isMany ? CELL_OF_MANY : null)) {
     context.globalAlpha = isAway ? AWAY.opacity : 1;
     context.fillStyle = colour;
     context.strokeText(words, ...at);

@@ -52,6 +52,8 @@ export interface SliceListener {
   turned(turn_deg: number): void;
   /** The cross is put here; `done` when the hand has left. */
   move(position_in_patient: Vec3, done: boolean): void;
+  /** The wheel, a key or the slider brings another slice, and the cross with it. */
+  scroll(position_in_patient: Vec3): void;
   /** What would have been marked is beside the head. */
   missed(): void;
   /** What sets points, while a reader measures. */

@@ -370,7 +370,8 @@ export class SlicePane {
     const position = this.#center(this.#state).map((value, axis) =>
       axis === PLANES[this.plane].axis ? position_mm : value,
     );
-    this.#move(withinReach(this.#shown, position as unknown as Vec3), false);
+    this.#followed = withinReach(this.#shown, position as unknown as Vec3);
+    this.#listener.scroll(this.#followed);
   }
 
   /** A hand puts the mark here: the slice stays as it lies. */
@@ -526,8 +527,11 @@ export class SlicePane {
       busy: (busy) => {
         if (!busy && pulled) set(pulled);
         pulled = null;
-        if (!busy && at) cross(at, true);
-        if (!busy) at = null;
+        if (busy) return;
+        if (at) cross(at, true);
+        // A second finger, or the system, ends what a hand has begun.
+        else if (marked) this.#move(marked, true);
+        at = marked = null;
       },
     });
     this.#frame.addEventListener("pointermove", (event) => this.#hover(event));

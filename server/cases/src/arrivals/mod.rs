@@ -28,6 +28,7 @@ pub use self::heads::Head;
 pub(crate) use self::index::SeriesOfUpload;
 pub use self::others::{Fitting, Other};
 pub use self::patient::Patient;
+pub(crate) use self::patient::day;
 pub use crate::jobs::ArrivalReader;
 
 /// Which series become cases.

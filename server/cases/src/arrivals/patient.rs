@@ -69,10 +69,7 @@ impl Patient {
         };
         let birth = match &*birth {
             "" => String::new(),
-            day if day.len() == 8 && day.is_ascii() => {
-                format!("* {}-{}-{}", &day[..4], &day[4..6], &day[6..])
-            }
-            other => format!("* {other}"),
+            stated => format!("* {}", day(stated)),
         };
         let parts = [name.trim(), id.trim(), &birth];
         let parts: Vec<_> = parts.into_iter().filter(|part| !part.is_empty()).collect();
@@ -94,6 +91,14 @@ impl PartialEq for Patient {
             (id, issuer, birth_date, without_id)
         };
         stated(self) == stated(other)
+    }
+}
+
+/// A date of DICOM as the page has it: `1967-03-12`.
+pub(crate) fn day(date: &str) -> String {
+    match date.len() == 8 && date.is_ascii() {
+        true => format!("{}-{}-{}", &date[..4], &date[4..6], &date[6..]),
+        false => date.to_owned(),
     }
 }
 

@@ -64,7 +64,9 @@ impl Cases {
     /// Removes the layers that are made of a series from all cases, also of other studies.
     pub(super) async fn remove_layers_of(&self, uids: &SeriesUids) -> Result<(), StoreError> {
         for (case, layer) in self.store().layers_of_series(&uids.series).await? {
-            self.store().delete_layer(&case, &layer).await?;
+            self.store()
+                .withdraw_layer(&case, &layer, &layer_withdrawn())
+                .await?;
         }
         Ok(())
     }
@@ -85,7 +87,9 @@ impl Cases {
                 study == Some(uids.study.as_str()) && is_made_of(&source, instances)
             });
             if is_named {
-                self.store().delete_layer(&case, &layer).await?;
+                self.store()
+                    .withdraw_layer(&case, &layer, &layer_withdrawn())
+                    .await?;
                 removed += 1;
             }
         }
@@ -101,11 +105,21 @@ impl Cases {
     ) -> Result<(), StoreError> {
         for (of, layer) in self.store().layers_of_series(&uids.series).await? {
             if of == *case && layer != *kept {
-                self.store().delete_layer(case, &layer).await?;
+                self.store()
+                    .withdraw_layer(case, &layer, &layer_withdrawn())
+                    .await?;
             }
         }
         Ok(())
     }
+}
+
+/// Why results that may show a layer are not sent.
+fn layer_withdrawn() -> Failure {
+    Failure::unusable(
+        "layer-withdrawn",
+        "a layer of its case was removed since, because the PACS has corrected or rejected its images, and the result may show it; request it again",
+    )
 }
 
 /// Whether a volume was made of one of these images.

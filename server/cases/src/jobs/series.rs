@@ -130,6 +130,10 @@ impl Cases {
         let (of, parameters) = match previous {
             // Layers, findings and the label stay with the patient whom they are about.
             Some(case) if self.is_of_patient(&upload, &case.id).await? != Some(true) => {
+                // Known since the images came, unless those before them are not kept any more.
+                if self.is_of_patient(&upload, &case.id).await? == Some(false) {
+                    self.store().correct_series_of(&case.id).await?;
+                }
                 let name = None;
                 (
                     None,
@@ -157,14 +161,18 @@ impl Cases {
 }
 
 impl Cases {
-    /// The case that a series became before. A case of which it became a layer is of another series.
+    /// The case that a series became before, also if it was forgotten since that it did. A case of which it became a layer is of another
+    /// series.
     async fn previous(&self, due: &DueSeries) -> Result<Option<Case>, StoreError> {
-        let Some(id) = &due.previous else {
-            return Ok(None);
+        let series = SeriesQuery::Study(due.uids.study.clone(), Some(due.uids.series.clone()));
+        let mut before = self.store().cases_of(&series).await?.into_iter();
+        let before = match &due.previous {
+            Some(id) => before.find(|before| before.case == *id),
+            None => before.find(|before| before.is_received),
         };
-        match self.store().series_of(id).await? {
-            Some(series) if series.uids == due.uids => self.store().case(id).await,
-            _ => Ok(None),
+        match before {
+            Some(before) => self.store().case(&before.case).await,
+            None => Ok(None),
         }
     }
 

@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
-use case::findings::Finding;
+use case::findings::{Finding, FindingKind};
 use case::{CandidateFacts, Gyrus, PatientSide, QualityState};
+use geometry::{flat_area_of, length_of};
+use glam::DVec3;
 use pipeline::atlas::Gyri;
 use pipeline::maps::NoMaps;
 use render::NamedView;
@@ -11,6 +13,7 @@ use render::NamedView;
 use super::shots::{DEPTHS_MM, FindingPictures, Shot, Shows};
 use super::words::Words;
 use super::{Numbers, Report, ReportedFinding};
+use crate::arrivals::{Patient, day};
 use crate::gyri::named;
 use crate::library::LoadedMaps;
 use crate::profile::ProfileSample;
@@ -19,6 +22,8 @@ use crate::profile::ProfileSample;
 const MAX_CANDIDATES: usize = 20;
 const MAX_ELSEWHERE: usize = 5;
 const MAX_BRIGHT: usize = 5;
+/// The code of the reason that is about the sides of the head and not about its mask.
+const SIDES_IN_DOUBT: &str = "axes-corrected";
 
 /// The contents of a report.
 pub(super) struct Contents<'a> {
@@ -74,20 +79,7 @@ pub(super) struct Table {
 /// A picture and what it shows.
 pub(super) struct Picture<'a> {
     pub(super) shot: &'a Shot,
-    /// The patient's directions at its left, right, upper and lower edge.
-    pub(super) letters: [String; 4],
     pub(super) caption: Line,
-}
-
-impl<'a> Picture<'a> {
-    fn new(words: &Words, shot: &'a Shot, caption: Line) -> Self {
-        let letters = shot.directions.each_ref();
-        Self {
-            letters: letters.map(|letters| words.directions(letters)),
-            shot,
-            caption,
-        }
-    }
 }
 
 /// Small pictures in rows and columns, which no page divides.
@@ -194,16 +186,41 @@ impl Report {
         }
     }
 
-    /// That the case is not the one that counts any more, and the verdict on a mask that is not sound.
+    /// That the case is not the one that counts any more, that its sides are in doubt, and the verdict on a mask that is not sound.
     fn doubt(&self, words: &Words) -> Option<String> {
         let superseded = self.case.superseded.map(|why| words.superseded(why));
         let superseded = superseded.or(self.apart.map(|why| words.apart(why)));
-        let state = self.facts.quality.as_ref().map(|quality| quality.state);
-        let mask = state
+        let sides = self.has_sides_in_doubt().then(|| words.sides_in_doubt());
+        let mask = self
+            .state_of_mask()
             .filter(|state| *state != QualityState::Ok)
             .map(|state| format!("{}: {}", words.mask, words.state(state)));
-        let doubts: Vec<_> = (superseded.map(str::to_owned).into_iter().chain(mask)).collect();
+        let doubts: Vec<_> = superseded
+            .into_iter()
+            .chain(sides)
+            .map(str::to_owned)
+            .chain(mask)
+            .collect();
         (!doubts.is_empty()).then(|| doubts.join(" · "))
+    }
+
+    fn has_sides_in_doubt(&self) -> bool {
+        let mut codes = self
+            .facts
+            .quality
+            .iter()
+            .flat_map(|quality| &quality.reason_codes);
+        codes.any(|code| code == SIDES_IN_DOUBT)
+    }
+
+    /// The verdict on the mask, for which doubts about the sides do not count.
+    fn state_of_mask(&self) -> Option<QualityState> {
+        let quality = self.facts.quality.as_ref()?;
+        let is_about_sides_alone = self.has_sides_in_doubt() && quality.reasons.len() == 1;
+        Some(match quality.state {
+            QualityState::Review if is_about_sides_alone => QualityState::Ok,
+            state => state,
+        })
     }
 
     /// What is wrong with the case or its mask, if something is.
@@ -225,20 +242,17 @@ impl Report {
         let identity = Line::foreign(&words.identity(&self.case));
         let mut facts = vec![(words.case, identity.and(format!(" · {}", self.case.id)))];
         if let Some(patient) = &self.patient {
-            let mut line = Line::default();
-            if patient.is_empty() {
-                line = line.and(words.not_from_dicom);
-            }
-            for (at, (name, value)) in patient.iter().enumerate() {
-                let separator = if at == 0 { "" } else { " · " };
-                line = line.and(format!("{separator}{name}: ")).and_foreign(value);
-            }
+            let line = match patient.is_empty() {
+                true => words.not_from_dicom.into(),
+                false => patient_of(words, patient),
+            };
             facts.push((words.patient, line));
         }
         facts.push((words.acquisition, self.acquisition(words)));
-        if let Some(quality) = &self.facts.quality {
-            facts.push((words.mask, words.state(quality.state).into()));
+        if let Some(state) = self.state_of_mask() {
+            facts.push((words.mask, words.state(state).into()));
         }
+        facts.push((words.letters, words.legend_of_letters().into()));
         let version = format!("Isocortex {}", env!("CARGO_PKG_VERSION"));
         facts.push((words.made_by, version.into()));
         facts
@@ -344,6 +358,7 @@ impl Report {
             let name = gyrus_of(words, finding.gyrus);
             facts.insert(1, (words.about_gyrus(), name.into()));
         }
+        facts.extend(measures(words, finding));
         if let Some(certainty) = finding.certainty {
             facts.push((words.certainty, words.certainty(certainty).into()));
         }
@@ -382,7 +397,7 @@ impl Report {
         let depth = depth(words, finding.depth_mm);
         let picture = |shot: &'a Shot, shown: String| {
             let caption = self.what(words, shot.shows).and(format!(", {shown}"));
-            Picture::new(words, shot, caption)
+            Picture { shot, caption }
         };
         let here = pictures.cuts.iter().map(|[here, _]| {
             let shown = format!("{depth}, {view}: {own}, {}", words.as_acquired);
@@ -600,6 +615,53 @@ fn line_about(words: &Words, finding: &Finding) -> Line {
     }
 }
 
+/// The patient as the page has it, and the study.
+fn patient_of(words: &Words, stated: &[(&str, String)]) -> Line {
+    let value = |keyword: &str| {
+        let mut stated = stated.iter();
+        let found = stated.find(|(name, value)| *name == keyword && !value.is_empty());
+        found.map(|(_, value)| value.as_str())
+    };
+    let line = Line::foreign(&Patient::of(value).words());
+    let line = match value("PatientSex") {
+        Some(sex) => line.and(" · ").and_foreign(sex),
+        None => line,
+    };
+    let study = [
+        (words.study_of, value("StudyDate").map(day)),
+        (
+            words.accession_number,
+            value("AccessionNumber").map(str::to_owned),
+        ),
+    ];
+    study
+        .into_iter()
+        .fold(line, |line, (name, value)| match value {
+            Some(value) => line.and(format!(" · {name} ")).and_foreign(&value),
+            None => line,
+        })
+}
+
+/// What can be measured of the points of a finding.
+fn measures(words: &Words, finding: &Finding) -> Vec<(&'static str, Line)> {
+    let points = &finding.points_in_patient;
+    let vectors: Vec<_> = points.iter().copied().map(DVec3::from_array).collect();
+    let length = (words.length, depth(words, length_of(&vectors)).into());
+    match (finding.kind, &**points) {
+        (FindingKind::Line, _) => vec![length],
+        (FindingKind::Trajectory, [entry, target]) => vec![
+            length,
+            (words.entry, position(words, *entry).into()),
+            (words.target, position(words, *target).into()),
+        ],
+        (FindingKind::Polygon, _) => {
+            let area = format!("{} mm²", words.number(flat_area_of(&vectors), 0));
+            vec![(words.area, area.into())]
+        }
+        _ => Vec::new(),
+    }
+}
+
 fn side_of(words: &Words, finding: &Finding) -> &'static str {
     finding.side.map_or(words.unknown, |side| words.side(side))
 }
@@ -619,7 +681,7 @@ fn position(words: &Words, in_patient: [f64; 3]) -> String {
     let sides = ["LR", "PA", "SI"];
     let coordinates = in_patient.iter().zip(sides).map(|(mm, sides)| {
         let side = &sides[usize::from(*mm < 0.0)..][..1];
-        format!("{} {}", words.directions(side), words.number(mm.abs(), 1))
+        format!("{} {}", side, words.number(mm.abs(), 1))
     });
     coordinates.collect::<Vec<_>>().join(" · ")
 }
@@ -650,7 +712,8 @@ fn overview<'a>(words: &Words, title: &'static str, rows: &'a [Vec<Shot>]) -> Bl
         let pictures = shots.iter().zip(NamedView::ALL);
         let pictures = pictures.map(|(shot, view)| {
             let caption = format!("{depth_mm} mm, {}", words.view(view));
-            Picture::new(words, shot, caption.into())
+            let caption = caption.into();
+            Picture { shot, caption }
         });
         (format!("{depth_mm} mm"), pictures.collect())
     };
@@ -726,6 +789,45 @@ mod tests {
                 anatomy: Vec::new(),
                 map: Vec::new(),
             },
+        }
+    }
+
+    #[test]
+    fn sides_in_doubt_are_named_before_the_mask_on_every_page() {
+        let sides = ("axes-corrected", "another case has other axes");
+        let ragged = ("mask-ragged", "the mask is ragged");
+        for (language, reasons, doubt) in [
+            (
+                Language::English,
+                vec![sides],
+                "Left and right are in doubt",
+            ),
+            (
+                Language::English,
+                vec![ragged, sides],
+                "Left and right are in doubt · Brain mask: CHECK IT",
+            ),
+            (Language::English, vec![ragged], "Brain mask: CHECK IT"),
+            (
+                Language::Portuguese,
+                vec![sides],
+                "Esquerda e direita estão em dúvida",
+            ),
+        ] {
+            let mut report = report(language);
+            let mut facts = (*report.facts).clone();
+            let quality = facts.quality.as_mut().unwrap();
+            quality.state = QualityState::Review;
+            quality.reason_codes = reasons.iter().map(|(code, _)| (*code).into()).collect();
+            quality.reasons = reasons.iter().map(|(_, text)| (*text).into()).collect();
+            report.facts = Arc::new(facts);
+            let contents = report.contents();
+            assert_eq!(contents.doubt.as_deref(), Some(doubt));
+            let named = format!("<strong>{doubt}</strong>");
+            assert_eq!(
+                contents.html().matches(&named).count(),
+                contents.sections.len()
+            );
         }
     }
 

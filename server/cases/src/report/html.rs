@@ -25,9 +25,9 @@ impl Contents<'_> {
                     title { (self.title) " · " (self.identity) }
                     style { (PreEscaped(STYLE)) (PreEscaped(self.margins())) }
                 }
-                body {
+                body { main {
                     @for (number, section) in self.sections.iter().enumerate() { (self.section(number, section)) }
-                }
+                } }
             }
         };
         page.into_string()
@@ -110,7 +110,7 @@ fn facts(facts: &Facts) -> Markup {
 fn table(Table { head, rows }: &Table) -> Markup {
     html! {
         table.numbers {
-            thead { tr { @for name in head { th { (name) } } } }
+            thead { tr { @for name in head { @if name.is_empty() { td {} } @else { th { (name) } } } } }
             @for row in rows {
                 tr { @for cell in row { td.number[cell.is_number()].text[!cell.is_own()] { (line(cell)) } } }
             }
@@ -123,7 +123,7 @@ fn overview(overview: &Overview<'_>) -> Markup {
         div.overview {
             h2 { (overview.title) }
             table {
-                tr { th {} @for column in &overview.columns { th { (column) } } }
+                tr { td {} @for column in &overview.columns { th { (column) } } }
                 @for (name, pictures) in &overview.rows {
                     tr { th { (name) } @for each in pictures { td { (drawing(each)) } } }
                 }
@@ -149,7 +149,7 @@ fn drawing(picture: &Picture<'_>) -> Markup {
         svg viewBox={ "0 0 " (side) " " (side) } role="img" aria-label=(picture.caption.plain()) {
             image href=(png) width=(side) height=(side) transform=[shot.is_flipped.then_some(flip)] {}
             @if !lines.is_empty() { @for class in ["halo", "mark"] { path class=(class) d=(lines) {} } }
-            @for (letters, [x, y]) in picture.letters.iter().zip(shot.letter_places()) {
+            @for (letters, [x, y]) in shot.directions.iter().zip(shot.letter_places()) {
                 text x=(format!("{x:.1}")) y=(format!("{y:.1}")) font-size=(size) { (letters) }
             }
         }

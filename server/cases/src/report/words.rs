@@ -61,10 +61,14 @@ pub(super) struct Words {
     pub(super) case: &'static str,
     pub(super) patient: &'static str,
     pub(super) not_from_dicom: &'static str,
+    pub(super) study_of: &'static str,
+    pub(super) accession_number: &'static str,
     pub(super) acquisition: &'static str,
     pub(super) unknown: &'static str,
     pub(super) voxels: &'static str,
     pub(super) mask: &'static str,
+    /// The name of what the letters of directions mean.
+    pub(super) letters: &'static str,
     states: [&'static str; 3],
     superseded: [&'static str; 4],
     /// Why nothing was inherited: moved, rejected.
@@ -94,6 +98,10 @@ pub(super) struct Words {
     regions: [&'static str; 4],
     pub(super) kind: &'static str,
     kinds: [&'static str; 4],
+    pub(super) length: &'static str,
+    pub(super) entry: &'static str,
+    pub(super) target: &'static str,
+    pub(super) area: &'static str,
     pub(super) certainty: &'static str,
     certainties: [&'static str; 4],
     pub(super) label: &'static str,
@@ -113,8 +121,6 @@ pub(super) struct Words {
     planes: [&'static str; 3],
     across: &'static str,
     pub(super) unprintable: &'static str,
-    /// The letters for left and right.
-    sides_in_pictures: [char; 2],
     /// What separates the whole part of a number from its decimals.
     decimal: char,
     page: &'static PageWords,
@@ -149,15 +155,9 @@ impl Words {
         self.views[view as usize]
     }
 
-    /// Letters of the patient's directions; those of anterior, posterior, superior and inferior are the same in all languages.
-    pub(super) fn directions(&self, letters: &str) -> String {
-        let [left, right] = self.sides_in_pictures;
-        let letter = |letter| match letter {
-            'L' => left,
-            'R' => right,
-            other => other,
-        };
-        letters.chars().map(letter).collect()
+    /// What the letters of the patient's directions mean: those of DICOM, in all languages.
+    pub(super) fn legend_of_letters(&self) -> &'static str {
+        self.of_page("letters.legend")
     }
 
     pub(super) fn region(&self, region: BrainRegion) -> &'static str {
@@ -200,6 +200,10 @@ impl Words {
     /// A map that lists places.
     pub(super) fn map(&self, map: MapName) -> &'static str {
         self.maps[usize::from(map == MapName::Thickness)]
+    }
+
+    pub(super) fn sides_in_doubt(&self) -> &'static str {
+        self.of_page("quality.sides")
     }
 
     pub(super) fn nothing_stands_out(&self) -> &'static str {
@@ -258,10 +262,13 @@ const ENGLISH: Words = Words {
     case: "Case",
     patient: "Patient",
     not_from_dicom: "The case was not created from DICOM: the patient is not known.",
+    study_of: "study of",
+    accession_number: "accession number",
     acquisition: "Acquisition",
     unknown: "unknown",
     voxels: "voxels",
     mask: "Brain mask",
+    letters: "Letters in pictures",
     states: ["nothing unusual", "CHECK IT", "NOT A BRAIN"],
     superseded: [
         "SUPERSEDED: the patient or the study of these images was corrected since",
@@ -282,7 +289,8 @@ const ENGLISH: Words = Words {
     no_maps: "There are no maps of this case:",
     candidates: "Places of the map",
     candidates_note: "Places where the junction of grey and white matter is less sharp than around it and on the other side. \
-                      Most are normal.",
+                      Most are normal. The score is the mean of the map over the junction around the point, and lower where there is little \
+                      junction; at a single point the map can be higher.",
     others: "Other places",
     elsewhere: "Elsewhere in the brain",
     elsewhere_note: "In the cerebellum, in the brain stem, or where the cerebrum has no cortex. They do not count as standing out.",
@@ -291,7 +299,7 @@ const ENGLISH: Words = Words {
     sides: ["left", "right", "middle"],
     depth: "Depth",
     position: "Position (LPS, mm)",
-    score: "Score (z)",
+    score: "Score of the place (z)",
     unusual: "Unusual",
     unusuals: ["yes", "borderline", "no"],
     size: "Size",
@@ -299,6 +307,10 @@ const ENGLISH: Words = Words {
     regions: ["cerebrum", "cerebellum", "brain stem", "no cortex"],
     kind: "Form",
     kinds: ["point", "line", "polygon", "trajectory"],
+    length: "Length, straight between its points",
+    entry: "Entry (LPS, mm)",
+    target: "Target (LPS, mm)",
+    area: "Area, in the plane that fits best",
     certainty: "Certainty",
     certainties: ["definite", "probable", "possible", "unlikely"],
     label: "Label",
@@ -307,7 +319,7 @@ const ENGLISH: Words = Words {
     here: "Here",
     other_side: "Other side",
     intensity: "Intensity",
-    blur: "Blur (z)",
+    blur: "Blur at this point (z)",
     sharpness: "Sharpness (per mm)",
     anatomy: "T1",
     maps: ["map of blur", "map of thickness"],
@@ -326,7 +338,6 @@ const ENGLISH: Words = Words {
     planes: ["axial", "coronal", "sagittal"],
     across: "across the sulcus",
     unprintable: "A character that the font of this file lacks is shown by its number in Unicode, as ‹U+1F9E0›. The report as HTML shows it.",
-    sides_in_pictures: ['L', 'R'],
     decimal: '.',
     page: &ENGLISH_PAGE,
 };
@@ -338,10 +349,13 @@ const PORTUGUESE: Words = Words {
     case: "Caso",
     patient: "Paciente",
     not_from_dicom: "O caso não foi criado a partir de DICOM: o paciente não é conhecido.",
+    study_of: "estudo de",
+    accession_number: "número de acesso",
     acquisition: "Aquisição",
     unknown: "desconhecida",
     voxels: "voxels",
     mask: "Máscara do encéfalo",
+    letters: "Letras nas imagens",
     states: ["nada incomum", "VERIFIQUE", "NÃO É UM ENCÉFALO"],
     superseded: [
         "SUBSTITUÍDO: o paciente ou o estudo destas imagens foi corrigido depois",
@@ -362,7 +376,8 @@ const PORTUGUESE: Words = Words {
     no_maps: "Não há mapas deste caso:",
     candidates: "Locais do mapa",
     candidates_note: "Locais onde a junção entre as substâncias cinzenta e branca é menos nítida do que ao redor e do outro lado. \
-                      A maioria é normal.",
+                      A maioria é normal. O escore é a média do mapa na junção em torno do ponto, e menor onde há pouca \
+                      junção; em um único ponto, o mapa pode ser mais alto.",
     others: "Outros locais",
     elsewhere: "Em outras partes do encéfalo",
     elsewhere_note: "No cerebelo, no tronco encefálico ou onde o cérebro não tem córtex. Não contam como locais que se destacam.",
@@ -371,7 +386,7 @@ const PORTUGUESE: Words = Words {
     sides: ["esquerdo", "direito", "meio"],
     depth: "Profundidade",
     position: "Coordenadas (LPS, mm)",
-    score: "Escore (z)",
+    score: "Escore do local (z)",
     unusual: "Incomum",
     unusuals: ["sim", "limítrofe", "não"],
     size: "Tamanho",
@@ -379,6 +394,10 @@ const PORTUGUESE: Words = Words {
     regions: ["cérebro", "cerebelo", "tronco encefálico", "sem córtex"],
     kind: "Forma",
     kinds: ["ponto", "linha", "polígono", "trajetória"],
+    length: "Comprimento, em linha reta entre os pontos",
+    entry: "Entrada (LPS, mm)",
+    target: "Alvo (LPS, mm)",
+    area: "Área, no plano que melhor se ajusta",
     certainty: "Certeza",
     certainties: ["definido", "provável", "possível", "improvável"],
     label: "Rótulo",
@@ -387,7 +406,7 @@ const PORTUGUESE: Words = Words {
     here: "Aqui",
     other_side: "Outro lado",
     intensity: "Intensidade",
-    blur: "Borramento (z)",
+    blur: "Borramento neste ponto (z)",
     sharpness: "Nitidez (por mm)",
     anatomy: "T1",
     maps: ["mapa de borramento", "mapa de espessura"],
@@ -406,7 +425,6 @@ const PORTUGUESE: Words = Words {
     planes: ["axial", "coronal", "sagital"],
     across: "através do sulco",
     unprintable: "Um caractere que falta na fonte deste arquivo é indicado pelo seu número em Unicode, como ‹U+1F9E0›. O relatório em HTML o mostra.",
-    sides_in_pictures: ['E', 'D'],
     decimal: ',',
     page: &PORTUGUESE_PAGE,
 };
@@ -424,6 +442,8 @@ mod tests {
             assert!(words.nothing_stands_out().starts_with(nothing));
             assert!(!words.about_gyrus().is_empty() && !words.of_page("case.added").is_empty());
             for text in [
+                words.sides_in_doubt(),
+                words.legend_of_letters(),
                 words.thickness(),
                 words.thickness_note(),
                 words.nothing_is_thick(),

@@ -28,15 +28,18 @@ const OWNER: [Tag; 11] = [
     tags::REFERRING_PHYSICIAN_NAME,
 ];
 
+/// Attributes that tell which of several heads of a study counts.
+const CHOICE: [Tag; 2] = [tags::IMAGE_TYPE, tags::CONTRAST_BOLUS_AGENT];
+
 /// What is different about an image that was known before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Difference {
     /// Nothing that counts: another transfer syntax and other file meta information are no change.
     None,
-    /// The pixels, and no place by more than rounding.
+    /// The pixels, or what decides which head of a study counts, and no place by more than rounding.
     Pixels,
-    /// The place in the patient, and perhaps the pixels as well.
+    /// The place in the patient or its frame of reference, and perhaps the pixels as well.
     Place,
     /// The patient or the study, and perhaps the pixels as well.
     Owner,
@@ -48,6 +51,10 @@ pub const ROUNDING_MM: f64 = 0.1;
 /// A file, decoded.
 struct Decoded {
     owner: Vec<String>,
+    /// The frame of reference of its positions.
+    frame: String,
+    /// What decides which head of a study counts.
+    choice: Vec<String>,
     image: Option<Image>,
     pixels: Vec<u8>,
 }
@@ -58,6 +65,8 @@ impl Decoded {
         let object = parse(&scanned)?;
         Ok(Self {
             owner: OWNER.iter().map(|&tag| plain(&object, tag)).collect(),
+            frame: plain(&object, tags::FRAME_OF_REFERENCE_UID),
+            choice: CHOICE.iter().map(|&tag| plain(&object, tag)).collect(),
             image: read_image(0, file, &scanned)?,
             pixels: whole_pixel_bytes(file, &scanned, &object)?,
         })
@@ -80,7 +89,10 @@ impl Decoded {
         // A byte that makes the length even is not a pixel.
         let length = self.pixels.len().min(other.pixels.len());
         let is_padded = self.pixels.len().abs_diff(other.pixels.len()) <= 1;
-        is_padded && self.pixels[..length] == other.pixels[..length] && self.lies_where(other)
+        is_padded
+            && self.pixels[..length] == other.pixels[..length]
+            && self.choice == other.choice
+            && self.lies_where(other)
     }
 
     /// Whether the corners of a frame lie elsewhere, or its size is another one. Other frames are a matter of the whole series.
@@ -167,8 +179,8 @@ pub fn difference(stored: &[u8], new: &[u8]) -> Result<Difference, DicomError> {
     }
     Ok(match stored.owner == new.owner {
         false => Difference::Owner,
+        true if new.frame != stored.frame || new.is_moved_from(&stored) => Difference::Place,
         true if stored.shows_the_same(&new) => Difference::None,
-        true if new.is_moved_from(&stored) => Difference::Place,
         true => Difference::Pixels,
     })
 }

@@ -114,6 +114,8 @@ pub struct MarkedPatient {
     pub frame_of_reference: String,
     /// In the order of the file.
     pub marks: Vec<Mark>,
+    /// Whether findings that were dismissed would be among them: a segmentation has none.
+    pub has_dismissed: bool,
 }
 
 /// Reads a measurement report or a segmentation of findings of this program.
@@ -127,7 +129,8 @@ pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
     let mut wanted = WANTED;
     wanted.sort_unstable();
     let report = parse(&scan(file, &wanted)?)?;
-    let each: Vec<_> = match text(&report, tags::SOP_CLASS_UID).as_deref() {
+    let class = text(&report, tags::SOP_CLASS_UID);
+    let each: Vec<_> = match class.as_deref() {
         Some(uids::COMPREHENSIVE3_DSR_STORAGE)
             if is_named(&report, code::IMAGING_MEASUREMENT_REPORT) =>
         {
@@ -153,6 +156,7 @@ pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
             .collect(),
         frame_of_reference: String::new(),
         marks: Vec::new(),
+        has_dismissed: class.as_deref() != Some(uids::SEGMENTATION_STORAGE),
     };
     let mut points = 0;
     for each in each {
@@ -312,6 +316,9 @@ pub(super) mod code {
         IMAGE_REGION "DCM" "111030" "Image Region"
         COMMENT "DCM" "121106" "Comment"
         MILLIMETRES "UCUM" "mm" "mm"
+        SQUARE_MILLIMETRES "UCUM" "mm2" "mm2"
+        LENGTH "SCT" "410668003" "Length"
+        AREA "SCT" "42798000" "Area"
         DEPTH "99ISOCORTEX" "depth" "Depth below the envelope of the brain"
         KIND "99ISOCORTEX" "form" "Form of a finding"
         LABEL "99ISOCORTEX" "label" "Label"

@@ -11,6 +11,7 @@ use tokio::net::TcpListener;
 use super::choices;
 use super::common::{CommonArgs, set, set_some};
 use super::status::{CliError, ExitStatus};
+use crate::collector::Sender;
 use crate::config::{Config, Network, Secret};
 use crate::{figures, logs, start};
 use cases::arrivals::ArrivalReader;
@@ -223,6 +224,8 @@ pub(super) struct Server {
     /// The listener for C-STORE, if there is one.
     dimse: Option<tokio::task::JoinHandle<()>>,
     reload: Reload,
+    /// What sends the audit record to its collector, if there is one.
+    sender: Option<Sender>,
     grace: Duration,
 }
 
@@ -231,6 +234,8 @@ impl Server {
     pub(super) async fn start(config: &Config) -> Result<Self, CliError> {
         let files = config.reloaded_files();
         let seen = look(&files);
+        // Wrong settings are found before anything begins.
+        config.collector()?;
         let state = start::open(config).await?;
         let pacs = start::pacs(config, &state.cases)?;
         let (listener, address) = bind(config.http.listen).await?;
@@ -240,6 +245,10 @@ impl Server {
         figures::add_store(state.metrics(), state.cases.store());
         figures::add_pacs(state.metrics(), &pacs);
         figures::add_audit(state.metrics(), state.cases.audit());
+        let sender = start::sender(config)?;
+        if let Some(sender) = &sender {
+            figures::add_collector(state.metrics(), &sender.progress());
+        }
         let mut reload = Reload {
             access: state.access().clone(),
             tls: config.tls()?.map(ReloadedTls::new),
@@ -296,6 +305,7 @@ impl Server {
             serving,
             dimse,
             reload,
+            sender,
             grace,
         })
     }
@@ -315,7 +325,16 @@ impl Server {
         self.workers.shut_down(self.grace).await;
         self.state.cases.store().close().await;
         self.state.cases.audit().shut_down();
+        end(self.sender).await;
         tracing::info!("stopped");
+    }
+}
+
+/// Sends the rest of the audit record, after its last line is written.
+pub(super) async fn end(sender: Option<Sender>) {
+    if let Some(sender) = sender {
+        // A panic is the end of it, too.
+        let _ = tokio::task::spawn_blocking(|| sender.shut_down()).await;
     }
 }
 

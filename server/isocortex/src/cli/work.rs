@@ -11,8 +11,9 @@ use http_support::listen;
 use pipeline::Limits;
 
 use super::common::{CommonArgs, set_some};
-use super::serve::{bind, tell_confinement, told_to_stop};
+use super::serve::{bind, end, tell_confinement, told_to_stop};
 use super::status::CliError;
+use crate::collector::Sender;
 use crate::config::ConfigError;
 use crate::{health, logs, start};
 
@@ -42,7 +43,9 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
     }
     logs::start(config.log_format, &config.log);
     super::block_on(async {
+        config.collector()?;
         let library = start::open_library(&config).await?;
+        let sender = start::sender(&config)?;
         let workers = Workers::start(library.clone(), config.prepare.workers);
         tracing::info!("preparing cases");
         let program = config.dicom_program.clone();
@@ -54,7 +57,8 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
             Some(listen) => {
                 let (listener, address) = bind(listen).await?;
                 tracing::info!(%address, "answering health checks");
-                let routes = health::routes(library.store().clone());
+                let progress = sender.as_ref().map(Sender::progress);
+                let routes = health::routes(library.store().clone(), progress.as_ref());
                 listen::serve(listener, routes, config.connection_limits(), None, stop).await;
             }
         }
@@ -63,6 +67,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
         workers.shut_down(grace).await;
         library.store().close().await;
         library.audit().shut_down();
+        end(sender).await;
         tracing::info!("stopped");
         Ok(())
     })

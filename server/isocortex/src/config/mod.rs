@@ -1,6 +1,7 @@
 //! The configuration: a TOML file with a section for each concern, overridden by the environment, overridden by the
 //! command line.
 
+mod memory;
 mod pacs;
 mod sections;
 mod tokens;
@@ -26,12 +27,13 @@ use pipeline::HeadLimits;
 use serde::Deserialize;
 use storage::{BadAddress, BadKeys, DatabaseAddress, Keys, Location, ObjectsAddress};
 
+use crate::collector::{BadCollector, Collector};
 use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::sections::{
     AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Oidc, Page, Prepare, Proxy, Render,
-    Secret, Storage,
+    Secret, Storage, Syslog,
 };
 pub(crate) use self::tokens::check_name as check_token_name;
 
@@ -143,6 +145,12 @@ pub enum ConfigError {
         /// The reason.
         source: std::io::Error,
     },
+    /// There is no record to send.
+    #[error("`audit.syslog` sends what is in `audit.folder`; set the folder too")]
+    NothingToSend,
+    /// The collector of the audit record cannot be used.
+    #[error("`audit.syslog`: {0}")]
+    Collector(#[from] BadCollector),
     /// A token in two places.
     #[error("set the token in `http.token` or in `http.token_file`, not in both")]
     TwoTokens,
@@ -426,19 +434,7 @@ impl Config {
             path: path.clone(),
             why,
         };
-        let tokens = tokens::parse(&text).map_err(wrong)?;
-        // The audit record names both.
-        let mut peers = self.pacs.dimse.peers.iter();
-        let is_named = |peer: &Peer| {
-            let mut names = tokens.iter().map(|token| &token.holder.name);
-            names.any(|name| **name == *peer.aet.trim())
-        };
-        match peers.find(|peer| is_named(peer)) {
-            None => Ok(tokens),
-            Some(Peer { aet, .. }) => Err(wrong(format!(
-                "the token `{aet}` has the title of a peer in `pacs.dimse.peers`, and the audit record could not tell them apart; choose another name"
-            ))),
-        }
+        tokens::parse(&text).map_err(wrong)
     }
 
     /// The files that are read again when they change.
@@ -511,6 +507,20 @@ impl Config {
             folder: folder.clone(),
             source,
         })
+    }
+
+    /// The collector to which the record is sent, if there is one.
+    ///
+    /// # Errors
+    /// If it has no address, or a file for TLS cannot be used.
+    pub fn collector(&self) -> Result<Option<Collector>, ConfigError> {
+        let Some(syslog) = &self.audit.syslog else {
+            return Ok(None);
+        };
+        if self.audit.folder.is_none() {
+            return Err(ConfigError::NothingToSend);
+        }
+        Ok(Some(Collector::new(syslog)?))
     }
 
     fn token_text(&self) -> Result<Option<String>, ConfigError> {
@@ -621,20 +631,55 @@ impl Config {
         })
     }
 
-    /// What the processes that read files and prepare cases may use together.
+    /// What the processes that read files and prepare cases may use together: what fits beside the rest into the memory of the container, if
+    /// it is limited.
     ///
     /// # Errors
-    /// If one of them needs more.
+    /// If one of them needs more than the configuration gives.
     pub fn children(&self) -> Result<ChildBudget, ConfigError> {
+        self.children_in(memory::limit())
+    }
+
+    /// The same in a container with so many bytes.
+    ///
+    /// # Errors
+    /// As [`Config::children`].
+    pub fn children_in(&self, container: Option<u64>) -> Result<ChildBudget, ConfigError> {
         let usual = ChildBudget::usual(&self.volume_limits(), self.prepare.workers);
-        let Some(bytes) = self.limits.child_bytes else {
-            return Ok(usual);
-        };
         let least = usual.least();
-        match bytes < least {
-            true => Err(ConfigError::ChildBytes { least }),
-            false => Ok(usual.of(bytes)),
+        match (self.limits.child_bytes, container) {
+            (Some(bytes), _) if bytes < least => Err(ConfigError::ChildBytes { least }),
+            (Some(bytes), _) => Ok(usual.of(bytes)),
+            (None, None) => Ok(usual),
+            (None, Some(container)) => {
+                let fits = container.saturating_sub(self.own_bytes());
+                Ok(usual.of(fits.clamp(least, usual.bytes.max(least))))
+            }
         }
+    }
+
+    /// What this process uses itself, in bytes.
+    fn own_bytes(&self) -> u64 {
+        self.render.cache_bytes.saturating_add(memory::REST)
+    }
+
+    /// What may happen because the memory of the container is limited, if anything.
+    ///
+    /// # Errors
+    /// As [`Config::children`].
+    pub fn memory_warning(&self) -> Result<Option<String>, ConfigError> {
+        let Some(container) = memory::limit() else {
+            return Ok(None);
+        };
+        let children = self.children_in(Some(container))?.bytes;
+        let needed = children.saturating_add(self.own_bytes());
+        Ok((needed > container).then(|| {
+            format!(
+                "this process and its children may use {} MiB, but the memory of the container is limited to {} MiB: the system may end them; raise its limit, or lower `render.cache_bytes` or `limits.child_bytes`",
+                needed >> 20,
+                container >> 20
+            )
+        }))
     }
 
     fn volume_limits(&self) -> pipeline::Limits {
@@ -767,22 +812,21 @@ mod tests {
     }
 
     #[test]
-    fn no_token_has_the_title_of_a_peer() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("tokens.toml");
-        let digest = blake3::hash(b"a token");
-        let entry =
-            format!("[[tokens]]\nname = \"ORTHANC\"\nscopes = [\"read\"]\nblake3 = \"{digest}\"\n");
-        std::fs::write(&file, entry).unwrap();
-        let text = |aet: &str| {
-            let file = file.display();
-            format!(
-                "[http]\ntokens_file = \"{file}\"\n[[pacs.dimse.peers]]\naet = \"{aet}\"\naddress = \"10.0.0.5\"\n"
-            )
-        };
-        assert!(parsed(&text("PACS")).unwrap().named_tokens().is_ok());
-        let error = parsed(&text("ORTHANC")).unwrap().access().unwrap_err();
-        assert!(error.to_string().contains("title of a peer"), "{error}");
+    fn children_fit_into_the_memory_of_the_container() {
+        let bytes = |config: &Config, container| config.children_in(container).unwrap().bytes;
+        let config = Config::default();
+        let usual = bytes(&config, None);
+        assert_eq!(bytes(&config, Some(64 << 30)), usual);
+        let within = bytes(&config, Some(4 << 30));
+        assert_eq!(within, (4 << 30) - config.own_bytes());
+        assert!(within < usual);
+        // With less, each process still has its turn.
+        let least = config.children_in(None).unwrap().least();
+        assert_eq!(bytes(&config, Some(1 << 30)), least);
+        let set = parsed("[limits]\nchild_bytes = 6442450944").unwrap();
+        assert_eq!(bytes(&set, Some(4 << 30)), 6 << 30);
+        let small = parsed("[limits]\nchild_bytes = 1").unwrap();
+        assert!(small.children_in(Some(4 << 30)).is_err());
     }
 
     #[test]

@@ -23,6 +23,9 @@ use crate::dimse::options::{DimseOptions, is_aet};
 use crate::dimse::pace::Pace;
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
 
+/// What the name of a peer begins with in the audit record, so that none is the name of a token, or of somebody who has signed in.
+const TITLE_PREFIX: &str = "aet:";
+
 /// How long an image waits for the disk of the audit record. A disk that takes longer counts as full.
 const LONGEST_RECORDING: Duration = Duration::from_secs(10);
 
@@ -174,7 +177,7 @@ fn event_of(caller: &Caller, title: &str) -> Event {
             EventKind::InstancesTransferred,
             Action::Create,
             "image",
-            shown(title),
+            &format!("{TITLE_PREFIX}{}", shown(title)),
         )
     }
 }

@@ -30,7 +30,7 @@ use crate::state::Pacs;
 use http_support::problem::AppError;
 
 /// A part of every UID. Raise it if the same request gives another object.
-const FORMAT: &str = "isocortex result 3";
+const FORMAT: &str = "isocortex result 4";
 
 /// The number of the first series of results.
 const FIRST_SERIES: u32 = 9100;

@@ -303,8 +303,8 @@ async fn what_is_on_the_left_is_on_the_side_of_the_letter_for_left() {
             Some(1) => 1.0,
             _ => 0.0,
         };
-        let left = side("E");
-        assert_eq!(left, -side("D"), "{}", each.caption);
+        let left = side("L");
+        assert_eq!(left, -side("R"), "{}", each.caption);
         let middle = each.side / 2.0;
         let (count, white) = each.white();
         if each.is_flipped {

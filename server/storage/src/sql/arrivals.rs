@@ -796,6 +796,25 @@ pub(super) async fn move_case(
     wake_layers(connection, case).await
 }
 
+/// Notes that the cases that the PACS has sent of the series of a case are of another patient or study than the series is now.
+pub(super) async fn correct_series_of(
+    connection: &mut Connection,
+    case: &CaseId,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            "UPDATE case_series SET superseded = $1
+             WHERE (project, study_uid, series_uid) =
+                   (SELECT project, study_uid, series_uid FROM case_series WHERE case_id = $2)
+               AND is_received = 1 AND superseded < $1",
+        )
+        .bind(superseded_code(Some(Superseded::Corrected)))
+        .bind(case.key())
+        .execute()
+        .await?;
+    Ok(())
+}
+
 /// Whether findings and layers stay with a case, and another one of its images may not have them: its images lie elsewhere since,
 /// or were rejected.
 pub(super) async fn keeps_findings(

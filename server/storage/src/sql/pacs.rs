@@ -13,7 +13,7 @@ use crate::arrivals::{
 use crate::jobs::{Claim, NewJob};
 use crate::rows::{DueSeries, Known, Pinned, Referred, RowCounts, Withdrawn};
 use crate::{ForPacs, ObjectName, Store, StoreError};
-use case::{CaseId, Failure, JobKind, ObjectKind, Project};
+use case::{CaseId, Failure, JobKind, LayerId, ObjectKind, Project};
 
 /// How long to remember what rejection notes have withdrawn: a PACS that sends the images again does so within days, and
 /// UIDs should not stay for ever.
@@ -160,6 +160,36 @@ impl Store {
         transaction.commit().await?;
         self.signals().changed(case);
         Ok(())
+    }
+
+    /// Notes that the PACS has sent a series of which a case was made with another patient or study since. Cases of the series that were
+    /// uploaded stay as they are.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn correct_series_of(&self, case: &CaseId) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        arrivals::correct_series_of(&mut transaction, case).await?;
+        transaction.commit().await?;
+        self.signals().changed(case);
+        Ok(())
+    }
+
+    /// Removes a layer whose images were corrected or rejected; `false` if it did not exist. Results of its case that wait to be sent
+    /// may show it, and fail with this reason.
+    ///
+    /// # Errors
+    /// As [`Store::delete_layer`].
+    pub async fn withdraw_layer(
+        &self,
+        case: &CaseId,
+        layer: &LayerId,
+        failure: &Failure,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        results::fail_waiting(&mut transaction, case, failure, now).await?;
+        transaction.commit().await?;
+        self.delete_layer(case, layer).await
     }
 
     /// Whether the findings of one of two cases may not come into the other: its images lie elsewhere since they were corrected, or

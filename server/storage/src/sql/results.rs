@@ -7,7 +7,7 @@ use crate::arrivals::{ArrivalCursor, Superseded, TransferQuery, Uid};
 use crate::jobs::{Job, NewJob};
 use crate::results::{HeldResult, NewResult, ResultSeries, SentResult, object};
 use crate::{ObjectName, StoreError};
-use case::{CaseId, JobKind, JobState, Project};
+use case::{CaseId, Failure, JobKind, JobState, Project};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_result {
@@ -39,6 +39,26 @@ pub(super) async fn queue(
         pins::abandon(connection, vec![new.object()], now).await?;
     }
     Ok(queued)
+}
+
+/// Ends the jobs that send results of a case, with a reason.
+pub(super) async fn fail_waiting(
+    connection: &mut Connection,
+    case: &CaseId,
+    failure: &Failure,
+    now: i64,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            "UPDATE jobs SET state = 'failed', failure = $1, ended_at = $2, fence = 0, lease_until = NULL
+             WHERE case_id = $3 AND key IN (SELECT id FROM results WHERE case_id = $3) AND state IN ('queued', 'running')",
+        )
+        .bind(serde_json::to_string(failure)?)
+        .bind(now)
+        .bind(case.key())
+        .execute()
+        .await?;
+    Ok(())
 }
 
 /// Writes the row of a result, unless it is there; returns its id.

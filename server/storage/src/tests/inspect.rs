@@ -371,6 +371,16 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
 }
 
 #[tokio::test]
+async fn what_was_withdrawn_is_copied_without_images_too() {
+    let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let (from, to) = (store(&here).await, store(&there).await);
+    let withdrawn = [uid("1.2.3.4")];
+    from.withdraw(&withdrawn).await.unwrap();
+    copied(&from, &to).await;
+    assert_eq!(to.are_withdrawn(&withdrawn).await.unwrap(), [true]);
+}
+
+#[tokio::test]
 async fn what_is_damaged_is_named_and_the_rest_is_copied() {
     let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     let (from, to) = (store(&here).await, store(&there).await);

@@ -456,7 +456,6 @@ mod tests {
 
     fn picture(shot: &Shot) -> Picture<'_> {
         Picture {
-            letters: shot.directions.clone(),
             caption: "T1, 6.0 mm, from the left: left, as acquired".into(),
             shot,
         }

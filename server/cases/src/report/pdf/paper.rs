@@ -163,7 +163,7 @@ impl<'a> Paper<'a> {
         let shot = picture.shot;
         let name = format!("I{}", self.shots.len());
         self.shots.push(shot);
-        let letters = picture.letters.each_ref().map(|letters| {
+        let letters = shot.directions.each_ref().map(|letters| {
             let text = Text::strong(letters);
             (self.encoded(&text.letters), text.width(shot.letter_size()))
         });

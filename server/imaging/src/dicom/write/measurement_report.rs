@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
+use geometry::{flat_area_of, length_of};
 use glam::DVec3;
 
 use super::common::{Head, IMPLEMENTATION_CLASS_UID, WriteError, file};
@@ -112,9 +113,21 @@ fn group(mark: &Mark, frame_of_reference: &str) -> Item {
         uid,
         site(mark.side),
         region(mark, frame_of_reference),
-        depth(mark.depth_mm),
+        number(code::DEPTH, mark.depth_mm, code::MILLIMETRES),
         word(code::KIND, &mark.kind),
     ];
+    let points = mark.points_in_patient.iter().copied();
+    let points: Vec<_> = points.map(DVec3::from_array).collect();
+    match &*mark.kind {
+        "line" | "trajectory" => {
+            items.push(number(code::LENGTH, length_of(&points), code::MILLIMETRES));
+        }
+        "polygon" => {
+            let area = flat_area_of(&points);
+            items.push(number(code::AREA, area, code::SQUARE_MILLIMETRES));
+        }
+        _ => {}
+    }
     let written = [
         (code::GYRUS, mark.gyrus.as_ref()),
         (code::LABEL, Some(&mark.label)),
@@ -197,12 +210,12 @@ fn is_plane(points: &[[f64; 3]]) -> bool {
     off.all(|mm| mm <= COPLANAR_MM)
 }
 
-fn depth(depth_mm: f64) -> Item {
+fn number(name: Code<'_>, value: f64, unit: Code<'_>) -> Item {
     let mut measured = Item::new();
     measured
-        .reals(tags::NUMERIC_VALUE, &[depth_mm])
-        .codes(tags::MEASUREMENT_UNITS_CODE_SEQUENCE, &[code::MILLIMETRES]);
-    let mut item = content("CONTAINS", "NUM", code::DEPTH);
+        .reals(tags::NUMERIC_VALUE, &[value])
+        .codes(tags::MEASUREMENT_UNITS_CODE_SEQUENCE, &[unit]);
+    let mut item = content("CONTAINS", "NUM", name);
     item.items(tags::MEASURED_VALUE_SEQUENCE, [measured]);
     item
 }
