@@ -328,7 +328,7 @@ impl Default for Limits {
             max_voxel_ratio: head.max_ratio,
             preparation_threads: cores(),
             child_bytes: None,
-            max_queued_cases: 64,
+            max_queued_cases: 256,
             max_queued_renders: 64,
             max_layers: 20,
             maps: MapsUse::default(),
