@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::line::read;
-use crate::trail::{is_of_trail, process_and_number};
+use crate::trail::is_of_trail;
 
 /// The longest line that is read here, in bytes.
 const LONGEST_LINE: u64 = 4 << 20;
@@ -54,6 +54,12 @@ pub(crate) fn files_in(folder: &Path) -> io::Result<(Files, Vec<String>)> {
         }
     }
     Ok((files, strange))
+}
+
+/// The process and the number of a file of the record.
+fn process_and_number(name: &str) -> Option<(String, u32)> {
+    let (process, number) = name.strip_suffix(".jsonl")?.rsplit_once('-')?;
+    Some((process.to_owned(), number.parse().ok()?))
 }
 
 /// The last lines of the other processes in a folder, but for those that one of them has named already. What cannot be read is left to

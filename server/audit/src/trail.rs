@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use crate::found::{Files, files_in};
 use crate::line::read;
 use crate::writer::{private, sync_folder};
 
@@ -76,9 +77,6 @@ pub struct Trail {
     _lock: File,
 }
 
-/// The files of each process by their numbers.
-type Files = BTreeMap<String, BTreeMap<u32, PathBuf>>;
-
 impl Trail {
     /// Begins at the kept place; `None` if another process reads this record.
     ///
@@ -142,7 +140,7 @@ impl Trail {
     /// If the folder or a file cannot be read.
     pub fn waiting_bytes(&self) -> io::Result<u64> {
         let mut waiting = 0;
-        for (process, files) in files(&self.folder)? {
+        for (process, files) in files_in(&self.folder)?.0 {
             let place = self.places.0.get(&process).cloned().unwrap_or_default();
             for (_, path) in files.range(place.file..) {
                 waiting += std::fs::metadata(path)?.len();
@@ -160,7 +158,7 @@ impl Trail {
     /// If the folder or a file cannot be read.
     pub fn read_on(&mut self, bytes: u64) -> io::Result<Passage> {
         let mut passage = Passage::default();
-        let files = files(&self.folder)?;
+        let (files, _) = files_in(&self.folder)?;
         self.forget_processes_without(&files);
         for (process, files) in &files {
             let place = self.places.0.entry(process.clone()).or_default();
@@ -294,25 +292,6 @@ pub(crate) fn is_of_trail(name: &str) -> bool {
     name.starts_with(OWN)
 }
 
-/// The process and the number of a file of the record.
-pub(crate) fn process_and_number(name: &str) -> Option<(String, u32)> {
-    let (process, number) = name.strip_suffix(".jsonl")?.rsplit_once('-')?;
-    Some((process.to_owned(), number.parse().ok()?))
-}
-
-fn files(folder: &Path) -> io::Result<Files> {
-    let mut files = Files::new();
-    for entry in std::fs::read_dir(folder)? {
-        let entry = entry?;
-        let parts = process_and_number(&entry.file_name().to_string_lossy());
-        if let Some((process, number)) = parts {
-            let of_process = files.entry(process).or_default();
-            of_process.insert(number, entry.path());
-        }
-    }
-    Ok(files)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -432,7 +411,7 @@ mod tests {
         record(folder.path(), 8, 1000);
         let mut trail = trail(folder.path());
         let read = trail.read_on(700).unwrap().lines.len() as u64;
-        let files: Vec<_> = files(folder.path()).unwrap().into_values().collect();
+        let files: Vec<_> = files_in(folder.path()).unwrap().0.into_values().collect();
         let paths: Vec<_> = files[0].values().collect();
         assert!(paths.len() > 2);
         std::fs::remove_file(paths[0]).unwrap();
@@ -452,7 +431,13 @@ mod tests {
     fn what_was_never_a_line_is_counted_and_half_a_line_waits() {
         let folder = tempfile::tempdir().unwrap();
         record(folder.path(), 2, 1 << 20);
-        let path = files(folder.path()).unwrap().into_values().next().unwrap()[&1].clone();
+        let path = files_in(folder.path())
+            .unwrap()
+            .0
+            .into_values()
+            .next()
+            .unwrap()[&1]
+            .clone();
         let text = std::fs::read_to_string(&path).unwrap();
         let (start, others) = text.split_at(text.find('\n').unwrap() + 1);
         std::fs::write(
@@ -472,7 +457,13 @@ mod tests {
         let audit = audit(folder.path(), 1 << 20);
         let event = Event::new(EventKind::Export, Action::Read, "export", "ana");
         wait(audit.record_durable(event));
-        let path = files(folder.path()).unwrap().into_values().next().unwrap()[&1].clone();
+        let path = files_in(folder.path())
+            .unwrap()
+            .0
+            .into_values()
+            .next()
+            .unwrap()[&1]
+            .clone();
         let mut trail = trail(folder.path());
         assert_eq!(rest(&mut trail), (first_to(2), 0));
         audit.shut_down();

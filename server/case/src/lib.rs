@@ -39,7 +39,9 @@ pub use object::ObjectKind;
 pub use parameters::{MaskKind, MaskSource, Parameters};
 pub use progress::{CaseState, Progress, Stage};
 pub use project::{NotAProject, Project};
-pub use quality::{CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState};
+pub use quality::{
+    AXES_CORRECTED, CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState,
+};
 pub use surface::SurfaceName;
 
 /// Whether a character is a control character, or one of those that turn the direction of the text after them: with

@@ -58,6 +58,9 @@ impl MaskMethod {
     }
 }
 
+/// The code of the doubt about left and right, which is no doubt about the mask.
+pub const AXES_CORRECTED: &str = "axes-corrected";
+
 /// The quality of the mask of a case.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]

@@ -155,7 +155,7 @@ impl Cases {
             .is_none_or(|(new, old)| new.is_moved_from(&old)))
     }
 
-    /// Whether the images of a case lie elsewhere in the patient than those of another case of their series, or show what it shows
+    /// Whether the images of a case lie elsewhere in the patient than those of another case with some of the same images or of their series, or show what it shows
     /// mirrored, turned over or elsewhere; also if that is not known.
     pub(crate) async fn is_moved_from(&self, case: &CaseId, other: &Case) -> Result<bool, Error> {
         let names = self.store().case_objects(case).await?;

@@ -1,10 +1,7 @@
 //! Doubts two cases that have the same voxels with other axes.
 
-use case::{CaseFacts, CaseId};
+use case::{AXES_CORRECTED, CaseFacts, CaseId};
 use storage::{Store, StoreError};
-
-/// The code of the doubt.
-pub(super) const CODE: &str = "axes-corrected";
 
 pub(super) const SENTENCE: &str = "another case has the same voxels with other axes, so that one of the two headers is wrong. The picture cannot tell \
                         left from right: ask whoever made the file which side is left, then delete both cases and upload the volume with the \
@@ -29,12 +26,15 @@ pub(super) async fn contradicts_header(
     let mut is_doubtful = false;
     for case in same.iter().filter(|case| case.id != *id) {
         let Some(other) = &case.facts else { continue };
-        let is_doubted = (other.quality.as_ref()).is_some_and(|quality| quality.has_reason(CODE));
+        let is_doubted =
+            (other.quality.as_ref()).is_some_and(|quality| quality.has_reason(AXES_CORRECTED));
         let lies_elsewhere =
             (other.voxels.as_ref()).is_some_and(|there| there.moments != voxels.moments);
         is_doubtful |= lies_elsewhere || is_doubted;
         if lies_elsewhere {
-            store.put_to_review(&case.id, CODE, SENTENCE).await?;
+            store
+                .put_to_review(&case.id, AXES_CORRECTED, SENTENCE)
+                .await?;
         }
     }
     Ok(is_doubtful)

@@ -126,12 +126,15 @@ impl Cases {
             return Ok(layer.unwrap_or(Outcome::Nothing(otherwise)));
         }
         // A version is prepared as the case that it is one of.
-        let previous = self.previous(due).await?;
+        let previous = match self.previous(due).await? {
+            Some(case) => Some((self.is_of_patient(&upload, &case.id).await?, case)),
+            None => None,
+        };
         let (of, parameters) = match previous {
             // Layers, findings and the label stay with the patient whom they are about.
-            Some(case) if self.is_of_patient(&upload, &case.id).await? != Some(true) => {
+            Some((is_same, case)) if is_same != Some(true) => {
                 // Known since the images came, unless those before them are not kept any more.
-                if self.is_of_patient(&upload, &case.id).await? == Some(false) {
+                if is_same == Some(false) {
                     self.store().correct_series_of(&case.id).await?;
                 }
                 let name = None;
@@ -143,7 +146,7 @@ impl Cases {
                     },
                 )
             }
-            Some(case) => {
+            Some((_, case)) => {
                 // Neither may findings and layers stay where they lay, if the images lie elsewhere now.
                 if self.is_moved_since(&upload, &case).await? {
                     self.store().move_case(&case.id).await?;

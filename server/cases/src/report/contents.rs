@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use case::findings::{Finding, FindingKind};
-use case::{CandidateFacts, Gyrus, PatientSide, QualityState};
+use case::{AXES_CORRECTED, CandidateFacts, Gyrus, PatientSide, QualityState};
 use geometry::{flat_area_of, length_of};
 use glam::DVec3;
 use pipeline::atlas::Gyri;
@@ -22,8 +22,6 @@ use crate::profile::ProfileSample;
 const MAX_CANDIDATES: usize = 20;
 const MAX_ELSEWHERE: usize = 5;
 const MAX_BRIGHT: usize = 5;
-/// The code of the reason that is about the sides of the head and not about its mask.
-const SIDES_IN_DOUBT: &str = "axes-corrected";
 
 /// The contents of a report.
 pub(super) struct Contents<'a> {
@@ -205,12 +203,8 @@ impl Report {
     }
 
     fn has_sides_in_doubt(&self) -> bool {
-        let mut codes = self
-            .facts
-            .quality
-            .iter()
-            .flat_map(|quality| &quality.reason_codes);
-        codes.any(|code| code == SIDES_IN_DOUBT)
+        let quality = self.facts.quality.as_ref();
+        quality.is_some_and(|quality| quality.has_reason(AXES_CORRECTED))
     }
 
     /// The verdict on the mask, for which doubts about the sides do not count.
@@ -309,7 +303,7 @@ impl Report {
                 let mut row = vec![
                     number.to_string().into(),
                     side_of(words, finding).into(),
-                    depth(words, finding.depth_mm).into(),
+                    millimetres(words, finding.depth_mm).into(),
                     position(words, finding.middle_in_patient()).into(),
                     certainty.unwrap_or_default().into(),
                     Line::foreign(&finding.label),
@@ -347,7 +341,7 @@ impl Report {
         let heading = Line::from(format!("{} {number}: ", words.finding));
         let mut facts = vec![
             (words.side, Line::strong(side_of(words, finding))),
-            (words.depth, depth(words, finding.depth_mm).into()),
+            (words.depth, millimetres(words, finding.depth_mm).into()),
             (
                 words.position,
                 position(words, finding.middle_in_patient()).into(),
@@ -394,7 +388,7 @@ impl Report {
             _ => words.other_side,
         };
         let view = words.view(pictures.view);
-        let depth = depth(words, finding.depth_mm);
+        let depth = millimetres(words, finding.depth_mm);
         let picture = |shot: &'a Shot, shown: String| {
             let caption = self.what(words, shot.shows).and(format!(", {shown}"));
             Picture { shot, caption }
@@ -589,7 +583,7 @@ fn row_of(words: &Words, rank: &str, place: &CandidateFacts) -> Vec<Line> {
         rank.into(),
         words.side(place.side).into(),
         words.region(place.region).into(),
-        depth(words, place.depth_mm).into(),
+        millimetres(words, place.depth_mm).into(),
         position(words, place.position_in_patient).into(),
         words.number(place.score, 2).into(),
         words.unusual(place.unusual).into(),
@@ -605,7 +599,7 @@ fn line_about(words: &Words, finding: &Finding) -> Line {
         " ({}{}, {}, {})",
         side_of(words, finding),
         gyrus.unwrap_or_default(),
-        depth(words, finding.depth_mm),
+        millimetres(words, finding.depth_mm),
         position(words, finding.middle_in_patient()),
     );
     let line = Line::foreign(&finding.label).and(place);
@@ -646,7 +640,7 @@ fn patient_of(words: &Words, stated: &[(&str, String)]) -> Line {
 fn measures(words: &Words, finding: &Finding) -> Vec<(&'static str, Line)> {
     let points = &finding.points_in_patient;
     let vectors: Vec<_> = points.iter().copied().map(DVec3::from_array).collect();
-    let length = (words.length, depth(words, length_of(&vectors)).into());
+    let length = (words.length, millimetres(words, length_of(&vectors)).into());
     match (finding.kind, &**points) {
         (FindingKind::Line, _) => vec![length],
         (FindingKind::Trajectory, [entry, target]) => vec![
@@ -672,7 +666,7 @@ fn minute(time: &str) -> String {
     format!("{day} {clock} UTC")
 }
 
-fn depth(words: &Words, mm: impl Into<f64>) -> String {
+fn millimetres(words: &Words, mm: impl Into<f64>) -> String {
     format!("{} mm", words.number(mm, 1))
 }
 
