@@ -63,7 +63,8 @@ def draw_a_head(report, docker, port):
 
 
 def variables_of_the_image():
-    block = re.search(r"^ENV (.*?[^\\])\n", text_of("Dockerfile"), re.DOTALL | re.MULTILINE).group(1)
+    # Stages before the last one have variables of their own.
+    *_, block = re.findall(r"^ENV (.*?[^\\])\n", text_of("Dockerfile"), re.DOTALL | re.MULTILINE)
     return dict(word.split("=", 1) for word in block.replace("\\\n", " ").split() if "=" in word)
 
 
