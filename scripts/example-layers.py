@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes the layers of docs/layers.md from a T1 and the mask of its brain: a FLAIR, a PET, a statistical map, labels, and a
+"""Makes the layers of docs/http.md from a T1 and the mask of its brain: a FLAIR, a PET, a statistical map, labels, and a
 prediction as MELD writes it. All are synthetic. Needs numpy, scipy and nibabel.
 
     scripts/example-layers.py T1.nii.gz MASK.nii.gz FOLDER

@@ -1,12 +1,11 @@
 #!/usr/bin/env python3
-"""Draws docs/cuts.png: depth beside a cut through the brain, before and after faces of the volume stopped counting as dura.
+"""Draws docs/cuts.png: where depths are shown in a brain that its volume cuts.
 
     lab/scripts/draw-cuts.py VOLUME MASK [PROGRAM]
 
 VOLUME and MASK are Colin27 (https://packages.debian.org/mricron-data, ch2.nii.gz) and a mask of its brain, with the same voxels.
-Rows: the whole head; without the slices above 20 mm below the vertex, and without those below 50 mm above the lowest slice of the
-brain. Columns: the cut head with 30 mm of air added, so that the cut is no face of the volume and counts as dura, as all
-faces did before; and the cut head as it is. Needs Pillow.
+Columns: the whole head; without the slices above 20 mm below the vertex; without those below 50 mm above the lowest slice of the
+brain. Needs Pillow.
 """
 
 import gzip
@@ -22,7 +21,6 @@ import urllib.request
 
 from PIL import Image, ImageDraw
 
-AIR = 30
 PIXELS = 300
 QUERY = f"depth_mm=5,10,20&width={PIXELS}&height={PIXELS}"
 
@@ -97,30 +95,19 @@ def main():
                 with open(log.name) as lines:
                     found = [word for line in lines for word in line.split() if word.startswith("http://127")]
                 address = found[0].rstrip("/") if found else ""
-            rows = []
-            for (first, last), view in zip(ranges, ("view=superior", "view=superior", "view=inferior")):
-                cells = []
-                for is_padded in (True, False):
-                    if (is_padded, first, last) == (True, 0, len(volume[1])):
-                        continue
-                    parts = []
-                    for header, slices in (volume, mask):
-                        air = [bytes(len(slices[0]))] * (AIR if is_padded else 0)
-                        kept = slices[first:last]
-                        start = first - (len(air) if first else 0)
-                        parts.append(written(header, air + kept if first else kept + air, start))
-                    cells += picture(address, *parts, f"render?{view}&renderer=trace")
-                rows.append(cells)
+            columns = []
+            for first, last in ranges:
+                parts = [written(header, slices[first:last], first) for header, slices in (volume, mask)]
+                columns.append(picture(address, *parts, "render?view=left"))
         finally:
             server.terminate()
             server.wait()
-    words = ["the whole head", "20 mm cut off above: before, and now", "50 mm cut off below: before, and now"]
-    sheet = Image.new("RGB", (4 * PIXELS, 3 * (PIXELS + 20)), "black")
-    for row, (cells, title) in enumerate(zip(rows, words)):
-        top = row * (PIXELS + 20)
-        ImageDraw.Draw(sheet).text((6, top + 5), title, fill="white")
-        for column, cell in enumerate(cells):
-            sheet.paste(cell, (column * PIXELS, top + 20))
+    words = ["the whole head", "20 mm cut off above", "50 mm cut off below"]
+    sheet = Image.new("RGB", (3 * PIXELS, 2 * PIXELS + 20), "black")
+    for column, (cells, title) in enumerate(zip(columns, words)):
+        ImageDraw.Draw(sheet).text((column * PIXELS + 6, 5), title, fill="white")
+        for row, cell in enumerate(cells):
+            sheet.paste(cell, (column * PIXELS, row * PIXELS + 20))
     sheet.quantize(96).save("docs/cuts.png", optimize=True)
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Draws the pictures of synthetic layers in docs/layers.md: docs/layer-*.png.
+# Draws the pictures of synthetic layers in docs/http.md: docs/layer-*.png.
 #
 #     lab/scripts/draw-layers.sh VOLUME MASK
 #

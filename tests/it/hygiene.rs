@@ -77,20 +77,41 @@ fn every_make_command_of_the_documents_is_in_the_makefile() {
     }
 }
 
+/// The names by which the headings and the anchors of a document are linked to.
+fn anchors_of(text: &str) -> BTreeSet<String> {
+    let mut is_code = false;
+    let mut found = words_after(text, "<a id=\"", |letter| letter != '"');
+    for line in text.lines() {
+        is_code ^= line.starts_with("```");
+        if is_code || !line.starts_with('#') {
+            continue;
+        }
+        let heading = line.trim_start_matches('#').trim().to_lowercase();
+        let kept = heading.chars().filter_map(|letter| match letter {
+            ' ' => Some('-'),
+            '-' | '_' => Some(letter),
+            _ => letter.is_alphanumeric().then_some(letter),
+        });
+        found.insert(kept.collect());
+    }
+    found
+}
+
 #[test]
-fn every_path_that_a_document_links_to_exists() {
+fn every_path_and_every_heading_that_a_document_links_to_exists() {
     for document in documents() {
         let path = root().join(&document);
         let folder = path.parent().expect("a document lies in a folder");
-        let links = words_after(&read(&document), "](", |letter| {
-            !matches!(letter, ')' | '#')
-        });
+        let links = words_after(&read(&document), "](", |letter| letter != ')');
         for link in links.iter().filter(|link| !link.contains("://")) {
-            assert!(
-                folder.join(link).exists(),
-                "{} links to {link}",
-                document.display()
-            );
+            let (file, anchor) = link.split_once('#').unwrap_or((link, ""));
+            let target = match file {
+                "" => path.clone(),
+                _ => folder.join(file),
+            };
+            let exists = target.exists()
+                && (anchor.is_empty() || anchors_of(&read(&target)).contains(anchor));
+            assert!(exists, "{} links to {link}", document.display());
         }
     }
 }

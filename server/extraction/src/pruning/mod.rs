@@ -46,7 +46,7 @@ const MOST_EROSION_MM: f64 = 12.0;
 /// The greatest volume of the marker, in ml: the inside of a brain, without scalp.
 const LARGEST_MARKER_ML: f64 = 700.0;
 
-/// The lengths and the fraction of tree pruning. Which heads they were chosen on: `docs/extraction.md`.
+/// The lengths and the fraction of tree pruning. Which heads they were chosen on: `lab/docs/extraction.md`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PruningParameters {
     /// The least radius of the erosion that separates the brain from everything else, in mm.
