@@ -41,10 +41,11 @@ type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
 
 /// Volume rendering of a study
 ///
-/// A picture of the newest ready case of the study (PS3.18, Supplement 228). JPEG by default, PNG on request, several pictures as
+/// A picture of the case that a link to the study opens (PS3.18, Supplement 228). JPEG by default, PNG on request, several pictures as
 /// `multipart/related`. Keys of the standard: `orientation`, `viewpointposition`, `viewpointlookat`, `viewpointup`, `window`, `viewport`,
 /// `quality`, `annotation`, `swivelrange`, `animationstepsize`, `animationrate`, `renderingmethod`, `renderedvolumetricmetadata`. Our own:
-/// `depth_mm`, `renderer`, `colormap`, `slab_mm`, `ambient`, `layer`, `overlay`, `overlay_window`, `overlay_threshold`, `overlay_opacity`.
+/// `depth_mm`, `surface`, `renderer`, `colormap`, `slab_mm`, `ambient`, `layer`, `overlay`, `overlay_window`, `overlay_colormap`,
+/// `overlay_threshold`, `overlay_opacity`.
 #[utoipa::path(
     get, path = "/dicomweb/studies/{study}/rendered3D", tag = "pacs", operation_id = "render_study",
     params(StudyPath, RenderedParams),
