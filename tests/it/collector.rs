@@ -319,6 +319,25 @@ async fn a_collector_may_require_a_certificate() {
     sent.end().await;
 }
 
+/// rsyslog with GnuTLS does so, if it does not want our certificate.
+#[tokio::test]
+async fn a_collector_that_leaves_after_the_handshake_without_a_word_is_none() {
+    let Some(ours) = Certificates::make() else {
+        return;
+    };
+    let identity = TlsIdentity::read(&ours.read("cert.pem"), &ours.read("key.pem")).unwrap();
+    let acceptor = TlsAcceptor::from(listening_tls(&identity, None).unwrap());
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let port = listener.local_addr().unwrap().port();
+    let leaving = tokio::spawn(async move {
+        let (stream, _) = listener.accept().await.unwrap();
+        drop(acceptor.accept(stream).await.unwrap());
+    });
+    let refused = collector_at(port, &ours).test().await;
+    assert!(refused.is_err());
+    leaving.await.unwrap();
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_sends_its_record_and_its_metrics_tell() {
     let Some(ours) = Certificates::make() else {

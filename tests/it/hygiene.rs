@@ -199,3 +199,27 @@ fn children_and_caches_fit_into_the_memory_of_the_shipped_containers() {
     }
     assert_eq!(containers, 5);
 }
+
+#[test]
+fn every_test_that_a_measurement_was_made_with_exists() {
+    let mut code = String::new();
+    for folder in ["server", "tests"] {
+        texts_below(&root().join(folder), &["rs"], &mut code);
+    }
+    let named = words_after(&read("lab/docs/reliability.md"), "test(", |letter| {
+        letter != ')'
+    });
+    assert!(named.len() > 20, "{named:?}");
+    for name in named {
+        let module = name.trim_end_matches("::");
+        let is_there = ["fn ", "mod "]
+            .iter()
+            .flat_map(|kind| code.split(kind).skip(1))
+            .any(|rest| {
+                rest.split(['(', ';', ' ', '<'])
+                    .next()
+                    .is_some_and(|it| it.contains(module))
+            });
+        assert!(is_there, "no test has {name} in its name");
+    }
+}

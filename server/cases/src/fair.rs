@@ -26,8 +26,8 @@ pub(crate) fn this_client() -> Client {
 ///
 /// A free turn goes to the waiting client with the fewest turns, among those to the one whose last turn began first, and among its
 /// requests to the one that has waited longest, so that a client with many requests delays its own. If all places are taken, the
-/// client with the most of them loses the last of those that have not had a turn to a client with fewer. One identity has at most half of
-/// the places, at however many addresses it is, or as many as may run.
+/// client with the most of them loses the last of those that have not had a turn to a client with fewer. One identity, at
+/// however many addresses, has at most as many places as it leaves free, or as many as may run.
 #[derive(Debug, Clone)]
 pub(crate) struct FairLimit {
     running: usize,
@@ -90,10 +90,11 @@ impl FairLimit {
     /// A place for a client; `None` if all are taken and no other client has many more.
     pub(crate) fn enter(&self, client: Client) -> Option<FairPlace> {
         let mut queue = self.lock();
-        let most_of_one = self.places.div_ceil(2).max(self.running);
+        let free = self.places - queue.places();
+        let most_of_one = free.max(self.running);
         // Then only one of its own may lose a place.
         let within = (client.identity).filter(|&own| queue.places_of(own) >= most_of_one);
-        let is_full = queue.places() >= self.places || within.is_some();
+        let is_full = free == 0 || within.is_some();
         if is_full && !queue.make_room(client, within) {
             return None;
         }
@@ -286,7 +287,11 @@ mod tests {
             .map(|number| limit.enter(named(number, "greedy")).unwrap())
             .collect();
         assert!(limit.enter(named(9, "greedy")).is_none());
-        assert!(limit.enter(named(9, "other")).is_some());
+        let _others: Vec<_> = (0..2)
+            .map(|number| limit.enter(named(number, "other")).unwrap())
+            .collect();
+        assert!(limit.enter(named(9, "other")).is_none(), "half of the rest");
+        assert!(limit.enter(named(9, "third")).is_some());
     }
 
     #[tokio::test]

@@ -1,8 +1,7 @@
 //! Places that clients share: for connections, uploads, streams of events and associations.
 
 use std::collections::HashMap;
-use std::hash::Hash;
-use std::net::{IpAddr, Ipv4Addr};
+use std::net::IpAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// How many times the least rate a client must keep if all places are taken.
@@ -54,7 +53,8 @@ impl Identity {
     }
 }
 
-/// A number of places, of which one address may take only some, and one [`Identity`] half. Cheap to clone.
+/// A number of places, of which one client may take only some. One [`Identity`], at however many addresses, takes at most as many as it
+/// leaves free: alone half, two a third each, and the second of two a quarter if the first came long before. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Places {
     most: usize,
@@ -63,24 +63,19 @@ pub struct Places {
     held: Arc<Mutex<Held>>,
 }
 
-/// How many places are taken.
+/// How many places each client has that has any.
 #[derive(Debug, Default)]
-struct Held {
-    all: usize,
-    by_address: HashMap<IpAddr, usize>,
-    by_identity: HashMap<Identity, usize>,
-}
+struct Held(HashMap<Client, usize>);
 
 /// A place, until it is dropped.
 #[derive(Debug)]
 pub struct Place {
-    address: IpAddr,
-    identity: Option<Identity>,
+    client: Client,
     places: Places,
 }
 
 impl Places {
-    /// `most` places, of which one address takes at most `most_of_one`.
+    /// `most` places, of which one client takes at most `most_of_one`.
     pub fn new(most: usize, most_of_one: usize) -> Self {
         Self {
             most,
@@ -89,7 +84,7 @@ impl Places {
         }
     }
 
-    /// `most` places, of which one address takes at most a quarter.
+    /// `most` places, of which one client takes at most a quarter.
     pub fn in_quarters(most: usize) -> Self {
         Self::new(most, most.div_ceil(4))
     }
@@ -103,7 +98,7 @@ impl Places {
         self.take_at_most(client, most_of_one)
     }
 
-    /// A place, if there is any, however many this address has.
+    /// A place, if there is any, however many this client has.
     pub fn take_any(&self, client: Client) -> Option<Place> {
         self.take_at_most(client, self.most)
     }
@@ -115,30 +110,25 @@ impl Places {
 
     /// The share that is taken.
     fn taken(&self) -> f64 {
-        self.held().all as f64 / self.most.max(1) as f64
+        self.held().all() as f64 / self.most.max(1) as f64
     }
 
-    fn take_at_most(&self, client: Client, most_of_address: usize) -> Option<Place> {
-        let address = client.address.unwrap_or(Ipv4Addr::UNSPECIFIED.into());
-        let (address, identity) = (network_of(address), client.identity);
+    fn take_at_most(&self, client: Client, most_of_one: usize) -> Option<Place> {
+        let client = Client {
+            address: client.address.map(network_of),
+            ..client
+        };
         let mut held = self.held();
-        let of_address = held.by_address.get(&address).copied().unwrap_or(0);
-        let of_identity = identity.and_then(|identity| held.by_identity.get(&identity));
-        if held.all >= self.most
-            || of_address >= most_of_address
-            || of_identity.is_some_and(|&taken| taken >= self.most.div_ceil(2))
-        {
+        let free = self.most - held.all();
+        let of_identity = client.identity.map_or(0, |own| held.of_identity(own));
+        let own = held.0.get(&client).copied().unwrap_or(0);
+        if of_identity >= free || own >= most_of_one {
             return None;
         }
-        held.all += 1;
-        *held.by_address.entry(address).or_default() += 1;
-        if let Some(identity) = identity {
-            *held.by_identity.entry(identity).or_default() += 1;
-        }
+        held.0.insert(client, own + 1);
         drop(held);
         Some(Place {
-            address,
-            identity,
+            client,
             places: self.clone(),
         })
     }
@@ -149,22 +139,25 @@ impl Places {
     }
 }
 
-impl Drop for Place {
-    fn drop(&mut self) {
-        let mut held = self.places.held();
-        held.all -= 1;
-        give_back(&mut held.by_address, self.address);
-        if let Some(identity) = self.identity {
-            give_back(&mut held.by_identity, identity);
-        }
+impl Held {
+    fn all(&self) -> usize {
+        self.0.values().sum()
+    }
+
+    fn of_identity(&self, identity: Identity) -> usize {
+        let own = self.0.iter();
+        let own = own.filter(|(client, _)| client.identity == Some(identity));
+        own.map(|(_, count)| count).sum()
     }
 }
 
-/// Counts one less for somebody.
-fn give_back<K: Eq + Hash>(counts: &mut HashMap<K, usize>, key: K) {
-    match counts.get_mut(&key) {
-        Some(count) if *count > 1 => *count -= 1,
-        _ => drop(counts.remove(&key)),
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut held = self.places.held();
+        match held.0.get_mut(&self.client) {
+            Some(count) if *count > 1 => *count -= 1,
+            _ => drop(held.0.remove(&self.client)),
+        }
     }
 }
 
@@ -188,15 +181,18 @@ mod tests {
         Client::at(text.parse().unwrap())
     }
 
+    /// Somebody with a name.
+    fn named(number: u8, name: &str) -> Client {
+        Client {
+            identity: Some(Identity::of(name)),
+            ..Client::at(IpAddr::from([10, 0, 0, number]))
+        }
+    }
+
     #[test]
     fn one_identity_takes_half_of_the_places_at_however_many_addresses() {
         let places = Places::in_quarters(8);
-        let take = |number: u8, name: &str| {
-            places.take(Client {
-                address: Some(IpAddr::from([10, 0, 0, number])),
-                identity: Some(Identity::of(name)),
-            })
-        };
+        let take = |number, name| places.take(named(number, name));
         let held: Vec<_> = (0..4).map(|number| take(number, "greedy")).collect();
         assert!(held.iter().all(Option::is_some));
         assert!(take(9, "greedy").is_none());
@@ -204,8 +200,37 @@ mod tests {
         assert!(places.take(ip("10.0.0.9")).is_some(), "without a name");
         drop(held);
         assert!(take(9, "greedy").is_some());
-        let held = places.held();
-        assert!(held.by_identity.is_empty() && held.by_address.is_empty());
+        assert!(places.held().0.is_empty());
+    }
+
+    #[test]
+    fn several_identities_leave_room_for_one_more() {
+        let places = Places::in_quarters(32);
+        let mut held = Vec::new();
+        let mut count = |name: &str| {
+            let taken = (0..=255).filter_map(|number| places.take(named(number, name)));
+            let before = held.len();
+            held.extend(taken);
+            held.len() - before
+        };
+        assert_eq!(["a", "b", "c", "a", "d"].map(&mut count), [16, 8, 4, 0, 2]);
+        assert_eq!(count("e"), 1);
+        drop(held);
+        // Those that come at the same time have as many each.
+        let mut held = Vec::new();
+        for number in 0..=255 {
+            held.extend(["a", "b", "c"].map(|name| places.take(named(number, name))));
+        }
+        held.retain(Option::is_some);
+        assert_eq!(held.len(), 24);
+    }
+
+    #[test]
+    fn two_identities_at_one_address_have_places_of_their_own() {
+        let places = Places::in_quarters(8);
+        let _held = [(); 2].map(|()| places.take(named(1, "greedy")).unwrap());
+        assert!(places.take(named(1, "greedy")).is_none());
+        assert!(places.take(named(1, "other")).is_some());
     }
 
     #[test]

@@ -44,6 +44,9 @@ const KEPT_EVERY: Duration = Duration::from_secs(5);
 /// How often the record is looked at.
 const TICK: Duration = Duration::from_millis(500);
 
+/// How long a connection lasts that is not refused.
+const SETTLED: Duration = Duration::from_secs(1);
+
 /// How often a process that may not send tries again.
 const OTHER_SENDS: Duration = Duration::from_secs(5);
 
@@ -163,12 +166,19 @@ impl Collector {
     /// # Errors
     /// If the collector is away, has another certificate, or refuses ours.
     pub async fn test(&self) -> Result<(), Unsent> {
-        let (reading, writing) = tokio::io::split(self.connect().await?);
+        let (mut reading, writing) = tokio::io::split(self.connect().await?);
+        let refused = |error: io::Error| Unsent::new("refused", error);
+        // A certificate of ours that it does not want is refused after the handshake, by some without a word.
+        if let Ok(read) = tokio::time::timeout(SETTLED, reading.read(&mut [0; 64])).await
+            && read.map_err(refused)? == 0
+        {
+            return Err(refused(io::ErrorKind::ConnectionAborted.into()));
+        }
         let closed = tokio::time::timeout(LAST, close(reading, writing)).await;
         match closed {
             // Some close only when they have something to do. With a certificate that it does not want it would have said so.
             Err(_elapsed) => Ok(()),
-            Ok(closed) => closed.map_err(|error| Unsent::new("refused", error)),
+            Ok(closed) => closed.map_err(refused),
         }
     }
 }
@@ -477,7 +487,14 @@ impl Sending {
         stream: TlsStream<TcpStream>,
     ) -> Paused {
         let (mut reading, mut writing) = tokio::io::split(stream);
-        let lost = |error: io::Error| Paused::Failed(Unsent::new("lost", error));
+        let lost = |error: io::Error| {
+            // Whether it ends TLS too does not matter here.
+            let error = match error.kind() {
+                io::ErrorKind::UnexpectedEof => io::ErrorKind::ConnectionAborted.into(),
+                _ => error,
+            };
+            Paused::Failed(Unsent::new("lost", error))
+        };
         let mut deadline = None;
         self.progress.is_connected.store(true, Ordering::Relaxed);
         loop {
@@ -518,9 +535,9 @@ impl Sending {
                 continue;
             }
             if deadline.is_some() {
-                // What was sent has arrived if the collector closes the connection in order.
+                // What was sent has arrived if the collector, which has accepted the connection, closes it in order.
                 let closed = tokio::time::timeout(LAST, close(reading, writing)).await;
-                if matches!(closed, Ok(Ok(()))) {
+                if self.is_settled && matches!(closed, Ok(Ok(()))) {
                     self.keep(trail, &recent.last);
                 }
                 return Paused::Stopped;

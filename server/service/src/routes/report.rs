@@ -40,8 +40,8 @@ pub async fn get_report(
     let (format, media_type) = match is_pdf {
         true => (ReportFormat::Pdf, PDF),
         false => {
-            let policy = HeaderValue::from_static(POLICY);
-            headers.insert(header::CONTENT_SECURITY_POLICY, policy);
+            let policy = HeaderValue::try_from(format!("{POLICY}; frame-ancestors 'none'"));
+            headers.extend(policy.map(|policy| (header::CONTENT_SECURITY_POLICY, policy)));
             (ReportFormat::Html, "text/html; charset=utf-8")
         }
     };

@@ -62,11 +62,9 @@ async fn the_report_shows_what_was_marked_and_runs_nothing() {
     let report = server.get(&format!("{case}/report")).await;
     assert_eq!(report.status, 200, "{:?}", report.headers);
     assert_eq!(report.header("content-type"), "text/html; charset=utf-8");
-    assert!(
-        report
-            .header("content-security-policy")
-            .starts_with("default-src 'none'; img-src data:")
-    );
+    let policy = report.header("content-security-policy");
+    assert!(policy.starts_with("default-src 'none'; img-src data:"));
+    assert!(policy.ends_with("; frame-ancestors 'none'"), "{policy}");
     let html = String::from_utf8(report.body.to_vec()).unwrap();
     assert!(html.contains("&lt;script&gt;alert(1)&lt;/script&gt;"));
     for forbidden in ["<script", "<img src=x", "http://", "https://", "src=\"/"] {

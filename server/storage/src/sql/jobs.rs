@@ -195,25 +195,28 @@ pub(super) async fn oldest_of_each_kind(
     rows.iter().map(read).collect()
 }
 
-/// The number of jobs of a kind that wait for a lease.
+/// The number of jobs of a kind that wait for a lease, of the clients of a name or, if it is empty, of all.
 pub(super) async fn waiting(
     connection: &mut Connection,
     kind: JobKind,
+    name: &str,
 ) -> Result<usize, StoreError> {
     let row = connection
         .query(
             // SQLite uses the index of open jobs only for the words of its condition.
             "SELECT count(*) AS count FROM jobs
-             WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'",
+             WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'
+               AND ($2 = '' OR substr(client, 17) = $2)",
         )
         .bind(kind.name())
+        .bind(name)
         .fetch_one()
         .await?;
     let count: i64 = row.get("count")?;
     Ok(usize::try_from(count).unwrap_or(0))
 }
 
-/// Refuses one more job of a kind of a client if `most` wait, or a quarter of `most` of the address of the client, or half of its name.
+/// Refuses one more job of a kind of a client if `most` wait, or a quarter of `most` of the client, or as many of its name as are free.
 /// Nobody is this program itself, which may take all.
 pub(super) async fn check_room(
     connection: &mut Connection,
@@ -221,39 +224,36 @@ pub(super) async fn check_room(
     client: &str,
     now: i64,
 ) -> Result<(), StoreError> {
-    let (address, name) = client
-        .split_at_checked(ADDRESS_DIGITS)
-        .unwrap_or((client, ""));
-    let mut wait = time_to_a_place(connection, (kind, most), ["", ""], now).await?;
-    if !address.is_empty() && !address.starts_with('-') {
+    let of_name = match client.get(ADDRESS_DIGITS..).unwrap_or_default() {
+        "" => 0,
+        name => waiting(connection, kind, name).await?,
+    };
+    let limit = (kind, most.saturating_sub(of_name));
+    let mut wait = time_to_a_place(connection, limit, "", now).await?;
+    if !client.is_empty() && !client.starts_with('-') {
         let limit = (kind, most.div_ceil(4));
-        wait = wait.max(time_to_a_place(connection, limit, [address, ""], now).await?);
-    }
-    if !name.is_empty() {
-        let limit = (kind, most.div_ceil(2));
-        wait = wait.max(time_to_a_place(connection, limit, ["", name], now).await?);
+        wait = wait.max(time_to_a_place(connection, limit, client, now).await?);
     }
     wait.map_or(Ok(()), |wait| Err(StoreError::QueueFull(wait)))
 }
 
-/// After how long fewer than `most` jobs of a kind will wait, of an address and a name or, if these are empty, of all; `None` if fewer do.
+/// After how long fewer than `most` jobs of a kind will wait, of a client or, if it is empty, of all; `None` if fewer do.
 ///
 /// Since the oldest one came, there has always been one, so those that have ended since then tell the pace.
 async fn time_to_a_place(
     connection: &mut Connection,
     (kind, most): (JobKind, usize),
-    [address, name]: [&str; 2],
+    client: &str,
     now: i64,
 ) -> Result<Option<Duration>, StoreError> {
     let row = connection
         .query(
             "SELECT count(*) AS count, coalesce(min(created_at), 0) AS oldest FROM jobs
              WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'
-               AND ($2 = '' OR substr(client, 1, 16) = $2) AND ($3 = '' OR substr(client, 17) = $3)",
+               AND ($2 = '' OR client = $2)",
         )
         .bind(kind.name())
-        .bind(address)
-        .bind(name)
+        .bind(client)
         .fetch_one()
         .await?;
     let (count, oldest): (i64, i64) = (row.get("count")?, row.get("oldest")?);
@@ -263,13 +263,12 @@ async fn time_to_a_place(
     }
     let row = connection
         .query(
-            "SELECT count(*) AS ended, coalesce(max(ended_at), $4) AS last FROM jobs
-             WHERE kind = $1 AND state IN ('done', 'failed') AND ended_at > $4
-               AND ($2 = '' OR substr(client, 1, 16) = $2) AND ($3 = '' OR substr(client, 17) = $3)",
+            "SELECT count(*) AS ended, coalesce(max(ended_at), $3) AS last FROM jobs
+             WHERE kind = $1 AND state IN ('done', 'failed') AND ended_at > $3
+               AND ($2 = '' OR client = $2)",
         )
         .bind(kind.name())
-        .bind(address)
-        .bind(name)
+        .bind(client)
         .bind(oldest)
         .fetch_one()
         .await?;
