@@ -7,6 +7,7 @@ import { after, before, test } from "node:test";
 
 import type { Browser, Page } from "playwright-core";
 
+import { violations } from "./axe.ts";
 import { brainMask, markedVolume } from "./phantom.ts";
 import { bare } from "./pixels.ts";
 import {
@@ -550,6 +551,50 @@ test("the list is sorted, walked through with arrows, and its rows are low", { s
   await page.keyboard.press("Escape");
   await page.locator("#case-order").selectOption("newest");
 });
+
+test(
+  "in a long list of one title, rows say what tells them apart, and the open one leaves no sliver of another",
+  { skip, timeout: 600_000 },
+  async () => {
+    const { page: long, context } = await openPage(browser, { viewport: { width: 1024, height: 768 } });
+    await long.route(/\/v1\/cases(\?.*)?$/, async (route) => {
+      const response = await route.fetch();
+      const [first] = ((await response.json()) as { cases: { id: string; volume: object }[] }).cases;
+      const many = Array.from({ length: 30 }, (_, at) => ({
+        ...first,
+        name: "T1",
+        id: at === 12 ? first?.id : at.toString(16).padStart(32, "0"),
+        volume: { ...first?.volume, series_number: at + 1 },
+      }));
+      await route.fulfill({ response, json: { cases: many } });
+    });
+    await long.route(/render\?/, (route) => route.abort());
+    await long.goto(`${origin}/?renderer=server`);
+    const list = async (): Promise<void> => {
+      if (!(await long.locator("#case-list").isVisible()))
+        await long.getByRole("button", { name: "list of cases" }).click();
+      await long.waitForSelector("#case-list li");
+    };
+    await list();
+    assert.deepEqual(
+      (await long.locator("#case-list .status:visible").allInnerTexts()).slice(0, 3).map((one) => one.split(" · ")[0]),
+      ["Series 1", "Series 2", "Series 3"],
+    );
+    await long.locator(`#case-list li[aria-posinset="13"] a`).click();
+    await long.waitForSelector("#case-list [aria-current]");
+    await list();
+    // It stays at the lower edge, then at the upper one, and covers most of a row.
+    for (const scrolled of [0, 14, 861]) {
+      await long.locator(".case-scroller").evaluate(async (scroller, to) => {
+        scroller.scrollTop = to;
+        await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+      }, scrolled);
+      assert.deepEqual(await violations(long), [], `scrolled by ${scrolled}`);
+    }
+    await keep(long, "long-list");
+    await context.close();
+  },
+);
 
 async function writtenPhantom(): Promise<string[]> {
   const files = [

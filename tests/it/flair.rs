@@ -115,6 +115,7 @@ async fn first_place(server: &Server, case: &str) -> (DVec3, f64) {
     assert_eq!(list.status, StatusCode::OK, "{list:?}");
     let list = list.json();
     // No limit is known for this map.
+    assert_eq!(list["caveat"]["reason_code"], "untested-flair", "{list}");
     assert!(
         list["limits"].is_null() && list["nothing_stands_out"].is_null(),
         "{list}"

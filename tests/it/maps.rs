@@ -463,6 +463,57 @@ async fn a_list_states_what_stands_out_and_doubts_the_regions_of_half_a_brain() 
     assert_eq!(unknown.status, StatusCode::BAD_REQUEST, "{unknown:?}");
 }
 
+/// Limits of thickness were read off voxels of at most 1 mm.
+#[tokio::test]
+async fn a_head_of_coarse_voxels_has_no_limit_of_thickness_and_says_so_everywhere() {
+    let (server, case) = ready().await;
+    let address = format!("{case}/candidates?map=thickness");
+    let thick = server.get(&address).await.json();
+    assert_eq!(thick["caveat"]["reason_code"], "thickness-coarse-voxels");
+    let reason = thick["caveat"]["reason"].as_str().unwrap();
+    assert!(
+        reason.starts_with("with voxels of 1.6 mm, no limit"),
+        "{reason}"
+    );
+    assert!(thick["limits"].is_null() && thick["nothing_stands_out"].is_null());
+    let places = thick["candidates"].as_array().unwrap();
+    assert!(!places.is_empty() && places.iter().all(|place| place["unusual"].is_null()));
+    let blur = server.get(&format!("{case}/candidates")).await.json();
+    assert_eq!(blur["caveat"]["reason_code"], "blur-coarse-voxels");
+    assert_eq!(blur["limits"]["unusual_above"], 2.25);
+    let csv = [("accept", "text/csv")];
+    let csv = server.get_with(&address, &csv).await;
+    let text = String::from_utf8(csv.body.to_vec()).unwrap();
+    let rows = text.split_terminator("\r\n").skip(1);
+    assert!(
+        rows.clone()
+            .all(|row| row.ends_with(",,,thickness-coarse-voxels")),
+        "{text}"
+    );
+    assert_eq!(rows.count(), places.len());
+    for (language, of_thickness, of_blur) in [
+        (
+            "en",
+            "no limit of thickness is known",
+            "a place that stands out means less",
+        ),
+        (
+            "pt-BR",
+            "não se conhece um limite de espessura",
+            "um local que se destaca significa menos",
+        ),
+    ] {
+        let report = server
+            .get(&format!("{case}/report?language={language}"))
+            .await;
+        let html = String::from_utf8(report.body.to_vec()).unwrap();
+        assert!(
+            html.contains(of_thickness) && html.contains(of_blur),
+            "{language}"
+        );
+    }
+}
+
 /// A head with a cerebellum below a tentorium, a brain stem and nuclei, as files: volume and mask.
 fn whole_head() -> [Vec<u8>; 2] {
     let (phantom, grid) = (BrainPhantom::PLAIN, regions_phantom::grid());
@@ -511,6 +562,7 @@ async fn places_outside_the_cerebrum_are_listed_on_request_with_their_region() {
     assert_ne!(places(&thick), places(&usual));
     assert_eq!(thick["limits"]["unusual_above"], 5.5);
     assert_eq!(usual["limits"]["unusual_above"], 2.25);
+    assert!(thick["caveat"].is_null() && usual["caveat"].is_null());
     for place in places(&thick) {
         let expected = match score(&place) {
             score if score > 5.5 => "yes",
@@ -598,7 +650,7 @@ async fn candidates_descend_and_come_as_csv_as_well() {
     let text = String::from_utf8(csv.body.to_vec()).unwrap();
     let rows: Vec<_> = text.split_terminator("\r\n").collect();
     assert_eq!(rows.len(), 6);
-    assert!(rows[0].ends_with(",region,unusual,gyrus"), "{text}");
+    assert!(rows[0].ends_with(",region,unusual,gyrus,caveat"), "{text}");
     assert!(
         rows[1].starts_with("1,") && rows[1].contains(",left,"),
         "{text}"

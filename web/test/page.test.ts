@@ -2,8 +2,8 @@ import assert from "node:assert/strict";
 import { afterEach, before, test } from "node:test";
 
 import { Problem, getCase, listCases, onReach, onTokenWanted, problemFrom } from "../src/base/api.ts";
-import { caseIdentity, caseStatus, reasonWords } from "../src/base/case-words.ts";
-import type { Quality } from "../src/model/case.ts";
+import { alike, caseIdentity, caseStatus, reasonWords, shortTitle, toldApart } from "../src/base/case-words.ts";
+import type { Quality, ReadyCase } from "../src/model/case.ts";
 import { doubtsOf } from "../src/model/quality.ts";
 import { matches } from "../src/page/cases.ts";
 import { pathOf, reachOfChart, ticks } from "../src/page/chart.ts";
@@ -26,6 +26,36 @@ afterEach(() => {
 const json = (status: number, body: unknown): Response =>
   new Response(JSON.stringify(body), { status, headers: { "content-type": "application/problem+json" } });
 const headers = (type: string): Headers => new Headers({ "content-type": type });
+
+test("cases whose rows show one title are told apart by what differs among them", () => {
+  const { volume } = SHOWN;
+  const made = (id: string, created_at: string, of: Partial<typeof volume> = {}): ReadyCase => ({
+    ...SHOWN,
+    id,
+    created_at,
+    name: `T1 of somebody ${id} as it was sent here`,
+    volume: { ...volume, ...of },
+  });
+  const told = (...cases: ReadyCase[]): readonly string[] =>
+    cases.map((one) => toldApart(one, alike(cases).get(shortTitle(one)) ?? []));
+  assert.deepEqual(told(made("1", "2026-01-01T12:00:00")), [""], "alone it needs nothing");
+  assert.deepEqual(told(made("1", "2026-01-01T12:00:00"), made("2", "2026-01-03T12:00:00")), [
+    "Jan 1, 2026",
+    "Jan 3, 2026",
+  ]);
+  assert.deepEqual(
+    told(
+      made("1", "2026-01-01T12:00:00", { series_number: 4 }),
+      made("2", "2026-01-01T12:30:00", { series_number: 7, spacing_mm: [1, 1, 1] }),
+    ),
+    ["Series 4 · 1 × 1 × 2 mm · Jan 1, 2026, 12:00", "Series 7 · 1 mm · Jan 1, 2026, 12:30"],
+  );
+  // Nothing but the ids differs.
+  assert.deepEqual(told(made("1", "2026-01-01T12:00:00"), made("2", "2026-01-01T12:00:30")), [
+    "1 · Jan 1, 2026, 12:00",
+    "2 · Jan 1, 2026, 12:00",
+  ]);
+});
 
 test("that left and right are in doubt is said first, and not as an error of the mask", () => {
   const quality = (state: "ok" | "review" | "failed", ...codes: string[]): Quality => ({

@@ -7,7 +7,7 @@ use glam::DVec3;
 use crate::block::{Block, Zone, depth_at};
 use crate::convolve::{Kernel, smooth_within};
 use crate::regions::Regions;
-use crate::{Head, Region};
+use crate::{Head, MapKind, Region};
 
 /// A side of the patient.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -66,6 +66,85 @@ impl ScoreLimits {
         unusual_above: 5.5,
         borderline_from: 5.0,
     };
+}
+
+/// The longest edge of a voxel at which the limits of `thickness` hold, in mm. They were read off voxels of 0.67 to 1 mm.
+///
+/// Four heads without a lesion were averaged to coarser voxels, each in two ways. Of these eight, 5 have places above the limit at
+/// 1.1 mm (6 places), 7 at 1.2 mm (10) and at 1.5 mm (13), all at 2 mm (42). At 1 mm, one of four has one.
+const THICKNESS_HOLDS_TO_MM: f64 = 1.0;
+/// The same for `blur`: 4 of these eight at 1.1 mm (4 places), 2 at 1.5 mm (2), 6 at 1.75 mm (6), 5 at 2 mm (6); at 1 mm, none of
+/// four.
+const BLUR_HOLDS_TO_MM: f64 = 1.5;
+/// Edges differ by some hundredths from what they are called.
+const EDGE_TOLERANCE_MM: f64 = 0.05;
+
+/// What is to be known about the scores of a map before one is believed to be unusual.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum ScoreCaveat {
+    /// The map is that of a FLAIR.
+    #[error(
+        "no limit is known for this map, because no FLAIR of a head without a lesion was measured: no place is called unusual, and the brightest places are listed of every head"
+    )]
+    UntestedFlair,
+    /// The voxels are too coarse for the limits of `thickness`.
+    #[error(
+        "with voxels of {largest_mm} mm, no limit is known for this map: no place is called unusual, and the highest places are listed of every head. The limits of voxels up to {THICKNESS_HOLDS_TO_MM} mm were exceeded in all of four heads without a lesion that were averaged to 2 mm, by 1 to 8 places"
+    )]
+    CoarseThickness {
+        /// The longest edge of a voxel.
+        largest_mm: f64,
+    },
+    /// The voxels are too coarse for the limits of `blur` to mean the same.
+    #[error(
+        "with voxels of {largest_mm} mm, a place that stands out means less: of four heads without a lesion, none had one at 1 mm, and three had one or two when averaged to 2 mm"
+    )]
+    CoarseBlur {
+        /// The longest edge of a voxel.
+        largest_mm: f64,
+    },
+}
+
+impl ScoreCaveat {
+    /// Its stable name.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::UntestedFlair => "untested-flair",
+            Self::CoarseThickness { .. } => "thickness-coarse-voxels",
+            Self::CoarseBlur { .. } => "blur-coarse-voxels",
+        }
+    }
+}
+
+/// What is known about the scores of a map at the voxels of a head.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Judgement {
+    /// The limits of unusual scores; `None` if none is known.
+    pub limits: Option<ScoreLimits>,
+    /// Why none is known, or why they mean less than in other heads.
+    pub caveat: Option<ScoreCaveat>,
+}
+
+impl Judgement {
+    /// Of a map at voxels with these edges, in mm. Maps that list no places have no limits.
+    pub fn of(kind: MapKind, spacing_mm: [f64; 3]) -> Self {
+        let largest_mm = spacing_mm.into_iter().fold(0.0, f64::max);
+        let is_coarse = |most_mm: f64| largest_mm > most_mm + EDGE_TOLERANCE_MM;
+        let largest_mm = (largest_mm * 100.0).round() / 100.0;
+        let (limits, caveat) = match kind {
+            MapKind::Blur => (
+                Some(ScoreLimits::BLUR),
+                is_coarse(BLUR_HOLDS_TO_MM).then_some(ScoreCaveat::CoarseBlur { largest_mm }),
+            ),
+            MapKind::Thickness if is_coarse(THICKNESS_HOLDS_TO_MM) => {
+                (None, Some(ScoreCaveat::CoarseThickness { largest_mm }))
+            }
+            MapKind::Thickness => (Some(ScoreLimits::THICKNESS), None),
+            MapKind::Flair => (None, Some(ScoreCaveat::UntestedFlair)),
+            _ => (None, None),
+        };
+        Self { limits, caveat }
+    }
 }
 
 /// Whether the score of a place is higher than those of heads without a lesion.
@@ -272,11 +351,12 @@ pub(crate) fn candidates(
     block: &Block,
     scores: &Scores,
     (head, regions): (Head<'_>, &Regions),
-    (choice, limits): (Choice, Option<ScoreLimits>),
+    (choice, kind): (Choice, MapKind),
 ) -> [Vec<Candidate>; 2] {
     let Head { depth, plane, .. } = head;
     let voxel_mm3 = block.grid.patient_from_voxel().matrix3.determinant().abs();
     let rows = scores.rows(block);
+    let Judgement { limits, .. } = Judgement::of(kind, block.spacing_mm);
     let working_from_patient = depth.grid().voxel_from_patient();
     let depth_mm = |position| {
         depth_at(
@@ -313,6 +393,33 @@ pub(crate) fn candidates(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn coarse_voxels_have_no_limit_of_thickness_and_a_caveat_of_blur() {
+        let at = |kind, largest_mm| Judgement::of(kind, [1.0, largest_mm, 1.0]);
+        let known = |limits| Judgement {
+            limits: Some(limits),
+            caveat: None,
+        };
+        assert_eq!(at(MapKind::Thickness, 1.0), known(ScoreLimits::THICKNESS));
+        assert_eq!(at(MapKind::Thickness, 1.04), known(ScoreLimits::THICKNESS));
+        assert_eq!(at(MapKind::Blur, 1.5), known(ScoreLimits::BLUR));
+        let coarse = at(MapKind::Thickness, 1.2);
+        assert_eq!(coarse.limits, None);
+        let words = coarse.caveat.unwrap().to_string();
+        assert!(
+            words.starts_with("with voxels of 1.2 mm, no limit"),
+            "{words}"
+        );
+        let blur = at(MapKind::Blur, 2.0);
+        assert_eq!(blur.limits, Some(ScoreLimits::BLUR));
+        assert_eq!(blur.caveat.unwrap().code(), "blur-coarse-voxels");
+        let flair = at(MapKind::Flair, 1.0);
+        assert_eq!(
+            (flair.limits, flair.caveat),
+            (None, Some(ScoreCaveat::UntestedFlair))
+        );
+    }
 
     #[test]
     fn a_place_within_5_mm_of_the_plane_is_on_neither_side() {

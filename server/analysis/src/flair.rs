@@ -148,8 +148,7 @@ pub fn flair_map(
     let defined = &sharpness.defined;
     let at_defined = defined.iter().map(|&voxel| map[voxel as usize]);
     let stored = StoredMap::new(MapKind::Flair, &block.grid, defined, at_defined);
-    // No limit is known for a FLAIR.
-    let choice = (parameters.choice(), None);
+    let choice = (parameters.choice(), MapKind::Flair);
     let places = candidates(&block, &scores, (head, &regions), choice);
     Ok(FlairMap {
         map: stored,

@@ -45,7 +45,9 @@ mod tissue;
 mod undefined;
 mod width;
 
-pub use candidates::{BORDERLINE_FROM, Candidate, ScoreLimits, Side, UNUSUAL_ABOVE, Unusual};
+pub use candidates::{
+    BORDERLINE_FROM, Candidate, Judgement, ScoreCaveat, ScoreLimits, Side, UNUSUAL_ABOVE, Unusual,
+};
 pub use flair::{Flair, FlairMap, FlairUndefined, flair_map};
 pub use head::Head;
 pub use maps::{MapParameters, Maps, maps, maps_and_division};

@@ -4,7 +4,7 @@ use geometry::Grid;
 
 use crate::MidsagittalPlane;
 use crate::block::Block;
-use crate::candidates::{Candidate, Choice, ScoreLimits, Scores, candidates};
+use crate::candidates::{Candidate, Choice, Scores, candidates};
 use crate::detail::{Band, detail};
 use crate::gradient::{Slope, Weighted, weighted_gradient};
 use crate::head::Head;
@@ -194,20 +194,19 @@ fn maps_of(
     let blur_map = store(MapKind::Blur, defined, &blur);
     drop(blur);
     let choice = parameters.choice();
-    let of_blur = candidates(
-        &block,
-        &scores,
-        (head, &regions),
-        (choice, Some(ScoreLimits::BLUR)),
-    );
+    let of_blur = candidates(&block, &scores, (head, &regions), (choice, MapKind::Blur));
     let [blurred, elsewhere] = of_blur;
     drop(scores);
     let mut thick = compared_thickness(&block, &thickness, &sharpness, head.plane);
     drop(thickness);
     let scores = Scores::smoothed(&block, &whole_junction, &mut thick, smoothed_mm);
     let thickness_map = store(MapKind::Thickness, defined, &thick);
-    let limits = Some(ScoreLimits::THICKNESS);
-    let thick = candidates(&block, &scores, (head, &regions), (choice, limits));
+    let thick = candidates(
+        &block,
+        &scores,
+        (head, &regions),
+        (choice, MapKind::Thickness),
+    );
     Maps {
         maps: vec![
             sharpness_map,

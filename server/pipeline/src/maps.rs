@@ -15,7 +15,10 @@ use geometry::{DepthField, Envelope, Grid, Volume};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-pub use analysis::{JunctionWidth, MAP_FORMAT, Scale, ScoreLimits, UNDEFINED as UNDEFINED_CODE};
+pub use analysis::{
+    Judgement, JunctionWidth, MAP_FORMAT, Scale, ScoreCaveat, ScoreLimits,
+    UNDEFINED as UNDEFINED_CODE,
+};
 
 use crate::affine_of;
 
@@ -108,6 +111,11 @@ impl CaseMaps {
 /// The unit of a map's values; empty if they have none.
 pub fn map_unit(name: MapName) -> &'static str {
     kind_of(name).unit()
+}
+
+/// What is known about the scores of a map at voxels with these edges, in mm.
+pub fn judgement(name: MapName, spacing_mm: [f64; 3]) -> Judgement {
+    Judgement::of(kind_of(name), spacing_mm)
 }
 
 /// Converts the sharpness of a junction to its width, for voxels with these edges.

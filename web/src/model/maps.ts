@@ -209,6 +209,8 @@ export interface CandidateList {
   readonly candidates: readonly Candidate[];
   /** Whether no place of the cerebrum stands out; absent if no limit is known for the map. */
   readonly nothing_stands_out?: boolean;
+  /** What is to be known about the scores before one is believed to be unusual. */
+  readonly caveat?: { readonly reason: string; readonly reason_code: string };
   /** `review`: the cerebrum is not told from the rest of the brain. */
   readonly regions: {
     readonly state: "ok" | "review";

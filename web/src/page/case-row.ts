@@ -1,6 +1,15 @@
 // A row of the list: one case.
 
-import { caseFacts, caseIdentity, caseStatus, caseTitle, versionOf } from "../base/case-words.ts";
+import {
+  LONG_TITLE,
+  TITLE_END,
+  caseFacts,
+  caseIdentity,
+  caseStatus,
+  caseTitle,
+  toldApart,
+  versionOf,
+} from "../base/case-words.ts";
 import { h, iconButton, setText, tell } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { served } from "../base/picture.ts";
@@ -13,13 +22,10 @@ import { firstState } from "../model/state.ts";
 const THUMB_PIXELS = 96;
 
 /** One case of the list. */
-/** A title of more letters than this has no room in a row; the last ones are always seen. */
-const LONG_TITLE = 20;
-const TITLE_END = 9;
-
 export class Row {
   readonly element: HTMLElement;
   readonly #link: HTMLAnchorElement;
+  readonly #id = h("span", { class: "id" });
   readonly #thumb = h("span", { class: "thumb", "aria-hidden": "true" });
   readonly #title = h("span", { class: "title" });
   readonly #status = h("span", { class: "status" });
@@ -35,7 +41,7 @@ export class Row {
 
   constructor(one: Case, remove: (one: Case) => void) {
     this.#case = one;
-    const id = h("span", { class: "id" }, one.id.slice(0, 8));
+    setText(this.#id, one.id.slice(0, 8));
     this.#link = h(
       "a",
       {
@@ -49,7 +55,7 @@ export class Row {
         "span",
         { class: "words" },
         h("span", { class: "head" }, this.#title, this.#badge),
-        h("span", { class: "facts" }, this.#fresh, this.#superseded, id, this.#status, this.#version),
+        h("span", { class: "facts" }, this.#fresh, this.#superseded, this.#id, this.#status, this.#version),
         this.#bar,
       ),
     );
@@ -59,16 +65,20 @@ export class Row {
     this.element = h("li", { "data-id": one.id }, this.#link, this.#delete);
   }
 
-  show(one: Case): void {
+  /** Shows a case among those that have its title. */
+  show(one: Case, alike: readonly Case[]): void {
     this.#case = one;
     this.element.dataset.state = one.state;
     this.#tellTitle(caseTitle(one));
     this.element.title = caseFacts(one);
-    setText(this.#status, caseStatus(one));
+    const apart = toldApart(one, alike);
+    setText(this.#status, apart || caseStatus(one));
     const version = versionOf(one);
     tell(this.#version, version);
     // There is room for one of them.
     this.#status.hidden = version !== "" && one.state === "ready";
+    // What tells it apart from others with its title has the room of its id.
+    this.#id.hidden = apart !== "" && version === "";
     const quality = one.state === "ready" ? qualityOf(one) : null;
     const doubts = quality ? doubtsOf(quality) : [];
     const [doubt] = doubts;
@@ -89,6 +99,11 @@ export class Row {
     if (title.length <= LONG_TITLE) return setText(this.#title, title);
     const [begins, ends] = [title.slice(0, -TITLE_END), title.slice(-TITLE_END)];
     this.#title.replaceChildren(h("span", { class: "begins" }, begins), h("span", { class: "ends" }, ends));
+  }
+
+  /** Whether the row is taken out of reach, because the open one covers it. */
+  conceal(isConcealed: boolean): void {
+    this.element.style.visibility = isConcealed ? "hidden" : "";
   }
 
   /** The row is in sight: its picture is asked for. */

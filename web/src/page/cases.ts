@@ -1,14 +1,14 @@
 // The list of cases: searched, sorted, of any length, kept fresh by asking; the server tells how far a case is.
 
 import { listCases } from "../base/api.ts";
-import { caseFacts, caseTitle } from "../base/case-words.ts";
+import { alike, caseFacts, caseTitle, shortTitle } from "../base/case-words.ts";
 import { h, status, tell } from "../base/dom.ts";
 import { spoken, t } from "../base/i18n.ts";
 import { troubleWords } from "../base/problem-words.ts";
 import { Progress } from "../base/progress.ts";
 import type { Case } from "../model/case.ts";
 import { qualityOf } from "../model/quality.ts";
-import { ROW_PIXELS, rowsInSight, scrolledTo } from "../model/rows.ts";
+import { ROW_PIXELS, isCovered, rowsInSight, scrolledTo } from "../model/rows.ts";
 import { Row } from "./case-row.ts";
 import { choice } from "./fields.ts";
 
@@ -88,6 +88,8 @@ export class CaseList {
   readonly #flagged = new Map<string, { readonly why: string; isReady: boolean }>();
   /** The cases that are looked for, in their order. */
   #wanted: readonly Case[] = [];
+  /** Those that have the title of a case, by that title. */
+  #titled: ReadonlyMap<string, readonly Case[]> = new Map();
   #newest: readonly Case[] = [];
   #older: readonly Case[] = [];
   #next: string | null = null;
@@ -234,6 +236,7 @@ export class CaseList {
     const order = ORDERS.find((one) => one === this.#order.value) ?? "newest";
     const search = this.#search.value.trim();
     this.#wanted = sorted(this.cases, order).filter((one) => matches(one, search));
+    this.#titled = alike(this.cases);
     if (this.cases.length > 0) this.#say(this.#wanted.length === 0 ? t("cases.no-match") : "");
     this.#place();
     for (const one of this.cases) {
@@ -272,10 +275,20 @@ export class CaseList {
     this.#swap(elements);
     this.#list.style.paddingTop = `${(first - above.length) * ROW_PIXELS}px`;
     this.#list.style.paddingBottom = `${(count - end - below.length) * ROW_PIXELS}px`;
+    const [open, { scrollTop, clientHeight }] = [this.#openAt, this.#scroller];
+    for (const at of inSight) {
+      const isHidden = this.#wanted[at]?.id !== focused && isCovered(at, open, scrollTop, clientHeight);
+      this.#rows.get(this.#wanted[at]?.id ?? "")?.conceal(isHidden);
+    }
     clearTimeout(this.#look);
     this.#look = window.setTimeout(() => {
       for (const at of inSight) this.#rows.get(this.#wanted[at]?.id ?? "")?.look();
     }, LOOK_MS);
+  }
+
+  /** Where the open case is in the list; -1: nowhere. */
+  get #openAt(): number {
+    return this.#wanted.findIndex(({ id }) => id === this.#marked);
   }
 
   /** The case of the row that has the focus. */
@@ -296,7 +309,7 @@ export class CaseList {
     const one = this.#wanted[at] as Case;
     const row = this.#rows.get(one.id) ?? new Row(one, (doomed) => this.#listener.remove(doomed));
     this.#rows.set(one.id, row);
-    row.show(one);
+    row.show(one, this.#titled.get(shortTitle(one)) ?? []);
     row.place(at, count);
     row.mark(one.id === this.#marked);
     row.flag(this.#flagged.get(one.id)?.why ?? "");
@@ -306,7 +319,7 @@ export class CaseList {
   /** Scrolls until a row is in sight. */
   #reach(at: number): void {
     if (at < 0) return;
-    this.#scroller.scrollTop = scrolledTo(at, this.#scroller.scrollTop, this.#scroller.clientHeight);
+    this.#scroller.scrollTop = scrolledTo(at, this.#openAt, this.#scroller.scrollTop, this.#scroller.clientHeight);
     this.#place();
   }
 

@@ -14,7 +14,7 @@ import { PlacesTable, type PlacesListener } from "./places-table.ts";
 const WORDS = {
   blur: { ask: "candidates.ask", nothing: "candidates.nothing", warning: "candidates.warning" },
   thickness: { ask: "thick.ask", nothing: "thick.nothing", warning: "thick.warning" },
-  flair: { ask: "flair.ask", nothing: "flair.nothing", warning: "flair.warning" },
+  flair: { ask: "flair.ask", nothing: null, warning: "flair.warning" },
 } as const;
 
 /** The lists that were asked for, by case and map, as long as the page is open: another language builds the page anew. */
@@ -36,7 +36,7 @@ export class PlacesList {
   readonly #ask: HTMLButtonElement;
   /** Why this list alone has no map. */
   readonly #why = h("p", { class: "quiet", role: "status", hidden: true });
-  /** That nothing stands out, that no limit is known, or that the regions are in doubt. */
+  /** That nothing stands out, and what is to be known about the scores. */
   readonly #nothing: HTMLElement;
   readonly #doubt = h("p", { class: "quiet regions-doubt", hidden: true });
   readonly #warning: HTMLElement;
@@ -110,11 +110,16 @@ export class PlacesList {
     this.#ask.disabled = !this.#isKnown;
   }
 
-  #put({ candidates, nothing_stands_out, regions }: CandidateList): void {
+  #put({ candidates, nothing_stands_out, caveat, regions }: CandidateList): void {
     // A list that nobody asked for takes no place.
     this.element.append(this.#nothing, this.#doubt, this.#warning, this.#places.element);
     this.#listener.say(candidates.length === 0 ? t("candidates.none") : "");
-    tell(this.#nothing, (nothing_stands_out ?? true) ? t(WORDS[this.#map].nothing) : "");
+    const { nothing } = WORDS[this.#map];
+    const said = [
+      nothing_stands_out && nothing ? t(nothing) : "",
+      caveat ? reasonIn(caveat.reason, caveat.reason_code) : "",
+    ];
+    tell(this.#nothing, said.filter((words) => words !== "").join(" "));
     const [reason = "", code = ""] = [regions.reasons[0], regions.reason_codes[0]];
     tell(this.#doubt, regions.state === "review" ? t("regions.doubt", { reason: reasonIn(reason, code) }) : "");
     this.#candidates = candidates;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use case::{CandidateFacts, CaseId, JunctionBandFacts, LayerId, MapName, RegionFacts};
 use geometry::Grid;
 use glam::DAffine3;
-use pipeline::maps::{CaseMaps, NoMaps, map_unit};
+use pipeline::maps::{CaseMaps, Judgement, NoMaps, judgement, map_unit};
 use render::{KeyedLayer, Layer, LayerKey, LayerValues};
 
 use crate::cache::CacheValue;
@@ -67,6 +67,11 @@ impl LoadedMaps {
     /// Whether no place of the cerebrum stands out, which means that its score is unusual. This does not exclude a lesion.
     pub fn nothing_stands_out(&self) -> bool {
         !self.candidates.iter().any(CandidateFacts::stands_out)
+    }
+
+    /// What is known about the scores of a map at the voxels of the case.
+    pub fn judgement(&self, name: MapName) -> Judgement {
+        judgement(name, self.grid.spacing_mm())
     }
 
     /// The grid of all maps: a block of the grid of the volume.

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use case::findings::{Finding, FindingKind};
-use case::{AXES_CORRECTED, CandidateFacts, Gyrus, PatientSide, QualityState};
+use case::{AXES_CORRECTED, CandidateFacts, Gyrus, MapName, PatientSide, QualityState};
 use geometry::{flat_area_of, length_of};
 use glam::DVec3;
 use pipeline::atlas::Gyri;
@@ -21,7 +21,8 @@ use crate::profile::ProfileSample;
 /// The most places of the map in the tables, in the cerebrum and elsewhere.
 const MAX_CANDIDATES: usize = 20;
 const MAX_ELSEWHERE: usize = 5;
-const MAX_BRIGHT: usize = 5;
+/// The same of a map for which no limit is known.
+const MAX_UNJUDGED: usize = 5;
 
 /// The contents of a report.
 pub(super) struct Contents<'a> {
@@ -449,6 +450,7 @@ fn places(words: &Words, maps: &LoadedMaps, gyri: Option<&Gyri>) -> Vec<Block<'s
     if maps.nothing_stands_out() {
         blocks.push(Block::Text(words.nothing_stands_out().into()));
     }
+    blocks.extend(caveat(words, maps, MapName::Blur));
     if maps.regions.state != QualityState::Ok {
         let reason = maps.regions.reasons.first().map_or("", String::as_str);
         let code = maps.regions.reason_codes.first().map_or("", String::as_str);
@@ -489,8 +491,17 @@ fn places(words: &Words, maps: &LoadedMaps, gyri: Option<&Gyri>) -> Vec<Block<'s
         words.thickness_note(),
         words.nothing_is_thick(),
     ];
-    blocks.extend(standing_out(words, about, &named(&maps.thick[0], gyri)));
+    let thick = named(&maps.thick[0], gyri);
+    blocks.extend(listed(words, (maps, MapName::Thickness), about, &thick));
     blocks
+}
+
+/// What is to be known about the scores of a map before one is believed to be unusual.
+fn caveat(words: &Words, maps: &LoadedMaps, map: MapName) -> Option<Block<'static>> {
+    let caveat = maps.judgement(map).caveat?;
+    let sentence = caveat.to_string();
+    let told = words.reason(caveat.code(), &sentence).to_owned();
+    Some(Block::Text(told.into()))
 }
 
 /// The brightest places of the FLAIR, for which no limit is known, or why there is no such map.
@@ -501,20 +512,13 @@ fn bright_places<'a>(
 ) -> Vec<Block<'a>> {
     match flair {
         Ok(maps) => {
-            let mut blocks = vec![
-                Block::Subheading(words.flair().into()),
-                Block::Text(words.flair_note().into()),
-                Block::Text(words.no_limit_of_flair().into()),
-            ];
-            let places = named(&maps.candidates, gyri).into_iter().take(MAX_BRIGHT);
-            let rows: Vec<_> = (1_usize..)
-                .zip(places)
-                .map(|(rank, place)| (rank.to_string(), place))
-                .collect();
-            if !rows.is_empty() {
-                blocks.push(table_of_places(words, rows));
-            }
-            blocks
+            let about = [words.flair(), words.flair_note(), ""];
+            listed(
+                words,
+                (maps, MapName::Flair),
+                about,
+                &named(&maps.candidates, gyri),
+            )
         }
         Err(reason) => {
             let why = words.reason(&reason.code, &reason.sentence);
@@ -526,26 +530,36 @@ fn bright_places<'a>(
     }
 }
 
-/// The places where a map stands out, or that none does: with its heading, a note about it, and what there is to say if none does.
-fn standing_out(
+/// The places of a map that stand out, or that none does; or, if no limit is known, the highest ones. With its heading, a note
+/// about it, and what there is to say if none stands out.
+fn listed(
     words: &Words,
+    (maps, map): (&LoadedMaps, MapName),
     [heading, note, nothing]: [&'static str; 3],
     places: &[CandidateFacts],
 ) -> Vec<Block<'static>> {
-    let ranked = (1_usize..).zip(places.iter().take(MAX_CANDIDATES));
+    let has_limits = maps.judgement(map).limits.is_some();
+    let most = if has_limits {
+        MAX_CANDIDATES
+    } else {
+        MAX_UNJUDGED
+    };
+    let ranked = (1_usize..).zip(places.iter().take(most));
     let rows: Vec<_> = ranked
-        .filter(|(_, place)| place.stands_out())
+        .filter(|(_, place)| place.stands_out() || !has_limits)
         .map(|(rank, place)| (rank.to_string(), *place))
         .collect();
-    let heading = Block::Subheading(heading.into());
-    if rows.is_empty() {
-        return vec![heading, Block::Text(nothing.into())];
+    let mut blocks = vec![Block::Subheading(heading.into())];
+    if rows.is_empty() && has_limits {
+        blocks.push(Block::Text(nothing.into()));
+        return blocks;
     }
-    vec![
-        heading,
-        Block::Text(note.into()),
-        table_of_places(words, rows),
-    ]
+    blocks.push(Block::Text(note.into()));
+    blocks.extend(caveat(words, maps, map));
+    if !rows.is_empty() {
+        blocks.push(table_of_places(words, rows));
+    }
+    blocks
 }
 
 /// A table of places with their ranks; with gyri if any has one.

@@ -234,10 +234,6 @@ impl Words {
         self.of_page("flair.undefined").replace("{reason}", reason)
     }
 
-    pub(super) fn no_limit_of_flair(&self) -> &'static str {
-        self.of_page("flair.nothing")
-    }
-
     pub(super) fn doubt_of_regions(&self, reason: &str) -> String {
         self.of_page("regions.doubt").replace("{reason}", reason)
     }
@@ -449,7 +445,6 @@ mod tests {
                 words.nothing_is_thick(),
                 words.flair(),
                 words.flair_note(),
-                words.no_limit_of_flair(),
             ] {
                 assert!(!text.is_empty());
             }

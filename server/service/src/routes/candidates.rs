@@ -21,7 +21,7 @@ use http_support::negotiate::media_type;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath};
 use pipeline::atlas::Gyri;
-use pipeline::maps::{MAP_FORMAT, ScoreLimits};
+use pipeline::maps::{Judgement, MAP_FORMAT, ScoreCaveat};
 
 const JSON: &str = "application/json";
 const CSV: &str = "text/csv";
@@ -101,12 +101,16 @@ pub struct CandidateList {
     /// Highest first.
     candidates: Vec<CandidateFacts>,
     /// Whether no place of the cerebrum stands out, which means that it is `unusual`: `yes`. This does not exclude a lesion. Absent if
-    /// no limit is known for the map, as for `flair`.
+    /// no limit is known for the map.
     #[serde(skip_serializing_if = "Option::is_none")]
     nothing_stands_out: Option<bool>,
-    /// The limits of unusual scores of this map; absent if none is known, as for `flair`.
+    /// The limits of unusual scores of this map; absent if none is known, as for `flair`, and for `thickness` with voxels above
+    /// 1 mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     limits: Option<LimitsView>,
+    /// Why no limit is known, or why more heads without a lesion than usual exceed the limits; absent if there is nothing to say.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    caveat: Option<CaveatView>,
     /// The regions of the brain. If they are in doubt, nothing is left out.
     regions: RegionFacts,
 }
@@ -121,10 +125,29 @@ pub struct LimitsView {
     borderline_from: f32,
 }
 
+/// What is to be known about the scores of a map before one is believed to be unusual.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = ScoreCaveat)]
+pub struct CaveatView {
+    /// The sentence, in English.
+    reason: String,
+    /// Its stable code: `untested-flair`, `thickness-coarse-voxels` or `blur-coarse-voxels`.
+    reason_code: &'static str,
+}
+
+impl From<ScoreCaveat> for CaveatView {
+    fn from(caveat: ScoreCaveat) -> Self {
+        Self {
+            reason: caveat.to_string(),
+            reason_code: caveat.code(),
+        }
+    }
+}
+
 /// Places where the junction is less sharp than in its surroundings and on the other side, the cortex thicker, or a FLAIR brighter
 ///
 /// Most are normal: they are places to look at, and nothing is detected. Each states whether its score is higher than those
-/// of heads without a lesion (but for `flair`, for which no limit is known), and about which gyrus it is in if an atlas is installed and the head surely fits it: a coarse name,
+/// of heads without a lesion (unless no limit is known, which `caveat` explains), and about which gyrus it is in if an atlas is installed and the head surely fits it: a coarse name,
 /// not a measurement. The list has the cerebrum alone unless `region=all`. As JSON, or with `Accept: text/csv` as CSV.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/candidates", tag = "layers",
@@ -176,11 +199,11 @@ fn json(value: &impl Serialize) -> Result<Vec<u8>, AppError> {
 
 impl CandidateList {
     fn of(maps: &LoadedMaps, gyri: Option<&Gyri>, query: &CandidatesQuery) -> Self {
-        let ([in_cerebrum, elsewhere], limits) = match query.map {
-            MapAsked::Blur => ([&maps.candidates, &maps.elsewhere], Some(ScoreLimits::BLUR)),
-            MapAsked::Thickness => (maps.thick.each_ref(), Some(ScoreLimits::THICKNESS)),
-            MapAsked::Flair => ([&maps.candidates, &maps.elsewhere], None),
+        let [in_cerebrum, elsewhere] = match query.map {
+            MapAsked::Blur | MapAsked::Flair => [&maps.candidates, &maps.elsewhere],
+            MapAsked::Thickness => maps.thick.each_ref(),
         };
+        let Judgement { limits, caveat } = maps.judgement(query.map.name());
         let mut candidates = in_cerebrum.clone();
         if query.region == RegionAsked::All {
             candidates.extend(elsewhere);
@@ -195,14 +218,16 @@ impl CandidateList {
                 unusual_above: limits.unusual_above,
                 borderline_from: limits.borderline_from,
             }),
+            caveat: caveat.map(CaveatView::from),
             regions: maps.regions.clone(),
         }
     }
 
     fn csv(&self) -> String {
         let mut text =
-            "rank,left_mm,posterior_mm,superior_mm,depth_mm,side,score,size_mm,region,unusual,gyrus\r\n"
+            "rank,left_mm,posterior_mm,superior_mm,depth_mm,side,score,size_mm,region,unusual,gyrus,caveat\r\n"
                 .to_owned();
+        let caveat = self.caveat.as_ref().map_or("", |caveat| caveat.reason_code);
         for (rank, candidate) in (1..).zip(&self.candidates) {
             let [x, y, z] = candidate.position_in_patient;
             let [side, region, unusual, gyrus] = [
@@ -218,7 +243,7 @@ impl CandidateList {
                 ..
             } = candidate;
             let row = format!(
-                "{rank},{x},{y},{z},{depth_mm},{side},{score},{size_mm},{region},{unusual},{gyrus}\r\n"
+                "{rank},{x},{y},{z},{depth_mm},{side},{score},{size_mm},{region},{unusual},{gyrus},{caveat}\r\n"
             );
             text.push_str(&row);
         }
