@@ -273,7 +273,8 @@ async fn other_pixels_make_a_version_and_another_encoding_is_no_change() {
     assert_eq!(warnings(&stored).len(), slices.len());
     assert_eq!(superseded(server, &first).await, "newer-version");
     assert_eq!(neighbour.settled().await["state"], "nothing");
-    assert_eq!(superseded(server, &first).await, "newer-version");
+    // What shows nothing could show anything in any place.
+    assert_eq!(superseded(server, &first).await, "moved");
 }
 
 #[tokio::test]
@@ -1383,4 +1384,36 @@ async fn a_note_that_comes_before_its_images_names_them_in_its_own_study_alone()
         (&arrival["instances"], &arrival["ignored"]),
         (&json!(head_slices().len()), &json!(0))
     );
+}
+
+#[tokio::test]
+async fn findings_follow_other_intensities_and_not_a_mirror_image_that_is_inverted() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let before = identified_case(&neighbour).await;
+    crate::findings::mark(server, &before).await;
+    // Other intensities in the same place take the findings along.
+    assert_eq!(
+        neighbour.store(&identified(&darker_slices())).await.status,
+        202
+    );
+    let darker = case_after(&neighbour, &before).await;
+    assert_ne!(findings_of(server, &darker).await, json!([]));
+    assert_eq!(superseded(server, &before).await, "newer-version");
+    let inverted = |slice: &Slice| {
+        let rows = slice.samples.chunks(slice.columns.into());
+        let mirrored = rows.flat_map(|row| row.iter().rev());
+        Slice {
+            samples: mirrored
+                .map(|&sample| if sample > 0 { 1100 - sample } else { 0 })
+                .collect(),
+            ..slice.clone()
+        }
+    };
+    let inverted: Vec<_> = head_slices().iter().map(inverted).collect();
+    assert_eq!(neighbour.store(&identified(&inverted)).await.status, 202);
+    let next = case_after(&neighbour, &darker).await;
+    assert_eq!(findings_of(server, &next).await, json!([]));
+    assert_eq!(superseded(server, &darker).await, "moved");
+    assert_eq!(superseded(server, &before).await, "moved");
 }

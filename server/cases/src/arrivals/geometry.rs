@@ -11,7 +11,7 @@ use imaging::dicom::{Attributes, ROUNDING_MM};
 use storage::arrivals::Superseded;
 use storage::{StoreError, Upload};
 
-use super::mirror::Reduced;
+use super::tiles::Picture;
 use crate::application::Cases;
 use crate::error::Error;
 
@@ -115,8 +115,8 @@ impl Cases {
         Ok(false)
     }
 
-    /// Whether images with these attributes and this volume lie elsewhere in the patient than those of an older version, or show what it
-    /// shows mirrored, turned over or elsewhere; also if that is not known.
+    /// Whether images with these attributes and this volume lie elsewhere in the patient than those of an older version, or do not show
+    /// what it shows in the same place; also if that is not known.
     async fn is_moved(
         &self,
         new: &Attributes,
@@ -148,15 +148,15 @@ impl Cases {
             .into_iter()
             .map(|[here, there]| (here, there))
             .unzip();
-        let new = self.reduced(new_volume.clone(), here).await?;
-        let old = self.reduced(old_volume, there).await?;
+        let new = self.picture(new_volume.clone(), here).await?;
+        let old = self.picture(old_volume, there).await?;
         Ok(new
             .zip(old)
             .is_none_or(|(new, old)| new.is_moved_from(&old)))
     }
 
-    /// Whether the images of a case lie elsewhere in the patient than those of another case with some of the same images or of their series, or show what it shows
-    /// mirrored, turned over or elsewhere; also if that is not known.
+    /// Whether the images of a case lie elsewhere in the patient than those of another case with some of the same images or of their series, or do not
+    /// show what it shows in the same place; also if that is not known.
     pub(crate) async fn is_moved_from(&self, case: &CaseId, other: &Case) -> Result<bool, Error> {
         let names = self.store().case_objects(case).await?;
         let mut volumes = names.iter();
@@ -170,8 +170,8 @@ impl Cases {
         self.is_moved(&source, &volume, &name.digest, other).await
     }
 
-    /// Slices of a stored volume with few voxels; `None` if it is damaged.
-    async fn reduced(&self, volume: Bytes, slices: Vec<usize>) -> Result<Option<Reduced>, Error> {
+    /// Slices of a stored volume; `None` if it is damaged.
+    async fn picture(&self, volume: Bytes, slices: Vec<usize>) -> Result<Option<Picture>, Error> {
         let room = match self.checks.enter(start(&volume)).await {
             Ok(room) => room,
             Err(Error::Failure(_)) => return Ok(None),
@@ -181,7 +181,7 @@ impl Cases {
         let work = move || {
             let _room = room;
             let volume = imaging::nifti::read_volume(&volume, &limits).ok()?;
-            Some(Reduced::new(&volume, &slices))
+            Some(Picture::new(&volume, &slices))
         };
         self.queue.run(work).await
     }

@@ -6,12 +6,12 @@
 mod geometry;
 mod heads;
 mod index;
-mod mirror;
 mod others;
 mod patient;
 mod rejection;
 #[cfg(test)]
 pub(crate) mod tests;
+mod tiles;
 
 use std::time::Duration;
 
