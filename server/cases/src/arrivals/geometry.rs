@@ -170,6 +170,32 @@ impl Cases {
         self.is_moved(&source, &volume, &name.digest, other).await
     }
 
+    /// Whether images with the same UIDs lie elsewhere in one case than in another one. Cases whose volume is damaged do not differ.
+    pub(super) async fn lie_apart(
+        &self,
+        (one, source): (&CaseId, &Attributes),
+        (other, other_source): (&CaseId, &Attributes),
+    ) -> Result<bool, Error> {
+        let (grid, other_grid) = (self.grid_of(one).await?, self.grid_of(other).await?);
+        Ok(grid.zip(other_grid).is_some_and(|(grid, other_grid)| {
+            Places::new(source, grid).differ(&Places::new(other_source, other_grid))
+        }))
+    }
+
+    /// The grid of the acquired volume of a case; `None` if that is damaged.
+    async fn grid_of(&self, case: &CaseId) -> Result<Option<Grid>, Error> {
+        let held = self.store().case(case).await?;
+        if let Some(facts) = held.and_then(|case| case.facts) {
+            let affine = pipeline::affine_of(&facts.native_patient_from_voxel);
+            return Ok(Grid::new(facts.native_size, affine).ok());
+        }
+        let names = self.store().case_objects(case).await?;
+        let read = self.store().read(case, &names, ObjectKind::SourceVolume);
+        let limits = self.library.limits();
+        let grid = |volume: Bytes| imaging::nifti::read_grid(start(&volume), &limits).ok();
+        Ok(read.await?.and_then(grid))
+    }
+
     /// Slices of a stored volume; `None` if it is damaged.
     async fn picture(&self, volume: Bytes, slices: Vec<usize>) -> Result<Option<Picture>, Error> {
         let room = match self.checks.enter(start(&volume)).await {
