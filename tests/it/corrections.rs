@@ -273,7 +273,8 @@ async fn other_pixels_make_a_version_and_another_encoding_is_no_change() {
     assert_eq!(warnings(&stored).len(), slices.len());
     assert_eq!(superseded(server, &first).await, "newer-version");
     assert_eq!(neighbour.settled().await["state"], "nothing");
-    assert_eq!(superseded(server, &first).await, "newer-version");
+    // What shows nothing could show anything in any place.
+    assert_eq!(superseded(server, &first).await, "moved");
 }
 
 #[tokio::test]
@@ -1028,13 +1029,15 @@ async fn a_result_that_waits_is_not_sent_once_a_layer_was_withdrawn() {
     .await;
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
-    let view = json!({"what": "view", "render": small(), "node": "away"});
+    let mut shown = small();
+    shown["layer"] = json!("FLAIR");
+    let view = json!({"what": "view", "render": shown, "node": "away"});
     for number in 0..2 {
         let flair = identified(&flair_slices(number));
         let status = if number == 0 { 200 } else { 202 };
         assert_eq!(neighbour.store(&flair[..1]).await.status, status);
         assert_eq!(neighbour.store(&flair[1..]).await.status, status);
-        until_layer(server, "1.2.3.77").await;
+        until_flair_is_ready(server, &case).await;
         let waiting = result(server, &case, &view).await.json();
         let address = format!("/v1/dicom-results/{}", waiting["id"].as_str().unwrap());
         let waits = server.get(&address).await.json();
@@ -1383,4 +1386,280 @@ async fn a_note_that_comes_before_its_images_names_them_in_its_own_study_alone()
         (&arrival["instances"], &arrival["ignored"]),
         (&json!(head_slices().len()), &json!(0))
     );
+}
+
+#[tokio::test]
+async fn findings_follow_other_intensities_and_not_a_mirror_image_that_is_inverted() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let before = identified_case(&neighbour).await;
+    crate::findings::mark(server, &before).await;
+    // Other intensities in the same place take the findings along.
+    assert_eq!(
+        neighbour.store(&identified(&darker_slices())).await.status,
+        202
+    );
+    let darker = case_after(&neighbour, &before).await;
+    assert_ne!(findings_of(server, &darker).await, json!([]));
+    assert_eq!(superseded(server, &before).await, "newer-version");
+    let inverted = |slice: &Slice| {
+        let rows = slice.samples.chunks(slice.columns.into());
+        let mirrored = rows.flat_map(|row| row.iter().rev());
+        Slice {
+            samples: mirrored
+                .map(|&sample| if sample > 0 { 1100 - sample } else { 0 })
+                .collect(),
+            ..slice.clone()
+        }
+    };
+    let inverted: Vec<_> = head_slices().iter().map(inverted).collect();
+    assert_eq!(neighbour.store(&identified(&inverted)).await.status, 202);
+    let next = case_after(&neighbour, &darker).await;
+    assert_eq!(findings_of(server, &next).await, json!([]));
+    assert_eq!(superseded(server, &darker).await, "moved");
+    assert_eq!(superseded(server, &before).await, "moved");
+}
+
+async fn until_flair_is_ready(server: &Server, case: &str) {
+    until_layer(server, "1.2.3.77").await;
+    until("the layer is ready", async || {
+        let layers = server.get(&format!("{case}/layers")).await.json();
+        let mut layers = layers["layers"].as_array().unwrap().iter();
+        layers
+            .any(|layer| layer["name"] == "FLAIR" && layer["state"] == "ready")
+            .then_some(())
+    })
+    .await;
+}
+
+/// Takes a queued result as sent.
+async fn sent(server: &Server) {
+    let store = server.pacs.cases().store();
+    let send = case::JobKind::new("send", "delivery");
+    let leased = store.claim(send, 3).await.unwrap().expect("a result");
+    assert!(store.finish(&leased).await.unwrap());
+}
+
+#[tokio::test]
+async fn a_result_that_was_sent_with_a_layer_is_found_and_withdrawn_after_the_layer() {
+    let neighbour = Neighbour::start(|config| {
+        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
+    })
+    .await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let flair = identified(&flair_slices(0));
+    assert_eq!(neighbour.store(&flair).await.status, 200);
+    until_flair_is_ready(server, &case).await;
+    let mut shown = small();
+    let mut uids = Vec::new();
+    for has_layer in [false, true] {
+        if has_layer {
+            shown["layer"] = json!("FLAIR");
+        }
+        let view = json!({"what": "view", "render": shown, "node": "away"});
+        let queued = result(server, &case, &view).await;
+        assert_eq!(queued.status, 202, "{queued:?}");
+        uids.push(queued.json()["instance"].clone());
+        sent(server).await;
+    }
+    let not_valid = async || {
+        let id = case.rsplit('/').next().unwrap();
+        let list = server.get(&format!("/v1/dicom-results?case={id}")).await;
+        let list = list.json();
+        let results = list["results"].as_array().unwrap();
+        let of = |uid: &Value| {
+            let mut results = results.iter();
+            let result = results.find(|result| result["instance"] == *uid).unwrap();
+            result["not_valid"].clone()
+        };
+        [of(&uids[0]), of(&uids[1])]
+    };
+    let listed = async |uid: &Value| {
+        let uid = uid.as_str().unwrap();
+        let address = format!("/dicomweb/studies/1.2.3/instances?SOPInstanceUID={uid}");
+        server.get(&address).await.status == 200
+    };
+    assert_eq!(not_valid().await, [Value::Null, Value::Null]);
+    assert!(listed(&uids[1]).await);
+    // The FLAIR was another patient's.
+    let corrected = of_another(&flair_slices(0));
+    assert_eq!(neighbour.store(&corrected[..1]).await.status, 202);
+    assert_eq!(not_valid().await, [Value::Null, json!("layer-withdrawn")]);
+    assert!(listed(&uids[0]).await && !listed(&uids[1]).await);
+    let note = json!({"what": "key-object", "node": "away",
+        "key_object": {"instances": [uids[1]], "title": "rejected-for-safety"}});
+    let noted = result(server, &case, &note).await;
+    assert_eq!(noted.status, 202, "{noted:?}");
+    assert_eq!(not_valid().await, [Value::Null, json!("withdrawn")]);
+}
+
+#[tokio::test]
+async fn a_result_that_was_withdrawn_is_not_drawn_either() {
+    let neighbour = Neighbour::start(|config| {
+        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
+    })
+    .await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let queued = json!({"what": "view", "render": small(), "node": "away"});
+    let queued = result(server, &case, &queued).await.json();
+    let view = json!({"what": "view", "render": small()});
+    assert_eq!(result(server, &case, &view).await.status, 200);
+    let note = json!({"what": "key-object", "node": "away",
+        "key_object": {"instances": [queued["instance"]], "title": "rejected-for-quality"}});
+    assert_eq!(result(server, &case, &note).await.status, 202);
+    assert_eq!(result(server, &case, &view).await.problem(), "withdrawn");
+}
+
+#[tokio::test]
+async fn an_upload_whose_side_the_pacs_contradicts_makes_no_results() {
+    let neighbour = Neighbour::start(|config| {
+        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
+    })
+    .await;
+    let server = &neighbour.server;
+    let other: Vec<_> = head_slices().iter().map(exchanged).collect();
+    let volume = zipped(&identified(&other));
+    let parts: [Part<'_>; 1] = [("volume", &volume)];
+    let upload = server.prepared(&parts).await;
+    let view = json!({"what": "view", "render": small(), "node": "away"});
+    let waiting = result(server, &upload, &view).await.json();
+    let case = identified_case(&neighbour).await;
+    assert_eq!(result(server, &case, &view).await.status, 202);
+    let refused = result(server, &upload, &view).await;
+    assert_eq!(
+        (refused.status.as_u16(), refused.problem().as_str()),
+        (409, "superseded")
+    );
+    let background = pacs::Background::start(server.pacs.clone());
+    let address = format!("/v1/dicom-results/{}", waiting["id"].as_str().unwrap());
+    let failed = ended(server, &address).await;
+    background.shut_down(Duration::from_secs(5)).await;
+    assert_eq!(failed["reason"]["name"], "superseded", "{failed}");
+}
+
+#[tokio::test]
+async fn a_layer_of_a_user_goes_when_the_pacs_sends_its_images_as_another_patients() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let flair = flair_slices(0);
+    let added = add_layer(server, &case, &identified(&flair)).await;
+    assert_eq!(added.status, 202, "{added:?}");
+    assert_eq!(flairs(server, &case).await, 1);
+    assert_eq!(neighbour.store(&of_another(&flair)).await.status, 200);
+    until("the layer is removed", async || {
+        (flairs(server, &case).await == 0).then_some(())
+    })
+    .await;
+}
+
+#[tokio::test]
+async fn a_layer_does_not_stay_on_a_head_that_was_corrected_to_another_patient() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let flair = identified(&flair_slices(0));
+    assert_eq!(neighbour.store(&flair).await.status, 200);
+    until_layer(server, "1.2.3.77").await;
+    assert_eq!(flairs(server, &case).await, 1);
+    assert_eq!(
+        neighbour.store(&of_another(&head_slices())).await.status,
+        202
+    );
+    until("the head is another patient's", async || {
+        let arrival = arrival_of(server, "1.2.3.1").await;
+        (arrival["state"] == "case" && !case.ends_with(arrival["case"].as_str()?)).then_some(())
+    })
+    .await;
+    assert_eq!(flairs(server, &case).await, 0);
+    until("the FLAIR is no layer", async || {
+        let arrival = arrival_of(server, "1.2.3.77").await;
+        (arrival["reason"]["name"] == "series-not-t1").then_some(())
+    })
+    .await;
+}
+
+#[tokio::test]
+async fn one_image_of_another_patient_stops_the_case_of_images_that_are_forgotten() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let store = server.pacs.cases().store().clone();
+    store.forget(Duration::ZERO, false).await.unwrap();
+    let middle = head_slices()[20].clone();
+    assert_eq!(neighbour.store(&of_another(&[middle])).await.status, 200);
+    assert_eq!(neighbour.settled().await["state"], "nothing");
+    assert_eq!(superseded(server, &case).await, "corrected");
+    let view = json!({"what": "view", "render": small()});
+    assert_eq!(result(server, &case, &view).await.problem(), "superseded");
+    let found = launched(&neighbour).await;
+    assert_eq!(found["case"], Value::Null, "{found}");
+}
+
+#[tokio::test]
+async fn a_rejected_series_does_not_speak_for_a_patient_that_was_corrected() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let first = identified_case(&neighbour).await;
+    assert_eq!(
+        neighbour.store(&of_another(&head_slices())).await.status,
+        202
+    );
+    let second = case_after(&neighbour, &first).await;
+    assert_eq!(neighbour.store(&identified_head()).await.status, 202);
+    assert_eq!(case_after(&neighbour, &second).await, first);
+    let rejection = note(KeyObjectTitle::RejectedForSafety);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    assert_eq!(neighbour.store(&other_t1()).await.status, 200);
+    let next = case_of_a_link(&neighbour).await;
+    assert_ne!(next, first);
+}
+
+#[tokio::test]
+async fn a_known_image_of_another_class_is_answered_with_a_warning() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let lines = Lines::default();
+    let _logging = lines.collect();
+    let case = identified_case(&neighbour).await;
+    let middle = head_slices()[20].clone();
+    for (class, superseding) in [
+        ("1.2.840.10008.5.1.4.1.1.7", false),
+        ("1.2.840.10008.5.1.4.1.1.2", true),
+    ] {
+        let other = Slice {
+            sop_class: class,
+            ..middle.clone()
+        };
+        let stored = neighbour.store(&identified(&[other])).await;
+        assert_eq!(
+            (stored.status.as_u16(), warnings(&stored)),
+            (202, vec![0xB000]),
+            "{class}"
+        );
+        let arrival = arrival_of(&neighbour.server, "1.2.3.1").await;
+        assert_eq!(arrival["superseded"], usize::from(superseding), "{class}");
+        assert_eq!(arrival["instances"], head_slices().len());
+    }
+    assert_eq!(superseded(&neighbour.server, &case).await, "newer-version");
+}
+
+#[tokio::test]
+async fn the_method_of_a_version_is_chosen_for_the_whole_series() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    // Of the first part, the background is not empty.
+    let noisy = |slice: &Slice| Slice {
+        samples: slice.samples.iter().map(|value| value + 1).collect(),
+        ..slice.clone()
+    };
+    let noisy: Vec<_> = head_slices().iter().map(noisy).collect();
+    assert_eq!(neighbour.store(&identified(&noisy)).await.status, 200);
+    let first = neighbour.settled().await;
+    assert_eq!(first["state"], "case", "{first}");
+    let first = format!("/v1/cases/{}", first["case"].as_str().unwrap());
+    assert_eq!(neighbour.store(&identified_head()).await.status, 202);
+    let next = case_after(&neighbour, &first).await;
+    let method = server.get(&next).await.json()["quality"]["method"].clone();
+    assert_eq!(method, "volume");
 }

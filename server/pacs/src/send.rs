@@ -6,10 +6,11 @@ use async_trait::async_trait;
 use audit::{Action, Event, EventKind, Outcome, project_named};
 use axum::body::Bytes;
 use case::{Failure, JobKind};
+use cases::arrivals::Contradiction;
 use cases::runner::{End, Failed, Running, Terms, Work};
 use storage::Unreadable;
 use storage::arrivals::Superseded;
-use storage::results::SentResult;
+use storage::results::{NotValid, SentResult};
 
 use crate::node::NodeError;
 use crate::state::Pacs;
@@ -81,10 +82,10 @@ enum SendError {
     Store,
     #[error("it was made of images that do not count any more: {}", .0.sentence())]
     Superseded(Superseded),
-    #[error(
-        "its case was uploaded, and the PACS has sent images of another patient with the UIDs of the series since"
-    )]
-    SeveralPatients,
+    #[error("{}", .0.sentence())]
+    Contradicted(Contradiction),
+    #[error("a layer of its case was removed since, and it may show it; request it again")]
+    LayerWithdrawn,
     #[error("it was withdrawn by a rejection note")]
     Withdrawn,
     #[error("the audit record of the server cannot be written")]
@@ -98,7 +99,8 @@ impl SendError {
             Self::NoSuchNode
             | Self::Lost
             | Self::Superseded(_)
-            | Self::SeveralPatients
+            | Self::Contradicted(_)
+            | Self::LayerWithdrawn
             | Self::Withdrawn => false,
             Self::Store | Self::NotRecorded => true,
         }
@@ -110,7 +112,8 @@ impl SendError {
             Self::Node(error) => error.kind(),
             Self::Lost => "result-lost",
             Self::Superseded(_) => "superseded",
-            Self::SeveralPatients => "several-patients",
+            Self::Contradicted(why) => why.name(),
+            Self::LayerWithdrawn => "layer-withdrawn",
             Self::Withdrawn => "withdrawn",
             Self::Store => "store-failed",
             Self::NotRecorded => "audit-full",
@@ -167,20 +170,19 @@ async fn may_leave(pacs: &Pacs, result: &SentResult, file: &Bytes) -> Result<(),
     if store.are_withdrawn(instance).await.map_err(of_store)? == [true] {
         return Err(SendError::Withdrawn);
     }
+    if result.not_valid == Some(NotValid::LayerWithdrawn) {
+        return Err(SendError::LayerWithdrawn);
+    }
     let Some(series) = store.series_of(&result.case).await.map_err(of_store)? else {
         return Ok(());
     };
     let why = match series.superseded.filter(|why| why.is_final()) {
         Some(why) => SendError::Superseded(why),
-        None if pacs
-            .cases()
-            .is_of_another_patient(&series)
-            .await
-            .map_err(of_store)? =>
-        {
-            SendError::SeveralPatients
-        }
-        None => return Ok(()),
+        None => match pacs.cases().contradiction(&series).await {
+            Ok(Some(why)) => SendError::Contradicted(why),
+            Ok(None) => return Ok(()),
+            Err(_) => return Err(SendError::Store),
+        },
     };
     let spooled = store.spool_all(file.clone()).await.map_err(of_store)?;
     match pacs.cases().headers.read(&spooled).await {

@@ -215,9 +215,12 @@ impl Images<'_> {
         let is_ignored = !identity.is_image && self.pacs.ignores_other_objects();
         match refusal(&identity, self.study.as_ref()) {
             Some(FailureReason::ClassNotSupported) if is_ignored => {
-                self.report.ignored(&identity);
                 let source = ArrivalSource::Stow;
-                return Ok(self.pacs.cases().ignore(identity, source).await?);
+                let reference = identity.clone();
+                let is_known = self.pacs.cases().ignore(identity, source).await?;
+                self.report
+                    .ignored(&reference, is_known.then_some(CORRECTED));
+                return Ok(());
             }
             Some(reason) => {
                 self.failed(&identity, reason);
@@ -247,7 +250,7 @@ impl Images<'_> {
             }
             match reception {
                 Reception::Stored => self.report.stored(identity, None),
-                Reception::Rejected => self.report.ignored(identity),
+                Reception::Rejected => self.report.ignored(identity, None),
                 Reception::Corrected => self.report.stored(identity, Some(CORRECTED)),
                 Reception::Refused => {
                     let reason = FailureReason::CannotUnderstand;
@@ -343,9 +346,9 @@ impl Report {
     }
 
     /// An object of which nothing is kept, as if it were stored.
-    fn ignored(&mut self, identity: &InstanceIdentity) {
+    fn ignored(&mut self, identity: &InstanceIdentity, warning: Option<u16>) {
         self.ignored += 1;
-        self.stored(identity, None);
+        self.stored(identity, warning);
     }
 
     fn failed(&mut self, identity: &InstanceIdentity, reason: FailureReason) {

@@ -1,7 +1,7 @@
 //! Layers: from an upload to objects and rows, and back.
 
 use bytes::Bytes;
-use case::{CaseId, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
+use case::{CaseId, Failure, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
 
 use super::arrivals::Uid;
 use super::jobs::Claim;
@@ -147,6 +147,27 @@ impl Store {
             Ok(deleted)
         };
         tokio::spawn(delete).await?
+    }
+
+    /// Removes a layer whose images were corrected or rejected. Results that may show it do not count any more: those that wait to be
+    /// sent fail with this reason. Returns how many have been sent.
+    ///
+    /// # Errors
+    /// As [`Store::delete_layer`].
+    pub async fn withdraw_layer(
+        &self,
+        case: &CaseId,
+        id: &LayerId,
+        failure: &Failure,
+    ) -> Result<usize, StoreError> {
+        let (store, case, id, failure) = (self.clone(), *case, *id, failure.clone());
+        let withdraw = async move {
+            let sent = store.withdraw_layer_row(&case, &id, &failure).await?;
+            store.signals().changed(&case);
+            store.collect().await?;
+            Ok(sent)
+        };
+        tokio::spawn(withdraw).await?
     }
 
     /// The payload of an object of a layer; `None`, reported, if it is missing or damaged.

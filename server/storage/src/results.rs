@@ -2,7 +2,7 @@
 //! acknowledged, so every attempt sends the same bytes.
 
 use bytes::Bytes;
-use case::{CaseId, JobKind, ObjectKind};
+use case::{CaseId, JobKind, LayerId, ObjectKind};
 use jiff::Timestamp;
 
 use super::arrivals::Uid;
@@ -50,6 +50,8 @@ pub struct NewResult {
     pub series: ResultSeries,
     /// The result.
     pub instance: Uid,
+    /// The layers of the case that it shows, or may show.
+    pub layers: Vec<LayerId>,
     /// The digest of its file, which is an object of the kind `result`.
     pub digest: blake3::Hash,
 }
@@ -65,6 +67,28 @@ pub(super) fn object(digest: blake3::Hash) -> ObjectName {
     ObjectName {
         kind: ObjectKind::Result,
         digest,
+    }
+}
+
+/// Why a result that was sent does not count any more. Searches do not list it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NotValid {
+    /// A rejection note of ours has withdrawn it.
+    Withdrawn,
+    /// The patient, the study or the place of its case was corrected since, or the PACS has rejected its images.
+    Superseded,
+    /// A layer that it shows or may show was removed, because its images were corrected or rejected.
+    LayerWithdrawn,
+}
+
+impl NotValid {
+    /// The word in answers.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Withdrawn => "withdrawn",
+            Self::Superseded => "superseded",
+            Self::LayerWithdrawn => "layer-withdrawn",
+        }
     }
 }
 
@@ -85,8 +109,12 @@ pub struct SentResult {
     pub instance: Uid,
     /// The object with its file.
     pub object: ObjectName,
+    /// The layers of the case that it shows, or may show.
+    pub layers: Vec<LayerId>,
     /// When it was first requested.
     pub created_at: Timestamp,
+    /// Why it does not count any more.
+    pub not_valid: Option<NotValid>,
     /// The job that sends it, or did.
     pub job: Option<Job>,
 }

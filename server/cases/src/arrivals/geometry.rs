@@ -11,7 +11,7 @@ use imaging::dicom::{Attributes, ROUNDING_MM};
 use storage::arrivals::Superseded;
 use storage::{StoreError, Upload};
 
-use super::mirror::Reduced;
+use super::tiles::Picture;
 use crate::application::Cases;
 use crate::error::Error;
 
@@ -115,8 +115,8 @@ impl Cases {
         Ok(false)
     }
 
-    /// Whether images with these attributes and this volume lie elsewhere in the patient than those of an older version, or show what it
-    /// shows mirrored, turned over or elsewhere; also if that is not known.
+    /// Whether images with these attributes and this volume lie elsewhere in the patient than those of an older version, or do not show
+    /// what it shows in the same place; also if that is not known.
     async fn is_moved(
         &self,
         new: &Attributes,
@@ -148,15 +148,15 @@ impl Cases {
             .into_iter()
             .map(|[here, there]| (here, there))
             .unzip();
-        let new = self.reduced(new_volume.clone(), here).await?;
-        let old = self.reduced(old_volume, there).await?;
+        let new = self.picture(new_volume.clone(), here).await?;
+        let old = self.picture(old_volume, there).await?;
         Ok(new
             .zip(old)
             .is_none_or(|(new, old)| new.is_moved_from(&old)))
     }
 
-    /// Whether the images of a case lie elsewhere in the patient than those of another case with some of the same images or of their series, or show what it shows
-    /// mirrored, turned over or elsewhere; also if that is not known.
+    /// Whether the images of a case lie elsewhere in the patient than those of another case with some of the same images or of their series, or do not
+    /// show what it shows in the same place; also if that is not known.
     pub(crate) async fn is_moved_from(&self, case: &CaseId, other: &Case) -> Result<bool, Error> {
         let names = self.store().case_objects(case).await?;
         let mut volumes = names.iter();
@@ -170,8 +170,34 @@ impl Cases {
         self.is_moved(&source, &volume, &name.digest, other).await
     }
 
-    /// Slices of a stored volume with few voxels; `None` if it is damaged.
-    async fn reduced(&self, volume: Bytes, slices: Vec<usize>) -> Result<Option<Reduced>, Error> {
+    /// Whether images with the same UIDs lie elsewhere in one case than in another one. Cases whose volume is damaged do not differ.
+    pub(super) async fn lie_apart(
+        &self,
+        (one, source): (&CaseId, &Attributes),
+        (other, other_source): (&CaseId, &Attributes),
+    ) -> Result<bool, Error> {
+        let (grid, other_grid) = (self.grid_of(one).await?, self.grid_of(other).await?);
+        Ok(grid.zip(other_grid).is_some_and(|(grid, other_grid)| {
+            Places::new(source, grid).differ(&Places::new(other_source, other_grid))
+        }))
+    }
+
+    /// The grid of the acquired volume of a case; `None` if that is damaged.
+    async fn grid_of(&self, case: &CaseId) -> Result<Option<Grid>, Error> {
+        let held = self.store().case(case).await?;
+        if let Some(facts) = held.and_then(|case| case.facts) {
+            let affine = pipeline::affine_of(&facts.native_patient_from_voxel);
+            return Ok(Grid::new(facts.native_size, affine).ok());
+        }
+        let names = self.store().case_objects(case).await?;
+        let read = self.store().read(case, &names, ObjectKind::SourceVolume);
+        let limits = self.library.limits();
+        let grid = |volume: Bytes| imaging::nifti::read_grid(start(&volume), &limits).ok();
+        Ok(read.await?.and_then(grid))
+    }
+
+    /// Slices of a stored volume; `None` if it is damaged.
+    async fn picture(&self, volume: Bytes, slices: Vec<usize>) -> Result<Option<Picture>, Error> {
         let room = match self.checks.enter(start(&volume)).await {
             Ok(room) => room,
             Err(Error::Failure(_)) => return Ok(None),
@@ -181,7 +207,7 @@ impl Cases {
         let work = move || {
             let _room = room;
             let volume = imaging::nifti::read_volume(&volume, &limits).ok()?;
-            Some(Reduced::new(&volume, &slices))
+            Some(Picture::new(&volume, &slices))
         };
         self.queue.run(work).await
     }

@@ -6,12 +6,12 @@
 mod geometry;
 mod heads;
 mod index;
-mod mirror;
 mod others;
 mod patient;
 mod rejection;
 #[cfg(test)]
 pub(crate) mod tests;
+mod tiles;
 
 use std::time::Duration;
 
@@ -27,8 +27,8 @@ use crate::error::Error;
 pub use self::heads::Head;
 pub(crate) use self::index::SeriesOfUpload;
 pub use self::others::{Fitting, Other};
-pub use self::patient::Patient;
 pub(crate) use self::patient::day;
+pub use self::patient::{Contradiction, Patient};
 pub use crate::jobs::ArrivalReader;
 
 /// Which series become cases.
@@ -129,15 +129,11 @@ impl Cases {
         images: Vec<(NewInstance, Spooled)>,
         source: ArrivalSource,
     ) -> Result<(Vec<(NewInstance, Spooled)>, Vec<Reception>), Error> {
-        let instances: Vec<_> = images
+        let named: Vec<_> = images
             .iter()
-            .map(|(instance, _)| instance.clone())
+            .map(|(new, _)| (new.uids.clone(), new.sop_instance_uid.clone()))
             .collect();
-        let known = self.store().known(&instances).await?;
-        let named: Vec<_> = instances
-            .into_iter()
-            .map(|new| (new.uids, new.sop_instance_uid))
-            .collect();
+        let known = self.store().known(&named).await?;
         let rejected = self.store().are_rejected(&named).await?;
         let (mut kept, mut receptions) = (Vec::with_capacity(images.len()), Vec::new());
         for (((mut instance, file), known), is_rejected) in
@@ -179,7 +175,8 @@ impl Cases {
         Ok((kept, receptions))
     }
 
-    /// Counts an object that is no image, and of which nothing is kept. What a rejection note names is withdrawn.
+    /// Counts an object that is no image, and of which nothing is kept. What a rejection note names is withdrawn. Returns whether an image with its
+    /// UID is stored, which stays.
     ///
     /// # Errors
     /// If the rows cannot be written.
@@ -187,20 +184,28 @@ impl Cases {
         &self,
         identity: InstanceIdentity,
         source: ArrivalSource,
-    ) -> Result<(), Error> {
+    ) -> Result<bool, Error> {
         let identity = match self.deidentifies() {
             true => identity.deidentified(),
             false => identity,
         };
+        let named = (identity.uids.clone(), identity.sop_instance_uid.clone());
+        let known = self.store().known(&[named]).await?;
+        let is_known = known.iter().any(Option::is_some);
+        if is_known {
+            tracing::warn!(
+                "an image that is known has come again as an object of another class, of which nothing is kept; the image stays"
+            );
+        }
         let detail = "the series has no MR or CT image, and nothing of it is kept";
         let reason = Failure::unusable(OTHER_OBJECTS, detail);
         let store = self.store();
         store.ignore(&identity.uids, source, &reason).await?;
         store.signals().images_came(source, ImageStatus::Ignored, 1);
-        match &identity.rejection {
-            Some(rejection) => self.reject(rejection, source).await,
-            None => Ok(()),
+        if let Some(rejection) = &identity.rejection {
+            self.reject(rejection, source).await?;
         }
+        Ok(is_known)
     }
 
     /// Counts an image that is refused, for metrics.

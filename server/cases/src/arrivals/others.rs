@@ -1,6 +1,6 @@
 //! What a query finds besides the heads: series that make no case (yet). They can belong to another patient.
 
-use case::{CaseState, Failure};
+use case::{CaseId, CaseState, Failure};
 use serde_json::Value;
 use storage::ObjectName;
 use storage::arrivals::{
@@ -106,7 +106,9 @@ impl Cases {
                 && patient.is_none_or(|own| heads.any(|head| head.patient().as_ref() == Some(own)))
         };
         let mut others = Vec::new();
+        let mut last: Vec<(SeriesUids, CaseId)> = Vec::new();
         for arrival in self.store().arrivals_of(query).await? {
+            last.extend(arrival.previous.map(|case| (arrival.uids.clone(), case)));
             let is_layer_of_head = arrival.status() == ArrivalStatus::Layer
                 && heads.iter().any(|head| Some(head.case.id) == arrival.case);
             let is_case_of_head = arrival.status() == ArrivalStatus::Case
@@ -121,6 +123,14 @@ impl Cases {
         for series in self.store().cases_of(query).await? {
             if series.superseded != Some(Superseded::Rejected) {
                 continue;
+            }
+            // What the PACS has sent before it corrected that says nothing any more. The newest case comes first.
+            if series.is_received {
+                match last.iter().find(|(uids, _)| *uids == series.uids) {
+                    Some((_, case)) if *case != series.case => continue,
+                    Some(_) => {}
+                    None => last.push((series.uids.clone(), series.case)),
+                }
             }
             let source = self.attributes_of(&series.case).await?;
             let patient = source.map(|source| Patient::of(|keyword| source.value(keyword)));
@@ -174,7 +184,10 @@ impl Cases {
     }
 
     /// The patients of stored images; none of images that are lost.
-    async fn patients_of_images(&self, images: &[ObjectName]) -> Result<Vec<Patient>, Error> {
+    pub(crate) async fn patients_of_images(
+        &self,
+        images: &[ObjectName],
+    ) -> Result<Vec<Patient>, Error> {
         let mut patients: Vec<Patient> = Vec::new();
         let mut unread = Vec::new();
         for image in images {

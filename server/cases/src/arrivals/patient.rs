@@ -46,6 +46,14 @@ impl Patient {
         Some(Self::of(|keyword| attributes.value(keyword)))
     }
 
+    /// The patient of an upload; `None` if it is not DICOM.
+    pub(crate) async fn of_upload(upload: &Upload) -> Result<Option<Self>, Error> {
+        Ok(match &upload.dicom {
+            Some(stored) => Self::of_stored(&stored.read().await?),
+            None => None,
+        })
+    }
+
     /// Whether anything is stated by which the patient could be told from others.
     pub(crate) fn is_stated(&self) -> bool {
         self.id.is_some() || self.name.is_some() || self.birth_date.is_some()
@@ -94,6 +102,37 @@ impl PartialEq for Patient {
     }
 }
 
+/// What is different about the images that the PACS has sent with the UIDs of an upload.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Contradiction {
+    /// They are of another patient.
+    Patient,
+    /// They lie elsewhere, so that left and right may be exchanged.
+    Place,
+}
+
+impl Contradiction {
+    /// The kind of the problem.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Patient => "several-patients",
+            Self::Place => "superseded",
+        }
+    }
+
+    /// What has happened.
+    pub fn sentence(self) -> &'static str {
+        match self {
+            Self::Patient => {
+                "the case was uploaded, and the PACS has sent images of another patient with the UIDs of its series"
+            }
+            Self::Place => {
+                "the case was uploaded, and the PACS has sent images with the same UIDs and another position or orientation, so that left and right may be exchanged"
+            }
+        }
+    }
+}
+
 /// A date of DICOM as the page has it: `1967-03-12`.
 pub(crate) fn day(date: &str) -> String {
     match date.len() == 8 && date.is_ascii() {
@@ -117,10 +156,7 @@ impl Cases {
         upload: &Upload,
         case: &CaseId,
     ) -> Result<Option<bool>, Error> {
-        let Some(new) = &upload.dicom else {
-            return Ok(None);
-        };
-        let new = Patient::of_stored(&new.read().await?);
+        let new = Patient::of_upload(upload).await?;
         let held = self.store().source_dicom(case).await?;
         let held = held.and_then(|stored| Patient::of_stored(&stored));
         Ok(new.zip(held).and_then(|(new, held)| {
@@ -129,31 +165,40 @@ impl Cases {
         }))
     }
 
-    /// Whether the PACS has sent images of another patient with the UIDs of a series that was uploaded.
+    /// What the PACS has sent with the UIDs of a series that was uploaded, if that contradicts the upload.
     ///
     /// # Errors
     /// If the store cannot be reached.
-    pub async fn is_of_another_patient(&self, uploaded: &CaseSeries) -> Result<bool, StoreError> {
+    pub async fn contradiction(
+        &self,
+        uploaded: &CaseSeries,
+    ) -> Result<Option<Contradiction>, Error> {
         if uploaded.is_received {
-            return Ok(false);
+            return Ok(None);
         }
-        let patient = |source: Attributes| Patient::of(|keyword| source.value(keyword));
-        let own = self.attributes_of(&uploaded.case).await?.map(patient);
+        let patient = |source: &Attributes| Patient::of(|keyword| source.value(keyword));
+        let Some(own) = self.attributes_of(&uploaded.case).await? else {
+            return Ok(None);
+        };
+        let mut found = None;
         let SeriesUids { study, series } = uploaded.uids.clone();
         let query = SeriesQuery::Study(study, Some(series));
         for held in self.store().cases_of(&query).await? {
             if !held.is_received || held.is_superseded() {
                 continue;
             }
-            let sent = self.attributes_of(&held.case).await?.map(patient);
-            if sent
-                .zip(own.as_ref())
-                .is_some_and(|(sent, own)| sent != *own)
-            {
-                return Ok(true);
+            let Some(sent) = self.attributes_of(&held.case).await? else {
+                continue;
+            };
+            if patient(&sent) != patient(&own) {
+                return Ok(Some(Contradiction::Patient));
+            }
+            let (own, sent) = ((&uploaded.case, &own), (&held.case, &sent));
+            if self.lie_apart(own, sent).await? {
+                found = Some(Contradiction::Place);
             }
         }
-        Ok(false)
+        Ok(found)
     }
 
     /// The attributes of the source of a case; `None` if it has none, or they are damaged.

@@ -2,9 +2,10 @@
 
 use case::{CaseId, Failure, LayerId};
 use imaging::dicom::Attributes;
-use storage::StoreError;
 use storage::arrivals::{ArrivalSource, REJECTED, Rejection, SeriesQuery, SeriesUids, Uid};
+use storage::{StoreError, Upload};
 
+use super::Patient;
 use crate::application::Cases;
 use crate::error::Error;
 
@@ -64,9 +65,50 @@ impl Cases {
     /// Removes the layers that are made of a series from all cases, also of other studies.
     pub(super) async fn remove_layers_of(&self, uids: &SeriesUids) -> Result<(), StoreError> {
         for (case, layer) in self.store().layers_of_series(&uids.series).await? {
-            self.store()
-                .withdraw_layer(&case, &layer, &layer_withdrawn())
-                .await?;
+            self.withdraw_layer(&case, &layer).await?;
+        }
+        Ok(())
+    }
+
+    /// Removes layers that state another patient than the images of a series: those that are made of it, and those on its cases.
+    pub(crate) async fn remove_layers_of_others(
+        &self,
+        uids: &SeriesUids,
+        images: &Upload,
+    ) -> Result<(), Error> {
+        let patient = Patient::of_upload(images).await?;
+        let Some(patient) = patient.filter(Patient::is_stated) else {
+            return Ok(());
+        };
+        let mut layers = self.store().layers_of_series(&uids.series).await?;
+        let series = SeriesQuery::Study(uids.study.clone(), Some(uids.series.clone()));
+        let held = self.store().cases_of(&series).await?.into_iter();
+        for held in held.filter(|held| held.is_received) {
+            let on_case = self.store().layers(&held.case).await?.into_iter();
+            layers.extend(on_case.map(|layer| (held.case, layer.id)));
+        }
+        for (case, layer) in layers {
+            let objects = self.store().layer_objects(&case, &layer).await?;
+            let source = self.attributes_among(&case, &objects).await?;
+            let stated = source.map(|source| Patient::of(|keyword| source.value(keyword)));
+            if stated.is_some_and(|stated| stated.is_stated() && stated != patient) {
+                self.withdraw_layer(&case, &layer).await?;
+            }
+        }
+        Ok(())
+    }
+
+    async fn withdraw_layer(&self, case: &CaseId, layer: &LayerId) -> Result<(), StoreError> {
+        let sent = self
+            .store()
+            .withdraw_layer(case, layer, &layer_withdrawn())
+            .await?;
+        if sent > 0 {
+            tracing::warn!(
+                case = case.short(),
+                results = sent,
+                "results that were sent may show a layer that was removed, because its images were corrected or rejected; withdraw them with a rejection note"
+            );
         }
         Ok(())
     }
@@ -87,16 +129,14 @@ impl Cases {
                 study == Some(uids.study.as_str()) && is_made_of(&source, instances)
             });
             if is_named {
-                self.store()
-                    .withdraw_layer(&case, &layer, &layer_withdrawn())
-                    .await?;
+                self.withdraw_layer(&case, &layer).await?;
                 removed += 1;
             }
         }
         Ok(removed)
     }
 
-    /// Removes the layers that are made of a series from a case, all but one.
+    /// Removes the layers that are made of a series from a case, all but one, which has more images. What shows the others stays valid.
     pub(crate) async fn remove_other_layers_of(
         &self,
         uids: &SeriesUids,
@@ -105,9 +145,7 @@ impl Cases {
     ) -> Result<(), StoreError> {
         for (of, layer) in self.store().layers_of_series(&uids.series).await? {
             if of == *case && layer != *kept {
-                self.store()
-                    .withdraw_layer(case, &layer, &layer_withdrawn())
-                    .await?;
+                self.store().delete_layer(case, &layer).await?;
             }
         }
         Ok(())

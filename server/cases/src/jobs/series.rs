@@ -1,16 +1,18 @@
 //! Reads series that are due, and makes cases or layers of them.
 
+use std::collections::HashSet;
 use std::time::Duration;
 
 use async_trait::async_trait;
 use case::{
-    Case, CaseId, CaseState, Failure, FailureKind, JobKind, LayerParameters, ObjectKind, Parameters,
+    Case, CaseId, CaseState, Failure, FailureKind, JobKind, LayerParameters, MaskSource,
+    ObjectKind, Parameters,
 };
 use storage::arrivals::{DueTerms, NO_CASE, NOT_T1, Outcome, SeriesQuery, TakenAs};
 use storage::{DueSeries, Store, StoreError, Upload};
 
 use crate::application::Cases;
-use crate::arrivals::{ArrivalOptions, SeriesRule};
+use crate::arrivals::{ArrivalOptions, Patient, SeriesRule};
 use crate::dicom::{Options, Purpose, copy_objects};
 use crate::error::Error;
 use crate::intake::VolumeFiles;
@@ -110,11 +112,19 @@ impl Cases {
         if !copy_objects(self.store(), &due.instances, &directory).await? {
             return Ok(Outcome::Nothing(images_lost()));
         }
+        let previous = self.previous(due).await?;
+        if let Some(before) = &previous
+            && due.previous.is_none()
+        {
+            self.compare_patients(due, &before.id).await?;
+        }
         let files = VolumeFiles::Dicom(directory);
         let (upload, choice) = self
             // Images have lost the identity of the patient when they came, if it is not to be kept.
             .read_upload(files, None, &reading(due), false)
             .await?;
+        // Nor may a layer stay under the name of another patient.
+        self.remove_layers_of_others(&due.uids, &upload).await?;
         let is_t1 = choice.is_some_and(|choice| choice.is_t1);
         let (is_case, otherwise) = match due.taken.map(|taken| taken.kind) {
             Some(TakenAs::Case) => (true, not_t1()),
@@ -126,7 +136,7 @@ impl Cases {
             return Ok(layer.unwrap_or(Outcome::Nothing(otherwise)));
         }
         // A version is prepared as the case that it is one of.
-        let previous = match self.previous(due).await? {
+        let previous = match previous {
             Some(case) => Some((self.is_of_patient(&upload, &case.id).await?, case)),
             None => None,
         };
@@ -137,14 +147,11 @@ impl Cases {
                 if is_same == Some(false) {
                     self.store().correct_series_of(&case.id).await?;
                 }
-                let name = None;
-                (
-                    None,
-                    Parameters {
-                        name,
-                        ..case.parameters
-                    },
-                )
+                let parameters = Parameters {
+                    name: None,
+                    ..case.parameters
+                };
+                (None, parameters)
             }
             Some((_, case)) => {
                 // Neither may findings and layers stay where they lay, if the images lie elsewhere now.
@@ -158,6 +165,7 @@ impl Cases {
             }
             None => (None, Parameters::default()),
         };
+        let parameters = self.of_whole_series(parameters);
         let submitted = self.submit_after(upload, parameters, of).await?;
         Ok(Outcome::Case(submitted.case.id))
     }
@@ -177,6 +185,39 @@ impl Cases {
             Some(before) => self.store().case(&before.case).await,
             None => Ok(None),
         }
+    }
+
+    /// Notes that a series is of another patient than the case that it became before it was forgotten, if an image of that case has come
+    /// again and states another one. All others may still be missing.
+    async fn compare_patients(&self, due: &DueSeries, before: &CaseId) -> Result<(), Error> {
+        let Some(source) = self.attributes_of(before).await? else {
+            return Ok(());
+        };
+        let known: HashSet<_> = (source.instances.iter())
+            .map(|image| image.sop_instance_uid.as_str())
+            .collect();
+        let images = self.store().images_of(&due.uids).await?.into_iter();
+        let again: Vec<_> = images
+            .filter(|(uid, _)| known.contains(uid.as_str()))
+            .map(|(_, image)| image)
+            .collect();
+        let held = Patient::of(|keyword| source.value(keyword));
+        let stated = self.patients_of_images(&again).await?;
+        let is_another = |stated: &Patient| *stated != held && stated.is_stated();
+        if held.is_stated() && stated.iter().any(is_another) {
+            self.store().correct_series_of(before).await?;
+        }
+        Ok(())
+    }
+
+    /// The parameters of a version. Without a network, `pruning` is what became of `auto`, and the whole series may be skull-stripped although
+    /// a part of it did not look so.
+    fn of_whole_series(&self, parameters: Parameters) -> Parameters {
+        let mask = match parameters.mask {
+            MaskSource::Pruning if !self.library.has_network() => MaskSource::Auto,
+            mask => mask,
+        };
+        Parameters { mask, ..parameters }
     }
 
     /// The newest ready version of the images of a case, which readers see: it may have another mask, and what they marked there.

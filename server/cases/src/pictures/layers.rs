@@ -344,6 +344,15 @@ impl ChosenLayers {
         (!versions.is_empty()).then(|| versions.join(", "))
     }
 
+    /// The uploaded layers, also those of which maps were computed.
+    pub fn ids(&self) -> impl Iterator<Item = LayerId> {
+        let all = [&self.base, &self.overlay].into_iter().flatten();
+        all.filter_map(|layer| match layer {
+            ChosenLayer::Map { of_layer, .. } => *of_layer,
+            ChosenLayer::Layer(layer) => Some(layer.id),
+        })
+    }
+
     /// Whether one of them is a map.
     pub fn has_maps(&self) -> bool {
         let all = [&self.base, &self.overlay].into_iter().flatten();

@@ -1,6 +1,6 @@
 //! Pictures of a case, drawn one after the other: the one way from requests to pixels of a case in the store.
 
-use case::CaseId;
+use case::{CaseId, LayerId};
 use render::{Frame, RenderBackend};
 
 use super::drawing::{DrawnPicture, backend_for, draw_all, positions, shown_depth, warm_jobs};
@@ -106,6 +106,15 @@ impl PictureSeries {
         self.pictures
             .first()
             .map_or("", |planned| planned.backend.name())
+    }
+
+    /// The uploaded layers, also those of which maps were computed, each once.
+    pub fn layers(&self) -> Vec<LayerId> {
+        let pictures = self.pictures.iter();
+        let mut layers: Vec<_> = pictures.flat_map(|planned| planned.layers.ids()).collect();
+        layers.sort_unstable();
+        layers.dedup();
+        layers
     }
 
     /// The versions of the layers, of maps and of the surfaces, each once; `None` if there are no layers and only the whole brain is shown,

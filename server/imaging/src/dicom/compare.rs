@@ -28,8 +28,12 @@ const OWNER: [Tag; 11] = [
     tags::REFERRING_PHYSICIAN_NAME,
 ];
 
-/// Attributes that tell which of several heads of a study counts.
-const CHOICE: [Tag; 2] = [tags::IMAGE_TYPE, tags::CONTRAST_BOLUS_AGENT];
+/// Attributes that tell which of several heads of a study counts, and what kind of image it is.
+const CHOICE: [Tag; 3] = [
+    tags::IMAGE_TYPE,
+    tags::CONTRAST_BOLUS_AGENT,
+    tags::SOP_CLASS_UID,
+];
 
 /// What is different about an image that was known before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -490,8 +490,11 @@ impl Messages<'_> {
             if !self.ignores_other_objects {
                 return Status::ClassNotSupported;
             }
-            let ignored = self.cases.ignore(identity, source).await;
-            return ignored.map_or_else(|error| status_of(&error), |()| Status::Success);
+            return match self.cases.ignore(identity, source).await {
+                Ok(true) => Status::Corrected,
+                Ok(false) => Status::Success,
+                Err(error) => status_of(&error),
+            };
         }
         let study = digest_of_uid(identity.uids.study.as_str());
         let images = vec![(identity, file)];

@@ -5,7 +5,7 @@ use std::sync::{Arc, LazyLock};
 use axum::body::Bytes;
 use axum::http::StatusCode;
 use case::findings::Finding;
-use case::{Case, CaseFacts, CaseId, MaskMethod, ObjectKind, PatientSide, QualityState};
+use case::{Case, CaseFacts, CaseId, LayerId, MaskMethod, ObjectKind, PatientSide, QualityState};
 use cases::pictures::{Layout, PictureRequest, window_of};
 use cases::report::{ReportFormat, ReportSubject};
 use cases::{Cases, Error};
@@ -47,6 +47,8 @@ pub(crate) struct Composer {
     source: Attributes,
     study: Uid,
     content: Content,
+    /// The layers of the case that it shows, or may show.
+    layers: Vec<LayerId>,
     withdrawn: Vec<Uid>,
     /// What distinguishes it from all other results.
     digest: blake3::Hash,
@@ -89,13 +91,10 @@ impl Composer {
         }
         let source = source(cases, &id, asked).await?;
         if let Some(series) = series.filter(|_| !is_rejection)
-            && cases.is_of_another_patient(&series).await?
+            && let Some(why) = cases.contradiction(&series).await?
         {
-            return Err(AppError::new(
-                StatusCode::CONFLICT,
-                "several-patients",
-                "the case was uploaded, and the PACS has sent images of another patient with the UIDs of its series; use the case of those",
-            ));
+            let detail = format!("{}; use the case of those", why.sentence());
+            return Err(AppError::new(StatusCode::CONFLICT, why.name(), detail));
         }
         let study = value(&source, "StudyInstanceUID").and_then(Uid::parse);
         let study = study.ok_or_else(no_patient)?;
@@ -103,6 +102,8 @@ impl Composer {
             Plan::KeyObject(plan) if is_rejection => plan.instances.clone(),
             _ => Vec::new(),
         };
+        // Known before they are drawn: one that is withdrawn meanwhile is noticed.
+        let all_layers = cases.layers(&id).await?;
         let content = match plan {
             Plan::Pictures(plan) => Content::Pictures(Drawing::of(cases, &id, plan).await?),
             Plan::Mask(mask) => {
@@ -123,6 +124,11 @@ impl Composer {
                 let report = cases.report(&id, query, ReportFormat::Pdf, subject).await?;
                 Content::Report(report, changed)
             }
+        };
+        let layers = match &content {
+            Content::Pictures(drawing) => drawing.layers(),
+            Content::Report(..) => all_layers.iter().map(|layer| layer.id).collect(),
+            Content::Mask(_) | Content::KeyObject(..) | Content::Findings(..) => Vec::new(),
         };
         let made_by = match &content {
             Content::Pictures(drawing) => drawing.made_by(),
@@ -153,6 +159,7 @@ impl Composer {
             source,
             study,
             content,
+            layers,
             withdrawn,
         })
     }
@@ -160,6 +167,11 @@ impl Composer {
     /// The results that it withdraws, if it is a rejection note.
     pub(crate) fn withdrawn(&self) -> Vec<Uid> {
         self.withdrawn.clone()
+    }
+
+    /// The layers of the case that it shows, or may show.
+    pub(crate) fn layers(&self) -> Vec<LayerId> {
+        self.layers.clone()
     }
 
     /// The study of the result.

@@ -1,6 +1,6 @@
 //! Draws the pictures of a result.
 
-use case::CaseId;
+use case::{CaseId, LayerId};
 use cases::pictures::{CheckedPicture, Layout, PicturePlan, PictureSeries, SeriesPicture, marked};
 use cases::{Cases, Error};
 use imaging::dicom::write::{Cine, Pictures};
@@ -35,6 +35,11 @@ impl Drawing {
             self.series = self.series.first();
         }
         self
+    }
+
+    /// The uploaded layers that it shows, also as the source of a map.
+    pub(crate) fn layers(&self) -> Vec<LayerId> {
+        self.series.layers()
     }
 
     /// The renderer, such as `trace`.

@@ -13,7 +13,7 @@ use axum::response::Response;
 use case::{CaseId, JobState};
 use serde::Serialize;
 use storage::arrivals::is_id;
-use storage::results::{NewResult, SentResult};
+use storage::results::{NewResult, NotValid, SentResult};
 use utoipa::ToSchema;
 
 use self::compose::Composer;
@@ -46,6 +46,10 @@ pub(crate) struct ResultView {
     instance: String,
     /// `queued`, `running`, `done` or `failed`.
     state: &'static str,
+    /// `withdrawn`, `superseded` or `layer-withdrawn`, if it does not count any more: searches do not list it, and it can be withdrawn by a
+    /// rejection note, unless it was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    not_valid: Option<&'static str>,
     /// The reason, if it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<ReasonView>,
@@ -68,6 +72,7 @@ impl From<SentResult> for ResultView {
             study: result.study.as_str().to_owned(),
             instance: result.instance.as_str().to_owned(),
             state: state.name(),
+            not_valid: result.not_valid.map(NotValid::name),
             reason: failure
                 .filter(|_| state == JobState::Failed)
                 .map(Into::into),
@@ -98,7 +103,7 @@ impl From<SentResult> for ResultView {
         (status = 400, description = "The body cannot be read, or a value is invalid"),
         (status = 404, description = "No such case, or no node has this name"),
         (status = 406, description = "A segmentation, a list, findings and a report have no picture"),
-        (status = 409, description = "The case is not ready, its patient, study or place was corrected since or its images were rejected (`superseded`), it was uploaded and the PACS has sent another patient with its UIDs (`several-patients`), or the result was withdrawn (`withdrawn`)"),
+        (status = 409, description = "The case is not ready, its patient, study or place was corrected since or its images were rejected (`superseded`), it was uploaded and the PACS has sent another patient (`several-patients`) or place (`superseded`) with its UIDs, or the result was withdrawn (`withdrawn`)"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), nothing was marked (`no-findings`), or no frame of reference for a segmentation or findings"),
         (status = 503, description = "Too much work is waiting"),
     )
@@ -118,13 +123,6 @@ pub(crate) async fn create_result(
     let node = node.transpose()?;
     let plan = asked.plan()?;
     let composer = Composer::begin(&pacs, id, &asked, plan).await?;
-    if is_preview {
-        return Ok(picture(composer.preview(pacs.cases()).await?));
-    }
-    let Some(node) = node else {
-        let file = composer.file(pacs.cases()).await?;
-        return Ok(object(asked.what.name(), file));
-    };
     let store = pacs.cases().store();
     let instance = composer.instance();
     if store.are_withdrawn(std::slice::from_ref(&instance)).await? == [true] {
@@ -134,6 +132,13 @@ pub(crate) async fn create_result(
             "this result was withdrawn by a rejection note, and a PACS would not accept it again; request another picture",
         ));
     }
+    if is_preview {
+        return Ok(picture(composer.preview(pacs.cases()).await?));
+    }
+    let Some(node) = node else {
+        let file = composer.file(pacs.cases()).await?;
+        return Ok(object(asked.what.name(), file));
+    };
     // A result that was made before is sent as it is.
     let known = store.object_of_result(&instance).await?;
     let known = match known {
@@ -141,7 +146,7 @@ pub(crate) async fn create_result(
         None => None,
     };
     let (study, series) = (composer.study(), composer.series());
-    let withdrawn = composer.withdrawn();
+    let (layers, withdrawn) = (composer.layers(), composer.withdrawn());
     let file = match known {
         Some(file) => file,
         None => composer.file(pacs.cases()).await?,
@@ -152,6 +157,7 @@ pub(crate) async fn create_result(
         study,
         series,
         instance,
+        layers,
         digest: blake3::hash(&file),
     };
     let queued = queue(&pacs, new, file).await?;

@@ -152,7 +152,8 @@ pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_s
         replaces: Some(change),
         ..image(1, number)
     };
-    let known = store.known(&[image(1, 1), image(1, 3)]).await.unwrap();
+    let known = [image(1, 1), image(1, 3)].map(|new| (new.uids, new.sop_instance_uid));
+    let known = store.known(&known).await.unwrap();
     let here = Known {
         object: ObjectName::from(&image(1, 1)),
         is_elsewhere: false,
@@ -319,7 +320,8 @@ pub(crate) async fn an_image_that_comes_under_another_series_leaves_its_own(subj
         replaces: Some(Change::Owner),
         ..image(1, number)
     };
-    let known = store.known(&[moved(1)]).await.unwrap().remove(0).unwrap();
+    let known = [(moved(1).uids, moved(1).sop_instance_uid)];
+    let known = store.known(&known).await.unwrap().remove(0).unwrap();
     assert!(known.is_elsewhere);
     assert_eq!(known.object, ObjectName::from(&image(1, 1)));
     let first = store.arrivals_of(&study()).await.unwrap().remove(0);

@@ -112,7 +112,7 @@ async fn receive(store: &Store) -> usize {
         replaces: None,
     };
     let images = [image];
-    let known = store.known(&images).await.unwrap();
+    let known = store.known(&[(uids(), uid("1.2.3.4.1"))]).await.unwrap();
     assert_eq!(known, [None], "nobody else's image is known");
     let names: Vec<_> = images.iter().map(ObjectName::from).collect();
     let pinned = pinned(store, &names).await;

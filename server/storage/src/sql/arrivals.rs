@@ -435,21 +435,21 @@ pub(super) async fn forget_withdrawn(
 pub(super) async fn known(
     connection: &mut Connection,
     project: Project,
-    new: &NewInstance,
+    (uids, instance): &(SeriesUids, Uid),
 ) -> Result<Option<Known>, StoreError> {
     let rows = connection
         .query(
             "SELECT study_uid, series_uid, digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
              WHERE sop_instance_uid = $1 AND project = $2",
         )
-        .bind(new.sop_instance_uid.as_str())
+        .bind(instance.as_str())
         .bind(project.name())
         .fetch_all()
         .await?;
     let mut known = None;
     for row in &rows {
         let object = read_object(row)?;
-        let is_elsewhere = read_uids(row)? != new.uids;
+        let is_elsewhere = read_uids(row)? != *uids;
         if !is_elsewhere {
             return Ok(Some(Known {
                 object,
@@ -796,7 +796,8 @@ pub(super) async fn move_case(
     wake_layers(connection, case).await
 }
 
-/// Notes that the cases that the PACS has sent of the series of a case are of another patient or study than the series is now.
+/// Notes that the cases that the PACS has sent of the series of a case are of another patient or study than the series is now. Series that
+/// became layers of them are read again.
 pub(super) async fn correct_series_of(
     connection: &mut Connection,
     case: &CaseId,
@@ -812,6 +813,20 @@ pub(super) async fn correct_series_of(
         .bind(case.key())
         .execute()
         .await?;
+    let rows = connection
+        .query(
+            "SELECT case_id FROM case_series
+             WHERE (project, study_uid, series_uid) =
+                   (SELECT project, study_uid, series_uid FROM case_series WHERE case_id = $1)
+               AND is_received = 1",
+        )
+        .bind(case.key())
+        .fetch_all()
+        .await?;
+    for row in &rows {
+        let case = read_case(row, "case_id")?.ok_or_else(|| unreadable("case"))?;
+        wake_layers(connection, &case).await?;
+    }
     Ok(())
 }
 

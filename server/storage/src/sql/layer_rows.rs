@@ -1,8 +1,8 @@
 //! The transactions of layers.
 
-use case::{CaseId, CaseState, Layer, LayerFacts, LayerId};
+use case::{CaseId, CaseState, Failure, Layer, LayerFacts, LayerId};
 
-use super::{jobs, layers};
+use super::{jobs, layers, results};
 use crate::arrivals::Uid;
 use crate::jobs::Claim;
 use crate::rows::{Inserted, LayerChange, NewLayer, Pinned, Published, Referred};
@@ -125,6 +125,22 @@ impl Store {
             self.rows().database.empty_log().await;
         }
         Ok(deleted)
+    }
+
+    /// As [`Store::delete_layer_row`]. Results that may show it do not count any more; returns how many have been sent.
+    pub(crate) async fn withdraw_layer_row(
+        &self,
+        case: &CaseId,
+        layer: &LayerId,
+        failure: &Failure,
+    ) -> Result<usize, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        let withdrawn = (case, layer);
+        let sent = results::withdraw_of_layer(&mut transaction, withdrawn, failure, now).await?;
+        layers::delete(&mut transaction, case, layer, now).await?;
+        transaction.commit().await?;
+        self.rows().database.empty_log().await;
+        Ok(sent)
     }
 
     /// Queues a ready layer again, because its object is lost; its placement stays. Returns whether it was ready.

@@ -262,6 +262,20 @@ pub(super) async fn series_of(
     Ok(series.as_deref().and_then(Uid::parse))
 }
 
+/// Whether a case has all of these layers.
+pub(super) async fn are_there(
+    connection: &mut Connection,
+    case: &CaseId,
+    layers: &[LayerId],
+) -> Result<bool, StoreError> {
+    if layers.is_empty() {
+        return Ok(true);
+    }
+    let held = of_case(connection, case).await?;
+    let is_held = |id: &LayerId| held.iter().any(|layer| layer.id == *id);
+    Ok(layers.iter().all(is_held))
+}
+
 /// Renames a layer, or moves it in the list; whether there is such a layer.
 pub(super) async fn change(
     connection: &mut Connection,

@@ -13,7 +13,7 @@ use crate::arrivals::{
 use crate::jobs::{Claim, NewJob};
 use crate::rows::{DueSeries, Known, Pinned, Referred, RowCounts, Withdrawn};
 use crate::{ForPacs, ObjectName, Store, StoreError};
-use case::{CaseId, Failure, JobKind, LayerId, ObjectKind, Project};
+use case::{CaseId, Failure, JobKind, ObjectKind, Project};
 
 /// How long to remember what rejection notes have withdrawn: a PACS that sends the images again does so within days, and
 /// UIDs should not stay for ever.
@@ -84,11 +84,14 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn known(&self, instances: &[NewInstance]) -> Result<Vec<Option<Known>>, StoreError> {
+    pub async fn known(
+        &self,
+        images: &[(SeriesUids, Uid)],
+    ) -> Result<Vec<Option<Known>>, StoreError> {
         let mut connection = self.rows().connect().await?;
-        let mut known = Vec::with_capacity(instances.len());
-        for instance in instances {
-            known.push(arrivals::known(&mut connection, self.project(), instance).await?);
+        let mut known = Vec::with_capacity(images.len());
+        for image in images {
+            known.push(arrivals::known(&mut connection, self.project(), image).await?);
         }
         Ok(known)
     }
@@ -173,23 +176,6 @@ impl Store {
         transaction.commit().await?;
         self.signals().changed(case);
         Ok(())
-    }
-
-    /// Removes a layer whose images were corrected or rejected; `false` if it did not exist. Results of its case that wait to be sent
-    /// may show it, and fail with this reason.
-    ///
-    /// # Errors
-    /// As [`Store::delete_layer`].
-    pub async fn withdraw_layer(
-        &self,
-        case: &CaseId,
-        layer: &LayerId,
-        failure: &Failure,
-    ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        results::fail_waiting(&mut transaction, case, failure, now).await?;
-        transaction.commit().await?;
-        self.delete_layer(case, layer).await
     }
 
     /// Whether the findings of one of two cases may not come into the other: its images lie elsewhere since they were corrected, or

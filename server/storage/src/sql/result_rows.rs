@@ -75,7 +75,7 @@ impl Store {
     }
 
     /// The results of a study, each once, in the order of their series. With `with_invalid`, also those that were
-    /// withdrawn, and those of superseded cases.
+    /// withdrawn, those of superseded cases, and those that show a layer that was withdrawn.
     ///
     /// # Errors
     /// If the rows cannot be read or written.

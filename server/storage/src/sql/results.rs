@@ -1,20 +1,24 @@
 //! Results that are sent to a node.
 
-use super::arrivals::{count, name_of, read_time, superseded_code, unreadable};
+use super::arrivals::{count, name_of, read_count, read_time, superseded_code, unreadable};
 use super::connection::{Connection, Row};
-use super::{jobs, pins};
+use super::{jobs, layers, pins};
 use crate::arrivals::{ArrivalCursor, Superseded, TransferQuery, Uid};
 use crate::jobs::{Job, NewJob};
-use crate::results::{HeldResult, NewResult, ResultSeries, SentResult, object};
+use crate::results::{HeldResult, NewResult, NotValid, ResultSeries, SentResult, object};
 use crate::{ObjectName, StoreError};
-use case::{CaseId, Failure, JobKind, JobState, Project};
+use case::{CaseId, Failure, JobKind, JobState, LayerId, Project};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_result {
     ($rest:literal) => {
         concat!(
             "SELECT id, case_id, node, study_uid, sop_instance_uid, sop_class_uid, series_uid, series_number,
-                    series_description, digest, created_at FROM results ",
+                    series_description, digest, created_at, layers, layer_withdrawn,
+                    (SELECT superseded FROM case_series WHERE case_series.case_id = results.case_id) AS superseded,
+                    (SELECT count(*) FROM rejections WHERE rejections.sop_instance_uid = results.sop_instance_uid
+                                                       AND rejections.project = results.project) AS rejected
+             FROM results ",
             $rest
         )
     };
@@ -28,6 +32,9 @@ pub(super) async fn queue(
     now: i64,
 ) -> Result<SentResult, StoreError> {
     let id = insert(connection, new, now).await?;
+    // A layer may have been withdrawn while the result was drawn, and may have come back since it was first requested.
+    let are_there = layers::are_there(connection, &new.case, &new.layers).await?;
+    note_layers(connection, new, !are_there).await?;
     let job = NewJob {
         case: Some(new.case),
         ..NewJob::new(job, id.clone())
@@ -41,24 +48,64 @@ pub(super) async fn queue(
     Ok(queued)
 }
 
-/// Ends the jobs that send results of a case, with a reason.
-pub(super) async fn fail_waiting(
+/// Notes whether a layer that a result shows was withdrawn, for all nodes.
+async fn note_layers(
     connection: &mut Connection,
-    case: &CaseId,
-    failure: &Failure,
-    now: i64,
+    result: &NewResult,
+    is_withdrawn: bool,
 ) -> Result<(), StoreError> {
     connection
         .query(
+            "UPDATE results SET layer_withdrawn = $1 WHERE sop_instance_uid = $2 AND project = $3",
+        )
+        .bind(i64::from(is_withdrawn))
+        .bind(result.instance.as_str())
+        .bind(result.case.project().name())
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Notes that a layer was withdrawn, and ends the jobs that send results that may show it, with a reason. Returns how many have
+/// been sent already.
+pub(super) async fn withdraw_of_layer(
+    connection: &mut Connection,
+    (case, layer): (&CaseId, &LayerId),
+    failure: &Failure,
+    now: i64,
+) -> Result<usize, StoreError> {
+    connection
+        .query(
+            "UPDATE results SET layer_withdrawn = 1
+             WHERE case_id = $1 AND layers LIKE $2",
+        )
+        .bind(case.key())
+        .bind(format!("%{layer}%"))
+        .execute()
+        .await?;
+    connection
+        .query(
             "UPDATE jobs SET state = 'failed', failure = $1, ended_at = $2, fence = 0, lease_until = NULL
-             WHERE case_id = $3 AND key IN (SELECT id FROM results WHERE case_id = $3) AND state IN ('queued', 'running')",
+             WHERE case_id = $3 AND key IN (SELECT id FROM results WHERE case_id = $3 AND layer_withdrawn = 1)
+               AND state IN ('queued', 'running')",
         )
         .bind(serde_json::to_string(failure)?)
         .bind(now)
         .bind(case.key())
         .execute()
         .await?;
-    Ok(())
+    let row = connection
+        .query(
+            "SELECT count(*) AS sent FROM results
+             WHERE case_id = $1 AND layers LIKE $2
+               AND 'done' = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
+                                      ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done')",
+        )
+        .bind(case.key())
+        .bind(format!("%{layer}%"))
+        .fetch_one()
+        .await?;
+    row.get("sent").map(read_count)
 }
 
 /// Writes the row of a result, unless it is there; returns its id.
@@ -70,8 +117,8 @@ async fn insert(
     connection
         .query(
             "INSERT INTO results (id, case_id, node, study_uid, sop_instance_uid, digest, created_at,
-                                  sop_class_uid, series_uid, series_number, series_description, project)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12)
+                                  sop_class_uid, series_uid, series_number, series_description, project, layers)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13)
              ON CONFLICT (sop_instance_uid, node, project) DO NOTHING",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
@@ -86,6 +133,7 @@ async fn insert(
         .bind(i64::from(new.series.number))
         .bind(&new.series.description)
         .bind(new.case.project().name())
+        .bind(written(&new.layers))
         .execute()
         .await?;
     let row = connection
@@ -110,9 +158,12 @@ pub(super) async fn adopt(
         study: result.study.clone(),
         series: result.series.clone(),
         instance: result.instance.clone(),
+        layers: result.layers.clone(),
         digest: result.object.digest,
     };
     let known = insert(connection, &new, now).await?;
+    let is_withdrawn = result.not_valid == Some(NotValid::LayerWithdrawn);
+    note_layers(connection, &new, is_withdrawn).await?;
     jobs::remove(connection, &known).await?;
     connection
         .query("UPDATE results SET id = $1, created_at = $2 WHERE id = $3")
@@ -212,7 +263,8 @@ pub(super) async fn of_study(
         .query(
             "SELECT case_id, sop_instance_uid, sop_class_uid, series_uid, series_number, series_description, digest FROM results
              WHERE study_uid = $1 AND coalesce($3, project) = project
-               AND ($2 = 1 OR (sop_instance_uid, project) NOT IN (SELECT sop_instance_uid, project FROM rejections)
+               AND ($2 = 1 OR layer_withdrawn = 0
+                              AND (sop_instance_uid, project) NOT IN (SELECT sop_instance_uid, project FROM rejections)
                               AND case_id NOT IN (SELECT case_id FROM case_series WHERE superseded >= $4))
              ORDER BY series_number, sop_instance_uid, created_at, id",
         )
@@ -304,6 +356,34 @@ fn read_case(row: &Row) -> Result<CaseId, StoreError> {
     CaseId::from_key(&case).ok_or_else(|| unreadable("case"))
 }
 
+/// The ids of layers, as a column has them.
+fn written(layers: &[LayerId]) -> String {
+    let ids: Vec<_> = layers.iter().map(LayerId::to_string).collect();
+    ids.join(" ")
+}
+
+fn read_layers(row: &Row) -> Result<Vec<LayerId>, StoreError> {
+    let ids: String = row.get("layers")?;
+    let ids = ids.split_whitespace();
+    ids.map(|id| LayerId::parse(id).ok_or_else(|| unreadable("layer")))
+        .collect()
+}
+
+fn read_not_valid(row: &Row) -> Result<Option<NotValid>, StoreError> {
+    let superseded: Option<i64> = row.get("superseded")?;
+    let is_final = superseded.unwrap_or(0) >= superseded_code(Some(Superseded::Corrected));
+    let reasons = [
+        (row.get::<i64>("rejected")? > 0, NotValid::Withdrawn),
+        (
+            row.get::<i64>("layer_withdrawn")? > 0,
+            NotValid::LayerWithdrawn,
+        ),
+        (is_final, NotValid::Superseded),
+    ];
+    let reason = reasons.into_iter().find(|(is_true, _)| *is_true);
+    Ok(reason.map(|(_, reason)| reason))
+}
+
 fn read(row: &Row, job: Option<Job>) -> Result<SentResult, StoreError> {
     Ok(SentResult {
         id: row.get("id")?,
@@ -313,7 +393,9 @@ fn read(row: &Row, job: Option<Job>) -> Result<SentResult, StoreError> {
         series: read_series(row)?,
         instance: read_uid(row, "sop_instance_uid")?,
         object: read_object(row)?,
+        layers: read_layers(row)?,
         created_at: read_time(row, "created_at")?,
+        not_valid: read_not_valid(row)?,
         job,
     })
 }

@@ -56,6 +56,7 @@ pub(crate) fn new_result(case: CaseId, node: &str, contents: &str) -> NewResult 
             description: "a view".to_owned(),
         },
         instance: uid("2.25.7"),
+        layers: Vec::new(),
         digest: blake3::hash(contents.as_bytes()),
     }
 }
