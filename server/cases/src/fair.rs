@@ -24,8 +24,9 @@ pub(crate) fn this_client() -> Client {
 
 /// A limit on places, and on the work at a time of those who have one.
 ///
-/// A free turn goes to the waiting client with the fewest turns, among those to the one whose last turn began first, and among its
-/// requests to the one that has waited longest, so that a client with many requests delays its own. If all places are taken, the
+/// A free turn goes to the identity with the fewest turns, at however many addresses, among its clients to the one with the fewest, then to the
+/// one whose last turn began first, and among its requests to the one that has waited longest, so that a client with many requests delays
+/// its own. If all places are taken, the
 /// client with the most of them loses the last of those that have not had a turn to a client with fewer. One identity, at
 /// however many addresses, has at most as many places as it leaves free, or as many as may run.
 #[derive(Debug, Clone)]
@@ -93,7 +94,8 @@ impl FairLimit {
         let free = self.places - queue.places();
         let most_of_one = free.max(self.running);
         // Then only one of its own may lose a place.
-        let within = (client.identity).filter(|&own| queue.places_of(own) >= most_of_one);
+        let within =
+            (client.identity).filter(|&own| queue.of(own, |share| share.places) >= most_of_one);
         let is_full = free == 0 || within.is_some();
         if is_full && !queue.make_room(client, within) {
             return None;
@@ -174,10 +176,11 @@ impl Queue {
         self.clients.values().map(|share| share.turns).sum()
     }
 
-    fn places_of(&self, identity: Identity) -> usize {
+    /// What an identity has at all its addresses.
+    fn of(&self, identity: Identity, has: impl Fn(&Share) -> usize) -> usize {
         let own = self.clients.iter();
         let own = own.filter(|(client, _)| client.identity == Some(identity));
-        own.map(|(_, share)| share.places).sum()
+        own.map(|(_, share)| has(share)).sum()
     }
 
     /// Takes a place away from the client with the most, if that has at least two more than this one; within an identity, if one is
@@ -242,7 +245,10 @@ impl Queue {
     fn take_next(&mut self) -> Option<Waiting> {
         let had = |waiting: &Waiting| {
             let share = self.clients.get(&waiting.client);
-            share.map_or((0, 0), |share| (share.turns, share.last))
+            let (turns, last) = share.map_or((0, 0), |share| (share.turns, share.last));
+            let identity = waiting.client.identity;
+            let of_all = identity.map_or(turns, |own| self.of(own, |share| share.turns));
+            (of_all, turns, last)
         };
         let clients = self.waiting.iter().map(had).enumerate();
         let (place, _) = clients.min_by_key(|(_, had)| *had)?;
@@ -315,6 +321,24 @@ mod tests {
     async fn turn(limit: &FairLimit, client: Client) -> (FairTurn, FairPlace) {
         let place = limit.enter(client).expect("there is a place");
         (place.turn().await.expect("the place is kept"), place)
+    }
+
+    #[tokio::test]
+    async fn one_identity_at_many_addresses_delays_its_own() {
+        let limit = FairLimit::new(2, 16);
+        let named = |number, name| Client {
+            identity: Some(Identity::of(name)),
+            ..client(number)
+        };
+        let first = turn(&limit, named(1, "greedy")).await;
+        let _second = turn(&limit, named(2, "greedy")).await;
+        let mut third = pin!(turn(&limit, named(3, "greedy")));
+        let mut late = pin!(turn(&limit, named(9, "other")));
+        assert!(poll!(&mut third).is_pending());
+        assert!(poll!(&mut late).is_pending());
+        drop(first);
+        assert!(poll!(&mut third).is_pending(), "the other has no turn yet");
+        let _late = late.await;
     }
 
     #[tokio::test]
