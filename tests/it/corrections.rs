@@ -1029,15 +1029,14 @@ async fn a_result_that_waits_is_not_sent_once_a_layer_was_withdrawn() {
     .await;
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
-    let mut shown = small();
-    shown["layer"] = json!("FLAIR");
-    let view = json!({"what": "view", "render": shown, "node": "away"});
     for number in 0..2 {
         let flair = identified(&flair_slices(number));
         let status = if number == 0 { 200 } else { 202 };
         assert_eq!(neighbour.store(&flair[..1]).await.status, status);
         assert_eq!(neighbour.store(&flair[1..]).await.status, status);
-        until_flair_is_ready(server, &case).await;
+        let mut shown = small();
+        shown["layer"] = ready_flair(server, &case).await;
+        let view = json!({"what": "view", "render": shown, "node": "away"});
         let waiting = result(server, &case, &view).await.json();
         let address = format!("/v1/dicom-results/{}", waiting["id"].as_str().unwrap());
         let waits = server.get(&address).await.json();
@@ -1420,16 +1419,16 @@ async fn findings_follow_other_intensities_and_not_a_mirror_image_that_is_invert
     assert_eq!(superseded(server, &before).await, "moved");
 }
 
-async fn until_flair_is_ready(server: &Server, case: &str) {
+/// The id of the FLAIR of a case, once it is ready. It may have a number behind its name.
+async fn ready_flair(server: &Server, case: &str) -> Value {
     until_layer(server, "1.2.3.77").await;
     until("the layer is ready", async || {
         let layers = server.get(&format!("{case}/layers")).await.json();
         let mut layers = layers["layers"].as_array().unwrap().iter();
-        layers
-            .any(|layer| layer["name"] == "FLAIR" && layer["state"] == "ready")
-            .then_some(())
+        let flair = layers.find(|layer| layer["name"].as_str().unwrap().starts_with("FLAIR"))?;
+        (flair["state"] == "ready").then(|| flair["id"].clone())
     })
-    .await;
+    .await
 }
 
 /// Takes a queued result as sent.
@@ -1450,12 +1449,12 @@ async fn a_result_that_was_sent_with_a_layer_is_found_and_withdrawn_after_the_la
     let case = identified_case(&neighbour).await;
     let flair = identified(&flair_slices(0));
     assert_eq!(neighbour.store(&flair).await.status, 200);
-    until_flair_is_ready(server, &case).await;
+    let flair = ready_flair(server, &case).await;
     let mut shown = small();
     let mut uids = Vec::new();
     for has_layer in [false, true] {
         if has_layer {
-            shown["layer"] = json!("FLAIR");
+            shown["layer"] = flair.clone();
         }
         let view = json!({"what": "view", "render": shown, "node": "away"});
         let queued = result(server, &case, &view).await;

@@ -141,6 +141,7 @@ macro_rules! conformance {
                 a_result_is_queued_once_for_a_node_and_sent_until_it_is_there
                 a_result_is_kept_until_it_is_forgotten_or_its_case_deleted
                 results_are_listed_by_case_and_state_in_pages
+                a_result_does_not_count_once_its_layer_is_withdrawn
                 a_layer_is_inserted_once_and_as_many_as_may
                 layers_are_named_and_ordered
                 a_layer_is_leased_once_its_case_is_ready

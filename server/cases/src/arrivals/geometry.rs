@@ -150,9 +150,10 @@ impl Cases {
             .unzip();
         let new = self.picture(new_volume.clone(), here).await?;
         let old = self.picture(old_volume, there).await?;
-        Ok(new
-            .zip(old)
-            .is_none_or(|(new, old)| new.is_moved_from(&old)))
+        let Some((new, old)) = new.zip(old) else {
+            return Ok(true);
+        };
+        self.queue.run(move || new.is_moved_from(&old)).await
     }
 
     /// Whether the images of a case lie elsewhere in the patient than those of another case with some of the same images or of their series, or do not

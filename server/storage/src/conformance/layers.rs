@@ -48,7 +48,7 @@ async fn new_layer(store: &Store, case: &CaseId, contents: &str) -> NewLayer {
     }
 }
 
-async fn insert_layer(store: &Store, case: &CaseId, contents: &str) -> NewLayer {
+pub(super) async fn insert_layer(store: &Store, case: &CaseId, contents: &str) -> NewLayer {
     let new = new_layer(store, case, contents).await;
     let inserted = store.insert_layer(&new).await.unwrap();
     assert_eq!(inserted, Referred::Done(Inserted::Created));

@@ -5,6 +5,7 @@ use std::time::Duration;
 use case::{CaseId, JobKind, JobState, ObjectKind};
 
 use super::Subject;
+use super::layers::insert_layer;
 use crate::Store;
 use crate::arrivals::{ArrivalCursor, TransferQuery, Uid};
 use crate::jobs::Claim;
@@ -167,4 +168,45 @@ pub(crate) async fn results_are_listed_by_case_and_state_in_pages(subject: &Subj
     );
     let other = CaseId::parse(&"0".repeat(case.to_string().len()));
     assert!(other.is_some() && list(&of(other, None), None, 9).await.0.is_empty());
+}
+
+pub(crate) async fn a_result_does_not_count_once_its_layer_is_withdrawn(subject: &Subject) {
+    let store = &subject.store;
+    let case = a_case(store).await;
+    let layer = insert_layer(store, &case, "a layer").await.id;
+    let of = |node, layers| NewResult {
+        layers,
+        ..new_result(case, node, "one")
+    };
+    let plain = NewResult {
+        instance: uid("2.25.9"),
+        ..of("pacs", Vec::new())
+    };
+    let plain = queue(store, &plain).await;
+    let sent = queue(store, &of("pacs", vec![layer])).await;
+    for _ in 0..2 {
+        let leased = claim(store).await.unwrap();
+        assert!(store.finish(&leased).await.unwrap());
+    }
+    let waiting = queue(store, &of("other", vec![layer])).await;
+    let is_valid = async |result: &SentResult| {
+        let result = store.result(&result.id).await.unwrap().unwrap();
+        result.not_valid.is_none()
+    };
+    let listed = async || store.results_of(&uid("1.2.3"), false).await.unwrap().len();
+    assert!(is_valid(&sent).await && listed().await == 2);
+    let withdrawn = store.withdraw_layer(&case, &layer, &failure()).await;
+    assert_eq!(withdrawn.unwrap(), 1, "one was sent");
+    assert_eq!(store.layers(&case).await.unwrap(), []);
+    assert_eq!(state(store, &waiting).await, JobState::Failed);
+    assert_eq!(state(store, &sent).await, JobState::Done);
+    assert!(is_valid(&plain).await && !is_valid(&sent).await && !is_valid(&waiting).await);
+    assert_eq!(listed().await, 1);
+    // It was drawn before the layer went, and is queued after that.
+    let late = queue(store, &of("late", vec![layer])).await;
+    assert!(!is_valid(&late).await);
+    // The layer comes back: its images were corrected back.
+    insert_layer(store, &case, "a layer").await;
+    let again = queue(store, &of("pacs", vec![layer])).await;
+    assert!(is_valid(&again).await && listed().await == 2);
 }
