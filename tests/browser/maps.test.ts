@@ -523,6 +523,40 @@ test(
 );
 
 test(
+  "a place of the mesial wall is shown where it is seen: on the inner side of its half",
+  { skip, timeout: 600_000 },
+  async (context) => {
+    if (!has_maps) return context.skip("the head has no maps");
+    const { page, troubles } = await opened("");
+    await page.route(/\/candidates\?/, async (route) => {
+      const response = await route.fetch();
+      const { candidates, ...rest } = (await response.json()) as { candidates: { unusual: string; side: string }[] };
+      // In the cingulate gyrus, in the middle of the head, and deep.
+      const [x, y, z] = [-8, 10, 45];
+      const deep = { ...candidates[0], position_in_patient: [x, y, z], depth_mm: 32, side: "right", unusual: "yes" };
+      await route.fulfill({ response, json: { ...rest, candidates: [deep], nothing_stands_out: false } });
+    });
+    await shown(page);
+    await page.getByRole("button", { name: "List places to look at" }).click();
+    await page.locator(".candidates tr.place td:visible").nth(2).click();
+    // Once the half is here, the mark lies on its surface and nothing is before it.
+    await page.locator("#surface .pane-title", { hasText: "Right hemisphere" }).first().waitFor();
+    await page.waitForSelector("#surface .overlay:not(.other) .cursor.mark", { state: "attached" });
+    const { f, d, l } = await fragment(page);
+    assert.deepEqual([f, l], ["right", undefined]);
+    assert.ok(Number(d) < 20, `${d} mm below the surface of the half`);
+    assert.equal(
+      await page.locator("#surface .edge.left:not(.other *)").innerText(),
+      "A",
+      "seen from the patient's left",
+    );
+    assert.deepEqual(troubles, []);
+    await keep(page, "mesial-place");
+    await page.context().close();
+  },
+);
+
+test(
   "where the server draws, it draws the map too; a saved picture has the map and its legend",
   { skip, timeout: 600_000 },
   async (context) => {
