@@ -637,10 +637,12 @@ export class Viewer {
   /** Brings a place to the viewer, on the part that is shown if it lies there, else on the whole brain. */
   #bring(position: Vec3, depth_mm: number, layout: Layout): void {
     this.#stopSweep();
-    const half = layout === "map" ? null : innerSideOf(position, depth_mm, this.shown);
-    if (half) return this.#bringInside({ position, depth_mm, half }, layout, true);
+    // The depth of a finding may be that below a half.
+    const whole_mm = this.#surface.surface.wholeDepth(position) ?? depth_mm;
+    const half = layout === "map" ? null : innerSideOf(position, whole_mm, this.shown);
+    if (half) return this.#bringInside({ position, depth_mm: whole_mm, half }, layout, true);
     this.#awaited = null;
-    const isDeep = depth_mm > DEEP_MM;
+    const isDeep = whole_mm > DEEP_MM;
     // A part that is still being fetched is drawn once the place is shown.
     const isPart = this.#surface.surface.deepest_mm !== null;
     const own_mm = isPart ? (this.#surface.probe(position)?.depth_mm ?? NaN) : depth_mm;
