@@ -280,12 +280,14 @@ test(
       await item.locator("td:visible").nth(2).click();
       if (beside) await page.locator(".candidates .why").getByRole("button", { name: beside, exact: true }).click();
       assert.equal(await dot.getAttribute("aria-label"), "looked at");
-      const { x, d, l } = await fragment(page);
+      const { x, d, l, f } = await fragment(page);
       assert.deepEqual(
         x?.split(",").map(Number),
         wanted.position_in_patient.map((part) => Number(part.toFixed(1))),
       );
-      assert.ok(Math.abs(Number(d ?? 10) - wanted.depth_mm) < 0.01, `${d} is not ${wanted.depth_mm}`);
+      // On the inner side of a half, a place has its depth below that half.
+      if (f) assert.ok(Number(d ?? 10) < wanted.depth_mm, `${d} is not less than ${wanted.depth_mm}`);
+      else assert.ok(Math.abs(Number(d ?? 10) - wanted.depth_mm) < 0.01, `${d} is not ${wanted.depth_mm}`);
       assert.equal(l, [undefined, "slices", "mirror"][at]);
       const pressed = page.locator(".layouts [aria-pressed=true]");
       assert.equal(await pressed.getAttribute("value"), l ?? "single", "the buttons follow");
@@ -518,6 +520,40 @@ test(
     await thick.waitFor();
     assert.match(await thick.innerText(), /^Nenhum córtex espesso se destaca\. Isso não exclui uma lesão: /);
     assert.deepEqual(troubles, []);
+    await page.context().close();
+  },
+);
+
+test(
+  "a place of the mesial wall is shown where it is seen: on the inner side of its half",
+  { skip, timeout: 600_000 },
+  async (context) => {
+    if (!has_maps) return context.skip("the head has no maps");
+    const { page, troubles } = await opened("");
+    await page.route(/\/candidates\?/, async (route) => {
+      const response = await route.fetch();
+      const { candidates, ...rest } = (await response.json()) as { candidates: { unusual: string; side: string }[] };
+      // In the cingulate gyrus, in the middle of the head, and deep.
+      const [x, y, z] = [-8, 10, 45];
+      const deep = { ...candidates[0], position_in_patient: [x, y, z], depth_mm: 32, side: "right", unusual: "yes" };
+      await route.fulfill({ response, json: { ...rest, candidates: [deep], nothing_stands_out: false } });
+    });
+    await shown(page);
+    await page.getByRole("button", { name: "List places to look at" }).click();
+    await page.locator(".candidates tr.place td:visible").nth(2).click();
+    // Once the half is here, the mark lies on its surface and nothing is before it.
+    await page.locator("#surface .pane-title", { hasText: "Right hemisphere" }).first().waitFor();
+    await page.waitForSelector("#surface .overlay:not(.other) .cursor.mark", { state: "attached" });
+    const { f, d, l } = await fragment(page);
+    assert.deepEqual([f, l], ["right", undefined]);
+    assert.ok(Number(d) < 20, `${d} mm below the surface of the half`);
+    assert.equal(
+      await page.locator("#surface .edge.left:not(.other *)").innerText(),
+      "A",
+      "seen from the patient's left",
+    );
+    assert.deepEqual(troubles, []);
+    await keep(page, "mesial-place");
     await page.context().close();
   },
 );

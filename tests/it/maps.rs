@@ -587,13 +587,14 @@ async fn a_report_shows_what_stands_out_first_and_doubts_the_regions() {
     let places = list["candidates"].as_array().unwrap();
     let standing_out = places.iter().filter(|place| place["unusual"] != "no");
     let standing_out = standing_out.count();
-    for (language, nothing, others, doubt, region) in [
+    for (language, nothing, others, doubt, region, thickness) in [
         (
             "en",
             "Nothing stands out. This does not exclude a lesion",
             "Other places",
             "The regions of the brain are in doubt",
             "cerebrum",
+            "Thickness",
         ),
         (
             "pt-BR",
@@ -601,6 +602,7 @@ async fn a_report_shows_what_stands_out_first_and_doubts_the_regions() {
             "Outros locais",
             "As regiões do encéfalo são duvidosas",
             "cérebro",
+            "Espessura",
         ),
     ] {
         let address = format!("{case}/report?language={language}");
@@ -610,7 +612,9 @@ async fn a_report_shows_what_stands_out_first_and_doubts_the_regions() {
         assert_eq!(html.contains(nothing), list["nothing_stands_out"] == true);
         assert!(html.contains(doubt), "{language}");
         let heading = format!("<h3>{others}</h3>");
-        let (first, rest) = html.split_once(&heading).unwrap_or((&html, ""));
+        // The list of thickness is another one.
+        let (of_blur, _) = html.split_once(&format!("<h3>{thickness}</h3>")).unwrap();
+        let (first, rest) = of_blur.split_once(&heading).unwrap_or((of_blur, ""));
         let rows = |text: &str| text.matches(&format!(">{region}</td>")).count();
         assert_eq!(rows(first), standing_out, "{language}");
         assert_eq!(

@@ -4,8 +4,8 @@ import { test } from "node:test";
 import tables from "../shaders/colors.json";
 import { Problem } from "../src/base/api.ts";
 import { colorRow } from "../src/gl/colors.ts";
-import { NAMED_VIEWS, facing, towardsViewer } from "../src/model/camera.ts";
-import { broughtTo, changeOf, laidOut } from "../src/model/commands.ts";
+import { NAMED_VIEWS, facing, project, towardsViewer } from "../src/model/camera.ts";
+import { broughtInside, broughtTo, changeOf, innerSideOf, laidOut } from "../src/model/commands.ts";
 import { commandOf } from "../src/model/controls.ts";
 import { readState, writeAddress } from "../src/model/fragment.ts";
 import {
@@ -128,6 +128,26 @@ test("a place is brought to the middle and marked; its own hemisphere is the one
   assert.ok(projectedTowards(beside, right) > 0.99);
   const left = broughtTo([40, 20, 35], 12, "both", SHOWN);
   assert.ok(projectedTowards(left, [40, 20, 35]) > 0.99);
+});
+
+test("a place of the mesial wall, or deep beside it, is shown on the inner side of its own half", () => {
+  // 6 mm to the left of the plane between the halves: 20 mm below the dura, it is far nearer to the other half.
+  const left = [6, 20, 60] as const;
+  assert.equal(innerSideOf(left, 20, SHOWN), "left");
+  assert.equal(innerSideOf([-6, 20, 60], 20, SHOWN), "right");
+  assert.equal(innerSideOf(left, 8, SHOWN), null, "the cut through the whole brain shows it");
+  assert.equal(innerSideOf([25, 20, 20], 35, SHOWN), "left", "too deep for the whole brain, and nearer to the plane");
+  assert.equal(innerSideOf([38, 20, 20], 33, SHOWN), null, "an insula: the slices show it");
+  const { surface, orientation, pan_mm, depth_mm, crosshair_mm } = broughtInside(
+    { position: left, half: "left", depth_mm: 6 },
+    { zoom: 2, layout: "single" },
+    SHOWN,
+  );
+  assert.deepEqual([surface, depth_mm, crosshair_mm], ["left", 6, left]);
+  assert.ok(orientation && pan_mm);
+  assert.ok(dot(towardsViewer(orientation), [-1, 0, 0]) > 0.99, "the viewer is at the patient's right");
+  const [x, y] = project({ orientation, pan_mm, zoom: 2 }, SHOWN.envelope_sphere, [400, 300]).pixelOf(left);
+  assert.ok(Math.hypot(x - 200, y - 150) < 1e-6, "it is in the middle");
 });
 
 test("the mirror layout shows the marked hemisphere as it was acquired; without a mark, the left one", () => {

@@ -4,8 +4,8 @@ import { facing, mirrored, outwardAt, towardsViewer } from "./camera.ts";
 import type { ReadyCase } from "./case.ts";
 import { type Change, type ChangingCommand, deepen, invert, lookFrom, pan, turn, zoomAt } from "./controls.ts";
 import { firstOverlay, toggled } from "./maps.ts";
-import { mirrorPlane, sideOf, sideSeen } from "./midsagittal.ts";
-import type { Vec2, Vec3 } from "./space.ts";
+import { distance_mm, mirrorPlane, sideOf, sideSeen } from "./midsagittal.ts";
+import { type Vec2, type Vec3, rotate, scale, subtract } from "./space.ts";
 import { mirroredSurface, nextSurface } from "./surfaces.ts";
 import { type Layout, type ViewState, clampDepth, firstState, isMirrored, presetWindow, textureOf } from "./state.ts";
 
@@ -89,5 +89,36 @@ export function broughtTo(position: Vec3, depth_mm: number, layout: Layout, show
     depth_mm: clampDepth(depth_mm, shown),
     crosshair_mm: position,
     layout,
+  };
+}
+
+/** Deeper than this, the cut through the whole brain meets most of the cortex slantwise. */
+export const DEEP_MM = 30;
+
+/**
+ * The half on whose inner side a place is seen, because it is by far nearer to the plane between the halves than to the dura outside, or
+ * nearer at all if it is too deep for the whole brain; null if it is not.
+ */
+export function innerSideOf(position: Vec3, depth_mm: number, shown: ReadyCase): "left" | "right" | null {
+  const left_mm = distance_mm(position, mirrorPlane(shown));
+  const reach_mm = depth_mm > DEEP_MM ? depth_mm : depth_mm / 2;
+  if (!(Math.abs(left_mm) < reach_mm)) return null;
+  return left_mm > 0 ? "left" : "right";
+}
+
+/** The change that shows the inner side of a half, with a place in the middle if it is zoomed, at `depth_mm` below its surface. */
+export function broughtInside(
+  { position, half, depth_mm }: { readonly position: Vec3; readonly half: "left" | "right"; readonly depth_mm: number },
+  { zoom, layout }: Pick<ViewState, "zoom" | "layout">,
+  shown: ReadyCase,
+): Change {
+  // The other half is away, and the viewer in its place.
+  const orientation = facing(scale(mirrorPlane(shown).normal, half === "left" ? -1 : 1));
+  const [x, y] = rotate(orientation, subtract(position, shown.envelope_sphere.center_in_patient));
+  return {
+    ...broughtTo(position, depth_mm, layout, shown),
+    orientation,
+    pan_mm: zoom > 1 ? [-x, -y] : [0, 0],
+    surface: half,
   };
 }

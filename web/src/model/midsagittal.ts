@@ -14,7 +14,7 @@ export const mirrorPlane = (shown: Pick<ReadyCase, "midsagittal" | "envelope_sph
   shown.midsagittal ?? plainPlane(shown.envelope_sphere);
 
 /** How far a position is from the plane, to the patient's left. */
-const distance_mm = (position_in_patient: Vec3, { normal, offset_mm }: MirrorPlane): number =>
+export const distance_mm = (position_in_patient: Vec3, { normal, offset_mm }: MirrorPlane): number =>
   dot(position_in_patient, normal) - offset_mm;
 
 /** A side of the patient, or neither: too near to the plane to be told by it. */

@@ -1,14 +1,25 @@
 // The chosen case: one state, the panes that show it, and what changes it.
 
 import type { ReadyCase } from "../model/case.ts";
-import { broughtTo, changeOf, laidOut, otherSide, turnedTo } from "../model/commands.ts";
+import {
+  DEEP_MM,
+  broughtInside,
+  broughtTo,
+  changeOf,
+  innerSideOf,
+  laidOut,
+  otherSide,
+  turnedTo,
+} from "../model/commands.ts";
 import { type Change, type Command, dragWindow } from "../model/controls.ts";
 import { readState, writeAddress } from "../model/fragment.ts";
+import { distance_mm, mirrorPlane } from "../model/midsagittal.ts";
 import type { StateHistory } from "../model/history.ts";
 import type { Left } from "../model/memory.ts";
 import type { Picked } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { clampDepth, type Layout, type ViewState, hasSlices, leftOf } from "../model/state.ts";
+import { isHalf } from "../model/surfaces.ts";
 import { h } from "../base/dom.ts";
 import { type Key, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
@@ -64,6 +75,8 @@ export class Viewer {
   #picked: Picked | null = null;
   /** A double click before the surface was loaded. */
   #wanted: { readonly place: Vec2; readonly state: ViewState } | null = null;
+  /** A place that is shown as soon as the inner side on which it is seen is here, by its depth below the whole brain. */
+  #awaited: { readonly position: Vec3; readonly depth_mm: number } | null = null;
   /** The line that explains the depth slider, and the depth at which it need not be explained any more. */
   readonly #explained: { readonly line: HTMLElement; readonly depth_mm: number } | null;
   /** What was shown before a hand moved the cross in a slice: one step back undoes its whole way. */
@@ -552,6 +565,7 @@ export class Viewer {
     this.#notices.trouble(trouble);
     if (!this.#disposed) this.#schedule();
     this.#onDemand?.surfaceKnown();
+    this.#settle();
     // Below its deepest place a part shows nothing.
     const deepest_mm = this.#surface?.surface.deepest_mm ?? null;
     if (deepest_mm !== null && this.#state.depth_mm > deepest_mm) {
@@ -560,6 +574,14 @@ export class Viewer {
     // More may be known of the point than when it was marked.
     const { crosshair_mm } = this.#state;
     if (crosshair_mm && this.element.dataset.loaded) this.#tellPoint(crosshair_mm);
+  }
+
+  /** Brings the place that waits for a half to its depth there. */
+  #settle(): void {
+    const { crosshair_mm, surface, layout } = this.#state;
+    if (!this.#awaited || crosshair_mm !== this.#awaited.position || !isHalf(surface))
+      return void (this.#awaited = null);
+    if (this.#surface.surface.pointsOf(surface)) this.#bringInside({ ...this.#awaited, half: surface }, layout, false);
   }
 
   #stopSweep(): void {
@@ -571,6 +593,10 @@ export class Viewer {
     const words = problemWords(problem);
     this.#notices.remark(words);
     this.#host.announce(words);
+    const awaited = this.#awaited;
+    this.#awaited = null;
+    if (awaited && awaited.position === this.#state.crosshair_mm)
+      return this.#change({ ...broughtTo(awaited.position, awaited.depth_mm, "slices", this.shown), surface: "whole" });
     if (this.#state.surface !== "whole") this.#change({ surface: "whole" });
   }
 
@@ -611,11 +637,42 @@ export class Viewer {
   /** Brings a place to the viewer, on the part that is shown if it lies there, else on the whole brain. */
   #bring(position: Vec3, depth_mm: number, layout: Layout): void {
     this.#stopSweep();
+    // The depth of a finding may be that below a half.
+    const whole_mm = this.#surface.surface.wholeDepth(position) ?? depth_mm;
+    const half = layout === "map" ? null : innerSideOf(position, whole_mm, this.shown);
+    if (half) return this.#bringInside({ position, depth_mm: whole_mm, half }, layout, true);
+    this.#awaited = null;
+    const isDeep = whole_mm > DEEP_MM;
     // A part that is still being fetched is drawn once the place is shown.
     const isPart = this.#surface.surface.deepest_mm !== null;
     const own_mm = isPart ? (this.#surface.probe(position)?.depth_mm ?? NaN) : depth_mm;
     const at = broughtTo(position, own_mm >= 0 ? own_mm : depth_mm, layout, this.shown);
-    this.#change({ ...at, ...(own_mm >= 0 ? {} : { surface: "whole" }) }, true);
+    const slices = isDeep && !hasSlices({ layout }) && layout !== "closer" && layout !== "map";
+    const beside = slices ? ({ layout: layout === "mirror" ? "both" : "slices" } as const) : {};
+    this.#change({ ...at, ...(own_mm >= 0 ? {} : { surface: "whole" }), ...beside }, true);
+    if (isDeep) this.#host.announce(t("point.deep"));
+  }
+
+  /** Shows a place on the inner side of a half, at once at about its depth, and at its depth as soon as the half is here. */
+  #bringInside(
+    { position, depth_mm, half }: { position: Vec3; depth_mm: number; half: "left" | "right" },
+    layout: Layout,
+    isStep: boolean,
+  ): void {
+    const own_mm = this.#surface.surface.pointsOf(half)?.probe(position).depth_mm;
+    // It is not of the half after all.
+    if (own_mm !== undefined && !(own_mm >= 0)) {
+      this.#awaited = null;
+      const at = broughtTo(position, depth_mm, hasSlices({ layout }) ? layout : "slices", this.shown);
+      this.#change({ ...at, surface: "whole" }, isStep);
+      return this.#host.announce(t("point.deep"));
+    }
+    this.#awaited = own_mm === undefined ? { position, depth_mm } : null;
+    const from_plane_mm = Math.abs(distance_mm(position, mirrorPlane(this.shown)));
+    const { zoom } = this.#state;
+    const place = { position, half, depth_mm: own_mm ?? from_plane_mm };
+    this.#change(broughtInside(place, { zoom, layout }, this.shown), isStep);
+    if (isStep) this.#host.announce(t(half === "left" ? "point.inner-left" : "point.inner-right"));
   }
 
   #goToDepth(depth_mm: number): void {
@@ -632,6 +689,10 @@ export class Viewer {
   #tellPoint(position: Vec3): void {
     const known: Partial<Picked> = this.#picked ?? this.#surface.probe(position) ?? {};
     this.panel.point.show(pointWords(this.shown, position, known, this.#valuesAt(position, known.intensity)));
+    // Of a half, the inner side has it.
+    const { surface } = this.#state;
+    if (!isHalf(surface) && (this.#surface.surface.wholeDepth(position) ?? 0) > DEEP_MM)
+      this.panel.point.hint(t("point.deep"));
   }
 
   /** The intensities at a position, of all volumes that are shown, in words. */
