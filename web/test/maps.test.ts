@@ -176,6 +176,7 @@ test("within 5 mm of the plane a position is in the middle, and a view along it 
     ].map((place) => sideOf(place as unknown as Vec3, plane)),
     ["middle", "left", "middle", "right"],
   );
+  assert.equal(sideOf([40, 0, 0], { ...plane, doubtful: true }), "unknown", "it may lie within one half");
   assert.deepEqual(
     (["left", "right", "superior", "anterior"] as const).map((name) =>
       sideSeen(towardsViewer(NAMED_VIEWS[name]), plane),

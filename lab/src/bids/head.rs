@@ -118,7 +118,7 @@ pub(super) struct FoundMark {
     /// LPS mm.
     pub(super) position_in_patient: [f64; 3],
     pub(super) score: f32,
-    pub(super) depth_mm: f32,
+    pub(super) depth_mm: Option<f32>,
     pub(super) side: PatientSide,
     /// The distance from the border of the nearest lesion; 0 inside, `None` without a lesion.
     pub(super) from_lesion_mm: Option<f64>,
@@ -469,7 +469,7 @@ fn found(
             volume_ml: lesion.volume_ml(),
             centre_in_patient: centre.to_array(),
             depth_mm: analysis::steps::depth_at(&depth, place.as_vec3()).max(0.0),
-            side: side_at(plane.normal().dot(centre) - plane.offset_mm()),
+            side: side_at(facts, centre),
             defined_share: defined_share(maps, lesion),
         }
     };

@@ -351,6 +351,7 @@ fn strata_of(lesion: &FoundLesion, found: &Found) -> Vec<(String, String)> {
         PatientSide::Left => "left",
         PatientSide::Right => "right",
         PatientSide::Middle => "within 5 mm of the middle",
+        PatientSide::Unknown => "in doubt",
     };
     let junction = if lesion.defined_share > 0.0 {
         "where the map is defined"

@@ -446,7 +446,7 @@ mod tests {
         let mark = |x: f64, score| FoundMark {
             position_in_patient: (cell_centre(20_041) + DVec3::X * x).to_array(),
             score,
-            depth_mm: 10.0,
+            depth_mm: Some(10.0),
             side: case::PatientSide::Left,
             from_lesion_mm: None,
         };

@@ -68,7 +68,7 @@ impl MapName {
 }
 
 /// A side of the patient.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum PatientSide {
@@ -78,6 +78,8 @@ pub enum PatientSide {
     Right,
     /// Within 5 mm of the plane between the hemispheres.
     Middle,
+    /// That plane is in doubt, as in half a brain: it may lie within one hemisphere.
+    Unknown,
 }
 
 impl PatientSide {
@@ -87,6 +89,7 @@ impl PatientSide {
             Self::Left => "left",
             Self::Right => "right",
             Self::Middle => "middle",
+            Self::Unknown => "unknown",
         }
     }
 }
@@ -192,8 +195,8 @@ pub struct RegionNumbers {
 pub struct CandidateFacts {
     /// LPS mm.
     pub position_in_patient: [f64; 3],
-    /// Below the envelope.
-    pub depth_mm: f32,
+    /// Below the envelope; null where a face of the volume that cuts the brain is nearer than the dura may be.
+    pub depth_mm: Option<f32>,
     /// On which side of the plane between the hemispheres.
     pub side: PatientSide,
     /// The smoothed map there, as a robust z of this head's junction.

@@ -10,7 +10,7 @@ use glam::{DAffine3, DVec3};
 use imaging::dicom::{Mark, MarkedPatient};
 use jiff::Timestamp;
 use pipeline::findings::voxels_of;
-use pipeline::maps::{mirror_plane, side_at};
+use pipeline::maps::side_at;
 use storage::{FindingsVersion, Replaced, StoreError, StoredFindings};
 
 use crate::arrivals::Patient;
@@ -103,7 +103,7 @@ impl Cases {
             let changed_at = unchanged.and_then(|old| old.changed_at.clone());
             finding.changed_at = changed_at.or_else(|| Some(now.clone()));
             let middle = finding.middle_in_patient();
-            finding.side = Some(side_at(space.left_mm(&middle)));
+            finding.side = Some(side_at(&facts, DVec3::from_array(middle)));
             let gyri = gyri.as_ref();
             finding.gyrus = gyri.and_then(|gyri| gyri.at(DVec3::from_array(middle)));
         }
@@ -325,11 +325,5 @@ impl<'f> Space<'f> {
             .transform_point3(DVec3::from_array(*point));
         let sizes = self.facts.native_size.into_iter();
         (sizes.zip(voxel.to_array())).all(|(size, at)| (-1.0..=size as f64).contains(&at))
-    }
-
-    /// How far a point lies to the patient's left of the midsagittal plane.
-    fn left_mm(&self, point: &[f64; 3]) -> f64 {
-        let plane = mirror_plane(self.facts);
-        plane.normal().dot(DVec3::from_array(*point)) - plane.offset_mm()
     }
 }

@@ -201,7 +201,6 @@ impl Probe<'_> {
     /// `None` outside the envelope.
     fn point(&self, position: DVec3) -> Option<PointProfile> {
         (self.field_depth_mm(position) >= 0.0).then(|| {
-            let plane = mirror_plane(self.facts);
             let gyrus = self.gyri.and_then(|gyri| gyri.at(position));
             let point = self.sample(position, 0.0);
             let mut samples = self.way(position, -1.0);
@@ -209,7 +208,7 @@ impl Probe<'_> {
             samples.push(point.clone());
             samples.extend(self.way(position, 1.0));
             PointProfile {
-                side: side_at(plane.normal().dot(position) - plane.offset_mm()),
+                side: side_at(self.facts, position),
                 gyrus,
                 lobe: gyrus.map(Gyrus::lobe),
                 junction_width: self.width(&point),

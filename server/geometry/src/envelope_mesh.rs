@@ -166,7 +166,7 @@ fn planes(field: &DepthField, count: usize) -> Result<(Vec<f32>, Vec<Contour>), 
         }
     }
     Err(GeometryError::TooSmall {
-        what: "it does not have enough sagittal planes with a contour",
+        what: "not each of so many sagittal planes has a contour; fewer contours may do",
     })
 }
 

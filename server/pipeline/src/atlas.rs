@@ -11,7 +11,7 @@ use glam::{DAffine3, DVec3};
 use imaging::{ImagingError, Limits, nifti};
 use serde::Deserialize;
 
-use crate::maps::{mirror_plane, side_at};
+use crate::maps::{mirror_plane, side_of};
 
 /// The folder in which Debian's package `mricron-data` installs AAL and the head that it was drawn on.
 pub const ATLAS_FOLDER: &str = "/usr/share/mricron/templates";
@@ -275,8 +275,7 @@ impl Gyri {
     /// The side is that of the head, not of the atlas: only labels of that side count, and in the middle those of both.
     pub fn at(&self, position_in_patient: DVec3) -> Option<Gyrus> {
         let drawn = self.atlas.drawn().ok()?;
-        let left_mm = self.plane.normal().dot(position_in_patient) - self.plane.offset_mm();
-        let side = side_at(left_mm);
+        let side = side_of(&self.plane, position_in_patient);
         let place = self
             .atlas_from_patient
             .transform_point3(position_in_patient);
@@ -405,8 +404,7 @@ mod tests {
                 };
                 let voxel = DVec3::from_array(drawn.grid.voxel(index).map(|along| along as f64));
                 let place = drawn.grid.patient_from_voxel().transform_point3(voxel);
-                let left_mm = gyri.plane.normal().dot(place) - gyri.plane.offset_mm();
-                let head_side = side_at(left_mm);
+                let head_side = side_of(&gyri.plane, place);
                 // Far from the middle the head says which side it is: that of the label, or the other one. A few labels cross it.
                 if head_side != PatientSide::Middle && side != PatientSide::Middle {
                     astray += f64::from(u8::from((head_side == side) == mirrors));

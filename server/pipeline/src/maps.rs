@@ -136,7 +136,7 @@ pub fn mirror_plane(facts: &CaseFacts) -> MidsagittalPlane {
 /// Computes the maps of a case; the reason if they are undefined.
 pub fn compute_maps(facts: &CaseFacts, envelope: &Envelope, volume: &Volume) -> MapsOrReason {
     let maps = of_head(facts, envelope, volume, analysis::maps)?;
-    Ok(maps.into())
+    Ok(CaseMaps::of(maps, facts, envelope))
 }
 
 /// The same, and the parts of the brain, which are found with the regions that the maps need.
@@ -146,7 +146,7 @@ pub(crate) fn compute_maps_and_division(
     volume: &Volume,
 ) -> (MapsOrReason, Result<Division, NoDivision>) {
     match of_head(facts, envelope, volume, analysis::maps_and_division) {
-        Ok((maps, division)) => (Ok(maps.into()), division),
+        Ok((maps, division)) => (Ok(CaseMaps::of(maps, facts, envelope)), division),
         Err(reason) => (Err(reason.into()), Err(reason.into())),
     }
 }
@@ -184,7 +184,8 @@ pub fn compute_flair(
         Ok(analysis::flair_map(head, flair, parameters))
     };
     let found = of_head(facts, envelope, volume, find)??;
-    let [candidates, elsewhere] = found.places.each_ref().map(|places| facts_of(places));
+    let [candidates, elsewhere] =
+        (found.places.each_ref()).map(|places| facts_of(places, facts, envelope));
     Ok(CaseMaps {
         maps: vec![found.map],
         candidates,
@@ -222,8 +223,9 @@ pub(crate) fn compute_division(
     of_head(facts, envelope, volume, divide)?
 }
 
-impl From<Maps> for CaseMaps {
-    fn from(maps: Maps) -> Self {
+impl CaseMaps {
+    fn of(maps: Maps, facts: &CaseFacts, envelope: &Envelope) -> Self {
+        let facts_of = |places: &[Candidate]| facts_of(places, facts, envelope);
         Self {
             candidates: facts_of(&maps.candidates),
             elsewhere: facts_of(&maps.elsewhere),
@@ -235,28 +237,46 @@ impl From<Maps> for CaseMaps {
     }
 }
 
-/// The side of a position that is so far from the midsagittal plane, to the patient's left.
-pub fn side_at(left_mm: f64) -> PatientSide {
-    patient_side(Side::at(left_mm))
+/// The side of a position (LPS mm); unknown if the plane between the hemispheres is in doubt.
+pub fn side_at(facts: &CaseFacts, position_in_patient: DVec3) -> PatientSide {
+    if facts.midsagittal.is_doubtful() {
+        return PatientSide::Unknown;
+    }
+    side_of(&mirror_plane(facts), position_in_patient)
 }
 
-fn patient_side(side: Side) -> PatientSide {
-    match side {
+/// The side of a plane between the hemispheres that a position (LPS mm) is on.
+pub(crate) fn side_of(plane: &MidsagittalPlane, position_in_patient: DVec3) -> PatientSide {
+    match Side::at(plane.normal().dot(position_in_patient) - plane.offset_mm()) {
         Side::Left => PatientSide::Left,
         Side::Right => PatientSide::Right,
         Side::Middle => PatientSide::Middle,
     }
 }
 
-fn facts_of(places: &[Candidate]) -> Vec<CandidateFacts> {
-    places.iter().map(candidate_facts).collect()
+fn facts_of(places: &[Candidate], facts: &CaseFacts, envelope: &Envelope) -> Vec<CandidateFacts> {
+    let of = |candidate| candidate_facts(candidate, facts, envelope);
+    places.iter().map(of).collect()
 }
 
-fn candidate_facts(candidate: &Candidate) -> CandidateFacts {
+fn candidate_facts(
+    candidate: &Candidate,
+    facts: &CaseFacts,
+    envelope: &Envelope,
+) -> CandidateFacts {
+    let Candidate {
+        position_in_patient,
+        depth_mm,
+        ..
+    } = *candidate;
+    let is_known = envelope.cuts().iter().all(|cut| {
+        let voxel_mm = envelope.spacing_mm();
+        cut.leaves(position_in_patient, f64::from(depth_mm), voxel_mm)
+    });
     CandidateFacts {
-        position_in_patient: candidate.position_in_patient.to_array(),
-        depth_mm: candidate.depth_mm,
-        side: patient_side(candidate.side),
+        position_in_patient: position_in_patient.to_array(),
+        depth_mm: is_known.then_some(depth_mm),
+        side: side_at(facts, position_in_patient),
         score: candidate.score,
         size_mm: candidate.size_mm,
         region: match candidate.region {
@@ -335,6 +355,7 @@ fn name_of(kind: MapKind) -> MapName {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::HashSet;
     use std::sync::OnceLock;
     use std::sync::atomic::AtomicBool;
 
@@ -417,6 +438,40 @@ mod tests {
                 .iter()
                 .all(|place| place.region == BrainRegion::Cerebrum)
         );
+    }
+
+    #[test]
+    fn a_plane_in_doubt_tells_no_side() {
+        let mut facts = prepared().facts.clone();
+        let sides = |facts: &CaseFacts| {
+            let maps = maps(facts).unwrap();
+            let places = maps.candidates.iter().chain(&maps.elsewhere);
+            places.map(|place| place.side).collect::<HashSet<_>>()
+        };
+        assert!(!sides(&facts).contains(&PatientSide::Unknown));
+        facts.midsagittal.correlation = 0.3;
+        assert_eq!(sides(&facts), HashSet::from([PatientSide::Unknown]));
+    }
+
+    #[test]
+    fn a_place_near_a_face_that_cuts_the_brain_has_no_depth() {
+        let prepared = prepared();
+        let whole = maps(&prepared.facts).unwrap().candidates;
+        let [_, _, height_mm] = whole[0].position_in_patient;
+        let cut = geometry::Cut {
+            face: geometry::Face::Inferior,
+            inward: DVec3::Z,
+            offset_mm: height_mm - 2.0,
+        };
+        let envelope = prepared.envelope().clone().with_cuts(vec![cut]);
+        let volume = prepared.built.model.volume();
+        let cut = compute_maps(&prepared.facts, &envelope, volume).unwrap();
+        let at =
+            |place: &&CandidateFacts| place.position_in_patient == whole[0].position_in_patient;
+        let near = cut.candidates.iter().find(at).unwrap();
+        assert_eq!(near.depth_mm, None);
+        assert!(whole[0].depth_mm.is_some());
+        assert!(cut.candidates.iter().any(|place| place.depth_mm.is_some()));
     }
 
     #[test]

@@ -28,6 +28,8 @@ export interface Sphere {
 export interface MirrorPlane {
   readonly normal: Vec3;
   readonly offset_mm: number;
+  /** The two sides differ so much that a fitted plane may be wrong. */
+  readonly doubtful?: boolean;
 }
 
 /** A problem of RFC 9457. */
@@ -135,7 +137,7 @@ export interface ReadyCase extends AnyCase {
   /** What zoom 1 fits into a picture. */
   readonly envelope_sphere: Sphere;
   /** The plane between the hemispheres; absent where the case is older than its fitting. */
-  readonly midsagittal?: MirrorPlane & { readonly doubtful?: boolean };
+  readonly midsagittal?: MirrorPlane;
   /** The faces of the volume that cut the brain, their normals into the volume; absent if none does. */
   readonly cuts?: readonly MirrorPlane[];
   readonly intensity: Intensity;

@@ -61,8 +61,9 @@ export function laidOut(layout: Layout, state: ViewState, shown: ReadyCase): Cha
   if (!isMirrored({ layout })) return state.layout === "closer" ? { layout, beside: null } : { layout };
   const plane = mirrorPlane(shown);
   const marked = crosshair_mm ? sideOf(crosshair_mm, plane) : "middle";
-  const isInSight = sideSeen(towardsViewer(orientation), plane) === (marked === "middle" ? "left" : marked);
-  const turn = crosshair_mm && marked !== "middle" ? turnedTo(crosshair_mm, shown) : lookFrom("left");
+  const isTold = marked === "left" || marked === "right";
+  const isInSight = sideSeen(towardsViewer(orientation), plane) === (isTold ? marked : "left");
+  const turn = crosshair_mm && isTold ? turnedTo(crosshair_mm, shown) : lookFrom("left");
   return { layout, beside: null, ...(isInSight ? {} : turn) };
 }
 
@@ -100,7 +101,9 @@ export const DEEP_MM = 30;
  * nearer at all if it is too deep for the whole brain; null if it is not.
  */
 export function innerSideOf(position: Vec3, depth_mm: number, shown: ReadyCase): "left" | "right" | null {
-  const left_mm = distance_mm(position, mirrorPlane(shown));
+  const plane = mirrorPlane(shown);
+  if (plane.doubtful) return null;
+  const left_mm = distance_mm(position, plane);
   const reach_mm = depth_mm > DEEP_MM ? depth_mm : depth_mm / 2;
   if (!(Math.abs(left_mm) < reach_mm)) return null;
   return left_mm > 0 ? "left" : "right";

@@ -194,7 +194,8 @@ export type Unusual = "yes" | "borderline" | "no";
 /** A place that the server lists: see `candidates`. */
 export interface Candidate {
   readonly position_in_patient: readonly [number, number, number];
-  readonly depth_mm: number;
+  /** Null where a face of the volume that cuts the brain is near. */
+  readonly depth_mm: number | null;
   readonly side: Side;
   readonly score: number;
   readonly size_mm: number;

@@ -17,14 +17,18 @@ export const mirrorPlane = (shown: Pick<ReadyCase, "midsagittal" | "envelope_sph
 export const distance_mm = (position_in_patient: Vec3, { normal, offset_mm }: MirrorPlane): number =>
   dot(position_in_patient, normal) - offset_mm;
 
-/** A side of the patient, or neither: too near to the plane to be told by it. */
-export type Side = "left" | "right" | "middle";
+/** A side of the patient, or neither: too near to the plane to be told by it; `unknown`: the plane is in doubt, as in half a brain. */
+export type Side = SideSeen | "unknown";
+
+/** The hemisphere that is seen, or `middle`: both are. */
+export type SideSeen = "left" | "right" | "middle";
 
 /** What lies so near to the plane is in the middle: the hemispheres are not divided by a plane alone. */
 const MIDDLE_MM = 5;
 
 /** On which side of the plane a position is. */
 export function sideOf(position_in_patient: Vec3, plane: MirrorPlane): Side {
+  if (plane.doubtful) return "unknown";
   const left_mm = distance_mm(position_in_patient, plane);
   if (Math.abs(left_mm) <= MIDDLE_MM) return "middle";
   return left_mm > 0 ? "left" : "right";
@@ -34,7 +38,7 @@ export function sideOf(position_in_patient: Vec3, plane: MirrorPlane): Side {
 const SIDEWAYS = 0.2;
 
 /** The hemisphere that is seen from a direction; `middle`: both are. */
-export function sideSeen(towards_viewer: Vec3, { normal }: MirrorPlane): Side {
+export function sideSeen(towards_viewer: Vec3, { normal }: MirrorPlane): SideSeen {
   const leftwards = dot(towards_viewer, normal);
   if (Math.abs(leftwards) < SIDEWAYS) return "middle";
   return leftwards > 0 ? "left" : "right";

@@ -12,7 +12,7 @@ export interface Actions {
    * Brings a place to the viewer and marks it, in the layout that is shown or another: at its depth below the envelope, or at that
    * below the surface of the part that is shown.
    */
-  bring(position: Vec3, depth_mm: number, layout?: Layout): void;
+  bring(position: Vec3, depth_mm: number | null, layout?: Layout): void;
   turnToCross(): void;
   forgetCross(): void;
   depthOfCross(): void;

@@ -305,7 +305,7 @@ export class FindingsSection {
 
   /** Adds a place of the list, or says whether it is dismissed; `null`: it is no finding any more. */
   judge(
-    { position_in_patient, depth_mm }: Candidate,
+    { position_in_patient, depth_mm: known_mm }: Candidate,
     judgement: "kept" | "dismissed" | null,
     from_map: ListingMap,
   ): void {
@@ -314,6 +314,7 @@ export class FindingsSection {
     if (judgement === null) this.#step(this.#sync.list.filter((one) => one !== before));
     else if (before) this.#change(before.id, { is_dismissed });
     else {
+      const depth_mm = known_mm ?? this.#depthAt(position_in_patient);
       const given = { points_in_patient: [position_in_patient], depth_mm, from_map, is_dismissed } as const;
       this.#step([...this.#sync.list, newFinding(given)]);
     }

@@ -148,7 +148,8 @@ export class PlacesTable {
     const { side, depth_mm, score, unusual } = place;
     const gyrus = gyrusWords(place.gyrus);
     const where = [t(`side.${side}`), gyrus].filter(Boolean).join(" ");
-    const words = t("candidates.place", { rank: number(at + 1), side: where, depth: number(depth_mm, 1) });
+    const depth = depth_mm === null ? "–" : number(depth_mm, 1);
+    const words = t("candidates.place", { rank: number(at + 1), side: where, depth });
     const go = (): void => this.#listener.go(place, null);
     const bar = h("span", { class: "score-bar", "aria-hidden": "true" });
     bar.style.width = `${100 * Math.min(score / WIDEST_SCORE[this.#map], 1)}%`;
@@ -159,7 +160,7 @@ export class PlacesTable {
       h("td", {}, h("button", { class: "candidate", "aria-label": words, "aria-keyshortcuts": ", ." }, number(at + 1))),
       h("td", {}, t(`side.${side}`)),
       h("td", { class: "gyrus", title: gyrus }, gyrus || "–"),
-      h("td", {}, `${number(depth_mm, 1)} mm`),
+      h("td", {}, depth_mm === null ? depth : `${depth} mm`),
       h("td", { class: "score" }, bar, h("span", {}, t(`unusual.${unusual ?? "no"}`, { score: number(score, 1) }))),
       h("td", {}, h("span", { class: "dot", role: "img" })),
     );

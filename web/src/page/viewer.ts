@@ -635,8 +635,9 @@ export class Viewer {
   }
 
   /** Brings a place to the viewer, on the part that is shown if it lies there, else on the whole brain. */
-  #bring(position: Vec3, depth_mm: number, layout: Layout): void {
+  #bring(position: Vec3, depth_mm: number | null, layout: Layout): void {
     this.#stopSweep();
+    if (depth_mm === null) return this.#bringSlices(position, layout);
     // The depth of a finding may be that below a half.
     const whole_mm = this.#surface.surface.wholeDepth(position) ?? depth_mm;
     const half = layout === "map" ? null : innerSideOf(position, whole_mm, this.shown);
@@ -651,6 +652,14 @@ export class Viewer {
     const beside = slices ? ({ layout: layout === "mirror" ? "both" : "slices" } as const) : {};
     this.#change({ ...at, ...(own_mm >= 0 ? {} : { surface: "whole" }), ...beside }, true);
     if (isDeep) this.#host.announce(t("point.deep"));
+  }
+
+  /** Shows a place whose depth is not known, at the depth that is shown. */
+  #bringSlices(position: Vec3, layout: Layout): void {
+    this.#awaited = null;
+    const shownIn = hasSlices({ layout }) || layout === "closer" ? layout : "slices";
+    this.#change(broughtTo(position, this.#state.depth_mm, shownIn, this.shown), true);
+    this.#host.announce(t("point.cut"));
   }
 
   /** Shows a place on the inner side of a half, at once at about its depth, and at its depth as soon as the half is here. */

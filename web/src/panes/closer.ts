@@ -153,7 +153,7 @@ export class Closer {
   /** Which side a pane shows: of the other side it is flipped. */
   #sideWords(mark: Vec3, isOpposite: boolean): string {
     const side = sideOf(mark, mirrorPlane(this.#shown));
-    if (side === "middle") return t(isOpposite ? "closer.flipped" : "side.middle");
+    if (side === "middle" || side === "unknown") return t(isOpposite ? "closer.flipped" : `side.${side}`);
     return t(`${isOpposite ? "flipped" : "mirror"}.${side}`);
   }
 

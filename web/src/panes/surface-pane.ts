@@ -15,7 +15,7 @@ import {
   zoomAt,
 } from "../model/controls.ts";
 import { type Mark, type Marked, surfaceMarks } from "../model/marks.ts";
-import { type Side, mirrorPlane, plainPlane, reflected, sideOf, sideSeen } from "../model/midsagittal.ts";
+import { type SideSeen, mirrorPlane, plainPlane, reflected, sideOf, sideSeen } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
@@ -370,7 +370,7 @@ export class SurfacePane {
 }
 
 /** The side of the head that a picture shows as it was acquired. */
-const sideShown = ({ surface, orientation }: ViewState, plane: MirrorPlane): Side =>
+const sideShown = ({ surface, orientation }: ViewState, plane: MirrorPlane): SideSeen =>
   isHalf(surface) ? surface : sideSeen(towardsViewer(orientation), plane);
 
 /** Depth, direction and surface, as they stand on a picture. */

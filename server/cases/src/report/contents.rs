@@ -466,7 +466,14 @@ fn places(words: &Words, maps: &LoadedMaps, gyri: Option<&Gyri>) -> Vec<Block<'s
             .collect()
     };
     let elsewhere = named(&maps.elsewhere, gyri).into_iter().take(MAX_ELSEWHERE);
-    let elsewhere = elsewhere.map(|place| (String::new(), place)).collect();
+    // The limits were read off the cerebrum.
+    let unjudged = |place| CandidateFacts {
+        unusual: None,
+        ..place
+    };
+    let elsewhere = elsewhere
+        .map(|place| (String::new(), unjudged(place)))
+        .collect();
     for (heading, note, rows) in [
         (None, words.candidates_note, of_cerebrum(true)),
         (
@@ -597,7 +604,9 @@ fn row_of(words: &Words, rank: &str, place: &CandidateFacts) -> Vec<Line> {
         rank.into(),
         words.side(place.side).into(),
         words.region(place.region).into(),
-        millimetres(words, place.depth_mm).into(),
+        (place.depth_mm)
+            .map_or("–".to_owned(), |depth_mm| millimetres(words, depth_mm))
+            .into(),
         position(words, place.position_in_patient).into(),
         words.number(place.score, 2).into(),
         words.unusual(place.unusual).into(),

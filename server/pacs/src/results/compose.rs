@@ -356,7 +356,7 @@ fn mark(id: &CaseId, source: &Attributes, finding: &Finding) -> Mark {
         side: match finding.side {
             Some(PatientSide::Left) => Some(Side::Left),
             Some(PatientSide::Right) => Some(Side::Right),
-            Some(PatientSide::Middle) | None => None,
+            Some(PatientSide::Middle | PatientSide::Unknown) | None => None,
         },
         gyrus: finding.gyrus.map(|gyrus| gyrus.name().to_owned()),
         label: finding.label.clone(),

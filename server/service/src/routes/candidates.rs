@@ -242,6 +242,7 @@ impl CandidateList {
                 size_mm,
                 ..
             } = candidate;
+            let depth_mm = depth_mm.map_or(String::new(), |depth_mm| depth_mm.to_string());
             let row = format!(
                 "{rank},{x},{y},{z},{depth_mm},{side},{score},{size_mm},{region},{unusual},{gyrus},{caveat}\r\n"
             );
