@@ -1441,6 +1441,15 @@ async fn sent(server: &Server) {
 
 #[tokio::test]
 async fn a_result_that_was_sent_with_a_layer_is_found_and_withdrawn_after_the_layer() {
+    sent_with_a_layer(false).await;
+}
+
+#[tokio::test]
+async fn a_result_with_a_layer_that_was_deleted_is_found_when_its_images_are_corrected() {
+    sent_with_a_layer(true).await;
+}
+
+async fn sent_with_a_layer(is_deleted: bool) {
     let neighbour = Neighbour::start(|config| {
         add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
     })
@@ -1481,6 +1490,12 @@ async fn a_result_that_was_sent_with_a_layer_is_found_and_withdrawn_after_the_la
     };
     assert_eq!(not_valid().await, [Value::Null, Value::Null]);
     assert!(listed(&uids[1]).await);
+    if is_deleted {
+        let address = format!("{case}/layers/{}", flair.as_str().unwrap());
+        let request = axum::http::Request::delete(address).body(Default::default());
+        assert_eq!(server.send(request.unwrap()).await.status, 204);
+        assert_eq!(not_valid().await, [Value::Null, Value::Null]);
+    }
     // The FLAIR was another patient's.
     let corrected = of_another(&flair_slices(0));
     assert_eq!(neighbour.store(&corrected[..1]).await.status, 202);
@@ -1491,6 +1506,22 @@ async fn a_result_that_was_sent_with_a_layer_is_found_and_withdrawn_after_the_la
     let noted = result(server, &case, &note).await;
     assert_eq!(noted.status, 202, "{noted:?}");
     assert_eq!(not_valid().await, [Value::Null, json!("withdrawn")]);
+}
+
+#[tokio::test]
+async fn files_from_before_a_correction_make_no_layer() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let flair = identified(&flair_slices(0));
+    assert_eq!(neighbour.store(&flair).await.status, 200);
+    ready_flair(server, &case).await;
+    let corrected = of_another(&flair_slices(0));
+    assert_eq!(neighbour.store(&corrected).await.status, 202);
+    assert_eq!(flairs(server, &case).await, 0);
+    let added = add_layer(server, &case, &flair).await;
+    assert_eq!(added.problem(), "layer-of-another-patient", "{added:?}");
+    assert_eq!(flairs(server, &case).await, 0);
 }
 
 #[tokio::test]

@@ -85,6 +85,14 @@ fn images_rejected() -> Failure {
     )
 }
 
+/// Files from before a correction state the patient from before it.
+fn images_corrected() -> Failure {
+    Failure::unusable(
+        "layer-of-another-patient",
+        "the PACS has sent images of this series as those of another patient; add the series as the PACS has it now",
+    )
+}
+
 impl Cases {
     /// Checks a layer and queues it. One that is there already is answered as it is.
     ///
@@ -122,6 +130,11 @@ impl Cases {
             && self.is_rejected(series).await?
         {
             return Err(images_rejected().into());
+        }
+        if let Some(series) = &of_series
+            && self.is_corrected(series, &files).await?
+        {
+            return Err(images_corrected().into());
         }
         let has_options = new.options.series.is_some() || new.options.allow_gaps;
         if choice.is_none() && has_options {

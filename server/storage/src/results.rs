@@ -111,6 +111,8 @@ pub struct SentResult {
     pub object: ObjectName,
     /// The layers of the case that it shows, or may show.
     pub layers: Vec<LayerId>,
+    /// The series that those layers are made of, which are known also when the layers are gone.
+    pub layer_series: Vec<Uid>,
     /// When it was first requested.
     pub created_at: Timestamp,
     /// Why it does not count any more.

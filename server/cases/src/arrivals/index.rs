@@ -4,6 +4,7 @@ use case::CaseId;
 use storage::arrivals::{AccessionNumber, CaseSeries, SeriesUids, Superseded, Uid};
 use storage::{StoreError, Upload};
 
+use super::Patient;
 use crate::application::Cases;
 use crate::error::Error;
 
@@ -56,6 +57,22 @@ impl Cases {
             .map(|image| (series.uids.clone(), image.clone()))
             .collect();
         Ok(self.store().are_rejected(&images).await?.contains(&true))
+    }
+
+    /// Whether the PACS has sent images of the series of an upload as those of another patient.
+    pub(crate) async fn is_corrected(
+        &self,
+        series: &SeriesOfUpload,
+        upload: &Upload,
+    ) -> Result<bool, Error> {
+        let Some(patient) = Patient::of_upload(upload).await? else {
+            return Ok(false);
+        };
+        let images = self.store().images_of(&series.uids).await?.into_iter();
+        let images: Vec<_> = images.map(|(_, image)| image).collect();
+        let stated = self.patients_of_images(&images).await?;
+        let is_another = |stated: &Patient| stated.is_stated() && *stated != patient;
+        Ok(patient.is_stated() && stated.iter().any(is_another))
     }
 
     /// Enters the series of a case. What the PACS has rejected does not count when a user uploads it.

@@ -31,6 +31,7 @@ impl Cases {
         let mut layers = 0;
         for (uids, instances) in &rejection.series {
             layers += self.remove_layers_made_of(uids, instances).await?;
+            self.withdraw_results_of(uids).await?;
         }
         let cases = cases.len();
         match images + cases + layers {
@@ -63,10 +64,20 @@ impl Cases {
     }
 
     /// Removes the layers that are made of a series from all cases, also of other studies.
-    pub(super) async fn remove_layers_of(&self, uids: &SeriesUids) -> Result<(), StoreError> {
+    pub(crate) async fn remove_layers_of(&self, uids: &SeriesUids) -> Result<(), StoreError> {
         for (case, layer) in self.store().layers_of_series(&uids.series).await? {
             self.withdraw_layer(&case, &layer).await?;
         }
+        self.withdraw_results_of(uids).await
+    }
+
+    /// Ends results with layers of a series that had been replaced or deleted before its images were corrected or rejected.
+    async fn withdraw_results_of(&self, uids: &SeriesUids) -> Result<(), StoreError> {
+        let store = self.store();
+        let sent = store
+            .withdraw_results_of_series(&uids.series, &layer_withdrawn())
+            .await?;
+        warn_of_sent(sent);
         Ok(())
     }
 
@@ -103,13 +114,7 @@ impl Cases {
             .store()
             .withdraw_layer(case, layer, &layer_withdrawn())
             .await?;
-        if sent > 0 {
-            tracing::warn!(
-                case = case.short(),
-                results = sent,
-                "results that were sent may show a layer that was removed, because its images were corrected or rejected; withdraw them with a rejection note"
-            );
-        }
+        warn_of_sent(sent);
         Ok(())
     }
 
@@ -149,6 +154,15 @@ impl Cases {
             }
         }
         Ok(())
+    }
+}
+
+fn warn_of_sent(results: usize) {
+    if results > 0 {
+        tracing::warn!(
+            results,
+            "results that were sent may show a layer whose images were corrected or rejected; withdraw them with a rejection note"
+        );
     }
 }
 

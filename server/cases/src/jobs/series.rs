@@ -167,7 +167,19 @@ impl Cases {
         };
         let parameters = self.of_whole_series(parameters);
         let submitted = self.submit_after(upload, parameters, of).await?;
+        // A correction that came while the images were read has found no case to supersede.
+        if self.is_changed(due).await? {
+            self.store().move_case(&submitted.case.id).await?;
+        }
         Ok(Outcome::Case(submitted.case.id))
+    }
+
+    /// Whether any image of a series was corrected or rejected since it was copied.
+    async fn is_changed(&self, due: &DueSeries) -> Result<bool, StoreError> {
+        let images = self.store().images_of(&due.uids).await?.into_iter();
+        let images: HashSet<_> = images.map(|(_, image)| image.digest).collect();
+        let mut copied = due.instances.iter();
+        Ok(copied.any(|image| !images.contains(&image.digest)))
     }
 }
 
@@ -284,6 +296,10 @@ impl Cases {
                 // Of fewer images than have come since.
                 self.remove_other_layers_of(&due.uids, &case, &added.layer.id)
                     .await?;
+                // A correction that came while the images were read has found no layer to remove.
+                if self.is_changed(due).await? {
+                    self.remove_layers_of(&due.uids).await?;
+                }
                 Outcome::Layer(case)
             }
             Err(Error::TooManyLayers { .. }) => Outcome::Nothing(Failure::unusable(

@@ -220,6 +220,7 @@ CREATE TABLE results (
     series_number      INTEGER NOT NULL,
     series_description TEXT    NOT NULL,
     layers             TEXT    NOT NULL DEFAULT '', -- the ids of the layers that it shows or may show, separated by spaces
+    layer_series       TEXT    NOT NULL DEFAULT '', -- the series that those layers are made of, each between spaces; outlives them
     layer_withdrawn    INTEGER NOT NULL DEFAULT 0,  -- whether one of them was withdrawn since
     UNIQUE (sop_instance_uid, node, project)
 ) STRICT, WITHOUT ROWID;

@@ -143,6 +143,23 @@ impl Store {
         Ok(sent)
     }
 
+    /// Ends results that show a layer that is or was made of a series, as [`Store::withdraw_layer`] does. Returns how many have been
+    /// sent and were valid.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn withdraw_results_of_series(
+        &self,
+        series: &Uid,
+        failure: &Failure,
+    ) -> Result<usize, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        let of = (self.project(), series);
+        let sent = results::withdraw_of_series(&mut transaction, of, failure, now).await?;
+        transaction.commit().await?;
+        Ok(sent)
+    }
+
     /// Queues a ready layer again, because its object is lost; its placement stays. Returns whether it was ready.
     ///
     /// # Errors

@@ -14,7 +14,7 @@ macro_rules! select_result {
     ($rest:literal) => {
         concat!(
             "SELECT id, case_id, node, study_uid, sop_instance_uid, sop_class_uid, series_uid, series_number,
-                    series_description, digest, created_at, layers, layer_withdrawn,
+                    series_description, digest, created_at, layers, layer_series, layer_withdrawn,
                     (SELECT superseded FROM case_series WHERE case_series.case_id = results.case_id) AS superseded,
                     (SELECT count(*) FROM rejections WHERE rejections.sop_instance_uid = results.sop_instance_uid
                                                        AND rejections.project = results.project) AS rejected
@@ -31,7 +31,11 @@ pub(super) async fn queue(
     job: JobKind,
     now: i64,
 ) -> Result<SentResult, StoreError> {
-    let id = insert(connection, new, now).await?;
+    let mut series = Vec::new();
+    for layer in &new.layers {
+        series.extend(layers::series_of(connection, (&new.case, layer)).await?);
+    }
+    let id = insert(connection, new, &series, now).await?;
     // A layer may have been withdrawn while the result was drawn, and may have come back since it was first requested.
     let are_there = layers::are_there(connection, &new.case, &new.layers).await?;
     note_layers(connection, new, !are_there).await?;
@@ -108,17 +112,59 @@ pub(super) async fn withdraw_of_layer(
     row.get("sent").map(read_count)
 }
 
+/// As [`withdraw_of_layer`], of all layers that are or were made of a series. Returns how many have been sent and are not known yet.
+pub(super) async fn withdraw_of_series(
+    connection: &mut Connection,
+    (project, series): (Project, &Uid),
+    failure: &Failure,
+    now: i64,
+) -> Result<usize, StoreError> {
+    let shows = format!("% {} %", series.as_str());
+    let row = connection
+        .query(
+            "SELECT count(*) AS sent FROM results
+             WHERE project = $1 AND layer_series LIKE $2 AND layer_withdrawn = 0
+               AND 'done' = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
+                                      ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done')",
+        )
+        .bind(project.name())
+        .bind(&shows)
+        .fetch_one()
+        .await?;
+    let sent = row.get("sent").map(read_count)?;
+    connection
+        .query("UPDATE results SET layer_withdrawn = 1 WHERE project = $1 AND layer_series LIKE $2")
+        .bind(project.name())
+        .bind(&shows)
+        .execute()
+        .await?;
+    connection
+        .query(
+            "UPDATE jobs SET state = 'failed', failure = $1, ended_at = $2, fence = 0, lease_until = NULL
+             WHERE key IN (SELECT id FROM results WHERE project = $3 AND layer_series LIKE $4)
+               AND state IN ('queued', 'running')",
+        )
+        .bind(serde_json::to_string(failure)?)
+        .bind(now)
+        .bind(project.name())
+        .bind(&shows)
+        .execute()
+        .await?;
+    Ok(sent)
+}
+
 /// Writes the row of a result, unless it is there; returns its id.
 async fn insert(
     connection: &mut Connection,
     new: &NewResult,
+    series: &[Uid],
     now: i64,
 ) -> Result<String, StoreError> {
     connection
         .query(
             "INSERT INTO results (id, case_id, node, study_uid, sop_instance_uid, digest, created_at,
-                                  sop_class_uid, series_uid, series_number, series_description, project, layers)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13)
+                                  sop_class_uid, series_uid, series_number, series_description, project, layers, layer_series)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14)
              ON CONFLICT (sop_instance_uid, node, project) DO NOTHING",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
@@ -134,6 +180,7 @@ async fn insert(
         .bind(&new.series.description)
         .bind(new.case.project().name())
         .bind(written(&new.layers))
+        .bind(written_series(series))
         .execute()
         .await?;
     let row = connection
@@ -161,7 +208,7 @@ pub(super) async fn adopt(
         layers: result.layers.clone(),
         digest: result.object.digest,
     };
-    let known = insert(connection, &new, now).await?;
+    let known = insert(connection, &new, &result.layer_series, now).await?;
     let is_withdrawn = result.not_valid == Some(NotValid::LayerWithdrawn);
     note_layers(connection, &new, is_withdrawn).await?;
     jobs::remove(connection, &known).await?;
@@ -362,6 +409,20 @@ fn written(layers: &[LayerId]) -> String {
     ids.join(" ")
 }
 
+/// Series, as a column has them: a space before and after each.
+fn written_series(series: &[Uid]) -> String {
+    let spaced = series.iter().map(|uid| format!(" {}", uid.as_str()));
+    spaced.chain([" ".to_owned()]).collect()
+}
+
+fn read_layer_series(row: &Row) -> Result<Vec<Uid>, StoreError> {
+    let series: String = row.get("layer_series")?;
+    let series = series.split_whitespace();
+    series
+        .map(|uid| Uid::parse(uid).ok_or_else(|| unreadable("layer_series")))
+        .collect()
+}
+
 fn read_layers(row: &Row) -> Result<Vec<LayerId>, StoreError> {
     let ids: String = row.get("layers")?;
     let ids = ids.split_whitespace();
@@ -394,6 +455,7 @@ fn read(row: &Row, job: Option<Job>) -> Result<SentResult, StoreError> {
         instance: read_uid(row, "sop_instance_uid")?,
         object: read_object(row)?,
         layers: read_layers(row)?,
+        layer_series: read_layer_series(row)?,
         created_at: read_time(row, "created_at")?,
         not_valid: read_not_valid(row)?,
         job,
