@@ -422,6 +422,116 @@ test("the slice across the sulcus comes with a key, turns by hand, and marks wha
   assert.equal((await fragment(page)).u, undefined);
 });
 
+test("on a phone fingers turn the slice across the sulcus, move a slice, measure, and mark", { skip }, async () => {
+  const phone = { viewport: { width: 390, height: 844 }, deviceScaleFactor: 3, hasTouch: true, isMobile: true };
+  const { page: small, context, troubles } = await openPage(browser, phone);
+  await small.goto(`${demo?.origin}#${id}&l=slices&x=40,10,45&u=0`);
+  await shown(small);
+  await small.waitForSelector(".slice.across[data-turn='0']");
+  const session = await context.newCDPSession(small);
+  type Place = readonly [number, number];
+  const touch = (type: "touchStart" | "touchMove" | "touchEnd", places: readonly Place[] = []): Promise<unknown> =>
+    session.send("Input.dispatchTouchEvent", { type, touchPoints: places.map(([x, y], at) => ({ x, y, id: at })) });
+  /** Drags fingers from places to others; a scroller that takes the gesture away does it after the first steps. */
+  const drag = async (from: readonly Place[], to: readonly Place[]): Promise<void> => {
+    await touch("touchStart", from);
+    for (const share of [0.2, 0.4, 0.6, 0.8, 1]) {
+      const along = ([x, y]: Place, at: number): Place => {
+        const [endX, endY] = to[at] ?? [x, y];
+        return [x + share * (endX - x), y + share * (endY - y)];
+      };
+      await touch("touchMove", from.map(along));
+    }
+    await touch("touchEnd");
+  };
+  const middleOf = async (selector: string): Promise<Place> => {
+    const box = await small.locator(selector).first().boundingBox();
+    assert.ok(box, selector);
+    return [box.x + box.width / 2, box.y + box.height / 2];
+  };
+  const see = (selector: string): Promise<void> =>
+    small.locator(selector).evaluate((one) => one.scrollIntoView({ block: "center" }));
+  const scrolled = (): Promise<number> => small.locator(".page").evaluate((one) => one.scrollTop);
+
+  // A handle goes up and down with the finger, which elsewhere on a slice scrolls the page.
+  await see(".slice.axial");
+  const top = await scrolled();
+  const grip = ".slice.axial .trace:not([hidden]) .grip:not([hidden])";
+  await small.locator(grip).first().waitFor();
+  const [[gx, gy], [mx, my]] = [await middleOf(grip), await middleOf(".slice.axial .cursor.ticks")];
+  await drag([[gx, gy]], [[mx - (gy - my), my + (gx - mx)]]);
+  const { u, x } = await until(
+    () => fragment(small),
+    (now) => now.u !== "0",
+  );
+  assert.ok(Math.abs(Number(u)) > 40, `turned to ${u}`);
+  assert.equal(x, "40,10,45", "a handle marks nothing");
+  assert.equal(await scrolled(), top, "the page is where it was");
+
+  // Two fingers move a slice, also up and down.
+  const [cx, cy] = await middleOf(".slice.axial .slice-view");
+  const [left, right]: Place[] = [
+    [cx - 40, cy],
+    [cx + 40, cy],
+  ];
+  assert.ok(left && right);
+  await drag(
+    [left, right],
+    [
+      [left[0], left[1] + 50],
+      [right[0], right[1] + 50],
+    ],
+  );
+  const moved = async (): Promise<number> => (await middleOf(".slice.axial .cursor.ticks"))[1] - my;
+  const by = await until(moved, (pixels) => pixels > 30);
+  assert.ok(by > 30 && by < 60, `moved by ${by} pixels`);
+  assert.equal(await scrolled(), top, "the page is where it was");
+
+  // Taps set the corners of an area, on a slice and on the surface; the last one again ends it.
+  await small.locator("details:has(> .group-body > .tools) > summary").tap();
+  await small.getByRole("button", { name: "Area", exact: true }).tap();
+  for (const [count, pane] of [".slice.axial .slice-view", "#surface"].entries()) {
+    await see(pane);
+    const [px, py] = await middleOf(pane);
+    for (const [dx, dy] of [
+      [-30, -40],
+      [20, -40],
+      [20, 0],
+      [-30, 0],
+      [-30, 0],
+    ] as const)
+      await small.touchscreen.tap(px + dx, py + dy);
+    const areas = small.locator(".measures li[data-tool=area]");
+    await areas.nth(count).waitFor({ state: "attached" });
+    assert.equal(await areas.count(), count + 1);
+  }
+  assert.match(await small.locator(".measures li .value").last().innerText(), /^Area \d+ mm² along the surface/);
+  await small.getByRole("button", { name: "Area", exact: true }).tap();
+
+  // The depth follows a finger, and a double tap marks a point of the surface.
+  const track = await small.locator("#depth").boundingBox();
+  assert.ok(track);
+  const middle = track.y + track.height / 2;
+  await drag([[track.x + 0.25 * track.width, middle]], [[track.x + 0.5 * track.width, middle]]);
+  const deep = async (): Promise<number> => Number((await fragment(small)).d ?? 10);
+  assert.ok((await until(deep, (depth_mm) => depth_mm > 15)) > 15);
+  await see("#surface");
+  const [sx, sy] = await middleOf("#surface");
+  for (let taps = 0; taps < 2; taps += 1) await small.touchscreen.tap(sx, sy);
+  const marked = await until(
+    () => fragment(small),
+    (now) => now.x !== x,
+  );
+  assert.ok(marked.x && marked.x !== x, "a point is marked");
+  await keep(small, "phone-touch");
+  // The plane is asked for again until the maps are made.
+  assert.deepEqual(
+    troubles.filter((one) => !one.includes("409")),
+    [],
+  );
+  await context.close();
+});
+
 test("slices are radiological until the other convention is chosen, and say which", { skip }, async () => {
   await reset();
   await page.locator(".layouts button[value=slices]").click();

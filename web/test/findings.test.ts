@@ -16,7 +16,7 @@ import {
   signed,
 } from "../src/model/findings.ts";
 import type { Depths } from "../src/model/isosurface.ts";
-import { type Line, lettered, pieces, sliceMarks, surfaceMarks, thinned } from "../src/model/marks.ts";
+import { type Line, covered, lettered, pieces, sliceMarks, surfaceMarks, thinned } from "../src/model/marks.ts";
 import { excessOf, plainLine, plainText } from "../src/model/text.ts";
 import { FindingsSync, type Kept } from "../src/page/findings-sync.ts";
 
@@ -390,13 +390,14 @@ test("findings of a file are added once, and where it says something else both a
     assert.equal(readFindings(JSON.stringify({ findings: [{ ...bare, ...change }] })), null);
 });
 
+const mark = (words: string, x: number, y: number) => ({
+  words,
+  parts: [[[x, y] as const]],
+  colour: "#7dffa0",
+  isAway: false,
+});
+
 test("the words of marks never run into one another", () => {
-  const mark = (words: string, x: number, y: number) => ({
-    words,
-    parts: [[[x, y] as const]],
-    colour: "#7dffa0",
-    isAway: false,
-  });
   const widthOf = (words: string): number => 7 * words.length;
   const near = [mark("90.0°", 100, 100), mark("153 mm²", 104, 101), mark("19.7 mm", 90, 99), mark("1", 100, 112)];
   const words = lettered(near, [300, 300], widthOf);
@@ -416,6 +417,28 @@ test("the words of marks never run into one another", () => {
   const crowd = Array.from({ length: 60 }, (_, at) => mark(String(at), 100, 100 + at / 10));
   assert.ok(lettered(crowd, [300, 300], widthOf).length < 30);
   assert.equal(lettered(crowd, [300, 300], widthOf, [96, 48]).length, 1);
+});
+
+test("the canvas of marks holds them and their words, within the pane, in steps", () => {
+  const marks = [mark("1", 100, 100), mark("2", 290, 150)];
+  const letters = lettered(marks, [300, 300], (words) => 7 * words.length);
+  const given = { pane: [300, 300], reach: 10, step: 64 } as const;
+  assert.deepEqual(covered(marks, letters, given), [64, 64, 300, 192]);
+  // Words reach farther than their mark.
+  const [one] = marks;
+  assert.ok(one);
+  assert.deepEqual(covered([one], [], given), [64, 64, 128, 128]);
+  assert.deepEqual(
+    covered(
+      [one],
+      lettered([one], [300, 300], () => 60),
+      given,
+    ),
+    [64, 64, 192, 128],
+  );
+  // What lies beside the pane takes no room.
+  const [left, , right] = covered([mark("1", 400, 100)], [], given);
+  assert.equal(right - left, 0);
 });
 
 test("a finding has the author who made it, or the first one who changed it when it had none", () => {

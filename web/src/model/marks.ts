@@ -2,6 +2,7 @@
 
 import type { Projection } from "./camera.ts";
 import { type Vec2, type Vec3, add, scale, subtract } from "./space.ts";
+import { clamp } from "./state.ts";
 
 /** Something that a reader has marked or measured. */
 export interface Marked {
@@ -137,9 +138,32 @@ export function pieces(lines: readonly Line[]): readonly (readonly Line[])[] {
   return all;
 }
 
-/** The words of a mark, and where their baseline begins. */
+/** The words of a mark, where their baseline begins, and what they cover. */
 export interface Lettering extends Pick<Mark, "words" | "colour" | "isAway"> {
   readonly at: Vec2;
+  readonly box: Box;
+}
+
+/**
+ * The part of a pane that marks and their words cover, `reach` being how far a line reaches from its places. Its borders
+ * are multiples of `step`, or those of the pane, so that it seldom changes while the head is turned.
+ */
+export function covered(
+  marks: readonly Mark[],
+  letters: readonly Lettering[],
+  { pane: [width, height], reach, step }: { readonly pane: Vec2; readonly reach: number; readonly step: number },
+): Box {
+  let [left, top, right, bottom] = [Infinity, Infinity, -Infinity, -Infinity];
+  const cover = (box: Box): void => {
+    [left, top] = [Math.min(left, box[0]), Math.min(top, box[1])];
+    [right, bottom] = [Math.max(right, box[2]), Math.max(bottom, box[3])];
+  };
+  for (const { parts } of marks) for (const part of parts) for (const [x, y] of part) cover([x, y, x, y]);
+  cover([left - reach, top - reach, right + reach, bottom + reach]);
+  for (const { box } of letters) cover([box[0] - FREE, box[1] - FREE, box[2] + FREE, box[3] + FREE]);
+  const before = (place: number, side: number): number => clamp(Math.floor(place / step) * step, 0, side);
+  const after = (place: number, side: number): number => clamp(Math.ceil(place / step) * step, 0, side);
+  return [before(left, width), before(top, height), after(right, width), after(bottom, height)];
 }
 
 /** Words stand so far beside the first place of their mark, and above it, in CSS pixels. */
@@ -173,13 +197,14 @@ export function lettered(
     const isFree = (at: Vec2): boolean => taken.every((box) => !meet(box, boxOf(at, width)));
     const at = places.find((one) => isWithin(boxOf(one, width), pane) && isFree(one)) ?? places.find(isFree);
     if (!at) return [];
-    taken.push(boxOf(at, width));
-    return [{ words, at, colour, isAway }];
+    const box = boxOf(at, width);
+    taken.push(box);
+    return [{ words, at, box, colour, isAway }];
   });
 }
 
 /** Left, top, right and bottom. */
-type Box = readonly [number, number, number, number];
+export type Box = readonly [number, number, number, number];
 
 const boxOf = ([x, y]: Vec2, width: number): Box => [x, y - ASCENT, x + width, y + DESCENT];
 
