@@ -176,7 +176,10 @@ test("within 5 mm of the plane a position is in the middle, and a view along it 
     ].map((place) => sideOf(place as unknown as Vec3, plane)),
     ["middle", "left", "middle", "right"],
   );
-  assert.equal(sideOf([40, 0, 0], { ...plane, doubtful: true }), "unknown", "it may lie within one half");
+  // Of the right half alone, the plane lies within that half.
+  const within = { normal: [1, 0, 0], offset_mm: -35, doubtful: true } as const;
+  const sides = [30, 0, -20, -60].map((x) => sideOf([x, 0, 0], within));
+  assert.deepEqual(sides, ["left", "unknown", "unknown", "right"]);
   assert.deepEqual(
     (["left", "right", "superior", "anterior"] as const).map((name) =>
       sideSeen(towardsViewer(NAMED_VIEWS[name]), plane),

@@ -237,17 +237,26 @@ impl CaseMaps {
     }
 }
 
-/// The side of a position (LPS mm); unknown if the plane between the hemispheres is in doubt.
+/// The side of a position (LPS mm). If the plane between the hemispheres is in doubt, it is unknown unless the patient's own
+/// coordinate says the same: the plane of half a brain lies within that half.
 pub fn side_at(facts: &CaseFacts, position_in_patient: DVec3) -> PatientSide {
-    if facts.midsagittal.is_doubtful() {
-        return PatientSide::Unknown;
+    let side = side_of(&mirror_plane(facts), position_in_patient);
+    let is_told = || side == patient_side(Side::at(position_in_patient.x));
+    match facts.midsagittal.is_doubtful() && !is_told() {
+        true => PatientSide::Unknown,
+        false => side,
     }
-    side_of(&mirror_plane(facts), position_in_patient)
 }
 
 /// The side of a plane between the hemispheres that a position (LPS mm) is on.
 pub(crate) fn side_of(plane: &MidsagittalPlane, position_in_patient: DVec3) -> PatientSide {
-    match Side::at(plane.normal().dot(position_in_patient) - plane.offset_mm()) {
+    patient_side(Side::at(
+        plane.normal().dot(position_in_patient) - plane.offset_mm(),
+    ))
+}
+
+fn patient_side(side: Side) -> PatientSide {
+    match side {
         Side::Left => PatientSide::Left,
         Side::Right => PatientSide::Right,
         Side::Middle => PatientSide::Middle,
@@ -355,7 +364,6 @@ fn name_of(kind: MapKind) -> MapName {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::HashSet;
     use std::sync::OnceLock;
     use std::sync::atomic::AtomicBool;
 
@@ -441,16 +449,24 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_in_doubt_tells_no_side() {
+    fn a_plane_in_doubt_tells_no_side_that_the_coordinates_contradict() {
         let mut facts = prepared().facts.clone();
-        let sides = |facts: &CaseFacts| {
-            let maps = maps(facts).unwrap();
-            let places = maps.candidates.iter().chain(&maps.elsewhere);
-            places.map(|place| place.side).collect::<HashSet<_>>()
-        };
-        assert!(!sides(&facts).contains(&PatientSide::Unknown));
+        let at = |facts: &CaseFacts, x: f64| side_at(facts, DVec3::new(x, 10.0, 20.0));
+        let sides = |facts: &CaseFacts| [30.0, 0.0, -20.0, -60.0].map(|x| at(facts, x));
+        use PatientSide::{Left, Middle, Right, Unknown};
+        assert_eq!(sides(&facts), [Left, Middle, Right, Right]);
+        // Of the right half alone, the plane lies within that half.
         facts.midsagittal.correlation = 0.3;
-        assert_eq!(sides(&facts), HashSet::from([PatientSide::Unknown]));
+        assert_eq!(sides(&facts), [Left, Middle, Right, Right]);
+        facts.midsagittal.offset_mm -= 35.0;
+        assert_eq!(sides(&facts), [Left, Unknown, Unknown, Right]);
+        let maps = maps(&facts).unwrap();
+        let mut places = maps.candidates.iter();
+        assert!(places.all(|place| place.side == at_place(&facts, place)));
+    }
+
+    fn at_place(facts: &CaseFacts, place: &CandidateFacts) -> PatientSide {
+        side_at(facts, DVec3::from_array(place.position_in_patient))
     }
 
     #[test]

@@ -17,7 +17,7 @@ export const mirrorPlane = (shown: Pick<ReadyCase, "midsagittal" | "envelope_sph
 export const distance_mm = (position_in_patient: Vec3, { normal, offset_mm }: MirrorPlane): number =>
   dot(position_in_patient, normal) - offset_mm;
 
-/** A side of the patient, or neither: too near to the plane to be told by it; `unknown`: the plane is in doubt, as in half a brain. */
+/** A side of the patient, or neither: too near to the plane to be told by it; `unknown`: plane and coordinates contradict each other. */
 export type Side = SideSeen | "unknown";
 
 /** The hemisphere that is seen, or `middle`: both are. */
@@ -26,10 +26,16 @@ export type SideSeen = "left" | "right" | "middle";
 /** What lies so near to the plane is in the middle: the hemispheres are not divided by a plane alone. */
 const MIDDLE_MM = 5;
 
-/** On which side of the plane a position is. */
+/**
+ * On which side of the plane a position is. If the plane is in doubt, the patient's own coordinate must say the same: the plane of half a
+ * brain lies within that half.
+ */
 export function sideOf(position_in_patient: Vec3, plane: MirrorPlane): Side {
-  if (plane.doubtful) return "unknown";
-  const left_mm = distance_mm(position_in_patient, plane);
+  const side = sideAt(distance_mm(position_in_patient, plane));
+  return plane.doubtful && side !== sideAt(position_in_patient[0]) ? "unknown" : side;
+}
+
+function sideAt(left_mm: number): SideSeen {
   if (Math.abs(left_mm) <= MIDDLE_MM) return "middle";
   return left_mm > 0 ? "left" : "right";
 }
