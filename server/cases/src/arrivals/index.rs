@@ -70,9 +70,7 @@ impl Cases {
         };
         let images = self.store().images_of(&series.uids).await?.into_iter();
         let images: Vec<_> = images.map(|(_, image)| image).collect();
-        let stated = self.patients_of_images(&images).await?;
-        let is_another = |stated: &Patient| stated.is_stated() && *stated != patient;
-        Ok(patient.is_stated() && stated.iter().any(is_another))
+        self.states_another(&images, &patient).await
     }
 
     /// Enters the series of a case. What the PACS has rejected does not count when a user uploads it.

@@ -183,11 +183,22 @@ impl Cases {
         Ok(patients.into_iter().map(other).collect())
     }
 
-    /// The patients of stored images; none of images that are lost.
-    pub(crate) async fn patients_of_images(
+    /// Whether any of these stored images states another patient than this one, if it is stated.
+    pub(crate) async fn states_another(
         &self,
         images: &[ObjectName],
-    ) -> Result<Vec<Patient>, Error> {
+        patient: &Patient,
+    ) -> Result<bool, Error> {
+        if !patient.is_stated() {
+            return Ok(false);
+        }
+        let stated = self.patients_of_images(images).await?;
+        let is_another = |stated: &Patient| stated.is_stated() && stated != patient;
+        Ok(stated.iter().any(is_another))
+    }
+
+    /// The patients of stored images; none of images that are lost.
+    async fn patients_of_images(&self, images: &[ObjectName]) -> Result<Vec<Patient>, Error> {
         let mut patients: Vec<Patient> = Vec::new();
         let mut unread = Vec::new();
         for image in images {

@@ -214,9 +214,7 @@ impl Cases {
             .map(|(_, image)| image)
             .collect();
         let held = Patient::of(|keyword| source.value(keyword));
-        let stated = self.patients_of_images(&again).await?;
-        let is_another = |stated: &Patient| *stated != held && stated.is_stated();
-        if held.is_stated() && stated.iter().any(is_another) {
+        if self.states_another(&again, &held).await? {
             self.store().correct_series_of(before).await?;
         }
         Ok(())

@@ -127,7 +127,7 @@ impl Store {
         Ok(deleted)
     }
 
-    /// As [`Store::delete_layer_row`]. Results that may show it do not count any more; returns how many have been sent.
+    /// As [`Store::delete_layer_row`]. Results that may show it do not count any more; returns how many have been sent and were valid.
     pub(crate) async fn withdraw_layer_row(
         &self,
         case: &CaseId,
@@ -135,8 +135,8 @@ impl Store {
         failure: &Failure,
     ) -> Result<usize, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        let withdrawn = (case, layer);
-        let sent = results::withdraw_of_layer(&mut transaction, withdrawn, failure, now).await?;
+        let shown = results::Shown::Layer(case, layer);
+        let sent = results::withdraw_showing(&mut transaction, shown, failure, now).await?;
         layers::delete(&mut transaction, case, layer, now).await?;
         transaction.commit().await?;
         self.rows().database.empty_log().await;
@@ -154,8 +154,8 @@ impl Store {
         failure: &Failure,
     ) -> Result<usize, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        let of = (self.project(), series);
-        let sent = results::withdraw_of_series(&mut transaction, of, failure, now).await?;
+        let shown = results::Shown::Series(self.project(), series);
+        let sent = results::withdraw_showing(&mut transaction, shown, failure, now).await?;
         transaction.commit().await?;
         Ok(sent)
     }

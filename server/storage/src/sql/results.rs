@@ -70,84 +70,64 @@ async fn note_layers(
     Ok(())
 }
 
-/// Notes that a layer was withdrawn, and ends the jobs that send results that may show it, with a reason. Returns how many have
-/// been sent already.
-pub(super) async fn withdraw_of_layer(
-    connection: &mut Connection,
-    (case, layer): (&CaseId, &LayerId),
-    failure: &Failure,
-    now: i64,
-) -> Result<usize, StoreError> {
-    connection
-        .query(
-            "UPDATE results SET layer_withdrawn = 1
-             WHERE case_id = $1 AND layers LIKE $2",
-        )
-        .bind(case.key())
-        .bind(format!("%{layer}%"))
-        .execute()
-        .await?;
-    connection
-        .query(
-            "UPDATE jobs SET state = 'failed', failure = $1, ended_at = $2, fence = 0, lease_until = NULL
-             WHERE case_id = $3 AND key IN (SELECT id FROM results WHERE case_id = $3 AND layer_withdrawn = 1)
-               AND state IN ('queued', 'running')",
-        )
-        .bind(serde_json::to_string(failure)?)
-        .bind(now)
-        .bind(case.key())
-        .execute()
-        .await?;
-    let row = connection
-        .query(
-            "SELECT count(*) AS sent FROM results
-             WHERE case_id = $1 AND layers LIKE $2
-               AND 'done' = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
-                                      ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done')",
-        )
-        .bind(case.key())
-        .bind(format!("%{layer}%"))
-        .fetch_one()
-        .await?;
-    row.get("sent").map(read_count)
+/// What a result shows, or may show.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Shown<'a> {
+    /// A layer of a case.
+    Layer(&'a CaseId, &'a LayerId),
+    /// Any layer that is or was made of a series.
+    Series(Project, &'a Uid),
 }
 
-/// As [`withdraw_of_layer`], of all layers that are or were made of a series. Returns how many have been sent and are not known yet.
-pub(super) async fn withdraw_of_series(
+/// Notes that a layer was withdrawn, and ends the jobs that send results that may show it, with a reason. Returns how many have
+/// been sent and were valid.
+pub(super) async fn withdraw_showing(
     connection: &mut Connection,
-    (project, series): (Project, &Uid),
+    shown: Shown<'_>,
     failure: &Failure,
     now: i64,
 ) -> Result<usize, StoreError> {
-    let shows = format!("% {} %", series.as_str());
+    // Neither an id nor a UID is ever a part of the other column.
+    let (project, case, pattern) = match shown {
+        Shown::Layer(case, layer) => (case.project(), Some(case.key()), format!("%{layer}%")),
+        Shown::Series(project, series) => (project, None, format!("% {} %", series.as_str())),
+    };
     let row = connection
         .query(
             "SELECT count(*) AS sent FROM results
-             WHERE project = $1 AND layer_series LIKE $2 AND layer_withdrawn = 0
+             WHERE project = $1 AND coalesce($2, case_id) = case_id AND (layers LIKE $3 OR layer_series LIKE $3)
+               AND layer_withdrawn = 0
                AND 'done' = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
                                       ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done')",
         )
         .bind(project.name())
-        .bind(&shows)
+        .bind(case.clone())
+        .bind(&pattern)
         .fetch_one()
         .await?;
     let sent = row.get("sent").map(read_count)?;
     connection
-        .query("UPDATE results SET layer_withdrawn = 1 WHERE project = $1 AND layer_series LIKE $2")
+        .query(
+            "UPDATE results SET layer_withdrawn = 1
+             WHERE project = $1 AND coalesce($2, case_id) = case_id AND (layers LIKE $3 OR layer_series LIKE $3)",
+        )
         .bind(project.name())
-        .bind(&shows)
+        .bind(case.clone())
+        .bind(&pattern)
         .execute()
         .await?;
     connection
         .query(
             "UPDATE jobs SET state = 'failed', failure = $1, ended_at = $2, fence = 0, lease_until = NULL
-             WHERE key IN (SELECT id FROM results WHERE project = $3 AND layer_series LIKE $4)
-               AND state IN ('queued', 'running')",
+             WHERE state IN ('queued', 'running') AND key IN (
+                 SELECT id FROM results
+                 WHERE project = $3 AND coalesce($4, case_id) = case_id AND (layers LIKE $5 OR layer_series LIKE $5))",
         )
         .bind(serde_json::to_string(failure)?)
         .bind(now)
         .bind(project.name())
-        .bind(&shows)
+        .bind(case)
+        .bind(&pattern)
         .execute()
         .await?;
     Ok(sent)
@@ -415,18 +395,16 @@ fn written_series(series: &[Uid]) -> String {
     spaced.chain([" ".to_owned()]).collect()
 }
 
-fn read_layer_series(row: &Row) -> Result<Vec<Uid>, StoreError> {
-    let series: String = row.get("layer_series")?;
-    let series = series.split_whitespace();
-    series
-        .map(|uid| Uid::parse(uid).ok_or_else(|| unreadable("layer_series")))
-        .collect()
-}
-
-fn read_layers(row: &Row) -> Result<Vec<LayerId>, StoreError> {
-    let ids: String = row.get("layers")?;
-    let ids = ids.split_whitespace();
-    ids.map(|id| LayerId::parse(id).ok_or_else(|| unreadable("layer")))
+/// What a column has between spaces.
+fn read_each<T>(
+    row: &Row,
+    column: &'static str,
+    parse: impl Fn(&str) -> Option<T>,
+) -> Result<Vec<T>, StoreError> {
+    let words: String = row.get(column)?;
+    let words = words.split_whitespace();
+    words
+        .map(|word| parse(word).ok_or_else(|| unreadable(column)))
         .collect()
 }
 
@@ -454,8 +432,8 @@ fn read(row: &Row, job: Option<Job>) -> Result<SentResult, StoreError> {
         series: read_series(row)?,
         instance: read_uid(row, "sop_instance_uid")?,
         object: read_object(row)?,
-        layers: read_layers(row)?,
-        layer_series: read_layer_series(row)?,
+        layers: read_each(row, "layers", LayerId::parse)?,
+        layer_series: read_each(row, "layer_series", Uid::parse)?,
         created_at: read_time(row, "created_at")?,
         not_valid: read_not_valid(row)?,
         job,
