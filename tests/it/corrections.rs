@@ -1570,6 +1570,56 @@ async fn an_upload_whose_side_the_pacs_contradicts_makes_no_results() {
 }
 
 #[tokio::test]
+async fn an_upload_makes_no_results_if_the_pacs_has_its_images_as_another_patients_without_a_case()
+{
+    let few = &head_slices()[20..23];
+    let under_another_study = [
+        ([0x20, 0x000D], "UI", "1.2.9"),
+        ([0x20, 0x000E], "UI", "1.2.9.1"),
+    ];
+    let moved = few.iter().map(|slice| {
+        let texts = [
+            ([0x10, 0x0010], "PN", "Right^Patient"),
+            ([0x10, 0x0020], "LO", "PAT-RIGHT"),
+        ];
+        with_texts(
+            slice,
+            &[&IDENTITY[..], &texts, &under_another_study].concat(),
+        )
+    });
+    for images in [of_another(few), moved.collect()] {
+        let neighbour = Neighbour::start(|_| {}).await;
+        let server = &neighbour.server;
+        let volume = zipped(&identified(&head_slices()));
+        let parts: [Part<'_>; 1] = [("volume", &volume)];
+        let upload = server.prepared(&parts).await;
+        let view = json!({"what": "view", "render": small()});
+        assert_eq!(result(server, &upload, &view).await.status, 200);
+        assert_eq!(neighbour.store(&images).await.status, 200);
+        assert_eq!(neighbour.settled().await["state"], "nothing");
+        let refused = result(server, &upload, &view).await;
+        assert_eq!(refused.problem(), "several-patients", "{refused:?}");
+    }
+}
+
+#[tokio::test]
+async fn one_image_of_another_patient_removes_the_layer_of_images_that_are_forgotten() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let flair = flair_slices(0);
+    assert_eq!(neighbour.store(&identified(&flair)).await.status, 200);
+    until_layer(server, "1.2.3.77").await;
+    let store = server.pacs.cases().store().clone();
+    store.forget(Duration::ZERO, false).await.unwrap();
+    assert_eq!(flairs(server, &case).await, 1);
+    let one = of_another(&flair[3..4]);
+    assert_eq!(neighbour.store(&one).await.status, 200);
+    assert_eq!(neighbour.settled().await["state"], "nothing");
+    assert_eq!(flairs(server, &case).await, 0);
+}
+
+#[tokio::test]
 async fn a_layer_of_a_user_goes_when_the_pacs_sends_its_images_as_another_patients() {
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;

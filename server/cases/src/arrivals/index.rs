@@ -1,6 +1,9 @@
 //! Enters the series of cases into the index, by which viewers of a PACS find them.
 
+use std::collections::BTreeSet;
+
 use case::CaseId;
+use imaging::dicom::Attributes;
 use storage::arrivals::{AccessionNumber, CaseSeries, SeriesUids, Superseded, Uid};
 use storage::{StoreError, Upload};
 
@@ -30,16 +33,21 @@ impl SeriesOfUpload {
         };
         let uid = |keyword| stored.value(keyword).and_then(Uid::parse);
         let uids = uid("StudyInstanceUID").zip(uid("SeriesInstanceUID"));
-        let images = stored.instances.iter();
-        let images = images.filter_map(|image| Uid::parse(&image.sop_instance_uid));
         Ok(uids.map(|(study, series)| Self {
-            images: images.collect(),
+            images: images_of(&stored),
             uids: SeriesUids { study, series },
             accession_number: stored
                 .value("AccessionNumber")
                 .and_then(AccessionNumber::parse),
         }))
     }
+}
+
+/// The UIDs of the images of a volume.
+pub(super) fn images_of(source: &Attributes) -> Vec<Uid> {
+    let images = source.instances.iter();
+    let uids: BTreeSet<_> = images.map(|image| &image.sop_instance_uid).collect();
+    uids.into_iter().filter_map(|uid| Uid::parse(uid)).collect()
 }
 
 impl SeriesOfUpload {
@@ -59,7 +67,7 @@ impl Cases {
         Ok(self.store().are_rejected(&images).await?.contains(&true))
     }
 
-    /// Whether the PACS has sent images of the series of an upload as those of another patient.
+    /// Whether the PACS has sent the images of an upload, or others of its series, as those of another patient.
     pub(crate) async fn is_corrected(
         &self,
         series: &SeriesOfUpload,
@@ -68,9 +76,8 @@ impl Cases {
         let Some(patient) = Patient::of_upload(upload).await? else {
             return Ok(false);
         };
-        let images = self.store().images_of(&series.uids).await?.into_iter();
-        let images: Vec<_> = images.map(|(_, image)| image).collect();
-        self.states_another(&images, &patient).await
+        self.are_sent_of_another(&series.uids, &series.images, &patient)
+            .await
     }
 
     /// Enters the series of a case. What the PACS has rejected does not count when a user uploads it.

@@ -1,11 +1,13 @@
 //! What a query finds besides the heads: series that make no case (yet). They can belong to another patient.
 
+use std::collections::HashSet;
+
 use case::{CaseId, CaseState, Failure};
 use serde_json::Value;
 use storage::ObjectName;
 use storage::arrivals::{
     AccessionNumber, Arrival, ArrivalState, ArrivalStatus, MOVED, OTHER_OBJECTS, REJECTED,
-    SeriesQuery, SeriesUids, Superseded,
+    SeriesQuery, SeriesUids, Superseded, Uid,
 };
 
 use super::{Head, Patient};
@@ -181,6 +183,27 @@ impl Cases {
             patient,
         };
         Ok(patients.into_iter().map(other).collect())
+    }
+
+    /// Whether the PACS has sent a series, or images with these UIDs under any series, as those of another patient than this one.
+    pub(super) async fn are_sent_of_another(
+        &self,
+        uids: &SeriesUids,
+        images: &[Uid],
+        patient: &Patient,
+    ) -> Result<bool, Error> {
+        let named: Vec<_> = images
+            .iter()
+            .map(|uid| (uids.clone(), uid.clone()))
+            .collect();
+        let known = self.store().known(&named).await?.into_iter().flatten();
+        let of_series = self.store().images_of(uids).await?.into_iter();
+        let stored: HashSet<_> = of_series
+            .map(|(_, image)| image)
+            .chain(known.map(|known| known.object))
+            .collect();
+        let stored: Vec<_> = stored.into_iter().collect();
+        self.states_another(&stored, patient).await
     }
 
     /// Whether any of these stored images states another patient than this one, if it is stated.

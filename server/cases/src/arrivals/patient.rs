@@ -124,7 +124,7 @@ impl Contradiction {
     pub fn sentence(self) -> &'static str {
         match self {
             Self::Patient => {
-                "the case was uploaded, and the PACS has sent images of another patient with the UIDs of its series"
+                "the case was uploaded, and the PACS has sent its images, or others of its series, as those of another patient"
             }
             Self::Place => {
                 "the case was uploaded, and the PACS has sent images with the same UIDs and another position or orientation, so that left and right may be exchanged"
@@ -165,7 +165,8 @@ impl Cases {
         }))
     }
 
-    /// What the PACS has sent with the UIDs of a series that was uploaded, if that contradicts the upload.
+    /// What the PACS has sent with the UIDs of a series that was uploaded or of its images, if that contradicts the upload. Of another patient
+    /// counts also what made no case.
     ///
     /// # Errors
     /// If the store cannot be reached.
@@ -180,6 +181,13 @@ impl Cases {
         let Some(own) = self.attributes_of(&uploaded.case).await? else {
             return Ok(None);
         };
+        let images = super::index::images_of(&own);
+        if self
+            .are_sent_of_another(&uploaded.uids, &images, &patient(&own))
+            .await?
+        {
+            return Ok(Some(Contradiction::Patient));
+        }
         let mut found = None;
         let SeriesUids { study, series } = uploaded.uids.clone();
         let query = SeriesQuery::Study(study, Some(series));

@@ -3,7 +3,7 @@
 use case::{CaseId, Failure, LayerId};
 use imaging::dicom::Attributes;
 use storage::arrivals::{ArrivalSource, REJECTED, Rejection, SeriesQuery, SeriesUids, Uid};
-use storage::{StoreError, Upload};
+use storage::{ObjectName, StoreError};
 
 use super::Patient;
 use crate::application::Cases;
@@ -81,16 +81,12 @@ impl Cases {
         Ok(())
     }
 
-    /// Removes layers that state another patient than the images of a series: those that are made of it, and those on its cases.
+    /// Removes layers that state another patient than any of these images of a series: those that are made of it, and those on its cases.
     pub(crate) async fn remove_layers_of_others(
         &self,
         uids: &SeriesUids,
-        images: &Upload,
+        images: &[ObjectName],
     ) -> Result<(), Error> {
-        let patient = Patient::of_upload(images).await?;
-        let Some(patient) = patient.filter(Patient::is_stated) else {
-            return Ok(());
-        };
         let mut layers = self.store().layers_of_series(&uids.series).await?;
         let series = SeriesQuery::Study(uids.study.clone(), Some(uids.series.clone()));
         let held = self.store().cases_of(&series).await?.into_iter();
@@ -102,7 +98,9 @@ impl Cases {
             let objects = self.store().layer_objects(&case, &layer).await?;
             let source = self.attributes_among(&case, &objects).await?;
             let stated = source.map(|source| Patient::of(|keyword| source.value(keyword)));
-            if stated.is_some_and(|stated| stated.is_stated() && stated != patient) {
+            if let Some(stated) = stated
+                && self.states_another(images, &stated).await?
+            {
                 self.withdraw_layer(&case, &layer).await?;
             }
         }

@@ -118,13 +118,14 @@ impl Cases {
         {
             self.compare_patients(due, &before.id).await?;
         }
+        // Nor may a layer stay under the name of another patient, even if these images make no volume.
+        self.remove_layers_of_others(&due.uids, &due.instances)
+            .await?;
         let files = VolumeFiles::Dicom(directory);
         let (upload, choice) = self
             // Images have lost the identity of the patient when they came, if it is not to be kept.
             .read_upload(files, None, &reading(due), false)
             .await?;
-        // Nor may a layer stay under the name of another patient.
-        self.remove_layers_of_others(&due.uids, &upload).await?;
         let is_t1 = choice.is_some_and(|choice| choice.is_t1);
         let (is_case, otherwise) = match due.taken.map(|taken| taken.kind) {
             Some(TakenAs::Case) => (true, not_t1()),
@@ -360,4 +361,145 @@ fn not_t1() -> Failure {
         NOT_T1,
         "the series is not T1-weighted, according to its names and timing, and there is no case of its study that it could be a layer of",
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use storage::Spooled;
+    use storage::arrivals::{ArrivalSource, Change, NewInstance, SeriesUids, Superseded, Uid};
+    use tempfile::TempDir;
+
+    use super::*;
+    use crate::arrivals::tests::application;
+
+    /// The UIDs of the series of a head, and of one that is a layer of it.
+    const SERIES: [&str; 2] = ["1.2.3", "1.2.4"];
+
+    fn uid(text: &str) -> Uid {
+        Uid::parse(text).unwrap()
+    }
+
+    /// A server whose child copies a volume and its description from a folder.
+    struct Setup {
+        cases: Cases,
+        folder: TempDir,
+    }
+
+    async fn setup() -> Setup {
+        let folder = tempfile::tempdir().unwrap();
+        let volume = pipeline::testing::nifti(&pipeline::testing::phantom().volume);
+        let room = vec![0; Spooled::START as usize];
+        let file = [&room[..], &volume].concat();
+        std::fs::write(folder.path().join("volume.nii.gz"), file).unwrap();
+        let store = Store::in_memory(crate::testing::options()).await.unwrap();
+        Setup {
+            cases: application(store, &copy_from(folder.path())),
+            folder,
+        }
+    }
+
+    fn copy_from(folder: &Path) -> String {
+        format!(
+            r#"order=$(/bin/cat); output=${{order#*\"output\":\"}}; /bin/cp {}/* "${{output%%\"*}}""#,
+            folder.display()
+        )
+    }
+
+    impl Setup {
+        async fn receive(&self, series: &str, content: &'static str, replaces: Option<Change>) {
+            let store = self.cases.store();
+            let file = store.spool_all(content.into()).await.unwrap();
+            let image = NewInstance {
+                uids: SeriesUids {
+                    study: uid("1.2"),
+                    series: uid(series),
+                },
+                accession_number: None,
+                sop_instance_uid: uid(&format!("{series}.1")),
+                digest: *file.digest(),
+                label: None,
+                replaces,
+            };
+            let received = store.receive(vec![(image, file)], ArrivalSource::CStore);
+            received.await.unwrap();
+        }
+
+        /// The case that a series becomes, or of which it becomes a layer. It may be corrected after a worker has taken it.
+        async fn read(&self, series: &str, rule: SeriesRule, is_corrected: bool) -> CaseId {
+            let outcome = serde_json::json!({"read": {
+                "attributes": {
+                    "attributes": [
+                        ["PatientID", "P-1"],
+                        ["StudyInstanceUID", "1.2"],
+                        ["SeriesInstanceUID", series],
+                    ],
+                    "instances": [],
+                    "interpolated_slices": [],
+                },
+                "series": {
+                    "number": 1,
+                    "modality": "MR",
+                    "name": "FLAIR",
+                    "size": [9, 9, 9],
+                    "is_volume": true,
+                    "token": "01234567",
+                },
+                "is_t1": false,
+                "others": [],
+                "ignored_files": 0,
+            }});
+            let file = self.folder.path().join("outcome.json");
+            std::fs::write(file, outcome.to_string()).unwrap();
+            self.receive(series, "an image", None).await;
+            let store = self.cases.store();
+            let terms = DueTerms {
+                stable: Duration::ZERO,
+                patience: Duration::ZERO,
+            };
+            assert_eq!(store.queue_due_series(&terms).await.unwrap(), 1);
+            let claim = store.claim(JobKind::SERIES, 3).await.unwrap().unwrap();
+            let due = store.series_to_read(&claim).await.unwrap().unwrap();
+            if is_corrected {
+                // The file of the image stays, as if it had been copied before the correction.
+                self.receive("1.2.5", "an image", None).await;
+                let change = Some(Change::Owner);
+                self.receive(series, "a correction", change).await;
+            }
+            let options = ArrivalOptions {
+                series: rule,
+                ..ArrivalOptions::default()
+            };
+            let outcome = self.cases.read_series(&due, &options).await.unwrap();
+            assert_eq!(store.settle(&claim, &outcome).await.unwrap(), !is_corrected);
+            match outcome {
+                Outcome::Case(case) | Outcome::Layer(case) => case,
+                Outcome::Nothing(failure) => panic!("{failure:?}"),
+            }
+        }
+    }
+
+    #[tokio::test]
+    async fn a_correction_during_the_reading_supersedes_the_case_of_the_images_before_it() {
+        for is_corrected in [false, true] {
+            let setup = setup().await;
+            let case = setup.read(SERIES[0], SeriesRule::Any, is_corrected).await;
+            let series = setup.cases.store().series_of(&case).await.unwrap();
+            let expected = is_corrected.then_some(Superseded::Moved);
+            assert_eq!(series.unwrap().superseded, expected);
+        }
+    }
+
+    #[tokio::test]
+    async fn a_correction_during_the_reading_removes_the_layer_of_the_images_before_it() {
+        for is_corrected in [false, true] {
+            let setup = setup().await;
+            let head = setup.read(SERIES[0], SeriesRule::Any, false).await;
+            let case = setup.read(SERIES[1], SeriesRule::T1, is_corrected).await;
+            assert_eq!(case, head);
+            let layers = setup.cases.store().layers(&head).await.unwrap();
+            assert_eq!(layers.len(), usize::from(!is_corrected));
+        }
+    }
 }

@@ -93,7 +93,7 @@ impl Composer {
         if let Some(series) = series.filter(|_| !is_rejection)
             && let Some(why) = cases.contradiction(&series).await?
         {
-            let detail = format!("{}; use the case of those", why.sentence());
+            let detail = format!("{}; use a case of what the PACS has sent", why.sentence());
             return Err(AppError::new(StatusCode::CONFLICT, why.name(), detail));
         }
         let study = value(&source, "StudyInstanceUID").and_then(Uid::parse);
