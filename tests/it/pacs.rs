@@ -247,7 +247,7 @@ async fn what_is_no_request_of_this_kind_is_refused_and_leaves_nothing() {
     for (address, kind) in [
         ("/v1/arrivals?limit=0", "query-value-out-of-range"),
         ("/v1/arrivals?after=x", "query-value-out-of-range"),
-        ("/v1/arrivals?x=y", "query-unreadable"),
+        ("/v1/arrivals?x=y", "query-unknown-key"),
         ("/v1/arrivals?state=lost", "query-value-out-of-range"),
         ("/v1/arrivals?case=x", "query-value-out-of-range"),
         ("/v1/arrivals?text=", "query-value-out-of-range"),

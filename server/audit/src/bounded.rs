@@ -14,7 +14,7 @@ const KEYS: usize = 4096;
 /// A refusal is forgotten after this time without another one like it.
 const REFUSED_FOR: Duration = Duration::from_secs(600);
 
-/// Somebody who shows a token again within this time has not signed in anew.
+/// Somebody who shows a token again within this time has not signed in again.
 const SIGNED_IN_FOR: Duration = Duration::from_secs(12 * 3600);
 
 /// Failures are counted together after so many, until something succeeds …

@@ -122,7 +122,7 @@ words! {
     ArrivalState {
         /// Images are coming, or it waits to be read.
         Receiving = "receiving",
-        /// It became a case.
+        /// It became a case, or a layer of one, which its reason states.
         Case = "case",
         /// It became nothing, for a reason.
         Nothing = "nothing",
@@ -268,7 +268,7 @@ pub struct Arrival {
     pub label: Option<String>,
     /// What became of it.
     pub state: ArrivalState,
-    /// The reason, if it became nothing.
+    /// The reason, if it became a layer or nothing.
     pub reason: Option<Failure>,
     /// How somebody took it.
     pub taken: Option<Taken>,

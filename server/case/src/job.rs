@@ -2,7 +2,7 @@
 
 use crate::{Failure, FailureKind};
 
-/// A kind of job. Whoever does the work names its kind, so the store knows kinds by their words alone.
+/// A kind of job. Whoever does the work names its kind. The store knows those of its own items; of all others, it knows the word alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct JobKind {
     name: &'static str,
@@ -89,7 +89,7 @@ impl Failure {
                 FailureKind::Internal,
                 &format!("{}-interrupted", kind.noun()),
                 format!(
-                    "failed after {attempts} attempts: the program ended during each of them; send the input again to retry"
+                    "failed after {attempts} attempts: the program ended during each of them; request it again, or send the input again"
                 ),
             ),
         }

@@ -78,7 +78,7 @@ pub struct Options {
     pub max_dicom_bytes: u64,
     /// Whether no identity of a patient is kept.
     pub deidentify: bool,
-    /// Where is recorded who does what.
+    /// The audit record: who does what.
     pub audit: Audit,
 }
 
@@ -225,7 +225,7 @@ impl Cases {
         self.library.store()
     }
 
-    /// Where is recorded who does what.
+    /// The audit record: who does what.
     pub fn audit(&self) -> &Audit {
         self.library.audit()
     }

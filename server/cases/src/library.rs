@@ -168,7 +168,7 @@ impl Library {
         }
     }
 
-    /// Where is recorded who does what.
+    /// The audit record: who does what.
     pub fn audit(&self) -> &Audit {
         &self.audit
     }

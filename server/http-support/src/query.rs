@@ -34,6 +34,14 @@ impl<S: Send + Sync> FromRequestParts<S> for CasePath {
     }
 }
 
+/// The greatest number of entries on a page of a list.
+pub const MAX_PAGE: usize = 200;
+
+/// The number of entries on a page, if the client asks for none.
+pub fn usual_page() -> usize {
+    50
+}
+
 /// A parsed query whose values are not checked yet.
 pub trait Asked: DeserializeOwned {
     /// The checked values.

@@ -165,7 +165,7 @@ fn counts(store: &Store) -> Vec<Figure> {
         ("failed", counters.failed),
         ("retried", counters.retried),
     ];
-    let help = "Preparations by this process, by their end";
+    let help = "Preparations of cases and layers by this process, by their end";
     let prepared = Figure::counter("isocortex_preparations", help);
     let prepared = preparations.iter().fold(prepared, |figure, (end, count)| {
         figure.with(&[("result", end)], *count as f64)

@@ -1,10 +1,12 @@
 //! The list of series that came, and those that somebody takes although they were refused.
 
-use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query, Request};
+use axum::body::Bytes;
+use axum::extract::Path;
+use axum::extract::rejection::BytesRejection;
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, CaseState};
+use cases::pictures::check_count;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use storage::arrivals::{
@@ -13,16 +15,11 @@ use storage::arrivals::{
 use utoipa::{IntoParams, ToSchema};
 
 use crate::error::ReasonView;
-use crate::retrievals::read_json;
 use crate::state::{InProject, Pacs};
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
-
-/// The largest number of series on a page.
-const MAX_PAGE: usize = 200;
-
-/// The number of series on a page, if none is requested.
-const USUAL_PAGE: usize = 50;
+use http_support::query::{ApiQuery, Asked, MAX_PAGE, usual_page};
+use http_support::sent::json_body;
 
 /// The longest text to look for in labels, in characters.
 const MAX_TEXT: usize = 100;
@@ -168,37 +165,41 @@ pub(crate) struct PageQuery {
     since: Option<String>,
     /// The first image came before this time (RFC 3339).
     until: Option<String>,
-    /// The number of series, 1 to 200. Default: 50.
-    limit: Option<usize>,
+    /// The number of series.
+    #[serde(default = "usual_page")]
+    #[param(minimum = 1, maximum = 200, default = 50)]
+    limit: usize,
     /// `next` of the page before.
     after: Option<String>,
 }
 
 /// A query whose values are valid.
-struct Checked {
+#[derive(Debug)]
+pub(crate) struct Checked {
     of: ArrivalQuery,
     after: Option<ArrivalCursor>,
     limit: usize,
 }
 
 /// A value of the query, if there is one.
-fn value<T>(
+pub(crate) fn value<T>(
     key: &str,
-    text: Option<String>,
+    text: &Option<String>,
     rule: &str,
     parse: impl Fn(&str) -> Option<T>,
 ) -> Result<Option<T>, AppError> {
     // What the client wrote may be anything, so it is not repeated.
-    let parsed = text.map(|text| parse(&text).ok_or_else(|| AppError::wrong_value(key, rule)));
+    let parsed = text
+        .as_ref()
+        .map(|text| parse(text).ok_or_else(|| AppError::wrong_value(key, rule)));
     parsed.transpose()
 }
 
-impl PageQuery {
-    fn checked(self) -> Result<Checked, AppError> {
-        let limit = self.limit.unwrap_or(USUAL_PAGE);
-        if !(1..=MAX_PAGE).contains(&limit) {
-            return Err(AppError::wrong_value("limit", &format!("1 to {MAX_PAGE}")));
-        }
+impl Asked for PageQuery {
+    type Values = Checked;
+
+    fn checked(&self) -> Result<Checked, AppError> {
+        check_count("limit", self.limit, 1, MAX_PAGE)?;
         let a_case = "the id of a case: 32 hexadecimal digits";
         let a_state = "`receiving`, `case`, `layer` or `nothing`";
         let a_time = "a time such as `2026-11-23T00:00:00Z`";
@@ -212,14 +213,14 @@ impl PageQuery {
         let cursor = "`next` of the page before";
         Ok(Checked {
             of: ArrivalQuery {
-                status: value("state", self.state, a_state, ArrivalStatus::from_name)?,
-                case: value("case", self.case, a_case, CaseId::parse)?,
-                text: value("text", self.text, &a_text, text)?,
-                since: value("since", self.since, a_time, time)?,
-                until: value("until", self.until, a_time, time)?,
+                status: value("state", &self.state, a_state, ArrivalStatus::from_name)?,
+                case: value("case", &self.case, a_case, CaseId::parse)?,
+                text: value("text", &self.text, &a_text, text)?,
+                since: value("since", &self.since, a_time, time)?,
+                until: value("until", &self.until, a_time, time)?,
             },
-            after: value("after", self.after, cursor, ArrivalCursor::parse)?,
-            limit,
+            after: value("after", &self.after, cursor, ArrivalCursor::parse)?,
+            limit: self.limit,
         })
     }
 }
@@ -237,15 +238,10 @@ impl PageQuery {
 )]
 pub(crate) async fn list_arrivals(
     InProject(pacs): InProject,
-    query: Result<Query<PageQuery>, QueryRejection>,
+    ApiQuery {
+        values: mut asked, ..
+    }: ApiQuery<PageQuery>,
 ) -> Result<Response, AppError> {
-    let Query(query) = query.map_err(|_| {
-        AppError::bad_request(
-            "query-unreadable",
-            "the query cannot be read; known keys: `state`, `case`, `text`, `since`, `until`, `limit` and `after`",
-        )
-    })?;
-    let mut asked = query.checked()?;
     asked.of.case = asked.of.case.map(|case| case.in_project(pacs.project()));
     let store = pacs.cases().store();
     let (arrivals, next) = store
@@ -307,15 +303,11 @@ async fn arrival(pacs: &Pacs, id: &str) -> Result<Arrival, AppError> {
 pub(crate) async fn take_arrival(
     InProject(pacs): InProject,
     Path(id): Path<String>,
-    request: Request,
+    body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
-    take(&pacs, &id, request).await
-}
-
-async fn take(pacs: &Pacs, id: &str, request: Request) -> Result<Response, AppError> {
-    let wanted: TakenView = read_json(request).await?;
+    let wanted: TakenView = json_body(body)?;
     let wanted = Taken::from(wanted);
-    let found = arrival(pacs, id).await?;
+    let found = arrival(&pacs, &id).await?;
     let conflict = |kind, detail| Err(AppError::new(StatusCode::CONFLICT, kind, detail));
     let status = found.status();
     let is_layer_again = status == ArrivalStatus::Layer && wanted.kind == TakenAs::Layer;
@@ -327,16 +319,16 @@ async fn take(pacs: &Pacs, id: &str, request: Request) -> Result<Response, AppEr
         let detail = "none of the images of the series is kept; send it again";
         return conflict("no-images", detail);
     }
-    if wanted.kind == TakenAs::Layer && !has_case(pacs, &found).await? {
+    if wanted.kind == TakenAs::Layer && !has_case(&pacs, &found).await? {
         let detail = "there is no case of the study that the series could be a layer of; take a T1-weighted series of it first";
         return conflict("no-case-of-study", detail);
     }
-    pacs.cases().store().take(id, &wanted).await?;
+    pacs.cases().store().take(&id, &wanted).await?;
     tracing::info!(
         arrival = id,
         "a series is taken, whatever it was refused for"
     );
-    let view = ArrivalView::from(arrival(pacs, id).await?);
+    let view = ArrivalView::from(arrival(&pacs, &id).await?);
     Ok(fresh_json(StatusCode::ACCEPTED, &view))
 }
 

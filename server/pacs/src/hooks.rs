@@ -1,13 +1,15 @@
 //! Notices of a PACS that a series is complete there.
 
-use axum::extract::Request;
+use axum::body::Bytes;
+use axum::extract::rejection::BytesRejection;
 use axum::response::Response;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use crate::retrievals::{RetrievalView, queue, read_json};
+use crate::retrievals::{RetrievalView, queue};
 use crate::state::InProject;
 use http_support::problem::AppError;
+use http_support::sent::json_body;
 
 /// A series that has come to Orthanc.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -42,8 +44,8 @@ pub(crate) struct StableSeries {
 )]
 pub(crate) async fn stable_series(
     InProject(pacs): InProject,
-    request: Request,
+    body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
-    let notice: StableSeries = read_json(request).await?;
+    let notice: StableSeries = json_body(body)?;
     queue(&pacs, &notice.node, &notice.study, &notice.series).await
 }

@@ -4,7 +4,8 @@
 //! The page removes the identifiers from the address and the history of the browser before it does anything else, and
 //! sends them in the body of a request, with the token in a header.
 
-use axum::extract::Request;
+use axum::body::Bytes;
+use axum::extract::rejection::BytesRejection;
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, CaseState};
@@ -15,10 +16,10 @@ use storage::arrivals::{AccessionNumber, ArrivalState, ArrivalStatus, SeriesQuer
 use utoipa::ToSchema;
 
 use crate::error::ReasonView;
-use crate::retrievals::read_json;
 use crate::state::{InProject, Pacs};
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
+use http_support::sent::json_body;
 
 /// The query of a launch address.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -104,9 +105,9 @@ pub(crate) struct CandidateView {
 )]
 pub(crate) async fn find_launched(
     InProject(pacs): InProject,
-    request: Request,
+    body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
-    let asked: LaunchRequest = read_json(request).await?;
+    let asked: LaunchRequest = json_body(body)?;
     let view = find(&pacs, &Asked::parse(&asked.query)?).await?;
     Ok(fresh_json(StatusCode::OK, &view))
 }

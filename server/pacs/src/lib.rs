@@ -31,10 +31,12 @@ mod stow;
 mod transfers;
 
 use axum::Router;
+use axum::extract::DefaultBodyLimit;
 use axum::http::Method;
 use axum::routing::get;
 use http_support::audited::Audited;
 use http_support::scopes::{Row, Scope};
+use http_support::sent::MAX_BODY_BYTES;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -192,5 +194,6 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
             "/dicomweb/studies/{study}/series/{series}/rendered3d",
             get(rendered::of_series),
         );
+    let routes = routes.layer(DefaultBodyLimit::max(MAX_BODY_BYTES));
     (routes.with_state(OfAllProjects(pacs.clone())), description)
 }

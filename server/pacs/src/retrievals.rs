@@ -1,6 +1,8 @@
 //! Requests to fetch series from a node.
 
-use axum::extract::{Path, Request};
+use axum::body::Bytes;
+use axum::extract::Path;
+use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseId, JobState};
@@ -14,10 +16,7 @@ use crate::fetch::{FETCH, Received, Wanted};
 use crate::state::{InProject, Pacs};
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
-use http_support::sent::json_text;
-
-/// The largest body of a request.
-const MAX_BODY_BYTES: usize = 16 << 10;
+use http_support::sent::json_body;
 
 /// Seconds to wait before the first request for the state.
 const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
@@ -68,17 +67,6 @@ pub(crate) struct RetrievalView {
     case: Option<CaseId>,
 }
 
-/// Reads a short JSON body.
-pub(crate) async fn read_json<T: serde::de::DeserializeOwned>(
-    request: Request,
-) -> Result<T, AppError> {
-    let body = axum::body::to_bytes(request.into_body(), MAX_BODY_BYTES).await;
-    let body = body.map_err(|_| {
-        AppError::bad_request("body-unreadable", "the body is too large or cut off")
-    })?;
-    json_text(&body)
-}
-
 /// Fetch a series
 ///
 /// Queues the retrieval of a series from a node of the configuration, by QIDO-RS and WADO-RS.
@@ -96,9 +84,9 @@ pub(crate) async fn read_json<T: serde::de::DeserializeOwned>(
 )]
 pub(crate) async fn create_retrieval(
     InProject(pacs): InProject,
-    request: Request,
+    body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
-    let wanted: RetrievalRequest = read_json(request).await?;
+    let wanted: RetrievalRequest = json_body(body)?;
     queue(&pacs, &wanted.node, &wanted.study, &wanted.series).await
 }
 

@@ -1,27 +1,22 @@
 //! The lists of retrievals and of results that are sent, for operators.
 
-use axum::extract::Query;
-use axum::extract::rejection::QueryRejection;
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, JobState};
+use cases::pictures::check_count;
 use serde::{Deserialize, Serialize};
 use storage::JobQuery;
 use storage::arrivals::{ArrivalCursor, TransferQuery};
 use utoipa::{IntoParams, ToSchema};
 
+use crate::arrivals::value;
 use crate::fetch::{FETCH, Wanted};
 use crate::results::ResultView;
 use crate::retrievals::{self, RetrievalView};
-use crate::state::{InProject, Pacs};
+use crate::state::InProject;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
-
-/// The largest number of entries on a page.
-const MAX_PAGE: usize = 200;
-
-/// The number of entries on a page, if none is requested.
-const USUAL_PAGE: usize = 50;
+use http_support::query::{ApiQuery, Asked, MAX_PAGE, usual_page};
 
 /// Which entries, and which page.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -32,8 +27,10 @@ pub(crate) struct ListQuery {
     case: Option<String>,
     /// `queued`, `running`, `done` or `failed`.
     state: Option<String>,
-    /// The number of entries, 1 to 200. Default: 50.
-    limit: Option<usize>,
+    /// The number of entries.
+    #[serde(default = "usual_page")]
+    #[param(minimum = 1, maximum = 200, default = 50)]
+    limit: usize,
     /// `next` of the page before.
     after: Option<String>,
 }
@@ -58,48 +55,31 @@ pub(crate) struct RetrievalList {
     next: Option<String>,
 }
 
-type Asked = Result<Query<ListQuery>, QueryRejection>;
-
 /// A query whose values are valid.
-struct Checked {
+#[derive(Debug)]
+pub(crate) struct Checked {
     of: TransferQuery,
     after: Option<ArrivalCursor>,
     limit: usize,
 }
 
-fn checked(pacs: &Pacs, asked: Asked) -> Result<Checked, AppError> {
-    let Query(asked) = asked.map_err(|_| {
-        AppError::bad_request(
-            "query-unreadable",
-            "the query cannot be read; known keys: `case`, `state`, `limit` and `after`",
-        )
-    })?;
-    // What the client wrote may be anything, so it is not repeated.
-    let wrong = AppError::wrong_value;
-    let case = asked.case.map(|text| {
-        let id = CaseId::parse(&text);
-        id.map(|id| id.in_project(pacs.project()))
-            .ok_or_else(|| wrong("case", "the id of a case: 32 hexadecimal digits"))
-    });
-    let state = asked.state.map(|text| {
-        JobState::from_name(&text)
-            .ok_or_else(|| wrong("state", "`queued`, `running`, `done` or `failed`"))
-    });
-    let after = asked.after.map(|text| {
-        ArrivalCursor::parse(&text).ok_or_else(|| wrong("after", "`next` of the page before"))
-    });
-    let limit = asked.limit.unwrap_or(USUAL_PAGE);
-    if !(1..=MAX_PAGE).contains(&limit) {
-        return Err(wrong("limit", &format!("1 to {MAX_PAGE}")));
+impl Asked for ListQuery {
+    type Values = Checked;
+
+    fn checked(&self) -> Result<Checked, AppError> {
+        check_count("limit", self.limit, 1, MAX_PAGE)?;
+        let a_case = "the id of a case: 32 hexadecimal digits";
+        let a_state = "`queued`, `running`, `done` or `failed`";
+        let cursor = "`next` of the page before";
+        Ok(Checked {
+            of: TransferQuery {
+                case: value("case", &self.case, a_case, CaseId::parse)?,
+                state: value("state", &self.state, a_state, JobState::from_name)?,
+            },
+            after: value("after", &self.after, cursor, ArrivalCursor::parse)?,
+            limit: self.limit,
+        })
     }
-    Ok(Checked {
-        of: TransferQuery {
-            case: case.transpose()?,
-            state: state.transpose()?,
-        },
-        after: after.transpose()?,
-        limit,
-    })
 }
 
 /// List results
@@ -114,13 +94,11 @@ fn checked(pacs: &Pacs, asked: Asked) -> Result<Checked, AppError> {
 )]
 pub(crate) async fn list_results(
     InProject(pacs): InProject,
-    asked: Asked,
+    ApiQuery {
+        values: mut asked, ..
+    }: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    results(&pacs, asked).await
-}
-
-async fn results(pacs: &Pacs, asked: Asked) -> Result<Response, AppError> {
-    let asked = checked(pacs, asked)?;
+    asked.of.case = asked.of.case.map(|case| case.in_project(pacs.project()));
     let store = pacs.cases().store();
     let (results, next) = store
         .results(&asked.of, asked.after.as_ref(), asked.limit)
@@ -144,13 +122,11 @@ async fn results(pacs: &Pacs, asked: Asked) -> Result<Response, AppError> {
 )]
 pub(crate) async fn list_retrievals(
     InProject(pacs): InProject,
-    asked: Asked,
+    ApiQuery {
+        values: mut asked, ..
+    }: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    retrieved(&pacs, asked).await
-}
-
-async fn retrieved(pacs: &Pacs, asked: Asked) -> Result<Response, AppError> {
-    let asked = checked(pacs, asked)?;
+    asked.of.case = asked.of.case.map(|case| case.in_project(pacs.project()));
     let store = pacs.cases().store();
     let mut page = RetrievalList {
         retrievals: Vec::new(),
@@ -175,7 +151,7 @@ async fn retrieved(pacs: &Pacs, asked: Asked) -> Result<Response, AppError> {
     page.next = next.map(|cursor| cursor.to_string());
     for retrieval in found {
         page.retrievals
-            .push(retrievals::view(pacs, retrieval).await?);
+            .push(retrievals::view(&pacs, retrieval).await?);
     }
     Ok(fresh_json(StatusCode::OK, &page))
 }

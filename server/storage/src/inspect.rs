@@ -10,7 +10,7 @@ const CASES_AT_ONCE: usize = 100;
 
 /// A problem.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Finding {
+pub enum Defect {
     /// An object of a case or of a layer is missing.
     Missing(CaseId, ObjectName),
     /// An object of a case or of a layer is damaged.
@@ -53,7 +53,7 @@ impl Store {
     /// If the store cannot be reached, or the database itself is damaged.
     pub async fn inspect(
         &self,
-        report: &mut (dyn FnMut(Finding) + Send),
+        report: &mut (dyn FnMut(Defect) + Send),
     ) -> Result<Inspected, StoreError> {
         self.check_file().await?;
         let mut inspected = Inspected::default();
@@ -70,7 +70,7 @@ impl Store {
             let unneeded = self.unneeded(some).await?;
             unneeded
                 .into_iter()
-                .map(Finding::Unreferenced)
+                .map(Defect::Unreferenced)
                 .for_each(&mut *report);
         }
         Ok(inspected)
@@ -95,22 +95,22 @@ impl Store {
         &self,
         id: &CaseId,
         inspected: &mut Inspected,
-        report: &mut (dyn FnMut(Finding) + Send),
+        report: &mut (dyn FnMut(Defect) + Send),
     ) -> Result<(), StoreError> {
         inspected.cases += 1;
         match self.findings(id).await {
-            Err(StoreError::DamagedFindings(id)) => report(Finding::DamagedFindings(id)),
+            Err(StoreError::DamagedFindings(id)) => report(Defect::DamagedFindings(id)),
             other => _ = other?,
         }
         for name in self.objects_of(id).await? {
-            let finding = match self.inspect_object(&name, inspected).await? {
+            let defect = match self.inspect_object(&name, inspected).await? {
                 Found::Sound => continue,
-                Found::Missing => Finding::Missing(*id, name),
-                Found::Damaged => Finding::Damaged(*id, name),
+                Found::Missing => Defect::Missing(*id, name),
+                Found::Damaged => Defect::Damaged(*id, name),
             };
             // The case or the layer may have been deleted or rebuilt a moment ago.
             if self.objects_of(id).await?.contains(&name) {
-                report(finding);
+                report(defect);
             }
         }
         Ok(())
@@ -121,7 +121,7 @@ impl Store {
         &self,
         kind: ObjectKind,
         inspected: &mut Inspected,
-        report: &mut (dyn FnMut(Finding) + Send),
+        report: &mut (dyn FnMut(Defect) + Send),
     ) -> Result<(), StoreError> {
         let mut after: Option<ObjectName> = None;
         loop {
@@ -133,14 +133,14 @@ impl Store {
             };
             after = Some(*last);
             for name in names {
-                let finding = match self.inspect_object(&name, inspected).await? {
+                let defect = match self.inspect_object(&name, inspected).await? {
                     Found::Sound => continue,
-                    Found::Missing => Finding::MissingForPacs(name),
-                    Found::Damaged => Finding::DamagedForPacs(name),
+                    Found::Missing => Defect::MissingForPacs(name),
+                    Found::Damaged => Defect::DamagedForPacs(name),
                 };
                 // It may have become a case, or been sent, a moment ago.
                 if self.unneeded(&[name]).await?.is_empty() {
-                    report(finding);
+                    report(defect);
                 }
             }
         }

@@ -77,7 +77,7 @@ pub use case::arrivals;
 pub use self::copy::{Copied, CopyStep, ForPacs};
 pub use self::error::{FailureCounts, StoreError, failures};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
-pub use self::inspect::{Finding, Inspected};
+pub use self::inspect::{Defect, Inspected};
 pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};
 pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};

@@ -67,11 +67,11 @@ pub enum Count {
     BadObject,
     /// A case was rebuilt from its source because of it.
     Rebuild,
-    /// A case became ready.
+    /// A case or a layer became ready.
     Prepared,
-    /// A case failed because of its input.
+    /// The preparation of a case or of a layer failed.
     Failed,
-    /// A preparation must be tried again because the store failed.
+    /// The preparation of a case or of a layer must be tried again.
     Retried,
 }
 

@@ -7,7 +7,7 @@ import type { Side } from "../model/midsagittal.ts";
 import type { ViewState } from "../model/state.ts";
 import { button, row } from "./fields.ts";
 
-/** How often what is shown is written anew, in ms. */
+/** How often what is shown is written again, in ms. */
 const TICK_MS = 1000;
 /** A look of so many seconds fills a cell's bar. */
 const FULL_S = 30;

@@ -341,7 +341,7 @@ export class FindingsSection {
       }
     const numbers = new Map(numbered(list).map((finding, at) => [finding.id, at + 1]));
     for (const [at, finding] of list.entries()) {
-      // A row stays where hands are: what is put in anew loses the focus, and the click that is under way.
+      // A row stays where hands are: what is put in again loses the focus, and the click that is under way.
       const row = this.#rows.get(finding.id) ?? this.#row(finding);
       row.show(finding, numbers.get(finding.id) ?? null);
       const there = this.#list.children[at] ?? null;

@@ -506,7 +506,7 @@ class App {
 
 let app: App | null = null;
 
-/** Takes a preference over: a new language builds the page anew, its state being in the address. */
+/** Takes a preference over: a new language builds the page again, its state being in the address. */
 function choose(change: Partial<Preferences>): void {
   const { language } = preferences;
   preferences = { ...preferences, ...change };

@@ -17,7 +17,7 @@ const WORDS = {
   flair: { ask: "flair.ask", nothing: null, warning: "flair.warning" },
 } as const;
 
-/** The lists that were asked for, by case and map, as long as the page is open: another language builds the page anew. */
+/** The lists that were asked for, by case and map, as long as the page is open: another language builds the page again. */
 const ASKED = new Set<string>();
 
 export interface ListListener extends PlacesListener {
@@ -95,7 +95,7 @@ export class PlacesList {
     return this.#places.chart;
   }
 
-  /** Asks again, once, for the list that was there before the page was built anew. */
+  /** Asks again, once, for the list that was there before the page was built again. */
   resume(): void {
     if (this.#isAsked || !ASKED.has(this.#key)) return;
     void this.ask();

@@ -22,7 +22,7 @@ export class Transfer {
     return this.#abort.signal.aborted;
   }
 
-  /** Works with its button off; `work` passes `observe` on, anew for each form that it sends. */
+  /** Works with its button off; `work` passes `observe` on, once for each form that it sends. */
   async run<Result>(
     work: (signal: AbortSignal, observe: () => (progress: UploadProgress) => void) => Promise<Result>,
   ): Promise<Result> {

@@ -146,7 +146,7 @@ export class ColourBar {
   }
 
   show({ window, colormap, layer }: Pick<ViewState, "window" | "colormap" | "layer">): void {
-    // What is painted anew costs as much as the picture on a slow device.
+    // What is painted again costs as much as the picture on a slow device.
     const title = layer ? titleWords(layer.about) : "";
     const wanted = `${window.center} ${window.width} ${colormap} ${title}`;
     if (wanted === this.#shown) return;

@@ -45,7 +45,7 @@ export async function panesPainter(panes: HTMLElement, pictures: readonly Placed
   };
 }
 
-/** What is drawn over a picture; a canvas is its own, before it is painted anew. */
+/** What is drawn over a picture; a canvas is its own, before it is painted again. */
 async function drawingOf(drawing: SVGSVGElement | HTMLCanvasElement): Promise<SvgPicture> {
   if (!(drawing instanceof HTMLCanvasElement)) return svgPicture(drawing);
   const { width, height } = drawing.getBoundingClientRect();

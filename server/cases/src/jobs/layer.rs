@@ -3,7 +3,7 @@
 use async_trait::async_trait;
 use case::{FailureKind, JobKind, ObjectKind};
 use pipeline::layers::PreparedLayer;
-use storage::{Published, StoreError, frame_all};
+use storage::{Count, Published, StoreError, frame_all};
 
 use super::usual_terms;
 use crate::library::Library;
@@ -53,6 +53,7 @@ impl Work for PrepareLayer {
         let framed = frame_all(vec![(ObjectKind::Layer, payload)]).await?;
         let published = store.publish_layer(&job.claim, &framed, &facts).await?;
         if published == Published::Done {
+            store.signals().count(Count::Prepared);
             let placement = &facts.placement;
             tracing::info!(
                 job = job.claim.fence,

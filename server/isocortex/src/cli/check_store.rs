@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use case::{CaseId, ObjectKind};
 use cases::Library;
 use clap::Args;
-use storage::{Finding, ObjectName};
+use storage::{Defect, ObjectName};
 
 use super::common::{StoreArgs, set_some};
 use super::status::{CliError, ExitStatus};
@@ -14,7 +14,7 @@ use crate::start;
 
 /// Read every row and every object of a store, and report what is missing, damaged or unreferenced
 ///
-/// Standard output has a line for each finding. The store may be in use. The exit status is 0 if no problem was found
+/// Standard output has a line for each defect. The store may be in use. The exit status is 0 if no problem was found
 /// or all were repaired, and 74 if a problem remains.
 #[derive(Debug, Clone, Args)]
 pub(super) struct CheckStoreArgs {
@@ -28,9 +28,9 @@ pub(super) struct CheckStoreArgs {
     repair: bool,
 }
 
-/// The findings, by their remedy.
+/// The defects, by their remedy.
 #[derive(Debug, Default)]
-struct Findings {
+struct Defects {
     lost_sources: BTreeSet<CaseId>,
     /// What a reader has marked: it is derived from nothing.
     lost_findings: BTreeSet<CaseId>,
@@ -40,19 +40,19 @@ struct Findings {
     unreferenced: Vec<ObjectName>,
 }
 
-impl Findings {
-    fn add(&mut self, finding: Finding) {
-        let (what, id, name) = match finding {
-            Finding::Missing(id, name) => ("missing", id, name),
-            Finding::Damaged(id, name) => ("damaged", id, name),
-            Finding::DamagedFindings(id) => {
+impl Defects {
+    fn add(&mut self, defect: Defect) {
+        let (what, id, name) = match defect {
+            Defect::Missing(id, name) => ("missing", id, name),
+            Defect::Damaged(id, name) => ("damaged", id, name),
+            Defect::DamagedFindings(id) => {
                 println!("damaged: findings of case {id}");
                 self.lost_findings.insert(id);
                 return;
             }
-            Finding::MissingForPacs(name) => return self.add_lost("missing", name),
-            Finding::DamagedForPacs(name) => return self.add_lost("damaged", name),
-            Finding::Unreferenced(name) => {
+            Defect::MissingForPacs(name) => return self.add_lost("missing", name),
+            Defect::DamagedForPacs(name) => return self.add_lost("damaged", name),
+            Defect::Unreferenced(name) => {
                 println!("unreferenced: {name}");
                 return self.unreferenced.push(name);
             }
@@ -105,10 +105,10 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
     super::block_on(async {
         config.cases()?.location.must_exist().await?;
         let library = start::open_library(&config).await?;
-        let mut findings = Findings::default();
+        let mut defects = Defects::default();
         let inspected = library
             .store()
-            .inspect(&mut |finding| findings.add(finding))
+            .inspect(&mut |defect| defects.add(defect))
             .await?;
         println!(
             "read: {} cases, {} objects, {} bytes",
@@ -121,10 +121,10 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
             );
         }
         if args.repair {
-            findings.repair(&library).await?;
+            defects.repair(&library).await?;
         }
         library.store().close().await;
-        match findings.count() {
+        match defects.count() {
             0 => Ok(()),
             count => {
                 let hint = match args.repair {

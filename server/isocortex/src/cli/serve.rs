@@ -2,6 +2,7 @@
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -310,19 +311,36 @@ impl Server {
         })
     }
 
-    /// Runs until the process receives a signal to stop; then finishes running work or puts it back into the queue.
+    /// Runs until the process receives a signal to stop; then finishes running requests and work within one grace, or puts work back
+    /// into the queue.
     pub(super) async fn until_stopped(self) {
-        if let Err(error) = self.serving.await {
-            tracing::error!(%error, "the listener failed");
-        }
-        if let Some(dimse) = self.dimse
-            && let Err(error) = dimse.await
-        {
-            tracing::error!(%error, "the listener for C-STORE failed");
-        }
-        self.background.shut_down(self.grace).await;
-        self.arrivals.shut_down(self.grace).await;
-        self.workers.shut_down(self.grace).await;
+        let begun = self.state.stopping().begun();
+        let mut listeners = pin!(async {
+            if let Err(error) = self.serving.await {
+                tracing::error!(%error, "the listener failed");
+            }
+            if let Some(dimse) = self.dimse
+                && let Err(error) = dimse.await
+            {
+                tracing::error!(%error, "the listener for C-STORE failed");
+            }
+        });
+        // A listener that fails ends the process, too.
+        let has_ended = tokio::select! {
+            () = &mut listeners => true,
+            () = begun => false,
+        };
+        let listeners = async {
+            if !has_ended {
+                listeners.await;
+            }
+        };
+        tokio::join!(
+            listeners,
+            self.background.shut_down(self.grace),
+            self.arrivals.shut_down(self.grace),
+            self.workers.shut_down(self.grace),
+        );
         self.state.cases.store().close().await;
         self.state.cases.audit().shut_down();
         end(self.sender).await;

@@ -7,7 +7,8 @@ mod moment;
 pub(crate) mod request;
 
 use axum::body::{Body, Bytes};
-use axum::extract::{Path, Request};
+use axum::extract::Path;
+use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseId, JobState};
@@ -20,11 +21,11 @@ use self::compose::Composer;
 use self::request::ResultRequest;
 use crate::error::ReasonView;
 use crate::rendered::media::accepted_ranges;
-use crate::retrievals::read_json;
 use crate::send::SEND;
 use crate::state::{InProject, Pacs};
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
+use http_support::sent::json_body;
 
 /// Seconds to wait before the first request for the state.
 const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");
@@ -111,13 +112,14 @@ impl From<SentResult> for ResultView {
 pub(crate) async fn create_result(
     InProject(pacs): InProject,
     Path(id): Path<String>,
-    request: Request,
+    headers: HeaderMap,
+    body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
     let no_case = || AppError::from(cases::Error::NoSuchCase);
     let id = CaseId::parse(&id).ok_or_else(no_case)?;
     let id = id.in_project(pacs.project());
-    let is_preview = wants_picture(request.headers())?;
-    let asked: ResultRequest = read_json(request).await?;
+    let is_preview = wants_picture(&headers)?;
+    let asked: ResultRequest = json_body(body)?;
     pacs.needs_identity()?;
     let node = asked.node.as_deref().map(|name| pacs.named_node(name));
     let node = node.transpose()?;

@@ -19,12 +19,9 @@ use cases::dicom::Choice;
 use cases::pictures::{check_count, window_of};
 use http_support::fresh::fresh_json;
 use http_support::problem::{AppError, Problem};
-use http_support::query::{ApiQuery, Asked, CasePath, NoQuery};
+use http_support::query::{ApiQuery, Asked, CasePath, MAX_PAGE, NoQuery, usual_page};
 use http_support::sent::json_body;
 use storage::Cursor;
-
-/// The largest number of cases on a page.
-const MAX_PAGE: usize = 200;
 
 /// A case.
 #[derive(Debug, Clone, Serialize, ToSchema)]
@@ -254,13 +251,13 @@ pub struct Links {
     envelope: String,
     /// Nine slices for checking the mask.
     quality: String,
-    /// Slices: append `/axial`, `/coronal` or `/sagittal`.
+    /// Slices: append `/axial`, `/coronal`, `/sagittal` or `/oblique`.
     slices: String,
     /// Slices through what was acquired, also while the case is not ready: append `/axial`, `/coronal` or `/sagittal`.
     acquired: String,
-    /// Its layers: maps of the junction of grey and white matter.
+    /// Its layers: what was added to it, and its maps.
     layers: String,
-    /// Places where that junction is less sharp than in its surroundings and on the other side.
+    /// Places where the junction of grey and white matter is less sharp than in its surroundings and on the other side.
     candidates: String,
     /// What readers have marked and written; `PUT` replaces it.
     findings: String,
@@ -410,10 +407,6 @@ pub struct CasePage {
     next: Option<String>,
 }
 
-fn default_limit() -> usize {
-    50
-}
-
 /// The query for a page of the list.
 #[derive(Debug, Clone, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
@@ -422,7 +415,7 @@ pub struct ListQuery {
     /// The `next` of the previous page.
     after: Option<String>,
     /// The greatest number of cases on a page.
-    #[serde(default = "default_limit")]
+    #[serde(default = "usual_page")]
     #[param(minimum = 1, maximum = 200, default = 50)]
     limit: usize,
 }

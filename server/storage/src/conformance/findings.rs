@@ -87,7 +87,7 @@ pub(crate) async fn damaged_findings_are_never_shown(subject: &Subject) {
     let inspected = store.inspect(&mut |finding| found.push(finding)).await;
     inspected.unwrap();
     assert!(
-        found.contains(&crate::Finding::DamagedFindings(id)),
+        found.contains(&crate::Defect::DamagedFindings(id)),
         "{found:?}"
     );
 }

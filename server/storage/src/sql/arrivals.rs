@@ -888,8 +888,8 @@ async fn wake_others(connection: &mut Connection, id: &str) -> Result<(), StoreE
     Ok(())
 }
 
-/// Lets a series be read as somebody wants it; what it was refused for stays. One that is not complete yet is still
-/// waited for.
+/// Lets a series be read as a user asks; the reason of its refusal stays. One that is not complete yet is still
+/// awaited.
 pub(super) async fn take(
     connection: &mut Connection,
     id: &str,

@@ -217,7 +217,7 @@ pub(super) async fn waiting(
 }
 
 /// Refuses one more job of a kind of a client if `most` wait, or a quarter of `most` of the client, or as many of its name as are free.
-/// Nobody is this program itself, which may take all.
+/// Without a client, the program itself asks, which may take all.
 pub(super) async fn check_room(
     connection: &mut Connection,
     (kind, most): (JobKind, usize),
@@ -448,7 +448,7 @@ pub(super) async fn finish(
     result: Result<(), &Failure>,
     now: i64,
 ) -> Result<bool, StoreError> {
-    // A statement that changes nothing but tells whose lease it is.
+    // It also reports whose lease it is.
     let is_ours = renew(connection, claim, now, None).await?;
     if is_ours {
         end(connection, &claim.id, result, now).await?;

@@ -46,7 +46,7 @@ fn file_of(directory: &TempDir, name: &ObjectName) -> std::path::PathBuf {
     directory.path().join("objects").join(name.path().as_ref())
 }
 
-async fn inspected(store: &Store) -> (Inspected, Vec<Finding>) {
+async fn inspected(store: &Store) -> (Inspected, Vec<Defect>) {
     let mut findings = Vec::new();
     let inspected = store.inspect(&mut |finding| findings.push(finding)).await;
     (inspected.unwrap(), findings)
@@ -83,11 +83,11 @@ async fn an_inspection_counts_what_is_sound_and_reports_the_rest() {
     store.objects().put(&stray).await.unwrap();
     let (_, findings) = inspected(&store).await;
     let expected = [
-        Finding::Damaged(version, shared),
-        Finding::Missing(failed, gone),
-        Finding::Damaged(of, paths),
-        Finding::Damaged(of, shared),
-        Finding::Unreferenced(stray.name),
+        Defect::Damaged(version, shared),
+        Defect::Missing(failed, gone),
+        Defect::Damaged(of, paths),
+        Defect::Damaged(of, shared),
+        Defect::Unreferenced(stray.name),
     ];
     assert_eq!(findings, expected);
     assert!(file_of(&directory, &stray.name).exists(), "nothing changes");
@@ -132,10 +132,10 @@ async fn an_inspection_reads_the_images_of_a_pacs() {
     std::fs::write(file_of(&directory, &names[0]), b"damaged").unwrap();
     std::fs::remove_file(file_of(&directory, &names[1])).unwrap();
     let (_, mut findings) = inspected(&store).await;
-    findings.sort_by_key(|finding| matches!(finding, Finding::DamagedForPacs(_)));
+    findings.sort_by_key(|finding| matches!(finding, Defect::DamagedForPacs(_)));
     let expected = [
-        Finding::MissingForPacs(names[1]),
-        Finding::DamagedForPacs(names[0]),
+        Defect::MissingForPacs(names[1]),
+        Defect::DamagedForPacs(names[0]),
     ];
     assert_eq!(findings, expected);
 }

@@ -42,7 +42,7 @@ fn pool(options: GpuOptions) -> Option<GpuPool> {
 }
 
 #[test]
-fn a_device_that_is_destroyed_is_opened_anew() {
+fn a_device_that_is_destroyed_is_opened_again() {
     let Some(mut worker) = worker(LIMITS) else {
         return;
     };
@@ -61,7 +61,7 @@ fn a_device_that_is_destroyed_is_opened_anew() {
 }
 
 #[test]
-fn a_device_that_is_destroyed_while_it_draws_is_opened_anew() {
+fn a_device_that_is_destroyed_while_it_draws_is_opened_again() {
     let Some(mut worker) = worker(LIMITS) else {
         return;
     };
