@@ -122,21 +122,9 @@ words! {
     ArrivalState {
         /// Images are coming, or it waits to be read.
         Receiving = "receiving",
-        /// It became a case, or a layer of one, which its reason states.
-        Case = "case",
-        /// It became nothing, for a reason.
-        Nothing = "nothing",
-    }
-}
-
-words! {
-    /// What became of a series, as clients see it.
-    ArrivalStatus {
-        /// Images are coming, or it waits to be read.
-        Receiving = "receiving",
         /// It became a case.
         Case = "case",
-        /// It became a layer.
+        /// It became a layer, which its reason states too.
         Layer = "layer",
         /// It became nothing, for a reason.
         Nothing = "nothing",
@@ -293,25 +281,11 @@ pub struct Arrival {
     pub last_at: Timestamp,
 }
 
-impl Arrival {
-    /// What became of it, as clients see it.
-    pub fn status(&self) -> ArrivalStatus {
-        match (self.state, &self.reason) {
-            (ArrivalState::Receiving, _) => ArrivalStatus::Receiving,
-            (ArrivalState::Nothing, _) => ArrivalStatus::Nothing,
-            (ArrivalState::Case, Some(reason)) if reason.name == BECAME_LAYER => {
-                ArrivalStatus::Layer
-            }
-            (ArrivalState::Case, _) => ArrivalStatus::Case,
-        }
-    }
-}
-
 /// Which series to list; without a condition, all.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ArrivalQuery {
     /// What became of them.
-    pub status: Option<ArrivalStatus>,
+    pub state: Option<ArrivalState>,
     /// The case that they became, or of which they became a layer.
     pub case: Option<CaseId>,
     /// A part of the label, whether in upper or lower case.
@@ -331,7 +305,7 @@ pub struct DueTerms {
     pub patience: Duration,
 }
 
-/// The reason of a series that became a layer. Its state is the one of a series that became a case.
+/// The reason of a series that became a layer.
 pub const BECAME_LAYER: &str = "series-is-layer";
 
 /// The reason of a series that is not T1-weighted. It waits for a case of its study, to become a layer of it.

@@ -10,7 +10,7 @@ use cases::pictures::check_count;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use storage::arrivals::{
-    Arrival, ArrivalCursor, ArrivalQuery, ArrivalStatus, SeriesQuery, Taken, TakenAs, is_id,
+    Arrival, ArrivalCursor, ArrivalQuery, ArrivalState, SeriesQuery, Taken, TakenAs, is_id,
 };
 use utoipa::{IntoParams, ToSchema};
 
@@ -120,7 +120,7 @@ impl From<Taken> for TakenView {
 impl From<Arrival> for ArrivalView {
     fn from(arrival: Arrival) -> Self {
         Self {
-            state: arrival.status().name(),
+            state: arrival.state.name(),
             id: arrival.id,
             study: arrival.uids.study.as_str().to_owned(),
             series: arrival.uids.series.as_str().to_owned(),
@@ -213,7 +213,7 @@ impl Asked for PageQuery {
         let cursor = "`next` of the page before";
         Ok(Checked {
             of: ArrivalQuery {
-                status: value("state", &self.state, a_state, ArrivalStatus::from_name)?,
+                state: value("state", &self.state, a_state, ArrivalState::from_name)?,
                 case: value("case", &self.case, a_case, CaseId::parse)?,
                 text: value("text", &self.text, &a_text, text)?,
                 since: value("since", &self.since, a_time, time)?,
@@ -309,9 +309,9 @@ pub(crate) async fn take_arrival(
     let wanted = Taken::from(wanted);
     let found = arrival(&pacs, &id).await?;
     let conflict = |kind, detail| Err(AppError::new(StatusCode::CONFLICT, kind, detail));
-    let status = found.status();
-    let is_layer_again = status == ArrivalStatus::Layer && wanted.kind == TakenAs::Layer;
-    if status == ArrivalStatus::Case || is_layer_again {
+    let state = found.state;
+    let is_layer_again = state == ArrivalState::Layer && wanted.kind == TakenAs::Layer;
+    if state == ArrivalState::Case || is_layer_again {
         let detail = "the series was not refused: it is a case or a layer already";
         return conflict("arrival-not-refused", detail);
     }

@@ -12,7 +12,7 @@ use case::{CaseId, CaseState};
 use cases::arrivals::{Fitting, Head, Other, Patient};
 use imaging::dicom::kind_of_series;
 use serde::{Deserialize, Serialize};
-use storage::arrivals::{AccessionNumber, ArrivalState, ArrivalStatus, SeriesQuery, Uid};
+use storage::arrivals::{AccessionNumber, ArrivalState, SeriesQuery, Uid};
 use utoipa::ToSchema;
 
 use crate::error::ReasonView;
@@ -396,7 +396,7 @@ fn candidate_without_case(other: &Other, shows_patient: bool) -> CandidateView {
     let label = other.label.as_deref().unwrap_or_default();
     CandidateView {
         case: None,
-        state: other.state(),
+        state: other.word(),
         reason: other.reason.clone().map(Into::into),
         study_date: None,
         acquired: None,
@@ -419,7 +419,7 @@ fn patient(patient: Option<Patient>, is_shown: bool) -> Option<String> {
 
 /// How far series of which there is no case are.
 fn without_case(others: &[Other]) -> LaunchView {
-    let is_received = |other: &Other| other.status == ArrivalStatus::Receiving;
+    let is_received = |other: &Other| other.state == ArrivalState::Receiving;
     let (state, reason) = match others.iter().any(is_received) {
         true => ("receiving", None),
         false => (

@@ -178,7 +178,8 @@ pub(crate) async fn view(pacs: &Pacs, job: Job) -> Result<RetrievalView, AppErro
     // A series that was here before may still be what it was before.
     let is_done = job.state == JobState::Done;
     let ended = arrival.as_ref().filter(|_| is_done);
-    let became = ended.filter(|arrival| arrival.state == ArrivalState::Case);
+    let became =
+        ended.filter(|arrival| matches!(arrival.state, ArrivalState::Case | ArrivalState::Layer));
     let case = match became.and_then(|arrival| arrival.case) {
         Some(id) => pacs.cases().store().case(&id).await?,
         None => None,

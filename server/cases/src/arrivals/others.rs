@@ -6,8 +6,8 @@ use case::{CaseId, CaseState, Failure};
 use serde_json::Value;
 use storage::ObjectName;
 use storage::arrivals::{
-    AccessionNumber, Arrival, ArrivalState, ArrivalStatus, MOVED, OTHER_OBJECTS, REJECTED,
-    SeriesQuery, SeriesUids, Superseded, Uid,
+    AccessionNumber, Arrival, ArrivalState, MOVED, OTHER_OBJECTS, REJECTED, SeriesQuery,
+    SeriesUids, Superseded, Uid,
 };
 
 use super::{Head, Patient};
@@ -36,7 +36,7 @@ pub struct Other {
     /// What lists call it.
     pub label: Option<String>,
     /// What has become of it; never a case.
-    pub status: ArrivalStatus,
+    pub state: ArrivalState,
     /// Why it is no case.
     pub reason: Option<Failure>,
     /// Its patient; `None` if none of its images is kept.
@@ -45,13 +45,13 @@ pub struct Other {
 
 impl Other {
     /// The word for what has become of it, in answers.
-    pub fn state(&self) -> &'static str {
+    pub fn word(&self) -> &'static str {
         let reason = self.reason.as_ref();
-        match self.status {
-            ArrivalStatus::Nothing if reason.is_some_and(|reason| reason.name == REJECTED) => {
+        match self.state {
+            ArrivalState::Nothing if reason.is_some_and(|reason| reason.name == REJECTED) => {
                 REJECTED
             }
-            status => status.name(),
+            state => state.name(),
         }
     }
 
@@ -111,9 +111,9 @@ impl Cases {
         let mut last: Vec<(SeriesUids, CaseId)> = Vec::new();
         for arrival in self.store().arrivals_of(query).await? {
             last.extend(arrival.previous.map(|case| (arrival.uids.clone(), case)));
-            let is_layer_of_head = arrival.status() == ArrivalStatus::Layer
+            let is_layer_of_head = arrival.state == ArrivalState::Layer
                 && heads.iter().any(|head| Some(head.case.id) == arrival.case);
-            let is_case_of_head = arrival.status() == ArrivalStatus::Case
+            let is_case_of_head = arrival.state == ArrivalState::Case
                 && heads_of(arrival.uids.clone()).any(|head| Some(head.case.id) == arrival.case);
             if is_case_of_head || is_layer_of_head || !says_something(&arrival) {
                 continue;
@@ -146,7 +146,7 @@ impl Cases {
                     uids: series.uids,
                     accession_number: series.accession_number,
                     label: None,
-                    status: ArrivalStatus::Nothing,
+                    state: ArrivalState::Nothing,
                     reason: Some(super::rejection::reason()),
                     patient,
                 }),
@@ -172,9 +172,9 @@ impl Cases {
             false => patients.into_iter().map(Some).collect(),
         };
         let other = |patient| Other {
-            status: match arrival.status() {
-                ArrivalStatus::Case => ArrivalStatus::Nothing,
-                status => status,
+            state: match arrival.state {
+                ArrivalState::Case => ArrivalState::Nothing,
+                state => state,
             },
             uids: arrival.uids.clone(),
             accession_number: arrival.accession_number.clone(),

@@ -144,7 +144,7 @@ CREATE TABLE arrivals (
     accession_number TEXT,
     source           TEXT    NOT NULL CHECK (source IN ('stow', 'c-store', 'retrieval')),
     label            TEXT,    -- from the series, never from the patient; NULL in a store without identities
-    state            TEXT    NOT NULL CHECK (state IN ('receiving', 'case', 'nothing')),
+    state            TEXT    NOT NULL CHECK (state IN ('receiving', 'case', 'layer', 'nothing')),
     reason           TEXT,    -- JSON, when it became nothing
     taken            TEXT,    -- JSON, when somebody took it although it was refused
     refused          TEXT,    -- JSON: the reason for which it was refused before

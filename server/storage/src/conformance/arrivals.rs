@@ -9,10 +9,9 @@ use super::Subject;
 use crate::ObjectName;
 use crate::Store;
 use crate::arrivals::{
-    AccessionNumber, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState, ArrivalStatus,
-    BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, OTHER_OBJECTS,
-    Outcome, REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Superseded, Taken, TakenAs,
-    Uid,
+    AccessionNumber, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState, BECAME_LAYER,
+    CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome,
+    REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Superseded, Taken, TakenAs, Uid,
 };
 use crate::jobs::{Claim, Release};
 use crate::rows::{DueSeries, Known, NewCase, Referred, Sweep};
@@ -785,15 +784,15 @@ pub(crate) async fn series_are_listed_by_state_case_label_and_time(subject: &Sub
         let uids = found.into_iter().map(|arrival| arrival.uids);
         uids.collect::<Vec<_>>()
     };
-    let with = |status| ArrivalQuery {
-        status: Some(status),
+    let with = |state| ArrivalQuery {
+        state: Some(state),
         ..ArrivalQuery::default()
     };
     for (status, number) in [
-        (ArrivalStatus::Case, 1),
-        (ArrivalStatus::Layer, 2),
-        (ArrivalStatus::Nothing, 3),
-        (ArrivalStatus::Receiving, 4),
+        (ArrivalState::Case, 1),
+        (ArrivalState::Layer, 2),
+        (ArrivalState::Nothing, 3),
+        (ArrivalState::Receiving, 4),
     ] {
         assert_eq!(listed(with(status)).await, [series(number)], "{status:?}");
     }

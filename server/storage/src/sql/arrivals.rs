@@ -6,8 +6,8 @@ use super::connection::{Connection, Row, microseconds};
 use super::{jobs, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
-    ArrivalStatus, BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance,
-    Outcome, SeriesQuery, SeriesUids, Superseded, Taken, Uid,
+    BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, Outcome,
+    SeriesQuery, SeriesUids, Superseded, Taken, Uid,
 };
 use crate::rows::{DueSeries, Known, Withdrawn};
 use crate::{ObjectName, StoreError};
@@ -316,10 +316,9 @@ async fn wake_layers(connection: &mut Connection, case: &CaseId) -> Result<(), S
     connection
         .query(
             "UPDATE arrivals SET state = 'receiving', reason = NULL, case_id = NULL
-             WHERE case_id = $1 AND instances > 0 AND state = 'case' AND reason LIKE $2",
+             WHERE case_id = $1 AND instances > 0 AND state = 'layer'",
         )
         .bind(case.key())
-        .bind(format!("%\"{BECAME_LAYER}\"%"))
         .execute()
         .await?;
     Ok(())
@@ -528,7 +527,7 @@ pub(super) async fn adopt(
     let case = held(connection, arrival.case).await?;
     let previous = held(connection, arrival.previous).await?;
     let state = match arrival.state {
-        ArrivalState::Case if case.is_none() => ArrivalState::Receiving,
+        ArrivalState::Case | ArrivalState::Layer if case.is_none() => ArrivalState::Receiving,
         state => state,
     };
     let reason = arrival.reason.as_ref().map(serde_json::to_string);
@@ -695,12 +694,13 @@ pub(super) async fn settle(
     id: &str,
     outcome: &Outcome,
 ) -> Result<bool, StoreError> {
-    let (case, reason) = match outcome {
-        Outcome::Case(case) => (case.key(), None),
+    let (state, case, reason) = match outcome {
+        Outcome::Case(case) => (ArrivalState::Case, case.key(), None),
         Outcome::Layer(case) => {
             let detail = "the series became a layer of the case of its study";
             let reason = Failure::unusable(BECAME_LAYER, detail);
-            (case.key(), Some(serde_json::to_string(&reason)?))
+            let reason = serde_json::to_string(&reason)?;
+            (ArrivalState::Layer, case.key(), Some(reason))
         }
         Outcome::Nothing(failure) => {
             make_nothing(connection, id, failure).await?;
@@ -711,12 +711,12 @@ pub(super) async fn settle(
         return Ok(false);
     }
     connection
-        .query("UPDATE arrivals SET state = 'case', reason = $1, case_id = $2, previous = CASE WHEN $4 = 1 THEN $2 ELSE previous END
+        .query("UPDATE arrivals SET state = $4, reason = $1, case_id = $2, previous = CASE WHEN $4 = 'case' THEN $2 ELSE previous END
              WHERE id = $3")
         .bind(reason)
         .bind(&case)
         .bind(id)
-        .bind(i64::from(matches!(outcome, Outcome::Case(_))))
+        .bind(state.name())
         .execute()
         .await?;
     if let Outcome::Case(_) = outcome {
@@ -934,18 +934,17 @@ pub(super) async fn page(
     let rows = connection
         .query(select_arrival!(
             "WHERE (first_at, id) < ($1, $2) AND first_at >= $3 AND first_at < $4
-               AND ($5 = '' OR $5 = CASE WHEN state = 'case' AND reason LIKE $6 THEN 'layer' ELSE state END)
-               AND ($7 = '' OR $7 = case_id)
-               AND ($8 = '' OR lower(label) LIKE lower($8) ESCAPE '!')
-               AND coalesce($10, project) = project
-             ORDER BY first_at DESC, id DESC LIMIT $9"
+               AND ($5 = '' OR $5 = state)
+               AND ($6 = '' OR $6 = case_id)
+               AND ($7 = '' OR lower(label) LIKE lower($7) ESCAPE '!')
+               AND coalesce($9, project) = project
+             ORDER BY first_at DESC, id DESC LIMIT $8"
         ))
         .bind(at)
         .bind(id)
         .bind(query.since.map_or(0, Timestamp::as_microsecond))
         .bind(query.until.map_or(i64::MAX, Timestamp::as_microsecond))
-        .bind(query.status.map_or("", ArrivalStatus::name))
-        .bind(format!("%\"{BECAME_LAYER}\"%"))
+        .bind(query.state.map_or("", ArrivalState::name))
         .bind(query.case.map_or_else(String::new, |case| case.key()))
         .bind(query.text.as_deref().map_or_else(String::new, containing))
         .bind(count(limit.saturating_add(1)))
@@ -1074,7 +1073,7 @@ pub(super) async fn remove_of_case(
     now: i64,
 ) -> Result<(), StoreError> {
     let rows = connection
-        .query("SELECT id FROM arrivals WHERE case_id = $1 AND state = 'case'")
+        .query("SELECT id FROM arrivals WHERE case_id = $1 AND state IN ('case', 'layer')")
         .bind(case.key())
         .fetch_all()
         .await?;
