@@ -2,12 +2,14 @@
 
 use std::time::Duration;
 
+use axum::body::Body;
 use axum::http::Request;
 use imaging::dicom::Attributes;
 use imaging::dicom::write::{Head, KeyObjectTitle, Listed, key_object};
 use serde_json::{Value, json};
 
 use crate::dicom::{head_slices, zipped};
+use crate::head::plain_head;
 use crate::pacs::{Lines, Neighbour, dcmtk, dimse, dimse_options, items, run, with_texts};
 use crate::results::{IDENTITY, add_node, identified_case, identified_head, result, small};
 use crate::series_builder::{Slice, Syntax, files};
@@ -1600,6 +1602,74 @@ async fn an_upload_makes_no_results_if_the_pacs_has_its_images_as_another_patien
         let refused = result(server, &upload, &view).await;
         assert_eq!(refused.problem(), "several-patients", "{refused:?}");
     }
+}
+
+#[tokio::test]
+async fn a_result_that_names_its_study_is_of_the_patient_of_that_study() {
+    let neighbour = Neighbour::start(|config| {
+        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
+    })
+    .await;
+    let server = &neighbour.server;
+    let volume = plain_head().bytes();
+    let case = server.prepared(&[("volume", &volume)]).await;
+    let named = |patient: &str| {
+        let study = json!({"StudyInstanceUID": "1.2.3", "PatientID": patient});
+        json!({"what": "view", "render": small(), "study": study, "node": "away"})
+    };
+    let waiting = result(server, &case, &named("P-9")).await;
+    assert_eq!(waiting.status, 202, "{waiting:?}");
+    // The PACS says whose study it is.
+    let known = identified_case(&neighbour).await;
+    let own = server.get(&format!("{known}/dicom")).await.json();
+    let own = own["attributes"]["PatientID"].as_str().unwrap();
+    assert_eq!(result(server, &case, &named(own)).await.status, 202);
+    let refused = result(server, &case, &named("P-9")).await;
+    assert_eq!(refused.problem(), "several-patients", "{refused:?}");
+    let background = pacs::Background::start(server.pacs.clone());
+    let id = waiting.json()["id"].as_str().unwrap().to_owned();
+    let failed = ended(server, &format!("/v1/dicom-results/{id}")).await;
+    background.shut_down(Duration::from_secs(5)).await;
+    assert_eq!(failed["reason"]["name"], "several-patients", "{failed}");
+}
+
+#[tokio::test]
+async fn an_annotated_picture_states_that_its_case_was_moved() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let pictures = async || {
+        let mut pictures = Vec::new();
+        for annotate in [false, true] {
+            let address = format!("{case}/render?width=640&height=480&annotate={annotate}");
+            let picture = server.get(&address).await;
+            pictures.push((picture.header("etag").to_owned(), picture.body));
+        }
+        pictures
+    };
+    let before = pictures().await;
+    assert_eq!(neighbour.store(&mirrored_head(0, &[])).await.status, 202);
+    case_after(&neighbour, &case).await;
+    assert_eq!(superseded(server, &case).await, "moved");
+    let after = pictures().await;
+    assert_eq!(before[0], after[0]);
+    assert_ne!(before[1].0, after[1].0);
+    assert_ne!(before[1].1, after[1].1);
+}
+
+#[tokio::test]
+async fn a_picture_that_was_corrected_does_not_come_back_when_the_correction_is_deleted() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let before = identified_case(&neighbour).await;
+    let darker = identified(&darker_slices());
+    assert_eq!(neighbour.store(&darker).await.status, 202);
+    let after = case_after(&neighbour, &before).await;
+    assert_eq!(superseded(server, &before).await, "newer-version");
+    let deleted = Request::delete(&after).body(Body::empty()).unwrap();
+    assert_eq!(server.send(deleted).await.status, 204);
+    let found = launched(&neighbour).await;
+    assert_eq!(found["state"], "absent", "{found}");
 }
 
 #[tokio::test]

@@ -275,8 +275,8 @@ impl Cases {
         }
     }
 
-    /// The line about a case in an annotated picture: see [`Case::identity`](case::Case::identity). `None` without
-    /// annotation.
+    /// The line about a case in an annotated picture: see [`Case::identity`](case::Case::identity). It also states that the patient or the
+    /// place of the images was corrected since, or that they were rejected. `None` without annotation.
     ///
     /// # Errors
     /// If the case does not exist.
@@ -285,7 +285,11 @@ impl Cases {
             return Ok(None);
         }
         let case = self.store().case(id).await?.ok_or(Error::NoSuchCase)?;
-        Ok(Some(case.identity()))
+        let line = case.identity();
+        Ok(Some(match case.superseded.filter(|why| why.is_final()) {
+            Some(why) => format!("{line} · superseded: {}", why.name()),
+            None => line,
+        }))
     }
 
     /// The verdict on the mask of a recently requested case.

@@ -161,6 +161,25 @@ async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
     Ok(node.store(&result.instance, &file).await?)
 }
 
+/// Whether the study that was named for a result of a case that is not DICOM is another patient's by now.
+async fn of_study(pacs: &Pacs, result: &SentResult) -> Result<Option<Contradiction>, cases::Error> {
+    match pacs.cases().patient_of(result.object).await? {
+        Some(named) => {
+            pacs.cases()
+                .contradiction_of_study(&result.study, &named)
+                .await
+        }
+        None => Ok(None),
+    }
+}
+
+fn contradicted(
+    found: Result<Option<Contradiction>, cases::Error>,
+) -> Result<Option<SendError>, SendError> {
+    let found = found.map_err(|_| SendError::Store)?;
+    Ok(found.map(SendError::Contradicted))
+}
+
 /// Refuses a result of a case that was corrected since it was requested, and one that was withdrawn. A rejection note
 /// may leave all the same: it withdraws what was sent of the wrong patient.
 async fn may_leave(pacs: &Pacs, result: &SentResult, file: &Bytes) -> Result<(), SendError> {
@@ -173,16 +192,15 @@ async fn may_leave(pacs: &Pacs, result: &SentResult, file: &Bytes) -> Result<(),
     if result.not_valid == Some(NotValid::LayerWithdrawn) {
         return Err(SendError::LayerWithdrawn);
     }
-    let Some(series) = store.series_of(&result.case).await.map_err(of_store)? else {
-        return Ok(());
-    };
-    let why = match series.superseded.filter(|why| why.is_final()) {
-        Some(why) => SendError::Superseded(why),
-        None => match pacs.cases().contradiction(&series).await {
-            Ok(Some(why)) => SendError::Contradicted(why),
-            Ok(None) => return Ok(()),
-            Err(_) => return Err(SendError::Store),
+    let why = match store.series_of(&result.case).await.map_err(of_store)? {
+        Some(series) => match series.superseded.filter(|why| why.is_final()) {
+            Some(why) => Some(SendError::Superseded(why)),
+            None => contradicted(pacs.cases().contradiction(&series).await)?,
         },
+        None => contradicted(of_study(pacs, result).await)?,
+    };
+    let Some(why) = why else {
+        return Ok(());
     };
     let spooled = store.spool_all(file.clone()).await.map_err(of_store)?;
     match pacs.cases().headers.read(&spooled).await {

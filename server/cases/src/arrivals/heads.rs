@@ -98,25 +98,13 @@ impl Head {
 }
 
 /// The version of each series and patient that counts. They come newest first, and within a state, the newest stays first.
-/// If a correction was taken back, it is not the one that counts; if it is still prepared, or failed, the picture from before
-/// it is not shown in its place. Neither is an upload shown in the place of what a PACS has sent, unless that failed. A damaged
-/// source states no patient, so it is a version of nothing else.
+/// If a correction is still prepared, or failed, the picture from before it is not shown in its place. Neither is an upload shown in the
+/// place of what a PACS has sent, unless that failed. A damaged source states no patient, so it is a version of nothing else.
 fn one_of_each_series(mut versions: Vec<Head>) -> Vec<Head> {
     let is_failed = |head: &Head| head.case.state == CaseState::Failed;
     let is_ready = |head: &Head| head.case.state == CaseState::Ready;
-    versions.sort_by_key(|head| {
-        let CaseSeries {
-            superseded,
-            is_received,
-            ..
-        } = &head.series;
-        (
-            superseded.is_some(),
-            is_failed(head),
-            !is_received,
-            !is_ready(head),
-        )
-    });
+    versions.retain(|head| head.series.superseded.is_none());
+    versions.sort_by_key(|head| (is_failed(head), !head.series.is_received, !is_ready(head)));
     let mut seen: Vec<(SeriesUids, Option<Patient>)> = Vec::new();
     versions.retain(|head| {
         let version_of = (head.series.uids.clone(), head.patient());
@@ -131,15 +119,15 @@ fn one_of_each_series(mut versions: Vec<Head>) -> Vec<Head> {
 
 impl Cases {
     /// The heads that a query finds, the preferred one first, those that failed last. Of each series and patient this is the
-    /// newest version that is ready, or else the newest that has not failed; what a PACS has sent comes before an upload. A version of images that came again with other pixels
-    /// counts only if there is no other one. Versions whose patient or study was corrected since do not count.
+    /// newest version that is ready, or else the newest that has not failed; what a PACS has sent comes before an upload. Superseded versions
+    /// do not count, even if nothing else is left.
     ///
     /// # Errors
     /// If the store cannot be reached.
     pub async fn heads(&self, query: &SeriesQuery) -> Result<Vec<Head>, StoreError> {
         let mut versions = Vec::new();
         let all = self.store().cases_of(query).await?;
-        for series in all.into_iter().filter(|series| !series.is_superseded()) {
+        for series in all.into_iter().filter(|series| series.superseded.is_none()) {
             let Some(case) = self.store().case(&series.case).await? else {
                 continue;
             };
@@ -271,8 +259,9 @@ mod tests {
         assert_eq!(counts(&[(2, Preparing, None), (1, Ready, None)]), 1);
         assert_eq!(counts(&[(2, Ready, None), (1, Ready, None)]), 2);
         assert_eq!(counts(&[(2, Failed, None), (1, Preparing, None)]), 1);
-        // Nothing else is left.
-        assert_eq!(counts(&[(2, Failed, replaced), (1, Ready, replaced)]), 1);
+        // The correction was deleted: what it replaced does not come back.
+        let left = vec![version(1, Ready, replaced)];
+        assert!(one_of_each_series(left).is_empty());
     }
 
     #[test]

@@ -221,7 +221,10 @@ impl Cases {
     }
 
     /// The patients of stored images; none of images that are lost.
-    async fn patients_of_images(&self, images: &[ObjectName]) -> Result<Vec<Patient>, Error> {
+    pub(super) async fn patients_of_images(
+        &self,
+        images: &[ObjectName],
+    ) -> Result<Vec<Patient>, Error> {
         let mut patients: Vec<Patient> = Vec::new();
         let mut unread = Vec::new();
         for image in images {

@@ -1,10 +1,11 @@
 //! Whether two sources are of one patient.
 
+use super::Head;
 use crate::application::Cases;
 use crate::error::Error;
 use case::{CaseId, ObjectKind};
 use imaging::dicom::Attributes;
-use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids};
+use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids, Uid};
 use storage::{ObjectName, StoreError, Upload};
 
 /// A patient, as a source states them. This is patient data.
@@ -59,6 +60,20 @@ impl Patient {
         self.id.is_some() || self.name.is_some() || self.birth_date.is_some()
     }
 
+    /// Whether something that both state differs. A name counts only without an id.
+    fn contradicts(&self, other: &Self) -> bool {
+        let differ = |one: &Option<String>, other: &Option<String>| {
+            one.as_ref()
+                .zip(other.as_ref())
+                .is_some_and(|(one, other)| one != other)
+        };
+        let has_ids = self.id.is_some() && other.id.is_some();
+        differ(&self.id, &other.id)
+            || differ(&self.issuer, &other.issuer)
+            || differ(&self.birth_date, &other.birth_date)
+            || !has_ids && differ(&self.name, &other.name)
+    }
+
     /// Whether it has this id and this issuer; `None` agrees with every one.
     pub fn agrees(&self, id: Option<&str>, issuer: Option<&str>) -> bool {
         id.is_none_or(|id| self.id.as_deref() == Some(id))
@@ -109,13 +124,15 @@ pub enum Contradiction {
     Patient,
     /// They lie elsewhere, so that left and right may be exchanged.
     Place,
+    /// They are of another patient, and the case is not DICOM: whoever requested a result named the study.
+    Study,
 }
 
 impl Contradiction {
     /// The kind of the problem.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Patient => "several-patients",
+            Self::Patient | Self::Study => "several-patients",
             Self::Place => "superseded",
         }
     }
@@ -125,6 +142,9 @@ impl Contradiction {
         match self {
             Self::Patient => {
                 "the case was uploaded, and the PACS has sent its images, or others of its series, as those of another patient"
+            }
+            Self::Study => {
+                "the study that was named for the result is here, and images of it are of another patient"
             }
             Self::Place => {
                 "the case was uploaded, and the PACS has sent images with the same UIDs and another position or orientation, so that left and right may be exchanged"
@@ -207,6 +227,33 @@ impl Cases {
             }
         }
         Ok(found)
+    }
+
+    /// Whether images of a study are of another patient than the one who was named for a result of a case that is not DICOM.
+    ///
+    /// # Errors
+    /// If the rows or the patient of an image cannot be read.
+    pub async fn contradiction_of_study(
+        &self,
+        study: &Uid,
+        named: &Patient,
+    ) -> Result<Option<Contradiction>, Error> {
+        let query = SeriesQuery::Study(study.clone(), None);
+        let fitting = self.fitting(&query).await?;
+        let of_heads = fitting.heads.iter().filter_map(Head::patient);
+        let of_others = fitting.others.into_iter().filter_map(|other| other.patient);
+        let is_another = of_heads
+            .chain(of_others)
+            .any(|held| held.contradicts(named));
+        Ok(is_another.then_some(Contradiction::Study))
+    }
+
+    /// The patient of a stored object; `None` if it is lost or cannot be read.
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub async fn patient_of(&self, object: ObjectName) -> Result<Option<Patient>, Error> {
+        Ok(self.patients_of_images(&[object]).await?.pop())
     }
 
     /// The attributes of the source of a case; `None` if it has none, or they are damaged.

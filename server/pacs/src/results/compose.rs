@@ -6,6 +6,7 @@ use axum::body::Bytes;
 use axum::http::StatusCode;
 use case::findings::Finding;
 use case::{Case, CaseFacts, CaseId, LayerId, MaskMethod, ObjectKind, PatientSide, QualityState};
+use cases::arrivals::Patient;
 use cases::pictures::{Layout, PictureRequest, window_of};
 use cases::report::{ReportFormat, ReportSubject};
 use cases::{Cases, Error};
@@ -98,6 +99,16 @@ impl Composer {
         }
         let study = value(&source, "StudyInstanceUID").and_then(Uid::parse);
         let study = study.ok_or_else(no_patient)?;
+        if asked.study.is_some() && !is_rejection {
+            let named = Patient::of(|keyword| source.value(keyword));
+            if let Some(why) = cases.contradiction_of_study(&study, &named).await? {
+                return Err(AppError::new(
+                    StatusCode::CONFLICT,
+                    why.name(),
+                    why.sentence(),
+                ));
+            }
+        }
         let withdrawn = match &plan {
             Plan::KeyObject(plan) if is_rejection => plan.instances.clone(),
             _ => Vec::new(),
