@@ -663,6 +663,7 @@ fn open_objects(location: &Location) -> Result<Objects, StoreError> {
         None => Objects::in_directory(&location.folder.join("objects"))?,
         Some(ObjectsAddress::Folder(folder)) => {
             let objects = Objects::in_directory(folder)?;
+            directory::check_owner_of_objects::<StoreError>(folder)?;
             directory::sweep_shared(folder)?;
             objects
         }

@@ -437,20 +437,6 @@ impl Config {
         tokens::parse(&text).map_err(wrong)
     }
 
-    /// The files that are read again when they change.
-    pub(crate) fn reloaded_files(&self) -> Vec<PathBuf> {
-        let (http, dimse) = (&self.http, &self.pacs.dimse);
-        let files = [
-            &http.tokens_file,
-            &http.tls_certificate,
-            &http.tls_key,
-            &dimse.tls_certificate,
-            &dimse.tls_key,
-            &dimse.tls_authority,
-        ];
-        files.into_iter().flatten().cloned().collect()
-    }
-
     /// The scheme of the server's address.
     pub fn scheme(&self) -> &'static str {
         match self.http.tls_certificate {
