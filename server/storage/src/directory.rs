@@ -191,28 +191,11 @@ fn remove_if_older(path: &Path, age: Duration) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[derive(Debug)]
-    enum Unopened {
-        Disk(io::Error),
-        OtherUser(OtherUser),
-    }
-
-    impl From<io::Error> for Unopened {
-        fn from(error: io::Error) -> Self {
-            Self::Disk(error)
-        }
-    }
-
-    impl From<OtherUser> for Unopened {
-        fn from(user: OtherUser) -> Self {
-            Self::OtherUser(user)
-        }
-    }
+    use crate::StoreError;
 
     async fn open(root: &Path) -> (Directory, bool) {
         let mut alone = false;
-        let directory = Directory::open::<Unopened>(root, async |_| {
+        let directory = Directory::open::<StoreError>(root, async |_| {
             alone = true;
             Ok(())
         });
@@ -268,9 +251,9 @@ mod tests {
         drop(open(root.path()).await);
         std::os::unix::fs::chown(root.path().join("lock"), Some(4321), None).unwrap();
         let [left, _] = leftovers(root.path());
-        let refused = Directory::open::<Unopened>(root.path(), async |_| Ok(())).await;
+        let refused = Directory::open::<StoreError>(root.path(), async |_| Ok(())).await;
         match refused {
-            Err(Unopened::OtherUser(user)) => assert_eq!(user, OtherUser(4321)),
+            Err(StoreError::OtherUser(user)) => assert_eq!(user, 4321),
             other => panic!("{other:?}"),
         }
         assert!(left.exists(), "nothing was removed");
@@ -280,7 +263,7 @@ mod tests {
     #[test]
     fn objects_of_another_user_are_not_written_to() {
         let objects = tempfile::tempdir().unwrap();
-        let check = || check_owner_of_objects::<Unopened>(objects.path());
+        let check = || check_owner_of_objects::<StoreError>(objects.path());
         assert!(check().is_ok(), "an empty folder");
         let kind = objects.path().join("volume");
         std::fs::create_dir(&kind).unwrap();
@@ -290,7 +273,7 @@ mod tests {
         }
         std::os::unix::fs::chown(&kind, Some(4321), None).unwrap();
         match check() {
-            Err(Unopened::OtherUser(user)) => assert_eq!(user, OtherUser(4321)),
+            Err(StoreError::OtherUser(user)) => assert_eq!(user, 4321),
             other => panic!("{other:?}"),
         }
     }

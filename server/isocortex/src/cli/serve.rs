@@ -109,6 +109,9 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
         ..args.config()?
     };
     logs::start(config.log_format, &config.log);
+    for warning in super::unknown_variables(super::variables()) {
+        tracing::warn!("{warning}");
+    }
     super::block_on(async {
         let server = Server::start(&config).await?;
         // Of JSON, the log has the same line.
@@ -266,9 +269,16 @@ impl Reload {
             (Part::DimseTls, _, Some(tls)) => replace(tls, self.config.pacs.dimse.tls()),
             (Part::HttpTls | Part::DimseTls, ..) => return,
         };
+        // Whatever has replaced a file may have opened it to others.
+        self.config.keep_secrets();
         let words = part.words();
         match read {
-            Ok(()) => tracing::info!("{words} were read again"),
+            Ok(()) => {
+                tracing::info!("{words} were read again");
+                if !matches!(part, Part::Tokens) {
+                    warn_of_certificates(&self.config);
+                }
+            }
             Err(error) => {
                 tracing::error!(error = error.message, "{words} stay as they were");
             }
@@ -283,6 +293,12 @@ impl Reload {
         }
         self.access.replace_tokens(&access);
         Ok(())
+    }
+}
+
+fn warn_of_certificates(config: &Config) {
+    for warning in config.certificate_warnings() {
+        tracing::warn!("{warning}");
     }
 }
 
@@ -330,6 +346,8 @@ impl Server {
     /// Opens the store, binds the address, and starts workers and the server.
     pub(super) async fn start(config: &Config) -> Result<Self, CliError> {
         let watched = Part::ALL.map(|part| Watched::new(part, config));
+        config.keep_secrets();
+        warn_of_certificates(config);
         // Wrong settings are found before anything begins.
         config.collector()?;
         let state = start::open(config).await?;
