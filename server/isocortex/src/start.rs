@@ -73,6 +73,7 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         (true, 0) if access.issuer().is_some() => "with the tokens of an issuer".to_owned(),
         (true, 0) if access.proxy().is_some() => "with the headers of a proxy".to_owned(),
         (true, 0) => "with a token".to_owned(),
+        (true, 1) if ended.is_empty() => "with one named token".to_owned(),
         (true, named) if ended.is_empty() => format!("with {named} named tokens"),
         (true, named) => format!(
             "with {named} named tokens, of which these have ended: {}",
