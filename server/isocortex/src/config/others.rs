@@ -65,7 +65,31 @@ impl Config {
         readable.chain(self.risky_files()).collect()
     }
 
-    /// What the program does not mend itself: a configuration with a secret that others can read, and whatever gives access and everybody can change.
+    /// The files and folders that say who may do what, whom to believe, and who did what.
+    fn trusted_paths(&self) -> impl Iterator<Item = &Path> {
+        let (http, dimse) = (&self.http, &self.pacs.dimse);
+        let files = [
+            &self.file,
+            &http.tokens_file,
+            &http.tls_certificate,
+            &dimse.tls_certificate,
+            &dimse.tls_authority,
+            &self.audit.folder,
+        ];
+        let of_nodes = self.pacs.nodes.iter().map(|node| &node.tls_authority);
+        let of_collector = self
+            .audit
+            .syslog
+            .as_ref()
+            .map(|syslog| &*syslog.tls_authority);
+        let files = files
+            .into_iter()
+            .chain(of_nodes)
+            .filter_map(Option::as_deref);
+        files.chain(of_collector)
+    }
+
+    /// What the program does not mend itself: a configuration with a secret that others can read, and what everybody can change and should not.
     fn risky_files(&self) -> Vec<String> {
         let mut found = Vec::new();
         if let Some(file) = self.file.as_deref().filter(|_| self.has_secret)
@@ -77,12 +101,11 @@ impl Config {
                 file.display()
             ));
         }
-        let changed = [&self.file, &self.http.tokens_file];
-        for file in changed.into_iter().flatten() {
-            if everybody_writes(file) {
+        for path in self.trusted_paths() {
+            if everybody_writes(path) {
                 found.push(format!(
-                    "everybody on this machine can change {}, and so give themselves access: `chmod o-w` it",
-                    file.display()
+                    "everybody on this machine can change {}, on which the access to this server or its record depends: `chmod o-w` it",
+                    path.display()
                 ));
             }
         }
@@ -130,6 +153,7 @@ mod tests {
         config.http.token_file = Some(token.clone());
         config.storage.key_file = Some(file(folder.path(), "keys", 0o600));
         config.http.tokens_file = Some(file(folder.path(), "tokens.toml", 0o646));
+        config.audit.folder = Some(folder.path().to_owned());
         let found = config.open_files();
         let [readable, changed] = &found[..] else {
             panic!("{found:?}")
