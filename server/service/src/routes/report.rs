@@ -5,6 +5,7 @@ use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use cases::report::{POLICY, ReportFormat, ReportQuery, ReportSubject};
 
+use http_support::audited::NamesPatient;
 use http_support::conditional::{EntityTag, NO_STORE, REVALIDATE, Representation};
 use http_support::negotiate::{Coding, media_type};
 use http_support::problem::AppError;
@@ -52,7 +53,7 @@ pub async fn get_report(
     };
     let subject = ReportSubject::OfCase;
     let body = cases.report(&id, asked, format, subject).await?;
-    Representation {
+    let mut response = Representation {
         tag: EntityTag::of_bytes(&body, Coding::Identity),
         media_type,
         coding: Coding::Identity,
@@ -61,5 +62,9 @@ pub async fn get_report(
         vary: "accept",
         cache_control,
     }
-    .respond(&request)
+    .respond(&request)?;
+    if asked.patient {
+        response.extensions_mut().insert(NamesPatient);
+    }
+    Ok(response)
 }
