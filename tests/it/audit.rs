@@ -17,6 +17,7 @@ use crate::scopes::TokensFile;
 use crate::series_builder::{Syntax, files};
 use crate::server::{Answer, Server, form, form_type};
 use crate::several_machines::program;
+use crate::until::until;
 
 /// What must be in no line.
 const CANARY: &str = "CANARY";
@@ -200,6 +201,31 @@ async fn who_did_what_with_which_case_is_on_record_and_nothing_of_a_patient() {
     );
     let text = format!("{:?}", recorded.lines());
     assert!(!text.contains(CANARY) && !text.contains("text="), "{text}");
+}
+
+/// A report leaves as a file, and shows the identity of a patient if that was asked for.
+#[tokio::test]
+async fn a_report_that_names_the_patient_is_recorded_as_an_identity_too() {
+    let recorded = Recorded::start().await;
+    let address = recorded.uploaded().await;
+    let mut expected = Vec::new();
+    for query in ["", "?patient=true"] {
+        let report = format!("{address}/report{query}");
+        // Its maps may not be ready yet.
+        let answer = until("the report", async || {
+            let answer = recorded.get(&report).await;
+            (answer.status == 200).then_some(answer)
+        });
+        expected.push(answer.await.header("x-request-id").to_owned());
+    }
+    let of = |object: &str| {
+        let mut lines = recorded.all_of(object);
+        lines.retain(|line| line["outcome"] == "success");
+        let requests = lines.iter().map(|line| line["request"].as_str().unwrap());
+        requests.map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(of("export"), expected);
+    assert_eq!(of("identity"), expected[1..]);
 }
 
 #[tokio::test]

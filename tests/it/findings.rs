@@ -367,6 +367,12 @@ async fn a_report_names_the_patient_on_request_alone() {
         let address = format!("{case}/report?{query}");
         let answer = server.get_with(&address, &accept).await;
         assert_eq!(answer.status, 200, "{answer:?}");
+        // No cache may store a patient.
+        let cached = match query {
+            "patient=true" => "no-store",
+            _ => "private, no-cache",
+        };
+        assert_eq!(answer.header("cache-control"), cached, "{address}");
         answer.body
     };
     let identity = ["Müller, Änne", "P-77", "1967-03-12", "A-1"];

@@ -14,6 +14,7 @@ use crate::command_line::run;
 use crate::results::python_with;
 use crate::server::Server;
 use crate::several_machines::program;
+use crate::storage_nodes::Certificates;
 
 /// A process whose log is JSON. Dropping it kills it.
 pub(crate) struct Logged {
@@ -161,20 +162,100 @@ fn a_named_token_opens_once_it_is_in_the_file_and_no_longer_once_it_is_not() {
     let with_first = std::fs::read_to_string(&tokens).unwrap();
 
     let second = add("second");
-    server.until("the tokens and the certificates were read again");
+    server.until("the tokens were read again");
     assert_eq!([status(&first), status(&second)], [200, 200]);
 
     // An editor may empty the file before it writes it.
     for wrong in ["nonsense", ""] {
         std::fs::write(&tokens, wrong).unwrap();
-        server.until("the tokens and the certificates stay as they were");
+        server.until("the tokens stay as they were");
         assert_eq!([status(&first), status(&second)], [200, 200]);
     }
 
     std::fs::write(&tokens, with_first).unwrap();
-    server.until("the tokens and the certificates were read again");
+    server.until("the tokens were read again");
     assert_eq!([status(&first), status(&second)], [200, 401]);
     server.end();
+}
+
+#[test]
+fn a_withdrawn_token_opens_no_longer_although_a_certificate_cannot_be_read_again() {
+    let Some(certificates) = Certificates::make() else {
+        return;
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let [data, tokens, file] =
+        ["data", "tokens.toml", "isocortex.toml"].map(|name| folder.path().join(name));
+    let add = |name: &str| {
+        let arguments = ["token", "new", name, "--role", "viewer", "--file"];
+        let mut command = Command::new(program());
+        let made = command.args(arguments).arg(&tokens).output().unwrap();
+        String::from_utf8(made.stdout).unwrap().trim().to_owned()
+    };
+    let first = add("first");
+    let with_first = std::fs::read_to_string(&tokens).unwrap();
+    let second = add("second");
+    let [certificate, key] = ["cert.pem", "key.pem"].map(|name| certificates.text(name));
+    let config = format!(
+        "[http]\ntokens_file = {tokens:?}\n[pacs.dimse]\nlisten = \"127.0.0.1:0\"\ntls_certificate = {certificate:?}\ntls_key = {key:?}\n"
+    );
+    std::fs::write(&file, config).unwrap();
+    let mut server = Logged::start(&[
+        "serve",
+        "--listen",
+        "127.0.0.1:0",
+        "--gpu",
+        "off",
+        "--data",
+        data.to_str().unwrap(),
+        "--config",
+        file.to_str().unwrap(),
+    ]);
+    let line = server.until("listening");
+    let address = line["address"].as_str().unwrap().to_owned();
+    let status = |token: &str| get(&address, "/v1/cases", token).0;
+    assert_eq!([status(&first), status(&second)], [200, 200]);
+
+    // A key that does not fit; then one that is not there at all.
+    std::fs::write(&key, "nonsense").unwrap();
+    server.until("the certificates of C-STORE stay as they were");
+    std::fs::write(&tokens, &with_first).unwrap();
+    server.until("the tokens were read again");
+    assert_eq!([status(&first), status(&second)], [200, 401]);
+    std::fs::remove_file(&key).unwrap();
+    let gone = server.until("the certificates of C-STORE stay as they were");
+    assert!(gone["error"].as_str().unwrap().ends_with("is not there"));
+    let third = add("third");
+    server.until("the tokens were read again");
+    assert_eq!([status(&first), status(&third)], [200, 200]);
+    server.end();
+}
+
+#[test]
+fn check_config_names_what_others_can_read_and_what_is_spelled_wrongly_and_changes_nothing() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = tempfile::tempdir().unwrap();
+    let token = folder.path().join("token");
+    std::fs::write(&token, OLD).unwrap();
+    std::fs::set_permissions(&token, std::fs::Permissions::from_mode(0o644)).unwrap();
+    let mut command = Command::new(program());
+    let arguments = ["check-config", "--token-file", token.to_str().unwrap()];
+    let checked = command
+        .args(arguments)
+        .env("ISOCORTEX_TOKENFILE", "token")
+        .output();
+    let checked = checked.unwrap();
+    assert!(checked.status.success(), "{checked:?}");
+    let said = String::from_utf8(checked.stdout).unwrap();
+    for part in [
+        "warning: others on this machine can read the file of the token, ",
+        "its mode is 0644",
+        "warning: the variable ISOCORTEX_TOKENFILE is not known",
+    ] {
+        assert!(said.contains(part), "{said}");
+    }
+    let mode = token.metadata().unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o644);
 }
 
 #[test]
@@ -201,13 +282,13 @@ fn a_signal_reads_the_token_again_and_every_line_of_the_log_is_json() {
     std::fs::write(&token, NEW).unwrap();
     assert_eq!(status(OLD), 200, "nobody has said so");
     server.signal("-HUP");
-    server.until("the tokens and the certificates were read again");
+    server.until("the tokens were read again");
     assert_eq!(status(NEW), 200);
     assert_eq!(status(OLD), 401);
 
     std::fs::write(&token, "short").unwrap();
     server.signal("-HUP");
-    let refused = server.until("the tokens and the certificates stay as they were");
+    let refused = server.until("the tokens stay as they were");
     assert!(refused["error"].as_str().unwrap().contains("at least 16"));
     assert_eq!(status(NEW), 200);
 

@@ -129,10 +129,10 @@ async fn a_certificate_is_read_again_when_its_file_changes() {
     assert!(ask(address, &next).await.is_err());
     // The one file after the other: what does not fit together changes nothing.
     std::fs::write(ours.path("cert.pem"), next.read("cert.pem")).unwrap();
-    server.until("the tokens and the certificates stay as they were");
+    server.until("the certificates of HTTP stay as they were");
     assert!(ask(address, &ours).await.is_ok());
     std::fs::write(ours.path("key.pem"), next.read("key.pem")).unwrap();
-    server.until("the tokens and the certificates were read again");
+    server.until("the certificates of HTTP were read again");
     assert!(ask(address, &next).await.is_ok());
     server.end();
 }

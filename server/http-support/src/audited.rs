@@ -104,6 +104,10 @@ impl Audited {
 #[derive(Debug, Clone, Default)]
 pub struct StoredImages(pub BTreeMap<String, u64>);
 
+/// An answer that shows the identity of a patient, although that of its route need not: an extension of the answer. This is recorded, too.
+#[derive(Debug, Clone, Copy)]
+pub struct NamesPatient;
+
 /// Who asks for what, for the record.
 pub(crate) struct Witness {
     audit: Audit,
@@ -202,6 +206,18 @@ impl Witness {
         self.audit.note_end(&event);
         if let Some(StoredImages(studies)) = response.extensions_mut().remove() {
             return self.stored(event, studies, response);
+        }
+        if let Some(NamesPatient) = response.extensions_mut().remove() {
+            let (kind, action, object) = Audited::Identity.event();
+            let identity = Event {
+                kind,
+                action,
+                object,
+                ..event.clone()
+            };
+            if let Err(full) = in_time(self.audit.record_durable(identity)).await {
+                return full.into_response();
+            }
         }
         let is_counted = is_failing && event.outcome != Outcome::Success;
         let recorded = match when {

@@ -292,7 +292,11 @@ fn given_scheme(headers: &HeaderMap) -> Option<&[u8]> {
 
 /// The token in a request: a bearer token, or the password of `Basic`, which is all that some programs can send.
 fn given_token(headers: &HeaderMap) -> Option<Vec<u8>> {
-    let value = headers.get(header::AUTHORIZATION)?.as_bytes();
+    // Of two, a proxy may have checked the other one.
+    let mut values = headers.get_all(header::AUTHORIZATION).iter();
+    let (value, None) = (values.next()?.as_bytes(), values.next()) else {
+        return None;
+    };
     let space = value.iter().position(|&byte| byte == b' ')?;
     let (scheme, given) = (&value[..space], value[space..].trim_ascii());
     if scheme.eq_ignore_ascii_case(b"Bearer") {
@@ -594,6 +598,10 @@ mod tests {
         assert!(!allowed(&basic("0123456789abcdef:")));
         assert!(!allowed(&basic("0123456789abcdef")));
         assert!(access.check_token(&HeaderMap::new()).is_err());
+        let mut two = with_header(header::AUTHORIZATION, "Bearer 0123456789abcdef");
+        assert!(access.check_token(&two).is_ok());
+        two.append(header::AUTHORIZATION, HeaderValue::from_static("Bearer x"));
+        assert!(access.check_token(&two).is_err(), "which one counts?");
     }
 
     #[test]

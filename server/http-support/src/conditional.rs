@@ -21,7 +21,10 @@ const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=315360
 /// The client stores the answer and validates it before each use; it gets 304 if nothing has changed.
 pub const REVALIDATE: HeaderValue = HeaderValue::from_static("private, no-cache");
 
-/// The same for what holds nothing of a case.
+/// No cache may store the answer, because it states a patient. The client may still ask whether it has changed.
+pub const NO_STORE: HeaderValue = HeaderValue::from_static("no-store");
+
+/// As [`REVALIDATE`], for what holds nothing of a case.
 pub const PUBLIC_REVALIDATE: HeaderValue = HeaderValue::from_static("no-cache");
 
 /// For what holds nothing of a case and changes its address with its content.

@@ -139,7 +139,6 @@ impl Collector {
             (None, None) => None,
             (Some(certificate), Some(key)) => {
                 let certificate = read(certificate)?;
-                storage::keep_private(key, "the file of the key for the collector");
                 Some(TlsIdentity::read(&certificate, &read(key)?)?)
             }
             _ => return Err(BadCollector::HalfIdentity),

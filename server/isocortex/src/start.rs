@@ -1,7 +1,7 @@
 //! Starts a server from a configuration.
 
 use std::collections::BTreeMap;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use axum::Router;
 use case::Project;
@@ -9,6 +9,7 @@ use cases::{Cases, Library};
 use http_support::oidc::Issuer;
 use http_support::proxy::SignInProxy;
 use http_support::scopes::Role;
+use http_support::tokens::NamedToken;
 use http_support::uploads::UploadLimits;
 use pacs::Pacs;
 use service::app::{Beside, app_beside};
@@ -42,6 +43,7 @@ pub struct Checked {
 /// # Errors
 /// If a server could not start with it.
 pub fn check(config: &Config) -> Result<Checked, ConfigError> {
+    let open_files = config.open_files();
     config.check()?;
     let access = config.access()?;
     config.origins()?;
@@ -55,13 +57,28 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     config.check_audit()?;
     config.tls()?;
     let mut checked = Checked::default();
+    checked.warnings.extend(open_files);
+    checked.warnings.extend(config.certificate_warnings());
     checked.warnings.extend(config.memory_warning()?);
-    let named = config.named_tokens()?.len();
+    let tokens = config.named_tokens()?;
+    let named = tokens.len();
+    let now = SystemTime::now();
+    let ended = |token: &&NamedToken| token.ends.is_some_and(|end| end <= now);
+    let ended: Vec<_> = tokens
+        .iter()
+        .filter(ended)
+        .map(|token| &*token.holder.name)
+        .collect();
     let guard = match (access.wants_token(), named) {
         (true, 0) if access.issuer().is_some() => "with the tokens of an issuer".to_owned(),
         (true, 0) if access.proxy().is_some() => "with the headers of a proxy".to_owned(),
         (true, 0) => "with a token".to_owned(),
-        (true, named) => format!("with {named} named tokens"),
+        (true, 1) if ended.is_empty() => "with one named token".to_owned(),
+        (true, named) if ended.is_empty() => format!("with {named} named tokens"),
+        (true, named) => format!(
+            "with {named} named tokens, of which these have ended: {}",
+            ended.join(", ")
+        ),
         (false, _) => "without a token, for this machine alone".to_owned(),
     };
     checked.warnings.extend(config.warn_of_no_tokens()?);

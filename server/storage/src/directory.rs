@@ -22,13 +22,17 @@ pub(super) struct Directory {
 }
 
 impl Directory {
-    /// Creates missing folders, removes left-over files, and takes the shared lock.
+    /// Creates missing folders, removes left-over files, and takes the shared lock. Fails with [`OtherUser`] if this process has another user than the
+    /// one that made the directory, who could not read what it writes.
     ///
     /// `when_alone` runs if no other process uses the directory, before another one can start.
-    pub(super) async fn open<E: From<io::Error>>(
+    pub(super) async fn open<E>(
         root: &Path,
         when_alone: impl AsyncFnOnce(&Path) -> Result<(), E>,
-    ) -> Result<Self, E> {
+    ) -> Result<Self, E>
+    where
+        E: From<io::Error> + From<OtherUser>,
+    {
         create_private(root)?;
         keep_private(root, "the folder of the store");
         std::fs::create_dir_all(root.join("uploads"))?;
@@ -37,6 +41,7 @@ impl Directory {
             .truncate(false)
             .write(true)
             .open(root.join("lock"))?;
+        check_owner(&lock.metadata()?, &root.join("uploads"))?;
         if lock.try_lock().is_ok() {
             sweep(root, Duration::ZERO)?;
             when_alone(root).await?;
@@ -53,6 +58,40 @@ impl Directory {
 
     pub(super) fn uploads(&self) -> PathBuf {
         self.root.join("uploads")
+    }
+}
+
+/// The files of a store have this user, and this process has another one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct OtherUser(pub(super) u32);
+
+/// Checks that what this process writes into `folder` gets the owner of a file that is there. Otherwise the server could not read what a command
+/// of root has written. Some file systems give every file the same owner; there, anybody may write.
+#[cfg(unix)]
+fn check_owner(there: &std::fs::Metadata, folder: &Path) -> Result<(), OtherUser> {
+    use std::os::unix::fs::MetadataExt as _;
+    let written = tempfile::tempfile_in(folder).and_then(|file| file.metadata());
+    match written {
+        Ok(written) if written.uid() != there.uid() => Err(OtherUser(there.uid())),
+        // If nothing can be written, that shows later.
+        Ok(_) | Err(_) => Ok(()),
+    }
+}
+
+/// Other systems have no owners.
+#[cfg(not(unix))]
+fn check_owner(_there: &std::fs::Metadata, _folder: &Path) -> Result<(), OtherUser> {
+    Ok(())
+}
+
+/// Checks the same for objects in a folder of their own. An empty one belongs to anybody.
+pub(super) fn check_owner_of_objects<E>(objects: &Path) -> Result<(), E>
+where
+    E: From<io::Error> + From<OtherUser>,
+{
+    match subdirectories(objects)?.first() {
+        Some(kind) => Ok(check_owner(&std::fs::metadata(kind)?, objects)?),
+        None => Ok(()),
     }
 }
 
@@ -152,10 +191,11 @@ fn remove_if_older(path: &Path, age: Duration) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::StoreError;
 
     async fn open(root: &Path) -> (Directory, bool) {
         let mut alone = false;
-        let directory = Directory::open::<io::Error>(root, async |_| {
+        let directory = Directory::open::<StoreError>(root, async |_| {
             alone = true;
             Ok(())
         });
@@ -198,5 +238,43 @@ mod tests {
             .unwrap();
         let (_second, alone) = open(root.path()).await;
         assert!(!alone && fresh.exists() && !stale.exists());
+    }
+
+    // Only root can give files away, and only root meets a directory of somebody else that it may write to.
+    #[cfg(unix)]
+    #[tokio::test]
+    async fn a_directory_of_another_user_is_not_written_to() {
+        if !rustix::process::geteuid().is_root() {
+            return;
+        }
+        let root = tempfile::tempdir().unwrap();
+        drop(open(root.path()).await);
+        std::os::unix::fs::chown(root.path().join("lock"), Some(4321), None).unwrap();
+        let [left, _] = leftovers(root.path());
+        let refused = Directory::open::<StoreError>(root.path(), async |_| Ok(())).await;
+        match refused {
+            Err(StoreError::OtherUser(user)) => assert_eq!(user, 4321),
+            other => panic!("{other:?}"),
+        }
+        assert!(left.exists(), "nothing was removed");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn objects_of_another_user_are_not_written_to() {
+        let objects = tempfile::tempdir().unwrap();
+        let check = || check_owner_of_objects::<StoreError>(objects.path());
+        assert!(check().is_ok(), "an empty folder");
+        let kind = objects.path().join("volume");
+        std::fs::create_dir(&kind).unwrap();
+        assert!(check().is_ok(), "our own");
+        if !rustix::process::geteuid().is_root() {
+            return;
+        }
+        std::os::unix::fs::chown(&kind, Some(4321), None).unwrap();
+        match check() {
+            Err(StoreError::OtherUser(user)) => assert_eq!(user, 4321),
+            other => panic!("{other:?}"),
+        }
     }
 }

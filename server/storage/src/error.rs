@@ -5,6 +5,7 @@ use std::io::ErrorKind;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use crate::directory::OtherUser;
 use crate::objects::{BUCKET, KeyId, ObjectError};
 use sqlx::error::DatabaseError;
 
@@ -58,6 +59,12 @@ pub enum StoreError {
     /// There is no store at a location.
     #[error("there is no store here: {0}; check the address of the store")]
     NoStore(&'static str),
+    /// The store belongs to another user of this machine, by its number.
+    #[error(
+        "the store belongs to the user {0}, who could not read what this program writes as another user: \
+         run it as that user (`sudo -u '#{0}' isocortex …`), or give the whole store to the user of this program (`chown -R`)"
+    )]
+    OtherUser(u32),
     /// The rows cannot be read or written.
     #[error("the database of the store failed")]
     Rows(#[source] Box<dyn std::error::Error + Send + Sync>),
@@ -171,6 +178,12 @@ pub fn failures() -> FailureCounts {
     FailureCounts {
         database: DATABASE_FAILURES.load(Ordering::Relaxed),
         objects: OBJECT_FAILURES.load(Ordering::Relaxed),
+    }
+}
+
+impl From<OtherUser> for StoreError {
+    fn from(OtherUser(number): OtherUser) -> Self {
+        Self::OtherUser(number)
     }
 }
 

@@ -83,7 +83,7 @@ pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 pub use self::objects::{
     BadKeys, Framed, KeyId, Keys, ObjectError, ObjectName, Spool, Spooled, Unreadable, frame,
-    keep_private,
+    keep_private, open_to_others,
 };
 pub use self::page::{Cursor, Page};
 pub use self::publish::{Attempt, Publisher, frame_all};
@@ -663,6 +663,7 @@ fn open_objects(location: &Location) -> Result<Objects, StoreError> {
         None => Objects::in_directory(&location.folder.join("objects"))?,
         Some(ObjectsAddress::Folder(folder)) => {
             let objects = Objects::in_directory(folder)?;
+            directory::check_owner_of_objects::<StoreError>(folder)?;
             directory::sweep_shared(folder)?;
             objects
         }

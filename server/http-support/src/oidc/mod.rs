@@ -418,9 +418,9 @@ fn refusal(kind: &ErrorKind) -> AppError {
         ErrorKind::ImmatureSignature => refused("it is not valid yet (`nbf`)"),
         ErrorKind::InvalidIssuer => refused("it is of another issuer (`iss`)"),
         ErrorKind::InvalidAudience => refused("it is for another service (`aud`)"),
-        ErrorKind::MissingRequiredClaim(_) | ErrorKind::InvalidClaimFormat(_) => {
-            refused("it lacks one of the claims `iss`, `sub`, `aud` and `exp`")
-        }
+        ErrorKind::MissingRequiredClaim(_) | ErrorKind::InvalidClaimFormat(_) => refused(
+            "it lacks one of the claims `iss`, `sub`, `aud` and `exp`, or a claim has a wrong form",
+        ),
         ErrorKind::InvalidAlgorithm => wrong("its algorithm is not that of the key"),
         ErrorKind::InvalidSignature => wrong("its signature is wrong"),
         _ => wrong("it cannot be read"),

@@ -21,7 +21,8 @@ pub(super) struct CheckConfigArgs {
 pub(super) fn run(args: &CheckConfigArgs) -> Result<(), CliError> {
     let config = args.serve.config()?;
     let checked = start::check(&config)?;
-    for warning in &checked.warnings {
+    let unknown = super::unknown_variables(super::variables());
+    for warning in unknown.iter().chain(&checked.warnings) {
         println!("warning: {warning}");
     }
     let extractor = pipeline::Extractor::open(config.prepare.network.as_deref());

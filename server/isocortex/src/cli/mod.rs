@@ -25,6 +25,7 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use clap::CommandFactory as _;
 use clap::{Args, Parser, Subcommand};
 
 use self::status::{CliError, ExitStatus};
@@ -238,6 +239,48 @@ fn run(command: Command) -> Result<(), CliError> {
     }
 }
 
+/// The variables that no option reads.
+const OTHER_VARIABLES: [&str; 4] = [
+    "ISOCORTEX_TOKEN",
+    "ISOCORTEX_DEMO_VOLUME",
+    "ISOCORTEX_DEMO_MASK",
+    "ISOCORTEX_SECRETS_ON_STDIN",
+];
+
+/// Warnings of variables that begin like ours and that the program does not know: most likely a typing error, so that a setting does not hold.
+fn unknown_variables(variables: impl IntoIterator<Item = String>) -> Vec<String> {
+    let commands = Cli::command();
+    let options = commands
+        .get_subcommands()
+        .flat_map(|command| command.get_arguments().filter_map(clap::Arg::get_env));
+    let known: Vec<_> = options.filter_map(|name| name.to_str()).collect();
+    // Kubernetes sets those for a service that is called `isocortex`.
+    let is_of_a_service = |name: &str| {
+        ["SERVICE_", "PORT"]
+            .iter()
+            .any(|part| name["ISOCORTEX_".len()..].starts_with(part))
+    };
+    let unknown = variables.into_iter().filter(|name| {
+        name.starts_with("ISOCORTEX_")
+            && !known.contains(&&**name)
+            && !OTHER_VARIABLES.contains(&&**name)
+            && !is_of_a_service(name)
+    });
+    let mut unknown: Vec<_> = unknown
+        .map(|name| {
+            let name = name.escape_debug();
+            format!("the variable {name} is not known, and changes nothing; is it spelled right?")
+        })
+        .collect();
+    unknown.sort();
+    unknown
+}
+
+/// The names of the variables of this process.
+fn variables() -> impl Iterator<Item = String> {
+    std::env::vars_os().filter_map(|(name, _)| name.into_string().ok())
+}
+
 /// Makes new files private to the user, because they contain images of patients.
 #[cfg(unix)]
 fn keep_files_private() {
@@ -303,13 +346,29 @@ fn unwritable(path: &Path, error: &std::io::Error) -> CliError {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     use super::*;
 
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn a_variable_that_is_spelled_wrongly_is_named() {
+        let names = [
+            "ISOCORTEX_TOKENFILE",
+            "ISOCORTEX_TOKEN_FILE",
+            "ISOCORTEX_TOKEN",
+            "ISOCORTEX_WORK_LISTEN",
+            "ISOCORTEX_SERVICE_HOST",
+            "ISOCORTEX_PORT_8640_TCP",
+            "PATH",
+        ];
+        let warnings = unknown_variables(names.map(str::to_owned));
+        let [warning] = &warnings[..] else {
+            panic!("{warnings:?}")
+        };
+        assert!(warning.contains("ISOCORTEX_TOKENFILE"), "{warning}");
     }
 
     #[test]

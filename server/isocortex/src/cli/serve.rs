@@ -13,7 +13,7 @@ use super::choices;
 use super::common::{CommonArgs, set, set_some};
 use super::status::{CliError, ExitStatus};
 use crate::collector::Sender;
-use crate::config::{Config, Network, Secret};
+use crate::config::{Config, ConfigError, Network, Secret};
 use crate::{figures, logs, start};
 use cases::arrivals::ArrivalReader;
 use cases::dicom::DicomReader;
@@ -21,6 +21,7 @@ use cases::jobs::Workers;
 use cases::pictures::GpuUse;
 use http_support::auth::Access;
 use http_support::listen;
+use http_support::tls::ListeningTls;
 use pacs::Background;
 use pacs::dimse::{self, ReloadedTls};
 use service::state::AppState;
@@ -109,6 +110,9 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
         ..args.config()?
     };
     logs::start(config.log_format, &config.log);
+    for warning in super::unknown_variables(super::variables()) {
+        tracing::warn!("{warning}");
+    }
     super::block_on(async {
         let server = Server::start(&config).await?;
         // Of JSON, the log has the same line.
@@ -129,8 +133,39 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
 /// How often the files that are read again are looked at.
 const LOOK_EVERY: Duration = Duration::from_secs(2);
 
-/// What is read again at SIGHUP: the tokens, and the certificates of both listeners. Named tokens and certificates are also read
-/// again when their files change.
+/// What can be read again without a restart. Each is read by itself, so that a certificate that cannot be used keeps no withdrawn token alive.
+#[derive(Debug, Clone, Copy)]
+enum Part {
+    Tokens,
+    HttpTls,
+    DimseTls,
+}
+
+impl Part {
+    const ALL: [Self; 3] = [Self::Tokens, Self::HttpTls, Self::DimseTls];
+
+    /// In lines of the log.
+    fn words(self) -> &'static str {
+        match self {
+            Self::Tokens => "the tokens",
+            Self::HttpTls => "the certificates of HTTP",
+            Self::DimseTls => "the certificates of C-STORE",
+        }
+    }
+
+    /// The files that are looked at; the token without a name is read at SIGHUP alone.
+    fn files(self, config: &Config) -> Vec<PathBuf> {
+        let (http, dimse) = (&config.http, &config.pacs.dimse);
+        let files: &[&Option<PathBuf>] = match self {
+            Self::Tokens => &[&http.tokens_file],
+            Self::HttpTls => &[&http.tls_certificate, &http.tls_key],
+            Self::DimseTls => &[&dimse.tls_certificate, &dimse.tls_key, &dimse.tls_authority],
+        };
+        files.iter().copied().flatten().cloned().collect()
+    }
+}
+
+/// What is read again at SIGHUP, and when its files change.
 #[derive(Debug, Clone)]
 struct Reload {
     access: Access,
@@ -138,16 +173,61 @@ struct Reload {
     tls: Option<ReloadedTls>,
     /// Of C-STORE.
     dimse_tls: Option<ReloadedTls>,
+    /// As it was at the start, or at the last signal.
+    config: Config,
+    watched: [Watched; 3],
+}
+
+/// The files of a part.
+#[derive(Debug, Clone)]
+struct Watched {
+    part: Part,
     files: Vec<PathBuf>,
-    /// Their states before they were first read: whatever changes afterwards is seen.
+    /// Their states before they were last read: whatever changes afterwards is seen.
     seen: Vec<Option<FileState>>,
+    /// At how many looks in a row one of them was not there.
+    gone: u32,
 }
 
 /// What tells one state of a file from another: its length, the time of its last change and its number.
 type FileState = (u64, std::time::SystemTime, u64);
 
+impl Watched {
+    fn new(part: Part, config: &Config) -> Self {
+        let files = part.files(config);
+        let seen = look(&files);
+        Self {
+            part,
+            files,
+            seen,
+            gone: 0,
+        }
+    }
+
+    /// Whether the files have changed since the last look.
+    fn have_changed(&mut self) -> bool {
+        let now = look(&self.files);
+        if let Some(gone) = now.iter().position(Option::is_none) {
+            self.gone += 1;
+            // It may be gone for a moment, while it is replaced.
+            if self.gone == 2 {
+                tracing::error!(
+                    error = format!("{} is not there", self.files[gone].display()),
+                    "{} stay as they were",
+                    self.part.words()
+                );
+            }
+            return false;
+        }
+        self.gone = 0;
+        let differ = now != self.seen;
+        self.seen = now;
+        differ
+    }
+}
+
 impl Reload {
-    /// Reads it again whenever the signal comes. If the configuration is invalid by then, nothing changes.
+    /// Reads what changes, and everything whenever the signal comes. What cannot be used by then stays as it was.
     #[cfg(unix)]
     async fn at_each_signal(mut self, args: ServeArgs) {
         use tokio::signal::unix::{SignalKind, signal};
@@ -157,22 +237,24 @@ impl Reload {
         let mut looks = tokio::time::interval(LOOK_EVERY);
         loop {
             tokio::select! {
-                signal = signals.recv() => if signal.is_none() { return },
-                _ = looks.tick() => {
-                    let now = look(&self.files);
-                    // A file that is gone for a moment, while it is replaced, changes nothing.
-                    if now.contains(&None) || now == self.seen {
-                        continue;
+                signal = signals.recv() => {
+                    if signal.is_none() {
+                        return;
                     }
-                    self.seen = now;
+                    match args.config() {
+                        Ok(config) => self.config = config,
+                        Err(error) => tracing::error!(
+                            error = error.message,
+                            "the configuration stays as it was"
+                        ),
+                    }
+                    Part::ALL.into_iter().for_each(|part| self.read(part));
                 }
-            }
-            match self.now(&args) {
-                Ok(()) => tracing::info!("the tokens and the certificates were read again"),
-                Err(error) => tracing::error!(
-                    error = error.message,
-                    "the tokens and the certificates stay as they were"
-                ),
+                _ = looks.tick() => {
+                    let changed = self.watched.iter_mut().filter_map(|watched| watched.have_changed().then_some(watched.part));
+                    let changed: Vec<_> = changed.collect();
+                    changed.into_iter().for_each(|part| self.read(part));
+                }
             }
         }
     }
@@ -180,25 +262,56 @@ impl Reload {
     #[cfg(not(unix))]
     async fn at_each_signal(self, _args: ServeArgs) {}
 
-    fn now(&self, args: &ServeArgs) -> Result<(), CliError> {
-        let config = args.config()?;
-        let access = config.access()?;
-        if let Some(warning) = config.warn_of_no_tokens()? {
+    /// Reads a part again, and says in the log what came of it.
+    fn read(&self, part: Part) {
+        let read = match (part, &self.tls, &self.dimse_tls) {
+            (Part::Tokens, ..) => self.read_tokens(),
+            (Part::HttpTls, Some(tls), _) => replace(tls, self.config.tls()),
+            (Part::DimseTls, _, Some(tls)) => replace(tls, self.config.pacs.dimse.tls()),
+            (Part::HttpTls | Part::DimseTls, ..) => return,
+        };
+        // Whatever has replaced a file may have opened it to others.
+        self.config.keep_secrets();
+        let words = part.words();
+        match read {
+            Ok(()) => {
+                tracing::info!("{words} were read again");
+                if !matches!(part, Part::Tokens) {
+                    warn_of_certificates(&self.config);
+                }
+            }
+            Err(error) => {
+                tracing::error!(error = error.message, "{words} stay as they were");
+            }
+        }
+    }
+
+    fn read_tokens(&self) -> Result<(), CliError> {
+        let access = self.config.access()?;
+        if let Some(warning) = self.config.warn_of_no_tokens()? {
             // An editor may have emptied the file before it writes it.
             return Err(CliError::new(ExitStatus::Config, warning));
         }
-        let replaced = [
-            (&self.tls, config.tls()?),
-            (&self.dimse_tls, config.pacs.dimse.tls()?),
-        ];
         self.access.replace_tokens(&access);
-        for (current, tls) in replaced {
-            if let (Some(current), Some(tls)) = (current, tls) {
-                current.replace(tls);
-            }
-        }
         Ok(())
     }
+}
+
+fn warn_of_certificates(config: &Config) {
+    for warning in config.certificate_warnings() {
+        tracing::warn!("{warning}");
+    }
+}
+
+/// Uses another certificate, if there is one.
+fn replace(
+    current: &ReloadedTls,
+    read: Result<Option<ListeningTls>, ConfigError>,
+) -> Result<(), CliError> {
+    if let Some(tls) = read? {
+        current.replace(tls);
+    }
+    Ok(())
 }
 
 /// The state of each file; `None` if there is no such file.
@@ -233,8 +346,9 @@ pub(super) struct Server {
 impl Server {
     /// Opens the store, binds the address, and starts workers and the server.
     pub(super) async fn start(config: &Config) -> Result<Self, CliError> {
-        let files = config.reloaded_files();
-        let seen = look(&files);
+        let watched = Part::ALL.map(|part| Watched::new(part, config));
+        config.keep_secrets();
+        warn_of_certificates(config);
         // Wrong settings are found before anything begins.
         config.collector()?;
         let state = start::open(config).await?;
@@ -254,8 +368,8 @@ impl Server {
             access: state.access().clone(),
             tls: config.tls()?.map(ReloadedTls::new),
             dimse_tls: None,
-            files,
-            seen,
+            config: config.clone(),
+            watched,
         };
         let tls = reload.tls.clone();
         let dimse = match config.pacs.dimse()? {

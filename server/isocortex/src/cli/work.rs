@@ -42,6 +42,10 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
         return Err(ConfigError::Zero { key }.into());
     }
     logs::start(config.log_format, &config.log);
+    for warning in super::unknown_variables(super::variables()) {
+        tracing::warn!("{warning}");
+    }
+    config.keep_secrets();
     super::block_on(async {
         config.collector()?;
         let library = start::open_library(&config).await?;

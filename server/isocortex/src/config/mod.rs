@@ -2,13 +2,14 @@
 //! command line.
 
 mod memory;
+mod others;
 mod pacs;
 mod sections;
 mod tokens;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use audit::Audit;
 use case::NotAProject;
@@ -21,7 +22,7 @@ use http_support::oidc::{BadIssuer, Issuer};
 use http_support::origins::{NotAnOrigin, Origins};
 use http_support::pace::LeastRate;
 use http_support::proxy::{BadProxy, SignInProxy};
-use http_support::tls::{BadTls, ListeningTls, serving_tls};
+use http_support::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
 use http_support::tokens::NamedToken;
 use pipeline::HeadLimits;
 use serde::Deserialize;
@@ -68,6 +69,12 @@ pub struct Config {
     pub render: Render,
     /// The store.
     pub storage: Storage,
+    /// The file that this was read from, if it was.
+    #[serde(skip)]
+    pub file: Option<PathBuf>,
+    /// Whether that file has a token or a password.
+    #[serde(skip)]
+    pub has_secret: bool,
     /// Whether each preparation runs in a process of its own: in long-running commands, which the commands set.
     #[serde(skip)]
     pub prepares_apart: bool,
@@ -91,6 +98,8 @@ impl Default for Config {
             proxy: None,
             render: Render::default(),
             storage: Storage::default(),
+            file: None,
+            has_secret: false,
             prepares_apart: false,
             dicom_program: Program::default(),
         }
@@ -100,9 +109,11 @@ impl Default for Config {
 /// Why a configuration is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
-    /// The file cannot be read.
-    #[error("the configuration file {} cannot be read: {source}", .path.display())]
+    /// A file cannot be read.
+    #[error("{what} {} cannot be read: {source}", .path.display())]
     Unreadable {
+        /// What it is.
+        what: &'static str,
         /// The file.
         path: PathBuf,
         /// The reason.
@@ -309,15 +320,27 @@ impl Config {
     /// # Errors
     /// If the file cannot be read, is not TOML, or has an unknown key.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
-            path: path.to_owned(),
-            source,
-        })?;
+        let text = read_file(path, "the configuration file")?;
         let malformed = |source| ConfigError::Malformed {
             path: path.to_owned(),
             source: Box::new(source),
         };
-        toml::from_str(&text).map_err(malformed)
+        let mut config: Self = toml::from_str(&text).map_err(malformed)?;
+        config.file = Some(path.to_owned());
+        config.note_secrets();
+        Ok(config)
+    }
+
+    /// Notes whether it has a token or a password, before the environment adds to it.
+    fn note_secrets(&mut self) {
+        let has_password = |address: &str| {
+            let (_, rest) = address.split_once("://").unwrap_or_default();
+            let user = rest.rsplit_once('@').map_or("", |(user, _)| user);
+            user.contains(':') || rest.contains("password=")
+        };
+        let database = self.storage.database.as_ref();
+        self.has_secret =
+            self.http.token.is_some() || database.is_some_and(|address| has_password(&address.0));
     }
 
     /// The access rules.
@@ -426,29 +449,12 @@ impl Config {
         let Some(path) = &self.http.tokens_file else {
             return Ok(Vec::new());
         };
-        let text = std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
-            path: path.clone(),
-            source,
-        })?;
+        let text = read_file(path, "the file of named tokens")?;
         let wrong = |why| ConfigError::Tokens {
             path: path.clone(),
             why,
         };
         tokens::parse(&text).map_err(wrong)
-    }
-
-    /// The files that are read again when they change.
-    pub(crate) fn reloaded_files(&self) -> Vec<PathBuf> {
-        let (http, dimse) = (&self.http, &self.pacs.dimse);
-        let files = [
-            &http.tokens_file,
-            &http.tls_certificate,
-            &http.tls_key,
-            &dimse.tls_certificate,
-            &dimse.tls_key,
-            &dimse.tls_authority,
-        ];
-        files.into_iter().flatten().cloned().collect()
     }
 
     /// The scheme of the server's address.
@@ -467,13 +473,24 @@ impl Config {
         match (&self.http.tls_certificate, &self.http.tls_key) {
             (None, None) => Ok(None),
             (Some(certificate), Some(key)) => {
-                let certificate = read_file(certificate)?;
-                let key = read_secret(key, "the file of the key for TLS")?;
+                let certificate = read_file(certificate, "the certificate for TLS")?;
+                let key = read_file(key, "the file of the key for TLS")?;
                 let tls = serving_tls(certificate.as_bytes(), key.as_bytes());
                 Ok(Some(tls.map_err(ConfigError::BadHttpTls)?))
             }
             _ => Err(ConfigError::HttpTls),
         }
+    }
+
+    /// The certificates that have ended or soon will, in sentences.
+    pub(crate) fn certificate_warnings(&self) -> Vec<String> {
+        let files = [&self.http.tls_certificate, &self.pacs.dimse.tls_certificate];
+        let warning = |file: &PathBuf| {
+            let pem = std::fs::read(file).ok()?;
+            let what = certificate_warning(&pem, SystemTime::now())?;
+            Some(format!("the certificate in {} {what}", file.display()))
+        };
+        files.into_iter().flatten().filter_map(warning).collect()
     }
 
     /// Begins the record of who does what, if there is a folder for it.
@@ -527,7 +544,7 @@ impl Config {
         match (&self.http.token, &self.http.token_file) {
             (Some(_), Some(_)) => Err(ConfigError::TwoTokens),
             (Some(token), None) => Ok(Some(token.0.clone())),
-            (None, Some(path)) => read_secret(path, "the file of the token").map(Some),
+            (None, Some(path)) => read_file(path, "the file of the token").map(Some),
             (None, None) => Ok(None),
         }
     }
@@ -618,7 +635,7 @@ impl Config {
             .transpose()
             .map_err(wrong("storage.database"))?;
         if let Some(path) = &self.storage.database_password_file {
-            let password = read_secret(path, "the file of the database's password")?;
+            let password = read_file(path, "the file of the database's password")?;
             database = database.map(|address| address.with_password(password.trim_end()));
         }
         let objects = self.storage.objects.as_deref();
@@ -772,18 +789,10 @@ fn days(count: u64) -> Duration {
     Duration::from_secs(count.saturating_mul(24 * 3600))
 }
 
-fn read_file(path: &Path) -> Result<String, ConfigError> {
+/// Reads a file; `what` names it in an error.
+fn read_file(path: &Path, what: &'static str) -> Result<String, ConfigError> {
     std::fs::read_to_string(path).map_err(|source| ConfigError::Unreadable {
-        path: path.to_owned(),
-        source,
-    })
-}
-
-/// Reads a file that only its owner may read; `what` names it in the log.
-fn read_secret(path: &Path, what: &str) -> Result<String, ConfigError> {
-    let read = std::fs::read_to_string(path);
-    storage::keep_private(path, what);
-    read.map_err(|source| ConfigError::Unreadable {
+        what,
         path: path.to_owned(),
         source,
     })
@@ -797,7 +806,8 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("isocortex.toml");
         std::fs::write(&path, text).unwrap();
-        Config::read(&path)
+        let read = Config::read(&path)?;
+        Ok(Config { file: None, ..read })
     }
 
     fn with_http(http: Http) -> Config {

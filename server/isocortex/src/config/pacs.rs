@@ -13,7 +13,7 @@ use cases::arrivals::{ArrivalOptions, SeriesRule};
 use jiff::tz::{Offset, TimeZone};
 use serde::Deserialize;
 
-use super::{ConfigError, read_file, read_secret};
+use super::{ConfigError, read_file};
 
 const SECONDS_PER_DAY: u64 = 24 * 3600;
 
@@ -150,8 +150,8 @@ impl Dimse {
         match (&self.tls_certificate, &self.tls_key) {
             (None, None) => Ok(None),
             (Some(certificate), Some(key)) => {
-                let certificate = read_file(certificate)?;
-                let key = read_secret(key, "the file of the key for TLS")?;
+                let certificate = read_file(certificate, "the certificate for TLS")?;
+                let key = read_file(key, "the file of the key for TLS")?;
                 let identity = TlsIdentity::read(certificate.as_bytes(), key.as_bytes());
                 Ok(Some(identity?))
             }
@@ -194,7 +194,9 @@ fn offset_of(text: &str) -> Option<Offset> {
 }
 
 fn authority(path: &Path) -> Result<TlsAuthority, ConfigError> {
-    Ok(TlsAuthority::read(read_file(path)?.as_bytes())?)
+    Ok(TlsAuthority::read(
+        read_file(path, "the certificates of an authority")?.as_bytes(),
+    )?)
 }
 
 impl Pacs {
@@ -355,11 +357,11 @@ impl Node {
         Ok(match (&self.user, &self.password_file, &self.token_file) {
             (None, None, None) => Credentials::None,
             (Some(user), Some(file), None) => {
-                let password = read_secret(file, "the file of the password of a node")?;
+                let password = read_file(file, "the file of the password of a node")?;
                 Credentials::Basic(user.clone(), password.trim_end().to_owned())
             }
             (None, None, Some(file)) => {
-                let token = read_secret(file, "the file of the token of a node")?;
+                let token = read_file(file, "the file of the token of a node")?;
                 Credentials::Bearer(token.trim().to_owned())
             }
             _ => {

@@ -5,7 +5,8 @@ use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use cases::report::{POLICY, ReportFormat, ReportQuery, ReportSubject};
 
-use http_support::conditional::{EntityTag, REVALIDATE, Representation};
+use http_support::audited::NamesPatient;
+use http_support::conditional::{EntityTag, NO_STORE, REVALIDATE, Representation};
 use http_support::negotiate::{Coding, media_type};
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath};
@@ -18,7 +19,8 @@ const PDF: &str = "application/pdf";
 /// For each finding that is not dismissed: the cut and the other side, flipped; three slices and the one across the sulcus; values here and on the other side;
 /// what the reader wrote. Then the places of the map, those that stand out first, an overview of six views at four depths, what is known of the acquisition,
 /// and what is wrong with the mask, on every page. It is HTML, which needs no script and nothing from elsewhere, or with `Accept: application/pdf` a PDF on pages
-/// that A4 and Letter hold. Its pictures are lossless. It names the patient only on request.
+/// that A4 and Letter hold. Its pictures are lossless. It names the patient only on request; no cache may
+/// store it then.
 #[utoipa::path(
     get, path = "/v1/cases/{id}/report", tag = "findings",
     params(("id" = String, Path, description = "The case"), ReportQuery),
@@ -45,16 +47,24 @@ pub async fn get_report(
             (ReportFormat::Html, "text/html; charset=utf-8")
         }
     };
+    let cache_control = match asked.patient {
+        true => NO_STORE,
+        false => REVALIDATE,
+    };
     let subject = ReportSubject::OfCase;
     let body = cases.report(&id, asked, format, subject).await?;
-    Representation {
+    let mut response = Representation {
         tag: EntityTag::of_bytes(&body, Coding::Identity),
         media_type,
         coding: Coding::Identity,
         body,
         headers,
         vary: "accept",
-        cache_control: REVALIDATE,
+        cache_control,
     }
-    .respond(&request)
+    .respond(&request)?;
+    if asked.patient {
+        response.extensions_mut().insert(NamesPatient);
+    }
+    Ok(response)
 }

@@ -19,7 +19,7 @@ pub use self::error::ObjectError;
 pub use self::frame::{Framed, frame};
 pub use self::keys::{BadKeys, KeyId, Keys};
 pub use self::name::ObjectName;
-pub use self::private::keep_private;
+pub use self::private::{keep_private, open_to_others};
 pub use self::spool::{Spool, Spooled};
 pub(crate) use self::store::Objects;
 pub use self::store::Unreadable;

@@ -4,7 +4,6 @@
 //! machine. Conditional writes are not needed, because objects are named by their contents.
 
 use std::collections::HashMap;
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -104,7 +103,6 @@ fn shared_credentials(
         .get("AWS_PROFILE")
         .map_or("default", String::as_str);
     let text = std::fs::read_to_string(file)?;
-    super::keep_private(Path::new(file), "the file of the credentials");
     let credentials = profile_of(&text, profile);
     credentials.map(Some).ok_or_else(|| {
         ObjectError::Store(
