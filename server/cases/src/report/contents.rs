@@ -61,10 +61,18 @@ pub(super) enum Block<'a> {
     Table(Table),
     /// Facts, and a table beside them.
     FactsAndTable(Facts, Table),
-    /// A row of pictures with captions, which no page divides.
-    Pictures(Vec<Picture<'a>>),
+    /// A row of pictures with captions, which no page divides, each so many mm wide.
+    Pictures(f64, Vec<Picture<'a>>),
     Overview(Overview<'a>),
 }
+
+/// The sides of a cut and of a slice on paper, in mm: a row has three cuts or four slices, and a finding without a further
+/// layer has one page of A4 or Letter.
+pub(super) const CUT_MM: f64 = 57.0;
+pub(super) const SLICE_MM: f64 = 45.0;
+
+/// What separates two pictures of a row, in mm.
+pub(super) const GAP_MM: f64 = 2.0;
 
 /// Names with values.
 pub(super) type Facts = Vec<(&'static str, Line)>;
@@ -403,15 +411,15 @@ impl Report {
             picture(other, shown)
         });
         let mut rows = vec![
-            Block::Pictures(here.collect()),
-            Block::Pictures(other.collect()),
+            Block::Pictures(CUT_MM, here.collect()),
+            Block::Pictures(CUT_MM, other.collect()),
         ];
         let of_slices = pictures.slices.first().map_or(0, |(_, shots)| shots.len());
         for number in 0..of_slices {
             let slices = pictures.slices.iter();
             let slices =
                 slices.map(|(through, shots)| picture(&shots[number], words.through(through)));
-            rows.push(Block::Pictures(slices.collect()));
+            rows.push(Block::Pictures(SLICE_MM, slices.collect()));
         }
         rows
     }
