@@ -68,7 +68,7 @@ pub(super) enum Block<'a> {
 
 /// The sides of a cut and of a slice on paper, in mm: a row has three cuts or four slices, and a finding without a further
 /// layer has one page of A4 or Letter.
-pub(super) const CUT_MM: f64 = 57.0;
+pub(super) const CUT_MM: f64 = 55.0;
 pub(super) const SLICE_MM: f64 = 45.0;
 
 /// What separates two pictures of a row, in mm.
