@@ -166,6 +166,7 @@ test("a result is previewed, sent to a node that is busy at first, and saved", {
   const listed = page.getByRole("list", { name: "Results that were sent" }).getByRole("listitem");
   await listed.getByText(/\d\d:\d\d: archive has it\.$/).waitFor();
   assert.equal(await listed.count(), 1);
+  await keep(page, "pacs-sent");
   assert.deepEqual(watched.troubles, []);
   await watched.context.close();
 });

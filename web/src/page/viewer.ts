@@ -732,7 +732,10 @@ export class Viewer {
         this.#change(change, step);
       },
       command: (command) => this.command(command),
-      bring: (position, depth_mm, layout = this.#state.layout) => this.#bring(position, depth_mm, layout),
+      bring: (position, depth_mm, layout) => {
+        this.#bring(position, depth_mm, layout ?? this.#state.layout);
+        if (layout) this.#lookAtPanes();
+      },
       turnToCross: () => {
         if (this.#state.crosshair_mm) this.#change(turnedTo(this.#state.crosshair_mm, this.shown), true);
       },
