@@ -61,13 +61,13 @@ pub(super) enum Block<'a> {
     Table(Table),
     /// Facts, and a table beside them.
     FactsAndTable(Facts, Table),
-    /// A row of pictures with captions, which no page divides, each so many mm wide.
-    Pictures(f64, Vec<Picture<'a>>),
+    /// Rows of pictures with captions, each so many mm wide. They are compared, so no page divides them.
+    Pictures(f64, Vec<Vec<Picture<'a>>>),
     Overview(Overview<'a>),
 }
 
 /// The sides of a cut and of a slice on paper, in mm: a row has three cuts or four slices, and a finding without a further
-/// layer has one page of A4 or Letter.
+/// layer has one page of A4 or Letter. With one, the slices have a page of their own.
 pub(super) const CUT_MM: f64 = 55.0;
 pub(super) const SLICE_MM: f64 = 45.0;
 
@@ -383,7 +383,7 @@ impl Report {
         blocks
     }
 
-    /// Rows of pictures: the cuts, the same of the other side below them, and the slices.
+    /// The cuts with the same of the other side below them, and the slices, a row for each volume.
     fn pictures<'a>(
         &'a self,
         words: &Words,
@@ -410,18 +410,19 @@ impl Report {
             let shown = format!("{depth}: {opposite}, {}", words.flipped);
             picture(other, shown)
         });
-        let mut rows = vec![
-            Block::Pictures(CUT_MM, here.collect()),
-            Block::Pictures(CUT_MM, other.collect()),
-        ];
+        let cuts = vec![here.collect(), other.collect()];
         let of_slices = pictures.slices.first().map_or(0, |(_, shots)| shots.len());
-        for number in 0..of_slices {
+        let slices_of = |number: usize| {
             let slices = pictures.slices.iter();
-            let slices =
-                slices.map(|(through, shots)| picture(&shots[number], words.through(through)));
-            rows.push(Block::Pictures(SLICE_MM, slices.collect()));
-        }
-        rows
+            slices
+                .map(|(through, shots)| picture(&shots[number], words.through(through)))
+                .collect()
+        };
+        let slices = (0..of_slices).map(slices_of).collect();
+        vec![
+            Block::Pictures(CUT_MM, cuts),
+            Block::Pictures(SLICE_MM, slices),
+        ]
     }
 
     /// The name of what a picture shows.

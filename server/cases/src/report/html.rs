@@ -83,9 +83,9 @@ fn block(block: &Block<'_>) -> Markup {
         Block::Facts(each) => facts(each),
         Block::Table(each) => table(each),
         Block::FactsAndTable(left, right) => html! { div.facts { (facts(left)) (table(right)) } },
-        Block::Pictures(side_mm, pictures) => {
-            html! { div.row { @for each in pictures { (picture(each, *side_mm)) } } }
-        }
+        Block::Pictures(side_mm, rows) => html! {
+            div.rows { @for row in rows { div.row { @for each in row { (picture(each, *side_mm)) } } } }
+        },
         Block::Overview(each) => overview(each),
     }
 }
