@@ -347,7 +347,11 @@ impl Report {
             pictures,
             numbers,
         } = reported;
-        let heading = Line::from(format!("{} {number}: ", words.finding));
+        let name = format!("{} {number}", words.finding);
+        let heading = match finding.label.as_str() {
+            "" => name.into(),
+            label => Line::from(format!("{name}: ")).and_foreign(label),
+        };
         let mut facts = vec![
             (words.side, Line::strong(side_of(words, finding))),
             (words.depth, millimetres(words, finding.depth_mm).into()),
@@ -371,7 +375,7 @@ impl Report {
             let line = Line::foreign(author).and(time.unwrap_or_default());
             facts.push((words.author, line));
         }
-        let mut blocks = vec![Block::Heading(heading.and_foreign(&finding.label))];
+        let mut blocks = vec![Block::Heading(heading)];
         blocks.push(match numbers {
             Some(numbers) => Block::FactsAndTable(facts, table_of(words, numbers)),
             None => Block::Facts(facts),
