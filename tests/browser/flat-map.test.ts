@@ -106,10 +106,21 @@ test("keys and wheel move the map alone, and the address keeps it", { skip }, as
     () => fragment(page),
     ({ j }) => j === undefined,
   );
-  // The ellipsoid has no fissure, and so no inner sides: the page says so, and shows the outer ones.
+  // The ellipsoid has no fissure, and so no inner sides: the page says so, and shows the outer ones. Until it knows, the
+  // picture of the outer ones is hidden below the letters of both.
+  let answer = (): void => {};
+  const isAnswered = new Promise<void>((resolve) => (answer = resolve));
+  await page.route(/\/render\?.*sides=both/, async (route) => {
+    await isAnswered;
+    await route.continue();
+  });
   await page.keyboard.press("m");
+  const picture = page.locator(".map-image");
+  await picture.waitFor({ state: "hidden" });
+  answer();
   await page.waitForSelector(".notice-line.remark:not([hidden])");
   await page.waitForSelector(".flat-map[data-inner=false]");
+  await picture.waitFor({ state: "visible" });
   const { i } = await until(
     () => fragment(page),
     ({ i: inner }) => inner === undefined,

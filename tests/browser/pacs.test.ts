@@ -161,6 +161,12 @@ test("a result is previewed, sent to a node that is busy at first, and saved", {
   assert.match(file.suggestedFilename(), /^isocortex-[0-9a-f]{8}-envelope\.dcm$/);
   const bytes = await readFile(await file.path());
   assert.equal(bytes.toString("latin1", 128, 132), "DICM");
+  // What was sent is listed.
+  await dialog.getByRole("button", { name: "Close" }).click();
+  const listed = page.getByRole("list", { name: "Results that were sent" }).getByRole("listitem");
+  await listed.getByText(/\d\d:\d\d: archive has it\.$/).waitFor();
+  assert.equal(await listed.count(), 1);
+  await keep(page, "pacs-sent");
   assert.deepEqual(watched.troubles, []);
   await watched.context.close();
 });

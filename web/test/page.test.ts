@@ -2,12 +2,21 @@ import assert from "node:assert/strict";
 import { afterEach, before, test } from "node:test";
 
 import { Problem, getCase, listCases, onReach, onTokenWanted, problemFrom } from "../src/base/api.ts";
-import { alike, caseIdentity, caseStatus, reasonWords, shortTitle, toldApart } from "../src/base/case-words.ts";
+import {
+  alike,
+  caseIdentity,
+  caseStatus,
+  reasonWords,
+  shortTitle,
+  titleParts,
+  toldApart,
+} from "../src/base/case-words.ts";
 import type { Quality, ReadyCase } from "../src/model/case.ts";
 import { doubtsOf } from "../src/model/quality.ts";
 import { matches } from "../src/page/cases.ts";
 import { pathOf, reachOfChart, ticks } from "../src/page/chart.ts";
 import { type Words, intensity, languageFor, number, numberUpTo, readNumber, speak, t } from "../src/base/i18n.ts";
+import { isOfOther } from "../src/page/findings-files.ts";
 import { readPreferences } from "../src/page/preferences.ts";
 import { problemWords } from "../src/base/problem-words.ts";
 import { sortFiles, uploadName } from "../src/page/upload-files.ts";
@@ -55,6 +64,20 @@ test("cases whose rows show one title are told apart by what differs among them"
     "1 · Jan 1, 2026, 12:00",
     "2 · Jan 1, 2026, 12:00",
   ]);
+});
+
+test("a long title is cut in its middle and keeps the date at its end", () => {
+  assert.deepEqual(titleParts("a short title"), ["a short title", ""]);
+  assert.deepEqual(titleParts("anat-T1w · 2013-07-17"), ["anat-T1w · ", "2013-07-17"]);
+  assert.equal(shortTitle({ ...SHOWN, name: "anat-T1w · 2013-07-17" }), "ana\u20262013-07-17");
+});
+
+test("a file with the findings of another case is told from those of this one and of its versions", () => {
+  const one = { ...SHOWN, id: "01234567".repeat(4), previous: "89abcdef".repeat(4), next: ["aaaa0000".repeat(4)] };
+  for (const own of ["01234567", "89abcdef", "aaaa0000"])
+    assert.ok(!isOfOther(`isocortex-${own}-findings (1).json`, one), own);
+  assert.ok(isOfOther("isocortex-76543210-findings.json", one));
+  assert.ok(!isOfOther("my-list.json", one));
 });
 
 test("that left and right are in doubt is said first, and not as an error of the mask", () => {

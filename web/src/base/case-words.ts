@@ -7,15 +7,19 @@ import { sentence, withNumbers } from "./problem-words.ts";
 /** A case's name in the list. */
 export const caseTitle = (one: Case): string => one.name || t("case.unnamed", { id: one.id.slice(0, 8) });
 
-/** A title of more letters than this may have no room in a row beside a badge; the last ones are always seen. */
-export const LONG_TITLE = 12;
-export const TITLE_END = 9;
+/** A title of more letters than this may have no room in a row beside a badge; the last ones, as long as a date, are always seen. */
+const LONG_TITLE = 13;
+const TITLE_END = 10;
+
+/** A title in two parts, between which a row may cut it; the second one is empty if it is never cut. */
+export function titleParts(title: string): readonly [string, string] {
+  return title.length <= LONG_TITLE ? [title, ""] : [title.slice(0, -TITLE_END), title.slice(-TITLE_END)];
+}
 
 /** What a row surely shows of a title: all, or its first and its last letters. */
 export function shortTitle(one: Case): string {
-  const title = caseTitle(one);
-  if (title.length <= LONG_TITLE) return title;
-  return `${title.slice(0, LONG_TITLE - TITLE_END)}\u2026${title.slice(-TITLE_END)}`;
+  const [begins, ends] = titleParts(caseTitle(one));
+  return ends === "" ? begins : `${begins.slice(0, LONG_TITLE - TITLE_END)}\u2026${ends}`;
 }
 
 /** The cases that share what is surely shown of their titles, by that. */

@@ -2,7 +2,7 @@
 
 import { send } from "../base/api.ts";
 import { h, quiet } from "../base/dom.ts";
-import { spoken, t } from "../base/i18n.ts";
+import { known, moment, spoken, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { decoded } from "../base/picture.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
@@ -46,12 +46,28 @@ const WAY_MM = [2, 24];
 /** How long a browser may take to read what is saved. */
 const SAVING_MS = 60_000;
 
-/** A result that is being sent. */
+/** A result that is being sent, or was. */
 interface Sending {
   readonly id: string;
+  readonly node: string;
   readonly state: "queued" | "running" | "done" | "failed";
   readonly attempts: number;
   readonly reason?: { readonly detail?: string };
+  /** Why it does not count any more. */
+  readonly not_valid?: string;
+  readonly created_at: string;
+}
+
+/** How far the sending of a result is. */
+function sendingWords({ node, state, attempts, reason, not_valid = "" }: Sending): string {
+  const isTried = state === "queued" && attempts > 0;
+  const words = t(isTried ? "sending.again" : `sending.${state}`, {
+    node,
+    count: attempts,
+    reason: sentence(reason?.detail ?? ""),
+  });
+  const invalid = known(`sent.${not_valid}`);
+  return invalid ? `${words} ${t(invalid)}` : words;
 }
 
 /** The body of a request for a result of a kind. */
@@ -78,9 +94,29 @@ function bodyOf(kind: Kind, render: Readonly<Record<string, unknown>>): Readonly
 
 /** The section of the panel that opens the dialog. */
 export function resultsSection(id: string, nodes: readonly string[], render: Render, marks: () => Marks): HTMLElement {
-  const open = h("button", { click: () => new ResultDialog(id, nodes, render, marks()).show() }, t("pacs.open"));
-  const body = h("div", { class: "group-body" }, quiet(t("pacs.text")), h("div", { class: "row" }, open));
-  return h("details", { class: "group pacs" }, h("summary", {}, t("pacs.title")), body);
+  const sent = h("ol", { class: "sent-results", "aria-label": t("pacs.sent") });
+  const list = (): void => void listSent(id, sent);
+  const open = h(
+    "button",
+    { click: () => new ResultDialog(id, nodes, render, marks()).show().addEventListener("close", list) },
+    t("pacs.open"),
+  );
+  const body = h("div", { class: "group-body" }, quiet(t("pacs.text")), h("div", { class: "row" }, open), sent);
+  return h("details", { class: "group pacs", toggle: list }, h("summary", {}, t("pacs.title")), body);
+}
+
+/** Lists the results of a case that are being sent or were, the newest first. */
+async function listSent(id: string, list: HTMLElement): Promise<void> {
+  try {
+    const answer = await send(`v1/dicom-results?case=${id}`, { cache: "no-store" });
+    const { results } = (await answer.json()) as { readonly results: readonly Sending[] };
+    const items = results.map((one) =>
+      h("li", { "data-state": one.state }, `${moment(one.created_at)}: ${sendingWords(one)}`),
+    );
+    list.replaceChildren(...items);
+  } catch (problem) {
+    list.replaceChildren(h("li", { class: "bad" }, problemWords(problem)));
+  }
 }
 
 class ResultDialog {
@@ -122,10 +158,11 @@ class ResultDialog {
     );
   }
 
-  show(): void {
+  show(): HTMLElement {
     document.body.append(this.#dialog);
     this.#dialog.showModal();
     void this.#preview();
+    return this.#dialog;
   }
 
   get #chosen(): Kind {
@@ -191,12 +228,10 @@ class ResultDialog {
     this.#say(t("pacs.drawing"));
     let result = (await (await this.#ask({ node })).json()) as Sending;
     while (this.#dialog.isConnected && (result.state === "queued" || result.state === "running")) {
-      const isTried = result.state === "queued" && result.attempts > 0;
-      this.#say(t(isTried ? "sending.again" : `sending.${result.state}`, { node, count: result.attempts }));
+      this.#say(sendingWords(result));
       await wait(LOOK_AGAIN_MS);
       result = (await (await send(`v1/dicom-results/${result.id}`, { cache: "no-store" })).json()) as Sending;
     }
-    const reason = sentence(result.reason?.detail ?? "");
-    this.#say(result.state === "failed" ? t("sending.failed", { reason }) : t("sending.done", { node }));
+    this.#say(sendingWords(result));
   }
 }

@@ -1,12 +1,11 @@
 // A row of the list: one case.
 
 import {
-  LONG_TITLE,
-  TITLE_END,
   caseFacts,
   caseIdentity,
   caseStatus,
   caseTitle,
+  titleParts,
   toldApart,
   versionOf,
 } from "../base/case-words.ts";
@@ -77,8 +76,8 @@ export class Row {
     tell(this.#version, version);
     // There is room for one of them.
     this.#status.hidden = version !== "" && one.state === "ready";
-    // What tells it apart from others with its title has the room of its id.
-    this.#id.hidden = apart !== "" && version === "";
+    // What tells it apart from others with its title has the room of its id, which names a case without a label above.
+    this.#id.hidden = !one.name || (apart !== "" && version === "");
     const quality = one.state === "ready" ? qualityOf(one) : null;
     const doubts = quality ? doubtsOf(quality) : [];
     const [doubt] = doubts;
@@ -96,8 +95,8 @@ export class Row {
   /** A long title is cut in its middle. */
   #tellTitle(title: string): void {
     if (this.#title.textContent === title) return;
-    if (title.length <= LONG_TITLE) return setText(this.#title, title);
-    const [begins, ends] = [title.slice(0, -TITLE_END), title.slice(-TITLE_END)];
+    const [begins, ends] = titleParts(title);
+    if (ends === "") return setText(this.#title, title);
     this.#title.replaceChildren(h("span", { class: "begins" }, begins), h("span", { class: "ends" }, ends));
   }
 

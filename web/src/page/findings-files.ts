@@ -27,6 +27,12 @@ type Format = (typeof FORMATS)[number];
 
 const DICOM = "application/dicom";
 
+/** Whether a file has the name of one that was saved from another case, and not from a version of this one. */
+export function isOfOther(name: string, { id, previous, next = [] }: ReadyCase): boolean {
+  const from = /^isocortex-([0-9a-f]{8})-/.exec(name)?.[1];
+  return from !== undefined && ![id, previous, ...next].some((one) => one?.startsWith(from));
+}
+
 export function findingFiles({ shown, sync, status, added, doubled }: FindingFilesHost): readonly HTMLElement[] {
   const path = `${shown.id}/findings`;
   const results = (what: string): Promise<Blob> => postForFile(`v1/cases/${shown.id}/dicom-results`, { what });
@@ -80,7 +86,8 @@ export function findingFiles({ shown, sync, status, added, doubled }: FindingFil
     const taken = sync.list.filter(({ id }) => ids.has(id));
     added(before, [...before, ...taken]);
     if (all.doubled > 0) doubled(all.doubled);
-    tell(status, t("findings.added", { count: number(taken.length) }));
+    const count = number(taken.length);
+    tell(status, t(isOfOther(file.name, shown) ? "findings.added-of-other" : "findings.added", { count }));
   };
 
   const isOfPatient = shown.links?.dicom !== undefined;

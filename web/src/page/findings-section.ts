@@ -366,7 +366,7 @@ export class FindingsSection {
   #row(finding: Finding): FindingRow {
     const { shown, actions } = this.#host;
     const row: FindingRow = new FindingRow(finding, shown, !this.#hidden.has(finding.id), {
-      go: (to) => actions.bring(middleOf(to), to.depth_mm),
+      go: (to) => actions.bring(middleOf(to), to.depth_mm, this.#host.state().layout),
       remove: () => {
         this.#step(this.#sync.list.filter((one) => one.id !== row.id));
         this.#host.announce(t("findings.removed"));

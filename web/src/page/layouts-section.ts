@@ -68,6 +68,7 @@ export class LayoutsSection {
       row(this.#name, save),
       this.#status,
       quiet(t("layouts.about")),
+      h("p", { class: "quiet keys" }, t("layouts.keys")),
     );
     addEventListener("storage", this.#hear);
     this.#show();

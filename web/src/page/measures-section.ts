@@ -33,6 +33,8 @@ export interface MeasuresHost {
   keep(finding: NewFinding): string;
   /** Whether there is a finding of this id. */
   isFinding(id: string): boolean;
+  /** Scrolls to the panes, where the controls lie below them. */
+  lookAtPanes(): void;
   announce(words: string): void;
 }
 
@@ -62,6 +64,8 @@ export class MeasuresSection implements PointTool {
   readonly #hint = h("p", { class: "quiet", role: "status" });
   readonly #list = h("ol", { class: "measures" });
   readonly #clear: HTMLButtonElement;
+  readonly #finish: HTMLButtonElement;
+  readonly #back: HTMLButtonElement;
   #tool: Tool | null = null;
   #measured: readonly Measured[] = [];
   #points: readonly Vec3[] = [];
@@ -75,11 +79,25 @@ export class MeasuresSection implements PointTool {
       t("panel.measure"),
       TOOLS,
       (tool) => t(`measure.${tool}`),
-      (tool) => this.choose(tool === this.#tool ? null : tool),
+      (tool) => {
+        this.choose(tool === this.#tool ? null : tool);
+        if (this.isOn) host.lookAtPanes();
+      },
     );
     this.#tools.classList.add("tools");
     this.#clear = button(t("measure.clear"), () => this.#put([]));
-    this.element = h("div", { class: "group-body" }, this.#tools, this.#hint, this.#list, row(this.#clear));
+    this.#finish = button(t("measure.finish"), () => this.#tool && this.#end(this.#tool));
+    this.#back = button(t("measure.back"), () => this.#takeBack(), { "aria-keyshortcuts": "Backspace" });
+    this.element = h(
+      "div",
+      { class: "group-body" },
+      this.#tools,
+      this.#hint,
+      row(this.#finish, this.#back),
+      h("p", { class: "quiet keys" }, t("measure.keys")),
+      this.#list,
+      row(this.#clear),
+    );
     this.#put(MEASURED.get(host.shown.id) ?? []);
     this.#say();
   }
@@ -116,15 +134,14 @@ export class MeasuresSection implements PointTool {
   add(position: Vec3, where: Where): void {
     const tool = this.#tool;
     if (!tool || !position.every(Number.isFinite)) return;
-    const [least, most] = POINTS[tool];
     const last = this.#points.at(-1);
     if (last && length(subtract(position, last)) < SAME_MM) {
-      if (this.#points.length >= least) this.#finish(tool);
+      if (this.#isEnough(tool)) this.#end(tool);
       return;
     }
     this.#points = [...this.#points, position];
     this.#places = [...this.#places, where];
-    if (this.#points.length === most) return this.#finish(tool);
+    if (this.#points.length === POINTS[tool][1]) return this.#end(tool);
     this.#say();
     this.#draw();
   }
@@ -139,16 +156,24 @@ export class MeasuresSection implements PointTool {
     if (event.target instanceof Element && event.target.closest("input:not([type=range]), textarea, select, dialog"))
       return;
     if (event.key === "Escape") this.choose(this.#points.length > 0 ? this.#tool : null);
-    else if (event.key === "Backspace" && this.#points.length > 0) {
-      [this.#points, this.#places] = [this.#points.slice(0, -1), this.#places.slice(0, -1)];
-      this.#say();
-      this.#draw();
-    } else return;
+    else if (event.key === "Backspace" && this.#points.length > 0) this.#takeBack();
+    else return;
     event.preventDefault();
     event.stopPropagation();
   }
 
-  #finish(tool: Tool): void {
+  #takeBack(): void {
+    [this.#points, this.#places] = [this.#points.slice(0, -1), this.#places.slice(0, -1)];
+    this.#say();
+    this.#draw();
+  }
+
+  /** Whether as many points are set as a measure needs. */
+  #isEnough(tool: Tool): boolean {
+    return this.#points.length >= POINTS[tool][0];
+  }
+
+  #end(tool: Tool): void {
     const [first] = this.#places;
     const where = this.#places.every((one) => one === first) ? (first ?? "slice") : "both";
     const { depth_mm } = this.#host.state();
@@ -197,10 +222,12 @@ export class MeasuresSection implements PointTool {
 
   #say(): void {
     const tool = this.#tool;
-    if (!tool) return setText(this.#hint, t("measure.hint"));
-    const [least, most] = POINTS[tool];
     const set = this.#points.length;
-    const key = most === Infinity && set >= least ? "measure.end" : "measure.next";
+    const canEnd = tool !== null && POINTS[tool][1] === Infinity && this.#isEnough(tool);
+    this.#finish.hidden = !canEnd;
+    this.#back.hidden = set === 0;
+    if (!tool) return setText(this.#hint, t("measure.hint"));
+    const key = canEnd ? "measure.end" : "measure.next";
     setText(this.#hint, t(key, { tool: t(`measure.${tool}`), point: number(set + 1) }));
   }
 

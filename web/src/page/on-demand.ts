@@ -33,6 +33,8 @@ export interface OnDemandHost {
   onScreen(): Omit<OnScreen, "shown">;
   readonly actions: Pick<Actions, "bring" | "change" | "command">;
   readonly announce: (words: string) => void;
+  /** Scrolls to the panes, where the controls lie below them. */
+  readonly lookAtPanes: () => void;
   readonly goTo: (depth_mm: number) => void;
   readonly made: (one: Case, wasThere: boolean) => void;
   /** The address of what is on the screen. */
@@ -173,6 +175,7 @@ export class OnDemand {
         ...common,
         draw: (marked) => this.#mark({ measures: marked }),
         keep: (finding) => findings.take(finding),
+        lookAtPanes: this.#host.lookAtPanes,
         isFinding: (id) => findings.list.some((one) => one.id === id),
       });
       this.#checklist = new ChecklistSection(shown.id);

@@ -199,6 +199,12 @@ export class Viewer {
     if (layout === "closer") return this.#lookCloser();
     this.#change(laidOut(layout, this.#state, this.shown), true);
     this.#host.announce(t(`layout.${layout}`));
+    this.#lookAtPanes();
+  }
+
+  /** Where the controls lie below the panes, scrolls to the panes. */
+  #lookAtPanes(): void {
+    this.element.scrollIntoView({ block: "start" });
   }
 
   /** Shows the close-up of the marked place. */
@@ -209,6 +215,7 @@ export class Viewer {
     this.#beforeCloser = { layout, beside };
     this.#change({ layout: "closer" }, true);
     this.#host.announce(t("layout.closer"));
+    this.#lookAtPanes();
   }
 
   /** Shows the slice across the sulcus at the mark, turned by so much, or takes it away. */
@@ -221,6 +228,7 @@ export class Viewer {
       : laidOut(layout === "mirror" ? "both" : "slices", this.#state, this.shown);
     this.#change({ across_deg, ...(across_deg !== null && others) }, true);
     this.#host.announce(t(across_deg === null ? "across.hidden" : "across.shown"));
+    if (across_deg !== null) this.#lookAtPanes();
   }
 
   /** Shows what was shown before the close-up. */
@@ -436,6 +444,7 @@ export class Viewer {
       }),
       actions: this.#actions(),
       announce: this.#host.announce,
+      lookAtPanes: () => this.#lookAtPanes(),
       goTo: (depth_mm) => this.#goToDepth(depth_mm),
       made: this.#host.made,
       address: () => {
@@ -723,7 +732,10 @@ export class Viewer {
         this.#change(change, step);
       },
       command: (command) => this.command(command),
-      bring: (position, depth_mm, layout = this.#state.layout) => this.#bring(position, depth_mm, layout),
+      bring: (position, depth_mm, layout) => {
+        this.#bring(position, depth_mm, layout ?? this.#state.layout);
+        if (layout) this.#lookAtPanes();
+      },
       turnToCross: () => {
         if (this.#state.crosshair_mm) this.#change(turnedTo(this.#state.crosshair_mm, this.shown), true);
       },

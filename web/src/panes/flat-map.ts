@@ -176,6 +176,7 @@ export class MapPane {
     );
     this.#picture.again();
     this.#askForPositions(state);
+    this.#hideOther();
     setText(this.#inner, t(state.map.has_inner ? "flat-map.without-inner" : "flat-map.with-inner"));
     this.#inner.setAttribute("aria-pressed", String(state.map.has_inner));
     this.#write(state);
@@ -257,7 +258,14 @@ export class MapPane {
       overlay: state.overlay?.name ?? "",
       layer: state.layer?.id ?? "",
     });
+    this.#hideOther();
     this.#write(this.#state ?? state);
+  }
+
+  /** Hides a picture of other discs than those that the letters name, until theirs has come. */
+  #hideOther(): void {
+    const { inner } = this.element.dataset;
+    this.#image.hidden = inner !== undefined && inner !== String(this.#state?.map.has_inner);
   }
 
   #complain(problem: unknown): void {

@@ -61,10 +61,18 @@ pub(super) enum Block<'a> {
     Table(Table),
     /// Facts, and a table beside them.
     FactsAndTable(Facts, Table),
-    /// A row of pictures with captions, which no page divides.
-    Pictures(Vec<Picture<'a>>),
+    /// Rows of pictures with captions, each so many mm wide. They are compared, so no page divides them.
+    Pictures(f64, Vec<Vec<Picture<'a>>>),
     Overview(Overview<'a>),
 }
+
+/// The sides of a cut and of a slice on paper, in mm: a row has three cuts or four slices, and a finding without a further
+/// layer has one page of A4 or Letter. With one, the slices have a page of their own.
+pub(super) const CUT_MM: f64 = 55.0;
+pub(super) const SLICE_MM: f64 = 45.0;
+
+/// What separates two pictures of a row, in mm.
+pub(super) const GAP_MM: f64 = 2.0;
 
 /// Names with values.
 pub(super) type Facts = Vec<(&'static str, Line)>;
@@ -339,7 +347,11 @@ impl Report {
             pictures,
             numbers,
         } = reported;
-        let heading = Line::from(format!("{} {number}: ", words.finding));
+        let name = format!("{} {number}", words.finding);
+        let heading = match finding.label.as_str() {
+            "" => name.into(),
+            label => Line::from(format!("{name}: ")).and_foreign(label),
+        };
         let mut facts = vec![
             (words.side, Line::strong(side_of(words, finding))),
             (words.depth, millimetres(words, finding.depth_mm).into()),
@@ -363,7 +375,7 @@ impl Report {
             let line = Line::foreign(author).and(time.unwrap_or_default());
             facts.push((words.author, line));
         }
-        let mut blocks = vec![Block::Heading(heading.and_foreign(&finding.label))];
+        let mut blocks = vec![Block::Heading(heading)];
         blocks.push(match numbers {
             Some(numbers) => Block::FactsAndTable(facts, table_of(words, numbers)),
             None => Block::Facts(facts),
@@ -375,7 +387,7 @@ impl Report {
         blocks
     }
 
-    /// Rows of pictures: the cuts, the same of the other side below them, and the slices.
+    /// The cuts with the same of the other side below them, and the slices, a row for each volume.
     fn pictures<'a>(
         &'a self,
         words: &Words,
@@ -402,18 +414,19 @@ impl Report {
             let shown = format!("{depth}: {opposite}, {}", words.flipped);
             picture(other, shown)
         });
-        let mut rows = vec![
-            Block::Pictures(here.collect()),
-            Block::Pictures(other.collect()),
-        ];
+        let cuts = vec![here.collect(), other.collect()];
         let of_slices = pictures.slices.first().map_or(0, |(_, shots)| shots.len());
-        for number in 0..of_slices {
+        let slices_of = |number: usize| {
             let slices = pictures.slices.iter();
-            let slices =
-                slices.map(|(through, shots)| picture(&shots[number], words.through(through)));
-            rows.push(Block::Pictures(slices.collect()));
-        }
-        rows
+            slices
+                .map(|(through, shots)| picture(&shots[number], words.through(through)))
+                .collect()
+        };
+        let slices = (0..of_slices).map(slices_of).collect();
+        vec![
+            Block::Pictures(CUT_MM, cuts),
+            Block::Pictures(SLICE_MM, slices),
+        ]
     }
 
     /// The name of what a picture shows.

@@ -83,9 +83,9 @@ fn block(block: &Block<'_>) -> Markup {
         Block::Facts(each) => facts(each),
         Block::Table(each) => table(each),
         Block::FactsAndTable(left, right) => html! { div.facts { (facts(left)) (table(right)) } },
-        Block::Pictures(pictures) => {
-            html! { div.row { @for each in pictures { (picture(each)) } } }
-        }
+        Block::Pictures(side_mm, rows) => html! {
+            div.rows { @for row in rows { div.row { @for each in row { (picture(each, *side_mm)) } } } }
+        },
         Block::Overview(each) => overview(each),
     }
 }
@@ -133,8 +133,8 @@ fn overview(overview: &Overview<'_>) -> Markup {
 }
 
 /// A picture above what it shows.
-fn picture(picture: &Picture<'_>) -> Markup {
-    html! { figure { (drawing(picture)) figcaption { (line(&picture.caption)) } } }
+fn picture(picture: &Picture<'_>, side_mm: f64) -> Markup {
+    html! { figure style={ "width: " (side_mm) "mm" } { (drawing(picture)) figcaption { (line(&picture.caption)) } } }
 }
 
 /// A picture with its marks and the patient's directions at its edges. It is one drawing, which no printer divides.

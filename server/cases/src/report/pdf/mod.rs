@@ -7,7 +7,7 @@ mod typeface;
 
 use self::paper::{About, BLACK, PAGE_MM, PT, Paper, RED};
 use self::typeface::Text;
-use super::contents::{Block, Contents, Facts, Line, Overview, Picture, Section, Table};
+use super::contents::{Block, Contents, Facts, GAP_MM, Line, Overview, Picture, Section, Table};
 use crate::Error;
 
 /// The margins to the left and right, and above and below the text, in mm.
@@ -37,10 +37,8 @@ const BASE: f64 = 0.98;
 /// What must fit below a heading, in mm.
 const BELOW_HEADING_MM: f64 = 25.0;
 
-/// The sides of the pictures of a finding and of an overview, and what separates them, in mm.
-const PICTURE_MM: f64 = 41.0;
+/// The side of a picture of an overview, and what separates two, in mm.
 const SMALL_PICTURE_MM: f64 = 26.0;
-const GAP_MM: f64 = 2.0;
 const SMALL_GAP_MM: f64 = 1.0;
 
 /// What separates two columns of a table, in mm.
@@ -172,7 +170,7 @@ impl<'a> Layout<'a> {
             }
             Block::Table(table) => self.table(table),
             Block::FactsAndTable(facts, table) => self.facts_and_table(facts, table),
-            Block::Pictures(pictures) => self.pictures(pictures),
+            Block::Pictures(side_mm, rows) => self.pictures(*side_mm, rows),
             Block::Overview(overview) => self.overview(overview),
         }
     }
@@ -284,25 +282,30 @@ impl<'a> Layout<'a> {
         self.y = y + height + 2.0;
     }
 
-    fn pictures(&mut self, pictures: &[Picture<'a>]) {
-        let captions = pictures.iter().map(|picture| {
+    fn pictures(&mut self, side_mm: f64, rows: &[Vec<Picture<'a>>]) {
+        let caption = |picture: &Picture<'a>| {
             let caption = Text::of(&picture.caption, false);
-            caption.wrapped(CAPTION, PICTURE_MM)
-        });
-        let captions: Vec<_> = captions.collect();
-        let lines = captions.iter().map(Vec::len).max().unwrap_or(0) as f64;
-        let height = PICTURE_MM + 0.5 + lines * LEADING * CAPTION;
-        self.need(height);
-        let (page, y) = (self.page(), self.y);
-        for (number, (picture, caption)) in pictures.iter().zip(&captions).enumerate() {
-            let x = MARGIN_MM + number as f64 * (PICTURE_MM + GAP_MM);
-            self.paper.picture(page, picture, [x, y], PICTURE_MM);
-            for (number, line) in caption.iter().enumerate() {
-                let y = y + PICTURE_MM + 0.5 + number as f64 * LEADING * CAPTION;
-                self.draw(line, [x, y], CAPTION);
+            caption.wrapped(CAPTION, side_mm)
+        };
+        let captions = rows.iter().map(|row| row.iter().map(caption).collect());
+        let captions: Vec<Vec<_>> = captions.collect();
+        let height = |captions: &Vec<Vec<Text>>| {
+            let lines = captions.iter().map(Vec::len).max().unwrap_or(0) as f64;
+            side_mm + 0.5 + lines * LEADING * CAPTION + 1.5
+        };
+        self.need(captions.iter().map(height).sum::<f64>() - 1.5);
+        for (row, captions) in rows.iter().zip(&captions) {
+            let (page, y) = (self.page(), self.y);
+            for (number, (picture, caption)) in row.iter().zip(captions).enumerate() {
+                let x = MARGIN_MM + number as f64 * (side_mm + GAP_MM);
+                self.paper.picture(page, picture, [x, y], side_mm);
+                for (number, line) in caption.iter().enumerate() {
+                    let y = y + side_mm + 0.5 + number as f64 * LEADING * CAPTION;
+                    self.draw(line, [x, y], CAPTION);
+                }
             }
+            self.y += height(captions);
         }
-        self.y += height + 1.5;
     }
 
     fn overview(&mut self, overview: &Overview<'a>) {
@@ -432,7 +435,7 @@ mod tests {
     use pdf_writer::{Content, Str};
     use render::{Frame, FrameSize, PixelFormat, encode_png};
 
-    use super::super::contents::Piece;
+    use super::super::contents::{CUT_MM, Piece, SLICE_MM};
     use super::super::shots::{Shot, Shows};
     use super::*;
 
@@ -459,6 +462,12 @@ mod tests {
             caption: "T1, 6.0 mm, from the left: left, as acquired".into(),
             shot,
         }
+    }
+
+    /// Rows of so many pictures each.
+    fn rows(rows: usize, count: usize, side_mm: f64, shot: &Shot) -> Block<'_> {
+        let row = |_| (0..count).map(|_| picture(shot)).collect();
+        Block::Pictures(side_mm, (0..rows).map(row).collect())
     }
 
     fn overview(shot: &Shot) -> Block<'_> {
@@ -548,7 +557,7 @@ mod tests {
         let shot = shot(false);
         for is_finding in [true, false] {
             let mut blocks = vec![Block::Heading("Finding 2: a mark".into())];
-            let rows = (0..6).map(|_| Block::Pictures(vec![picture(&shot)]));
+            let rows = (0..6).map(|_| Block::Pictures(41.0, vec![vec![picture(&shot)]]));
             blocks.extend(rows);
             let mut made = contents(blocks);
             made.sections[0].is_finding = is_finding;
@@ -557,6 +566,32 @@ mod tests {
             let name = shown("Finding 2: a mark");
             let named = pages.iter().map(|page| page.contains(&name));
             assert_eq!(named.collect::<Vec<_>>(), [true, is_finding]);
+        }
+    }
+
+    #[test]
+    fn a_finding_with_a_sentence_has_one_page_and_its_pictures_have_the_width_of_it() {
+        let shot = shot(false);
+        let facts = (0..9).map(|_| ("A fact", "a value".into())).collect();
+        let blocks = vec![
+            Block::Heading("Finding 1: a mark".into()),
+            Block::Facts(facts),
+            Block::Text("A sentence. ".repeat(12).into()),
+            rows(2, 2, CUT_MM, &shot),
+            rows(1, 4, SLICE_MM, &shot),
+        ];
+        let mut made = contents(blocks);
+        made.sections[0].is_finding = true;
+        assert_eq!(pages(&made.pdf().unwrap()).len(), 1);
+        // Rows that are compared are not divided, though one of two has room.
+        made.sections[0].blocks.pop();
+        made.sections[0].blocks.push(rows(2, 4, SLICE_MM, &shot));
+        let pages = pages(&made.pdf().unwrap());
+        let drawn = pages.iter().map(|page| page.matches(" Do").count());
+        assert_eq!(drawn.collect::<Vec<_>>(), [4, 8]);
+        for (count, side_mm) in [(3.0, CUT_MM), (4.0, SLICE_MM)] {
+            let width = count * (side_mm + GAP_MM) - GAP_MM;
+            assert!((0.9 * WIDTH_MM..=WIDTH_MM).contains(&width), "{width}");
         }
     }
 
@@ -575,8 +610,8 @@ mod tests {
         let mut blocks = Vec::new();
         for _ in 0..7 {
             blocks.push(Block::Heading("A finding".into()));
-            blocks.push(Block::Pictures((0..4).map(|_| picture(&shot)).collect()));
-            blocks.push(Block::Pictures((0..3).map(|_| picture(&flipped)).collect()));
+            blocks.push(rows(1, 4, SLICE_MM, &shot));
+            blocks.push(rows(1, 3, CUT_MM, &flipped));
         }
         blocks.push(overview(&shot));
         blocks.push(overview(&shot));
@@ -625,7 +660,7 @@ mod tests {
             png: encode_png(&frame, &[]).unwrap(),
             ..shot(false)
         };
-        let made = contents(vec![Block::Pictures(vec![picture(&shot)])]);
+        let made = contents(vec![rows(1, 1, CUT_MM, &shot)]);
         assert!(matches!(made.pdf(), Err(Error::Internal)));
     }
 
