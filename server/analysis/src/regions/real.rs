@@ -27,7 +27,7 @@ fn the_cortex_of_each_hemisphere_lies_on_its_side_and_in_the_cerebrum() {
     let found = of(&scan);
     assert_eq!(found.doubts, []);
     let sheet = found.sheet.as_ref().expect("a sheet");
-    let (mut right, mut count) = ([0u32; 2], [0u32; 2]);
+    let (mut right, mut count, mut deep) = ([0u32; 2], [0u32; 2], 0u32);
     for (name, sign) in [("lh", 1.0), ("rh", -1.0)] {
         let [pial, white] =
             ["pia", "wm"].map(|kind| vertices(&folder.join(format!("{kind}_{name}.gii"))));
@@ -38,6 +38,8 @@ fn the_cortex_of_each_hemisphere_lies_on_its_side_and_in_the_cerebrum() {
             );
             let is_right = sheet.left_mm(*pial) * sign >= 0.0 && !is_removed;
             let is_cortex = pial.distance(*white) >= CORTEX_FROM_MM;
+            let is_deep = matches!(found.at(*white), Some(Region::LeftDeep | Region::RightDeep));
+            deep += u32::from(is_deep && is_cortex);
             for (group, is_in) in [true, is_cortex].into_iter().enumerate() {
                 count[group] += u32::from(is_in);
                 right[group] += u32::from(is_in && is_right);
@@ -50,6 +52,8 @@ fn the_cortex_of_each_hemisphere_lies_on_its_side_and_in_the_cerebrum() {
         count[0], count[1]
     );
     assert!(cortex >= 0.995 && all >= 0.99, "{cortex} {all}");
+    let left_out = f64::from(deep) / f64::from(count[1]);
+    assert!(left_out < 0.01, "{left_out} of the junction is called deep");
 }
 
 #[test]
