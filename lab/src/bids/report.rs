@@ -162,9 +162,12 @@ impl TrialReport {
     pub fn text(&self) -> String {
         let [patients, controls] = self.judged;
         let mut text = format!(
-            "{} folders, {patients} patients and {controls} controls judged, {} heads left out\n",
+            "{} folders, {patients} patients and {controls} controls judged, {} left out\n",
             self.folders,
-            self.left_out.len()
+            match self.left_out.len() {
+                1 => "1 head".to_owned(),
+                count => format!("{count} heads"),
+            }
         );
         for Remark { head, reason } in &self.left_out {
             let _ = writeln!(text, "  {head}: {reason}");

@@ -1,9 +1,9 @@
 //! All maps of a head.
 
-use geometry::Grid;
+use geometry::{Grid, Volume};
 
 use crate::MidsagittalPlane;
-use crate::block::Block;
+use crate::block::{Block, Zone};
 use crate::candidates::{Candidate, Choice, Scores, candidates};
 use crate::detail::{Band, detail};
 use crate::gradient::{Slope, Weighted, weighted_gradient};
@@ -252,8 +252,33 @@ pub fn tissue_of(head: Head<'_>) -> Result<(Block, Vec<f32>, TissueScale), MapsU
         return Err(MapsUndefined::CoarseVoxels { largest_mm });
     }
     let block = Block::new(head.volume, head.depth).ok_or(MapsUndefined::NothingDeep)?;
-    let (values, tissue) = tissue_scale(head.volume, &block, &Bias::STANDARD)?;
-    Ok((block, values, tissue))
+    match tissue_scale(head.volume, &block, &Bias::STANDARD) {
+        Ok((values, tissue)) => Ok((block, values, tissue)),
+        // The tissues are not seen because much of what is called brain is not in the volume.
+        Err(reason) => Err(match empty_share(head.volume, &block) {
+            share if share > MAX_EMPTY_SHARE => MapsUndefined::EmptyVolume { share },
+            _ => reason,
+        }),
+    }
+}
+
+/// The share of the mask from which it is the reason why tissues are not seen that the volume is empty there.
+const MAX_EMPTY_SHARE: f64 = 0.2;
+
+/// The share of the voxels of tissue that have the least value of the volume.
+fn empty_share(volume: &Volume, block: &Block) -> f64 {
+    let least = volume.voxels().iter().copied().min().unwrap_or_default();
+    let (mut all, mut empty) = (0u32, 0u32);
+    for number in 0..block.size[1] * block.size[2] {
+        let zones = block.zones[number * block.size[0]..].iter();
+        for (&stored, _) in
+            (block.row(volume, number).iter().zip(zones)).filter(|(_, zone)| **zone >= Zone::Tissue)
+        {
+            all += 1;
+            empty += u32::from(stored == least);
+        }
+    }
+    f64::from(empty) / f64::from(all.max(1))
 }
 
 /// The measures of a head that a blurred junction lowers.

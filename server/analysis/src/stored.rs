@@ -15,7 +15,7 @@ use geometry::Grid;
 use glam::DAffine3;
 
 /// The version of the computation and storage of maps. Maps of another version are computed again.
-pub const MAP_FORMAT: u32 = 8;
+pub const MAP_FORMAT: u32 = 9;
 
 /// The code of an undefined voxel.
 pub const UNDEFINED: u8 = 0;

@@ -20,6 +20,15 @@ pub enum MapsUndefined {
         /// The contrast, in deviations of the noise.
         contrast: f32,
     },
+    /// Much of the brain mask lies where the volume shows nothing, and no tissues are told apart.
+    #[error(
+        "{:.0} % of the brain mask lies where the volume is empty, so grey and white matter are not told apart: if a part of the head is missing, correct the mask so that it ends there",
+        100.0 * .share
+    )]
+    EmptyVolume {
+        /// The share of the mask.
+        share: f64,
+    },
     /// There is no white matter below the envelope.
     #[error(
         "no white matter was found below the envelope; maps of the junction need a T1-weighted head"
@@ -52,6 +61,7 @@ impl MapsUndefined {
         match self {
             Self::CoarseVoxels { .. } => "coarse-voxels",
             Self::LowContrast { .. } => "low-contrast",
+            Self::EmptyVolume { .. } => "empty-volume",
             Self::NoWhiteMatter => "no-white-matter",
             Self::NoiseUnknown { .. } => "noise-unknown",
             Self::FailedEnvelope => "failed-envelope",

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use case::{CandidateFacts, CaseId};
+use case::{BrainRegion, CandidateFacts, CaseId, Lobe};
 use glam::DVec3;
 use pipeline::atlas::Gyri;
 
@@ -50,11 +50,42 @@ impl Cases {
     }
 }
 
-/// Places with the names of their gyri.
+/// Places with the names of their gyri. A name that the region of a place excludes is left out: regions are found in the head itself.
 pub fn named(places: &[CandidateFacts], gyri: Option<&Gyri>) -> Vec<CandidateFacts> {
-    let named = |place: &CandidateFacts| CandidateFacts {
-        gyrus: gyri.and_then(|gyri| gyri.at(DVec3::from_array(place.position_in_patient))),
-        ..*place
+    let named = |place: &CandidateFacts| {
+        let gyrus = gyri.and_then(|gyri| gyri.at(DVec3::from_array(place.position_in_patient)));
+        CandidateFacts {
+            gyrus: gyrus.filter(|gyrus| may_be_in(gyrus.lobe(), place.region)),
+            ..*place
+        }
     };
     places.iter().map(named).collect()
+}
+
+/// Whether a region may have a gyrus of a lobe. What is called cerebrum may be anything, because it is the whole brain if the regions are
+/// in doubt, and because the edge of a nucleus may have been missed.
+fn may_be_in(lobe: Lobe, region: BrainRegion) -> bool {
+    match region {
+        BrainRegion::Cerebrum => true,
+        BrainRegion::Cerebellum => lobe == Lobe::Cerebellum,
+        BrainRegion::BrainStem => false,
+        BrainRegion::Deep => lobe == Lobe::Deep,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_region_excludes_gyri_of_others() {
+        let of = |region| {
+            let lobes = [Lobe::Temporal, Lobe::Deep, Lobe::Cerebellum];
+            lobes.map(|lobe| may_be_in(lobe, region))
+        };
+        assert_eq!(of(BrainRegion::Cerebrum), [true, true, true]);
+        assert_eq!(of(BrainRegion::Cerebellum), [false, false, true]);
+        assert_eq!(of(BrainRegion::BrainStem), [false, false, false]);
+        assert_eq!(of(BrainRegion::Deep), [false, true, false]);
+    }
 }

@@ -263,14 +263,7 @@ impl Probe<'_> {
                 .and_then(|maps| maps.layer(name).value_at(position))
         };
         let depth_mm = self.field_depth_mm(position);
-        let field = self.model.field();
-        let voxel_mm = f64::from(field.spacing_mm());
-        let mut cuts = field.cuts().iter();
-        let fenced = field.fenced();
-        let is_fenced =
-            fenced.is_some_and(|fenced| fenced.covers(in_voxels(field, position).to_array()));
-        let is_known =
-            !is_fenced && cuts.all(|cut| cut.leaves(position, f64::from(depth_mm), voxel_mm));
+        let is_known = self.model.field().is_known(position, depth_mm);
         ProfileSample {
             distance_mm,
             position_in_patient: position.to_array(),

@@ -1,8 +1,9 @@
 //! Builds the model of a closed brain, step by step.
 
 use crate::{
-    DeformableModel, DepthField, DepthMaps, DistanceMap, Envelope, Forest, GeometryError, Paths,
-    ShellIndex, Volume, core, distance_map, envelope_mesh, forest, path_table,
+    ContourPlanes, DeformableModel, DepthField, DepthMaps, DistanceMap, Envelope, Forest,
+    GeometryError, Paths, ShellIndex, Volume, core, distance_map, envelope_mesh_across, forest,
+    path_table,
 };
 
 /// A closed brain.
@@ -10,6 +11,8 @@ use crate::{
 pub enum ClosedBrain {
     /// Its envelope alone.
     Envelope(Envelope),
+    /// The envelope of a hemisphere closed on its own, whose meshes have coronal contours.
+    Hemisphere(Envelope),
     /// Its envelope and the depth below it, which the extraction of a brain computes anyway.
     Measured(DistanceMap),
 }
@@ -18,14 +21,21 @@ impl ClosedBrain {
     /// The envelope.
     pub fn envelope(&self) -> &Envelope {
         match self {
-            Self::Envelope(envelope) => envelope,
+            Self::Envelope(envelope) | Self::Hemisphere(envelope) => envelope,
             Self::Measured(distance) => distance.envelope(),
+        }
+    }
+
+    fn contour_planes(&self) -> ContourPlanes {
+        match self {
+            Self::Hemisphere(_) => ContourPlanes::Coronal,
+            Self::Envelope(_) | Self::Measured(_) => ContourPlanes::Sagittal,
         }
     }
 
     fn into_distance(self) -> DistanceMap {
         match self {
-            Self::Envelope(envelope) => distance_map(&envelope),
+            Self::Envelope(envelope) | Self::Hemisphere(envelope) => distance_map(&envelope),
             Self::Measured(distance) => distance,
         }
     }
@@ -87,6 +97,7 @@ impl DeformableModel {
         mut observe: impl FnMut(BuildStep) -> Result<(), E>,
     ) -> Result<BuiltModel, E> {
         observe(BuildStep::Distance)?;
+        let across = closed.contour_planes();
         let distance = closed.into_distance();
         observe(BuildStep::Core)?;
         let core = core(&distance);
@@ -95,13 +106,13 @@ impl DeformableModel {
         observe(BuildStep::Field)?;
         let field = DepthField::new(&distance);
         observe(BuildStep::Mesh)?;
-        let mesh = envelope_mesh(&field, Self::DEFAULT_MESH)?;
+        let mesh = envelope_mesh_across(&field, Self::DEFAULT_MESH, across)?;
         observe(BuildStep::Table)?;
         let default_paths = path_table(&mesh, &distance, &field, Paths::Forest(&forest));
         observe(BuildStep::Shell)?;
         let depth = DepthMaps::from_parts(field, ShellIndex::new(&distance));
         Ok(BuiltModel {
-            model: Self::new(volume, depth, default_paths),
+            model: Self::new(volume, depth, default_paths).with_contours(across),
             distance,
             forest,
         })
@@ -111,7 +122,7 @@ impl DeformableModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{MeshSize, envelope, phantom};
+    use crate::{MeshSize, envelope, envelope_mesh, phantom};
 
     fn closed() -> (Volume, Envelope) {
         let head = phantom::head(4.0);

@@ -2,9 +2,10 @@
 
 use glam::Vec2;
 
-use crate::DepthField;
+use crate::{ContourPlanes, DepthField};
 
-/// A closed polygon in a sagittal plane, in voxel coordinates (y, z); counter-clockwise if y points right and z up.
+/// A closed polygon in voxel coordinates of its plane: (y, z) in a sagittal one, (z, x) in a coronal one. It is counter-clockwise if
+/// the first points right and the second up.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Contour {
     points: Vec<Vec2>,
@@ -24,13 +25,13 @@ impl Contour {
         Self { points, lengths }
     }
 
-    /// The contour of depth 0 with the greatest area on the plane at `x` voxels; `None` if there is none with an area.
+    /// The contour of depth 0 with the greatest area on the plane at `place` voxels; `None` if there is none with an area.
     ///
     /// The cross-section is the trilinear depth on that plane. The contour crosses the grid lines where the depth is 0
     /// (marching squares; Lorensen and Cline, 1987, in two dimensions). If two opposite corners of a cell are inside,
     /// the mean of the cell decides whether they are connected.
-    pub(crate) fn largest(field: &DepthField, x: f32) -> Option<Self> {
-        let section = Section::new(field, x);
+    pub(crate) fn largest(field: &DepthField, planes: ContourPlanes, place: f32) -> Option<Self> {
+        let section = Section::new(field, planes, place);
         let mut is_traced = vec![false; section.depths.len()];
         let mut largest = (0.0, None);
         for start in 0..section.depths.len() {
@@ -108,7 +109,7 @@ fn signed_area(points: &[Vec2]) -> f32 {
     twice / 2.0
 }
 
-/// Depths on a sagittal plane, y-fastest. Its border is outside the envelope.
+/// Depths on a plane, along its first axis fastest. Its border is outside the envelope.
 struct Section {
     depths: Vec<f32>,
     width: usize,
@@ -122,18 +123,27 @@ struct Crossing {
 }
 
 impl Section {
-    fn new(field: &DepthField, x: f32) -> Self {
-        let [nx, ny, _] = field.grid().size();
-        let low = (x as usize).min(nx - 2);
-        let fraction = x - low as f32;
-        let rows = field.values().chunks_exact(nx);
-        let depths = rows.map(|row| {
-            let (near, far) = (f32::from(row[low]), f32::from(row[low + 1]));
+    fn new(field: &DepthField, planes: ContourPlanes, place: f32) -> Self {
+        let size = field.grid().size();
+        let axis = planes.axis();
+        let strides = [1, size[0], size[0] * size[1]];
+        let [right, up] = [(axis + 1) % 3, (axis + 2) % 3];
+        let low = (place as usize).min(size[axis] - 2);
+        let fraction = place - low as f32;
+        let values = &field.values()[low * strides[axis]..];
+        let depth = |index: usize| {
+            let (near, far) = (
+                f32::from(values[index]),
+                f32::from(values[index + strides[axis]]),
+            );
             near + (far - near) * fraction
+        };
+        let rows = (0..size[up]).flat_map(|row| {
+            (0..size[right]).map(move |column| row * strides[up] + column * strides[right])
         });
         Self {
-            depths: depths.collect(),
-            width: ny,
+            depths: rows.map(depth).collect(),
+            width: size[right],
         }
     }
 
@@ -240,7 +250,10 @@ mod tests {
         let brain = phantom::ball(radius);
         let field = DepthField::new(&distance_map(&envelope(&brain, 0.0).unwrap()));
         let middle = (field.grid().size()[0] / 2) as f32;
-        (Contour::largest(&field, middle).unwrap(), middle)
+        (
+            Contour::largest(&field, ContourPlanes::Sagittal, middle).unwrap(),
+            middle,
+        )
     }
 
     #[test]

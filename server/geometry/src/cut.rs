@@ -37,9 +37,16 @@ impl Cut {
         depth_mm + REACH_VOXELS * voxel_mm
     }
 
-    /// Whether a depth at a position is known.
-    pub fn leaves(&self, position_in_patient: DVec3, depth_mm: f64, voxel_mm: f64) -> bool {
-        self.distance_mm(position_in_patient) >= Self::least_distance_mm(depth_mm, voxel_mm)
+    /// Whether a depth at a position (LPS mm) is known, because none of `cuts` may be nearer than the dura.
+    pub(crate) fn all_leave(
+        cuts: &[Self],
+        position_in_patient: DVec3,
+        depth_mm: f32,
+        voxel_mm: f64,
+    ) -> bool {
+        let least_mm = Self::least_distance_mm(f64::from(depth_mm), voxel_mm);
+        cuts.iter()
+            .all(|cut| cut.distance_mm(position_in_patient) >= least_mm)
     }
 
     /// The same face for a brain with its surface, and so the cut, moved inwards by `inwards_mm`.

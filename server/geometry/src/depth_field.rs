@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
@@ -102,6 +102,18 @@ impl DepthField {
     /// Where a fence makes the depth unknown; `None` if nowhere. There the values are distances to the fence.
     pub fn fenced(&self) -> Option<&Fenced> {
         self.fenced.as_deref()
+    }
+
+    /// Whether a depth at a position (LPS mm) is known: no cut and no fence may be nearer than the dura.
+    pub fn is_known(&self, position_in_patient: DVec3, depth_mm: f32) -> bool {
+        let voxel_mm = f64::from(self.spacing_mm);
+        let is_fenced = |fenced: &Fenced| {
+            let voxel_from_patient = self.grid.voxel_from_patient();
+            let voxel = voxel_from_patient.transform_point3(position_in_patient);
+            fenced.covers(voxel.as_vec3().to_array())
+        };
+        Cut::all_leave(&self.cuts, position_in_patient, depth_mm, voxel_mm)
+            && !self.fenced().is_some_and(is_fenced)
     }
 
     /// Edge of a voxel, in mm.

@@ -52,8 +52,7 @@ impl DistanceMap {
     /// Whether the depth of a voxel is known: `false` if a face of the volume that cuts the brain, or a fence, is nearer than any
     /// dura, so that the distance is not a depth.
     pub fn is_known(&self, index: usize) -> bool {
-        let cuts = self.envelope.cuts();
-        if cuts.is_empty() && self.fenced.is_none() {
+        if self.envelope.cuts().is_empty() && self.fenced.is_none() {
             return true;
         }
         let grid = self.grid();
@@ -65,9 +64,8 @@ impl DistanceMap {
         }
         let voxel = DVec3::from_array(voxel.map(|place| place as f64));
         let position = grid.patient_from_voxel().transform_point3(voxel);
-        let depth_mm = f64::from(self.depth_mm_of(self.squared[index]));
-        cuts.iter()
-            .all(|cut| cut.leaves(position, depth_mm, self.envelope.spacing_mm()))
+        self.envelope
+            .cuts_leave(position, self.depth_mm_of(self.squared[index]))
     }
 
     /// The voxels whose depth a fence makes unknown, inside the envelope and beside it; `None` if there are none.

@@ -1,5 +1,7 @@
 //! The closed mask that hugs the dura.
 
+use glam::DVec3;
+
 use crate::beyond_cuts::Extended;
 use crate::runs::{Connectivity, fill_holes, keep_largest_component};
 use crate::transform::{MAX_DISTANCE, transformed};
@@ -72,6 +74,11 @@ impl Envelope {
     /// The faces of the volume that cut it; its border there is not dura.
     pub fn cuts(&self) -> &[Cut] {
         &self.cuts
+    }
+
+    /// Whether a depth at a position (LPS mm) is known as far as the cuts go: none may be nearer than the dura.
+    pub fn cuts_leave(&self, position_in_patient: DVec3, depth_mm: f32) -> bool {
+        Cut::all_leave(&self.cuts, position_in_patient, depth_mm, self.spacing_mm())
     }
 
     /// The border voxels at which the border runs through tissue, ascending; it is not dura there.

@@ -1,4 +1,4 @@
-//! Triangles around the envelope, from sagittal contours.
+//! Triangles around the envelope, from contours on parallel planes.
 
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
@@ -28,7 +28,7 @@ impl MeshSize {
         points_per_contour: 30,
     };
 
-    /// A mesh of `contour_count` sagittal contours (the paper's N_F) of `points_per_contour` points (its N_P).
+    /// A mesh of `contour_count` contours (the paper's N_F) of `points_per_contour` points (its N_P).
     ///
     /// # Errors
     /// If `contour_count` is not in 3..=512 or `points_per_contour` not in 3..=1024.
@@ -61,7 +61,7 @@ impl MeshSize {
     }
 
     /// `contour_count * points_per_contour + 2`: the points of the contours, contour by contour from the patient's
-    /// right to the left, then the centres of the first and the last cap.
+    /// right to the left (coronal ones: from the front to the back), then the centres of the first and the last cap.
     pub fn vertex_count(self) -> usize {
         self.contour_count() * self.points_per_contour() + 2
     }
@@ -108,35 +108,76 @@ pub struct EnvelopeMesh {
     pub positions_in_voxel: Vec<Vec3>,
 }
 
-/// Cuts the envelope into equally spaced sagittal contours and joins their points to a closed mesh.
+/// The planes of the contours of a mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ContourPlanes {
+    /// Sagittal planes, as in the paper.
+    Sagittal,
+    /// Coronal planes. The inner side of a hemisphere is nearly sagittal: its sagittal contours change so much from plane to plane that
+    /// the triangles between them span hollows.
+    Coronal,
+}
+
+impl ContourPlanes {
+    /// The axis of the working grid across the planes.
+    pub(crate) fn axis(self) -> usize {
+        match self {
+            Self::Sagittal => 0,
+            Self::Coronal => 1,
+        }
+    }
+
+    /// The position of a point of a plane: the first coordinate in the plane is along the next axis after that across the planes.
+    fn position(self, along: f32, in_plane: Vec2) -> Vec3 {
+        let mut position = Vec3::ZERO;
+        for (step, place) in [along, in_plane.x, in_plane.y].into_iter().enumerate() {
+            position[(self.axis() + step) % 3] = place;
+        }
+        position
+    }
+}
+
+/// [`envelope_mesh_across`] sagittal planes, as in the paper.
+///
+/// # Errors
+/// If the envelope is too small.
+pub fn envelope_mesh(field: &DepthField, size: MeshSize) -> Result<EnvelopeMesh, GeometryError> {
+    envelope_mesh_across(field, size, ContourPlanes::Sagittal)
+}
+
+/// Cuts the envelope into equally spaced contours and joins their points to a closed mesh.
 ///
 /// On each plane the largest contour of depth 0 is sampled at equal distances. The outermost planes are half a voxel
 /// inside the extent of the envelope, so that the contour has an area there; the centres of the two caps are on the
 /// envelope itself. Each contour, from the middle outwards, starts where its points are nearest to those of the contour
 /// before, so that the strips do not twist.
 ///
-/// Source: the paper, section 3.1.
+/// Source: the paper, section 3.1, for sagittal planes.
 ///
 /// # Errors
 /// If the envelope is too small.
-pub fn envelope_mesh(field: &DepthField, size: MeshSize) -> Result<EnvelopeMesh, GeometryError> {
-    let (planes, contours) = planes(field, size.contour_count())?;
+pub fn envelope_mesh_across(
+    field: &DepthField,
+    size: MeshSize,
+    across: ContourPlanes,
+) -> Result<EnvelopeMesh, GeometryError> {
+    let (planes, contours) = planes(field, across, size.contour_count())?;
     let starts = matching_starts(&contours);
     let points = size.points_per_contour();
     let mut positions = Vec::with_capacity(size.vertex_count());
-    for ((contour, &start), &x) in contours.iter().zip(&starts).zip(&planes) {
+    for ((contour, &start), &along) in contours.iter().zip(&starts).zip(&planes) {
         let sampled = contour.sample(points, start);
         let on_plane = sampled
             .into_iter()
-            .map(|point| Vec3::new(x, point.x, point.y));
+            .map(|point| across.position(along, point));
         positions.extend(on_plane.map(|point| settled(field, point)));
     }
     for (end, outward) in [(0, -1.0), (contours.len() - 1, 1.0)] {
         let centre = contours[end].centre();
         positions.push(on_envelope(
             field,
-            Vec3::new(planes[end], centre.x, centre.y),
-            outward,
+            across.position(planes[end], centre),
+            across.position(outward, Vec2::ZERO),
         ));
     }
     Ok(EnvelopeMesh {
@@ -145,51 +186,57 @@ pub fn envelope_mesh(field: &DepthField, size: MeshSize) -> Result<EnvelopeMesh,
     })
 }
 
-/// The x of equally spaced sagittal planes, in voxels, and the contour of each: the middles of `count` slabs of one
-/// thickness.
+/// The places of equally spaced planes, in voxels, and the contour of each: the middles of `count` slabs of one thickness.
 ///
 /// The outer ones are half a voxel inside the extent, or more if the tip, or a layer of a flat side, is too thin for a contour.
-fn planes(field: &DepthField, count: usize) -> Result<(Vec<f32>, Vec<Contour>), GeometryError> {
-    let [first, last] = extent_along_x(field).map(|x| x as f32);
+fn planes(
+    field: &DepthField,
+    across: ContourPlanes,
+    count: usize,
+) -> Result<(Vec<f32>, Vec<Contour>), GeometryError> {
+    let [first, last] = extent_along(field, across.axis()).map(|place| place as f32);
+    let contour = |place| Contour::largest(field, across, place);
     let half_slab = (last - first) / (2 * count) as f32;
     for half_voxels in 1..=8 {
         let inset = half_slab.max(half_voxels as f32 / 2.0);
         let (start, end) = (first + inset, last - inset);
-        let has_contour = |x| Contour::largest(field, x).is_some();
+        let has_contour = |place| contour(place).is_some();
         if end > start && has_contour(start) && has_contour(end) {
             let step = (end - start) / (count - 1) as f32;
             let planes: Vec<f32> = (0..count).map(|i| start + step * i as f32).collect();
-            let contours = planes.par_iter().map(|&x| Contour::largest(field, x));
+            let contours = planes.par_iter().map(|&place| contour(place));
             if let Some(contours) = contours.collect() {
                 return Ok((planes, contours));
             }
         }
     }
     Err(GeometryError::TooSmall {
-        what: "not each of so many sagittal planes has a contour; fewer contours may do",
+        what: "not each of so many planes has a contour; fewer contours may do",
     })
 }
 
-/// First and last x with a voxel inside.
-fn extent_along_x(field: &DepthField) -> [usize; 2] {
-    let nx = field.grid().size()[0];
-    let mut deepest = vec![i16::MIN; nx];
-    for row in field.values().chunks_exact(nx) {
-        for (deepest, &value) in deepest.iter_mut().zip(row) {
-            *deepest = (*deepest).max(value);
+/// First and last place along an axis with a voxel inside.
+fn extent_along(field: &DepthField, axis: usize) -> [usize; 2] {
+    let size = field.grid().size();
+    let mut has_inside = vec![false; size[axis]];
+    for (row, depths) in field.values().chunks_exact(size[0]).enumerate() {
+        let place = [0, row % size[1], row / size[1]][axis];
+        if axis == 0 {
+            for (has_inside, &depth) in has_inside.iter_mut().zip(depths) {
+                *has_inside |= depth >= 0;
+            }
+        } else {
+            has_inside[place] |= depths.iter().any(|&depth| depth >= 0);
         }
     }
-    let is_inside = |&deepest: &i16| deepest >= 0;
-    let first = deepest.iter().position(is_inside).unwrap_or_default();
-    [
-        first,
-        deepest.iter().rposition(is_inside).unwrap_or_default(),
-    ]
+    let first = has_inside.iter().position(|&is| is);
+    let last = has_inside.iter().rposition(|&is| is);
+    [first.unwrap_or_default(), last.unwrap_or_default()]
 }
 
 /// The start of each contour, as a fraction of its length.
 ///
-/// The middle contour starts at its uppermost point. Each other one starts so that the sum of squared distances between
+/// The middle contour starts at its uppermost point, or in coronal planes at the leftmost one. Each other one starts so that the sum of squared distances between
 /// its points and those of its neighbour towards the middle is least.
 fn matching_starts(contours: &[Contour]) -> Vec<f32> {
     let mut starts = vec![0.0; contours.len()];
@@ -249,12 +296,13 @@ fn settled(field: &DepthField, point: Vec3) -> Vec3 {
     here
 }
 
-/// The point of depth 0 near the centre of a cap: outwards along x, or inwards if the contour is hollow and its centre
+/// The point of depth 0 near the centre of a cap: outwards across its plane, or inwards if the contour is hollow and its centre
 /// is outside.
-fn on_envelope(field: &DepthField, centre: Vec3, outward: f32) -> Vec3 {
-    let is_inside = |along: f32| field.depth_mm(centre + Vec3::X * along) >= 0.0;
-    let towards = if is_inside(0.0) { outward } else { -outward };
-    let steps = (1..4 * field.grid().size()[0]).map(|quarter| towards * quarter as f32 / 4.0);
+fn on_envelope(field: &DepthField, centre: Vec3, outward: Vec3) -> Vec3 {
+    let is_inside = |along: f32| field.depth_mm(centre + outward * along) >= 0.0;
+    let towards = if is_inside(0.0) { 1.0 } else { -1.0 };
+    let longest = field.grid().size().into_iter().max().unwrap_or_default();
+    let steps = (1..4 * longest).map(|quarter| towards * quarter as f32 / 4.0);
     let Some(beyond) = steps
         .into_iter()
         .find(|&along| is_inside(along) != is_inside(0.0))
@@ -270,7 +318,7 @@ fn on_envelope(field: &DepthField, centre: Vec3, outward: f32) -> Vec3 {
             there = middle;
         }
     }
-    centre + Vec3::X * if is_inside(here) { here } else { there }
+    centre + outward * if is_inside(here) { here } else { there }
 }
 
 #[cfg(test)]
@@ -324,8 +372,14 @@ mod tests {
     }
 
     #[test]
-    fn the_mesh_of_a_ball_lies_on_it_and_faces_outwards() {
+    fn the_meshes_of_a_ball_lie_on_it_and_face_outwards() {
         let (field, mesh) = mesh_of(&phantom::ball(25.0), MeshSize::STANDARD);
+        check_ball(&field, &mesh);
+        let coronal = envelope_mesh_across(&field, MeshSize::STANDARD, ContourPlanes::Coronal);
+        check_ball(&field, &coronal.unwrap());
+    }
+
+    fn check_ball(field: &DepthField, mesh: &EnvelopeMesh) {
         let centre = Vec3::from_array(field.grid().size().map(|side| (side - 1) as f32 / 2.0));
         for &position in &mesh.positions_in_voxel {
             assert!(

@@ -55,7 +55,9 @@ pub use cut::{BrainCuts, Cut};
 pub use depth_field::DepthField;
 pub use distance_map::{DistanceMap, distance_map};
 pub use envelope::{Envelope, check_closing, cut_envelope, envelope};
-pub use envelope_mesh::{EnvelopeMesh, MeshSize, envelope_mesh};
+pub use envelope_mesh::{
+    ContourPlanes, EnvelopeMesh, MeshSize, envelope_mesh, envelope_mesh_across,
+};
 pub use error::GeometryError;
 pub use fenced::Fenced;
 pub use flood::{face_neighbours, flood};

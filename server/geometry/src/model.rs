@@ -3,8 +3,9 @@
 use std::sync::{Arc, OnceLock};
 
 use crate::{
-    BoundingSphere, DepthField, DistanceMap, Envelope, Fenced, GeometryError, MeshSize, PathTable,
-    Paths, ShellIndex, ShrunkMesh, Volume, envelope_mesh, path_table, shrink_once,
+    BoundingSphere, ContourPlanes, DepthField, DistanceMap, Envelope, Fenced, GeometryError,
+    MeshSize, PathTable, Paths, ShellIndex, ShrunkMesh, Volume, envelope_mesh_across, path_table,
+    shrink_once,
 };
 
 /// The smoothing of the field for normals, in voxels. At 1.5, normals are on average 2° off those of a smooth surface;
@@ -79,6 +80,7 @@ pub struct DeformableModel {
     volume: Volume,
     depth: DepthMaps,
     default_paths: Arc<PathTable>,
+    contours: ContourPlanes,
 }
 
 impl DeformableModel {
@@ -92,7 +94,13 @@ impl DeformableModel {
             volume,
             depth,
             default_paths: Arc::new(default_paths),
+            contours: ContourPlanes::Sagittal,
         }
+    }
+
+    /// The same model, whose meshes have contours on other planes than sagittal ones. The table must be that of such a mesh.
+    pub(crate) fn with_contours(self, contours: ContourPlanes) -> Self {
+        Self { contours, ..self }
     }
 
     /// The part of a volume that pictures of an envelope can show; `None` if the two do not overlap.
@@ -150,7 +158,7 @@ impl DeformableModel {
         distance: &DistanceMap,
         paths: Paths<'_>,
     ) -> Result<PathTable, GeometryError> {
-        let mesh = envelope_mesh(self.field(), size)?;
+        let mesh = envelope_mesh_across(self.field(), size, self.contours)?;
         Ok(path_table(&mesh, distance, self.field(), paths))
     }
 
@@ -165,7 +173,7 @@ impl DeformableModel {
         paths: Paths<'_>,
         depth_mm: f32,
     ) -> Result<ShrunkMesh, GeometryError> {
-        let mesh = envelope_mesh(self.field(), size)?;
+        let mesh = envelope_mesh_across(self.field(), size, self.contours)?;
         Ok(shrink_once(&mesh, distance, self.field(), paths, depth_mm))
     }
 

@@ -128,16 +128,9 @@ impl ShrunkMesh {
     /// The vertices whose depth is unknown, because what cuts the brain is nearer than any dura; `field` is the depth that the mesh was
     /// made with.
     pub fn unknown_vertices(&self, field: &DepthField) -> Vec<usize> {
-        let [depth_mm, voxel_mm] = [self.depth_mm, field.spacing_mm()].map(f64::from);
-        let voxel_from_patient = field.grid().voxel_from_patient();
         let is_unknown = |position: &[f32; 3]| {
             let position = Vec3::from_array(*position).as_dvec3();
-            let voxel = voxel_from_patient.transform_point3(position).as_vec3();
-            let mut cuts = field.cuts().iter();
-            cuts.any(|cut| !cut.leaves(position, depth_mm, voxel_mm))
-                || field
-                    .fenced()
-                    .is_some_and(|fenced| fenced.covers(voxel.to_array()))
+            !field.is_known(position, self.depth_mm)
         };
         let vertices = self.positions_in_patient.iter().enumerate();
         vertices

@@ -278,10 +278,7 @@ fn candidate_facts(
         depth_mm,
         ..
     } = *candidate;
-    let is_known = envelope.cuts().iter().all(|cut| {
-        let voxel_mm = envelope.spacing_mm();
-        cut.leaves(position_in_patient, f64::from(depth_mm), voxel_mm)
-    });
+    let is_known = envelope.cuts_leave(position_in_patient, depth_mm);
     CandidateFacts {
         position_in_patient: position_in_patient.to_array(),
         depth_mm: is_known.then_some(depth_mm),

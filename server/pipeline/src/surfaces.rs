@@ -14,7 +14,7 @@ use crate::cuts::cuts_of;
 use crate::maps::{MapsOrReason, compute_division, compute_maps_and_division};
 
 /// The version of the surfaces; part of the entity tags of everything that shows them.
-pub const SURFACES_FORMAT: u32 = 2;
+pub const SURFACES_FORMAT: u32 = 3;
 
 /// Why a case has no surfaces of parts.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
@@ -109,13 +109,21 @@ pub fn with_cuts_of(facts: &CaseFacts, envelope: Envelope) -> Envelope {
     envelope.with_cuts(cuts_of(&facts.cuts))
 }
 
-/// The model of a closed part. `volume` is that of the case.
+/// The model of the closed part of that name. `volume` is that of the case.
 ///
 /// # Errors
 /// If the part is too small for a mesh.
-pub fn surface_model(volume: &Volume, envelope: Envelope) -> Result<BuiltModel, GeometryError> {
+pub fn surface_model(
+    volume: &Volume,
+    envelope: Envelope,
+    name: SurfaceName,
+) -> Result<BuiltModel, GeometryError> {
     let volume = DeformableModel::crop(volume, &envelope).ok_or(GeometryError::EmptyMask)?;
-    DeformableModel::build(volume, ClosedBrain::Envelope(envelope), |_| Ok(()))
+    let closed = match name {
+        SurfaceName::Left | SurfaceName::Right => ClosedBrain::Hemisphere(envelope),
+        SurfaceName::Whole | SurfaceName::Cerebrum => ClosedBrain::Envelope(envelope),
+    };
+    DeformableModel::build(volume, closed, |_| Ok(()))
 }
 
 /// The facts of a case for one of its surfaces: the greatest depth and the sphere around it are those of the surface.

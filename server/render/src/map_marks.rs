@@ -69,22 +69,29 @@ pub fn annotate_map(
     let mut canvas = Canvas::new(frame, side);
     let pixels = Pixels::new(map, request);
     pixels.draw_graticule(&mut canvas);
-    for disc in map.discs {
-        let projection = disc.projection(&parameters.camera, parameters.size);
-        write_directions(&mut canvas, &projection);
-    }
     let mut lines = lines(depth_words(request), parameters.window, layers);
     let surface = caption.surface.into_iter().map(str::to_owned);
     lines.splice(1..1, surface.chain(["equal-area map".to_owned()]));
-    let corner = Corner::new(&canvas, caption.named, lines);
-    let margin = canvas.line_height() / 2;
+    // A disc leaves less of the corner free than a head does.
+    let mut small = Canvas::new(canvas.into_frame(), side / 2);
+    let corner = Corner::new(&small, caption.named, lines);
+    let small_line = small.line_height();
     for (number, text) in corner.lines.iter().enumerate() {
-        canvas.write(text, margin, margin + number as i32 * canvas.line_height());
+        small.write(
+            text,
+            small_line / 2,
+            small_line / 2 + number as i32 * small_line,
+        );
+    }
+    // The name of the case may be as wide as the picture.
+    let below_name = i32::from(caption.named.is_some()) * (small_line / 2 + small_line);
+    let mut canvas = Canvas::new(small.into_frame(), side);
+    for disc in map.discs {
+        let projection = disc.projection(&parameters.camera, parameters.size);
+        write_directions(&mut canvas, &projection, below_name);
     }
     write_foot(&mut canvas, MapScale::of(map, request));
     color_bar(&mut canvas, layers, parameters.size);
-    // The name of the case may be as wide as the picture.
-    let below_name = i32::from(caption.named.is_some()) * canvas.line_height();
     let below_letter = below_name + 2 * canvas.line_height();
     for disc in map.discs.iter().filter(|disc| disc.face == MapFace::Inner) {
         write_beside(&mut canvas, "inner", below_letter, disc, request);
@@ -107,8 +114,8 @@ fn depth_words(request: &RenderRequest) -> String {
     }
 }
 
-/// Writes the patient's directions into the margin of a disc.
-fn write_directions(canvas: &mut Canvas, projection: &MapProjection) {
+/// Writes the patient's directions into the margin of a disc, none higher than `highest`.
+fn write_directions(canvas: &mut Canvas, projection: &MapProjection, highest: i32) {
     let axes = projection.axes();
     let [x, y] = projection.centre();
     let radius = LETTERS_AT * projection.pixels_per_unit();
@@ -121,15 +128,15 @@ fn write_directions(canvas: &mut Canvas, projection: &MapProjection) {
     ] {
         let [x, y] = [x + right * radius, y + down * radius];
         if (0.0..width).contains(&x) && (0.0..height).contains(&y) {
-            write_at(canvas, &letter_of(direction).to_string(), [x, y]);
+            write_at(canvas, &letter_of(direction).to_string(), [x, y], highest);
         }
     }
 }
 
-/// Writes a text around a place.
-fn write_at(canvas: &mut Canvas, text: &str, [x, y]: [f64; 2]) {
+/// Writes a text around a place, or so far below it that it is not higher than `highest`.
+fn write_at(canvas: &mut Canvas, text: &str, [x, y]: [f64; 2], highest: i32) {
     let left = x.round() as i32 - canvas.text_width(text) / 2;
-    let top = y.round() as i32 - canvas.line_height() / 2;
+    let top = (y.round() as i32 - canvas.line_height() / 2).max(highest);
     canvas.write(text, left, top);
 }
 

@@ -288,6 +288,14 @@ export class Panel {
     setValue(this.#convention, state.convention);
   }
 
+  /** Only the whole brain has a surface, for this reason. */
+  refuseParts(reason: string): void {
+    for (const one of this.#surfaces.querySelectorAll<HTMLButtonElement>("button:not([value=whole])")) {
+      one.disabled = true;
+      one.title = reason;
+    }
+  }
+
   /** Whether there is anything to undo, or to redo. */
   showHistory({ canUndo, canRedo }: Pick<StateHistory, "canUndo" | "canRedo">): void {
     this.#undo.disabled = !canUndo;

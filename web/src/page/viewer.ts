@@ -20,6 +20,7 @@ import type { Picked } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { clampDepth, type Layout, type ViewState, hasSlices, leftOf } from "../model/state.ts";
 import { isHalf } from "../model/surfaces.ts";
+import { Problem } from "../base/api.ts";
 import { h } from "../base/dom.ts";
 import { type Key, t } from "../base/i18n.ts";
 import { problemWords } from "../base/problem-words.ts";
@@ -600,6 +601,7 @@ export class Viewer {
   /** Shows the whole brain in the place of a part that cannot be shown, and says why. */
   #showNoPart(problem: unknown): void {
     const words = problemWords(problem);
+    if (problem instanceof Problem && problem.kind === "no-surfaces") this.panel.refuseParts(words);
     this.#notices.remark(words);
     this.#host.announce(words);
     const awaited = this.#awaited;

@@ -17,7 +17,12 @@ struct Ellipsoid(DVec3, DVec3);
 
 impl Ellipsoid {
     fn contains(&self, side: DVec3) -> bool {
-        ((side - self.0) / self.1).length_squared() < 1.0
+        self.contains_within(side, 0.0)
+    }
+
+    /// The same with half-axes that are longer by `more_mm`.
+    fn contains_within(&self, side: DVec3, more_mm: f64) -> bool {
+        ((side - self.0) / (self.1 + more_mm)).length_squared() < 1.0
     }
 }
 
@@ -46,6 +51,13 @@ const ABOVE_MM: f64 = 28.0;
 const BEFORE_MM: f64 = 62.0;
 const BEHIND_MM: f64 = -45.0;
 
+/// The edge of putamen, caudate nucleus and thalamus is a cell beside what the flood found, within this distance of their middles and
+/// not farther to the side, where the insula is.
+///
+/// Read off six heads: all eight places of their lists that were at nuclei lie there, and none at cortex.
+const EDGE_WITHIN_MM: f64 = 8.0;
+const EDGE_TO_SIDE_MM: f64 = 33.0;
+
 /// The level of a tissue scale in a flood: white matter is highest, so that it divides grey matter of cortex and nuclei.
 fn level(value: f32) -> u16 {
     ((value + 0.2) * 40.0).clamp(0.0, 80.0) as u16
@@ -55,7 +67,7 @@ fn level(value: f32) -> u16 {
 const WHITE_FROM: f32 = 0.9;
 
 /// The cells of the cerebrum that are [`DEEP`]: those, darker than white matter, that a flood from nuclei and ventricles reaches before one from the
-/// cortex and the fluid around it. `marks` are the parts of the cells.
+/// cortex and the fluid around it, and the edge of the nuclei. `marks` are the parts of the cells.
 pub(super) fn deep(lattice: &Lattice, marks: &[u8]) -> Vec<u8> {
     let mut flooded: Vec<u8> = (0..marks.len())
         .map(|index| match marks[index] {
@@ -81,7 +93,30 @@ pub(super) fn deep(lattice: &Lattice, marks: &[u8]) -> Vec<u8> {
             *mark = CORTEX;
         }
     }
-    flooded
+    with_edges(lattice, flooded)
+}
+
+/// Adds the cells at the edge of nuclei, which has a junction with white matter of its own.
+///
+/// A cell below a nucleus is not its edge: the amygdala and the cortex of the frontal base lie there, with no white matter between.
+fn with_edges(lattice: &Lattice, marks: Vec<u8>) -> Vec<u8> {
+    let [nx, ny, _] = lattice.size;
+    let is_edge = |index: usize| {
+        let place = lattice.usual_position(index);
+        let side = DVec3::new(place.x.abs(), place.y, place.z);
+        let [putamen, caudate, thalamus, _] = &NUCLEI;
+        side.x < EDGE_TO_SIDE_MM
+            && [putamen, caudate, thalamus]
+                .iter()
+                .any(|nucleus| nucleus.contains_within(side, EDGE_WITHIN_MM))
+            && geometry::face_neighbours(lattice.size, index)
+                .any(|(_, other)| marks[other] == DEEP && other != index + nx * ny)
+    };
+    let edged = marks.iter().enumerate().map(|(index, &mark)| match mark {
+        CORTEX if is_edge(index) => DEEP,
+        mark => mark,
+    });
+    edged.collect()
 }
 
 /// The mark of a cell of the cerebrum before the flood.

@@ -1,5 +1,7 @@
 //! Whether the parts of a brain are to be believed.
 
+use glam::DVec3;
+
 use super::deep::DEEP;
 use super::lattice::CELL_ML;
 use super::parts::{CEREBELLUM, CEREBRUM, Parts, STEM};
@@ -13,9 +15,9 @@ const STEM_SHARE: [f64; 2] = [0.010, 0.050];
 /// The least volume of the smaller half relative to the larger one. Six heads have at least 0.91 (cerebellum) and 0.97.
 const CEREBELLUM_SYMMETRY: f64 = 0.75;
 const CEREBRUM_SYMMETRY: f64 = 0.88;
-/// The share of what is no cortex of the cerebrum, as volumes. Six heads have 0.031 to 0.043.
+/// The share of what is no cortex of the cerebrum, as volumes. Six heads have 0.041 to 0.054.
 const DEEP_SHARE: [f64; 2] = [0.015, 0.12];
-/// The least volume of its smaller half relative to the larger one. Six heads have at least 0.86.
+/// The least volume of its smaller half relative to the larger one. Six heads have at least 0.84.
 const DEEP_SYMMETRY: f64 = 0.6;
 /// The least cross-section of the neck, in cm². Six heads have at least 5.
 const LEAST_NECK_CM2: f64 = 2.0;
@@ -34,6 +36,10 @@ const NEAR_CUT_MM: f64 = 4.0;
 const MAX_SPACING_MM: f64 = 2.5;
 /// The least share of the sheet between the hemispheres that lies in a fissure. Six heads have at least 0.76.
 const FISSURE_SHARE: f64 = 0.4;
+
+/// The least width of a brain relative to its length, as deviations of its cells. Six heads have 0.74 to 0.86, halves of one of them 0.39
+/// and 0.41.
+const LEAST_WIDTH: f64 = 0.55;
 
 /// The measures of the parts of a brain.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,6 +72,12 @@ pub struct RegionNumbers {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RegionDoubt {
+    /// The brain is too narrow for two hemispheres.
+    #[error("the brain is only {:.0} % as wide as it is long, and at least 55 % are expected: one hemisphere seems to be missing", 100.0 * .width)]
+    OneHemisphere {
+        /// Its width over its length.
+        width: f64,
+    },
     /// The voxels are too large to show the tentorium.
     #[error(
         "the largest voxel spacing is {largest_mm:.2} mm; the tentorium is seen with at most 2.50 mm"
@@ -146,6 +158,7 @@ impl RegionDoubt {
     /// The stable name, for programs and translations: `cerebellum-volume`.
     pub fn code(self) -> &'static str {
         match self {
+            Self::OneHemisphere { .. } => "one-hemisphere",
             Self::CoarseVoxels { .. } => "regions-coarse-voxels",
             Self::PrunedMask => "regions-pruned-mask",
             Self::NoAxes => "regions-no-axes",
@@ -169,6 +182,26 @@ pub(super) fn of_voxels(head: Head<'_>) -> Option<RegionDoubt> {
     let spacing_mm = head.volume.grid().spacing_mm();
     let largest_mm = spacing_mm.into_iter().fold(0.0, f64::max);
     (largest_mm > MAX_SPACING_MM).then_some(RegionDoubt::CoarseVoxels { largest_mm })
+}
+
+/// The doubt that explains all others of half a brain.
+pub(super) fn one_hemisphere(lattice: &Lattice) -> Option<RegionDoubt> {
+    let inside = lattice
+        .depths
+        .iter()
+        .enumerate()
+        .filter(|(_, depth)| **depth >= 0.0);
+    let (mut count, mut sum, mut squares) = (0u32, DVec3::ZERO, DVec3::ZERO);
+    for (index, _) in inside {
+        let place = lattice.position(index);
+        count += 1;
+        sum += place;
+        squares += place * place;
+    }
+    let mean = sum / f64::from(count.max(1));
+    let variance = squares / f64::from(count.max(1)) - mean * mean;
+    let width = (variance.x / variance.y).sqrt();
+    (width < LEAST_WIDTH).then_some(RegionDoubt::OneHemisphere { width })
 }
 
 /// Measures the parts.

@@ -144,7 +144,9 @@ pub fn regions(
     let sheet = Sheet::new(head, block, values, &lattice);
     let deep = deep::deep(&lattice, &parts.marks);
     let numbers = doubt::measure(&lattice, (&parts, &deep), &sheet);
-    let mut doubts: Vec<RegionDoubt> = known.into_iter().chain(doubt::of_voxels(head)).collect();
+    let mut doubts = Vec::from_iter(doubt::one_hemisphere(&lattice));
+    doubts.extend(known);
+    doubts.extend(doubt::of_voxels(head));
     doubts.extend(doubt::doubts(head, &lattice, &parts, &numbers));
     let mut codes = refined(&lattice, &parts, block, values);
     if !doubts.is_empty() {

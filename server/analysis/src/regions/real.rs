@@ -1,6 +1,9 @@
 //! Real heads. They are not part of the project; without them, these tests report it and pass.
 
-use geometry::{DepthField, distance_map};
+use geometry::{
+    ContourPlanes, DepthField, MeshSize, Paths, ShrunkMesh, core, distance_map,
+    envelope_mesh_across, forest, shrink_once,
+};
 use glam::DVec3;
 
 use super::division::tests::closed;
@@ -24,7 +27,7 @@ fn the_cortex_of_each_hemisphere_lies_on_its_side_and_in_the_cerebrum() {
     let found = of(&scan);
     assert_eq!(found.doubts, []);
     let sheet = found.sheet.as_ref().expect("a sheet");
-    let (mut right, mut count) = ([0u32; 2], [0u32; 2]);
+    let (mut right, mut count, mut deep) = ([0u32; 2], [0u32; 2], 0u32);
     for (name, sign) in [("lh", 1.0), ("rh", -1.0)] {
         let [pial, white] =
             ["pia", "wm"].map(|kind| vertices(&folder.join(format!("{kind}_{name}.gii"))));
@@ -35,6 +38,8 @@ fn the_cortex_of_each_hemisphere_lies_on_its_side_and_in_the_cerebrum() {
             );
             let is_right = sheet.left_mm(*pial) * sign >= 0.0 && !is_removed;
             let is_cortex = pial.distance(*white) >= CORTEX_FROM_MM;
+            let is_deep = matches!(found.at(*white), Some(Region::LeftDeep | Region::RightDeep));
+            deep += u32::from(is_deep && is_cortex);
             for (group, is_in) in [true, is_cortex].into_iter().enumerate() {
                 count[group] += u32::from(is_in);
                 right[group] += u32::from(is_in && is_right);
@@ -47,6 +52,8 @@ fn the_cortex_of_each_hemisphere_lies_on_its_side_and_in_the_cerebrum() {
         count[0], count[1]
     );
     assert!(cortex >= 0.995 && all >= 0.99, "{cortex} {all}");
+    let left_out = f64::from(deep) / f64::from(count[1]);
+    assert!(left_out < 0.01, "{left_out} of the junction is called deep");
 }
 
 #[test]
@@ -214,6 +221,67 @@ fn most_of_the_mesial_wall_is_met_when_it_is_peeled_from_the_falx() {
                 why.map(share),
             );
             assert!(neither < before * 3 / 5, "{neither} {before}");
+        }
+    }
+}
+
+/// How far from its depth a facet may be before it counts as off, in mm.
+const OFF_MM: f32 = 2.0;
+
+/// The share of the area of a mesh that lies off its depth.
+fn share_off(shrunk: &ShrunkMesh, size: MeshSize, field: &DepthField) -> f64 {
+    let voxel_from_patient = field.grid().voxel_from_patient();
+    let place = |vertex: u32| {
+        let position = shrunk.positions_in_patient[vertex as usize].map(f64::from);
+        voxel_from_patient
+            .transform_point3(position.into())
+            .as_vec3()
+    };
+    let (mut all, mut off) = (0.0, 0.0);
+    for [a, b, c] in size
+        .triangles()
+        .into_iter()
+        .map(|corners| corners.map(place))
+    {
+        let [ab, ac] = [b - a, c - a];
+        // Points in the middles of equal parts, about two voxels long.
+        let parts = (ab.length().max(ac.length()).max(b.distance(c)) / 2.0) as u16 + 1;
+        let along = |part: u16| (f32::from(part) + 1.0 / 3.0) / f32::from(parts);
+        let share = ab.cross(ac).length() / f32::from(parts * (parts + 1));
+        for (i, j) in (0..parts).flat_map(|i| (0..parts - i).map(move |j| (i, j))) {
+            let depth_mm = field.depth_mm(a + ab * along(i) + ac * along(j));
+            all += f64::from(share);
+            if (depth_mm - shrunk.depth_mm).abs() > OFF_MM {
+                off += f64::from(share);
+            }
+        }
+    }
+    off / all
+}
+
+#[test]
+fn the_facets_of_a_hemisphere_keep_to_its_depth() {
+    let Some(data) = data() else { return };
+    for (folder, volume) in [("csi1", "t1"), ("colin27", "ch2"), ("pycortex-s1", "t1")] {
+        let mask = read_mask(&data.join(folder).join("mask_dura.nii.gz"));
+        let volume = read_volume(&data.join(folder).join(format!("{volume}.nii.gz")));
+        let scan = Scan::new(volume, &mask);
+        let division = Division::new(scan.head(), None).unwrap();
+        for part in [SurfacePart::Left, SurfacePart::Right] {
+            let distance = distance_map(&closed(&mask, &scan, &division, part));
+            let field = DepthField::new(&distance);
+            let forest = forest(&distance, &core(&distance));
+            for (count, most) in [(30, [0.02, 0.035]), (100, [0.003, 0.008])] {
+                let size = MeshSize::new(count, count).unwrap();
+                let mesh = envelope_mesh_across(&field, size, ContourPlanes::Coronal).unwrap();
+                let off = [0.0, 8.0].map(|depth_mm| {
+                    let paths = Paths::Forest(&forest);
+                    let shrunk = shrink_once(&mesh, &distance, &field, paths, depth_mm);
+                    share_off(&shrunk, size, &field)
+                });
+                println!("{folder} {part:?}, {count} contours: {off:.4?} at 0 and 8 mm");
+                assert!(off[0] < most[0] && off[1] < most[1], "{folder} {part:?}");
+            }
         }
     }
 }

@@ -226,6 +226,21 @@ fn a_head_without_enough_contrast_or_with_coarse_voxels_has_no_maps_and_a_reason
 }
 
 #[test]
+fn if_half_of_the_mask_is_empty_that_is_the_reason() {
+    let scan = Phantom::PLAIN.scan(&plain_grid());
+    let mut voxels = scan.volume.voxels().to_vec();
+    let side = plain_grid().size()[0];
+    for (index, voxel) in voxels.iter_mut().enumerate() {
+        if index % side < side / 2 {
+            *voxel = 0;
+        }
+    }
+    let volume = Volume::new(plain_grid(), voxels, scan.volume.rescale()).unwrap();
+    let refused = Scan { volume, ..scan }.maps().unwrap_err();
+    assert_eq!(refused.code(), "empty-volume", "{refused}");
+}
+
+#[test]
 fn the_noise_of_voxels_of_two_millimetres_is_measured_and_their_head_has_maps() {
     let size = [57, 67, 53];
     let origin = DVec3::from_array(size.map(|side| -((side - 1) as f64)));

@@ -57,7 +57,7 @@ impl Library {
         };
         let build = move |facts: &CaseFacts, payloads: &[Bytes]| {
             let volume = decode_volume(payloads.first()?)?;
-            let built = surface_model(&volume, envelope.clone());
+            let built = surface_model(&volume, envelope.clone(), name);
             Some(built.map(|built| {
                 let facts = surface_facts(facts, &built);
                 // Now, not in the first picture.

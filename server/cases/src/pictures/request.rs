@@ -231,7 +231,7 @@ impl Default for PictureRequest {
 }
 
 /// The version of the flat map; part of the entity tags of everything that shows it.
-const FLAT_MAP_FORMAT: u32 = 2;
+const FLAT_MAP_FORMAT: u32 = 3;
 
 /// The version of a surface, on which everything that shows it depends; `None` for the whole brain, which never changes.
 pub fn surface_version(surface: SurfaceName) -> Option<String> {

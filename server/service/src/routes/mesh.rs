@@ -48,7 +48,7 @@ pub struct MeshQuery {
     #[serde(default, skip_serializing_if = "SurfaceName::is_whole")]
     #[param(inline)]
     surface: SurfaceName,
-    /// Number of sagittal contours, N_F in the paper.
+    /// Number of contours, N_F in the paper: sagittal, or coronal for the surfaces `left` and `right`.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 512, default = 30)]
     contours: usize,
@@ -67,7 +67,7 @@ pub struct MeshQuery {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct TrianglesQuery {
-    /// Number of sagittal contours, N_F in the paper.
+    /// Number of contours, N_F in the paper.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 512, default = 30)]
     contours: usize,
@@ -86,7 +86,7 @@ pub struct PathsQuery {
     #[serde(default, skip_serializing_if = "SurfaceName::is_whole")]
     #[param(inline)]
     surface: SurfaceName,
-    /// Number of sagittal contours, N_F in the paper.
+    /// Number of contours, N_F in the paper: sagittal, or coronal for the surfaces `left` and `right`.
     #[serde(default = "default_count")]
     #[param(minimum = 3, maximum = 512, default = 30)]
     contours: usize,
