@@ -265,7 +265,11 @@ fn push_character(text: &mut String, sets: Sets, byte: u8, after: &[u8]) -> usiz
     }
     match set.first(&whole) {
         Some((letter, length)) => {
-            text.push(if is_left { of_standard(letter) } else { letter });
+            text.push(if is_left {
+                of_standard(set, letter)
+            } else {
+                letter
+            });
             length
         }
         // A character of a manufacturer or a user: what follows it is read as before.
@@ -286,10 +290,11 @@ fn push_undecodable(text: &mut String, bytes: &[u8]) {
     }
 }
 
-/// A character of JIS X 0208 as in the tables of Unicode, from which those of the Web differ in six places.
-fn of_standard(letter: char) -> char {
+/// A character of a Japanese set as in the tables of Unicode, from which those of the Web differ in these places.
+fn of_standard(set: Set, letter: char) -> char {
     match letter {
-        '\u{FF5E}' => '\u{301C}',
+        '\u{FF5E}' if set.prefix.is_empty() => '\u{301C}',
+        '\u{FF5E}' => '~',
         '\u{2225}' => '\u{2016}',
         '\u{FF0D}' => '\u{2212}',
         '\u{FFE0}' => '\u{A2}',
@@ -347,6 +352,7 @@ mod tests {
             ),
             (r"\ISO 2022 IR 148", b"\x1b-M\xddpek", "İpek"),
             (r"\ISO 2022 IR 166", b"\x1b-T\xca\xc1", "สม"),
+            (r"\ISO 2022 IR 87", b"\x1b$B!A!]\x1b(B^A", "〜−^A"),
             // JIS X 0212.
             (r"\ISO 2022 IR 159", b"\x1b$(D\x30\x21\x1b(B^A", "丂^A"),
             // Sets that stand alone, although another one is stated.
@@ -371,7 +377,7 @@ mod tests {
         // A text has no parts of a name.
         assert_eq!(decode(b"\x1b-L\xbb^\xbb", None, b"\\"), "Л^Л");
         // The second byte of a character may look like a delimiter.
-        assert_eq!(name("", b"\x1b$B\x24\x5e\x33\x5c\x1b(B"), "ま喝");
+        assert_eq!(name("", b"\x1b$B\x24\x5e\x33\x5c\x1b(B"), "ま顎");
     }
 
     #[test]

@@ -10,7 +10,7 @@ use crate::series_builder::{DataSet, Slice, Syntax, slices};
 const NAME: &str = "Yamada^Tarou=山田^太郎=やまだ^たろう";
 const NAME_IN_JIS: &[u8] =
     b"Yamada^Tarou=\x1b$B;3ED\x1b(B^\x1b$BB@O:\x1b(B=\x1b$B$d$^$@\x1b(B^\x1b$B$?$m$&\x1b(B";
-const MANUFACTURER: &str = "東芝 喝";
+const MANUFACTURER: &str = "東芝 顎";
 const MANUFACTURER_IN_JIS: &[u8] = b"\x1b$BEl<G\x1b(B \x1b$B3\\\x1b(B";
 
 /// A slice of this patient.
