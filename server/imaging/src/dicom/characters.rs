@@ -6,6 +6,8 @@
 //!
 //! Source: PS3.5 §6.1.2.5 and PS3.3 §C.12.1.1.2.
 
+use std::borrow::Cow;
+
 use dicom_core::value::PrimitiveValue;
 use dicom_core::{Tag, VR};
 use dicom_dictionary_std::tags;
@@ -161,7 +163,7 @@ pub(super) fn decode_texts(object: &mut InMemDicomObject, inherited: &str) {
     let own = object.get(tags::SPECIFIC_CHARACTER_SET);
     let own = own.and_then(|element| element.to_str().ok());
     let has_own = own.is_some();
-    let terms = own.map_or_else(|| inherited.to_owned(), |own| own.into_owned());
+    let terms = own.map_or_else(|| inherited.to_owned(), Cow::into_owned);
     let right = initial(&terms);
     let elements: Vec<(Tag, VR)> = object
         .iter()
