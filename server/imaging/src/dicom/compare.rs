@@ -154,7 +154,7 @@ fn corners(frame: &Frame, [columns, rows]: [usize; 2]) -> Option<[DVec3; 3]> {
 /// The text of an attribute, without what may differ between two ways to write one value.
 fn plain(object: &InMemDicomObject, tag: Tag) -> String {
     let text = text(object, tag).unwrap_or_default();
-    let text = text.trim_end_matches('^');
+    let text = text.trim_end_matches(['^', '=']);
     match (tag, text.split_once('.')) {
         (tags::STUDY_TIME, Some((seconds, fraction))) => {
             let fraction = fraction.trim_end_matches('0');

@@ -7,7 +7,7 @@ use dicom_object::InMemDicomObject;
 
 use super::DicomError;
 use super::attributes::wanted;
-use super::header::{parse, read_image};
+use super::header::{parse, parse_as_stored, read_image};
 use super::numbers::{integer, text};
 use super::pixels::stored_samples;
 use super::scan::{PixelBytes, Scanned, Wanted, scan, scan_for, stated_syntax};
@@ -130,7 +130,7 @@ impl Layout {
 /// If the file is damaged, or its pixels cannot be decoded.
 pub fn explicit_file(file: &[u8]) -> Result<Vec<u8>, DicomError> {
     let scanned = scan_for(file, Wanted::All)?;
-    let mut object = parse(&scanned)?;
+    let mut object = parse_as_stored(&scanned)?;
     let pixels = pixel_bytes(file, &scanned, &object)?;
     // The group length of an element that is written differently would be wrong.
     object.retain(|element| element.header().tag.1 != 0);

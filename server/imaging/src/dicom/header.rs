@@ -7,6 +7,7 @@ use dicom_transfer_syntax_registry::entries;
 use glam::DVec3;
 
 use super::DicomError;
+use super::characters::{decode_texts, hide, needs_decoding};
 use super::numbers::{integer, real, reals, text};
 use super::pet::Pet;
 use super::scan::Scanned;
@@ -139,17 +140,35 @@ fn modality_of(sop_class_uid: &str) -> Option<Modality> {
     }
 }
 
-/// The part of a data set that the scan kept.
+/// The part of a data set that the scan kept, with its texts decoded.
 pub(super) fn parse(scanned: &Scanned) -> Result<InMemDicomObject, DicomError> {
+    let sets = &scanned.character_sets;
+    let mut terms = sets.iter().map(|range| &scanned.header[range.clone()]);
+    if !terms.any(needs_decoding) {
+        return parse_as_stored(scanned);
+    }
+    let mut header = scanned.header.clone();
+    for range in sets {
+        hide(&mut header[range.clone()]);
+    }
+    let mut object = read(scanned, &header)?;
+    decode_texts(&mut object, "");
+    Ok(object)
+}
+
+/// As [`parse`], but texts with code extensions stay as they are, to be written again.
+pub(super) fn parse_as_stored(scanned: &Scanned) -> Result<InMemDicomObject, DicomError> {
+    read(scanned, &scanned.header)
+}
+
+fn read(scanned: &Scanned, header: &[u8]) -> Result<InMemDicomObject, DicomError> {
     let syntax = match scanned.syntax.encoding {
         Encoding::ImplicitLittle => entries::IMPLICIT_VR_LITTLE_ENDIAN.erased(),
         Encoding::ExplicitLittle => entries::EXPLICIT_VR_LITTLE_ENDIAN.erased(),
         Encoding::ExplicitBig => entries::EXPLICIT_VR_BIG_ENDIAN.erased(),
     };
-    InMemDicomObject::read_dataset_with_ts(&scanned.header[..], &syntax).map_err(|_| {
-        DicomError::Damaged {
-            what: "its header cannot be parsed",
-        }
+    InMemDicomObject::read_dataset_with_ts(header, &syntax).map_err(|_| DicomError::Damaged {
+        what: "its header cannot be parsed",
     })
 }
 

@@ -12,7 +12,7 @@ use super::rejection::{Rejection, rejection};
 use super::scan::scan;
 use crate::{Format, sniff};
 
-const WANTED: [Tag; 12] = [
+const WANTED: [Tag; 13] = [
     tags::SPECIFIC_CHARACTER_SET,
     tags::SOP_CLASS_UID,
     tags::SOP_INSTANCE_UID,
@@ -22,6 +22,7 @@ const WANTED: [Tag; 12] = [
     tags::SERIES_DESCRIPTION,
     tags::PATIENT_NAME,
     tags::PATIENT_ID,
+    tags::PATIENT_BIRTH_DATE,
     tags::PROTOCOL_NAME,
     tags::STUDY_INSTANCE_UID,
     tags::SERIES_INSTANCE_UID,
@@ -59,6 +60,7 @@ fn tag_of(keyword: &str) -> Tag {
         "SeriesDescription" => tags::SERIES_DESCRIPTION,
         "PatientName" => tags::PATIENT_NAME,
         "PatientID" => tags::PATIENT_ID,
+        "PatientBirthDate" => tags::PATIENT_BIRTH_DATE,
         _ => tags::PROTOCOL_NAME,
     }
 }

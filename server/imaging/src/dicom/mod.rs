@@ -17,6 +17,7 @@
 //! Source: the DICOM standard, parts 3, 5 and 10, at <https://www.dicomstandard.org>.
 
 mod attributes;
+mod characters;
 mod choose;
 mod compare;
 mod convert;

@@ -63,6 +63,8 @@ pub(crate) struct Scanned<'a> {
     dataset: Cow<'a, [u8]>,
     /// The wanted elements before the pixels, in the data set's encoding.
     pub(crate) header: Vec<u8>,
+    /// Where the values of Specific Character Set lie in the header, of the data set and of items.
+    pub(crate) character_sets: Vec<Range<usize>>,
     pixels: Option<PixelRanges>,
 }
 
@@ -124,13 +126,15 @@ pub(crate) fn scan_for<'a>(file: &'a [u8], wanted: Wanted) -> Result<Scanned<'a>
         encoding: syntax.encoding,
         wanted,
         header: Vec::new(),
+        character_sets: Vec::new(),
     };
     let pixels = walk.data_set()?;
-    let header = walk.header;
+    let (header, character_sets) = (walk.header, walk.character_sets);
     Ok(Scanned {
         syntax,
         dataset,
         header,
+        character_sets,
         pixels,
     })
 }
@@ -335,6 +339,7 @@ struct Walk<'a> {
     encoding: Encoding,
     wanted: Wanted<'a>,
     header: Vec<u8>,
+    character_sets: Vec<Range<usize>>,
 }
 
 impl Walk<'_> {
@@ -396,6 +401,10 @@ impl Walk<'_> {
             (false, true) => {
                 let range = element.value_range(end)?;
                 self.header.extend_from_slice(&self.bytes[at..range.end]);
+                if element.tag == tags::SPECIFIC_CHARACTER_SET {
+                    let end = self.header.len();
+                    self.character_sets.push(end - range.len()..end);
+                }
                 Ok(range.end)
             }
             // An unwanted element with a length is skipped.

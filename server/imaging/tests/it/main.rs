@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod builder;
+mod characters;
 mod dicom;
 mod hostile;
 mod masks;

@@ -94,7 +94,7 @@ impl DataSet {
         self.bytes(tag, "US", &value);
     }
 
-    fn samples(&self, samples: &[u16]) -> Vec<u8> {
+    pub(crate) fn samples(&self, samples: &[u16]) -> Vec<u8> {
         samples
             .iter()
             .flat_map(|&sample| self.short(sample))
