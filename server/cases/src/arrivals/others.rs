@@ -157,15 +157,7 @@ impl Cases {
 
     /// What a series says, once for each of its patients.
     async fn others_of(&self, arrival: Arrival) -> Result<Vec<Other>, Error> {
-        let mut images: Vec<_> = match arrival.instances {
-            0 => Vec::new(),
-            _ => self.store().images_of(&arrival.uids).await?,
-        };
-        // Of all series but these, one image tells the patient.
-        if !may_be_of_several(&arrival) {
-            images.truncate(1);
-        }
-        let images: Vec<_> = images.into_iter().map(|(_, image)| image).collect();
+        let images = self.images_that_tell(&arrival).await?;
         let patients = self.patients_of_images(&images).await?;
         let patients = match patients.is_empty() {
             true => vec![None],
@@ -183,6 +175,39 @@ impl Cases {
             patient,
         };
         Ok(patients.into_iter().map(other).collect())
+    }
+
+    /// The images that tell the patients of a series.
+    async fn images_that_tell(&self, arrival: &Arrival) -> Result<Vec<ObjectName>, Error> {
+        let mut images: Vec<_> = match arrival.instances {
+            0 => Vec::new(),
+            _ => self.store().images_of(&arrival.uids).await?,
+        };
+        // Of all series but these, one image is enough.
+        if !may_be_of_several(arrival) {
+            images.truncate(1);
+        }
+        Ok(images.into_iter().map(|(_, image)| image).collect())
+    }
+
+    /// The patients of a study, in its cases and in what makes none. A study may have hundreds of series, so all images are read at once.
+    pub(super) async fn patients_of_study(&self, study: &Uid) -> Result<Vec<Patient>, Error> {
+        let query = SeriesQuery::Study(study.clone(), None);
+        let mut images = Vec::new();
+        for arrival in self.store().arrivals_of(&query).await? {
+            if says_something(&arrival) {
+                images.extend(self.images_that_tell(&arrival).await?);
+            }
+        }
+        let mut patients = self.patients_of_images(&images).await?;
+        for series in self.store().cases_of(&query).await? {
+            if !series.is_superseded()
+                && let Some(source) = self.attributes_of(&series.case).await?
+            {
+                patients.push(Patient::of(|keyword| source.value(keyword)));
+            }
+        }
+        Ok(patients)
     }
 
     /// Whether the PACS has sent a series, or images with these UIDs under any series, as those of another patient than this one.

@@ -1,6 +1,5 @@
 //! Whether two sources are of one patient.
 
-use super::Head;
 use crate::application::Cases;
 use crate::error::Error;
 use case::{CaseId, ObjectKind};
@@ -238,13 +237,8 @@ impl Cases {
         study: &Uid,
         named: &Patient,
     ) -> Result<Option<Contradiction>, Error> {
-        let query = SeriesQuery::Study(study.clone(), None);
-        let fitting = self.fitting(&query).await?;
-        let of_heads = fitting.heads.iter().filter_map(Head::patient);
-        let of_others = fitting.others.into_iter().filter_map(|other| other.patient);
-        let is_another = of_heads
-            .chain(of_others)
-            .any(|held| held.contradicts(named));
+        let held = self.patients_of_study(study).await?;
+        let is_another = held.iter().any(|held| held.contradicts(named));
         Ok(is_another.then_some(Contradiction::Study))
     }
 
