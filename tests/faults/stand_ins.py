@@ -80,8 +80,11 @@ DPkg::Post-Invoke { "rm -f /var/cache/apt/archives/*.deb || true"; };
 
 CARGO = """#!/bin/sh
 # Stands in for cargo: hands over a program that was compiled before.
-[ "$*" = "build --release --locked --package isocortex --bin isocortex" ] || exit 1
-install -D /usr/local/lib/isocortex target/release/isocortex
+case "$*" in
+  "install --locked --version "*" --root /auditable cargo-auditable") ;;
+  "auditable build --release --locked --package isocortex --bin isocortex") install -D /usr/local/lib/isocortex target/release/isocortex ;;
+  *) exit 1 ;;
+esac
 """
 
 
