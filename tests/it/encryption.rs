@@ -143,19 +143,7 @@ fn a_running_server_goes_on_while_its_key_is_changed() {
     // No case stays in its memory.
     let config = path("isocortex.toml");
     std::fs::write(&config, "[render]\ncache_bytes = 0\n").unwrap();
-    let mut server = Logged::start(&[
-        "serve",
-        "--listen",
-        "127.0.0.1:0",
-        "--gpu",
-        "off",
-        "--data",
-        &data,
-        "--key-file",
-        &keys,
-        "--config",
-        &config,
-    ]);
+    let mut server = Logged::serve(&data, &["--key-file", &keys, "--config", &config]);
     let line = server.until("listening");
     let address = line["address"].as_str().unwrap().to_owned();
     let mask = || {

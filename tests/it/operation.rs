@@ -32,6 +32,12 @@ impl Drop for Logged {
 }
 
 impl Logged {
+    /// A server of a store, at a free port of this machine.
+    pub(crate) fn serve(data: &str, arguments: &[&str]) -> Self {
+        let serve = ["serve", "--listen", "127.0.0.1:0", "--gpu", "off"];
+        Self::start(&[&serve[..], &["--data", data], arguments].concat())
+    }
+
     pub(crate) fn start(arguments: &[&str]) -> Self {
         let mut process = Command::new(program())
             .args(arguments)
@@ -144,17 +150,10 @@ fn a_named_token_opens_once_it_is_in_the_file_and_no_longer_once_it_is_not() {
         String::from_utf8(made.stdout).unwrap().trim().to_owned()
     };
     let first = add("first");
-    let mut server = Logged::start(&[
-        "serve",
-        "--listen",
-        "127.0.0.1:0",
-        "--gpu",
-        "off",
-        "--data",
+    let mut server = Logged::serve(
         data.to_str().unwrap(),
-        "--tokens-file",
-        tokens.to_str().unwrap(),
-    ]);
+        &["--tokens-file", tokens.to_str().unwrap()],
+    );
     let line = server.until("listening");
     let address = line["address"].as_str().unwrap().to_owned();
     let status = |token: &str| get(&address, "/v1/cases", token).0;
@@ -200,17 +199,10 @@ fn a_withdrawn_token_opens_no_longer_although_a_certificate_cannot_be_read_again
         "[http]\ntokens_file = {tokens:?}\n[pacs.dimse]\nlisten = \"127.0.0.1:0\"\ntls_certificate = {certificate:?}\ntls_key = {key:?}\n"
     );
     std::fs::write(&file, config).unwrap();
-    let mut server = Logged::start(&[
-        "serve",
-        "--listen",
-        "127.0.0.1:0",
-        "--gpu",
-        "off",
-        "--data",
+    let mut server = Logged::serve(
         data.to_str().unwrap(),
-        "--config",
-        file.to_str().unwrap(),
-    ]);
+        &["--config", file.to_str().unwrap()],
+    );
     let line = server.until("listening");
     let address = line["address"].as_str().unwrap().to_owned();
     let status = |token: &str| get(&address, "/v1/cases", token).0;
@@ -263,17 +255,10 @@ fn a_signal_reads_the_token_again_and_every_line_of_the_log_is_json() {
     let folder = tempfile::tempdir().unwrap();
     let [data, token] = ["data", "token"].map(|name| folder.path().join(name));
     std::fs::write(&token, OLD).unwrap();
-    let mut server = Logged::start(&[
-        "serve",
-        "--listen",
-        "127.0.0.1:0",
-        "--gpu",
-        "off",
-        "--data",
+    let mut server = Logged::serve(
         data.to_str().unwrap(),
-        "--token-file",
-        token.to_str().unwrap(),
-    ]);
+        &["--token-file", token.to_str().unwrap()],
+    );
     let line = server.until("listening");
     let address = line["address"].as_str().unwrap().to_owned();
     let status = |token: &str| get(&address, "/v1/cases", token).0;

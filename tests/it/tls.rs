@@ -113,16 +113,7 @@ async fn a_certificate_is_read_again_when_its_file_changes() {
     let data = folder.path().display().to_string();
     let [certificate, key] = ["cert.pem", "key.pem"].map(|name| ours.text(name));
     let arguments = ["--tls-cert", &certificate, "--tls-key", &key];
-    let serve = [
-        "serve",
-        "--listen",
-        "127.0.0.1:0",
-        "--gpu",
-        "off",
-        "--data",
-        &data,
-    ];
-    let mut server = Logged::start(&[&serve[..], &arguments].concat());
+    let mut server = Logged::serve(&data, &arguments);
     let line = server.until("listening");
     let address: SocketAddr = line["address"].as_str().unwrap().parse().unwrap();
     assert!(ask(address, &ours).await.is_ok());
