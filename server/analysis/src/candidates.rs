@@ -348,8 +348,10 @@ fn neighbours(voxel: [usize; 3], size: [usize; 3]) -> impl Iterator<Item = [usiz
 pub(crate) fn candidates(
     block: &Block,
     scores: &Scores,
-    (head, regions): (Head<'_>, &Regions),
-    (choice, kind): (Choice, MapKind),
+    head: Head<'_>,
+    regions: &Regions,
+    choice: Choice,
+    kind: MapKind,
 ) -> [Vec<Candidate>; 2] {
     let Head { depth, plane, .. } = head;
     let voxel_mm3 = block.grid.patient_from_voxel().matrix3.determinant().abs();

@@ -973,7 +973,7 @@ pub(crate) async fn ready_cases_are_found_by_their_voxels(subject: &Subject) {
     }
     let found = async |values: &str, limit| {
         let cases = store
-            .cases_with_voxels((Project::DEFAULT, values), limit)
+            .cases_with_voxels(Project::DEFAULT, values, limit)
             .await
             .unwrap();
         cases.into_iter().map(|case| case.id).collect::<Vec<_>>()

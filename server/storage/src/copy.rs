@@ -157,9 +157,7 @@ impl Store {
         let of_project = self.in_project(arrival.project);
         let images = of_project.images_of(&arrival.uids).await?;
         // An earlier copy may have what was corrected or rejected since.
-        other
-            .keep_images((&arrival.uids, arrival.project), &images)
-            .await?;
+        other.keep_images(arrival, &images).await?;
         let mut lost = Vec::new();
         // A series of which nothing is left has no chunk, but a reason.
         let chunks = images.len().div_ceil(IMAGES_AT_ONCE).max(1);

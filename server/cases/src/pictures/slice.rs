@@ -481,8 +481,8 @@ impl SlicePicture {
             };
             let frame = render::draw_slice(&scene, &request);
             let projection = request.projection(&scene.bounds);
-            let slice = (&request, &projection, &scene.layers);
-            let png = encode_slice(frame, slice, &self.id, self.identity.as_deref())?;
+            let (layers, named) = (&scene.layers, self.identity.as_deref());
+            let png = encode_slice(frame, &request, &projection, layers, &self.id, named)?;
             Ok(DrawnSlice {
                 png,
                 projection,
@@ -501,7 +501,9 @@ impl SlicePicture {
 /// If it cannot be encoded.
 pub fn encode_slice(
     frame: Frame,
-    (request, projection, layers): (&SliceRequest, &Projection, &Layers<'_>),
+    request: &SliceRequest,
+    projection: &Projection,
+    layers: &Layers<'_>,
     id: &CaseId,
     identity: Option<&str>,
 ) -> Result<Vec<u8>, Error> {

@@ -54,7 +54,8 @@ pub(super) async fn submit(
     }
     jobs::check_room(
         connection,
-        (JobKind::PREPARE, new.queue_limit),
+        JobKind::PREPARE,
+        new.queue_limit,
         &new.client,
         now,
     )

@@ -38,7 +38,7 @@ impl Store {
         change: &LayerChange,
     ) -> Result<bool, StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
-        let changed = layers::change(&mut transaction, (case, layer), change).await?;
+        let changed = layers::change(&mut transaction, case, layer, change).await?;
         transaction.commit().await?;
         Ok(changed)
     }
@@ -57,10 +57,10 @@ impl Store {
         if !jobs::finish(&mut transaction, claim, Ok(()), now).await? {
             return Ok(Referred::Unneeded(Published::Fenced));
         }
-        if !layers::refer(&mut transaction, (&case, &layer), derived, now).await? {
+        if !layers::refer(&mut transaction, &case, &layer, derived, now).await? {
             return Ok(Referred::PinLost);
         }
-        layers::make_ready(&mut transaction, (&case, &layer), facts).await?;
+        layers::make_ready(&mut transaction, &case, &layer, facts).await?;
         transaction.commit().await?;
         Ok(Referred::Done(Published::Done))
     }
@@ -78,7 +78,7 @@ impl Store {
         if !layers.iter().any(is_meant) {
             return Ok(Referred::Unneeded(Published::Fenced));
         }
-        if !layers::refer(&mut transaction, (case, layer), derived, now).await? {
+        if !layers::refer(&mut transaction, case, layer, derived, now).await? {
             return Ok(Referred::PinLost);
         }
         transaction.commit().await?;
@@ -184,7 +184,7 @@ impl Store {
         objects: &Pinned,
     ) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        layers::adopt(&mut transaction, (layer, series), objects, now).await?;
+        layers::adopt(&mut transaction, layer, series, objects, now).await?;
         transaction.commit().await
     }
 
@@ -205,6 +205,6 @@ impl Store {
         case: &CaseId,
         layer: &LayerId,
     ) -> Result<Option<Uid>, StoreError> {
-        layers::series_of(&mut self.rows().connect().await?, (case, layer)).await
+        layers::series_of(&mut self.rows().connect().await?, case, layer).await
     }
 }

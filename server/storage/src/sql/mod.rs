@@ -290,7 +290,8 @@ impl Store {
     /// If the rows cannot be read.
     pub async fn cases_with_voxels(
         &self,
-        (project, values): (Project, &str),
+        project: Project,
+        values: &str,
         limit: usize,
     ) -> Result<Vec<Case>, StoreError> {
         cases::with_voxels(&mut self.rows().connect().await?, project, values, limit).await

@@ -53,8 +53,8 @@ impl Store {
         after: Option<&ArrivalCursor>,
         limit: usize,
     ) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError> {
-        let query = (self.scope(), query);
-        results::page(&mut self.rows().connect().await?, query, after, limit).await
+        let mut connection = self.rows().connect().await?;
+        results::page(&mut connection, self.scope(), query, after, limit).await
     }
 
     /// A result.

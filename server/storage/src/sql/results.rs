@@ -33,7 +33,7 @@ pub(super) async fn queue(
 ) -> Result<SentResult, StoreError> {
     let mut series = Vec::new();
     for layer in &new.layers {
-        series.extend(layers::series_of(connection, (&new.case, layer)).await?);
+        series.extend(layers::series_of(connection, &new.case, layer).await?);
     }
     let id = insert(connection, new, &series, now).await?;
     // A layer may have been withdrawn while the result was drawn, and may have come back since it was first requested.
@@ -207,7 +207,8 @@ pub(super) async fn adopt(
 
 pub(super) async fn page(
     connection: &mut Connection,
-    (scope, query): (Option<Project>, &TransferQuery),
+    scope: Option<Project>,
+    query: &TransferQuery,
     after: Option<&ArrivalCursor>,
     limit: usize,
 ) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError> {
