@@ -1,12 +1,12 @@
 //! Layers: from an upload to objects and rows, and back.
 
 use bytes::Bytes;
-use case::{CaseId, Failure, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
+use case::{CaseId, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
 
 use super::arrivals::Uid;
 use super::jobs::Claim;
 use super::pinned::Writing;
-use super::rows::{LayerChange, LayerName, NewLayer, Pinned, Published};
+use super::rows::{LayerName, NewLayer, Pinned, Published};
 use super::{Framed, ObjectName, Spooled, Store, StoreError, Unreadable};
 
 /// How often to insert a layer again that others delete meanwhile.
@@ -115,21 +115,6 @@ impl Store {
         Ok(layers.into_iter().find(|layer| layer.id == *id))
     }
 
-    /// Renames a layer, or moves it in the list; returns whether there is such a layer.
-    ///
-    /// # Errors
-    /// [`StoreError::LayerNameTaken`], or if the rows cannot be written.
-    pub async fn change_layer(
-        &self,
-        case: &CaseId,
-        id: &LayerId,
-        change: &LayerChange,
-    ) -> Result<bool, StoreError> {
-        let changed = self.change_layer_row(case, id, change).await?;
-        self.signals().changed(case);
-        Ok(changed)
-    }
-
     /// Removes a layer and the objects that nothing else needs; `false` if it did not exist. The operation completes
     /// even if the caller drops the future.
     ///
@@ -147,27 +132,6 @@ impl Store {
             Ok(deleted)
         };
         tokio::spawn(delete).await?
-    }
-
-    /// Removes a layer whose images were corrected or rejected. Results that may show it do not count any more: those that wait to be
-    /// sent fail with this reason. Returns how many have been sent.
-    ///
-    /// # Errors
-    /// As [`Store::delete_layer`].
-    pub async fn withdraw_layer(
-        &self,
-        case: &CaseId,
-        id: &LayerId,
-        failure: &Failure,
-    ) -> Result<usize, StoreError> {
-        let (store, case, id, failure) = (self.clone(), *case, *id, failure.clone());
-        let withdraw = async move {
-            let sent = store.withdraw_layer_row(&case, &id, &failure).await?;
-            store.signals().changed(&case);
-            store.collect().await?;
-            Ok(sent)
-        };
-        tokio::spawn(withdraw).await?
     }
 
     /// The payload of an object of a layer; `None`, reported, if it is missing or damaged.

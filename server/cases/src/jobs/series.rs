@@ -16,7 +16,7 @@ use crate::arrivals::{ArrivalOptions, Patient, SeriesRule};
 use crate::dicom::{Options, Purpose, copy_objects};
 use crate::error::Error;
 use crate::intake::VolumeFiles;
-use crate::layers::NewLayer;
+use crate::layers::ReceivedLayer;
 use crate::runner::{End, Failed, Running, Terms, Work};
 
 /// How long to wait before the second attempt if the server, not the series, was the reason.
@@ -278,7 +278,7 @@ impl Cases {
         if !copy_objects(self.store(), &due.instances, &directory).await? {
             return Ok(Some(Outcome::Nothing(images_lost())));
         }
-        let new = NewLayer {
+        let new = ReceivedLayer {
             case,
             volume: VolumeFiles::Dicom(directory),
             options: Options {
@@ -291,7 +291,7 @@ impl Cases {
             parameters: LayerParameters::default(),
         };
         let outcome = match self.add_layer_of(new, false).await {
-            Ok(added) => {
+            Ok((added, _)) => {
                 // Of fewer images than have come since.
                 self.remove_other_layers_of(&due.uids, &case, &added.layer.id)
                     .await?;

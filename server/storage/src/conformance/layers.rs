@@ -140,7 +140,7 @@ pub(crate) async fn layers_are_named_and_ordered(subject: &Subject) {
             place,
             contrast: None,
         };
-        store.change_layer_row(&case, id, &change).await
+        store.change_layer(&case, id, &change).await
     };
     let taken = change(&ids[2], Some("pet"), Some(0)).await;
     assert!(matches!(taken, Err(StoreError::LayerNameTaken)));
@@ -156,7 +156,7 @@ pub(crate) async fn layers_are_named_and_ordered(subject: &Subject) {
         contrast: Some(Contrast::Flair),
         ..LayerChange::default()
     };
-    let changed = store.change_layer_row(&case, &ids[1], &stated).await;
+    let changed = store.change_layer(&case, &ids[1], &stated).await;
     assert!(changed.unwrap());
     let layers = store.layers(&case).await.unwrap();
     let flairs = layers.iter().filter(|layer| layer.is_flair());

@@ -9,14 +9,6 @@ use crate::rows::{Inserted, LayerChange, NewLayer, Pinned, Published, Referred};
 use crate::{ObjectName, Store, StoreError};
 
 impl Store {
-    async fn forget_facts(&self, case: &CaseId, layer: &LayerId) -> Result<(), StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        layers::forget_facts(&mut transaction, case, layer, now).await?;
-        transaction.commit().await
-    }
-}
-
-impl Store {
     /// Makes a layer and its job, and turns its pins into references; or queues a failed one again.
     pub(crate) async fn insert_layer(
         &self,
@@ -31,7 +23,10 @@ impl Store {
     }
 
     /// Renames a layer, or moves it in the list; returns whether there is such a layer.
-    pub(crate) async fn change_layer_row(
+    ///
+    /// # Errors
+    /// [`StoreError::LayerNameTaken`], or if the rows cannot be written.
+    pub async fn change_layer(
         &self,
         case: &CaseId,
         layer: &LayerId,
@@ -40,6 +35,7 @@ impl Store {
         let (mut transaction, _) = self.rows().write().await?;
         let changed = layers::change(&mut transaction, case, layer, change).await?;
         transaction.commit().await?;
+        self.signals().changed(case);
         Ok(changed)
     }
 
@@ -93,7 +89,9 @@ impl Store {
         loop {
             match layers::of_case(&mut self.rows().connect().await?, case).await {
                 Err(StoreError::DamagedLayer(case, layer)) => {
-                    self.forget_facts(&case, &layer).await?;
+                    let (mut transaction, now) = self.rows().write().await?;
+                    layers::forget_facts(&mut transaction, &case, &layer, now).await?;
+                    transaction.commit().await?;
                 }
                 read => return read,
             }
@@ -127,20 +125,30 @@ impl Store {
         Ok(deleted)
     }
 
-    /// As [`Store::delete_layer_row`]. Results that may show it do not count any more; returns how many have been sent and were valid.
-    pub(crate) async fn withdraw_layer_row(
+    /// Removes a layer whose images were corrected or rejected. Results that may show it do not count any more: those that wait to be
+    /// sent fail with this reason. Returns how many have been sent. The operation completes even if the caller drops the future.
+    ///
+    /// # Errors
+    /// As [`Store::delete_layer`].
+    pub async fn withdraw_layer(
         &self,
         case: &CaseId,
         layer: &LayerId,
         failure: &Failure,
     ) -> Result<usize, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let shown = results::Shown::Layer(case, layer);
-        let sent = results::withdraw_showing(&mut transaction, shown, failure, now).await?;
-        layers::delete(&mut transaction, case, layer, now).await?;
-        transaction.commit().await?;
-        self.rows().database.empty_log().await;
-        Ok(sent)
+        let (store, case, layer, failure) = (self.clone(), *case, *layer, failure.clone());
+        let withdraw = async move {
+            let (mut transaction, now) = store.rows().write().await?;
+            let shown = results::Shown::Layer(&case, &layer);
+            let sent = results::withdraw_showing(&mut transaction, shown, &failure, now).await?;
+            layers::delete(&mut transaction, &case, &layer, now).await?;
+            transaction.commit().await?;
+            store.rows().database.empty_log().await;
+            store.signals().changed(&case);
+            store.collect().await?;
+            Ok(sent)
+        };
+        tokio::spawn(withdraw).await?
     }
 
     /// Ends results that show a layer that is or was made of a series, as [`Store::withdraw_layer`] does. Returns how many have been
