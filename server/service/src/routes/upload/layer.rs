@@ -53,7 +53,6 @@ pub struct LayerForm {
 struct SentParameters {
     name: Option<String>,
     kind: Option<LayerKind>,
-    #[serde(alias = "units")]
     unit: Option<String>,
     contrast: Option<Contrast>,
     transform: Transform,
