@@ -14,7 +14,7 @@ use crate::arrivals::{
 use crate::jobs::{Claim, NewJob};
 use crate::rows::{DueSeries, Known, Pinned, Referred, RowCounts, Withdrawn};
 use crate::{ForPacs, ObjectName, Store, StoreError};
-use case::{CaseId, Failure, JobKind, ObjectKind, Project};
+use case::{CaseId, Failure, JobKind, ObjectKind};
 
 /// How long to remember what rejection notes have withdrawn: a PACS that sends the images again does so within days, and
 /// UIDs should not stay for ever.
