@@ -157,7 +157,6 @@ pub enum Unusual {
 }
 
 impl Unusual {
-    /// Of a score.
     pub fn of(score: f32, limits: ScoreLimits) -> Self {
         match score {
             _ if score > limits.unusual_above => Self::Yes,
@@ -210,7 +209,6 @@ const FIRST_SORTED: usize = 20_000;
 pub struct Scores<'a> {
     /// The voxels of the junction, ascending.
     pub junction: &'a [u32],
-    /// Their scores.
     pub scores: Vec<f32>,
 }
 

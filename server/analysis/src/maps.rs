@@ -96,7 +96,6 @@ pub struct Maps {
     pub regions: Regions,
     /// How slantwise isosurfaces meet the junction, by depth.
     pub depth_bands: Vec<DepthBand>,
-    /// The tissue scale.
     pub tissue: TissueScale,
     /// The table from sharpness to the width of a junction, for these voxels.
     pub widths: WidthTable,

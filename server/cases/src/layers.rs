@@ -15,7 +15,6 @@ use crate::pictures::LayerRef;
 /// A layer to be added, with its received files.
 #[derive(Debug)]
 pub struct ReceivedLayer {
-    /// The case.
     pub case: CaseId,
     /// The files of the volume.
     pub volume: VolumeFiles,

@@ -178,7 +178,6 @@ impl Library {
         Self::new(store, Preparation::default(), LibraryOptions::default())
     }
 
-    /// The store.
     pub fn store(&self) -> &Store {
         &self.store
     }

@@ -92,7 +92,6 @@ impl Pacs {
         }
     }
 
-    /// The project.
     pub(crate) fn project(&self) -> Project {
         self.cases.store().project()
     }

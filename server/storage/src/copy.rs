@@ -36,11 +36,8 @@ pub struct Copied {
 /// The numbers of what came from a PACS, or goes to one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ForPacs {
-    /// Series.
     pub series: u64,
-    /// Their images.
     pub images: u64,
-    /// Results.
     pub results: u64,
 }
 

@@ -15,17 +15,13 @@ const ATTEMPTS: usize = 16;
 /// An upload of a layer, checked.
 #[derive(Debug)]
 pub struct LayerUpload {
-    /// The case.
     pub case: CaseId,
-    /// The volume.
     pub volume: Spooled,
     /// The identifying attributes, if it comes from DICOM.
     pub dicom: Option<Spooled>,
     /// The series that it is made of, if that is known.
     pub series: Option<Uid>,
-    /// The name.
     pub name: LayerName,
-    /// The parameters.
     pub parameters: LayerParameters,
     /// How many layers a case may have.
     pub most: usize,
@@ -53,7 +49,6 @@ impl LayerUpload {
 /// The result of the upload of a layer.
 #[derive(Debug, Clone)]
 pub struct SubmittedLayer {
-    /// The layer.
     pub layer: Layer,
     /// Whether its preparation was queued, because it is new or had failed.
     pub created: bool,

@@ -25,7 +25,6 @@ const RETRY_AFTER: Duration = Duration::from_secs(15);
 /// How many times as long as for other series to wait for images that were announced.
 const PATIENCE: u32 = 10;
 
-/// Reads a series.
 pub(super) struct ReadSeries {
     pub(super) cases: Cases,
     pub(super) options: ArrivalOptions,

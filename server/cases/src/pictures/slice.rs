@@ -278,7 +278,6 @@ pub struct CheckedSlice {
     oblique: Option<ObliquePlane>,
     /// The window; by default from the layer or the case.
     window: Option<Window>,
-    /// The layers.
     layers: LayerChoice,
     /// All other values, for the axial plane through the origin.
     request: SliceRequest,
@@ -369,12 +368,10 @@ pub struct SlicePicture {
     identity: Option<String>,
 }
 
-/// A drawn slice.
 #[derive(Debug)]
 pub struct DrawnSlice {
     /// Its PNG file.
     pub png: Vec<u8>,
-    /// Its projection.
     pub projection: Projection,
     /// Its plane, if that is oblique.
     pub oblique: Option<Oblique>,
