@@ -513,7 +513,7 @@ async fn series(
 
 /// Makes a series of another store as it is there, and adds some of its images, whose pins become references. A series
 /// that is here keeps its id and its images.
-pub(super) async fn adopt(
+pub(super) async fn write_copied(
     connection: &mut Connection,
     arrival: &Arrival,
     images: &[NewInstance],
@@ -1139,7 +1139,7 @@ pub(super) async fn index(
 }
 
 /// Makes the index of a case's series as it is in another store.
-pub(super) async fn adopt_index(
+pub(super) async fn write_copied_index(
     connection: &mut Connection,
     series: &CaseSeries,
 ) -> Result<(), StoreError> {

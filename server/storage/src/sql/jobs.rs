@@ -62,7 +62,7 @@ pub(super) async fn enqueue_for(
 }
 
 /// Makes a job of another store, whose case is here, as it is there; one that is open waits here.
-pub(super) async fn adopt(
+pub(super) async fn write_copied(
     connection: &mut Connection,
     job: &Job,
     now: i64,

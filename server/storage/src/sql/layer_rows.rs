@@ -185,14 +185,14 @@ impl Store {
 
     /// Inserts the layers of a case of another store, in their order, unless they are here, and turns their pins into
     /// references. What is neither ready nor failed is queued.
-    pub(crate) async fn adopt_layer(
+    pub(crate) async fn write_copied_layer(
         &self,
         layer: &Layer,
         series: Option<&Uid>,
         objects: &Pinned,
     ) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        layers::adopt(&mut transaction, layer, series, objects, now).await?;
+        layers::write_copied(&mut transaction, layer, series, objects, now).await?;
         transaction.commit().await
     }
 

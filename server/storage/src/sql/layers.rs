@@ -417,7 +417,7 @@ pub(super) async fn prepare_again(
     Ok(true)
 }
 
-pub(super) async fn adopt(
+pub(super) async fn write_copied(
     connection: &mut Connection,
     layer: &Layer,
     series: Option<&Uid>,

@@ -296,7 +296,10 @@ impl Store {
     }
 
     /// Notes that instances were withdrawn at these times in another store.
-    pub(crate) async fn adopt_withdrawn(&self, withdrawn: &[Withdrawn]) -> Result<(), StoreError> {
+    pub(crate) async fn write_copied_withdrawn(
+        &self,
+        withdrawn: &[Withdrawn],
+    ) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
         for withdrawn in withdrawn {
             arrivals::withdraw(&mut transaction, withdrawn).await?;
@@ -336,7 +339,7 @@ impl Store {
 
     /// Makes a series of another store as it is there, and adds images; `false`, and nothing has changed, if a pin is
     /// gone. A series whose case is not here is read again.
-    pub(crate) async fn adopt_arrival(
+    pub(crate) async fn write_copied_arrival(
         &self,
         arrival: &Arrival,
         images: &[NewInstance],
@@ -346,7 +349,7 @@ impl Store {
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(false);
         }
-        arrivals::adopt(&mut transaction, arrival, images, now).await?;
+        arrivals::write_copied(&mut transaction, arrival, images, now).await?;
         transaction.commit().await?;
         Ok(true)
     }
@@ -502,9 +505,9 @@ impl Store {
     }
 
     /// Makes the index of a case's series as it is in another store; nothing if there is no such case.
-    pub(crate) async fn adopt_index(&self, series: &CaseSeries) -> Result<(), StoreError> {
+    pub(crate) async fn write_copied_index(&self, series: &CaseSeries) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
-        arrivals::adopt_index(&mut transaction, series).await?;
+        arrivals::write_copied_index(&mut transaction, series).await?;
         transaction.commit().await
     }
 

@@ -174,7 +174,7 @@ async fn insert(
 }
 
 /// Makes a result of another store, whose case is here, as it is there, with its job. One that is here keeps its object.
-pub(super) async fn adopt(
+pub(super) async fn write_copied(
     connection: &mut Connection,
     result: &SentResult,
     now: i64,
@@ -200,7 +200,7 @@ pub(super) async fn adopt(
         .execute()
         .await?;
     match &result.job {
-        Some(job) => jobs::adopt(connection, job, now).await,
+        Some(job) => jobs::write_copied(connection, job, now).await,
         None => Ok(()),
     }
 }
