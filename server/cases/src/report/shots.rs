@@ -453,8 +453,10 @@ mod tests {
                 marked(
                     &facts,
                     &finding,
-                    (Vec::new(), projection),
-                    (Shows::Anatomy, flipped),
+                    Vec::new(),
+                    projection,
+                    Shows::Anatomy,
+                    flipped,
                 )
             };
             let (here, there) = (shot(&own, false), shot(&other, true));
@@ -481,8 +483,8 @@ mod tests {
             let finding = finding(at);
             let [own, other] = projections(&facts, &finding);
             let letters = [(own, false), (other, true)].map(|(projection, is_flipped)| {
-                let picture = (Vec::new(), &projection);
-                let shot = marked(&facts, &finding, picture, (Shows::Anatomy, is_flipped));
+                let (png, shows) = (Vec::new(), Shows::Anatomy);
+                let shot = marked(&facts, &finding, png, &projection, shows, is_flipped);
                 shot.directions.concat()
             });
             assert_eq!(letters, expected, "{at:?}");
