@@ -157,7 +157,6 @@ pub enum Unusual {
 }
 
 impl Unusual {
-    /// Of a score.
     pub fn of(score: f32, limits: ScoreLimits) -> Self {
         match score {
             _ if score > limits.unusual_above => Self::Yes,
@@ -210,7 +209,6 @@ const FIRST_SORTED: usize = 20_000;
 pub struct Scores<'a> {
     /// The voxels of the junction, ascending.
     pub junction: &'a [u32],
-    /// Their scores.
     pub scores: Vec<f32>,
 }
 
@@ -348,8 +346,10 @@ fn neighbours(voxel: [usize; 3], size: [usize; 3]) -> impl Iterator<Item = [usiz
 pub(crate) fn candidates(
     block: &Block,
     scores: &Scores,
-    (head, regions): (Head<'_>, &Regions),
-    (choice, kind): (Choice, MapKind),
+    head: Head<'_>,
+    regions: &Regions,
+    choice: Choice,
+    kind: MapKind,
 ) -> [Vec<Candidate>; 2] {
     let Head { depth, plane, .. } = head;
     let voxel_mm3 = block.grid.patient_from_voxel().matrix3.determinant().abs();

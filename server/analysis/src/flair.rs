@@ -148,8 +148,8 @@ pub fn flair_map(
     let defined = &sharpness.defined;
     let at_defined = defined.iter().map(|&voxel| map[voxel as usize]);
     let stored = StoredMap::new(MapKind::Flair, &block.grid, defined, at_defined);
-    let choice = (parameters.choice(), MapKind::Flair);
-    let places = candidates(&block, &scores, (head, &regions), choice);
+    let choice = parameters.choice();
+    let places = candidates(&block, &scores, head, &regions, choice, MapKind::Flair);
     Ok(FlairMap {
         map: stored,
         places,

@@ -96,7 +96,6 @@ pub struct Maps {
     pub regions: Regions,
     /// How slantwise isosurfaces meet the junction, by depth.
     pub depth_bands: Vec<DepthBand>,
-    /// The tissue scale.
     pub tissue: TissueScale,
     /// The table from sharpness to the width of a junction, for these voxels.
     pub widths: WidthTable,
@@ -194,19 +193,14 @@ fn maps_of(
     let blur_map = store(MapKind::Blur, defined, &blur);
     drop(blur);
     let choice = parameters.choice();
-    let of_blur = candidates(&block, &scores, (head, &regions), (choice, MapKind::Blur));
+    let of_blur = candidates(&block, &scores, head, &regions, choice, MapKind::Blur);
     let [blurred, elsewhere] = of_blur;
     drop(scores);
     let mut thick = compared_thickness(&block, &thickness, &sharpness, head.plane);
     drop(thickness);
     let scores = Scores::smoothed(&block, &whole_junction, &mut thick, smoothed_mm);
     let thickness_map = store(MapKind::Thickness, defined, &thick);
-    let thick = candidates(
-        &block,
-        &scores,
-        (head, &regions),
-        (choice, MapKind::Thickness),
-    );
+    let thick = candidates(&block, &scores, head, &regions, choice, MapKind::Thickness);
     Maps {
         maps: vec![
             sharpness_map,

@@ -176,7 +176,6 @@ impl StoredMap {
         }
     }
 
-    /// Its kind.
     pub fn kind(&self) -> MapKind {
         self.kind
     }

@@ -53,7 +53,6 @@ impl Seen {
         }
     }
 
-    /// Counts one.
     fn count(&mut self, key: Key, now: Instant) -> &mut Count {
         if self.by_key.len() >= KEYS && !self.by_key.contains_key(&key) {
             // The older half at once, so that a flood costs little.

@@ -85,10 +85,8 @@ pub enum Outcome {
     SeriousFailure,
 }
 
-/// One event.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Event {
-    /// Its kind.
     pub kind: EventKind,
     /// What was done.
     pub action: Action,

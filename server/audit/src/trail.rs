@@ -62,7 +62,6 @@ pub struct Places(BTreeMap<String, Place>);
 /// What a trail has read.
 #[derive(Debug, Default)]
 pub struct Passage {
-    /// The lines.
     pub lines: Vec<TrailLine>,
     /// Lines that are not in the record any more, or never were whole.
     pub missing: u64,

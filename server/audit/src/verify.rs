@@ -26,7 +26,6 @@ pub struct Verified {
 /// The last line of a process. Compare it with one that was kept elsewhere: lines that are missing at the end leave no other trace.
 #[derive(Debug)]
 pub struct Head {
-    /// The process.
     pub process: String,
     /// The number of its last line.
     pub seq: u64,

@@ -78,9 +78,7 @@ impl fmt::Debug for AccessionNumber {
 /// A series and its study.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct SeriesUids {
-    /// The study.
     pub study: Uid,
-    /// The series.
     pub series: Uid,
 }
 
@@ -187,7 +185,6 @@ pub struct Taken {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TakenAs {
-    /// A case.
     Case,
     /// A layer of the case of its study.
     Layer,
@@ -196,7 +193,6 @@ pub enum TakenAs {
 /// An image that has come.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NewInstance {
-    /// Its series.
     pub uids: SeriesUids,
     /// The accession number of its study.
     pub accession_number: Option<AccessionNumber>,
@@ -213,7 +209,6 @@ pub struct NewInstance {
 /// What is different about an image that takes the place of another one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Change {
-    /// The pixels.
     Pixels,
     /// The place in the patient: nothing is made of the cases of the series from now on.
     Place,
@@ -242,11 +237,9 @@ pub struct Received {
 /// A series that came.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arrival {
-    /// Its project.
     pub project: Project,
     /// Its name in addresses: 32 hexadecimal digits without a meaning.
     pub id: String,
-    /// The series.
     pub uids: SeriesUids,
     /// The accession number of its study.
     pub accession_number: Option<AccessionNumber>,
@@ -326,7 +319,6 @@ pub const OTHER_OBJECTS: &str = "other-objects";
 /// What became of a leased series.
 #[derive(Debug, Clone)]
 pub enum Outcome {
-    /// This case.
     Case(CaseId),
     /// A layer of this case, which is of the same study.
     Layer(CaseId),
@@ -378,9 +370,7 @@ pub fn is_id(text: &str) -> bool {
 /// The series of a case.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CaseSeries {
-    /// The case.
     pub case: CaseId,
-    /// Its series.
     pub uids: SeriesUids,
     /// The accession number of the study.
     pub accession_number: Option<AccessionNumber>,

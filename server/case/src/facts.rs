@@ -185,11 +185,9 @@ impl ImageRun {
 /// A case, as stored in its row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Case {
-    /// Its id.
     pub id: CaseId,
     /// The parameters of the upload, including the label.
     pub parameters: Parameters,
-    /// Its state.
     pub state: CaseState,
     /// Its progress, during the preparation.
     pub progress: Option<Progress>,

@@ -35,7 +35,6 @@ pub enum FailureKind {
 }
 
 impl FailureKind {
-    /// Every kind.
     pub const ALL: [Self; 7] = [
         Self::NotRecognised,
         Self::TooLarge,

@@ -102,7 +102,6 @@ impl LayerKind {
         }
     }
 
-    /// Every kind.
     pub const ALL: [Self; 5] = [Self::Mr, Self::Ct, Self::Pet, Self::Map, Self::Labels];
 
     /// The name in JSON and on the command line.
@@ -138,7 +137,6 @@ pub enum Contrast {
 }
 
 impl Contrast {
-    /// Every contrast.
     pub const ALL: [Self; 4] = [Self::T1, Self::T2, Self::Flair, Self::Other];
 
     /// The name in JSON and on the command line.
@@ -507,15 +505,11 @@ pub struct LayerFacts {
 /// A layer of a case, as stored in its row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Layer {
-    /// The case.
     pub case: CaseId,
-    /// Its id.
     pub id: LayerId,
     /// Its name, unique in its case.
     pub name: String,
-    /// Its parameters.
     pub parameters: LayerParameters,
-    /// Its state.
     pub state: CaseState,
     /// The failure, if it has failed.
     pub failure: Option<Failure>,

@@ -36,7 +36,6 @@ pub enum ObjectKind {
 }
 
 impl ObjectKind {
-    /// Every kind.
     pub const ALL: [Self; 15] = [
         Self::SourceVolume,
         Self::SourceMask,

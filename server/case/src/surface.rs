@@ -19,7 +19,6 @@ pub enum SurfaceName {
 }
 
 impl SurfaceName {
-    /// All of them.
     pub const ALL: [Self; 4] = [Self::Whole, Self::Left, Self::Right, Self::Cerebrum];
 
     /// The name in addresses and JSON.

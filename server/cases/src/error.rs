@@ -20,10 +20,7 @@ pub enum Error {
     NoSuchCase,
     /// The case is not prepared yet.
     #[error("the case is not ready yet: it is {}", .state.name())]
-    NotReady {
-        /// Its state.
-        state: CaseState,
-    },
+    NotReady { state: CaseState },
     /// The maps of the case are being computed, or the layer is being prepared.
     #[error("the layer is being computed; try again in a moment")]
     LayerNotReady,
@@ -32,10 +29,7 @@ pub enum Error {
     NoSuchLayer,
     /// The case has as many layers as it may have.
     #[error("the case has {most} layers, the limit; delete one, or raise `limits.max_layers`")]
-    TooManyLayers {
-        /// The limit.
-        most: usize,
-    },
+    TooManyLayers { most: usize },
     /// Another layer of the case has the name.
     #[error("another layer of the case has this name; choose another name")]
     LayerNameTaken,

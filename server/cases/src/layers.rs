@@ -14,8 +14,7 @@ use crate::pictures::LayerRef;
 
 /// A layer to be added, with its received files.
 #[derive(Debug)]
-pub struct NewLayer {
-    /// The case.
+pub struct ReceivedLayer {
     pub case: CaseId,
     /// The files of the volume.
     pub volume: VolumeFiles,
@@ -29,17 +28,6 @@ pub struct NewLayer {
     pub unit: Option<String>,
     /// The other parameters. Without a contrast, it is that of DICOM files, or the one that the name states.
     pub parameters: LayerParameters,
-}
-
-/// A layer that was added.
-#[derive(Debug)]
-pub struct AddedLayer {
-    /// The layer.
-    pub layer: Layer,
-    /// Whether its preparation was queued, because it is new or had failed.
-    pub created: bool,
-    /// The choice among DICOM files.
-    pub choice: Option<Choice>,
 }
 
 /// The parameters of a layer: its kind, unit and contrast as stated, otherwise those of its DICOM series. Without a series, the
@@ -94,24 +82,27 @@ fn images_corrected() -> Failure {
 }
 
 impl Cases {
-    /// Checks a layer and queues it. One that is there already is answered as it is.
+    /// Checks a layer and queues it; returns also the choice among DICOM files. One that is there already is answered as it is.
     ///
     /// # Errors
     /// [`Error::Failure`] that states what is wrong with the upload or why the case failed; [`Error::NoSuchCase`], [`Error::TooManyLayers`],
     /// [`Error::LayerNameTaken`], [`Error::Busy`], or an error of the store.
-    pub async fn add_layer(&self, new: NewLayer) -> Result<AddedLayer, Error> {
+    pub async fn add_layer(
+        &self,
+        new: ReceivedLayer,
+    ) -> Result<(SubmittedLayer, Option<Choice>), Error> {
         let (is_removed, case) = (self.deidentifies(), new.case.short());
-        let added = self.add_layer_of(new, is_removed).await?;
+        let (added, choice) = self.add_layer_of(new, is_removed).await?;
         tracing::info!(case, is_new = added.created, "a layer was accepted");
-        Ok(added)
+        Ok((added, choice))
     }
 
     /// As [`Cases::add_layer`], whether or not the identity of the patient is removed.
     pub(crate) async fn add_layer_of(
         &self,
-        new: NewLayer,
+        new: ReceivedLayer,
         is_identity_removed: bool,
-    ) -> Result<AddedLayer, Error> {
+    ) -> Result<(SubmittedLayer, Option<Choice>), Error> {
         if let Some(name) = &new.name {
             Layer::check_name(name)?;
         }
@@ -168,11 +159,7 @@ impl Cases {
         }
         let store = self.store_of_client();
         match store.submit_layer(upload).await {
-            Ok(SubmittedLayer { layer, created }) => Ok(AddedLayer {
-                layer,
-                created,
-                choice,
-            }),
+            Ok(submitted) => Ok((submitted, choice)),
             Err(StoreError::TooManyLayers) => Err(Error::TooManyLayers {
                 most: self.max_layers,
             }),

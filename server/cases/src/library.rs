@@ -178,7 +178,6 @@ impl Library {
         Self::new(store, Preparation::default(), LibraryOptions::default())
     }
 
-    /// The store.
     pub fn store(&self) -> &Store {
         &self.store
     }
@@ -394,7 +393,7 @@ impl Library {
                 );
             }
             Err(failure) => {
-                self.store().condemn(id, &failure).await?;
+                self.store().make_case_failed(id, &failure).await?;
                 tracing::error!(
                     case = id.short(),
                     kind = failure.name,

@@ -41,7 +41,6 @@ impl Terms {
 /// How a kind of job is done.
 #[async_trait]
 pub trait Work: Send + Sync + 'static {
-    /// The kind.
     fn kind(&self) -> JobKind;
 
     /// How often, how soon and for how long.

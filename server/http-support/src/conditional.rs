@@ -100,7 +100,6 @@ impl EntityTag {
 /// A question about a case whose answer never changes.
 #[derive(Debug)]
 pub struct Question<'a, Q> {
-    /// The case.
     pub id: CaseId,
     /// The rest of the route.
     pub route: &'static str,
@@ -277,9 +276,7 @@ pub fn coding_among(offered: &[Coding], request: &HeaderMap) -> Coding {
 /// An answer that never changes.
 #[derive(Debug)]
 pub struct Representation {
-    /// Its tag.
     pub tag: EntityTag,
-    /// Its media type.
     pub media_type: &'static str,
     /// How `body` is compressed.
     pub coding: Coding,

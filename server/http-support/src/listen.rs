@@ -44,7 +44,6 @@ const MAX_HEADER_BYTES: usize = 64 << 10;
 /// Tells browsers to use TLS alone for a year, if they have been answered by TLS.
 const TLS_ALONE: HeaderValue = HeaderValue::from_static("max-age=31536000");
 
-/// Limits of connections.
 #[derive(Debug, Clone)]
 pub struct ConnectionLimits {
     /// Connections of clients with the right token at a time. Beyond this, they are answered 503. Others have 256

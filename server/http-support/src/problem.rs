@@ -91,10 +91,7 @@ pub enum AppError {
     },
     /// The body is larger than allowed.
     #[error("the body is larger than the limit of {limit_bytes} bytes")]
-    TooLarge {
-        /// The limit.
-        limit_bytes: u64,
-    },
+    TooLarge { limit_bytes: u64 },
     /// A part of the body is larger than allowed.
     #[error("{detail}")]
     PartTooLarge {
@@ -116,7 +113,6 @@ pub enum AppError {
     /// A token of the issuer is not accepted.
     #[error("the token was refused: {why}")]
     TokenRefused {
-        /// Why.
         why: &'static str,
         /// Whether the issuer has signed it.
         is_signed: bool,
@@ -169,7 +165,6 @@ pub enum AppError {
     /// An error of one interface alone.
     #[error("{detail}")]
     Other {
-        /// The status.
         status: StatusCode,
         /// Last part of the problem's type.
         kind: &'static str,

@@ -59,7 +59,6 @@ pub trait Asked: DeserializeOwned {
 pub struct ApiQuery<T: Asked> {
     /// The query as requested, which identifies the answer.
     pub asked: T,
-    /// Its values.
     pub values: T::Values,
 }
 

@@ -26,7 +26,6 @@ pub enum Scope {
 }
 
 impl Scope {
-    /// All scopes.
     pub const ALL: [Self; 6] = [
         Self::Read,
         Self::Write,
@@ -85,7 +84,6 @@ pub enum Role {
 }
 
 impl Role {
-    /// All roles.
     pub const ALL: [Self; 4] = [Self::Viewer, Self::Editor, Self::Pacs, Self::Admin];
 
     /// Its word on the command line.

@@ -73,12 +73,7 @@ pub enum BadCollector {
     Address,
     /// A file cannot be read.
     #[error("{} cannot be read: {source}", .path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// The reason.
-        source: io::Error,
-    },
+    Unreadable { path: PathBuf, source: io::Error },
     /// A certificate without a key, or a key without a certificate.
     #[error("set both `tls_certificate` and `tls_key`, or neither")]
     HalfIdentity,

@@ -55,7 +55,6 @@ impl Wanted {
         serde_json::from_str(payload).ok()
     }
 
-    /// The series.
     pub(crate) fn uids(&self) -> Option<SeriesUids> {
         let study = Uid::parse(&self.study)?;
         let series = Uid::parse(&self.series)?;

@@ -74,7 +74,6 @@ pub(crate) struct HeldInstance {
     pub(crate) object: Option<ObjectName>,
 }
 
-/// A series.
 pub(crate) struct HeldSeries {
     pub(crate) uid: Uid,
     pub(crate) values: Values,

@@ -70,7 +70,6 @@ impl MediaType {
         })
     }
 
-    /// A parameter.
     pub fn parameter(&self, name: &str) -> Option<&str> {
         let found = self.parameters.iter().find(|(key, _)| key == name);
         found.map(|(_, value)| value.as_str())

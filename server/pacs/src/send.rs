@@ -25,7 +25,6 @@ const TERMS: Terms = Terms {
     longest: Duration::from_secs(900),
 };
 
-/// Sends results.
 pub(crate) struct SendResult(pub(crate) Pacs);
 
 #[async_trait]

@@ -18,7 +18,7 @@ use jiff::tz::TimeZone;
 
 use crate::node::Node;
 
-/// The options of the neighbour of a PACS.
+/// The options of the PACS interface.
 #[derive(Debug)]
 pub struct Options {
     /// What requests with images may take.
@@ -70,7 +70,7 @@ struct Inner {
 }
 
 impl Pacs {
-    /// The neighbour of a PACS on an application.
+    /// The PACS interface of an application.
     pub fn new(cases: Cases, options: Options) -> Self {
         let room = Places::in_quarters(options.uploads.at_a_time);
         Self {
@@ -92,7 +92,6 @@ impl Pacs {
         }
     }
 
-    /// The project.
     pub(crate) fn project(&self) -> Project {
         self.cases.store().project()
     }

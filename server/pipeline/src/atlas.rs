@@ -56,27 +56,19 @@ pub enum NoAtlas {
     /// A file cannot be read.
     #[error("the file {} of the atlas cannot be read: {source}", .path.display())]
     Unreadable {
-        /// The file.
         path: PathBuf,
-        /// The reason.
         source: std::io::Error,
     },
     /// A line of the text has no name of AAL.
     #[error("line {line} of {} must be a number from 1 to 255 and a name of the atlas AAL, such as `79 Heschl_L`", .path.display())]
     Name {
-        /// The file.
         path: PathBuf,
         /// The number of the line, from 1.
         line: usize,
     },
     /// A file is no volume.
     #[error("the file {} of the atlas is not a volume that can be used: {source}", .path.display())]
-    Volume {
-        /// The file.
-        path: PathBuf,
-        /// The reason.
-        source: ImagingError,
-    },
+    Volume { path: PathBuf, source: ImagingError },
     /// The labels do not lie in the head.
     #[error("the labels {} of the atlas do not lie in its head", .path.display())]
     Elsewhere {

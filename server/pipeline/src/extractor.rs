@@ -69,17 +69,13 @@ pub enum NoNetwork {
     /// The file cannot be read.
     #[error("the network's weights {} cannot be read: {source}", .path.display())]
     Unreadable {
-        /// The file.
         path: PathBuf,
-        /// The reason.
         source: std::io::Error,
     },
     /// The file does not contain the weights.
     #[error("the network's weights {} cannot be used: {source}", .path.display())]
     Unusable {
-        /// The file.
         path: PathBuf,
-        /// The reason.
         source: ExtractionError,
     },
 }

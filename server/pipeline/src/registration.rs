@@ -28,7 +28,6 @@ pub struct FoundPlace {
 pub struct PlacedCase {
     /// Its volume, cropped to the envelope.
     pub volume: Volume,
-    /// Its envelope.
     pub envelope: Envelope,
 }
 

@@ -17,7 +17,6 @@ const LEAST_RANGE: f64 = 1e-9;
 /// The uploaded files.
 #[derive(Debug, Clone, Default)]
 pub struct Source {
-    /// The volume.
     pub volume: Bytes,
     /// The brain mask, if one was supplied.
     pub mask: Option<Bytes>,
@@ -33,7 +32,6 @@ pub struct Source {
 pub struct StoredBrain {
     /// The payload of [`ObjectKind::Mask`](case::ObjectKind::Mask).
     pub mask: Bytes,
-    /// Its quality.
     pub quality: Quality,
     /// The faces of the field of view that cut it.
     pub cuts: Vec<CutFacts>,

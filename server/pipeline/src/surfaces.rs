@@ -70,7 +70,6 @@ impl Surfaces {
 /// The case of which the parts are computed.
 #[derive(Debug, Clone, Copy)]
 pub struct DividedCase<'a> {
-    /// Its facts.
     pub facts: &'a CaseFacts,
     /// How it was prepared.
     pub parameters: &'a Parameters,

@@ -51,7 +51,6 @@ pub struct Beside {
     pub guarded: Router,
     /// What the token must permit, and what is recorded.
     pub scopes: &'static [Row],
-    /// Their description.
     pub description: OpenApi,
 }
 

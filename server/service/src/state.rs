@@ -89,7 +89,6 @@ impl AppState {
         }
     }
 
-    /// The metrics.
     pub fn metrics(&self) -> &Metrics {
         &self.metrics
     }

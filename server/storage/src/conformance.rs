@@ -117,7 +117,7 @@ macro_rules! conformance {
                 a_job_is_open_once_and_its_end_is_kept_for_a_while
                 jobs_are_listed_and_counted_by_kind_and_state
                 a_job_that_needs_a_case_waits_for_it_and_goes_with_it
-                a_case_of_another_store_is_adopted_as_it_is_there
+                a_case_of_another_store_is_copied_as_it_is_there
                 ready_cases_are_found_by_their_voxels
                 what_nobody_needs_is_told
                 holders_that_are_dead_hold_nothing
@@ -150,7 +150,7 @@ macro_rules! conformance {
                 a_lost_object_of_a_layer_is_made_again_and_its_place_stays
                 a_version_keeps_the_layers_of_its_case
                 a_layer_of_a_deleted_case_cannot_be_published
-                a_layer_of_another_store_is_adopted_as_it_is_there
+                a_layer_of_another_store_is_copied_as_it_is_there
                 findings_are_replaced_by_whoever_knows_them
                 findings_go_with_their_case
                 a_version_begins_with_the_findings_of_its_case
@@ -754,7 +754,7 @@ pub(crate) async fn a_ready_case_gets_other_objects_or_fails(subject: &Subject) 
         store.replace_objects(&new.id, &others).await.unwrap(),
         Referred::Unneeded(Published::Fenced)
     );
-    assert!(!store.condemn(&new.id, &failure()).await.unwrap());
+    assert!(!store.make_case_failed(&new.id, &failure()).await.unwrap());
 
     let leased = claim(store).await.unwrap();
     let first = derived(store, "a").await;
@@ -772,7 +772,7 @@ pub(crate) async fn a_ready_case_gets_other_objects_or_fails(subject: &Subject) 
     dropped.sort_by_key(|name| name.kind);
     assert_eq!(dropped, first.names);
 
-    assert!(store.condemn(&new.id, &failure()).await.unwrap());
+    assert!(store.make_case_failed(&new.id, &failure()).await.unwrap());
     assert_eq!(state(store, &new).await, Some(CaseState::Failed));
 }
 
@@ -910,7 +910,7 @@ pub(crate) async fn a_job_that_needs_a_case_waits_for_it_and_goes_with_it(subjec
     );
 }
 
-pub(crate) async fn a_case_of_another_store_is_adopted_as_it_is_there(subject: &Subject) {
+pub(crate) async fn a_case_of_another_store_is_copied_as_it_is_there(subject: &Subject) {
     let store = &subject.store;
     let new = insert(store, "a").await;
     let leased = claim(store).await.unwrap();
@@ -924,13 +924,13 @@ pub(crate) async fn a_case_of_another_store_is_adopted_as_it_is_there(subject: &
     let names = store.case_objects(&new.id).await.unwrap();
     // What is ready here is not made otherwise.
     let again = pinned(store, &names).await;
-    assert!(!store.adopt(&preparing, &again).await.unwrap());
+    assert!(!store.write_copied_case(&preparing, &again).await.unwrap());
     assert_eq!(store.case(&new.id).await.unwrap().unwrap(), ready);
     store.unpin(&again).await.unwrap();
 
     store.delete_case(&new.id).await.unwrap();
     let sources = pinned(store, &new.sources.names).await;
-    assert!(store.adopt(&preparing, &sources).await.unwrap());
+    assert!(store.write_copied_case(&preparing, &sources).await.unwrap());
     let queued = store.case(&new.id).await.unwrap().unwrap();
     assert_eq!(
         (queued.state, queued.created_at),
@@ -941,7 +941,7 @@ pub(crate) async fn a_case_of_another_store_is_adopted_as_it_is_there(subject: &
     ready.parameters.name = Some("another".to_owned());
     assert!(
         store
-            .adopt(&ready, &pinned(store, &names).await)
+            .write_copied_case(&ready, &pinned(store, &names).await)
             .await
             .unwrap()
     );
@@ -973,7 +973,7 @@ pub(crate) async fn ready_cases_are_found_by_their_voxels(subject: &Subject) {
     }
     let found = async |values: &str, limit| {
         let cases = store
-            .cases_with_voxels((Project::DEFAULT, values), limit)
+            .cases_with_voxels(Project::DEFAULT, values, limit)
             .await
             .unwrap();
         cases.into_iter().map(|case| case.id).collect::<Vec<_>>()
@@ -981,7 +981,7 @@ pub(crate) async fn ready_cases_are_found_by_their_voxels(subject: &Subject) {
     assert_eq!(found("same", 10).await, [ids[3], ids[2], ids[0]]);
     assert_eq!(found("same", 1).await, [ids[3]]);
     assert_eq!(found("none", 10).await, []);
-    store.condemn(&ids[3], &failure()).await.unwrap();
+    store.make_case_failed(&ids[3], &failure()).await.unwrap();
     assert_eq!(found("same", 10).await, [ids[2], ids[0]]);
 
     let ready = store.case(&ids[0]).await.unwrap().unwrap();
@@ -989,7 +989,7 @@ pub(crate) async fn ready_cases_are_found_by_their_voxels(subject: &Subject) {
     store.delete_case(&ids[0]).await.unwrap();
     assert_eq!(found("same", 10).await, [ids[2]]);
     let again = pinned(store, &names).await;
-    assert!(store.adopt(&ready, &again).await.unwrap());
+    assert!(store.write_copied_case(&ready, &again).await.unwrap());
     assert_eq!(found("same", 10).await, [ids[2], ids[0]]);
 }
 

@@ -36,11 +36,8 @@ pub struct Copied {
 /// The numbers of what came from a PACS, or goes to one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ForPacs {
-    /// Series.
     pub series: u64,
-    /// Their images.
     pub images: u64,
-    /// Results.
     pub results: u64,
 }
 
@@ -99,7 +96,7 @@ impl Store {
                 return Ok(());
             };
             last = Some(latest.clone());
-            other.adopt_withdrawn(&page).await?;
+            other.write_copied_withdrawn(&page).await?;
         }
     }
 
@@ -157,9 +154,7 @@ impl Store {
         let of_project = self.in_project(arrival.project);
         let images = of_project.images_of(&arrival.uids).await?;
         // An earlier copy may have what was corrected or rejected since.
-        other
-            .keep_images((&arrival.uids, arrival.project), &images)
-            .await?;
+        other.keep_images(arrival, &images).await?;
         let mut lost = Vec::new();
         // A series of which nothing is left has no chunk, but a reason.
         let chunks = images.len().div_ceil(IMAGES_AT_ONCE).max(1);
@@ -184,9 +179,9 @@ impl Store {
                     pinned.names.retain(|pinned| pinned != name);
                 }
             }
-            let adopted = other.adopt_arrival(arrival, &whole, &pinned).await?;
+            let written = other.write_copied_arrival(arrival, &whole, &pinned).await?;
             other.abandon(&pinned).await;
-            if !adopted {
+            if !written {
                 return Err(StoreError::Rows("a pin was lost".into()));
             }
             copied.for_pacs.images += whole.len() as u64;
@@ -209,10 +204,10 @@ impl Store {
         copied: &mut Copied,
     ) -> Result<bool, StoreError> {
         let pinned = other.pin([result.object]).await?;
-        let adopted = self.copy_object(other, &result.object, copied).await?
-            && other.adopt_result(result, &pinned).await?;
+        let written = self.copy_object(other, &result.object, copied).await?
+            && other.write_copied_result(result, &pinned).await?;
         other.abandon(&pinned).await;
-        if adopted {
+        if written {
             copied.for_pacs.results += 1;
         } else if self.of_all_projects().result(&result.id).await?.is_some() {
             copied.lost += 1;
@@ -247,17 +242,17 @@ impl Store {
                 return Ok(false);
             }
         }
-        if other.adopt(&case, &pinned).await? {
+        if other.write_copied_case(&case, &pinned).await? {
             copied.cases += 1;
         }
         if let Some(series) = self.series_of(id).await?
             && other.series_of(id).await?.as_ref() != Some(&series)
         {
-            other.adopt_index(&series).await?;
+            other.write_copied_index(&series).await?;
         }
         let findings = self.findings(id).await?;
         if findings != other.findings(id).await? {
-            other.adopt_findings(id, &findings).await?;
+            other.write_copied_findings(id, &findings).await?;
         }
         other.abandon(&pinned).await;
         let mut is_whole = true;
@@ -300,7 +295,9 @@ impl Store {
             pinned.names.retain(|pinned| pinned != name);
         }
         let series = self.series_of_layer(&layer.case, &layer.id).await?;
-        other.adopt_layer(&layer, series.as_ref(), &pinned).await?;
+        other
+            .write_copied_layer(&layer, series.as_ref(), &pinned)
+            .await?;
         other.abandon(&pinned).await;
         Ok(true)
     }

@@ -14,7 +14,6 @@ pub fn keep_secrets(secrets: HashMap<String, String>) {
     let _kept_before = SECRETS.set(secrets);
 }
 
-/// A variable.
 pub fn variable(name: &str) -> Option<String> {
     let kept = SECRETS.get().and_then(|secrets| secrets.get(name));
     kept.cloned().or_else(|| std::env::var(name).ok())

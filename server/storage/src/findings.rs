@@ -29,7 +29,6 @@ impl FindingsVersion {
         Self(blake3::hash(document.as_bytes()))
     }
 
-    /// The digest.
     pub fn digest(&self) -> &blake3::Hash {
         &self.0
     }

@@ -28,7 +28,6 @@ pub enum Defect {
 /// The numbers of checked cases and objects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Inspected {
-    /// Cases.
     pub cases: u64,
     /// Objects that cases and their layers need, each counted for each case; images from a PACS, and results for one.
     pub objects: u64,

@@ -12,7 +12,6 @@ use jiff::Timestamp;
 /// A job to be queued.
 #[derive(Debug, Clone)]
 pub struct NewJob {
-    /// Its kind.
     pub kind: JobKind,
     /// What it is about. There is one open job for each kind and key.
     pub key: String,
@@ -92,13 +91,10 @@ pub struct Job {
     pub kind: String,
     /// What it is about.
     pub key: String,
-    /// Its case.
     pub case: Option<CaseId>,
-    /// Its project.
     pub project: Project,
     /// What it needs to know: JSON.
     pub payload: String,
-    /// Its state.
     pub state: JobState,
     /// How far the latest attempt is or was: JSON.
     pub progress: Option<String>,
@@ -115,7 +111,6 @@ pub struct Job {
 /// Which jobs to list.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct JobQuery {
-    /// Their kind.
     pub kind: JobKind,
     /// Their state; all if there is none.
     pub state: Option<JobState>,
@@ -128,11 +123,9 @@ pub struct JobQuery {
 pub struct Claim {
     /// The job.
     pub id: String,
-    /// Its kind.
     pub kind: JobKind,
     /// What it is about.
     pub key: String,
-    /// Its case.
     pub case: Option<CaseId>,
     /// What it needs to know: JSON.
     pub payload: String,

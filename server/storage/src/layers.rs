@@ -1,12 +1,12 @@
 //! Layers: from an upload to objects and rows, and back.
 
 use bytes::Bytes;
-use case::{CaseId, Failure, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
+use case::{CaseId, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
 
 use super::arrivals::Uid;
 use super::jobs::Claim;
 use super::pinned::Writing;
-use super::rows::{LayerChange, LayerName, NewLayer, Pinned, Published};
+use super::rows::{LayerName, NewLayer, Pinned, Published};
 use super::{Framed, ObjectName, Spooled, Store, StoreError, Unreadable};
 
 /// How often to insert a layer again that others delete meanwhile.
@@ -15,17 +15,13 @@ const ATTEMPTS: usize = 16;
 /// An upload of a layer, checked.
 #[derive(Debug)]
 pub struct LayerUpload {
-    /// The case.
     pub case: CaseId,
-    /// The volume.
     pub volume: Spooled,
     /// The identifying attributes, if it comes from DICOM.
     pub dicom: Option<Spooled>,
     /// The series that it is made of, if that is known.
     pub series: Option<Uid>,
-    /// The name.
     pub name: LayerName,
-    /// The parameters.
     pub parameters: LayerParameters,
     /// How many layers a case may have.
     pub most: usize,
@@ -53,7 +49,6 @@ impl LayerUpload {
 /// The result of the upload of a layer.
 #[derive(Debug, Clone)]
 pub struct SubmittedLayer {
-    /// The layer.
     pub layer: Layer,
     /// Whether its preparation was queued, because it is new or had failed.
     pub created: bool,
@@ -115,21 +110,6 @@ impl Store {
         Ok(layers.into_iter().find(|layer| layer.id == *id))
     }
 
-    /// Renames a layer, or moves it in the list; returns whether there is such a layer.
-    ///
-    /// # Errors
-    /// [`StoreError::LayerNameTaken`], or if the rows cannot be written.
-    pub async fn change_layer(
-        &self,
-        case: &CaseId,
-        id: &LayerId,
-        change: &LayerChange,
-    ) -> Result<bool, StoreError> {
-        let changed = self.change_layer_row(case, id, change).await?;
-        self.signals().changed(case);
-        Ok(changed)
-    }
-
     /// Removes a layer and the objects that nothing else needs; `false` if it did not exist. The operation completes
     /// even if the caller drops the future.
     ///
@@ -147,27 +127,6 @@ impl Store {
             Ok(deleted)
         };
         tokio::spawn(delete).await?
-    }
-
-    /// Removes a layer whose images were corrected or rejected. Results that may show it do not count any more: those that wait to be
-    /// sent fail with this reason. Returns how many have been sent.
-    ///
-    /// # Errors
-    /// As [`Store::delete_layer`].
-    pub async fn withdraw_layer(
-        &self,
-        case: &CaseId,
-        id: &LayerId,
-        failure: &Failure,
-    ) -> Result<usize, StoreError> {
-        let (store, case, id, failure) = (self.clone(), *case, *id, failure.clone());
-        let withdraw = async move {
-            let sent = store.withdraw_layer_row(&case, &id, &failure).await?;
-            store.signals().changed(&case);
-            store.collect().await?;
-            Ok(sent)
-        };
-        tokio::spawn(withdraw).await?
     }
 
     /// The payload of an object of a layer; `None`, reported, if it is missing or damaged.

@@ -570,7 +570,6 @@ impl Store {
         self.signals().queued();
     }
 
-    /// The options.
     pub fn options(&self) -> &Options {
         &self.inner.options
     }

@@ -16,7 +16,6 @@ use super::{ObjectName, Store, StoreError};
 pub struct ResultSeries {
     /// The class of the result.
     pub sop_class_uid: Uid,
-    /// The series.
     pub series_uid: Uid,
     /// Its number in the study.
     pub number: u32,
@@ -31,7 +30,6 @@ pub struct HeldResult {
     pub case: CaseId,
     /// The result.
     pub instance: Uid,
-    /// Its series.
     pub series: ResultSeries,
     /// The object with its file.
     pub object: ObjectName,
@@ -44,9 +42,7 @@ pub struct NewResult {
     pub case: CaseId,
     /// The name of the node.
     pub node: String,
-    /// Its study.
     pub study: Uid,
-    /// Its series.
     pub series: ResultSeries,
     /// The result.
     pub instance: Uid,
@@ -101,9 +97,7 @@ pub struct SentResult {
     pub case: CaseId,
     /// The name of the node.
     pub node: String,
-    /// Its study.
     pub study: Uid,
-    /// Its series.
     pub series: ResultSeries,
     /// The result.
     pub instance: Uid,

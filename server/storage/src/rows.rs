@@ -46,13 +46,10 @@ pub(crate) struct NewCase {
 /// A layer to be inserted.
 #[derive(Debug, Clone)]
 pub(crate) struct NewLayer {
-    /// Its case.
     pub case: CaseId,
-    /// Its id.
     pub id: LayerId,
     /// Its name; if another layer of the case has it, a number is added to it or the layer is refused.
     pub name: LayerName,
-    /// Its parameters.
     pub parameters: LayerParameters,
     /// The series that it is made of, if that is known.
     pub series: Option<Uid>,
@@ -69,11 +66,9 @@ pub(crate) struct NewLayer {
 /// An instance that was withdrawn.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Withdrawn {
-    /// Its project.
     pub project: Project,
     /// The series in which it was withdrawn; none for results, which are the same in every series.
     pub uids: Option<SeriesUids>,
-    /// The instance.
     pub instance: Uid,
     /// When the latest note of it came.
     pub at: Timestamp,
@@ -149,9 +144,7 @@ pub enum Published {
 /// A series that a job is to read.
 #[derive(Debug, Clone)]
 pub struct DueSeries {
-    /// Its project.
     pub project: Project,
-    /// The series.
     pub uids: SeriesUids,
     /// The case that it became before its last images came.
     pub previous: Option<CaseId>,

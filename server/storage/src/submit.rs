@@ -11,7 +11,6 @@ const ATTEMPTS: usize = 16;
 /// The files of an upload.
 #[derive(Debug)]
 pub struct Upload {
-    /// The volume.
     pub volume: Spooled,
     /// The mask of the brain.
     pub mask: Option<Spooled>,
@@ -22,7 +21,6 @@ pub struct Upload {
 /// The result of an upload.
 #[derive(Debug, Clone)]
 pub struct Submitted {
-    /// The case.
     pub case: Case,
     /// Whether its preparation was queued, because the case is new or had failed.
     pub created: bool,
@@ -33,7 +31,6 @@ pub struct Submitted {
 pub struct Version {
     /// The case.
     pub of: CaseId,
-    /// Its mask.
     pub mask: NewMask,
     /// The parameters of its preparation.
     pub parameters: Parameters,

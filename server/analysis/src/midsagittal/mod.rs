@@ -69,7 +69,6 @@ pub fn midsagittal_plane(envelope: &Envelope, volume: &Volume) -> MidsagittalPla
 /// The plane of [`midsagittal_plane`], and how alike the two sides are.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MidsagittalFit {
-    /// The plane.
     pub plane: MidsagittalPlane,
     /// The correlation of the intensities inside the envelope with those at their mirror images, smoothed by about 3 mm,
     /// 0 to 1.

@@ -24,7 +24,6 @@ pub enum SurfacePart {
 }
 
 impl SurfacePart {
-    /// All of them.
     pub const ALL: [Self; 3] = [Self::Left, Self::Right, Self::Cerebrum];
 
     fn has(self, mark: u8) -> bool {

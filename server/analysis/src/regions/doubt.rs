@@ -100,16 +100,10 @@ pub enum RegionDoubt {
     },
     /// The cerebellum is too small or too large.
     #[error("the cerebellum would be {:.1} % of the brain; 7 to 16 % are expected", 100.0 * .share)]
-    CerebellumVolume {
-        /// Its share.
-        share: f64,
-    },
+    CerebellumVolume { share: f64 },
     /// The brain stem is too small or too large.
     #[error("the brain stem would be {:.1} % of the brain; 1 to 5 % are expected", 100.0 * .share)]
-    StemVolume {
-        /// Its share.
-        share: f64,
-    },
+    StemVolume { share: f64 },
     /// The halves of the cerebellum differ too much.
     #[error("one half of the cerebellum would be {:.0} % of the other; at least 75 % are expected", 100.0 * .symmetry)]
     CerebellumAsymmetric {
@@ -124,10 +118,7 @@ pub enum RegionDoubt {
     },
     /// Nuclei and ventricles are too small or too large.
     #[error("nuclei and ventricles would be {:.1} % of the cerebrum; 1.5 to 12 % are expected", 100.0 * .share)]
-    DeepVolume {
-        /// Their share.
-        share: f64,
-    },
+    DeepVolume { share: f64 },
     /// Nuclei and ventricles of the two sides differ too much.
     #[error("nuclei and ventricles of one side would be {:.0} % of those of the other; at least 60 % are expected", 100.0 * .symmetry)]
     DeepAsymmetric {
@@ -139,19 +130,13 @@ pub enum RegionDoubt {
     NoNeck,
     /// The cut runs through white matter.
     #[error("{:.0} % of the border of the cerebellum would be white matter; at most 20 % are expected", 100.0 * .share)]
-    BrightBorder {
-        /// The share.
-        share: f64,
-    },
+    BrightBorder { share: f64 },
     /// The volume ends within the cerebellum.
     #[error("the volume ends within the cerebellum")]
     Cut,
     /// No fissure between the hemispheres was found.
     #[error("only {:.0} % of the sheet between the hemispheres lie in a fissure; at least 40 % are expected", 100.0 * .share)]
-    NoFissure {
-        /// The share.
-        share: f64,
-    },
+    NoFissure { share: f64 },
 }
 
 impl RegionDoubt {

@@ -47,7 +47,6 @@ pub enum Region {
     LeftCerebrum = 1,
     /// The right half of the cerebrum.
     RightCerebrum = 2,
-    /// The cerebellum.
     Cerebellum = 3,
     /// The brain stem below the midbrain.
     BrainStem = 4,

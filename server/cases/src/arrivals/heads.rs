@@ -13,7 +13,6 @@ const NO_AGENT: [&str; 4] = ["", "NO", "NONE", "N"];
 /// A series that became a case.
 #[derive(Debug, Clone)]
 pub struct Head {
-    /// The case.
     pub case: Case,
     /// Its series and study.
     pub series: CaseSeries,

@@ -51,7 +51,6 @@ pub(super) fn images_of(source: &Attributes) -> Vec<Uid> {
 }
 
 impl SeriesOfUpload {
-    /// The series.
     pub(crate) fn series(&self) -> &Uid {
         &self.uids.series
     }

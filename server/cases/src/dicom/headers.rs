@@ -37,7 +37,6 @@ pub struct InstanceIdentity {
     pub sop_class_uid: Uid,
     /// Which one.
     pub sop_instance_uid: Uid,
-    /// Its series.
     pub uids: SeriesUids,
     /// The accession number of its study.
     pub accession_number: Option<AccessionNumber>,

@@ -13,7 +13,6 @@ use super::usual_terms;
 use crate::library::Library;
 use crate::runner::{End, Failed, Running, Terms, Work};
 
-/// Prepares a case.
 pub(super) struct PrepareCase(pub(super) Library);
 
 #[async_trait]

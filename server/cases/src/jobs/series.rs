@@ -16,7 +16,7 @@ use crate::arrivals::{ArrivalOptions, Patient, SeriesRule};
 use crate::dicom::{Options, Purpose, copy_objects};
 use crate::error::Error;
 use crate::intake::VolumeFiles;
-use crate::layers::NewLayer;
+use crate::layers::ReceivedLayer;
 use crate::runner::{End, Failed, Running, Terms, Work};
 
 /// How long to wait before the second attempt if the server, not the series, was the reason.
@@ -25,7 +25,6 @@ const RETRY_AFTER: Duration = Duration::from_secs(15);
 /// How many times as long as for other series to wait for images that were announced.
 const PATIENCE: u32 = 10;
 
-/// Reads a series.
 pub(super) struct ReadSeries {
     pub(super) cases: Cases,
     pub(super) options: ArrivalOptions,
@@ -278,7 +277,7 @@ impl Cases {
         if !copy_objects(self.store(), &due.instances, &directory).await? {
             return Ok(Some(Outcome::Nothing(images_lost())));
         }
-        let new = NewLayer {
+        let new = ReceivedLayer {
             case,
             volume: VolumeFiles::Dicom(directory),
             options: Options {
@@ -291,7 +290,7 @@ impl Cases {
             parameters: LayerParameters::default(),
         };
         let outcome = match self.add_layer_of(new, false).await {
-            Ok(added) => {
+            Ok((added, _)) => {
                 // Of fewer images than have come since.
                 self.remove_other_layers_of(&due.uids, &case, &added.layer.id)
                     .await?;

@@ -27,7 +27,6 @@ const LABEL_COLORS: u16 = 255;
 pub struct LayerVoxels {
     /// Stored values around the envelope, on the grid of the acquisition; 0 is undefined.
     pub volume: Volume,
-    /// The facts.
     pub facts: LayerFacts,
     /// What the values are.
     pub kind: LayerKind,

@@ -125,7 +125,6 @@ impl WarmModel {
         self.loaded.bytes()
     }
 
-    /// The case.
     pub fn id(&self) -> &CaseId {
         &self.loaded.id
     }
@@ -135,7 +134,6 @@ impl WarmModel {
         &self.loaded.facts
     }
 
-    /// The surface.
     pub fn surface(&self) -> SurfaceName {
         self.loaded.surface
     }

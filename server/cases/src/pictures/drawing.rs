@@ -30,7 +30,6 @@ pub struct PictureJob {
     pub job: RenderJob,
     /// The requested renderer.
     pub asked: Renderer,
-    /// The backend.
     pub backend: RenderBackend,
 }
 

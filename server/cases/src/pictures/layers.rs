@@ -84,7 +84,6 @@ impl LayerRef {
 pub enum ChosenLayer {
     /// A map, computed from the case itself or from one of its layers.
     Map {
-        /// Its name.
         name: MapName,
         /// The layer that it belongs to.
         of_layer: Option<LayerId>,
@@ -198,7 +197,6 @@ pub struct LayerStyle {
     pub colormap: ColorMap,
     /// Values up to this are transparent; `None` shows every defined value.
     pub threshold: Option<f64>,
-    /// Its opacity.
     pub opacity: f64,
 }
 
@@ -406,7 +404,6 @@ impl ChosenLayers {
 /// The layers of a picture, loaded.
 #[derive(Debug, Clone, Default)]
 pub struct PictureLayers {
-    /// The layers.
     pub keyed: KeyedLayers,
     /// The default window of the texture, if that is a layer.
     pub window: Option<Window>,

@@ -32,7 +32,6 @@ impl PictureProjection {
 pub struct MapRequest {
     /// The surface of the outer sides, and the hemispheres that are shown: both, or the only one that it has.
     pub surface: SurfaceName,
-    /// The sides.
     pub sides: MapSides,
 }
 

@@ -84,11 +84,8 @@ pub enum Part {
     Frames,
     /// The time of each picture of an animation.
     FrameTime,
-    /// The first depth.
     FirstDepth,
-    /// The last depth.
     LastDepth,
-    /// The sheet.
     Sheet,
     /// Width and height of all pictures.
     Pixels,

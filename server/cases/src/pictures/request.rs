@@ -411,9 +411,7 @@ impl PictureRequest {
 /// A checked request for a picture of any case.
 #[derive(Debug, Clone)]
 pub struct CheckedPicture {
-    /// The request.
     pub asked: PictureRequest,
-    /// The depth.
     pub depth: DepthMm,
     /// The mesh, for a renderer that draws one.
     pub mesh: MeshSize,

@@ -34,7 +34,6 @@ struct Planned {
 pub struct SeriesPicture {
     /// Its number, from 0.
     pub number: usize,
-    /// The request.
     pub request: PictureRequest,
     /// The depth that it shows.
     pub depth: ShownDepth,

@@ -278,7 +278,6 @@ pub struct CheckedSlice {
     oblique: Option<ObliquePlane>,
     /// The window; by default from the layer or the case.
     window: Option<Window>,
-    /// The layers.
     layers: LayerChoice,
     /// All other values, for the axial plane through the origin.
     request: SliceRequest,
@@ -369,12 +368,10 @@ pub struct SlicePicture {
     identity: Option<String>,
 }
 
-/// A drawn slice.
 #[derive(Debug)]
 pub struct DrawnSlice {
     /// Its PNG file.
     pub png: Vec<u8>,
-    /// Its projection.
     pub projection: Projection,
     /// Its plane, if that is oblique.
     pub oblique: Option<Oblique>,
@@ -481,8 +478,8 @@ impl SlicePicture {
             };
             let frame = render::draw_slice(&scene, &request);
             let projection = request.projection(&scene.bounds);
-            let slice = (&request, &projection, &scene.layers);
-            let png = encode_slice(frame, slice, &self.id, self.identity.as_deref())?;
+            let (layers, named) = (&scene.layers, self.identity.as_deref());
+            let png = encode_slice(frame, &request, &projection, layers, &self.id, named)?;
             Ok(DrawnSlice {
                 png,
                 projection,
@@ -501,7 +498,9 @@ impl SlicePicture {
 /// If it cannot be encoded.
 pub fn encode_slice(
     frame: Frame,
-    (request, projection, layers): (&SliceRequest, &Projection, &Layers<'_>),
+    request: &SliceRequest,
+    projection: &Projection,
+    layers: &Layers<'_>,
     id: &CaseId,
     identity: Option<&str>,
 ) -> Result<Vec<u8>, Error> {

@@ -153,7 +153,9 @@ impl Cases {
             self,
             id,
             &facts,
-            (&findings, reference.as_ref(), maps.is_ok()),
+            &findings,
+            reference.as_ref(),
+            maps.is_ok(),
         )
         .await?;
         let mut reported = Vec::new();

@@ -128,7 +128,9 @@ pub(super) async fn draw(
     cases: &Cases,
     id: &CaseId,
     facts: &Arc<CaseFacts>,
-    (findings, layer, has_maps): (&[Finding], Option<&LayerRef>, bool),
+    findings: &[Finding],
+    layer: Option<&LayerRef>,
+    has_maps: bool,
 ) -> Result<(Vec<FindingPictures>, Overview), Error> {
     let shown = |finding: &Finding| {
         let layer = layer.map(|_| Shows::Layer);
@@ -162,16 +164,12 @@ pub(super) async fn draw(
         for shows in shown(finding) {
             let mut next = |is_flipped| {
                 let (png, projection) = drawn.next().ok_or(Error::Internal)?;
-                Ok::<_, Error>(marked(
-                    facts,
-                    finding,
-                    (png, &projection),
-                    (shows, is_flipped),
-                ))
+                let shot = marked(facts, finding, png, &projection, shows, is_flipped);
+                Ok::<_, Error>(shot)
             };
             cuts.push([next(false)?, next(true)?]);
         }
-        let slices = slices(cases, id, facts, (finding, layer)).await?;
+        let slices = slices(cases, id, facts, finding, layer).await?;
         let view = view_of(facts, finding);
         pictures.push(FindingPictures { view, cuts, slices });
     }
@@ -272,7 +270,8 @@ async fn slices(
     cases: &Cases,
     id: &CaseId,
     facts: &CaseFacts,
-    (finding, layer): (&Finding, Option<&LayerRef>),
+    finding: &Finding,
+    layer: Option<&LayerRef>,
 ) -> Result<Vec<(Through, Vec<Shot>)>, Error> {
     let sphere = &facts.envelope_sphere;
     let at = DVec3::from_array(finding.middle_in_patient());
@@ -358,8 +357,10 @@ fn plain(png: Vec<u8>, side: u32, shows: Shows, orientation: DQuat) -> Shot {
 fn marked(
     facts: &CaseFacts,
     finding: &Finding,
-    (png, projection): (Vec<u8>, &Projection),
-    (shows, is_flipped): (Shows, bool),
+    png: Vec<u8>,
+    projection: &Projection,
+    shows: Shows,
+    is_flipped: bool,
 ) -> Shot {
     let plane = mirror_plane(facts);
     let pixel = |point: [f64; 3]| {
@@ -452,8 +453,10 @@ mod tests {
                 marked(
                     &facts,
                     &finding,
-                    (Vec::new(), projection),
-                    (Shows::Anatomy, flipped),
+                    Vec::new(),
+                    projection,
+                    Shows::Anatomy,
+                    flipped,
                 )
             };
             let (here, there) = (shot(&own, false), shot(&other, true));
@@ -480,8 +483,8 @@ mod tests {
             let finding = finding(at);
             let [own, other] = projections(&facts, &finding);
             let letters = [(own, false), (other, true)].map(|(projection, is_flipped)| {
-                let picture = (Vec::new(), &projection);
-                let shot = marked(&facts, &finding, picture, (Shows::Anatomy, is_flipped));
+                let (png, shows) = (Vec::new(), Shows::Anatomy);
+                let shot = marked(&facts, &finding, png, &projection, shows, is_flipped);
                 shot.directions.concat()
             });
             assert_eq!(letters, expected, "{at:?}");

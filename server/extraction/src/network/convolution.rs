@@ -33,7 +33,6 @@ pub(crate) enum Kind {
 /// The input voxels of an output along an axis, relative to its position in the input.
 #[derive(Debug, Clone)]
 struct Reach {
-    /// The first one.
     first: isize,
     /// The index of the weight in the kernel, for each of them.
     taps: Vec<usize>,

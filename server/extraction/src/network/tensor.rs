@@ -14,7 +14,6 @@ pub(crate) struct Tensor {
 }
 
 impl Tensor {
-    /// All zeros.
     pub(crate) fn zeros(size: [usize; 3], channels: usize, border: usize) -> Self {
         let voxels: usize = size.iter().map(|side| side + 2 * border).product();
         Self {

@@ -114,17 +114,13 @@ pub enum ConfigError {
     Unreadable {
         /// What it is.
         what: &'static str,
-        /// The file.
         path: PathBuf,
-        /// The reason.
         source: std::io::Error,
     },
     /// The file is not TOML, or has an unknown key or a value of the wrong kind.
     #[error("the configuration file {} is invalid: {source}", .path.display())]
     Malformed {
-        /// The file.
         path: PathBuf,
-        /// The reason.
         source: Box<toml::de::Error>,
     },
     /// An unknown time zone.
@@ -141,7 +137,6 @@ pub enum ConfigError {
     /// The file of the named tokens is wrong.
     #[error("cannot use the tokens in {}: {why}", .path.display())]
     Tokens {
-        /// The file.
         path: PathBuf,
         /// What is wrong, in one sentence.
         why: String,
@@ -151,9 +146,7 @@ pub enum ConfigError {
         "nothing can be written in the folder of the audit record {} (`audit.folder`): {source}; make it, for the user of the server alone", .folder.display()
     )]
     Audit {
-        /// The folder.
         folder: PathBuf,
-        /// The reason.
         source: std::io::Error,
     },
     /// There is no record to send.
@@ -180,10 +173,7 @@ pub enum ConfigError {
     #[error(
         "`http.trusted_proxies` has {network}, so that everybody could name anybody in the headers of `proxy`; list the addresses of the proxies alone"
     )]
-    ProxyOfEverybody {
-        /// The network.
-        network: ipnet::IpNet,
-    },
+    ProxyOfEverybody { network: ipnet::IpNet },
     /// A project of `[proxy]` is not one.
     #[error("`proxy.projects`: {0}")]
     ProxyProject(NotAProject),
@@ -198,43 +188,29 @@ pub enum ConfigError {
     /// An address of the store is invalid.
     #[error("`{key}` is invalid: {source}")]
     Address {
-        /// The key.
         key: &'static str,
-        /// The reason.
         source: BadAddress,
     },
     /// The keys of the store cannot be used.
     #[error("cannot use the keys in {} (`storage.key_file`): {source}", .path.display())]
-    Keys {
-        /// The file.
-        path: PathBuf,
-        /// The reason.
-        source: BadKeys,
-    },
+    Keys { path: PathBuf, source: BadKeys },
     /// An origin is none.
     #[error("`{key}`: {source}")]
     Origin {
-        /// The key.
         key: &'static str,
-        /// The reason.
         source: NotAnOrigin,
     },
     /// A node of the PACS is invalid.
     #[error("the node `{name}` in `pacs.nodes` is invalid: {source}")]
     Node {
-        /// Its name.
         name: String,
-        /// The reason.
         source: ::pacs::node::BadNode,
     },
     /// The credentials of a node are incomplete, or of two kinds.
     #[error(
         "the node `{name}` needs `user` and `password_file`, or `token_file`, or none of them, and they need `url`"
     )]
-    NodeCredentials {
-        /// Its name.
-        name: String,
-    },
+    NodeCredentials { name: String },
     /// Two nodes have one name.
     #[error("two nodes in `pacs.nodes` have the same name")]
     SameNode,
@@ -256,7 +232,6 @@ pub enum ConfigError {
     PeerProject {
         /// Its title.
         aet: String,
-        /// What is wrong.
         source: NotAProject,
     },
     /// Peers with one title have several projects.
@@ -285,10 +260,7 @@ pub enum ConfigError {
     #[error(
         "`http.listen` and `pacs.dimse.listen` have the same port {port}; choose another one for C-STORE"
     )]
-    SamePort {
-        /// The port.
-        port: u16,
-    },
+    SamePort { port: u16 },
     /// TLS of HTTP is configured incompletely.
     #[error("`http` needs both `tls_certificate` and `tls_key`, or neither")]
     HttpTls,
@@ -308,10 +280,7 @@ pub enum ConfigError {
     },
     /// A limit of zero.
     #[error("`{key}` must be at least 1")]
-    Zero {
-        /// The key.
-        key: &'static str,
-    },
+    Zero { key: &'static str },
 }
 
 impl Config {

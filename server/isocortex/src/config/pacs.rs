@@ -110,7 +110,6 @@ impl Default for Dimse {
     }
 }
 
-/// A peer.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Peer {

@@ -28,7 +28,6 @@ pub(crate) struct ObjectName {
     pub(crate) sop_instance_uid: String,
 }
 
-/// A request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Request {
     Echo {

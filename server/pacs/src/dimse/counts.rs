@@ -18,7 +18,6 @@ pub enum Rejection {
 }
 
 impl Rejection {
-    /// All of them.
     pub const ALL: [Self; 5] = [
         Self::Address,
         Self::CallingTitle,

@@ -49,7 +49,6 @@ pub struct StorageNode {
     tls: Option<(ConnectingTls, ServerName<'static>)>,
     /// Its application entity title.
     aet: String,
-    /// Ours.
     our_aet: String,
 }
 

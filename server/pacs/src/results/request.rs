@@ -338,7 +338,6 @@ impl StudyRequest {
 /// What is to be made.
 #[derive(Debug, Clone)]
 pub(crate) enum Plan {
-    /// Pictures.
     Pictures(PicturePlan),
     /// A segmentation.
     Mask(MaskPlan),
@@ -365,7 +364,6 @@ pub(crate) struct KeyObjectPlan {
     pub(crate) title: Title,
 }
 
-/// A mask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum MaskPlan {
     Envelope,

@@ -27,7 +27,6 @@ const MARGIN_MM: f64 = 10.0;
 /// The uploaded files of a layer.
 #[derive(Debug, Clone, Default)]
 pub struct LayerSource {
-    /// The volume.
     pub volume: Bytes,
     /// The identifying attributes, if it comes from DICOM.
     pub dicom: Option<Bytes>,

@@ -20,9 +20,7 @@ const SAME_MM: f64 = 0.05;
 /// The case that a layer is placed in.
 #[derive(Debug)]
 pub struct LayerCase<'a> {
-    /// Its facts.
     pub facts: &'a CaseFacts,
-    /// Its envelope.
     pub envelope: &'a Envelope,
     /// Its volume, cropped to the envelope.
     pub volume: &'a Volume,

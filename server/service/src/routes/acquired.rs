@@ -133,7 +133,7 @@ pub async fn get_acquired(
         let named = named.clone();
         let picture = cases
             .queue
-            .run(move || draw(&volume, (&id, plane, values), named.as_deref()));
+            .run(move || draw(&volume, &id, plane, values, named.as_deref()));
         Ok(Bytes::from(picture.await??).into())
     };
     let format = Format::of(PNG).variant(plane.name()).named(named.clone());
@@ -143,7 +143,9 @@ pub async fn get_acquired(
 /// Draws a slice; with `named`, annotated.
 fn draw(
     volume: &Volume,
-    (case, plane, values): (&CaseId, SlicePlane, AcquiredValues),
+    case: &CaseId,
+    plane: SlicePlane,
+    values: AcquiredValues,
     named: Option<&str>,
 ) -> Result<Vec<u8>, AppError> {
     let bounds = BoundingSphere::of_grid(volume.grid());
@@ -157,6 +159,13 @@ fn draw(
     let request = values.request.shown(plane, position_mm, window);
     let frame = render::draw_acquired_slice(volume, &bounds, &request);
     let projection = request.projection(&bounds);
-    let slice = (&request, &projection, &Layers::default());
-    Ok(encode_slice(frame, slice, case, named)?)
+    let layers = Layers::default();
+    Ok(encode_slice(
+        frame,
+        &request,
+        &projection,
+        &layers,
+        case,
+        named,
+    )?)
 }

@@ -49,11 +49,9 @@ impl Extent {
 /// The key of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct BodyKey {
-    /// The case.
     pub id: CaseId,
     /// The content.
     pub kind: BodyKind,
-    /// The coding.
     pub coding: Coding,
 }
 

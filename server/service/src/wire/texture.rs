@@ -39,7 +39,6 @@ pub enum Voxels {
 }
 
 impl Voxels {
-    /// The bytes.
     pub fn bytes(self) -> Bytes {
         match self {
             Self::Shared(bytes) => bytes,
@@ -59,7 +58,6 @@ impl fmt::Debug for Voxels {
 
 /// A volume in memory whose voxels can be sent without a copy.
 pub trait Owner: Clone + Send + Sync + 'static {
-    /// The volume.
     fn volume(&self) -> &Volume;
 }
 

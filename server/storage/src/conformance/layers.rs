@@ -140,7 +140,7 @@ pub(crate) async fn layers_are_named_and_ordered(subject: &Subject) {
             place,
             contrast: None,
         };
-        store.change_layer_row(&case, id, &change).await
+        store.change_layer(&case, id, &change).await
     };
     let taken = change(&ids[2], Some("pet"), Some(0)).await;
     assert!(matches!(taken, Err(StoreError::LayerNameTaken)));
@@ -156,7 +156,7 @@ pub(crate) async fn layers_are_named_and_ordered(subject: &Subject) {
         contrast: Some(Contrast::Flair),
         ..LayerChange::default()
     };
-    let changed = store.change_layer_row(&case, &ids[1], &stated).await;
+    let changed = store.change_layer(&case, &ids[1], &stated).await;
     assert!(changed.unwrap());
     let layers = store.layers(&case).await.unwrap();
     let flairs = layers.iter().filter(|layer| layer.is_flair());
@@ -343,7 +343,7 @@ pub(crate) async fn a_layer_of_a_deleted_case_cannot_be_published(subject: &Subj
     assert_eq!(removed(store, &new.sources.names).await, new.sources.names);
 }
 
-pub(crate) async fn a_layer_of_another_store_is_adopted_as_it_is_there(subject: &Subject) {
+pub(crate) async fn a_layer_of_another_store_is_copied_as_it_is_there(subject: &Subject) {
     let store = &subject.store;
     let case = ready_case(store, "a").await.id;
     let new = insert_layer(store, &case, "l").await;
@@ -353,7 +353,10 @@ pub(crate) async fn a_layer_of_another_store_is_adopted_as_it_is_there(subject: 
     let names = [new.sources.names[0], object];
     for _ in 0..2 {
         let objects = pinned(store, &names).await;
-        store.adopt_layer(&known, None, &objects).await.unwrap();
+        store
+            .write_copied_layer(&known, None, &objects)
+            .await
+            .unwrap();
         assert_eq!(layer(store, &new).await.unwrap(), known);
     }
     let objects = store.layer_objects(&case, &new.id).await.unwrap();
@@ -363,6 +366,9 @@ pub(crate) async fn a_layer_of_another_store_is_adopted_as_it_is_there(subject: 
         ..known
     };
     let objects = pinned(store, &names[..1]).await;
-    store.adopt_layer(&queued, None, &objects).await.unwrap();
+    store
+        .write_copied_layer(&queued, None, &objects)
+        .await
+        .unwrap();
     assert_eq!(layer(store, &new).await.unwrap().state, CaseState::Queued);
 }

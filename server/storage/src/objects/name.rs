@@ -8,7 +8,6 @@ use case::arrivals::NewInstance;
 /// The address of an object: its kind and the BLAKE3 digest of its payload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct ObjectName {
-    /// Its kind.
     pub kind: ObjectKind,
     /// Digest of the payload as it is stored.
     pub digest: blake3::Hash,

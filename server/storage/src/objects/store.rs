@@ -51,7 +51,6 @@ pub(crate) struct Objects {
 /// A verified object.
 #[derive(Debug)]
 pub(crate) struct Whole {
-    /// Its payload.
     pub(crate) payload: Bytes,
     /// Its header and its payload, not encrypted.
     pub(crate) framed: Bytes,
@@ -75,7 +74,6 @@ impl Objects {
         Self { keys, ..self }
     }
 
-    /// The keys.
     pub(crate) fn keys(&self) -> &Keys {
         &self.keys
     }

@@ -40,6 +40,13 @@ pub(super) fn read_project(row: &Row) -> Result<Project, StoreError> {
     Project::with_name(&name).ok_or_else(|| unreadable("project"))
 }
 
+/// A series of a project.
+#[derive(Clone, Copy)]
+pub(super) struct SeriesOf<'a> {
+    pub(super) project: Project,
+    pub(super) uids: &'a SeriesUids,
+}
+
 /// What became of an image.
 pub(super) enum Added {
     /// It is new.
@@ -55,11 +62,12 @@ pub(super) enum Added {
 /// Adds an image. The pin of a file that is kept becomes a reference; that of another one expires.
 pub(super) async fn add(
     connection: &mut Connection,
-    (new, project): (&NewInstance, Project),
+    project: Project,
     source: ArrivalSource,
+    new: &NewInstance,
     now: i64,
 ) -> Result<Added, StoreError> {
-    let id = series(connection, (new, project), source, now).await?;
+    let id = series(connection, project, source, new, now).await?;
     let added = connection
         .query(
             "INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
@@ -72,13 +80,13 @@ pub(super) async fn add(
         .await?;
     if added == 0 {
         if let Some(change) = new.replaces {
-            return replace(connection, (&id, new, change), now).await;
+            return replace(connection, &id, new, change, now).await;
         }
         pins::abandon(connection, vec![ObjectName::from(new)], now).await?;
         return Ok(Added::Known);
     }
     let left = match new.replaces {
-        Some(_) => leave_others(connection, (&id, new), now).await?,
+        Some(_) => leave_others(connection, &id, new, now).await?,
         None => None,
     };
     // Whoever reads the series at this moment does not know this image.
@@ -101,7 +109,8 @@ pub(super) async fn add(
 /// their cases. What is left of them is read again.
 async fn leave_others(
     connection: &mut Connection,
-    (id, new): (&str, &NewInstance),
+    id: &str,
+    new: &NewInstance,
     now: i64,
 ) -> Result<Option<Added>, StoreError> {
     let rows = connection
@@ -148,7 +157,9 @@ async fn leave_others(
 /// before there is a new one.
 async fn replace(
     connection: &mut Connection,
-    (id, new, change): (&str, &NewInstance, Change),
+    id: &str,
+    new: &NewInstance,
+    change: Change,
     now: i64,
 ) -> Result<Added, StoreError> {
     let row = connection
@@ -217,7 +228,8 @@ async fn supersede(
 /// Counts an object that is not kept in the arrival of its series, which is made if there is none.
 pub(super) async fn ignore(
     connection: &mut Connection,
-    (uids, source, project): (&SeriesUids, ArrivalSource, Project),
+    series: SeriesOf<'_>,
+    source: ArrivalSource,
     reason: &Failure,
     now: i64,
 ) -> Result<(), StoreError> {
@@ -228,12 +240,12 @@ pub(super) async fn ignore(
              ON CONFLICT (project, study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
+        .bind(series.uids.study.as_str())
+        .bind(series.uids.series.as_str())
         .bind(source.name())
         .bind(serde_json::to_string(reason)?)
         .bind(now)
-        .bind(project.name())
+        .bind(series.project.name())
         .execute()
         .await?;
     Ok(())
@@ -242,7 +254,8 @@ pub(super) async fn ignore(
 /// Withdraws instances of a series: its images are forgotten. What is left is read again. Returns how many were there.
 pub(super) async fn reject(
     connection: &mut Connection,
-    (uids, source, project): (&SeriesUids, ArrivalSource, Project),
+    series: SeriesOf<'_>,
+    source: ArrivalSource,
     instances: &[Uid],
     reason: &Failure,
     now: i64,
@@ -256,12 +269,12 @@ pub(super) async fn reject(
              RETURNING id",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
+        .bind(series.uids.study.as_str())
+        .bind(series.uids.series.as_str())
         .bind(source.name())
         .bind(&reason)
         .bind(now)
-        .bind(project.name())
+        .bind(series.project.name())
         .fetch_one()
         .await?;
     let id: String = row.get("id")?;
@@ -367,8 +380,8 @@ pub(super) async fn is_withdrawn(
 /// Whether an image of a series was withdrawn.
 pub(super) async fn is_rejected(
     connection: &mut Connection,
-    project: Project,
-    (uids, instance): (&SeriesUids, &Uid),
+    series: SeriesOf<'_>,
+    instance: &Uid,
 ) -> Result<bool, StoreError> {
     let row = connection
         .query(
@@ -376,9 +389,9 @@ pub(super) async fn is_rejected(
              WHERE sop_instance_uid = $1 AND project = $2 AND study_uid = $3 AND series_uid = $4",
         )
         .bind(instance.as_str())
-        .bind(project.name())
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
+        .bind(series.project.name())
+        .bind(series.uids.study.as_str())
+        .bind(series.uids.series.as_str())
         .fetch_optional()
         .await?;
     Ok(row.is_some())
@@ -433,8 +446,8 @@ pub(super) async fn forget_withdrawn(
 /// The image that is there already.
 pub(super) async fn known(
     connection: &mut Connection,
-    project: Project,
-    (uids, instance): &(SeriesUids, Uid),
+    series: SeriesOf<'_>,
+    instance: &Uid,
 ) -> Result<Option<Known>, StoreError> {
     let rows = connection
         .query(
@@ -442,13 +455,13 @@ pub(super) async fn known(
              WHERE sop_instance_uid = $1 AND project = $2",
         )
         .bind(instance.as_str())
-        .bind(project.name())
+        .bind(series.project.name())
         .fetch_all()
         .await?;
     let mut known = None;
     for row in &rows {
         let object = read_object(row)?;
-        let is_elsewhere = read_uids(row)? != *uids;
+        let is_elsewhere = read_uids(row)? != *series.uids;
         if !is_elsewhere {
             return Ok(Some(Known {
                 object,
@@ -466,8 +479,9 @@ pub(super) async fn known(
 /// The arrival of an image's series, which is made if there is none.
 async fn series(
     connection: &mut Connection,
-    (new, project): (&NewInstance, Project),
+    project: Project,
     source: ArrivalSource,
+    new: &NewInstance,
     now: i64,
 ) -> Result<String, StoreError> {
     connection
@@ -499,7 +513,7 @@ async fn series(
 
 /// Makes a series of another store as it is there, and adds some of its images, whose pins become references. A series
 /// that is here keeps its id and its images.
-pub(super) async fn adopt(
+pub(super) async fn write_copied(
     connection: &mut Connection,
     arrival: &Arrival,
     images: &[NewInstance],
@@ -521,7 +535,7 @@ pub(super) async fn adopt(
         .execute()
         .await?;
     for image in images {
-        add(connection, (image, arrival.project), arrival.source, now).await?;
+        add(connection, arrival.project, arrival.source, image, now).await?;
     }
     // Without its case, it is read again.
     let case = held(connection, arrival.case).await?;
@@ -573,12 +587,12 @@ async fn held(
 /// Forgets the images of a series that are not among these.
 pub(super) async fn keep(
     connection: &mut Connection,
-    (uids, project): (&SeriesUids, Project),
+    series: SeriesOf<'_>,
     kept: &[(Uid, ObjectName)],
     now: i64,
 ) -> Result<(), StoreError> {
     let mut forgotten = Vec::new();
-    for image in images_of(connection, uids, Some(project)).await? {
+    for image in images_of(connection, series.uids, Some(series.project)).await? {
         if kept.contains(&image) {
             continue;
         }
@@ -588,9 +602,9 @@ pub(super) async fn keep(
                  AND arrival_id = (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3 AND project = $4)",
             )
             .bind(image.0.as_str())
-            .bind(uids.study.as_str())
-            .bind(uids.series.as_str())
-            .bind(project.name())
+            .bind(series.uids.study.as_str())
+            .bind(series.uids.series.as_str())
+            .bind(series.project.name())
             .execute()
             .await?;
         forgotten.push(image.1);
@@ -600,9 +614,9 @@ pub(super) async fn keep(
             "UPDATE arrivals SET instances = instances - $1 WHERE study_uid = $2 AND series_uid = $3 AND project = $4",
         )
         .bind(count(forgotten.len()))
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
-        .bind(project.name())
+        .bind(series.uids.study.as_str())
+        .bind(series.uids.series.as_str())
+        .bind(series.project.name())
         .execute()
         .await?;
     pins::abandon(connection, forgotten, now).await
@@ -610,15 +624,15 @@ pub(super) async fn keep(
 
 pub(super) async fn expect(
     connection: &mut Connection,
-    (uids, project): (&SeriesUids, Project),
+    series: SeriesOf<'_>,
     instances: usize,
 ) -> Result<(), StoreError> {
     connection
         .query("UPDATE arrivals SET expected = $1 WHERE study_uid = $2 AND series_uid = $3 AND project = $4")
         .bind(count(instances))
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
-        .bind(project.name())
+        .bind(series.uids.study.as_str())
+        .bind(series.uids.series.as_str())
+        .bind(series.project.name())
         .execute()
         .await?;
     Ok(())
@@ -923,7 +937,8 @@ fn containing(text: &str) -> String {
 
 pub(super) async fn page(
     connection: &mut Connection,
-    (scope, query): (Option<Project>, &ArrivalQuery),
+    scope: Option<Project>,
+    query: &ArrivalQuery,
     after: Option<&ArrivalCursor>,
     limit: usize,
 ) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError> {
@@ -975,7 +990,8 @@ pub(super) async fn one(
 
 pub(super) async fn of(
     connection: &mut Connection,
-    (scope, query): (Option<Project>, &SeriesQuery),
+    scope: Option<Project>,
+    query: &SeriesQuery,
 ) -> Result<Vec<Arrival>, StoreError> {
     let rows = match query {
         SeriesQuery::Study(study, series) => connection
@@ -1123,7 +1139,7 @@ pub(super) async fn index(
 }
 
 /// Makes the index of a case's series as it is in another store.
-pub(super) async fn adopt_index(
+pub(super) async fn write_copied_index(
     connection: &mut Connection,
     series: &CaseSeries,
 ) -> Result<(), StoreError> {
@@ -1152,7 +1168,8 @@ pub(super) async fn series_of(
 
 pub(super) async fn cases_of(
     connection: &mut Connection,
-    (scope, query): (Option<Project>, &SeriesQuery),
+    scope: Option<Project>,
+    query: &SeriesQuery,
 ) -> Result<Vec<CaseSeries>, StoreError> {
     let rows = match query {
         SeriesQuery::Study(study, series) => connection

@@ -54,7 +54,8 @@ pub(super) async fn submit(
     }
     jobs::check_room(
         connection,
-        (JobKind::PREPARE, new.queue_limit),
+        JobKind::PREPARE,
+        new.queue_limit,
         &new.client,
         now,
     )
@@ -155,7 +156,10 @@ pub(super) async fn refer(
 }
 
 /// Writes the row of a case from another store; `false` if the case is ready here but not there.
-pub(super) async fn adopt(connection: &mut Connection, case: &Case) -> Result<bool, StoreError> {
+pub(super) async fn write_copied(
+    connection: &mut Connection,
+    case: &Case,
+) -> Result<bool, StoreError> {
     let state = match case.state.is_final() {
         true => case.state,
         false => CaseState::Queued,

@@ -49,7 +49,7 @@ impl Store {
     }
 
     /// Gives a case the findings that it has in another store.
-    pub(crate) async fn adopt_findings(
+    pub(crate) async fn write_copied_findings(
         &self,
         id: &CaseId,
         findings: &StoredFindings,

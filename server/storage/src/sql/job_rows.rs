@@ -5,7 +5,7 @@ use std::time::Duration;
 use case::{Failure, JobKind};
 
 use super::connection::microseconds;
-use super::jobs;
+use super::jobs::{self, Wanted};
 use crate::arrivals::ArrivalCursor;
 use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
 use crate::{Store, StoreError};
@@ -57,8 +57,8 @@ impl Store {
         after: Option<&ArrivalCursor>,
         limit: usize,
     ) -> Result<(Vec<Job>, Option<ArrivalCursor>), StoreError> {
-        let query = (self.scope(), query);
-        jobs::page(&mut self.rows().connect().await?, query, after, limit).await
+        let mut connection = self.rows().connect().await?;
+        jobs::page(&mut connection, self.scope(), query, after, limit).await
     }
 
     /// Forgets jobs that ended this long ago, except those of results, which go with their results.
@@ -87,7 +87,7 @@ impl Store {
         let mut connection = self.rows().connect().await?;
         let now = self.rows().now(&mut connection).await?;
         let most = self.options().queue_limit;
-        jobs::check_room(&mut connection, (kind, most), &self.client, now).await
+        jobs::check_room(&mut connection, kind, most, &self.client, now).await
     }
 
     /// Leases the oldest job of a kind. Those with as many attempts behind them fail on the way.
@@ -99,17 +99,18 @@ impl Store {
         kind: JobKind,
         max_attempts: u32,
     ) -> Result<Option<Claim>, StoreError> {
+        let wanted = Wanted { kind, key: None };
         // Most queries find nothing and must not wait for writers.
         let mut reader = self.rows().connect().await?;
         let now = self.rows().now(&mut reader).await?;
-        let found = jobs::oldest_available(&mut reader, kind, None, now).await?;
+        let found = jobs::oldest_available(&mut reader, wanted, now).await?;
         drop(reader);
         if found.is_none() {
             return Ok(None);
         }
         let (mut transaction, now) = self.rows().write().await?;
-        let until = now + microseconds(self.options().lease);
-        let claim = jobs::claim(&mut transaction, (kind, None), max_attempts, [now, until]).await?;
+        let lease = self.options().lease;
+        let claim = jobs::claim(&mut transaction, wanted, max_attempts, lease, now).await?;
         transaction.commit_soon().await?;
         if let Some(case) = claim.as_ref().and_then(|claim| claim.case) {
             self.signals().changed(&case);
@@ -183,9 +184,12 @@ impl Store {
             return Ok(None);
         }
         jobs::enqueue(&mut transaction, new, now).await?;
-        let job = (new.kind, Some(new.key.as_str()));
-        let until = now + microseconds(self.options().lease);
-        let claim = jobs::claim(&mut transaction, job, max_attempts, [now, until]).await?;
+        let wanted = Wanted {
+            kind: new.kind,
+            key: Some(&new.key),
+        };
+        let lease = self.options().lease;
+        let claim = jobs::claim(&mut transaction, wanted, max_attempts, lease, now).await?;
         transaction.commit().await?;
         Ok(claim)
     }

@@ -62,7 +62,7 @@ pub(super) async fn enqueue_for(
 }
 
 /// Makes a job of another store, whose case is here, as it is there; one that is open waits here.
-pub(super) async fn adopt(
+pub(super) async fn write_copied(
     connection: &mut Connection,
     job: &Job,
     now: i64,
@@ -141,7 +141,8 @@ pub(super) async fn latest_of_key(
 /// At most `limit` jobs after a cursor, newest first, and the cursor of the next page.
 pub(super) async fn page(
     connection: &mut Connection,
-    (scope, query): (Option<Project>, &JobQuery),
+    scope: Option<Project>,
+    query: &JobQuery,
     after: Option<&ArrivalCursor>,
     limit: usize,
 ) -> Result<(Vec<Job>, Option<ArrivalCursor>), StoreError> {
@@ -220,7 +221,8 @@ pub(super) async fn waiting(
 /// Without a client, the program itself asks, which may take all.
 pub(super) async fn check_room(
     connection: &mut Connection,
-    (kind, most): (JobKind, usize),
+    kind: JobKind,
+    most: usize,
     client: &str,
     now: i64,
 ) -> Result<(), StoreError> {
@@ -228,11 +230,11 @@ pub(super) async fn check_room(
         "" => 0,
         name => waiting(connection, kind, name).await?,
     };
-    let limit = (kind, most.saturating_sub(of_name));
-    let mut wait = time_to_a_place(connection, limit, "", now).await?;
+    let free = most.saturating_sub(of_name);
+    let mut wait = time_to_a_place(connection, kind, free, "", now).await?;
     if !client.is_empty() && !client.starts_with('-') {
-        let limit = (kind, most.div_ceil(4));
-        wait = wait.max(time_to_a_place(connection, limit, client, now).await?);
+        let share = most.div_ceil(4);
+        wait = wait.max(time_to_a_place(connection, kind, share, client, now).await?);
     }
     wait.map_or(Ok(()), |wait| Err(StoreError::QueueFull(wait)))
 }
@@ -242,7 +244,8 @@ pub(super) async fn check_room(
 /// Since the oldest one came, there has always been one, so those that have ended since then tell the pace.
 async fn time_to_a_place(
     connection: &mut Connection,
-    (kind, most): (JobKind, usize),
+    kind: JobKind,
+    most: usize,
     client: &str,
     now: i64,
 ) -> Result<Option<Duration>, StoreError> {
@@ -284,6 +287,14 @@ async fn time_to_a_place(
     Ok(Some(Duration::from_micros(wait.unsigned_abs())))
 }
 
+/// Which jobs a worker would do.
+#[derive(Clone, Copy)]
+pub(super) struct Wanted<'a> {
+    pub(super) kind: JobKind,
+    /// Any, if it is not given.
+    pub(super) key: Option<&'a str>,
+}
+
 /// A job that may be leased.
 pub(super) struct Available {
     id: String,
@@ -315,22 +326,20 @@ const IN_TURNS: &str = select_available!(
       FROM jobs AS served WHERE served.kind = jobs.kind AND served.client = jobs.client),"
 );
 
-/// The oldest job of a kind that waits or whose lease has ended; of preparations the next, for the clients take turns. Only that of
-/// `key`, if it is given.
+/// The oldest wanted job that waits or whose lease has ended; of preparations the next, for the clients take turns.
 pub(super) async fn oldest_available(
     connection: &mut Connection,
-    kind: JobKind,
-    key: Option<&str>,
+    wanted: Wanted<'_>,
     now: i64,
 ) -> Result<Option<Available>, StoreError> {
     let row = connection
-        .query(match kind == JobKind::PREPARE {
+        .query(match wanted.kind == JobKind::PREPARE {
             true => IN_TURNS,
             false => select_available!(""),
         })
-        .bind(kind.name())
+        .bind(wanted.kind.name())
         .bind(now)
-        .bind(key)
+        .bind(wanted.key)
         .fetch_optional()
         .await?;
     row.map(|row| {
@@ -344,15 +353,18 @@ pub(super) async fn oldest_available(
     .transpose()
 }
 
-/// Leases the oldest job. Those with too many attempts behind them fail on the way.
+/// Leases the oldest wanted job. Those with too many attempts behind them fail on the way.
 pub(super) async fn claim(
     connection: &mut Connection,
-    (kind, key): (JobKind, Option<&str>),
+    wanted: Wanted<'_>,
     max_attempts: u32,
-    [now, until]: [i64; 2],
+    time: Duration,
+    now: i64,
 ) -> Result<Option<Claim>, StoreError> {
-    while let Some(job) = oldest_available(connection, kind, key, now).await? {
+    let kind = wanted.kind;
+    while let Some(job) = oldest_available(connection, wanted, now).await? {
         if job.attempts < i64::from(max_attempts) {
+            let until = now + microseconds(time);
             return lease(connection, kind, &job.id, until).await.map(Some);
         }
         let attempts = u32::try_from(job.attempts).unwrap_or(u32::MAX);
@@ -512,7 +524,7 @@ pub(super) async fn fail_item(
         }
         JobKind::LAYER => {
             let (case, layer) = layers::of_key(key).ok_or_else(|| unreadable("layer"))?;
-            layers::make_failed(connection, (&case, &layer), failure, now).await
+            layers::make_failed(connection, &case, &layer, failure, now).await
         }
         JobKind::SERIES => arrivals::make_nothing(connection, key, failure).await,
         _ => Ok(()),

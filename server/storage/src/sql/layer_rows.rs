@@ -9,14 +9,6 @@ use crate::rows::{Inserted, LayerChange, NewLayer, Pinned, Published, Referred};
 use crate::{ObjectName, Store, StoreError};
 
 impl Store {
-    async fn forget_facts(&self, case: &CaseId, layer: &LayerId) -> Result<(), StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        layers::forget_facts(&mut transaction, case, layer, now).await?;
-        transaction.commit().await
-    }
-}
-
-impl Store {
     /// Makes a layer and its job, and turns its pins into references; or queues a failed one again.
     pub(crate) async fn insert_layer(
         &self,
@@ -31,15 +23,19 @@ impl Store {
     }
 
     /// Renames a layer, or moves it in the list; returns whether there is such a layer.
-    pub(crate) async fn change_layer_row(
+    ///
+    /// # Errors
+    /// [`StoreError::LayerNameTaken`], or if the rows cannot be written.
+    pub async fn change_layer(
         &self,
         case: &CaseId,
         layer: &LayerId,
         change: &LayerChange,
     ) -> Result<bool, StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
-        let changed = layers::change(&mut transaction, (case, layer), change).await?;
+        let changed = layers::change(&mut transaction, case, layer, change).await?;
         transaction.commit().await?;
+        self.signals().changed(case);
         Ok(changed)
     }
 
@@ -57,10 +53,10 @@ impl Store {
         if !jobs::finish(&mut transaction, claim, Ok(()), now).await? {
             return Ok(Referred::Unneeded(Published::Fenced));
         }
-        if !layers::refer(&mut transaction, (&case, &layer), derived, now).await? {
+        if !layers::refer(&mut transaction, &case, &layer, derived, now).await? {
             return Ok(Referred::PinLost);
         }
-        layers::make_ready(&mut transaction, (&case, &layer), facts).await?;
+        layers::make_ready(&mut transaction, &case, &layer, facts).await?;
         transaction.commit().await?;
         Ok(Referred::Done(Published::Done))
     }
@@ -78,7 +74,7 @@ impl Store {
         if !layers.iter().any(is_meant) {
             return Ok(Referred::Unneeded(Published::Fenced));
         }
-        if !layers::refer(&mut transaction, (case, layer), derived, now).await? {
+        if !layers::refer(&mut transaction, case, layer, derived, now).await? {
             return Ok(Referred::PinLost);
         }
         transaction.commit().await?;
@@ -93,7 +89,9 @@ impl Store {
         loop {
             match layers::of_case(&mut self.rows().connect().await?, case).await {
                 Err(StoreError::DamagedLayer(case, layer)) => {
-                    self.forget_facts(&case, &layer).await?;
+                    let (mut transaction, now) = self.rows().write().await?;
+                    layers::forget_facts(&mut transaction, &case, &layer, now).await?;
+                    transaction.commit().await?;
                 }
                 read => return read,
             }
@@ -127,20 +125,30 @@ impl Store {
         Ok(deleted)
     }
 
-    /// As [`Store::delete_layer_row`]. Results that may show it do not count any more; returns how many have been sent and were valid.
-    pub(crate) async fn withdraw_layer_row(
+    /// Removes a layer whose images were corrected or rejected. Results that may show it do not count any more: those that wait to be
+    /// sent fail with this reason. Returns how many have been sent. The operation completes even if the caller drops the future.
+    ///
+    /// # Errors
+    /// As [`Store::delete_layer`].
+    pub async fn withdraw_layer(
         &self,
         case: &CaseId,
         layer: &LayerId,
         failure: &Failure,
     ) -> Result<usize, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let shown = results::Shown::Layer(case, layer);
-        let sent = results::withdraw_showing(&mut transaction, shown, failure, now).await?;
-        layers::delete(&mut transaction, case, layer, now).await?;
-        transaction.commit().await?;
-        self.rows().database.empty_log().await;
-        Ok(sent)
+        let (store, case, layer, failure) = (self.clone(), *case, *layer, failure.clone());
+        let withdraw = async move {
+            let (mut transaction, now) = store.rows().write().await?;
+            let shown = results::Shown::Layer(&case, &layer);
+            let sent = results::withdraw_showing(&mut transaction, shown, &failure, now).await?;
+            layers::delete(&mut transaction, &case, &layer, now).await?;
+            transaction.commit().await?;
+            store.rows().database.empty_log().await;
+            store.signals().changed(&case);
+            store.collect().await?;
+            Ok(sent)
+        };
+        tokio::spawn(withdraw).await?
     }
 
     /// Ends results that show a layer that is or was made of a series, as [`Store::withdraw_layer`] does. Returns how many have been
@@ -177,14 +185,14 @@ impl Store {
 
     /// Inserts the layers of a case of another store, in their order, unless they are here, and turns their pins into
     /// references. What is neither ready nor failed is queued.
-    pub(crate) async fn adopt_layer(
+    pub(crate) async fn write_copied_layer(
         &self,
         layer: &Layer,
         series: Option<&Uid>,
         objects: &Pinned,
     ) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        layers::adopt(&mut transaction, (layer, series), objects, now).await?;
+        layers::write_copied(&mut transaction, layer, series, objects, now).await?;
         transaction.commit().await
     }
 
@@ -205,6 +213,6 @@ impl Store {
         case: &CaseId,
         layer: &LayerId,
     ) -> Result<Option<Uid>, StoreError> {
-        layers::series_of(&mut self.rows().connect().await?, (case, layer)).await
+        layers::series_of(&mut self.rows().connect().await?, case, layer).await
     }
 }

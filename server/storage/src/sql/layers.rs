@@ -52,20 +52,21 @@ pub(super) async fn submit(
     }
     jobs::check_room(
         connection,
-        (JobKind::LAYER, new.queue_limit),
+        JobKind::LAYER,
+        new.queue_limit,
         &new.client,
         now,
     )
     .await?;
     let inserted = if known.is_some() {
-        queue_again(connection, (&new.case, &new.id), &new.client, now).await?;
+        queue_again(connection, &new.case, &new.id, &new.client, now).await?;
         Inserted::Requeued
     } else {
         let name = free_name(&new.name, &others).ok_or(StoreError::LayerNameTaken)?;
         insert_row(connection, new, &name, now).await?;
         Inserted::Created
     };
-    match refer(connection, (&new.case, &new.id), &new.sources, now).await? {
+    match refer(connection, &new.case, &new.id, &new.sources, now).await? {
         true => Ok(Referred::Done(inserted)),
         false => Ok(Referred::PinLost),
     }
@@ -109,7 +110,8 @@ async fn insert_row(
 
 async fn queue_again(
     connection: &mut Connection,
-    (case, layer): (&CaseId, &LayerId),
+    case: &CaseId,
+    layer: &LayerId,
     client: &str,
     now: i64,
 ) -> Result<(), StoreError> {
@@ -158,7 +160,8 @@ pub(super) async fn inherit(
 /// Turns pins into references of a layer; `false` if a pin is gone. Objects that it no longer needs are abandoned.
 pub(super) async fn refer(
     connection: &mut Connection,
-    (case, layer): (&CaseId, &LayerId),
+    case: &CaseId,
+    layer: &LayerId,
     pinned: &Pinned,
     now: i64,
 ) -> Result<bool, StoreError> {
@@ -247,7 +250,8 @@ pub(super) async fn of_series(
 /// The series that a layer is made of, if that is known.
 pub(super) async fn series_of(
     connection: &mut Connection,
-    (case, layer): (&CaseId, &LayerId),
+    case: &CaseId,
+    layer: &LayerId,
 ) -> Result<Option<Uid>, StoreError> {
     let row = connection
         .query("SELECT series_uid FROM layers WHERE case_id = $1 AND id = $2")
@@ -279,7 +283,8 @@ pub(super) async fn are_there(
 /// Renames a layer, or moves it in the list; whether there is such a layer.
 pub(super) async fn change(
     connection: &mut Connection,
-    (case, layer): (&CaseId, &LayerId),
+    case: &CaseId,
+    layer: &LayerId,
     change: &LayerChange,
 ) -> Result<bool, StoreError> {
     let layers = of_case(connection, case).await?;
@@ -349,7 +354,8 @@ pub(super) async fn delete(
 
 pub(super) async fn make_ready(
     connection: &mut Connection,
-    (case, layer): (&CaseId, &LayerId),
+    case: &CaseId,
+    layer: &LayerId,
     facts: &LayerFacts,
 ) -> Result<(), StoreError> {
     let facts = serde_json::to_string(facts)?;
@@ -369,7 +375,8 @@ pub(super) async fn make_ready(
 /// Makes a layer failed, which then needs no objects.
 pub(super) async fn make_failed(
     connection: &mut Connection,
-    (case, layer): (&CaseId, &LayerId),
+    case: &CaseId,
+    layer: &LayerId,
     failure: &Failure,
     now: i64,
 ) -> Result<(), StoreError> {
@@ -406,13 +413,14 @@ pub(super) async fn prepare_again(
     if !layers.iter().any(is_ready) {
         return Ok(false);
     }
-    queue_again(connection, (case, layer), "", now).await?;
+    queue_again(connection, case, layer, "", now).await?;
     Ok(true)
 }
 
-pub(super) async fn adopt(
+pub(super) async fn write_copied(
     connection: &mut Connection,
-    (layer, series): (&Layer, Option<&Uid>),
+    layer: &Layer,
+    series: Option<&Uid>,
     objects: &Pinned,
     now: i64,
 ) -> Result<(), StoreError> {
@@ -451,7 +459,7 @@ pub(super) async fn adopt(
         .bind(series.map(Uid::as_str))
         .execute()
         .await?;
-    if !refer(connection, (&layer.case, &layer.id), objects, now).await? {
+    if !refer(connection, &layer.case, &layer.id, objects, now).await? {
         return Err(StoreError::Rows("a pin was lost".into()));
     }
     if !layer.state.is_final() {
@@ -487,7 +495,7 @@ pub(super) async fn forget_facts(
         .bind(layer.to_string())
         .execute()
         .await?;
-    queue_again(connection, (case, layer), "", now).await
+    queue_again(connection, case, layer, "", now).await
 }
 
 fn unreadable(what: &str) -> StoreError {

@@ -213,7 +213,7 @@ where
 
 impl Store {
     /// Protects objects from removal for a time, before they are written. `false`, and nothing has changed, if one of
-    /// them has a tombstone: try again once it is buried.
+    /// them has a tombstone: try again once the tombstone is removed.
     pub(crate) async fn try_pin(
         &self,
         pinned: &Pinned,
@@ -290,7 +290,8 @@ impl Store {
     /// If the rows cannot be read.
     pub async fn cases_with_voxels(
         &self,
-        (project, values): (Project, &str),
+        project: Project,
+        values: &str,
         limit: usize,
     ) -> Result<Vec<Case>, StoreError> {
         cases::with_voxels(&mut self.rows().connect().await?, project, values, limit).await
@@ -440,7 +441,11 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be read or written.
-    pub async fn condemn(&self, id: &CaseId, failure: &Failure) -> Result<bool, StoreError> {
+    pub async fn make_case_failed(
+        &self,
+        id: &CaseId,
+        failure: &Failure,
+    ) -> Result<bool, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         let ready = cases::is_ready(&mut transaction, id).await?;
         if ready {
@@ -502,9 +507,13 @@ impl Store {
     /// Inserts a case of another store as it is there, or makes the one that is here so, and turns its pins into
     /// references; one that is not ready or failed is queued. `false`, and nothing has changed, where it is ready here
     /// and not there.
-    pub(crate) async fn adopt(&self, case: &Case, objects: &Pinned) -> Result<bool, StoreError> {
+    pub(crate) async fn write_copied_case(
+        &self,
+        case: &Case,
+        objects: &Pinned,
+    ) -> Result<bool, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        if !cases::adopt(&mut transaction, case).await? {
+        if !cases::write_copied(&mut transaction, case).await? {
             return Ok(false);
         }
         if !cases::refer(&mut transaction, &case.id, objects, now).await? {

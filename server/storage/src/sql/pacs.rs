@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 
+use super::arrivals::SeriesOf;
 use super::connection::{Connection, Row, microseconds};
 use super::{arrivals, jobs, pins, results};
 use crate::arrivals::{
@@ -13,7 +14,7 @@ use crate::arrivals::{
 use crate::jobs::{Claim, NewJob};
 use crate::rows::{DueSeries, Known, Pinned, Referred, RowCounts, Withdrawn};
 use crate::{ForPacs, ObjectName, Store, StoreError};
-use case::{CaseId, Failure, JobKind, ObjectKind, Project};
+use case::{CaseId, Failure, JobKind, ObjectKind};
 
 /// How long to remember what rejection notes have withdrawn: a PACS that sends the images again does so within days, and
 /// UIDs should not stay for ever.
@@ -56,6 +57,14 @@ pub(super) async fn objects(
 }
 
 impl Store {
+    /// A series of the project of this handle.
+    fn series<'a>(&self, uids: &'a SeriesUids) -> SeriesOf<'a> {
+        SeriesOf {
+            project: self.project(),
+            uids,
+        }
+    }
+
     /// Adds images, whose objects are durable and pinned, to their series. An image that is there already stays as it is,
     /// unless the new one replaces it.
     pub(crate) async fn insert_images(
@@ -70,7 +79,7 @@ impl Store {
         }
         let mut received = Received::default();
         for instance in instances {
-            match arrivals::add(&mut transaction, (instance, self.project()), source, now).await? {
+            match arrivals::add(&mut transaction, self.project(), source, instance, now).await? {
                 arrivals::Added::New => received.new += 1,
                 arrivals::Added::FirstReplaced(id) => received.corrected.push(id),
                 arrivals::Added::Known | arrivals::Added::Replaced => {}
@@ -90,8 +99,9 @@ impl Store {
     ) -> Result<Vec<Option<Known>>, StoreError> {
         let mut connection = self.rows().connect().await?;
         let mut known = Vec::with_capacity(images.len());
-        for image in images {
-            known.push(arrivals::known(&mut connection, self.project(), image).await?);
+        for (uids, instance) in images {
+            let series = self.series(uids);
+            known.push(arrivals::known(&mut connection, series, instance).await?);
         }
         Ok(known)
     }
@@ -108,8 +118,7 @@ impl Store {
         reason: &Failure,
     ) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        let of = (uids, source, self.project());
-        arrivals::ignore(&mut transaction, of, reason, now).await?;
+        arrivals::ignore(&mut transaction, self.series(uids), source, reason, now).await?;
         transaction.commit().await
     }
 
@@ -132,8 +141,10 @@ impl Store {
             arrivals::reject_case(&mut transaction, case).await?;
         }
         for (uids, instances) in &rejection.series {
-            let of = (uids, source, self.project());
-            forgotten += arrivals::reject(&mut transaction, of, instances, reason, now).await?;
+            let series = self.series(uids);
+            let removed =
+                arrivals::reject(&mut transaction, series, source, instances, reason, now);
+            forgotten += removed.await?;
             if !rejection.may_return {
                 let at = timestamp(now)?;
                 for instance in instances {
@@ -285,7 +296,10 @@ impl Store {
     }
 
     /// Notes that instances were withdrawn at these times in another store.
-    pub(crate) async fn adopt_withdrawn(&self, withdrawn: &[Withdrawn]) -> Result<(), StoreError> {
+    pub(crate) async fn write_copied_withdrawn(
+        &self,
+        withdrawn: &[Withdrawn],
+    ) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
         for withdrawn in withdrawn {
             arrivals::withdraw(&mut transaction, withdrawn).await?;
@@ -304,8 +318,8 @@ impl Store {
         let mut connection = self.rows().connect().await?;
         let mut are = Vec::with_capacity(images.len());
         for (uids, instance) in images {
-            let image = (uids, instance);
-            are.push(arrivals::is_rejected(&mut connection, self.project(), image).await?);
+            let series = self.series(uids);
+            are.push(arrivals::is_rejected(&mut connection, series, instance).await?);
         }
         Ok(are)
     }
@@ -325,7 +339,7 @@ impl Store {
 
     /// Makes a series of another store as it is there, and adds images; `false`, and nothing has changed, if a pin is
     /// gone. A series whose case is not here is read again.
-    pub(crate) async fn adopt_arrival(
+    pub(crate) async fn write_copied_arrival(
         &self,
         arrival: &Arrival,
         images: &[NewInstance],
@@ -335,7 +349,7 @@ impl Store {
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(false);
         }
-        arrivals::adopt(&mut transaction, arrival, images, now).await?;
+        arrivals::write_copied(&mut transaction, arrival, images, now).await?;
         transaction.commit().await?;
         Ok(true)
     }
@@ -343,9 +357,13 @@ impl Store {
     /// Forgets the images of a series that are not among these.
     pub(crate) async fn keep_images(
         &self,
-        series: (&SeriesUids, Project),
+        arrival: &Arrival,
         kept: &[(Uid, ObjectName)],
     ) -> Result<(), StoreError> {
+        let series = SeriesOf {
+            project: arrival.project,
+            uids: &arrival.uids,
+        };
         let (mut transaction, now) = self.rows().write().await?;
         arrivals::keep(&mut transaction, series, kept, now).await?;
         transaction.commit().await
@@ -357,7 +375,7 @@ impl Store {
     /// If the rows cannot be read or written.
     pub async fn expect(&self, uids: &SeriesUids, instances: usize) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
-        arrivals::expect(&mut transaction, (uids, self.project()), instances).await?;
+        arrivals::expect(&mut transaction, self.series(uids), instances).await?;
         transaction.commit().await
     }
 
@@ -381,8 +399,8 @@ impl Store {
         after: Option<&ArrivalCursor>,
         limit: usize,
     ) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError> {
-        let query = (self.scope(), query);
-        arrivals::page(&mut self.rows().connect().await?, query, after, limit).await
+        let mut connection = self.rows().connect().await?;
+        arrivals::page(&mut connection, self.scope(), query, after, limit).await
     }
 
     /// A series that came.
@@ -399,7 +417,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn arrivals_of(&self, query: &SeriesQuery) -> Result<Vec<Arrival>, StoreError> {
-        arrivals::of(&mut self.rows().connect().await?, (self.scope(), query)).await
+        arrivals::of(&mut self.rows().connect().await?, self.scope(), query).await
     }
 
     /// The images of a series that are here, by their UIDs.
@@ -487,9 +505,9 @@ impl Store {
     }
 
     /// Makes the index of a case's series as it is in another store; nothing if there is no such case.
-    pub(crate) async fn adopt_index(&self, series: &CaseSeries) -> Result<(), StoreError> {
+    pub(crate) async fn write_copied_index(&self, series: &CaseSeries) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
-        arrivals::adopt_index(&mut transaction, series).await?;
+        arrivals::write_copied_index(&mut transaction, series).await?;
         transaction.commit().await
     }
 
@@ -506,6 +524,6 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn cases_of(&self, query: &SeriesQuery) -> Result<Vec<CaseSeries>, StoreError> {
-        arrivals::cases_of(&mut self.rows().connect().await?, (self.scope(), query)).await
+        arrivals::cases_of(&mut self.rows().connect().await?, self.scope(), query).await
     }
 }

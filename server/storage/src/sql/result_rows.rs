@@ -27,7 +27,7 @@ impl Store {
 
     /// Makes a result of another store as it is there, and turns the pin of its object into a reference; one that was on
     /// its way waits again. `false`, and nothing has changed, if the pin is gone or its case is not here.
-    pub(crate) async fn adopt_result(
+    pub(crate) async fn write_copied_result(
         &self,
         result: &SentResult,
         pinned: &Pinned,
@@ -38,7 +38,7 @@ impl Store {
         {
             return Ok(false);
         }
-        results::adopt(&mut transaction, result, now).await?;
+        results::write_copied(&mut transaction, result, now).await?;
         transaction.commit().await?;
         Ok(true)
     }
@@ -53,8 +53,8 @@ impl Store {
         after: Option<&ArrivalCursor>,
         limit: usize,
     ) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError> {
-        let query = (self.scope(), query);
-        results::page(&mut self.rows().connect().await?, query, after, limit).await
+        let mut connection = self.rows().connect().await?;
+        results::page(&mut connection, self.scope(), query, after, limit).await
     }
 
     /// A result.

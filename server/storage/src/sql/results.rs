@@ -33,7 +33,7 @@ pub(super) async fn queue(
 ) -> Result<SentResult, StoreError> {
     let mut series = Vec::new();
     for layer in &new.layers {
-        series.extend(layers::series_of(connection, (&new.case, layer)).await?);
+        series.extend(layers::series_of(connection, &new.case, layer).await?);
     }
     let id = insert(connection, new, &series, now).await?;
     // A layer may have been withdrawn while the result was drawn, and may have come back since it was first requested.
@@ -174,7 +174,7 @@ async fn insert(
 }
 
 /// Makes a result of another store, whose case is here, as it is there, with its job. One that is here keeps its object.
-pub(super) async fn adopt(
+pub(super) async fn write_copied(
     connection: &mut Connection,
     result: &SentResult,
     now: i64,
@@ -200,14 +200,15 @@ pub(super) async fn adopt(
         .execute()
         .await?;
     match &result.job {
-        Some(job) => jobs::adopt(connection, job, now).await,
+        Some(job) => jobs::write_copied(connection, job, now).await,
         None => Ok(()),
     }
 }
 
 pub(super) async fn page(
     connection: &mut Connection,
-    (scope, query): (Option<Project>, &TransferQuery),
+    scope: Option<Project>,
+    query: &TransferQuery,
     after: Option<&ArrivalCursor>,
     limit: usize,
 ) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError> {

@@ -7,7 +7,7 @@ use axum::response::Response;
 use case::{Contrast, LayerKind, LayerParameters, Transform};
 use cases::VolumeFiles;
 use cases::dicom::{Options, Purpose};
-use cases::layers::NewLayer;
+use cases::layers::ReceivedLayer;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -53,7 +53,6 @@ pub struct LayerForm {
 struct SentParameters {
     name: Option<String>,
     kind: Option<LayerKind>,
-    #[serde(alias = "units")]
     unit: Option<String>,
     contrast: Option<Contrast>,
     transform: Transform,
@@ -104,7 +103,7 @@ pub async fn create_layer(
         contrast: sent.contrast,
         ..LayerParameters::default()
     };
-    let new = NewLayer {
+    let new = ReceivedLayer {
         case: id,
         volume,
         options,
@@ -113,13 +112,13 @@ pub async fn create_layer(
         unit: sent.unit,
         parameters,
     };
-    let added = cases.add_layer(new).await?;
+    let (added, choice) = cases.add_layer(new).await?;
     let status = match added.created {
         true => StatusCode::ACCEPTED,
         false => StatusCode::OK,
     };
     let address = address_of(&added.layer);
-    let view = LayerView::of_layer(&added.layer).choosing(added.choice);
+    let view = LayerView::of_layer(&added.layer).choosing(choice);
     let mut response = fresh_json(status, &view);
     let headers = response.headers_mut();
     conditional::insert(headers, header::LOCATION, &address);
