@@ -6,7 +6,9 @@ use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::Request;
-use cases::arrivals::{ArrivalOptions, ArrivalReader};
+use cases::arrivals::ArrivalOptions;
+use cases::jobs::start_series_reader;
+use cases::runner::Runner;
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
@@ -47,7 +49,7 @@ const STABLE: Duration = Duration::from_millis(1500);
 /// A server that reads series soon.
 pub(crate) struct Neighbour {
     pub(crate) server: Server,
-    reader: ArrivalReader,
+    reader: Runner,
 }
 
 impl Neighbour {
@@ -62,7 +64,7 @@ impl Neighbour {
             ..ArrivalOptions::default()
         };
         Self {
-            reader: ArrivalReader::start(server.state.cases.clone(), options),
+            reader: start_series_reader(server.state.cases.clone(), options),
             server,
         }
     }

@@ -9,7 +9,7 @@ use storage::testing::{assert_nothing_left_over, steps};
 use storage::{Options, Store, frame_all};
 
 use super::{GRACE, open};
-use crate::jobs::Workers;
+use crate::jobs::start_workers;
 use crate::testing::{Fake, fake_objects, library_on, options, settled_state, submit};
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -17,7 +17,7 @@ async fn a_second_process_takes_neither_live_jobs_nor_live_files() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::<Fake>::default());
     let first = open(&directory, &fake).await;
     fake.hold(true);
-    let workers = Workers::start(first.clone(), 1);
+    let workers = start_workers(first.clone(), 1);
     let id = submit(&first, "volume").await.id;
     fake.until_active().await;
     let mut spool = first.store().spool().await.unwrap();
@@ -31,7 +31,7 @@ async fn a_second_process_takes_neither_live_jobs_nor_live_files() {
     steps::write(first.store(), &pinned[0]).await.unwrap();
 
     let second = open(&directory, &fake).await;
-    let others = Workers::start(second.clone(), 1);
+    let others = start_workers(second.clone(), 1);
     tokio::time::sleep(Duration::from_millis(200)).await;
     assert_eq!(fake.run_count(), 1);
     assert!(second.store().object(&pinned[0].name).await.is_ok());
@@ -54,7 +54,7 @@ async fn a_shutdown_finishes_or_hands_back() {
     let id = submit(&library, "volume").await.id;
     fake.hold(true);
     for _ in 0..5 {
-        let workers = Workers::start(library.clone(), 1);
+        let workers = start_workers(library.clone(), 1);
         fake.until_active().await;
         workers.shut_down(Duration::from_millis(5)).await;
         // At once, with no lease to wait for, and without an end of its attempts.
@@ -63,7 +63,7 @@ async fn a_shutdown_finishes_or_hands_back() {
             CaseState::Queued
         );
     }
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     fake.until_active().await;
     let finish = tokio::spawn(workers.shut_down(GRACE));
     tokio::time::sleep(Duration::from_millis(30)).await;
@@ -85,12 +85,12 @@ async fn a_worker_that_lost_its_lease_publishes_nothing() {
     let opened = Store::open_with(directory.path(), options).await;
     let library = library_on(opened.unwrap(), &fake);
     fake.hold(true);
-    let asleep = Workers::start(library.clone(), 1);
+    let asleep = start_workers(library.clone(), 1);
     let id = submit(&library, "volume").await.id;
     fake.until_active().await;
     // Its heartbeat does not come for longer than the lease.
     library.store().pass_time(Duration::from_secs(31));
-    let awake = Workers::start(library.clone(), 1);
+    let awake = start_workers(library.clone(), 1);
     while fake.run_count() < 2 {
         tokio::time::sleep(Duration::from_millis(5)).await;
     }
