@@ -499,7 +499,7 @@ impl SlicePicture {
 ///
 /// # Errors
 /// If it cannot be encoded.
-pub fn encode_slice(
+pub(super) fn encode_slice(
     frame: Frame,
     (request, projection, layers): (&SliceRequest, &Projection, &Layers<'_>),
     id: &CaseId,
