@@ -174,7 +174,7 @@ async fn goes_the_whole_way(start: Start) {
 
     // Results go out and are there.
     mark(server, &address).await;
-    let _background = pacs::Background::start(server.pacs.clone());
+    let _background = pacs::start_transfers(server.pacs.clone());
     for (name, body) in every_kind() {
         let accepted = result(server, &address, &to_node(&body, "archive")).await;
         let sent = until_sent(server, &accepted).await;

@@ -141,7 +141,7 @@ async fn a_corrected_patient_makes_a_new_case_and_nothing_more_is_sent_of_the_ol
     assert_eq!(listed.status, 204);
     // Nor is what waits already: its node may answer again at any time.
     let address = format!("/v1/dicom-results/{}", sent["id"].as_str().unwrap());
-    let background = pacs::Background::start(server.pacs.clone());
+    let background = pacs::start_transfers(server.pacs.clone());
     let waiting = ended(server, &address).await;
     background.shut_down(Duration::from_secs(5)).await;
     assert_eq!(
@@ -880,7 +880,7 @@ async fn a_corrected_name_hides_no_other_place_of_the_images() {
     }
     // Nor is what waits already sent.
     let address = format!("/v1/dicom-results/{}", sent["id"].as_str().unwrap());
-    let background = pacs::Background::start(server.pacs.clone());
+    let background = pacs::start_transfers(server.pacs.clone());
     let waiting = ended(server, &address).await;
     background.shut_down(Duration::from_secs(5)).await;
     assert_eq!(waiting["reason"]["name"], "superseded", "{waiting}");
@@ -1564,7 +1564,7 @@ async fn an_upload_whose_side_the_pacs_contradicts_makes_no_results() {
         (refused.status.as_u16(), refused.problem().as_str()),
         (409, "superseded")
     );
-    let background = pacs::Background::start(server.pacs.clone());
+    let background = pacs::start_transfers(server.pacs.clone());
     let address = format!("/v1/dicom-results/{}", waiting["id"].as_str().unwrap());
     let failed = ended(server, &address).await;
     background.shut_down(Duration::from_secs(5)).await;
@@ -1626,7 +1626,7 @@ async fn a_result_that_names_its_study_is_of_the_patient_of_that_study() {
     assert_eq!(result(server, &case, &named(own)).await.status, 202);
     let refused = result(server, &case, &named("P-9")).await;
     assert_eq!(refused.problem(), "several-patients", "{refused:?}");
-    let background = pacs::Background::start(server.pacs.clone());
+    let background = pacs::start_transfers(server.pacs.clone());
     let id = waiting.json()["id"].as_str().unwrap().to_owned();
     let failed = ended(server, &format!("/v1/dicom-results/{id}")).await;
     background.shut_down(Duration::from_secs(5)).await;

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use case::{CaseId, CaseState, Parameters};
 use cases::Library;
-use cases::jobs::Workers;
+use cases::jobs::start_workers;
 use cases::models::{Models, WarmModel};
 use geometry::phantom::head;
 use pipeline::Source;
@@ -45,7 +45,7 @@ fn parameters(tenths: u32) -> Parameters {
 
 /// Uploads, prepares and waits until the case is ready.
 async fn make_ready(library: &Library, tenths: u32) -> CaseId {
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     let submitted = library.submit(upload(), parameters(tenths)).await.unwrap();
     let mut watch = library.store().subscribe(&submitted.case.id);
     loop {

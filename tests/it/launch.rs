@@ -537,7 +537,7 @@ async fn a_result_that_waits_is_not_sent_once_the_pacs_has_sent_another_patient_
         ..wrong
     };
     right.becomes(&neighbour).await;
-    let background = pacs::Background::start(server.pacs.clone());
+    let background = pacs::start_transfers(server.pacs.clone());
     let address = format!("/v1/dicom-results/{}", waiting["id"].as_str().unwrap());
     let ended = until("the result ends", async || {
         let result = server.get(&address).await.json();

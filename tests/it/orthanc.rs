@@ -249,7 +249,7 @@ async fn orthanc_sends_a_series_in_both_ways_and_it_is_fetched_from_there() {
     delete(&by_store).await;
 
     // QIDO-RS and WADO-RS, as a notice of Orthanc requests it, twice.
-    let _background = pacs::Background::start(server.pacs.clone());
+    let _background = pacs::start_transfers(server.pacs.clone());
     let post = async |address: &str, body: Value| {
         let request = Request::post(address).body(Body::from(body.to_string()));
         server.send(request.unwrap()).await
@@ -315,7 +315,7 @@ async fn a_notice_of_orthanc_s_script_fetches_each_new_series() {
     let orthanc = Orthanc::start(ports, &ours, free_port(), &[script])
         .await
         .unwrap();
-    let _background = pacs::Background::start(neighbour.server.pacs.clone());
+    let _background = pacs::start_transfers(neighbour.server.pacs.clone());
     if orthanc.with_head().await.is_some() {
         let arrival = neighbour.settled().await;
         assert_eq!(arrival["state"], "case", "{arrival}");
@@ -352,7 +352,7 @@ async fn orthanc_stores_results_once_and_shows_them() {
         json!({"what": "mask", "node": "orthanc"}),
     ];
     // Orthanc is not there yet: what is requested now is sent later.
-    let _background = pacs::Background::start(server.pacs.clone());
+    let _background = pacs::start_transfers(server.pacs.clone());
     let mut accepted = Vec::new();
     for body in bodies.iter().chain(&bodies) {
         accepted.push(result(server, &case, body).await);
@@ -435,7 +435,7 @@ async fn orthanc_has_each_kind_of_result_once_by_c_store() {
     let orthanc = Orthanc::start(ports, "http://127.0.0.1:1", free_port(), &[])
         .await
         .unwrap();
-    let _background = pacs::Background::start(server.pacs.clone());
+    let _background = pacs::start_transfers(server.pacs.clone());
     let kinds = every_kind();
     let mut instances = Vec::new();
     for (name, body) in kinds.iter().chain(&kinds) {

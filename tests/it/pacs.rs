@@ -6,7 +6,9 @@ use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::Request;
-use cases::arrivals::{ArrivalOptions, ArrivalReader};
+use cases::arrivals::ArrivalOptions;
+use cases::jobs::start_series_reader;
+use cases::runner::Runner;
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
@@ -47,7 +49,7 @@ const STABLE: Duration = Duration::from_millis(1500);
 /// A server that reads series soon.
 pub(crate) struct Neighbour {
     pub(crate) server: Server,
-    reader: ArrivalReader,
+    reader: Runner,
 }
 
 impl Neighbour {
@@ -62,7 +64,7 @@ impl Neighbour {
             ..ArrivalOptions::default()
         };
         Self {
-            reader: ArrivalReader::start(server.state.cases.clone(), options),
+            reader: start_series_reader(server.state.cases.clone(), options),
             server,
         }
     }
@@ -401,26 +403,20 @@ async fn another_volume_of_the_study_becomes_a_layer_although_it_came_first() {
     assert_eq!(arrival["reason"]["name"], "series-not-t1", "{arrival}");
     let t1 = files(&head_slices(), Syntax::Explicit);
     assert_eq!(neighbour.store(&t1).await.status, 200);
-    for _ in 0..600 {
+    let (case, layer) = until("a layer comes of it", async || {
         let list = server.get("/v1/arrivals").await.json();
-        let arrivals = list["arrivals"].as_array().unwrap().clone();
+        let arrivals = list["arrivals"].as_array().unwrap();
         let of = |state: &str| arrivals.iter().find(|each| each["state"] == state).cloned();
-        if let (Some(case), Some(layer)) = (of("case"), of("layer")) {
-            assert_eq!(layer["case"], case["case"]);
-            assert_eq!(layer["reason"]["name"], "series-is-layer");
-            let address = format!("/v1/cases/{}", case["case"].as_str().unwrap());
-            server.until_ready(&address).await;
-            let layers = server.get(&format!("{address}/layers")).await.json();
-            let text = layers.to_string();
-            assert!(text.contains("FLAIR"), "{text}");
-            return;
-        }
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
-    panic!(
-        "no layer came of it: {}",
-        server.get("/v1/arrivals").await.json()
-    );
+        of("case").zip(of("layer"))
+    })
+    .await;
+    assert_eq!(layer["case"], case["case"]);
+    assert_eq!(layer["reason"]["name"], "series-is-layer");
+    let address = format!("/v1/cases/{}", case["case"].as_str().unwrap());
+    server.until_ready(&address).await;
+    let layers = server.get(&format!("{address}/layers")).await.json();
+    let text = layers.to_string();
+    assert!(text.contains("FLAIR"), "{text}");
 }
 
 #[tokio::test]

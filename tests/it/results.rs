@@ -711,7 +711,7 @@ async fn a_result_is_sent_until_the_node_has_it_and_a_refusal_is_told() {
     assert_eq!(accepted.status, 202, "{accepted:?}");
     let queued = accepted.json();
     assert_eq!(queued["state"], "queued");
-    let background = pacs::Background::start(neighbour.server.pacs.clone());
+    let background = pacs::start_transfers(neighbour.server.pacs.clone());
     let sent = until_sent(&neighbour.server, &accepted).await;
     assert_eq!(
         (&sent["state"], &sent["attempts"]),
@@ -775,7 +775,7 @@ async fn what_a_killed_process_was_sending_is_sent_by_the_next_one() {
         .cases
         .store()
         .pass_time(Duration::from_secs(31));
-    let _background = pacs::Background::start(server.pacs.clone());
+    let _background = pacs::start_transfers(server.pacs.clone());
     let sent = until_sent(&server, &accepted).await;
     assert_eq!(
         (&sent["state"], &sent["attempts"]),
@@ -808,7 +808,7 @@ async fn a_node_that_refuses_an_object_is_believed() {
     })
     .await;
     let case = identified_case(&neighbour).await;
-    let _background = pacs::Background::start(neighbour.server.pacs.clone());
+    let _background = pacs::start_transfers(neighbour.server.pacs.clone());
     for (node, reason) in [
         ("other", "node-did-not-store"),
         ("none", "node-has-no-stow"),

@@ -48,7 +48,7 @@ async fn a_series_is_fetched_from_a_node_and_the_retrieval_leads_to_its_case() {
     assert_eq!(twice["id"], accepted.json()["id"], "it waits already");
     let elsewhere = fetch(server, "node", "1.2.3.99").await;
 
-    let _background = pacs::Background::start(server.pacs.clone());
+    let _background = pacs::start_transfers(server.pacs.clone());
     let fetched = until_sent(server, &accepted).await;
     assert_eq!(fetched["state"], "done", "{fetched}");
     let count = json!(head_slices().len());
@@ -91,7 +91,7 @@ async fn a_retrieval_of_corrected_or_rejected_images_names_no_superseded_case() 
     })
     .await;
     let server = &ours.server;
-    let _background = pacs::Background::start(server.pacs.clone());
+    let _background = pacs::start_transfers(server.pacs.clone());
     let first = fetch(server, "node", &series).await;
     assert_eq!(until_sent(server, &first).await["state"], "done");
     let wrong = ours.settled().await["case"].clone();

@@ -8,7 +8,8 @@ use axum::Router;
 use axum::body::Body;
 use axum::http::{HeaderMap, HeaderValue, Method, Request, StatusCode, header};
 use bytes::Bytes;
-use cases::jobs::Workers;
+use cases::jobs::start_workers;
+use cases::runner::Runner;
 use http_body_util::BodyExt as _;
 use http_support::listen;
 use http_support::tls::ReloadedTls;
@@ -34,7 +35,7 @@ pub(crate) struct Server {
     directory: TempDir,
     /// What is sent as `authorization`, unless a request has one.
     authorization: Mutex<Option<HeaderValue>>,
-    _workers: Workers,
+    _workers: Runner,
 }
 
 /// An answer, read to its end.
@@ -148,7 +149,7 @@ impl Server {
         Self {
             router: start::router(&state, &pacs),
             pacs,
-            _workers: Workers::start(state.cases.library.clone(), config.prepare.workers),
+            _workers: start_workers(state.cases.library.clone(), config.prepare.workers),
             state,
             config,
             directory,

@@ -135,7 +135,7 @@ async fn storescp_has_each_kind_of_result_once_and_as_it_is() {
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
     mark(server, &case).await;
-    let _background = pacs::Background::start(server.pacs.clone());
+    let _background = pacs::start_transfers(server.pacs.clone());
     let mut expected = Vec::new();
     for (name, body) in every_kind() {
         let body_to_node = to_node(&body, "archive");
@@ -177,7 +177,7 @@ async fn a_node_that_accepts_only_implicit_syntax_has_the_same_attributes_and_pi
     .await;
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
-    let _background = pacs::Background::start(server.pacs.clone());
+    let _background = pacs::start_transfers(server.pacs.clone());
     let attributes = |file: &[u8]| {
         let path = storescp.folder.path().join("dumped.dcm");
         std::fs::write(&path, file).unwrap();
@@ -227,7 +227,7 @@ async fn a_node_without_resources_is_sent_the_result_again() {
     let case = identified_case(&neighbour).await;
     // Without its folder, storescp answers with A700.
     std::fs::remove_dir(storescp.images()).unwrap();
-    let _background = pacs::Background::start(server.pacs.clone());
+    let _background = pacs::start_transfers(server.pacs.clone());
     let body = every_kind()[0].1.clone();
     let accepted = result(server, &case, &to_node(&body, "full")).await;
     let state = tried(server, accepted.header("location")).await;
@@ -269,7 +269,7 @@ async fn a_node_that_refuses_is_believed_and_one_that_aborts_is_asked_again() {
     .await;
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
-    let _background = pacs::Background::start(server.pacs.clone());
+    let _background = pacs::start_transfers(server.pacs.clone());
     let body = every_kind()[0].1.clone();
     for (node, reason, detail) in [
         ("refusing", "node-refused", "rejected the association"),
@@ -292,7 +292,7 @@ async fn a_node_that_refuses_is_believed_and_one_that_aborts_is_asked_again() {
     })
     .await;
     let case = identified_case(&stranger).await;
-    let _background = pacs::Background::start(stranger.server.pacs.clone());
+    let _background = pacs::start_transfers(stranger.server.pacs.clone());
     let accepted = result(&stranger.server, &case, &to_node(&body, "other")).await;
     let sent = until_sent(&stranger.server, &accepted).await;
     assert_eq!(sent["reason"]["name"], "node-refused", "{sent}");
@@ -381,7 +381,7 @@ async fn results_go_by_tls_to_a_node_whose_authority_is_known() {
     .await;
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
-    let _background = pacs::Background::start(server.pacs.clone());
+    let _background = pacs::start_transfers(server.pacs.clone());
     let body = every_kind()[0].1.clone();
     let accepted = result(server, &case, &to_node(&body, "archive")).await;
     let sent = until_sent(server, &accepted).await;

@@ -31,60 +31,38 @@ const KEEP_ENDED: Duration = Duration::from_secs(7 * 24 * 3600);
 /// How often to search for expired cases, and for objects that a killed process left behind.
 const COLLECT_EVERY: Duration = Duration::from_secs(600);
 
-/// Running workers, which prepare cases. Dropping them stops them; others take their jobs after the leases end.
-#[derive(Debug)]
-pub struct Workers(Runner);
-
-impl Workers {
-    /// Starts `count` workers on the current runtime. Each prepares one case or layer at a time; maps and rebuilds come one
-    /// by one beside them, because they use every core.
-    pub fn start(library: Library, count: usize) -> Self {
-        let store = library.store().clone();
-        let mut lanes: Vec<Vec<Arc<dyn Work>>> = Vec::new();
-        for _ in 0..count {
-            lanes.push(vec![
-                Arc::new(PrepareCase(library.clone())),
-                Arc::new(PrepareLayer(library.clone())),
-            ]);
-        }
-        if count > 0 {
-            lanes.push(vec![Arc::new(Rebuild(library.clone()))]);
-            if library.makes_maps() {
-                lanes.push(vec![Arc::new(ComputeMaps(library.clone()))]);
-            }
-        }
-        let mut runner = Runner::start(&store, lanes);
-        let audit = library.audit().clone();
-        runner.repeat(COLLECT_EVERY, move || {
-            clean_up(store.clone(), audit.clone())
-        });
-        Self(runner)
+/// Starts `count` workers on the current runtime. Each prepares one case or layer at a time; maps and rebuilds come one
+/// by one beside them, because they use every core.
+pub fn start_workers(library: Library, count: usize) -> Runner {
+    let store = library.store().clone();
+    let mut lanes: Vec<Vec<Arc<dyn Work>>> = Vec::new();
+    for _ in 0..count {
+        lanes.push(vec![
+            Arc::new(PrepareCase(library.clone())),
+            Arc::new(PrepareLayer(library.clone())),
+        ]);
     }
-
-    /// Takes no more work, lets running work finish within `grace`, and then returns unfinished jobs.
-    pub async fn shut_down(self, grace: Duration) {
-        self.0.shut_down(grace).await;
+    if count > 0 {
+        lanes.push(vec![Arc::new(Rebuild(library.clone()))]);
+        if library.makes_maps() {
+            lanes.push(vec![Arc::new(ComputeMaps(library.clone()))]);
+        }
     }
+    let mut runner = Runner::start(&store, lanes);
+    let audit = library.audit().clone();
+    runner.repeat(COLLECT_EVERY, move || {
+        clean_up(store.clone(), audit.clone())
+    });
+    runner
 }
 
-/// A running reader of series. Dropping it stops it; another one takes its series after the lease ends.
-#[derive(Debug)]
-pub struct ArrivalReader(Runner);
-
-impl ArrivalReader {
-    /// Starts to read series on the current runtime, one at a time.
-    pub fn start(cases: Cases, options: ArrivalOptions) -> Self {
-        let store = cases.store().clone();
-        let work = Arc::new(ReadSeries { cases, options });
-        let mut runner = Runner::start(&store, vec![vec![work]]);
-        runner.repeat(COLLECT_EVERY, move || forget(store.clone(), options));
-        Self(runner)
-    }
-
-    /// Takes no more series, and finishes the one at hand within `grace`, or returns it.
-    pub async fn shut_down(self, grace: Duration) {
-        self.0.shut_down(grace).await;
-    }
+/// Starts to read the series of a PACS on the current runtime, one at a time.
+pub fn start_series_reader(cases: Cases, options: ArrivalOptions) -> Runner {
+    let store = cases.store().clone();
+    let work = Arc::new(ReadSeries { cases, options });
+    let mut runner = Runner::start(&store, vec![vec![work]]);
+    runner.repeat(COLLECT_EVERY, move || forget(store.clone(), options));
+    runner
 }
 
 /// Reads one series that is due; `false` if there is none.

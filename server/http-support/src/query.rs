@@ -13,7 +13,9 @@ use crate::refusals::{Refusal, known_keys};
 use crate::sent::from_query;
 use crate::tokens::project_of;
 use case::CaseId;
-use cases::pictures::{CheckedPicture, CheckedSlice, PictureRequest, SliceQuery};
+use cases::pictures::{
+    AcquiredQuery, CheckedAcquired, CheckedPicture, CheckedSlice, PictureRequest, SliceQuery,
+};
 use cases::report::ReportQuery;
 
 /// The case in the path: the one of the project of whoever asks.
@@ -123,6 +125,14 @@ impl Asked for SliceQuery {
 
     fn checked(&self) -> Result<CheckedSlice, AppError> {
         Ok(SliceQuery::checked(self)?)
+    }
+}
+
+impl Asked for AcquiredQuery {
+    type Values = CheckedAcquired;
+
+    fn checked(&self) -> Result<CheckedAcquired, AppError> {
+        Ok(AcquiredQuery::checked(self)?)
     }
 }
 

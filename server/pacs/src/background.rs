@@ -2,32 +2,53 @@
 //! does.
 
 use std::sync::Arc;
-use std::time::Duration;
 
-use cases::runner::{Runner, Work};
+use case::Failure;
+use cases::runner::{End, Failed, Runner, Work};
 
 use crate::fetch::FetchSeries;
+use crate::node::NodeError;
 use crate::send::SendResult;
 use crate::state::Pacs;
 
-/// Running work. Dropping it stops it; another process continues after the leases end.
-#[derive(Debug)]
-pub struct Background(Runner);
-
-impl Background {
-    /// Starts on the current runtime. Without nodes there is nothing to do.
-    pub fn start(pacs: Pacs) -> Self {
-        let store = pacs.cases().store().clone();
-        let mut lanes: Vec<Vec<Arc<dyn Work>>> = Vec::new();
-        if !pacs.nodes().is_empty() {
-            lanes.push(vec![Arc::new(FetchSeries(pacs.clone()))]);
-            lanes.push(vec![Arc::new(SendResult(pacs))]);
-        }
-        Self(Runner::start(&store, lanes))
+/// Starts to fetch series and to send results on the current runtime. Without nodes there is nothing to do.
+pub fn start_transfers(pacs: Pacs) -> Runner {
+    let store = pacs.cases().store().clone();
+    let mut lanes: Vec<Vec<Arc<dyn Work>>> = Vec::new();
+    if !pacs.nodes().is_empty() {
+        lanes.push(vec![Arc::new(FetchSeries(pacs.clone()))]);
+        lanes.push(vec![Arc::new(SendResult(pacs))]);
     }
+    Runner::start(&store, lanes)
+}
 
-    /// Begins nothing more, and finishes what is at hand within `grace`, or returns it.
-    pub async fn shut_down(self, grace: Duration) {
-        self.0.shut_down(grace).await;
+/// Why something did not pass between us and a node.
+pub(crate) trait TransferError {
+    /// The error of the node, if it is one.
+    fn of_node(&self) -> Option<NodeError>;
+
+    /// Whether another attempt may succeed.
+    fn may_pass(&self) -> bool;
+
+    /// What clients see.
+    fn into_failure(self) -> Failure;
+}
+
+/// Ends a transfer, and notes whether the node answered.
+pub(crate) fn end<E: TransferError>(
+    pacs: &Pacs,
+    node: &str,
+    transferred: Result<(), E>,
+) -> Result<End, Failed> {
+    let Err(error) = transferred else {
+        pacs.note(node, true);
+        return Ok(End::Done);
+    };
+    if let Some(error) = error.of_node() {
+        pacs.note(node, error.is_answer());
     }
+    Err(match error.may_pass() {
+        true => Failed::ForNow(error.into_failure()),
+        false => Failed::Forever(error.into_failure()),
+    })
 }

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use storage::arrivals::{ArrivalSource, SeriesUids, Uid};
 use storage::{NewJob, Spooled, StoreError};
 
+use crate::background::{TransferError, end};
 use crate::node::{Node, NodeError, WebNode};
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
@@ -122,23 +123,12 @@ impl Work for FetchSeries {
         let node = wanted.as_ref().map_or("", |wanted| &wanted.node);
         let fetched = fetch(pacs, job, wanted.as_ref()).await;
         match &fetched {
-            Ok(()) => pacs.note(node, true),
-            Err(FetchError::Node(error)) => pacs.note(node, error.is_answer()),
-            Err(_) => {}
-        }
-        match fetched {
-            Ok(()) => {
-                tracing::info!(retrieval = job.claim.id, node, "a series was fetched");
-                Ok(End::Done)
-            }
+            Ok(()) => tracing::info!(retrieval = job.claim.id, node, "a series was fetched"),
             Err(error) => {
                 tracing::warn!(retrieval = job.claim.id, node, %error, "a series was not fetched");
-                Err(match error.may_pass() {
-                    true => Failed::ForNow(error.into_failure()),
-                    false => Failed::Forever(error.into_failure()),
-                })
             }
         }
+        end(pacs, node, fetched)
     }
 }
 
@@ -165,7 +155,14 @@ impl From<StoreError> for FetchError {
     }
 }
 
-impl FetchError {
+impl TransferError for FetchError {
+    fn of_node(&self) -> Option<NodeError> {
+        match self {
+            Self::Node(error) => Some(*error),
+            _ => None,
+        }
+    }
+
     fn may_pass(&self) -> bool {
         match self {
             Self::Node(error) => error.may_pass(),

@@ -40,7 +40,7 @@ use http_support::sent::MAX_BODY_BYTES;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-pub use self::background::Background;
+pub use self::background::start_transfers;
 pub use self::node_tests::test_in_words;
 use self::state::OfAllProjects;
 pub use self::state::{Options, Pacs};

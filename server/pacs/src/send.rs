@@ -12,6 +12,7 @@ use storage::Unreadable;
 use storage::arrivals::Superseded;
 use storage::results::{NotValid, SentResult};
 
+use crate::background::{TransferError, end};
 use crate::node::NodeError;
 use crate::state::Pacs;
 
@@ -47,24 +48,12 @@ impl Work for SendResult {
         let (case, node) = (result.case.short(), result.node.as_str());
         let sent = recorded(pacs, &result).await;
         match &sent {
-            Ok(()) => pacs.note(node, true),
-            Err(SendError::Node(error)) => pacs.note(node, error.is_answer()),
-            Err(_) => {}
-        }
-        match sent {
-            Ok(()) => {
-                tracing::info!(result = id, case, node, "a result was sent");
-                Ok(End::Done)
-            }
+            Ok(()) => tracing::info!(result = id, case, node, "a result was sent"),
             Err(error) => {
                 tracing::warn!(result = id, case, node, %error, "a result was not sent");
-                let failure = Failure::unusable(error.kind(), error.to_string());
-                Err(match error.may_pass() {
-                    true => Failed::ForNow(failure),
-                    false => Failed::Forever(failure),
-                })
             }
         }
+        end(pacs, node, sent)
     }
 }
 
@@ -91,7 +80,14 @@ enum SendError {
     NotRecorded,
 }
 
-impl SendError {
+impl TransferError for SendError {
+    fn of_node(&self) -> Option<NodeError> {
+        match self {
+            Self::Node(error) => Some(*error),
+            _ => None,
+        }
+    }
+
     fn may_pass(&self) -> bool {
         match self {
             Self::Node(error) => error.may_pass(),
@@ -105,8 +101,8 @@ impl SendError {
         }
     }
 
-    fn kind(&self) -> &'static str {
-        match self {
+    fn into_failure(self) -> Failure {
+        let kind = match &self {
             Self::NoSuchNode => "no-such-node",
             Self::Node(error) => error.kind(),
             Self::Lost => "result-lost",
@@ -116,7 +112,8 @@ impl SendError {
             Self::Withdrawn => "withdrawn",
             Self::Store => "store-failed",
             Self::NotRecorded => "audit-full",
-        }
+        };
+        Failure::unusable(kind, self.to_string())
     }
 }
 

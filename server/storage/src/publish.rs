@@ -133,6 +133,12 @@ impl Store {
     /// Runs a rebuild of a case as its job, while no other process runs one; `None` if there is no such case, or it
     /// failed.
     ///
+    /// A client waits for the object, perhaps where no worker runs, so its request does the job. Lease, heartbeat and number of attempts are
+    /// those of all jobs; three things differ from what their runner does. The client gets the error of a rebuild that fails, and the job can
+    /// be claimed again at once, because the next client needs the object. Such an attempt counts only if the rebuild was interrupted, because a
+    /// store that fails says nothing about the case. There is no time limit: if the client does not wait any longer, the lease ends, and a
+    /// worker takes the job.
+    ///
     /// # Errors
     /// Those of the rebuild, or when the rows cannot be written.
     pub async fn rebuild_alone<T>(
@@ -144,7 +150,7 @@ impl Store {
             return Ok(None);
         };
         let mut rebuild = std::pin::pin!(rebuild);
-        let mut heartbeat = tokio::time::interval(self.options().lease / 3);
+        let mut heartbeat = tokio::time::interval(self.options().heartbeat);
         let rebuilt = loop {
             tokio::select! {
                 rebuilt = &mut rebuild => break rebuilt,

@@ -29,7 +29,6 @@ pub(crate) use self::index::SeriesOfUpload;
 pub use self::others::{Fitting, Other};
 pub(crate) use self::patient::day;
 pub use self::patient::{Contradiction, Patient};
-pub use crate::jobs::ArrivalReader;
 
 /// Which series become cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

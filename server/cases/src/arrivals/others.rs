@@ -107,7 +107,7 @@ impl Cases {
             heads.peek().is_some()
                 && patient.is_none_or(|own| heads.any(|head| head.patient().as_ref() == Some(own)))
         };
-        let mut others = Vec::new();
+        let mut telling = Vec::new();
         let mut last: Vec<(SeriesUids, CaseId)> = Vec::new();
         for arrival in self.store().arrivals_of(query).await? {
             last.extend(arrival.previous.map(|case| (arrival.uids.clone(), case)));
@@ -115,12 +115,15 @@ impl Cases {
                 && heads.iter().any(|head| Some(head.case.id) == arrival.case);
             let is_case_of_head = arrival.state == ArrivalState::Case
                 && heads_of(arrival.uids.clone()).any(|head| Some(head.case.id) == arrival.case);
-            if is_case_of_head || is_layer_of_head || !says_something(&arrival) {
-                continue;
+            if !is_case_of_head && !is_layer_of_head && says_something(&arrival) {
+                telling.push(arrival);
             }
-            let of_arrival = self.others_of(arrival).await?.into_iter();
-            others.extend(of_arrival.filter(|other| !is_head(&other.uids, other.patient.as_ref())));
         }
+        let patients = self.patients_of_series(&telling).await?;
+        let others = telling.iter().zip(patients);
+        let others = others.flat_map(|(arrival, patients)| others_of(arrival, patients));
+        let is_other = |other: &Other| !is_head(&other.uids, other.patient.as_ref());
+        let mut others: Vec<_> = others.filter(is_other).collect();
         // Arrivals are forgotten before their cases.
         for series in self.store().cases_of(query).await? {
             if series.superseded != Some(Superseded::Rejected) {
@@ -155,26 +158,19 @@ impl Cases {
         Ok(Fitting { heads, others })
     }
 
-    /// What a series says, once for each of its patients.
-    async fn others_of(&self, arrival: Arrival) -> Result<Vec<Other>, Error> {
-        let images = self.images_that_tell(&arrival).await?;
-        let patients = self.patients_of_images(&images).await?;
-        let patients = match patients.is_empty() {
-            true => vec![None],
-            false => patients.into_iter().map(Some).collect(),
-        };
-        let other = |patient| Other {
-            state: match arrival.state {
-                ArrivalState::Case => ArrivalState::Nothing,
-                state => state,
-            },
-            uids: arrival.uids.clone(),
-            accession_number: arrival.accession_number.clone(),
-            label: arrival.label.clone(),
-            reason: arrival.reason.clone(),
-            patient,
-        };
-        Ok(patients.into_iter().map(other).collect())
+    /// The patients of each of these series, in its images. There may be hundreds of series, so all images are read at once.
+    async fn patients_of_series(&self, series: &[Arrival]) -> Result<Vec<Vec<Patient>>, Error> {
+        let (mut images, mut counts) = (Vec::new(), Vec::with_capacity(series.len()));
+        for arrival in series {
+            let of_series = self.images_that_tell(arrival).await?;
+            counts.push(of_series.len());
+            images.extend(of_series);
+        }
+        let mut patients = self.patient_of_each(&images).await?.into_iter();
+        let of_series = counts.into_iter();
+        Ok(of_series
+            .map(|count| distinct(patients.by_ref().take(count)))
+            .collect())
     }
 
     /// The images that tell the patients of a series.
@@ -190,16 +186,13 @@ impl Cases {
         Ok(images.into_iter().map(|(_, image)| image).collect())
     }
 
-    /// The patients of a study, in its cases and in what makes none. A study may have hundreds of series, so all images are read at once.
+    /// The patients of a study, in its cases and in what makes none.
     pub(super) async fn patients_of_study(&self, study: &Uid) -> Result<Vec<Patient>, Error> {
         let query = SeriesQuery::Study(study.clone(), None);
-        let mut images = Vec::new();
-        for arrival in self.store().arrivals_of(&query).await? {
-            if says_something(&arrival) {
-                images.extend(self.images_that_tell(&arrival).await?);
-            }
-        }
-        let mut patients = self.patients_of_images(&images).await?;
+        let mut telling = self.store().arrivals_of(&query).await?;
+        telling.retain(says_something);
+        let patients = self.patients_of_series(&telling).await?;
+        let mut patients: Vec<_> = patients.into_iter().flatten().collect();
         for series in self.store().cases_of(&query).await? {
             if !series.is_superseded()
                 && let Some(source) = self.attributes_of(&series.case).await?
@@ -250,40 +243,40 @@ impl Cases {
         &self,
         images: &[ObjectName],
     ) -> Result<Vec<Patient>, Error> {
-        let mut patients: Vec<Patient> = Vec::new();
-        let mut unread = Vec::new();
-        for image in images {
-            match self.patients.get(image) {
-                Some(patient) if patients.contains(&patient) => {}
-                Some(patient) => patients.push(patient),
-                None => unread.push(*image),
-            }
-        }
+        Ok(distinct(self.patient_of_each(images).await?))
+    }
+
+    /// The patient of each of these stored images; `None` of one that is lost or cannot be read.
+    async fn patient_of_each(&self, images: &[ObjectName]) -> Result<Vec<Option<Patient>>, Error> {
+        let known = images.iter().map(|image| self.patients.get(image));
+        let mut patients: Vec<_> = known.collect();
+        let mut unread: Vec<_> = (0..images.len())
+            .filter(|&number| patients[number].is_none())
+            .collect();
         if unread.is_empty() {
             return Ok(patients);
         }
-        let mut read = self.metadata_of(&unread).await?;
+        let names: Vec<_> = unread.iter().map(|&number| images[number]).collect();
+        let mut read = self.metadata_of(&names).await?;
         // One that cannot be read hides none of the others.
         if read.is_none() && unread.len() > 1 {
             let mut found = Vec::new();
-            for image in std::mem::take(&mut unread) {
-                if let Some(one) = self.metadata_of(&[image]).await? {
+            for number in std::mem::take(&mut unread) {
+                if let Some(one) = self.metadata_of(&[images[number]]).await? {
                     found.extend(one);
-                    unread.push(image);
+                    unread.push(number);
                 }
             }
             read = Some(found);
         }
-        for (name, image) in unread.into_iter().zip(read.unwrap_or_default()) {
+        for (number, image) in unread.into_iter().zip(read.unwrap_or_default()) {
             let patient = Patient::of(|keyword| {
                 let tag = imaging::dicom::attribute(keyword)?.name();
                 let value = &image[&tag]["Value"][0];
                 value.as_str().or_else(|| value["Alphabetic"].as_str())
             });
-            self.patients.insert(name, patient.clone());
-            if !patients.contains(&patient) {
-                patients.push(patient);
-            }
+            self.patients.insert(images[number], patient.clone());
+            patients[number] = Some(patient);
         }
         Ok(patients)
     }
@@ -297,6 +290,37 @@ impl Cases {
             read => read,
         }
     }
+}
+
+/// What a series says, once for each of its patients.
+fn others_of(arrival: &Arrival, patients: Vec<Patient>) -> Vec<Other> {
+    let patients = match patients.is_empty() {
+        true => vec![None],
+        false => patients.into_iter().map(Some).collect(),
+    };
+    let other = |patient| Other {
+        state: match arrival.state {
+            ArrivalState::Case => ArrivalState::Nothing,
+            state => state,
+        },
+        uids: arrival.uids.clone(),
+        accession_number: arrival.accession_number.clone(),
+        label: arrival.label.clone(),
+        reason: arrival.reason.clone(),
+        patient,
+    };
+    patients.into_iter().map(other).collect()
+}
+
+/// Each patient once.
+fn distinct(patients: impl IntoIterator<Item = Option<Patient>>) -> Vec<Patient> {
+    let mut distinct = Vec::new();
+    for patient in patients.into_iter().flatten() {
+        if !distinct.contains(&patient) {
+            distinct.push(patient);
+        }
+    }
+    distinct
 }
 
 /// Whether the images of a series may be of several patients: those that came late, or that were refused for it.

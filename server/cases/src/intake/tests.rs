@@ -17,7 +17,7 @@ use tempfile::TempDir;
 use super::*;
 use crate::application::Options;
 use crate::dicom::Program;
-use crate::jobs::Workers;
+use crate::jobs::start_workers;
 use crate::library::{Library, LibraryOptions, Preparation};
 use crate::pictures::{GpuUse, GraphicsOptions};
 use crate::testing::{settled_state, until};
@@ -142,7 +142,7 @@ fn stored_volume(root: &Path) -> (Vec<u8>, u64) {
 #[tokio::test]
 async fn an_upload_is_read_once_and_written_once() {
     let setup = setup().await;
-    let workers = Workers::start(setup.cases.library.clone(), 1);
+    let workers = start_workers(setup.cases.library.clone(), 1);
     setup.until_idle().await;
     let upload = setup.phantom().await;
     let (spooled, sent) = (upload.volume.path().to_owned(), upload.volume.read().await);
@@ -167,7 +167,7 @@ async fn an_upload_is_read_once_and_written_once() {
 #[tokio::test]
 async fn what_was_handed_over_is_prepared_as_what_is_read_from_the_store() {
     let [handed, stored] = [setup().await, setup().await];
-    let workers = Workers::start(handed.cases.library.clone(), 1);
+    let workers = start_workers(handed.cases.library.clone(), 1);
     handed.until_idle().await;
     let submit = async |setup: &Setup| {
         let upload = setup.phantom().await;
@@ -177,7 +177,7 @@ async fn what_was_handed_over_is_prepared_as_what_is_read_from_the_store() {
     let id = submit(&handed).await;
     // Here no worker is idle yet: it reads what is stored.
     assert_eq!(submit(&stored).await, id);
-    let late = Workers::start(stored.cases.library.clone(), 1);
+    let late = start_workers(stored.cases.library.clone(), 1);
     let mut facts = Vec::new();
     for setup in [&handed, &stored] {
         setup.is_ready(&id).await;
@@ -207,7 +207,7 @@ async fn what_was_handed_over_is_prepared_as_what_is_read_from_the_store() {
 #[tokio::test]
 async fn a_version_is_read_once_more_and_not_twice() {
     let setup = setup().await;
-    let workers = Workers::start(setup.cases.library.clone(), 1);
+    let workers = start_workers(setup.cases.library.clone(), 1);
     setup.until_idle().await;
     let upload = setup.phantom().await;
     let first = setup.cases.submit(upload, parameters(10.0), false).await;
@@ -252,7 +252,7 @@ async fn a_version_is_read_once_more_and_not_twice() {
 async fn files_in_memory_are_read_once_though_their_mask_must_be_settled() {
     let setup = setup().await;
     let library = setup.cases.library.clone();
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     setup.until_idle().await;
     let source = Source {
         mask: None,

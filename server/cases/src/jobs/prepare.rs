@@ -39,11 +39,9 @@ impl Work for PrepareCase {
             quality.put_to_review(AXES_CORRECTED, SENTENCE);
         }
         let storing = Progress::at(Stage::Storing);
+        job.report(&storing);
         store.signals().progress(&id, Some(storing));
         let framed = frame_all(derived.objects).await?;
-        // The lease is renewed once more, because writing takes a bounded time.
-        let progress = serde_json::to_string(&storing).ok();
-        store.renew(&job.claim, progress.as_deref()).await?;
         let next: &[JobKind] = match self.0.makes_maps() {
             true => &[JobKind::MAPS],
             false => &[],

@@ -17,7 +17,7 @@ use super::*;
 use crate::application::REMEMBERED_FOR;
 use crate::arrivals::tests::application;
 use crate::error::Error;
-use crate::jobs::Workers;
+use crate::jobs::start_workers;
 use crate::library::{LibraryOptions, Preparation};
 use crate::testing::settled_state;
 
@@ -37,7 +37,7 @@ async fn ready() -> Ready {
 
 async fn ready_in(store: Store, directory: tempfile::TempDir) -> Ready {
     let library = Library::of(store);
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     let submitted = library
         .submit(upload(&phantom()), Parameters::default())
         .await

@@ -1,5 +1,6 @@
 //! Pictures of cases: requests, drawing and encoding.
 
+mod acquired;
 mod across;
 mod depth;
 mod drawing;
@@ -13,6 +14,7 @@ mod request;
 mod series;
 mod slice;
 
+pub use self::acquired::{AcquiredQuery, CheckedAcquired};
 pub use self::depth::{DepthMm, ShownDepth};
 pub use self::drawing::{DrawnPicture, PictureJob, backend_for, positions, shown_depth, warm_jobs};
 pub use self::encoding::{EncodedImage, ImageMetadata, annotated, encode, marked};
@@ -25,11 +27,11 @@ pub use self::map::{MapRequest, PictureProjection};
 pub use self::numbers::{NumberList, Numbers};
 pub use self::plan::{Frames, Layout, MAX_PICTURES, Part, PicturePlan, PlanError, Sweep};
 pub use self::request::{
-    CheckedPicture, MAX_CONTOURS, MAX_PIXELS, MAX_POINTS, PictureRequest, check_annotation,
-    check_count, default_count, default_picture_count, default_side, default_zoom, mesh_size,
-    picture_size, surface_version, window_of, window_of_numbers,
+    CheckedPicture, MAX_CONTOURS, MAX_PIXELS, MAX_POINTS, PictureRequest, check_count,
+    default_count, default_picture_count, mesh_size, surface_version, window_of,
+};
+use self::request::{
+    check_annotation, default_side, default_zoom, picture_size, window_of_numbers,
 };
 pub use self::series::{PictureSeries, SeriesPicture};
-pub use self::slice::{
-    CheckedSlice, DrawnSlice, PlaneFacts, SliceKind, SlicePicture, SliceQuery, encode_slice,
-};
+pub use self::slice::{CheckedSlice, DrawnSlice, PlaneFacts, SliceKind, SlicePicture, SliceQuery};

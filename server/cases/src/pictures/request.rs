@@ -26,12 +26,12 @@ pub const MAX_POINTS: usize = 1024;
 pub const MAX_PIXELS: usize = 4096 * 4096;
 
 /// The width and height of a picture by default.
-pub fn default_side() -> u32 {
+pub(super) fn default_side() -> u32 {
     512
 }
 
 /// The zoom that fits the head into the picture.
-pub fn default_zoom() -> f64 {
+pub(super) fn default_zoom() -> f64 {
     1.0
 }
 
@@ -496,7 +496,7 @@ pub fn mesh_size(contours: usize, points: usize) -> Result<MeshSize, Error> {
 ///
 /// # Errors
 /// [`Error::Parameter`] for `annotate`.
-pub fn check_annotation(annotate: bool, size: [u32; 2]) -> Result<(), Error> {
+pub(super) fn check_annotation(annotate: bool, size: [u32; 2]) -> Result<(), Error> {
     if annotate && size.iter().any(|&side| side < MIN_ANNOTATED_SIDE) {
         let detail = format!("needs a picture of at least {MIN_ANNOTATED_SIDE} pixels per side");
         return Err(Error::out_of_range("annotate", detail));
@@ -508,7 +508,7 @@ pub fn check_annotation(annotate: bool, size: [u32; 2]) -> Result<(), Error> {
 ///
 /// # Errors
 /// [`Error::Parameter`] that names the side.
-pub fn picture_size(width: u32, height: u32) -> Result<FrameSize, Error> {
+pub(super) fn picture_size(width: u32, height: u32) -> Result<FrameSize, Error> {
     let size = FrameSize::new(width, height)?;
     if size.pixel_count() > MAX_PIXELS {
         let detail = format!("times `height` must be at most {MAX_PIXELS} pixels");
@@ -521,7 +521,7 @@ pub fn picture_size(width: u32, height: u32) -> Result<FrameSize, Error> {
 ///
 /// # Errors
 /// [`Error::Parameter`] that names `window`.
-pub fn window_of_numbers(Numbers([centre, width]): Numbers<2>) -> Result<Window, Error> {
+pub(super) fn window_of_numbers(Numbers([centre, width]): Numbers<2>) -> Result<Window, Error> {
     Ok(Window::new(centre, width)?)
 }
 

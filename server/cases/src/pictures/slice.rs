@@ -496,7 +496,7 @@ impl SlicePicture {
 ///
 /// # Errors
 /// If it cannot be encoded.
-pub fn encode_slice(
+pub(super) fn encode_slice(
     frame: Frame,
     request: &SliceRequest,
     projection: &Projection,

@@ -13,7 +13,7 @@ use super::status::{CliError, ExitStatus};
 use super::{MAX_DICOM_BYTES, VolumeOptions, head_of, read_input};
 use case::{CaseId, CaseState, Parameters, Project};
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
-use cases::jobs::Workers;
+use cases::jobs::start_workers;
 use cases::{Library, LibraryOptions};
 use pipeline::{Limits, Source};
 use storage::Store;
@@ -137,7 +137,7 @@ async fn into_store(
     layers: Vec<LayerFile>,
 ) -> Result<(), CliError> {
     let store = library.store().clone();
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     let submitted = library
         .in_project(project)
         .submit(source, parameters)

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use case::{CaseId, Project};
-use cases::jobs::Workers;
+use cases::jobs::start_workers;
 use cases::pictures::{GpuUse, GraphicsOptions, PictureRequest, PictureSeries, SeriesPicture};
 use cases::{Cases, Error, Library, LibraryOptions, Preparation};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
@@ -177,7 +177,7 @@ async fn prepared(args: &RenderArgs) -> Result<(Store, CaseId), CliError> {
     let store = Store::in_memory(storage::Options::default()).await?;
     let pipeline = args.options.pipeline()?;
     let library = Library::new(store.clone(), pipeline.into(), LibraryOptions::default());
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     let id = library.submit(source, parameters).await?.case.id;
     let ready = wait_until_ready(&store, &id).await;
     workers.shut_down(GRACE).await;

@@ -15,15 +15,15 @@ use super::status::{CliError, ExitStatus};
 use crate::collector::Sender;
 use crate::config::{Config, ConfigError, Network, Secret};
 use crate::{figures, logs, start};
-use cases::arrivals::ArrivalReader;
 use cases::dicom::DicomReader;
-use cases::jobs::Workers;
+use cases::jobs::{start_series_reader, start_workers};
 use cases::pictures::GpuUse;
+use cases::runner::Runner;
 use http_support::auth::Access;
 use http_support::listen;
 use http_support::tls::ListeningTls;
-use pacs::Background;
 use pacs::dimse::{self, ReloadedTls};
+use pacs::start_transfers;
 use service::state::AppState;
 
 /// The variable for the token. There is no flag, because everyone on a machine can see command lines.
@@ -331,9 +331,9 @@ fn look(files: &[PathBuf]) -> Vec<Option<FileState>> {
 pub(super) struct Server {
     pub(super) state: AppState,
     pub(super) address: SocketAddr,
-    workers: Workers,
-    arrivals: ArrivalReader,
-    background: Background,
+    workers: Runner,
+    arrivals: Runner,
+    transfers: Runner,
     serving: tokio::task::JoinHandle<()>,
     /// The listener for C-STORE, if there is one.
     dimse: Option<tokio::task::JoinHandle<()>>,
@@ -354,7 +354,7 @@ impl Server {
         let state = start::open(config).await?;
         let pacs = start::pacs(config, &state.cases)?;
         let (listener, address) = bind(config.http.listen).await?;
-        let workers = Workers::start(state.cases.library.clone(), config.prepare.workers);
+        let workers = start_workers(state.cases.library.clone(), config.prepare.workers);
         let limits = config.connection_limits();
         let grace = limits.shutdown_grace;
         figures::add_store(state.metrics(), state.cases.store());
@@ -412,8 +412,8 @@ impl Server {
         let reader = Arc::clone(&state.cases.dicom);
         tokio::spawn(tell_confinement(reader, "reads DICOM files"));
         Ok(Self {
-            arrivals: ArrivalReader::start(state.cases.clone(), config.pacs.arrivals()),
-            background: Background::start(pacs),
+            arrivals: start_series_reader(state.cases.clone(), config.pacs.arrivals()),
+            transfers: start_transfers(pacs),
             state,
             address,
             workers,
@@ -451,7 +451,7 @@ impl Server {
         };
         tokio::join!(
             listeners,
-            self.background.shut_down(self.grace),
+            self.transfers.shut_down(self.grace),
             self.arrivals.shut_down(self.grace),
             self.workers.shut_down(self.grace),
         );

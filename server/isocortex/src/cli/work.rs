@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use cases::dicom::DicomReader;
-use cases::jobs::Workers;
+use cases::jobs::start_workers;
 use clap::Args;
 use http_support::listen;
 use pipeline::Limits;
@@ -50,7 +50,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
         config.collector()?;
         let library = start::open_library(&config).await?;
         let sender = start::sender(&config)?;
-        let workers = Workers::start(library.clone(), config.prepare.workers);
+        let workers = start_workers(library.clone(), config.prepare.workers);
         tracing::info!("preparing cases");
         let program = config.dicom_program.clone();
         let reader = DicomReader::new(program, Limits::default(), config.limits.max_upload_bytes);

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use axum::http::Method;
-use cases::jobs::Workers;
+use cases::jobs::start_workers;
 use serde_json::{Value, json};
 
 use super::server::{Answer, Server, head};
@@ -132,7 +132,7 @@ async fn a_version_begins_with_a_copy() {
     let version = made.header("location").to_owned();
     let copy = server.get(&format!("{version}/findings")).await;
     assert_eq!(copy.json(), stored.json());
-    let workers = Workers::start(server.cases.library.clone(), 1);
+    let workers = start_workers(server.cases.library.clone(), 1);
     assert_eq!(server.settled(&version).await, "ready");
     workers.shut_down(Duration::from_secs(60)).await;
     let emptied = put(&server, &version, copy.header("etag"), &json!([])).await;

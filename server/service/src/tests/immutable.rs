@@ -6,7 +6,7 @@ use std::time::Duration;
 use axum::body::Body;
 use axum::http::Method;
 use bytes::Bytes;
-use cases::jobs::Workers;
+use cases::jobs::start_workers;
 use flate2::read::GzDecoder;
 
 use super::server::Server;
@@ -149,7 +149,7 @@ async fn what_was_acquired_is_shown_before_the_case_is_ready_and_does_not_change
     assert_eq!(annotated.header("cache-control"), "private, no-cache");
     let plain = server.get(&format!("{case}/acquired/axial")).await;
     assert!(annotated.body != plain.body);
-    let workers = Workers::start(server.cases.library.clone(), 1);
+    let workers = start_workers(server.cases.library.clone(), 1);
     assert_eq!(server.settled(&case).await, "ready");
     workers.shut_down(Duration::from_secs(60)).await;
     for (plane, early) in planes.into_iter().zip(early) {

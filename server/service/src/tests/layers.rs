@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use axum::body::Body;
 use axum::http::Method;
-use cases::jobs::Workers;
+use cases::jobs::start_workers;
 use geometry::Grid;
 use glam::{DAffine3, DVec3};
 use imaging::nifti::write_numbers;
@@ -96,7 +96,7 @@ pub(super) fn pixels(png: &[u8]) -> Vec<u8> {
 #[tokio::test]
 async fn a_layer_is_registered_listed_and_drawn_everywhere() {
     let (server, case) = Server::with_case().await;
-    let workers = Workers::start(server.cases.library.clone(), 1);
+    let workers = start_workers(server.cases.library.clone(), 1);
     let parameters = json!({"name": "FLAIR ü", "unit": "a.u."});
     let address = added(&server, &case, &flair(9.0), parameters.clone()).await;
     let view = server.get(&address).await.json();
@@ -214,7 +214,7 @@ async fn a_layer_is_registered_listed_and_drawn_everywhere() {
 #[tokio::test]
 async fn the_voxels_of_a_layer_can_be_fetched() {
     let (server, case) = Server::with_case().await;
-    let workers = Workers::start(server.cases.library.clone(), 1);
+    let workers = start_workers(server.cases.library.clone(), 1);
     let map = layer(0.0, |index, _| {
         if index % 7 == 0 {
             f32::NAN
@@ -309,7 +309,7 @@ async fn the_voxels_of_a_layer_can_be_fetched() {
 async fn layers_are_renamed_moved_limited_and_deleted_with_their_objects() {
     let (server, case) = Server::with_case().await;
     let before = server.stored_files();
-    let workers = Workers::start(server.cases.library.clone(), 1);
+    let workers = start_workers(server.cases.library.clone(), 1);
     let mut addresses = Vec::new();
     for number in 0..MAX_LAYERS {
         let map = layer(0.0, |index, _| ((index + number) % 9) as f32);
@@ -468,7 +468,7 @@ async fn layers_that_cannot_be_used_leave_nothing_behind() {
     assert_eq!(refused.refusal(), (404, "no-such-case".to_owned()));
 
     // What is no image of this head fails when it is placed, and is never drawn.
-    let workers = Workers::start(server.cases.library.clone(), 1);
+    let workers = start_workers(server.cases.library.clone(), 1);
     let noise = layer(0.0, |index, _| {
         (index.wrapping_mul(2_654_435_761) % 997) as f32
     });
@@ -519,7 +519,7 @@ async fn layers_that_cannot_be_used_leave_nothing_behind() {
 #[tokio::test]
 async fn a_layer_whose_header_is_wrong_by_half_a_turn_is_refused() {
     let (server, case) = Server::with_case().await;
-    let workers = Workers::start(server.cases.library.clone(), 1);
+    let workers = start_workers(server.cases.library.clone(), 1);
     let volume = phantom().volume;
     let [x, y, z] = volume.grid().size();
     let middle = volume
@@ -553,7 +553,7 @@ async fn a_layer_whose_header_is_wrong_by_half_a_turn_is_refused() {
 async fn a_layer_of_a_case_that_is_being_deleted_leaves_nothing() {
     let (server, _) = Server::with_case().await;
     let (volume, mask) = head();
-    let workers = Workers::start(server.cases.library.clone(), 1);
+    let workers = start_workers(server.cases.library.clone(), 1);
     for wait_ms in [0, 5, 20, 80, 300] {
         let parts = form(&[("volume", volume), ("mask", mask)]);
         let answer = server.post_form(parts).await;

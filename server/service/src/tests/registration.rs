@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use cases::jobs::Workers;
+use cases::jobs::start_workers;
 use geometry::Grid;
 use glam::{DAffine3, DVec3};
 use imaging::nifti::write_numbers;
@@ -39,7 +39,7 @@ fn shift_mm(registration: &Value) -> f64 {
 #[tokio::test]
 async fn a_case_is_registered_to_another_one() {
     let (server, case) = Server::with_case().await;
-    let workers = Workers::start(server.cases.library.clone(), 1);
+    let workers = start_workers(server.cases.library.clone(), 1);
     let later = moved(&server, DAffine3::from_translation(DVec3::X * 9.0)).await;
     let stretched = moved(&server, DAffine3::from_scale(DVec3::new(1.0, 1.25, 1.0))).await;
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 use axum::http::Method;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
-use cases::jobs::Workers;
+use cases::jobs::start_workers;
 use geometry::phantom::PhantomHead;
 use geometry::{Mask, Volume};
 use glam::DVec3;
@@ -125,7 +125,7 @@ async fn the_report_shows_what_was_marked_and_runs_nothing() {
 async fn a_flair_layer_stands_beside_the_anatomy() {
     let (server, case) = Server::with_case().await;
     mark(&server, &case, &[("a", [25.0, 0.0, 0.0], "here")]).await;
-    let workers = Workers::start(server.cases.library.clone(), 1);
+    let workers = start_workers(server.cases.library.clone(), 1);
     for (name, shift_mm) in [("Second contrast", 2.0), ("3D FLAIR <b>", 0.0)] {
         let parameters = json!({"name": name, "kind": "mr", "transform": "none"});
         added(&server, &case, &flair(shift_mm), parameters).await;

@@ -8,7 +8,7 @@ use axum::body::Body;
 use axum::http::{HeaderMap, Method, Request, header};
 use bytes::Bytes;
 use cases::dicom::Program;
-use cases::jobs::Workers;
+use cases::jobs::start_workers;
 use cases::pictures::{GpuUse, GraphicsOptions};
 use cases::{Cases, Options};
 use http_body_util::BodyExt as _;
@@ -177,7 +177,7 @@ impl Server {
         let answer = server.upload(&[("volume", volume), ("mask", mask)]).await;
         assert_eq!(answer.status, 202, "{answer:?}");
         let case = answer.header("location").to_owned();
-        let workers = Workers::start(server.cases.library.clone(), 1);
+        let workers = start_workers(server.cases.library.clone(), 1);
         assert_eq!(server.settled(&case).await, "ready");
         workers.shut_down(Duration::from_secs(60)).await;
         (server, case)

@@ -35,7 +35,9 @@ async fn rebuilds_of_a_case_come_one_after_another() {
     let active = AtomicUsize::new(0);
     let rebuild = async || {
         assert_eq!(active.fetch_add(1, Ordering::SeqCst), 0, "one at a time");
-        tokio::time::sleep(Duration::from_millis(50)).await;
+        let job = NewJob::of_ready_case(JobKind::REBUILD, &id);
+        let taken = store.enqueue_and_claim(&job, 30).await.unwrap();
+        assert!(taken.is_none(), "nobody else gets the job: {taken:?}");
         active.fetch_sub(1, Ordering::SeqCst);
         Ok(())
     };

@@ -11,7 +11,7 @@ use storage::testing::{assert_nothing_left_over, files_below};
 use storage::{NewMask, Options, Store, StoreError, Version};
 
 use super::{GRACE, expected, load, open, ready};
-use crate::jobs::Workers;
+use crate::jobs::start_workers;
 use crate::testing::{Fake, library_on, options, settled, settled_state, source, submit, until};
 use crate::{ChildBudget, Library, LibraryOptions, Preparation};
 
@@ -32,7 +32,7 @@ async fn a_case_is_prepared_and_outlives_the_process() {
 async fn twenty_identical_uploads_at_once_are_one_case_and_one_preparation() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
     let library = open(&directory, &fake).await;
-    let workers = Workers::start(library.clone(), 2);
+    let workers = start_workers(library.clone(), 2);
     let submissions = (0..20).map(|_| {
         let library = library.clone();
         tokio::spawn(async move { library.submit(source("same"), Parameters::default()).await })
@@ -87,7 +87,7 @@ async fn a_preparation_that_takes_too_long_fails_and_the_next_one_is_begun() {
     };
     let opened = Store::open_with(directory.path(), options).await.unwrap();
     let library = library_on(opened, &fake);
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     fake.hold(true);
     let slow = submit(&library, "slow").await.id;
     let case = settled(&library, &slow).await.unwrap();
@@ -115,7 +115,7 @@ async fn preparations_wait_until_there_is_memory_for_their_processes() {
             ..LibraryOptions::default()
         };
         let library = Library::new(store, preparation, library_options);
-        let workers = Workers::start(library.clone(), 2);
+        let workers = start_workers(library.clone(), 2);
         fake.hold(true);
         let ids = [
             submit(&library, "first").await.id,
@@ -166,7 +166,7 @@ async fn an_upload_that_is_cut_leaves_nothing() {
 async fn a_failed_case_says_why_and_is_tried_again_when_it_is_uploaded_again() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
     let library = open(&directory, &fake).await;
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     for runs in 1..=2 {
         let submitted = library.submit(source("bad"), Parameters::default()).await;
         let submitted = submitted.unwrap();
@@ -191,7 +191,7 @@ async fn a_failed_case_says_why_and_is_tried_again_when_it_is_uploaded_again() {
 async fn the_same_suite_of_steps_works_in_memory() {
     let fake = Arc::default();
     let library = library_on(Store::in_memory(options()).await.unwrap(), &fake);
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     let mask = Some(Bytes::from_static(b"mask"));
     let source = pipeline::Source {
         mask,
@@ -223,7 +223,7 @@ async fn a_watch_tells_each_state_once_and_the_end() {
         watch.next().await.unwrap().unwrap().state,
         CaseState::Queued
     );
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     let mut seen = Vec::new();
     while let Some(case) = watch.next().await.unwrap() {
         seen.push((case.state, case.progress));

@@ -9,7 +9,7 @@ use storage::StoreError;
 use storage::testing::assert_nothing_left_over;
 
 use super::{GRACE, expected, load, object_files, open, ready};
-use crate::jobs::Workers;
+use crate::jobs::start_workers;
 use crate::testing::{Fake, settled, settled_state, submit};
 
 /// Ways to damage a file of a given length.
@@ -111,7 +111,7 @@ async fn where_the_source_is_damaged_too_the_case_fails_until_it_is_uploaded_aga
         assert_eq!(load(&library, &id).await, None);
         let failed = library.store().case(&id).await.unwrap().unwrap();
         assert_eq!(failed.failure.unwrap().name, "source-damaged");
-        let workers = Workers::start(library.clone(), 1);
+        let workers = start_workers(library.clone(), 1);
         assert_eq!(submit(&library, "volume").await.id, id);
         assert_eq!(settled_state(&library, &id).await, Some(CaseState::Ready));
         assert_eq!(load(&library, &id).await, Some(expected("volume")));
@@ -129,7 +129,7 @@ async fn a_damaged_source_fails_its_preparation() {
         &object_files(directory.path(), ObjectKind::SourceVolume)[0],
         0,
     );
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     let failed = settled(&library, &id).await.unwrap();
     assert_eq!(failed.failure.unwrap().name, "source-damaged");
     workers.shut_down(GRACE).await;

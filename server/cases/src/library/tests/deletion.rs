@@ -7,7 +7,7 @@ use case::{CaseState, Parameters};
 use storage::testing::{assert_nothing_left_over, files_below, steps};
 
 use super::{GRACE, expected, load, open, ready};
-use crate::jobs::Workers;
+use crate::jobs::start_workers;
 use crate::testing::{Fake, settled, settled_state, source, submit};
 
 #[tokio::test]
@@ -29,7 +29,7 @@ async fn deleting_a_case_removes_what_no_other_case_needs() {
     assert!(!library.store().delete(&id).await.unwrap());
     assert_eq!(library.store().case(&id).await.unwrap(), None);
     assert_eq!(files_below(&directory.path().join("objects")).len(), 1);
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     assert_eq!(
         settled_state(&library, &other).await,
         Some(CaseState::Ready)
@@ -45,7 +45,7 @@ async fn deleting_a_case_while_it_is_prepared_cancels_it() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::<Fake>::default());
     let library = open(&directory, &fake).await;
     fake.hold(true);
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     let id = submit(&library, "volume").await.id;
     fake.until_active().await;
     assert_eq!(
@@ -72,7 +72,7 @@ async fn a_case_deleted_and_uploaded_again_while_it_is_prepared_becomes_ready() 
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::<Fake>::default());
     let library = open(&directory, &fake).await;
     fake.hold(true);
-    let workers = Workers::start(library.clone(), 2);
+    let workers = start_workers(library.clone(), 2);
     for _ in 0..5 {
         let id = submit(&library, "volume").await.id;
         fake.until_active().await;
@@ -106,7 +106,7 @@ async fn what_was_just_deleted_can_be_uploaded_again_while_it_is_removed() {
     }
     steps::end_sweep(store, "another process").await.unwrap();
     assert_eq!(upload.await.unwrap().id, id);
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     assert_eq!(settled_state(&library, &id).await, Some(CaseState::Ready));
     workers.shut_down(GRACE).await;
     assert_nothing_left_over(library.store(), directory.path()).await;

@@ -10,7 +10,7 @@ use storage::{ObjectName, Publisher, frame_all};
 use tempfile::TempDir;
 
 use super::{GRACE, expected, load, open, ready};
-use crate::jobs::Workers;
+use crate::jobs::start_workers;
 use crate::testing::{Fake, fake_objects, settled_state, submit};
 
 /// Does the steps of an upload and its preparation one by one, and stops before the given one, as a killed process would.
@@ -114,7 +114,7 @@ async fn a_kill_at_any_step_leaves_nothing_half_there() {
             usize::from((3..=7).contains(&step)),
             "step {step}"
         );
-        let workers = Workers::start(library.clone(), 1);
+        let workers = start_workers(library.clone(), 1);
         let id = submit(&library, "volume").await.id;
         assert_eq!(
             settled_state(&library, &id).await,

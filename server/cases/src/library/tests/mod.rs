@@ -17,7 +17,7 @@ use storage::testing::files_below;
 use tempfile::TempDir;
 
 use super::Library;
-use crate::jobs::Workers;
+use crate::jobs::start_workers;
 use crate::testing::{Fake, fake_objects, library_on, options, settled_state, submit};
 
 const GRACE: Duration = Duration::from_secs(20);
@@ -30,7 +30,7 @@ async fn open(directory: &TempDir, fake: &Arc<Fake>) -> Library {
 /// A library with one ready case.
 async fn ready(directory: &TempDir, fake: &Arc<Fake>) -> (Library, CaseId) {
     let library = open(directory, fake).await;
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     let id = submit(&library, "volume").await.id;
     assert_eq!(settled_state(&library, &id).await, Some(CaseState::Ready));
     workers.shut_down(GRACE).await;

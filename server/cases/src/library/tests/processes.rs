@@ -1,6 +1,7 @@
 //! Several processes and workers on one store.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -9,15 +10,15 @@ use storage::testing::{assert_nothing_left_over, steps};
 use storage::{Options, Store, frame_all};
 
 use super::{GRACE, open};
-use crate::jobs::Workers;
-use crate::testing::{Fake, fake_objects, library_on, options, settled_state, submit};
+use crate::jobs::start_workers;
+use crate::testing::{Fake, fake_objects, library_on, options, settled_state, submit, until};
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_second_process_takes_neither_live_jobs_nor_live_files() {
     let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::<Fake>::default());
     let first = open(&directory, &fake).await;
     fake.hold(true);
-    let workers = Workers::start(first.clone(), 1);
+    let workers = start_workers(first.clone(), 1);
     let id = submit(&first, "volume").await.id;
     fake.until_active().await;
     let mut spool = first.store().spool().await.unwrap();
@@ -31,17 +32,20 @@ async fn a_second_process_takes_neither_live_jobs_nor_live_files() {
     steps::write(first.store(), &pinned[0]).await.unwrap();
 
     let second = open(&directory, &fake).await;
-    let others = Workers::start(second.clone(), 1);
-    tokio::time::sleep(Duration::from_millis(200)).await;
-    assert_eq!(fake.run_count(), 1);
+    let others = start_workers(second.clone(), 1);
+    // It takes the next job, and leaves the older one and the files alone.
+    let next = submit(&second, "next").await.id;
+    until(|| fake.run_count() == 2).await;
+    second.store().collect().await.unwrap();
+    assert_eq!(fake.runs.lock().unwrap()[..], ["volume", "next"]);
     assert!(second.store().object(&pinned[0].name).await.is_ok());
     spool.finish().await.unwrap();
 
     // Deleted by the other process: the first one's worker learns of it by its heartbeat.
     assert!(second.store().delete(&id).await.unwrap());
-    while fake.active.load(std::sync::atomic::Ordering::Relaxed) > 0 {
-        tokio::time::sleep(Duration::from_millis(5)).await;
-    }
+    until(|| fake.active.load(Ordering::Relaxed) == 1).await;
+    fake.hold(false);
+    assert_eq!(settled_state(&second, &next).await, Some(CaseState::Ready));
     workers.shut_down(GRACE).await;
     others.shut_down(GRACE).await;
     assert_eq!(first.store().case(&id).await.unwrap(), None);
@@ -54,7 +58,7 @@ async fn a_shutdown_finishes_or_hands_back() {
     let id = submit(&library, "volume").await.id;
     fake.hold(true);
     for _ in 0..5 {
-        let workers = Workers::start(library.clone(), 1);
+        let workers = start_workers(library.clone(), 1);
         fake.until_active().await;
         workers.shut_down(Duration::from_millis(5)).await;
         // At once, with no lease to wait for, and without an end of its attempts.
@@ -63,12 +67,17 @@ async fn a_shutdown_finishes_or_hands_back() {
             CaseState::Queued
         );
     }
-    let workers = Workers::start(library.clone(), 1);
+    let workers = start_workers(library.clone(), 1);
     fake.until_active().await;
-    let finish = tokio::spawn(workers.shut_down(GRACE));
-    tokio::time::sleep(Duration::from_millis(30)).await;
+    let mut finish = Box::pin(workers.shut_down(GRACE));
+    // It begins when it is first polled.
+    tokio::select! {
+        biased;
+        () = &mut finish => panic!("a preparation is at work"),
+        () = std::future::ready(()) => {}
+    }
     fake.hold(false);
-    finish.await.unwrap();
+    finish.await;
     assert_eq!(
         library.store().case(&id).await.unwrap().unwrap().state,
         CaseState::Ready
@@ -85,12 +94,12 @@ async fn a_worker_that_lost_its_lease_publishes_nothing() {
     let opened = Store::open_with(directory.path(), options).await;
     let library = library_on(opened.unwrap(), &fake);
     fake.hold(true);
-    let asleep = Workers::start(library.clone(), 1);
+    let asleep = start_workers(library.clone(), 1);
     let id = submit(&library, "volume").await.id;
     fake.until_active().await;
     // Its heartbeat does not come for longer than the lease.
     library.store().pass_time(Duration::from_secs(31));
-    let awake = Workers::start(library.clone(), 1);
+    let awake = start_workers(library.clone(), 1);
     while fake.run_count() < 2 {
         tokio::time::sleep(Duration::from_millis(5)).await;
     }
