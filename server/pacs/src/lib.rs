@@ -1,4 +1,4 @@
-//! The neighbour of a PACS: images come by DICOMweb (STOW-RS) or DIMSE (C-STORE), or are fetched from configured nodes
+//! The interface to a PACS: images come by DICOMweb (STOW-RS) or DIMSE (C-STORE), or are fetched from configured nodes
 //! (QIDO-RS, WADO-RS), viewers of the PACS open cases by the UIDs of their studies, and results are sent back as DICOM
 //! objects.
 //!

@@ -70,7 +70,7 @@ struct Inner {
 }
 
 impl Pacs {
-    /// The neighbour of a PACS on an application.
+    /// The PACS interface of an application.
     pub fn new(cases: Cases, options: Options) -> Self {
         let room = Places::in_quarters(options.uploads.at_a_time);
         Self {
