@@ -454,7 +454,7 @@ test(
     await settled(page, 3);
     const failed = page.locator(".layers li[data-state=failed]");
     assert.equal(await failed.count(), 1);
-    assert.match(await failed.innerText(), /fits nowhere/);
+    assert.match(await failed.innerText(), /could not be registered to this head/);
     assert.equal(await failed.locator("[data-do=grey], [data-do=colours]").count(), 0);
     await keep(page, "layers-failed");
     await page.context().close();

@@ -76,7 +76,7 @@ pub enum Error {
     #[error(transparent)]
     Store(StoreError),
     /// An internal error.
-    #[error("internal error; the log of the server has the details under the request id")]
+    #[error("internal error; see the server's log for this request id")]
     Internal,
 }
 

@@ -130,19 +130,18 @@ impl Section {
         let [right, up] = [(axis + 1) % 3, (axis + 2) % 3];
         let low = (place as usize).min(size[axis] - 2);
         let fraction = place - low as f32;
-        let values = &field.values()[low * strides[axis]..];
-        let depth = |index: usize| {
-            let (near, far) = (
-                f32::from(values[index]),
-                f32::from(values[index + strides[axis]]),
-            );
-            near + (far - near) * fraction
-        };
-        let rows = (0..size[up]).flat_map(|row| {
-            (0..size[right]).map(move |column| row * strides[up] + column * strides[right])
-        });
+        let mut depths = Vec::with_capacity(size[right] * size[up]);
+        for row in 0..size[up] {
+            let near = &field.values()[low * strides[axis] + row * strides[up]..];
+            let far = near[strides[axis]..].iter().step_by(strides[right]);
+            let pairs = near.iter().step_by(strides[right]).zip(far);
+            depths.extend(pairs.take(size[right]).map(|(&near, &far)| {
+                let (near, far) = (f32::from(near), f32::from(far));
+                near + (far - near) * fraction
+            }));
+        }
         Self {
-            depths: rows.map(depth).collect(),
+            depths,
             width: size[right],
         }
     }

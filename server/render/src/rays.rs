@@ -136,14 +136,19 @@ impl Rays {
             };
         }
         Ray {
-            foot: [
-                self.corner[0] + x * self.per_column[0] + y * self.per_row[0],
-                self.corner[1] + x * self.per_column[1] + y * self.per_row[1],
-                self.corner[2] + x * self.per_column[2] + y * self.per_row[2],
-            ],
+            foot: self.place_on_slice(x, y),
             per_height: self.per_height,
             lattice: self.lattice,
         }
+    }
+
+    /// Voxel coordinates of a place of a slice, in pixels from the top left corner of the picture.
+    #[inline(always)]
+    pub(crate) fn place_on_slice(&self, x: f32, y: f32) -> [f32; 3] {
+        debug_assert!(self.disc.is_none(), "a map is no slice");
+        std::array::from_fn(|axis| {
+            self.corner[axis] + x * self.per_column[axis] + y * self.per_row[axis]
+        })
     }
 
     /// What each foot has too much.

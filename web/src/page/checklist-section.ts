@@ -1,4 +1,4 @@
-// The section of the panel that says what of the head was looked at, and for how long. It stays in the page.
+// The section of the panel that says which parts of the head were looked at, and for how long. It stays in the page.
 
 import { h, quiet, setText } from "../base/dom.ts";
 import { number, t } from "../base/i18n.ts";

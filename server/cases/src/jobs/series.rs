@@ -135,7 +135,7 @@ impl Cases {
             let layer = self.make_layer(due, &upload).await?;
             return Ok(layer.unwrap_or(Outcome::Nothing(otherwise)));
         }
-        // A version is prepared as the case that it is one of.
+        // A version uses the parameters of its original.
         let previous = match previous {
             Some(case) => Some((self.is_of_patient(&upload, &case.id).await?, case)),
             None => None,

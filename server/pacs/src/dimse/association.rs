@@ -34,7 +34,7 @@ const LONGEST_RECORDING: Duration = Duration::from_secs(10);
 pub(crate) enum Abort {
     #[error(transparent)]
     Wire(#[from] WireError),
-    #[error("a PDU came that does not fit the state of the association")]
+    #[error("unexpected PDU")]
     Unexpected,
     #[error("a PDU for data contains none")]
     Empty,
@@ -46,7 +46,7 @@ pub(crate) enum Abort {
     TooSlow,
     #[error("the peer aborted it")]
     ByPeer,
-    #[error("the peer is not listed, or asked for another one than us")]
+    #[error("calling or called AE title not accepted")]
     Rejected,
 }
 

@@ -32,7 +32,7 @@ const DICOM: &str = "application/dicom";
 
 const DICOM_JSON: &str = "application/dicom+json";
 
-/// How to prove to a node who asks. Never shown.
+/// Credentials for a node; hidden in `Debug`.
 #[derive(Clone, PartialEq, Eq)]
 pub enum Credentials {
     /// Not at all.

@@ -80,7 +80,7 @@ pub(super) struct Corner {
 pub(super) struct Triangles {
     pub(super) samples: Samples,
     corners: Vec<Corner>,
-    /// Those that face the viewer, and those that do not: where the mesh is not folded, the first hide the others.
+    /// Front faces, then back faces; without folds, the front faces hide the back faces.
     facing: [ByLine; 2],
 }
 

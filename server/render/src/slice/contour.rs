@@ -63,8 +63,8 @@ impl<'a> Contours<'a> {
             .enumerate()
             .for_each(|(row, depths)| {
                 for (column, depth) in depths.iter_mut().enumerate() {
-                    let ray = rays.through(column as f32 - 0.5, row as f32 - 0.5);
-                    *depth = sampler.at(ray.at(0.0)) * px_per_step;
+                    let place = rays.place_on_slice(column as f32 - 0.5, row as f32 - 0.5);
+                    *depth = sampler.at(place) * px_per_step;
                 }
             });
         let levels_px = depths_mm
@@ -93,17 +93,10 @@ impl<'a> Contours<'a> {
             0.5 * (self.depths_px[here + self.columns] - self.depths_px[here - self.columns]);
         let slope = (across * across + down * down).sqrt().max(LEAST_SLOPE);
         let passes = self.range_around(here);
-        let known_px = || {
-            let place = (self.rays)
-                .through(column as f32 + 0.5, row as f32 + 0.5)
-                .at(0.0);
-            match self.fenced {
-                Some(fenced) if fenced.covers(place) => f32::NEG_INFINITY,
-                _ => deepest_known_mm(&self.cuts, place) * self.px_per_mm,
-            }
-        };
         self.levels_px.iter().fold(color, |color, (level, line)| {
-            if !passes.contains(&(level - LEVEL_MARGIN_PX)) || level + REACH > known_px() {
+            if !passes.contains(&(level - LEVEL_MARGIN_PX))
+                || level + REACH > self.known_px(column, row)
+            {
                 return color;
             }
             let distance = (depth - level).abs() / slope;
@@ -113,6 +106,16 @@ impl<'a> Contours<'a> {
                 (under + cover * (over - under) + 0.5) as u8
             })
         })
+    }
+
+    /// The depth down to which depths are known at a pixel. Few pixels ask for it: apart from the loop over all, it costs them nothing.
+    #[inline(never)]
+    fn known_px(&self, column: usize, row: usize) -> f32 {
+        let place = (self.rays).place_on_slice(column as f32 + 0.5, row as f32 + 0.5);
+        match self.fenced {
+            Some(fenced) if fenced.covers(place) => f32::NEG_INFINITY,
+            _ => deepest_known_mm(&self.cuts, place) * self.px_per_mm,
+        }
     }
 
     /// The least and the greatest depth of a pixel and its eight neighbours.

@@ -60,7 +60,7 @@ impl<'a> Edges<'a> {
 
     /// The number of the layer's colour at a place, and the defined fraction.
     fn level(&self, x: f32, y: f32) -> [f32; 2] {
-        let [value, defined] = self.layer.at(self.rays.through(x, y).at(0.0));
+        let [value, defined] = self.layer.at(self.rays.place_on_slice(x, y));
         [self.ramp.level(value), defined]
     }
 

@@ -364,7 +364,7 @@ impl Slice<'_> {
                 let (pixels, _) = pixels.as_chunks_mut::<BYTES>();
                 for (column, pixel) in pixels.iter_mut().enumerate() {
                     let [x, y] = [column as f32 + 0.5, row as f32 + 0.5];
-                    let value = self.texture.at(self.rays.through(x, y).at(0.0));
+                    let value = self.texture.at(self.rays.place_on_slice(x, y));
                     let color = value.map_or([0; 3], |value| {
                         self.colors[usize::from((window.brightness(value) + 0.5) as u8)]
                     });
