@@ -249,7 +249,11 @@ test(
     await open("&x=40,20,30");
     const chart = page.locator("svg.chart");
     await chart.waitFor();
-    const box = await chart.boundingBox();
+    // One that is drawn again at this moment has no place.
+    const box = await until(
+      () => chart.boundingBox(),
+      (found) => found !== null,
+    );
     assert.ok(box);
     // Its axis goes from 40 to 260 of 268, for 0 to 30 mm.
     const at = (depth_mm: number): { x: number; y: number } => ({
