@@ -64,7 +64,11 @@ browser_tests() {
   local file status=0
   node web/build.mjs tests || return 1
   ISOCORTEX_BINARY=$(target_dir)/debug/isocortex
-  export ISOCORTEX_BINARY
+  # Each file that shows the demo's head begins with a copy of this store.
+  ISOCORTEX_PREPARED_DEMO=$(target_dir)/prepared-demo
+  export ISOCORTEX_BINARY ISOCORTEX_PREPARED_DEMO
+  rm -rf "$ISOCORTEX_PREPARED_DEMO"
+  node web/build/browser/prepare.mjs "$ISOCORTEX_PREPARED_DEMO" || return 1
   for file in web/build/browser/*.test.mjs; do
     node --test "$file" && continue
     if [ "$retries" = 0 ]; then

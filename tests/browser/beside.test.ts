@@ -11,20 +11,19 @@ import { brainMask, isBrain, markedVolume, nifti } from "./phantom.ts";
 import { agreement, bare, canvasSize, show } from "./pixels.ts";
 import {
   type Server,
+  type Stage,
   brightest,
   fragment,
   keep,
-  launchBrowser,
   openPage,
-  scratchFolder,
   shown,
   skip,
-  startServer,
+  startStage,
   until,
 } from "./support.ts";
 import { sendCase, sendLayer } from "./uploads.ts";
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 let id: string;
@@ -39,21 +38,16 @@ const PET = nifti((x, y, z) => (isBrain(x, y, z) ? Math.round(500 + 400 * Math.s
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "serve", data: scratch.folder });
+    stage = await startStage("serve");
+    ({ server, browser } = stage);
     id = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
     flair = await sendLayer(server, id, { name: "FLAIR", kind: "mr" }, FLAIR);
     pet = await sendLayer(server, id, { name: "PET", kind: "pet" }, PET);
-    browser = await launchBrowser();
   },
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 /** Waits until the halves show these; a half is a texture and a layer in colours, with a comma between. */
 const halves = (page: Page, left: string, right: string): Promise<unknown> => {

@@ -12,24 +12,24 @@ import { brainMask, markedVolume } from "./phantom.ts";
 import { bare } from "./pixels.ts";
 import {
   type Server,
+  type Stage,
   type Watched,
   brightest,
   fragment,
   headOfDemo,
   keep,
-  launchBrowser,
   openPage,
   readyCase,
   rested,
-  scratchFolder,
   shown,
   skip,
   startServer,
+  startStage,
   typeDepth,
   until,
 } from "./support.ts";
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage;
 let server: Server;
 let browser: Browser;
 let watched: Watched;
@@ -39,13 +39,8 @@ let origin: string;
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({
-      command: "serve",
-      data: path.join(scratch.folder, "data"),
-      options: ["--keep-days", "3650"],
-    });
-    browser = await launchBrowser();
+    stage = await startStage("serve", async () => ["--keep-days", "3650"]);
+    ({ server, browser } = stage);
     watched = await openPage(browser);
     page = watched.page;
     origin = new URL(server.address).origin;
@@ -54,11 +49,7 @@ before(
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 const row = (state: string): string => `#case-list [data-state=${state}]`;
 
@@ -92,7 +83,7 @@ test("an empty server asks for a case; a file that is no volume is refused in wo
   await page.locator("#upload-volume").setInputFiles(report);
   await page.waitForFunction(() => (document.querySelector("#upload-note")?.textContent ?? "") !== "");
   assert.equal(await page.locator(".chosen-names").innerText(), "(report.pdf)");
-  const file = path.join(scratch.folder, "DOE-JANE.nii");
+  const file = path.join(stage.folder, "DOE-JANE.nii");
   await writeFile(file, "this is no NIfTI file");
   await page.locator("#upload-volume").setInputFiles(file);
   await page.locator("#upload button[type=submit]").click();
@@ -603,7 +594,7 @@ async function writtenPhantom(): Promise<string[]> {
   ] as const;
   return Promise.all(
     files.map(async ([name, bytes]) => {
-      const file = path.join(scratch.folder, name);
+      const file = path.join(stage.folder, name);
       await writeFile(file, bytes);
       return file;
     }),
@@ -693,7 +684,7 @@ test("a server that dies is missed in words, and found again when it is back", {
   // It is said once, and in words.
   const said = await page.evaluate(() => document.body.innerText.match(/does not answer|unreachable/gi)?.length);
   assert.equal(said, 1);
-  server = await startServer({ command: "serve", data: path.join(scratch.folder, "data"), port });
+  server = stage.server = await startServer({ command: "serve", data: stage.data, port });
   await page.waitForSelector("#silence", { state: "hidden" });
   await page.waitForSelector("#surface[data-depth='6.5']");
 });

@@ -9,24 +9,14 @@ import type { Browser, Frame, Page } from "playwright-core";
 
 import { violations } from "./axe.ts";
 import { isBrain, nifti } from "./phantom.ts";
-import {
-  type Server,
-  keep,
-  launchBrowser,
-  openPage,
-  scratchFolder,
-  shown,
-  skip,
-  startServer,
-  until,
-} from "./support.ts";
+import { type Server, type Stage, keep, openPage, shown, skip, startStage, until } from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
 const TOKEN = "a-token-of-more-than-sixteen-letters";
 /** How far the second head lies to the right of the first, in mm. */
 const MOVED_MM = 8;
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 let first: string;
@@ -51,23 +41,19 @@ const prepared = (name: string, right_mm: number, brightness: number): Promise<s
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    const file = path.join(scratch.folder, "token");
-    await writeFile(file, TOKEN, { mode: 0o600 });
-    const data = path.join(scratch.folder, "data");
-    server = await startServer({ command: "serve", data, options: ["--token-file", file] });
+    stage = await startStage("serve", async (folder) => {
+      const file = path.join(folder, "token");
+      await writeFile(file, TOKEN, { mode: 0o600 });
+      return ["--token-file", file];
+    });
+    ({ server, browser } = stage);
     first = await prepared("First scan", 0, 1);
     later = await prepared("Later scan", MOVED_MM, 2);
-    browser = await launchBrowser();
   },
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 const frames = (page: Page): [Frame, Frame] => {
   const [, left, right] = page.frames();

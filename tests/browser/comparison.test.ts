@@ -8,21 +8,10 @@ import type { Browser, Page } from "playwright-core";
 import type { ReadyCase } from "../../web/src/model/case.ts";
 import { brainMask, isBrain, markedVolume, nifti } from "./phantom.ts";
 import { bare, picturesAgree, show } from "./pixels.ts";
-import {
-  type Server,
-  fragment,
-  keep,
-  launchBrowser,
-  openPage,
-  scratchFolder,
-  shown,
-  skip,
-  startServer,
-  until,
-} from "./support.ts";
+import { type Server, type Stage, fragment, keep, openPage, shown, skip, startStage, until } from "./support.ts";
 import { sendCase, sendLayer } from "./uploads.ts";
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 let id: string;
@@ -36,21 +25,16 @@ const BALL = nifti((x, y, z) => (Math.hypot(x, y, z) < 30 ? 1000 : 100));
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "serve", data: scratch.folder });
+    stage = await startStage("serve");
+    ({ server, browser } = stage);
     id = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
     flair = await sendLayer(server, id, { name: "FLAIR", kind: "mr" }, FLAIR);
     ball = await sendLayer(server, id, { name: "Ball", kind: "mr" }, BALL);
-    browser = await launchBrowser();
   },
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 interface Described {
   readonly id: string;

@@ -8,20 +8,10 @@ import type { Browser, Page } from "playwright-core";
 
 import { violations } from "./axe.ts";
 import { brainMask, markedVolume } from "./phantom.ts";
-import {
-  type Server,
-  findingsOf,
-  keep,
-  launchBrowser,
-  openPage,
-  scratchFolder,
-  skip,
-  startServer,
-  until,
-} from "./support.ts";
+import { type Server, type Stage, findingsOf, keep, openPage, skip, startStage, until } from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 let id: string;
@@ -32,19 +22,14 @@ const MARK = "-38,0,0";
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "serve", data: scratch.folder });
+    stage = await startStage("serve");
+    ({ server, browser } = stage);
     id = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
-    browser = await launchBrowser();
   },
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 const stored = () => findingsOf(server, id);
 

@@ -10,20 +10,19 @@ import { brainMask, markedVolume } from "./phantom.ts";
 import { mapAgrees } from "./pixels.ts";
 import {
   type Server,
+  type Stage,
   fragment,
   keep,
-  launchBrowser,
   openPage,
   rested,
-  scratchFolder,
   shown,
   skip,
-  startServer,
+  startStage,
   until,
 } from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>> | undefined;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 let page: Page;
@@ -33,9 +32,8 @@ let id: string;
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "serve", data: scratch.folder });
-    browser = await launchBrowser();
+    stage = await startStage("serve");
+    ({ server, browser } = stage);
     ({ page, troubles } = await openPage(browser));
     id = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
     await page.goto(new URL(`/#${id}&l=map&r=exact`, server.address).href);
@@ -45,11 +43,7 @@ before(
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 test("the page draws the map that the server draws, with the right side on the right", { skip }, async () => {
   const share = await mapAgrees(page, server.address, id);

@@ -4,17 +4,7 @@ import assert from "node:assert/strict";
 
 import type { Browser, Page } from "playwright-core";
 
-import {
-  type Server,
-  type Watched,
-  fragment,
-  launchBrowser,
-  openPage,
-  readyCase,
-  scratchFolder,
-  shown,
-  startServer,
-} from "./support.ts";
+import { type Server, type Watched, fragment, openPage, readyCase, shown, startStage } from "./support.ts";
 
 export interface Hands {
   text(selector: string): Promise<string>;
@@ -60,31 +50,27 @@ export interface Demo {
 }
 
 export async function startDemo(): Promise<Demo> {
-  const ends: (() => Promise<unknown>)[] = [];
-  const end = async (): Promise<void> => {
-    for (const one of ends.reverse()) await one();
-  };
+  const stage = await startStage("demo");
   try {
-    return await started(ends, end);
+    const { server, browser } = stage;
+    const id = await readyCase(server.address);
+    const watched = await openPage(browser);
+    const { page } = watched;
+    const origin = `${new URL(server.address).origin}/?renderer=server`;
+    await page.goto(origin);
+    await shown(page);
+    return {
+      server,
+      browser,
+      watched,
+      page,
+      id,
+      origin,
+      hands: handsOn(page, `${origin}#${id}`),
+      end: () => stage.end(),
+    };
   } catch (error) {
-    await end();
+    await stage.end();
     throw error;
   }
-}
-
-/** Puts what ends each part into `ends` as soon as it is there. */
-async function started(ends: (() => Promise<unknown>)[], end: () => Promise<void>): Promise<Demo> {
-  const scratch = await scratchFolder();
-  ends.push(() => scratch.clean());
-  const server = await startServer({ command: "demo", data: scratch.folder });
-  ends.push(() => server.stop());
-  const id = await readyCase(server.address);
-  const browser = await launchBrowser();
-  ends.push(() => browser.close());
-  const watched = await openPage(browser);
-  const { page } = watched;
-  const origin = `${new URL(server.address).origin}/?renderer=server`;
-  await page.goto(origin);
-  await shown(page);
-  return { server, browser, watched, page, id, origin, hands: handsOn(page, `${origin}#${id}`), end };
 }

@@ -11,15 +11,14 @@ import { brainMask, isBrain, markedVolume, nifti } from "./phantom.ts";
 import { agreement, bare, canvasSize, show } from "./pixels.ts";
 import {
   type Server,
+  type Stage,
   type Watched,
   fragment,
   keep,
-  launchBrowser,
   openPage,
-  scratchFolder,
   shown,
   skip,
-  startServer,
+  startStage,
   until,
 } from "./support.ts";
 import { sendCase } from "./uploads.ts";
@@ -32,7 +31,7 @@ interface Listed {
   readonly window?: readonly [number, number];
 }
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 let id: string;
@@ -49,19 +48,14 @@ const NOISE = nifti((x, y, z) => Math.abs(Math.round(1000 * Math.sin(x * 12.9 + 
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "serve", data: scratch.folder });
+    stage = await startStage("serve");
+    ({ server, browser } = stage);
     id = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
-    browser = await launchBrowser();
   },
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 async function opened(rest: string, options: Parameters<typeof openPage>[1] = {}): Promise<Watched> {
   const watched = await openPage(browser, options);

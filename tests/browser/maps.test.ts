@@ -20,23 +20,22 @@ import { violations } from "./axe.ts";
 import { agreement, bare, canvasSize, show } from "./pixels.ts";
 import {
   type Server,
+  type Stage,
   type Watched,
   findingsOf,
   fragment,
   keep,
-  launchBrowser,
   openPage,
   readyCase,
-  scratchFolder,
   shown,
   skip,
-  startServer,
+  startStage,
   until,
 } from "./support.ts";
 
 const MESH = "contours=80&points=50";
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 let id: string;
@@ -57,23 +56,18 @@ const facts = async (): Promise<Facts> =>
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "demo", data: scratch.folder });
+    stage = await startStage("demo");
+    ({ server, browser } = stage);
     id = await readyCase(server.address);
     const { maps, intensity } = await until(facts, (now) => now.maps.state !== "making", 240);
     window_words = `${intensity.window.center},${intensity.window.width}`;
     has_maps = maps.state === "ready";
     if (!has_maps) console.error(`SKIPPED: the head has no maps: ${maps.reason}`);
-    browser = await launchBrowser();
   },
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 async function opened(rest: string, options: Parameters<typeof openPage>[1] = {}, query = ""): Promise<Watched> {
   const watched = await openPage(browser, options);

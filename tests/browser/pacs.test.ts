@@ -1,30 +1,19 @@
 // What a case from DICOM has beside its pictures: the patient, and results that are sent to a node.
 
 import assert from "node:assert/strict";
-import { readFile, writeFile } from "node:fs/promises";
+import { readFile } from "node:fs/promises";
 import { type Server as Node, createServer } from "node:http";
 import type { AddressInfo } from "node:net";
-import path from "node:path";
 import { after, before, test } from "node:test";
 
 import type { Browser } from "playwright-core";
 
 import { violations } from "./axe.ts";
 import { brainMask, markedSeries, markedVolume } from "./phantom.ts";
-import {
-  type Server,
-  keep,
-  launchBrowser,
-  openPage,
-  scratchFolder,
-  shown,
-  skip,
-  startServer,
-  until,
-} from "./support.ts";
+import { type Server, type Stage, configured, keep, openPage, shown, skip, startStage, until } from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 let node: Node;
@@ -36,7 +25,6 @@ let busy = 1;
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
     node = createServer((request, response) => {
       const pieces: Buffer[] = [];
       request.on("data", (piece: Buffer) => pieces.push(piece));
@@ -57,22 +45,17 @@ before(
     });
     await new Promise<void>((resolve) => node.listen(0, "127.0.0.1", resolve));
     const { port } = node.address() as AddressInfo;
-    const settings = path.join(scratch.folder, "isocortex.toml");
     const text = `[page]\npatient_banner = true\n[pacs]\nstable_seconds = 1\n[[pacs.nodes]]\nname = "archive"\nurl = "http://127.0.0.1:${port}/"\n`;
-    await writeFile(settings, text);
-    const data = path.join(scratch.folder, "data");
-    server = await startServer({ command: "serve", data, options: ["--config", settings] });
+    stage = await startStage("serve", (folder) => configured(folder, text));
+    ({ server, browser } = stage);
     id = await sendCase(server, { dicom: markedSeries({ name: "Müller^Änne", id: "P-77" }), mask: brainMask() });
-    browser = await launchBrowser();
   },
   { timeout: 900_000 },
 );
 
 after(async () => {
-  await browser?.close();
-  await server?.stop();
+  await stage?.end();
   await new Promise((resolve) => node?.close(resolve));
-  await scratch?.clean();
 });
 
 test("the page shows the patient where it may, nowhere else, and a key hides the patient", { skip }, async () => {

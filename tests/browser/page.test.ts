@@ -5,19 +5,9 @@ import { after, before, test } from "node:test";
 
 import type { Browser } from "playwright-core";
 
-import {
-  type Server,
-  type Watched,
-  keep,
-  launchBrowser,
-  openPage,
-  readyCase,
-  scratchFolder,
-  skip,
-  startServer,
-} from "./support.ts";
+import { type Server, type Stage, type Watched, keep, openPage, readyCase, skip, startStage } from "./support.ts";
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 let watched: Watched;
@@ -25,21 +15,16 @@ let watched: Watched;
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "demo", data: scratch.folder });
+    stage = await startStage("demo");
+    ({ server, browser } = stage);
     await readyCase(server.address);
-    browser = await launchBrowser();
     watched = await openPage(browser);
     await watched.page.goto(server.address);
   },
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 test("the page lists the demo's case and shows it", { skip }, async () => {
   const { page } = watched;

@@ -3,7 +3,6 @@
 
 import assert from "node:assert/strict";
 import { once } from "node:events";
-import { writeFile } from "node:fs/promises";
 import { type Server as HttpServer, createServer, request } from "node:http";
 import type { AddressInfo } from "node:net";
 import path from "node:path";
@@ -15,21 +14,21 @@ import { violations } from "./axe.ts";
 import { brainMask, markedVolume } from "./phantom.ts";
 import {
   type Server,
+  type Stage,
+  configured,
   findingsOf,
   keep,
-  launchBrowser,
   openPage,
-  scratchFolder,
   shown,
   skip,
-  startServer,
+  startStage,
   until,
 } from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
 const TOKEN = { authorization: "Bearer a-token-of-the-tests" };
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let proxy: HttpServer;
 let address: string;
@@ -64,38 +63,32 @@ function startProxy(socketPath: string): HttpServer {
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    const config = path.join(scratch.folder, "isocortex.toml");
-    const socket = path.join(scratch.folder, "proxy.sock");
-    const lines = [
+    const socketIn = (folder: string): string => path.join(folder, "proxy.sock");
+    const settings = (folder: string): string[] => [
       `[http]`,
       `token = "${TOKEN.authorization.slice(7)}"`,
       `[proxy]`,
       `user_header = "X-Remote-User"`,
       `groups_header = "X-Remote-Groups"`,
       `sign_out = "/oauth2/sign_out"`,
-      `socket = "${socket}"`,
+      `socket = "${socketIn(folder)}"`,
       `[proxy.roles]`,
       `readers = "editor"`,
     ];
-    await writeFile(config, lines.join("\n"));
-    const options = ["--config", config];
-    server = await startServer({ command: "serve", data: path.join(scratch.folder, "data"), options });
+    stage = await startStage("serve", (folder) => configured(folder, settings(folder).join("\n")));
+    ({ server, browser } = stage);
     id = await sendCase(server, { volume: markedVolume(), mask: brainMask() }, TOKEN);
-    proxy = startProxy(socket).listen(0, "127.0.0.1");
+    proxy = startProxy(socketIn(stage.folder)).listen(0, "127.0.0.1");
     await once(proxy, "listening");
     address = `http://127.0.0.1:${(proxy.address() as AddressInfo).port}/`;
-    browser = await launchBrowser();
   },
   { timeout: 600_000 },
 );
 
 after(async () => {
-  await browser?.close();
   proxy?.closeAllConnections();
   proxy?.close();
-  await server?.stop();
-  await scratch?.clean();
+  await stage?.end();
 });
 
 test("the proxy says who it is, and the end of its session loses nothing", { skip }, async () => {

@@ -9,21 +9,20 @@ import { violations } from "./axe.ts";
 import { brainMask, markedVolume } from "./phantom.ts";
 import {
   type Server,
+  type Stage,
   brightest,
   fragment,
   keep,
-  launchBrowser,
   openPage,
-  scratchFolder,
   shown,
   skip,
-  startServer,
+  startStage,
   typeDepth,
   until,
 } from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 let id: string;
@@ -31,19 +30,14 @@ let id: string;
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "serve", data: scratch.folder });
+    stage = await startStage("serve");
+    ({ server, browser } = stage);
     id = await sendCase(server, { volume: markedVolume(), mask: brainMask() });
-    browser = await launchBrowser();
   },
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 const titles = (page: Page): Promise<string[]> => page.locator(".panel > .group:visible > summary").allInnerTexts();
 

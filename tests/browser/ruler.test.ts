@@ -9,21 +9,20 @@ import { violations } from "./axe.ts";
 import { brainMask, isBrain, nifti } from "./phantom.ts";
 import {
   type Server,
+  type Stage,
   findingsOf,
   keep,
-  launchBrowser,
   openPage,
   rested,
-  scratchFolder,
   shown,
   skip,
-  startServer,
+  startStage,
   typeDepth,
   until,
 } from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 /** A head that is 100 mm wide, 124 mm long and 92 mm high, and a ball of 46 mm. */
@@ -34,24 +33,19 @@ const BALL_MM = 46;
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "serve", data: scratch.folder });
+    stage = await startStage("serve");
+    ({ server, browser } = stage);
     const volume = nifti((x, y, z) => (isBrain(x, y, z) ? 300 : 0));
     head = await sendCase(server, { volume, mask: brainMask() });
     const isBall = (x: number, y: number, z: number): boolean => Math.hypot(x, y, z) < BALL_MM;
     const [round, mask] = [300, 1].map((value) => nifti((x, y, z) => (isBall(x, y, z) ? value : 0)));
     assert.ok(round && mask);
     ball = await sendCase(server, { volume: round, mask });
-    browser = await launchBrowser();
   },
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 /** The number in words such as `Length 100.0 mm`. */
 const valueOf = (words = ""): number => Number(/-?\d[\d,]*(\.\d+)?/.exec(words)?.[0].replace(",", ""));

@@ -1,8 +1,6 @@
 // Signing in by a real issuer: to the case that was meant, again without a loss, and out.
 
 import assert from "node:assert/strict";
-import { writeFile } from "node:fs/promises";
-import path from "node:path";
 import { after, before, test } from "node:test";
 
 import type { Browser, Locator, Page } from "playwright-core";
@@ -12,22 +10,22 @@ import { AUDIENCE, type Issuer, startIssuer } from "./issuer.ts";
 import { brainMask, markedVolume } from "./phantom.ts";
 import {
   type Server,
+  type Stage,
   type Watched,
+  configured,
   findingsOf,
   keep,
-  launchBrowser,
   openPage,
-  scratchFolder,
   shown,
   skip,
-  startServer,
+  startStage,
   until,
 } from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
 const TOKEN = { authorization: "Bearer a-token-of-the-tests" };
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let issuer: Issuer;
 let server: Server;
 let browser: Browser;
@@ -38,9 +36,7 @@ const log: string[] = [];
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
     issuer = await startIssuer();
-    const config = path.join(scratch.folder, "isocortex.toml");
     const lines = [
       `log = "debug"`,
       `[http]`,
@@ -55,26 +51,19 @@ before(
       `[oidc.parameters]`,
       `resource = "${AUDIENCE}"`,
     ];
-    await writeFile(config, lines.join("\n"));
-    server = await startServer({
-      command: "serve",
-      data: path.join(scratch.folder, "data"),
-      options: ["--config", config],
-    });
+    stage = await startStage("serve", (folder) => configured(folder, lines.join("\n")));
+    ({ server, browser } = stage);
     for (const stream of [server.child.stdout, server.child.stderr])
       stream?.on("data", (piece: Buffer) => log.push(String(piece)));
     await issuer.serve(server.address);
     id = await sendCase(server, { volume: markedVolume(), mask: brainMask() }, TOKEN);
-    browser = await launchBrowser();
   },
   { timeout: 600_000 },
 );
 
 after(async () => {
-  await browser?.close();
-  await server?.stop();
+  await stage?.end();
   await issuer?.stop();
-  await scratch?.clean();
 });
 
 /** A page whose issuer needs no fonts of others. */

@@ -6,7 +6,7 @@ import { after, before, test } from "node:test";
 import type { Browser, Page } from "playwright-core";
 
 import { brainMask, markedVolume } from "./phantom.ts";
-import { type Server, keep, launchBrowser, openPage, scratchFolder, shown, skip, startServer } from "./support.ts";
+import { type Server, type Stage, keep, openPage, shown, skip, startStage } from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
 const SIZES = [
@@ -17,27 +17,22 @@ const SIZES = [
   [1920, 1200],
 ] as const;
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "serve", data: scratch.folder });
+    stage = await startStage("serve");
+    ({ server, browser } = stage);
     const parameters = '{"name":"A label of some length, as people give them"}';
     await sendCase(server, { volume: markedVolume(), mask: brainMask(), parameters });
-    browser = await launchBrowser();
   },
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 /** What is wrong with the page as it is laid out, in words. */
 const faults = (page: Page): Promise<string[]> =>

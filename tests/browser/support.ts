@@ -10,7 +10,7 @@ import assert from "node:assert/strict";
 import { type ChildProcess, execFileSync, spawn } from "node:child_process";
 import { once } from "node:events";
 import { existsSync } from "node:fs";
-import { mkdir, mkdtemp, readFile, rm } from "node:fs/promises";
+import { cp, mkdir, mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { createInterface } from "node:readline";
@@ -36,10 +36,13 @@ const executable = findChromium();
 export const skip = !executable && process.env.CI !== "true" ? "no Chromium is installed" : false;
 if (skip) console.error(`SKIPPED: ${skip}; install the package chromium or set CHROMIUM`);
 
-// WebGL2 in software, so that the tests draw the same where there is a graphics card and where there is none.
+// WebGL2 in software, so that the tests draw the same where there is a graphics card and where there is none. All else
+// of the page is drawn without it, as Chromium itself does without a card: by WebGL2 in software, that took most of the
+// time of these tests.
 const FLAGS = [
   "--use-angle=swiftshader",
   "--enable-unsafe-swiftshader",
+  "--disable-gpu-compositing",
   "--no-sandbox",
   "--disable-dev-shm-usage",
   "--disable-quic",
@@ -138,6 +141,61 @@ export async function scratchFolder(): Promise<{ readonly folder: string; clean(
 export async function launchBrowser(): Promise<Browser> {
   assert.ok(executable, "no Chromium is installed, which CI needs");
   return chromium.launch({ executablePath: executable, headless: true, args: FLAGS });
+}
+
+/** What the tests of a file share. */
+export interface Stage {
+  /** For files that the tests write. The server's own are in `data` below it. */
+  readonly folder: string;
+  readonly data: string;
+  /** A test that starts the server again puts the new one here. */
+  server: Server;
+  readonly browser: Browser;
+  /** Stops both, and removes the folder. */
+  end(): Promise<void>;
+}
+
+/**
+ * Starts a browser, and a server whose store no other file has; `writeOptions` writes the files that the options of
+ * the server name. The store of a demo is a copy of ISOCORTEX_PREPARED_DEMO where that is set, so that its head is
+ * prepared once for all files (`prepare.ts`).
+ */
+export async function startStage(
+  command: "demo" | "serve",
+  writeOptions: (folder: string) => Promise<readonly string[]> = async () => [],
+): Promise<Stage> {
+  const { folder, clean } = await scratchFolder();
+  const data = path.join(folder, "data");
+  let browser: Browser | undefined;
+  try {
+    browser = await launchBrowser();
+    const prepared = process.env.ISOCORTEX_PREPARED_DEMO;
+    if (command === "demo" && prepared) await cp(path.resolve(ROOT, prepared), data, { recursive: true });
+    const server = await startServer({ command, data, options: await writeOptions(folder) });
+    const stage: Stage = {
+      folder,
+      data,
+      server,
+      browser,
+      async end() {
+        await stage.browser.close();
+        await stage.server.stop();
+        await clean();
+      },
+    };
+    return stage;
+  } catch (error) {
+    await browser?.close();
+    await clean();
+    throw error;
+  }
+}
+
+/** Writes a file of settings, and returns the options that name it. */
+export async function configured(folder: string, settings: string): Promise<readonly string[]> {
+  const file = path.join(folder, "isocortex.toml");
+  await writeFile(file, settings);
+  return ["--config", file];
 }
 
 /** A page of a context of its own, with what went wrong in it: exceptions, console errors, refusals of the policy. */

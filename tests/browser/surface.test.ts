@@ -10,17 +10,7 @@ import { NAMED_VIEWS, mirrored } from "../../web/src/model/camera.ts";
 import type { ReadyCase } from "../../web/src/model/case.ts";
 import { fitted } from "../../web/src/model/surfaces.ts";
 import { agreement, bare, canvasSize, mapAgrees, show } from "./pixels.ts";
-import {
-  type Server,
-  fragment,
-  keep,
-  launchBrowser,
-  openPage,
-  readyCase,
-  scratchFolder,
-  skip,
-  startServer,
-} from "./support.ts";
+import { type Server, type Stage, fragment, keep, openPage, readyCase, skip, startStage } from "./support.ts";
 
 const VIEWS = ["left", "right", "anterior", "posterior", "superior", "inferior"] as const;
 const DEPTHS_MM = [0, 2, 8, 15, 30] as const;
@@ -29,7 +19,7 @@ const MESH = "contours=80&points=50";
 /** So that the surface's pane is 600 by 496 pixels. */
 const VIEWPORT = { width: 600, height: 800 };
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 let id: string;
@@ -37,19 +27,14 @@ let id: string;
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "demo", data: scratch.folder });
+    stage = await startStage("demo");
+    ({ server, browser } = stage);
     id = await readyCase(server.address);
-    browser = await launchBrowser();
   },
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 interface Facts {
   readonly window: { readonly center: number; readonly width: number };

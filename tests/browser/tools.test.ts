@@ -8,22 +8,21 @@ import type { Browser, Download, Page } from "playwright-core";
 
 import {
   type Server,
+  type Stage,
   type Watched,
   fragment,
   keep,
-  launchBrowser,
   openPage,
   readyCase,
   rested,
-  scratchFolder,
   shown,
   skip,
-  startServer,
+  startStage,
   typeDepth,
   until,
 } from "./support.ts";
 
-let scratch: Awaited<ReturnType<typeof scratchFolder>>;
+let stage: Stage | undefined;
 let server: Server;
 let browser: Browser;
 let watched: Watched;
@@ -34,10 +33,9 @@ let origin: string;
 before(
   async () => {
     if (skip) return;
-    scratch = await scratchFolder();
-    server = await startServer({ command: "demo", data: scratch.folder });
+    stage = await startStage("demo");
+    ({ server, browser } = stage);
     id = await readyCase(server.address);
-    browser = await launchBrowser();
     watched = await openPage(browser, { permissions: ["clipboard-read", "clipboard-write"] });
     page = watched.page;
     origin = `${new URL(server.address).origin}/?renderer=server`;
@@ -47,11 +45,7 @@ before(
   { timeout: 600_000 },
 );
 
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await scratch?.clean();
-});
+after(() => stage?.end());
 
 const group = (title: string): ReturnType<Page["locator"]> =>
   page.locator(".panel .group", { has: page.locator("summary", { hasText: title }) });
@@ -255,7 +249,11 @@ test(
     await open("&x=40,20,30");
     const chart = page.locator("svg.chart");
     await chart.waitFor();
-    const box = await chart.boundingBox();
+    // One that is drawn again at this moment has no place.
+    const box = await until(
+      () => chart.boundingBox(),
+      (found) => found !== null,
+    );
     assert.ok(box);
     // Its axis goes from 40 to 260 of 268, for 0 to 30 mm.
     const at = (depth_mm: number): { x: number; y: number } => ({
