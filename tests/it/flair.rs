@@ -82,7 +82,7 @@ async fn post(server: &Server, address: &str, parts: &[Part<'_>]) -> Answer {
 }
 
 /// Adds a layer and waits until it is ready; what it says then.
-async fn added(server: &Server, case: &str, parts: &[Part<'_>]) -> Value {
+pub(crate) async fn added(server: &Server, case: &str, parts: &[Part<'_>]) -> Value {
     let answer = post(server, &format!("{case}/layers"), parts).await;
     assert_eq!(answer.status, StatusCode::ACCEPTED, "{answer:?}");
     let address = answer.header("location").to_owned();
@@ -91,7 +91,7 @@ async fn added(server: &Server, case: &str, parts: &[Part<'_>]) -> Value {
     layer
 }
 
-async fn patch(server: &Server, address: &str, change: Value) -> Answer {
+pub(crate) async fn patch(server: &Server, address: &str, change: Value) -> Answer {
     let request = Request::patch(address)
         .header(header::CONTENT_TYPE, "application/json")
         .body(Body::from(change.to_string()));

@@ -24,6 +24,7 @@ mod heads;
 mod hostile;
 mod hygiene;
 mod interface;
+mod kept_store;
 mod kill;
 mod launch;
 mod layers;

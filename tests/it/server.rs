@@ -134,7 +134,11 @@ impl Server {
 
     /// A server with another configuration.
     pub(crate) async fn start_with(configure: impl FnOnce(&mut Config)) -> Self {
-        let directory = tempfile::tempdir().unwrap();
+        Self::start_on(tempfile::tempdir().unwrap(), configure).await
+    }
+
+    /// The same, on the store in a directory.
+    pub(crate) async fn start_on(directory: TempDir, configure: impl FnOnce(&mut Config)) -> Self {
         let mut config = Config::default();
         config.storage.data = directory.path().to_owned();
         // The same on every machine; heads of the tests that need names have an atlas of their own.
@@ -257,6 +261,11 @@ impl Server {
             is_settled.then_some(case)
         })
         .await
+    }
+
+    /// The directory of the store.
+    pub(crate) fn directory(&self) -> &Path {
+        self.directory.path()
     }
 
     /// What is in the store beside its database: uploads under way and objects.

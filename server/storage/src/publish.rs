@@ -1,5 +1,6 @@
 //! Derived objects: written when a case is prepared, read when it is shown.
 
+use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -149,16 +150,9 @@ impl Store {
         let Some(claim) = self.claim_rebuild(id).await? else {
             return Ok(None);
         };
-        let mut rebuild = std::pin::pin!(rebuild);
-        let mut heartbeat = tokio::time::interval(self.options().heartbeat);
-        let rebuilt = loop {
-            tokio::select! {
-                rebuilt = &mut rebuild => break rebuilt,
-                _ = heartbeat.tick() => {
-                    // Where it is lost somebody else does the same, which does no harm.
-                    let _kept = self.renew(&claim, None).await;
-                }
-            }
+        let rebuilt = tokio::select! {
+            rebuilt = rebuild => rebuilt,
+            never = self.keep_lease(&claim) => match never {},
         };
         match &rebuilt {
             Ok(_) => self.finish(&claim).await?,
@@ -173,6 +167,16 @@ impl Store {
             }
         };
         rebuilt.map(Some)
+    }
+
+    /// Renews a lease for ever. It runs beside the work and not between its steps: a step may hold the connection that the renewal waits for.
+    async fn keep_lease(&self, claim: &Claim) -> Infallible {
+        let mut heartbeat = tokio::time::interval(self.options().heartbeat);
+        loop {
+            heartbeat.tick().await;
+            // Where it is lost somebody else does the same, which does no harm.
+            let _kept = self.renew(claim, None).await;
+        }
     }
 
     /// Waits until the rebuild of a case is ours; `None` if it is not ready any more.
