@@ -1,10 +1,11 @@
 //! A store that an earlier program made is opened, and what is in it is as it was.
 //!
-//! `ISOCORTEX_WRITE_GOLDEN=1` makes `golden/store.zip` again. Do so while 0.1.0 is not released and its tables or objects change. From
-//! then on the file stays, and each later migration has to open it.
+//! `ISOCORTEX_WRITE_STORE=1` makes `golden/store.zip` again. Do so while 0.1.0 is not released and its tables or objects change. From
+//! then on the file stays, and each later migration has to open it. `ISOCORTEX_WRITE_GOLDEN=1` writes `golden/store.json` again, what is
+//! answered from it: look at what changes before it is committed.
 
 use std::collections::BTreeMap;
-use std::io::{Cursor, Read as _, Write as _};
+use std::io::{Cursor, Write as _};
 use std::path::{Path, PathBuf};
 
 use axum::http::StatusCode;
@@ -20,6 +21,7 @@ use crate::dicom::head_slices;
 use crate::findings::mark;
 use crate::flair::{added, patch};
 use crate::head::plain_head;
+use crate::maps::until_maps;
 use crate::pacs::Neighbour;
 use crate::series_builder::{Syntax, files};
 use crate::server::{Part, Server};
@@ -36,12 +38,11 @@ const QUESTIONS: [&str; 8] = [
     "/render?depth_mm=8&renderer=splat",
 ];
 
-/// Names in the archive: the files of the store, and the answers of the program that made it.
-const STORE: &str = "store";
-const ANSWERS: &str = "answers.json";
-
-fn kept() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/store.zip")
+/// A file beside the tests: the store, or the answers from it.
+fn kept(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("golden")
+        .join(name)
 }
 
 /// Makes a store with a case from a PACS that is kept and has findings and a layer.
@@ -64,22 +65,14 @@ async fn make() {
     let server = neighbour.restarted().await;
 
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-    let mut put = |name: String, bytes: &[u8]| {
-        archive
-            .start_file(name, SimpleFileOptions::default())
-            .unwrap();
-        archive.write_all(bytes).unwrap();
-    };
-    let answers = json!({ "case": case, "answers": answers(&server, &case).await });
-    put(ANSWERS.to_owned(), answers.to_string().as_bytes());
     for file in files_below(server.directory()) {
         let name = file.strip_prefix(server.directory()).unwrap();
-        put(
-            format!("{STORE}/{}", name.display()),
-            &std::fs::read(&file).unwrap(),
-        );
+        archive
+            .start_file(name.to_string_lossy(), SimpleFileOptions::default())
+            .unwrap();
+        archive.write_all(&std::fs::read(&file).unwrap()).unwrap();
     }
-    std::fs::write(kept(), archive.finish().unwrap().into_inner()).unwrap();
+    std::fs::write(kept("store.zip"), archive.finish().unwrap().into_inner()).unwrap();
 }
 
 /// The answers to all questions: JSON as it is, other bodies as digests, pictures by their pixels.
@@ -118,35 +111,38 @@ fn is_within(before: &Value, now: &Value) -> bool {
 
 #[tokio::test]
 async fn a_store_of_an_earlier_program_is_opened_and_has_what_it_had() {
-    if std::env::var_os("ISOCORTEX_WRITE_GOLDEN").is_some() {
+    let is_asked = |variable| std::env::var_os(variable).is_some();
+    if is_asked("ISOCORTEX_WRITE_STORE") {
         make().await;
     }
     let directory = tempfile::tempdir().unwrap();
-    let mut archive = ZipArchive::new(std::fs::File::open(kept()).unwrap()).unwrap();
-    let mut before = Value::Null;
-    for index in 0..archive.len() {
-        let mut file = archive.by_index(index).unwrap();
-        let name = file.enclosed_name().unwrap();
-        let mut bytes = Vec::new();
-        file.read_to_end(&mut bytes).unwrap();
-        if name == Path::new(ANSWERS) {
-            before = serde_json::from_slice(&bytes).unwrap();
-            continue;
-        }
-        let path = directory.path().join(name.strip_prefix(STORE).unwrap());
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(path, bytes).unwrap();
-    }
+    let archive = std::fs::File::open(kept("store.zip")).unwrap();
+    ZipArchive::new(archive)
+        .unwrap()
+        .extract(directory.path())
+        .unwrap();
     let server = Server::start_on(directory, |_| {}).await;
     // What is kept for some days only is gone by the time that a later program opens the store.
     let days = std::time::Duration::from_secs(30 * 24 * 3600);
     server.state.cases.store().pass_time(days);
-    let case = before["case"].as_str().unwrap();
-    let now = answers(&server, case).await;
-    for (question, before) in before["answers"].as_object().unwrap() {
-        let now = &now[question];
+    let list = server.get("/v1/cases").await.json();
+    let [case] = &list["cases"].as_array().unwrap()[..] else {
+        panic!("the store has one case: {list}");
+    };
+    let case = format!("/v1/cases/{}", case["id"].as_str().unwrap());
+    until_maps(&server, &case).await;
+    let now = answers(&server, &case).await;
+    if is_asked("ISOCORTEX_WRITE_GOLDEN") || is_asked("ISOCORTEX_WRITE_STORE") {
+        let written = serde_json::to_string_pretty(&now).unwrap() + "\n";
+        std::fs::write(kept("store.json"), written).unwrap();
+    }
+    let before = std::fs::read(kept("store.json")).unwrap();
+    let before: BTreeMap<String, Value> = serde_json::from_slice(&before).unwrap();
+    assert_eq!(before.len(), QUESTIONS.len());
+    for (question, before) in before {
+        let now = &now[&question];
         assert!(
-            is_within(before, now),
+            is_within(&before, now),
             "{question}\nbefore: {before}\nnow: {now}"
         );
     }

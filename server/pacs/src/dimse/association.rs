@@ -46,7 +46,7 @@ pub(crate) enum Abort {
     TooSlow,
     #[error("the peer aborted it")]
     ByPeer,
-    #[error("calling or called AE title not accepted")]
+    #[error("the association was rejected")]
     Rejected,
 }
 
