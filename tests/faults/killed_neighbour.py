@@ -266,7 +266,7 @@ def main():
                     "what": "view",
                     "render": {"depth_mm": 1 + len(results) % 40 / 4, "width": 128 + len(results) // 40, "height": 128},
                     "node": "receiver",
-                    # Not the study of the images: it has a thousand series by now, and comparing their patients takes longer than a kill is away.
+                    # Not the study of the images, which has a thousand series by now: to compare their patients takes longer than the time between two kills.
                     "study": {"StudyInstanceUID": "1.2.4", "PatientID": "P-1"},
                 }
                 status, headers, body = server.ask("POST", f"{case}/dicom-results", json.dumps(asked), timeout=20)
