@@ -11,7 +11,6 @@ mod command_line;
 mod corrections;
 mod dicom;
 mod dicomweb;
-mod encryption;
 mod extraction;
 mod faults;
 mod findings;

@@ -103,10 +103,6 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         true => format!("the store is in {place}"),
         false => format!("the store will be in {place}, which does not exist yet"),
     });
-    say(match location.keys.current() {
-        Some(key) => format!("its objects are encrypted with the key {key}"),
-        None => "its objects are not encrypted (`storage.key_file`)".to_owned(),
-    });
     say(format!(
         "processes that read files and prepare cases may use {} MiB together",
         children.bytes >> 20

@@ -26,7 +26,7 @@ use http_support::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
 use http_support::tokens::NamedToken;
 use pipeline::HeadLimits;
 use serde::Deserialize;
-use storage::{BadAddress, BadKeys, DatabaseAddress, Keys, Location, ObjectsAddress};
+use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 
 use crate::collector::{BadCollector, Collector};
 use crate::logs::LogFormat;
@@ -191,9 +191,6 @@ pub enum ConfigError {
         key: &'static str,
         source: BadAddress,
     },
-    /// The keys of the store cannot be used.
-    #[error("cannot use the keys in {} (`storage.key_file`): {source}", .path.display())]
-    Keys { path: PathBuf, source: BadKeys },
     /// An origin is none.
     #[error("`{key}`: {source}")]
     Origin {
@@ -613,7 +610,6 @@ impl Config {
             folder: self.storage.data.clone(),
             database,
             objects: objects.map_err(wrong("storage.objects"))?,
-            keys: keys(self.storage.key_file.as_deref())?,
         })
     }
 
@@ -738,20 +734,6 @@ impl Config {
             shutdown_grace: Duration::from_secs(self.http.shutdown_grace_secs),
         }
     }
-}
-
-/// The keys of a store, if there is a file with them.
-///
-/// # Errors
-/// If they cannot be used.
-pub(crate) fn keys(file: Option<&Path>) -> Result<Keys, ConfigError> {
-    let Some(path) = file else {
-        return Ok(Keys::default());
-    };
-    Keys::read(path).map_err(|source| ConfigError::Keys {
-        path: path.to_owned(),
-        source,
-    })
 }
 
 fn days(count: u64) -> Duration {

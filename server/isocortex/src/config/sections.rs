@@ -414,8 +414,6 @@ pub struct Storage {
     pub database_password_file: Option<PathBuf>,
     /// The objects, unless they are in the directory: `s3://bucket/prefix` or `file:///folder`.
     pub objects: Option<String>,
-    /// A file with the keys with which the objects are encrypted; without one, they are not.
-    pub key_file: Option<PathBuf>,
     /// The age in days at which ready and failed cases are removed, unless they are kept; by default none is.
     pub keep_days: Option<u64>,
     /// Free bytes on the disk of the store below which `/readyz` reports a full disk.
@@ -429,7 +427,6 @@ impl Default for Storage {
             database: None,
             database_password_file: None,
             objects: None,
-            key_file: None,
             keep_days: None,
             min_free_bytes: 64 << 20,
         }
