@@ -31,7 +31,6 @@ mod maps;
 mod masks;
 mod memory;
 mod nifti;
-mod oidc;
 mod openapi;
 mod operation;
 mod orthanc;

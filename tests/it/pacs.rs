@@ -830,14 +830,7 @@ async fn no_title_is_the_name_of_anybody_else_in_the_audit_record() {
     })
     .await;
     let address = dimse(&neighbour, dimse_options()).await;
-    let titles = [
-        "proxy:ana",
-        "oidc:u-17",
-        "isocortex",
-        "anybody",
-        "token",
-        "dr.silva",
-    ];
+    let titles = ["proxy:ana", "isocortex", "anybody", "token", "dr.silva"];
     for title in titles {
         let mut stream = TcpStream::connect(address).await.unwrap();
         stream.write_all(&association_of(title)).await.unwrap();

@@ -156,10 +156,7 @@ impl Witness {
     pub(crate) async fn is_refused(&self, why: &AppError, has_token: bool) {
         let (kind, object) = match why {
             AppError::MissingScope { .. } => (EventKind::SecurityAlert, "missing scope"),
-            AppError::TokenEnded | AppError::SignInEnded => {
-                (EventKind::UserAuthentication, "ended token")
-            }
-            AppError::IssuerAway => (EventKind::UserAuthentication, "unverified token"),
+            AppError::TokenEnded => (EventKind::UserAuthentication, "ended token"),
             AppError::ProxyRefused { .. } => (EventKind::UserAuthentication, "headers of a proxy"),
             _ if has_token => (EventKind::UserAuthentication, "wrong token"),
             _ => (EventKind::UserAuthentication, "no token"),

@@ -18,7 +18,6 @@ use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
 use http_support::auth::{Access, BadToken, unnamed};
 use http_support::listen::ConnectionLimits;
-use http_support::oidc::{BadIssuer, Issuer};
 use http_support::origins::{NotAnOrigin, Origins};
 use http_support::pace::LeastRate;
 use http_support::proxy::{BadProxy, SignInProxy};
@@ -33,7 +32,7 @@ use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::sections::{
-    AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Oidc, Page, Prepare, Proxy, Render,
+    AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Proxy, Render,
     Secret, Storage, Syslog,
 };
 pub(crate) use self::tokens::check_name as check_token_name;
@@ -55,8 +54,6 @@ pub struct Config {
     pub http: Http,
     /// Limits on uploads and queues.
     pub limits: Limits,
-    /// The issuer by whom people sign in, if there is one.
-    pub oidc: Option<Oidc>,
     /// What the page shows.
     pub page: Page,
     /// Images from a PACS.
@@ -91,7 +88,6 @@ impl Default for Config {
             audit: AuditFiles::default(),
             http: Http::default(),
             limits: Limits::default(),
-            oidc: None,
             page: Page::default(),
             pacs: Pacs::default(),
             prepare: Prepare::default(),
@@ -158,9 +154,6 @@ pub enum ConfigError {
     /// A token in two places.
     #[error("set the token in `http.token` or in `http.token_file`, not in both")]
     TwoTokens,
-    /// The issuer cannot be used.
-    #[error("`oidc`: {0}")]
-    Issuer(#[from] BadIssuer),
     /// Nobody can sign in by the proxy.
     #[error("`proxy`: {0}")]
     Proxy(#[from] BadProxy),
@@ -179,7 +172,7 @@ pub enum ConfigError {
     ProxyProject(NotAProject),
     /// Everyone on the network could read everything.
     #[error(
-        "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file`, `oidc` or `proxy`, or listen on 127.0.0.1"
+        "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file` or `proxy`, or listen on 127.0.0.1"
     )]
     OpenToStrangers {
         /// The configured address.
@@ -239,9 +232,6 @@ pub enum ConfigError {
         /// Their title.
         aet: String,
     },
-    /// A project of `[oidc]` is not one.
-    #[error("`oidc.projects`: {0}")]
-    OidcProject(NotAProject),
     /// TLS of DIMSE is configured incompletely.
     #[error(
         "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
@@ -319,20 +309,15 @@ impl Config {
             tokens.push(unnamed(token.trim())?);
         }
         let listen = self.http.listen;
-        let issuer = self.issuer()?;
         let proxy = self.sign_in_proxy()?;
-        let wants_token = !tokens.is_empty()
-            || self.http.tokens_file.is_some()
-            || issuer.is_some()
-            || proxy.is_some();
+        let wants_token = !tokens.is_empty() || self.http.tokens_file.is_some() || proxy.is_some();
         let access = match wants_token {
             true => Access::with_tokens(tokens),
             false if listen.ip().is_loopback() => Access::of_this_machine(),
             false => return Err(ConfigError::OpenToStrangers { listen }),
         };
         let [allowed, _] = self.origins()?;
-        let access = access.with_origins(allowed).with_issuer(issuer);
-        Ok(access.with_proxy(proxy))
+        Ok(access.with_origins(allowed).with_proxy(proxy))
     }
 
     /// How people sign in by a proxy, if they do.
@@ -352,16 +337,6 @@ impl Config {
         }
         let options = proxy.options().map_err(ConfigError::ProxyProject)?;
         Ok(Some(SignInProxy::new(options)?))
-    }
-
-    /// The issuer by whom people sign in, of which nothing is asked yet.
-    ///
-    /// # Errors
-    /// If it cannot be used.
-    pub fn issuer(&self) -> Result<Option<Issuer>, ConfigError> {
-        let options = self.oidc.as_ref().map(Oidc::options).transpose();
-        let options = options.map_err(ConfigError::OidcProject)?;
-        Ok(options.map(Issuer::new).transpose()?)
     }
 
     /// The origins whose pages may read answers, and those in whose frames the page may stand.
