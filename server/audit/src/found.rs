@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::line::read;
-use crate::trail::is_of_trail;
 
 /// The longest line that is read here, in bytes.
 const LONGEST_LINE: u64 = 4 << 20;
@@ -49,7 +48,6 @@ pub(crate) fn files_in(folder: &Path) -> io::Result<(Files, Vec<String>)> {
             Some((process, number)) => {
                 files.entry(process).or_default().insert(number, path);
             }
-            None if is_of_trail(&name) => {}
             None => strange.push(name.into_owned()),
         }
     }

@@ -5,17 +5,15 @@
 //! label or a query; UIDs are digests.
 //!
 //! A thread writes; [`Audit::record_durable`] resolves once an event is on the disk. If it cannot be written, [`Audit::is_full`] holds
-//! until a line can be appended again. A [`Trail`] reads the lines on while they are written, to send them elsewhere.
+//! until a line can be appended again.
 
 mod bounded;
 mod event;
 mod found;
 mod line;
-mod trail;
 mod verify;
 mod writer;
 
 pub use self::event::{Action, Event, EventKind, Outcome, digest_of_uid, project_named};
-pub use self::trail::{Passage, Places, Trail, TrailLine};
 pub use self::verify::{Break, BreakKind, Head, Verified, verify};
 pub use self::writer::{Audit, CannotRecord, Options, WINDOW, check_folder};

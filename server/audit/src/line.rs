@@ -133,10 +133,6 @@ pub(crate) fn write(
 pub(crate) struct Read {
     pub(crate) seq: u64,
     pub(crate) process: String,
-    pub(crate) time: String,
-    /// The DICOM name of its kind.
-    pub(crate) name: String,
-    pub(crate) outcome: String,
     pub(crate) previous: String,
     /// The digest that it states.
     pub(crate) digest: String,
@@ -153,11 +149,8 @@ pub(crate) fn read(line: &[u8]) -> Option<Read> {
     #[derive(Deserialize)]
     struct Known {
         seq: u64,
-        time: String,
         process: String,
         event: String,
-        name: String,
-        outcome: String,
         object: String,
         file: Option<u32>,
         previous: String,
@@ -173,9 +166,6 @@ pub(crate) fn read(line: &[u8]) -> Option<Read> {
         file: known.file,
         seq: known.seq,
         process: known.process,
-        time: known.time,
-        name: known.name,
-        outcome: known.outcome,
         previous: known.previous,
         digest: known.digest,
         is_sound,

@@ -560,7 +560,7 @@ fn make_file(folder: &Path, process: &str, number: u32) -> io::Result<File> {
     Ok(file)
 }
 
-pub(crate) fn private() -> OpenOptions {
+fn private() -> OpenOptions {
     let mut options = OpenOptions::new();
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
@@ -568,7 +568,7 @@ pub(crate) fn private() -> OpenOptions {
 }
 
 /// Makes the name of a new file durable.
-pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
+fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) {
         File::open(folder)?.sync_all()?;
     }
