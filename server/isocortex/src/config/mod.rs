@@ -466,7 +466,6 @@ impl Config {
         let options = audit::Options {
             folder: folder.clone(),
             max_file_bytes: self.audit.max_file_bytes,
-            window: audit::WINDOW,
         };
         Audit::start(options).map_err(|source| ConfigError::Audit {
             folder: folder.clone(),
