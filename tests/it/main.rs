@@ -6,7 +6,6 @@ mod archives;
 mod attacks;
 mod audit;
 mod backup;
-mod collector;
 mod command_line;
 mod corrections;
 mod dicom;

@@ -14,12 +14,11 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use case::Project;
 use cases::places::Identity;
 use futures_util::StreamExt as _;
 use tokio::sync::watch;
 
-use crate::audited::Witness;
+use crate::audited::Recorder;
 use crate::door::Connection;
 use crate::guesses::Guesses;
 use crate::listen::{Peer, client_of};
@@ -27,7 +26,7 @@ use crate::origins::Origins;
 use crate::problem::AppError;
 use crate::proxy::{ASKED_AGAIN_AFTER, SignInProxy};
 use crate::scopes::ScopeTable;
-use crate::tokens::{ANYBODY, Holder, Mismatch, NamedToken, Tokens};
+use crate::tokens::{Holder, Mismatch, NamedToken, Tokens};
 
 /// The fewest characters of a bearer token: 16 random ones cannot be guessed.
 pub const MIN_TOKEN_LENGTH: usize = 16;
@@ -413,21 +412,17 @@ pub async fn require_token(
             let path = request.extensions().get::<MatchedPath>();
             let path = path.map_or("", MatchedPath::as_str);
             let (scope, audited) = scopes.row(request.method(), path);
-            let witness = Witness::new(&audit, &holder.name, holder.project, &request);
-            if opened.is_some() {
-                witness.signs_in().await?;
-            }
+            let recorder = Recorder::new(&audit, &holder.name, holder.project, audited, &request);
             if !holder.scopes.contains(&scope) {
-                let refusal = AppError::MissingScope { holder, scope };
-                witness.is_refused(&refusal, true).await;
-                return Err(refusal);
+                recorder.refuses(request).await;
+                return Err(AppError::MissingScope { holder, scope });
             }
             request.extensions_mut().insert(holder);
             if let Some(identity) = identity {
                 request.extensions_mut().insert(identity);
             }
             let client = client_of(request.extensions());
-            let answered = witness.watch(audited, request, next);
+            let answered = recorder.answer(request, next);
             let mut response = cases::for_client(client, answered).await;
             if let Some(opened) = &opened {
                 // A browser keeps answers for whoever has asked alone.
@@ -442,8 +437,6 @@ pub async fn require_token(
         Err(refusal) => refusal,
     };
     let has_token = given_token(request.headers()).is_some();
-    let witness = Witness::new(&audit, ANYBODY, Project::DEFAULT, &request);
-    witness.is_refused(&refusal, has_token).await;
     // A request without a token is not a guess, nor is a token that was right.
     let is_guess = has_token && matches!(refusal, AppError::Unauthorized);
     let wait = match is_guess {

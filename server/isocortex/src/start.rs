@@ -14,7 +14,6 @@ use pacs::Pacs;
 use service::app::{Beside, app_beside};
 use service::state::{AppState, HttpOptions};
 
-use crate::collector::Sender;
 use crate::config::{Config, ConfigError, DICOM_UNPACKING, Network};
 
 /// Why a server cannot start.
@@ -105,12 +104,6 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     match &config.audit.folder {
         Some(folder) => say(format!("who does what is recorded in {}", folder.display())),
         None => say("nothing is recorded of who does what (`audit.folder`)".to_owned()),
-    }
-    if let Some(collector) = config.collector()? {
-        say(format!(
-            "sends this record by syslog over TLS to {}, which nobody has asked yet (`isocortex audit test`)",
-            collector.address()
-        ));
     }
     for (what, place) in [("database", database), ("objects", objects)] {
         if let Some(place) = place {
@@ -251,22 +244,6 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
         ..config.cases()?
     };
     Ok(AppState::new(Cases::open(cases).await?, options))
-}
-
-/// Begins to send the audit record to its collector, if there is one.
-///
-/// # Errors
-/// If the configuration is invalid, or nothing can be sent.
-pub fn sender(config: &Config) -> Result<Option<Sender>, ConfigError> {
-    let (Some(collector), Some(folder)) = (config.collector()?, &config.audit.folder) else {
-        return Ok(None);
-    };
-    let sender = Sender::start(folder, collector);
-    let sender = sender.map_err(|source| ConfigError::Audit {
-        folder: folder.clone(),
-        source,
-    })?;
-    Ok(Some(sender))
 }
 
 /// What images from a PACS go to, on the application that is served.

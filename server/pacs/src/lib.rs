@@ -68,8 +68,8 @@ pub const SCOPES: &[Row] = &[
     read("/dicomweb/studies/{study}/metadata", Audited::Identity),
     read("/dicomweb/studies/{study}/series", Audited::Identity),
     read("/dicomweb/studies/{study}/instances", Audited::Identity),
-    read("/dicomweb/studies/{study}/rendered3D", Audited::Picture),
-    read("/dicomweb/studies/{study}/rendered3d", Audited::Picture),
+    read("/dicomweb/studies/{study}/rendered3D", Audited::View),
+    read("/dicomweb/studies/{study}/rendered3d", Audited::View),
     read("/dicomweb/studies/{study}/series/{series}", Audited::Export),
     read(
         "/dicomweb/studies/{study}/series/{series}/metadata",
@@ -81,19 +81,19 @@ pub const SCOPES: &[Row] = &[
     ),
     read(
         "/dicomweb/studies/{study}/series/{series}/rendered3D",
-        Audited::Picture,
+        Audited::View,
     ),
     read(
         "/dicomweb/studies/{study}/series/{series}/rendered3d",
-        Audited::Picture,
+        Audited::View,
     ),
     read(
         "/dicomweb/studies/{study}/series/{series}/rendered",
-        Audited::Picture,
+        Audited::View,
     ),
     read(
         "/dicomweb/studies/{study}/series/{series}/thumbnail",
-        Audited::Picture,
+        Audited::View,
     ),
     read(
         "/dicomweb/studies/{study}/series/{series}/instances/{instance}",
@@ -105,11 +105,11 @@ pub const SCOPES: &[Row] = &[
     ),
     read(
         "/dicomweb/studies/{study}/series/{series}/instances/{instance}/rendered",
-        Audited::Picture,
+        Audited::View,
     ),
     read(
         "/dicomweb/studies/{study}/series/{series}/instances/{instance}/thumbnail",
-        Audited::Picture,
+        Audited::View,
     ),
     read(
         "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}",
@@ -117,7 +117,7 @@ pub const SCOPES: &[Row] = &[
     ),
     read(
         "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}/rendered",
-        Audited::Picture,
+        Audited::View,
     ),
     // A notice of a PACS, which fetches a series.
     post("/hooks/orthanc", Scope::DicomStore, Audited::Fetch),

@@ -27,13 +27,12 @@ use pipeline::HeadLimits;
 use serde::Deserialize;
 use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 
-use crate::collector::{BadCollector, Collector};
 use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::sections::{
     AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Proxy, Render,
-    Secret, Storage, Syslog,
+    Secret, Storage,
 };
 pub(crate) use self::tokens::check_name as check_token_name;
 
@@ -145,12 +144,6 @@ pub enum ConfigError {
         folder: PathBuf,
         source: std::io::Error,
     },
-    /// There is no record to send.
-    #[error("`audit.syslog` sends what is in `audit.folder`; set the folder too")]
-    NothingToSend,
-    /// The collector of the audit record cannot be used.
-    #[error("`audit.syslog`: {0}")]
-    Collector(#[from] BadCollector),
     /// A token in two places.
     #[error("set the token in `http.token` or in `http.token_file`, not in both")]
     TwoTokens,
@@ -445,7 +438,6 @@ impl Config {
         let options = audit::Options {
             folder: folder.clone(),
             max_file_bytes: self.audit.max_file_bytes,
-            window: audit::WINDOW,
         };
         Audit::start(options).map_err(|source| ConfigError::Audit {
             folder: folder.clone(),
@@ -465,20 +457,6 @@ impl Config {
             folder: folder.clone(),
             source,
         })
-    }
-
-    /// The collector to which the record is sent, if there is one.
-    ///
-    /// # Errors
-    /// If it has no address, or a file for TLS cannot be used.
-    pub fn collector(&self) -> Result<Option<Collector>, ConfigError> {
-        let Some(syslog) = &self.audit.syslog else {
-            return Ok(None);
-        };
-        if self.audit.folder.is_none() {
-            return Err(ConfigError::NothingToSend);
-        }
-        Ok(Some(Collector::new(syslog)?))
     }
 
     fn token_text(&self) -> Result<Option<String>, ConfigError> {

@@ -131,8 +131,6 @@ pub struct AuditFiles {
     pub folder: Option<PathBuf>,
     /// The size beyond which another file is begun, in bytes.
     pub max_file_bytes: u64,
-    /// Where its lines are sent too.
-    pub syslog: Option<Syslog>,
 }
 
 impl Default for AuditFiles {
@@ -140,23 +138,10 @@ impl Default for AuditFiles {
         Self {
             folder: None,
             max_file_bytes: 64 << 20,
-            syslog: None,
         }
     }
 }
 
-/// `[audit.syslog]`: a collector of syslog by TLS.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Syslog {
-    /// Its host and port; 6514 if there is no port.
-    pub address: String,
-    /// A file with the certificates in PEM that that of the collector is issued by.
-    pub tls_authority: PathBuf,
-    /// A file with our certificate in PEM, if the collector requires one.
-    pub tls_certificate: Option<PathBuf>,
-    /// A file with its key in PEM.
-    pub tls_key: Option<PathBuf>,
 }
 
 /// `[proxy]`: a proxy that signs people in, and names them in headers.
