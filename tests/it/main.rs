@@ -2,6 +2,7 @@
 
 mod agreement;
 mod apart;
+mod archive;
 mod archives;
 mod attacks;
 mod audit;
@@ -10,7 +11,6 @@ mod collector;
 mod command_line;
 mod corrections;
 mod dicom;
-mod dicomweb;
 mod encryption;
 mod extraction;
 mod faults;
