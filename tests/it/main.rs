@@ -2,6 +2,7 @@
 
 mod agreement;
 mod apart;
+mod archive;
 mod archives;
 mod attacks;
 mod audit;
@@ -9,7 +10,6 @@ mod backup;
 mod command_line;
 mod corrections;
 mod dicom;
-mod dicomweb;
 mod extraction;
 mod faults;
 mod findings;

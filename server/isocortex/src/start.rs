@@ -263,7 +263,6 @@ pub fn pacs(config: &Config, cases: &Cases) -> Result<Pacs, ConfigError> {
         },
         nodes: config.pacs.nodes()?,
         ignores_other_objects: config.pacs.ignore_other_objects,
-        serves_source: config.pacs.keep_source,
         shows_patient: config.shows_patient()?,
         time_zone: config.pacs.time_zone()?,
     };
