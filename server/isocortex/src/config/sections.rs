@@ -142,8 +142,6 @@ impl Default for AuditFiles {
     }
 }
 
-}
-
 /// `[proxy]`: a proxy that signs people in, and names them in headers.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
