@@ -95,12 +95,6 @@ enum Command {
     Prepare(prepare::PrepareArgs),
     /// Draw the cut of a case or a volume as PNG.
     Render(render::RenderArgs),
-    /// Replaced by the program `isocortex-bench`.
-    #[command(hide = true, disable_help_flag = true)]
-    Bench {
-        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
-        arguments: Vec<String>,
-    },
 }
 
 /// A volume and the options of its preparation.
@@ -224,10 +218,6 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Demo(args) => demo::run(&args),
         Command::Prepare(args) => prepare::run(&args),
         Command::Render(args) => render::run(&args),
-        Command::Bench { .. } => Err(CliError::new(
-            ExitStatus::Usage,
-            "`bench` is a separate program now; run `isocortex-bench paper`",
-        )),
     }
 }
 
@@ -361,14 +351,6 @@ mod tests {
             panic!("{warnings:?}")
         };
         assert!(warning.contains("ISOCORTEX_TOKENFILE"), "{warning}");
-    }
-
-    #[test]
-    fn the_old_bench_names_the_program_that_took_its_place() {
-        let old = ["isocortex", "bench", "--growth", "--plot", "plots"];
-        let error = run(Cli::try_parse_from(old).unwrap().command).unwrap_err();
-        assert_eq!(error.status, ExitStatus::Usage);
-        assert!(error.message.contains("isocortex-bench paper"));
     }
 
     #[test]
