@@ -175,8 +175,6 @@ fn oidc(issuer: &str) -> Oidc {
         scope: "openid profile".to_owned(),
         parameters: BTreeMap::new(),
         roles_claim: "roles".to_owned(),
-        projects_claim: None,
-        projects: BTreeMap::new(),
         roles: BTreeMap::new(),
     }
 }

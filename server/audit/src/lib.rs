@@ -15,7 +15,7 @@ mod trail;
 mod verify;
 mod writer;
 
-pub use self::event::{Action, Event, EventKind, Outcome, digest_of_uid, project_named};
+pub use self::event::{Action, Event, EventKind, Outcome, digest_of_uid};
 pub use self::trail::{Passage, Places, Trail, TrailLine};
 pub use self::verify::{Break, BreakKind, Head, Verified, verify};
 pub use self::writer::{Audit, CannotRecord, Options, WINDOW, check_folder};

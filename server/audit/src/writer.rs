@@ -270,7 +270,6 @@ struct Alike {
     object: &'static str,
     who: Arc<str>,
     from: Option<IpAddr>,
-    project: Option<Arc<str>>,
     case: Option<Arc<str>>,
     study: Option<Arc<str>>,
 }
@@ -284,7 +283,6 @@ impl Alike {
             object: event.object,
             who: event.who.clone(),
             from: event.from,
-            project: event.project.clone(),
             case: event.case.clone(),
             study: event.study.clone(),
         }

@@ -14,7 +14,6 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use case::Project;
 use cases::places::Identity;
 use futures_util::StreamExt as _;
 use tokio::sync::watch;
@@ -443,7 +442,7 @@ pub async fn require_token(
             let path = request.extensions().get::<MatchedPath>();
             let path = path.map_or("", MatchedPath::as_str);
             let (scope, audited) = scopes.row(request.method(), path);
-            let witness = Witness::new(&audit, &holder.name, holder.project, &request);
+            let witness = Witness::new(&audit, &holder.name, &request);
             if opened.is_some() {
                 witness.signs_in().await?;
             }
@@ -472,7 +471,7 @@ pub async fn require_token(
         Err(refusal) => refusal,
     };
     let has_token = given_token(request.headers()).is_some();
-    let witness = Witness::new(&audit, ANYBODY, Project::DEFAULT, &request);
+    let witness = Witness::new(&audit, ANYBODY, &request);
     witness.is_refused(&refusal, has_token).await;
     // A request without a token is not a guess, nor is a token that was right or that somebody has signed.
     let is_wrong = match refusal {

@@ -3,14 +3,13 @@
 //! Headers are believed if they come by a connection of a proxy that the configuration lists, and from nobody else. The name of the user and
 //! the groups must come once each: a proxy that adds a header to the one that a client has sent lets everybody be everybody.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use axum::http::{HeaderMap, HeaderName, HeaderValue};
-use case::Project;
 
-use crate::oidc::{Found, SignedIn, project_of, scopes_of};
+use crate::oidc::{SignedIn, scopes_of};
 use crate::origins::Origins;
 use crate::problem::AppError;
 use crate::scopes::Role;
@@ -52,8 +51,6 @@ pub struct ProxyOptions {
     pub separator: char,
     /// The role of each group. If this is empty, the groups are the names of roles.
     pub roles: BTreeMap<String, Role>,
-    /// The project of each group. If this is empty, everybody belongs to the project without a name.
-    pub projects: BTreeMap<String, Project>,
     /// Where the proxy signs people out: a path, or an address.
     pub sign_out: Option<String>,
 }
@@ -134,7 +131,7 @@ impl SignInProxy {
     /// Whom the headers of a proxy name; `None` if they name nobody.
     ///
     /// # Errors
-    /// [`AppError::ProxyRefused`] if they name several people, or groups of several projects.
+    /// [`AppError::ProxyRefused`] if they name several people.
     pub(crate) fn open(&self, headers: &HeaderMap) -> Result<Option<SignedIn>, AppError> {
         let options = &self.0.options;
         let Some(user) = one(headers, &self.0.user)? else {
@@ -158,16 +155,10 @@ impl SignInProxy {
             None => vec![words],
             Some(_) => words.split(options.separator).map(str::trim).collect(),
         };
-        let (scopes, project) = match project_of(&options.projects, &words) {
-            Found::One(project) => (scopes_of(&options.roles, &words), project),
-            Found::None => (BTreeSet::new(), Project::DEFAULT),
-            Found::Several => return Err(refused("names groups of more than one project")),
-        };
         Ok(Some(SignedIn {
             holder: Holder {
                 name: name_by(PREFIX, user),
-                scopes,
-                project,
+                scopes: scopes_of(&options.roles, &words),
             },
             ends: SystemTime::now() + AGAIN,
         }))
@@ -217,7 +208,6 @@ mod tests {
     use crate::scopes::Scope;
 
     fn options() -> ProxyOptions {
-        let [one, two] = ["one", "two"].map(|name| Project::parse(name).unwrap());
         ProxyOptions {
             user_header: "X-Remote-User".to_owned(),
             groups_header: Some("X-Remote-Groups".to_owned()),
@@ -225,12 +215,6 @@ mod tests {
             roles: [
                 ("readers".to_owned(), Role::Editor),
                 ("guests".to_owned(), Role::Viewer),
-            ]
-            .into(),
-            projects: [
-                ("readers".to_owned(), one),
-                ("guests".to_owned(), one),
-                ("study".to_owned(), two),
             ]
             .into(),
             sign_out: None,
@@ -252,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn groups_have_roles_and_a_project() {
+    fn groups_have_roles() {
         let found = named(&[
             ("X-REMOTE-USER", " ana "),
             ("x-remote-groups", "staff, readers,,"),
@@ -263,7 +247,6 @@ mod tests {
             found.scopes,
             [Scope::Read, Scope::Write, Scope::Results].into()
         );
-        assert_eq!(found.project.name(), "one");
         for groups in ["admin", "", "Readers", "readers guests"] {
             let found = named(&[("x-remote-user", "ana"), ("x-remote-groups", groups)]);
             assert!(found.unwrap().unwrap().scopes.is_empty(), "{groups}");
@@ -301,11 +284,6 @@ mod tests {
         assert!(twice("X-Remote-User", "eve") && twice("x-remote-user", "ana"));
         assert!(twice("x-remote-user", "") && twice("x-remote-groups", "readers"));
         assert!(user("ana, eve").is_err() && user("ana,").is_err());
-        let both = [
-            ("x-remote-user", "ana"),
-            ("x-remote-groups", "guests,study"),
-        ];
-        assert!(named(&both).is_err());
     }
 
     #[test]
@@ -323,7 +301,6 @@ mod tests {
     fn users_have_roles_where_there_are_no_groups() {
         let of_users = ProxyOptions {
             groups_header: None,
-            projects: BTreeMap::new(),
             ..options()
         };
         let proxy = SignInProxy::new(of_users.clone()).unwrap();

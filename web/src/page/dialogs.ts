@@ -249,16 +249,15 @@ function reasonOf(why: unknown): string {
   return reason === "" ? t("signed-in.silent") : t("signed-in.failed", { reason });
 }
 
-/** Says who is signed in, what they may do and where, and lets them sign out. */
+/** Says who is signed in and what they may do, and lets them sign out. */
 export function holderDialog(name: string, holder: Holder): void {
-  const { scopes, project, sign_out } = holder;
+  const { scopes, sign_out } = holder;
   const leave = (): void => (sign_out === undefined ? void signOut() : location.assign(sign_out));
   open(
     t("who.title"),
     "holder",
     h("p", { id: "holder" }, t("who.as", { name })),
     quiet(scopes.length > 0 ? t("who.may", { scopes: scopes.join(", ") }) : t("problem.missing-scope")),
-    project === undefined ? "" : quiet(t("who.project", { project })),
     h(
       "div",
       { class: "row end" },

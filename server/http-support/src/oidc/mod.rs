@@ -4,12 +4,11 @@ mod discovery;
 mod keys;
 mod roles;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::{Duration, Instant, SystemTime};
 
 use axum::http::Uri;
-use case::Project;
 use jsonwebtoken::errors::ErrorKind;
 use jsonwebtoken::{Validation, decode_header};
 use serde::Serialize;
@@ -22,8 +21,8 @@ use crate::client::{HttpClient, http_client};
 use crate::problem::AppError;
 use crate::tokens::{Holder, name_by};
 
-pub(crate) use self::roles::{Found, project_of, scopes_of};
-pub use self::roles::{ProjectRules, RoleRules};
+pub use self::roles::RoleRules;
+pub(crate) use self::roles::scopes_of;
 
 /// How much the clocks of the issuer and of this machine may differ.
 const LEEWAY: Duration = Duration::from_secs(30);
@@ -49,8 +48,6 @@ pub struct IssuerOptions {
     pub audience: String,
     /// How roles are read from a token.
     pub roles: RoleRules,
-    /// How projects are read from its tokens.
-    pub projects: ProjectRules,
     /// What the page signs in as; without one, it does not.
     pub client_id: Option<String>,
     /// What the page asks for.
@@ -262,19 +259,13 @@ impl Issuer {
         if subject.is_empty() || !is_ours {
             return Err(refused("it does not say who it is from"));
         }
-        let (scopes, project) = match self.0.options.projects.project(claims) {
-            Found::One(project) => (self.0.options.roles.scopes(claims), project),
-            Found::None => (BTreeSet::new(), Project::DEFAULT),
-            Found::Several => return Err(refused("it is of members of more than one project")),
-        };
         let ends = claims.get("exp").and_then(Value::as_f64).unwrap_or(0.0);
         let ends = Duration::try_from_secs_f64(ends).ok();
         let ends = ends.and_then(|ends| SystemTime::UNIX_EPOCH.checked_add(ends + LEEWAY));
         Ok(SignedIn {
             holder: Holder {
                 name: name_by(PREFIX, subject.as_bytes()),
-                scopes,
-                project,
+                scopes: self.0.options.roles.scopes(claims),
             },
             ends: ends.ok_or(refused("its end (`exp`) is too far away"))?,
         })

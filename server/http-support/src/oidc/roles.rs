@@ -1,8 +1,7 @@
-//! What the claims of a token permit, and in which project.
+//! What the claims of a token permit.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use case::Project;
 use serde_json::Value;
 
 use super::keys::Claims;
@@ -32,45 +31,6 @@ pub(crate) fn scopes_of(roles: &BTreeMap<String, Role>, words: &[&str]) -> BTree
     };
     let roles = words.iter().filter_map(role);
     roles.flat_map(Role::scopes).copied().collect()
-}
-
-/// How the project of a person is read from the claims of a token.
-#[derive(Debug, Clone, Default)]
-pub struct ProjectRules {
-    /// The claim with the projects or the groups of a person, as [`RoleRules::claim`].
-    pub claim: String,
-    /// The project of each value of the claim. If this is empty, everybody belongs to the project without a name.
-    pub projects: BTreeMap<String, Project>,
-}
-
-/// The project of a person.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Found {
-    One(Project),
-    None,
-    Several,
-}
-
-impl ProjectRules {
-    pub(super) fn project(&self, claims: &Claims) -> Found {
-        project_of(&self.projects, &values_of(&self.claim, claims))
-    }
-}
-
-/// The project of somebody with these groups, by a table of the project of each. If it is empty, everybody belongs to the project without a name.
-pub(crate) fn project_of(projects: &BTreeMap<String, Project>, words: &[&str]) -> Found {
-    if projects.is_empty() {
-        return Found::One(Project::DEFAULT);
-    }
-    let named: BTreeSet<_> = words
-        .iter()
-        .filter_map(|&word| projects.get(word))
-        .collect();
-    match named.len() {
-        0 => Found::None,
-        1 => named.first().map_or(Found::None, |&&one| Found::One(one)),
-        _ => Found::Several,
-    }
 }
 
 /// The values of a claim, which may be the member of another one.
@@ -142,30 +102,6 @@ mod tests {
         assert_eq!(
             scopes("https://site.example/roles", &[], &plain),
             [Scope::Read]
-        );
-    }
-
-    #[test]
-    fn a_person_belongs_to_one_project_or_gets_nothing() {
-        let [one, two] = ["one", "two"].map(|name| Project::parse(name).unwrap());
-        let rules = ProjectRules {
-            claim: "groups".to_owned(),
-            projects: [("/one", one), ("/also-one", one), ("/two", two)]
-                .map(|(group, project)| (group.to_owned(), project))
-                .into(),
-        };
-        let found = |rules: &ProjectRules, groups: Value| {
-            rules.project(json!({ "groups": groups }).as_object().unwrap())
-        };
-        assert_eq!(found(&rules, json!(["/one", "/x"])), Found::One(one));
-        assert_eq!(found(&rules, json!(["/one", "/also-one"])), Found::One(one));
-        assert_eq!(found(&rules, json!(["/one", "/two"])), Found::Several);
-        assert_eq!(found(&rules, json!(["/x"])), Found::None);
-        assert_eq!(found(&rules, json!(null)), Found::None);
-        let default = ProjectRules::default();
-        assert_eq!(
-            found(&default, json!(["/one"])),
-            Found::One(Project::DEFAULT)
         );
     }
 

@@ -11,7 +11,7 @@ use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
 use super::{MAX_DICOM_BYTES, VolumeOptions, head_of, read_input};
-use case::{CaseId, CaseState, Parameters, Project};
+use case::{CaseId, CaseState, Parameters};
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::start_workers;
 use cases::{Library, LibraryOptions};
@@ -33,9 +33,6 @@ pub(super) struct PrepareArgs {
     data: Option<PathBuf>,
     #[command(flatten)]
     key: KeyArgs,
-    /// The project to which the case belongs; without one, the project without a name.
-    #[arg(long, value_name = "PROJECT")]
-    project: Option<Project>,
     /// A label for lists; not the patient's name.
     #[arg(long)]
     name: Option<String>,
@@ -53,11 +50,10 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
     let location = args.key.location(&data)?;
-    let project = args.project.unwrap_or_default();
     super::block_on(async {
         let store = Store::open_at(&location, storage::Options::default()).await?;
         let library = Library::new(store, pipeline.into(), LibraryOptions::default());
-        into_store(library, project, source, parameters, layers).await
+        into_store(library, source, parameters, layers).await
     })
 }
 
@@ -131,17 +127,13 @@ pub(super) async fn warn_of_doubts(store: &Store, id: &CaseId) -> Result<(), Cli
 
 async fn into_store(
     library: Library,
-    project: Project,
     source: Source,
     parameters: Parameters,
     layers: Vec<LayerFile>,
 ) -> Result<(), CliError> {
     let store = library.store().clone();
     let workers = start_workers(library.clone(), 1);
-    let submitted = library
-        .in_project(project)
-        .submit(source, parameters)
-        .await?;
+    let submitted = library.submit(source, parameters).await?;
     let id = submitted.case.id;
     let prepare = async {
         wait_until_ready(&store, &id).await?;

@@ -12,7 +12,6 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use audit::Audit;
-use case::NotAProject;
 use cases::ChildBudget;
 use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
@@ -174,9 +173,6 @@ pub enum ConfigError {
         "`http.trusted_proxies` has {network}, so that everybody could name anybody in the headers of `proxy`; list the addresses of the proxies alone"
     )]
     ProxyOfEverybody { network: ipnet::IpNet },
-    /// A project of `[proxy]` is not one.
-    #[error("`proxy.projects`: {0}")]
-    ProxyProject(NotAProject),
     /// Everyone on the network could read everything.
     #[error(
         "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file`, `oidc` or `proxy`, or listen on 127.0.0.1"
@@ -227,24 +223,6 @@ pub enum ConfigError {
         /// Its title.
         aet: String,
     },
-    /// The project of a peer is not one.
-    #[error("the `project` of the peer `{aet}` in `pacs.dimse.peers`: {source}")]
-    PeerProject {
-        /// Its title.
-        aet: String,
-        source: NotAProject,
-    },
-    /// Peers with one title have several projects.
-    #[error(
-        "the peers with the title `{aet}` in `pacs.dimse.peers` must have one `project`; give the peer of another project another title"
-    )]
-    PeerProjects {
-        /// Their title.
-        aet: String,
-    },
-    /// A project of `[oidc]` is not one.
-    #[error("`oidc.projects`: {0}")]
-    OidcProject(NotAProject),
     /// TLS of DIMSE is configured incompletely.
     #[error(
         "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
@@ -353,8 +331,7 @@ impl Config {
         if let Some(Network(network)) = trusted.iter().find(|it| it.0.prefix_len() == 0) {
             return Err(ConfigError::ProxyOfEverybody { network: *network });
         }
-        let options = proxy.options().map_err(ConfigError::ProxyProject)?;
-        Ok(Some(SignInProxy::new(options)?))
+        Ok(Some(SignInProxy::new(proxy.options())?))
     }
 
     /// The issuer by whom people sign in, of which nothing is asked yet.
@@ -362,8 +339,7 @@ impl Config {
     /// # Errors
     /// If it cannot be used.
     pub fn issuer(&self) -> Result<Option<Issuer>, ConfigError> {
-        let options = self.oidc.as_ref().map(Oidc::options).transpose();
-        let options = options.map_err(ConfigError::OidcProject)?;
+        let options = self.oidc.as_ref().map(Oidc::options);
         Ok(options.map(Issuer::new).transpose()?)
     }
 

@@ -5,9 +5,8 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use case::{NotAProject, Project};
 use cases::pictures::GpuUse;
-use http_support::oidc::{IssuerOptions, ProjectRules, RoleRules};
+use http_support::oidc::{IssuerOptions, RoleRules};
 use http_support::proxy::ProxyOptions;
 use http_support::scopes::Role;
 use ipnet::IpNet;
@@ -182,11 +181,6 @@ pub struct Oidc {
     /// The role of each value of the claim. Without one, the values are the names of roles.
     #[serde(default)]
     pub roles: BTreeMap<String, Role>,
-    /// The claim with the projects or groups of a person; `roles_claim` if there is none.
-    pub projects_claim: Option<String>,
-    /// The project of each value of that claim; empty for the project without a name. Without a table, everybody belongs to that one.
-    #[serde(default)]
-    pub projects: BTreeMap<String, String>,
 }
 
 fn default_scope() -> String {
@@ -198,26 +192,18 @@ fn default_roles_claim() -> String {
 }
 
 impl Oidc {
-    pub(super) fn options(&self) -> Result<IssuerOptions, NotAProject> {
-        Ok(IssuerOptions {
+    pub(super) fn options(&self) -> IssuerOptions {
+        IssuerOptions {
             issuer: self.issuer.clone(),
             audience: self.audience.clone(),
             roles: RoleRules {
                 claim: self.roles_claim.clone(),
                 roles: self.roles.clone(),
             },
-            projects: ProjectRules {
-                claim: self
-                    .projects_claim
-                    .as_ref()
-                    .unwrap_or(&self.roles_claim)
-                    .clone(),
-                projects: named_projects(&self.projects)?,
-            },
             client_id: self.client_id.clone(),
             scope: self.scope.clone(),
             parameters: self.parameters.clone(),
-        })
+        }
     }
 }
 
@@ -227,7 +213,7 @@ impl Oidc {
 pub struct Proxy {
     /// The header with the name of the user.
     pub user_header: String,
-    /// The header with the groups of the user. Without one, `roles` and `projects` are of users.
+    /// The header with the groups of the user. Without one, `roles` are of users.
     pub groups_header: Option<String>,
     /// What is between two groups.
     #[serde(default = "default_separator")]
@@ -235,9 +221,6 @@ pub struct Proxy {
     /// The role of each group. Without one, the groups are the names of roles.
     #[serde(default)]
     pub roles: BTreeMap<String, Role>,
-    /// The project of each group; empty for the project without a name. Without a table, everybody belongs to that one.
-    #[serde(default)]
-    pub projects: BTreeMap<String, String>,
     /// Where the proxy signs people out: a path, or an address.
     pub sign_out: Option<String>,
     /// A socket in the file system for the proxy, beside the address. Whoever may open it may name anybody.
@@ -249,27 +232,15 @@ fn default_separator() -> char {
 }
 
 impl Proxy {
-    pub(super) fn options(&self) -> Result<ProxyOptions, NotAProject> {
-        Ok(ProxyOptions {
+    pub(super) fn options(&self) -> ProxyOptions {
+        ProxyOptions {
             user_header: self.user_header.clone(),
             groups_header: self.groups_header.clone(),
             separator: self.separator,
             roles: self.roles.clone(),
-            projects: named_projects(&self.projects)?,
             sign_out: self.sign_out.clone(),
-        })
+        }
     }
-}
-
-/// The projects of a table.
-fn named_projects(
-    table: &BTreeMap<String, String>,
-) -> Result<BTreeMap<String, Project>, NotAProject> {
-    let named = table.iter().map(|(value, name)| {
-        let project = Project::with_name(name).ok_or(NotAProject)?;
-        Ok((value.clone(), project))
-    });
-    named.collect()
 }
 
 /// `[limits]`: limits on uploads, preparations and queues.

@@ -4,7 +4,7 @@ mod keys;
 mod matching;
 
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query};
+use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use case::ObjectKind;
@@ -20,7 +20,7 @@ use self::keys::{CONTROLS, PageSize, SearchKeys};
 use crate::address::{Named, SeriesPath, StudyPath};
 use crate::described::query_key;
 use crate::held::{HeldStudy, Values};
-use crate::state::{InProject, Pacs};
+use crate::state::Pacs;
 use crate::stow::{DICOM_JSON, refuse_other_answers};
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
@@ -153,7 +153,7 @@ type Pairs = Result<Query<Vec<(String, String)>>, QueryRejection>;
     )
 )]
 pub(crate) async fn studies(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     keys: Pairs,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
@@ -176,7 +176,7 @@ pub(crate) async fn studies(
     )
 )]
 pub(crate) async fn all_series(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     keys: Pairs,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
@@ -199,7 +199,7 @@ pub(crate) async fn all_series(
     )
 )]
 pub(crate) async fn all_instances(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     keys: Pairs,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
@@ -222,7 +222,7 @@ pub(crate) async fn all_instances(
     )
 )]
 pub(crate) async fn series_of_study(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<StudyPath>,
     keys: Pairs,
     headers: HeaderMap,
@@ -246,7 +246,7 @@ pub(crate) async fn series_of_study(
     )
 )]
 pub(crate) async fn instances_of_study(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<StudyPath>,
     keys: Pairs,
     headers: HeaderMap,
@@ -270,7 +270,7 @@ pub(crate) async fn instances_of_study(
     )
 )]
 pub(crate) async fn instances_of_series(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<SeriesPath>,
     keys: Pairs,
     headers: HeaderMap,

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query};
+use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseFacts, CaseId, CaseState, SurfaceName};
@@ -28,7 +28,7 @@ use self::stored::Pixels;
 use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
 use crate::described::query_key;
 use crate::held::{HeldStudy, files_of};
-use crate::state::{InProject, Pacs};
+use crate::state::Pacs;
 use http_support::problem::AppError;
 
 /// Width and height of a picture, if none are requested.
@@ -61,7 +61,7 @@ type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
     )
 )]
 pub(crate) async fn of_study(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<StudyPath>,
     keys: Keys,
     headers: HeaderMap,
@@ -85,7 +85,7 @@ pub(crate) async fn of_study(
     )
 )]
 pub(crate) async fn of_series(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
@@ -109,7 +109,7 @@ pub(crate) async fn of_series(
     )
 )]
 pub(crate) async fn picture_of_series(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
@@ -133,7 +133,7 @@ pub(crate) async fn picture_of_series(
     )
 )]
 pub(crate) async fn thumbnail_of_series(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
@@ -158,7 +158,7 @@ pub(crate) async fn thumbnail_of_series(
     )
 )]
 pub(crate) async fn picture_of_instance(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<InstancePath>,
     keys: Keys,
     headers: HeaderMap,
@@ -181,7 +181,7 @@ pub(crate) async fn picture_of_instance(
     )
 )]
 pub(crate) async fn thumbnail_of_instance(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<InstancePath>,
     keys: Keys,
     headers: HeaderMap,
@@ -205,7 +205,7 @@ pub(crate) async fn thumbnail_of_instance(
     )
 )]
 pub(crate) async fn picture_of_frame(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<FramesPath>,
     keys: Keys,
     headers: HeaderMap,

@@ -3,7 +3,7 @@
 mod media;
 
 use axum::body::{Body, Bytes};
-use axum::extract::Path;
+use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use cases::dicom::StoredFiles;
@@ -14,7 +14,7 @@ use serde_json::{Map, Value};
 use self::media::{Accepted, DICOM, FRAME};
 use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
 use crate::held::{HeldInstance, HeldSeries, HeldStudy, Values, files_of, not_kept};
-use crate::state::{InProject, Pacs};
+use crate::state::Pacs;
 use crate::stow::{DICOM_JSON, refuse_other_answers};
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
@@ -37,7 +37,7 @@ const MAX_FRAMES: usize = 64;
     )
 )]
 pub(crate) async fn study(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<StudyPath>,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
@@ -56,7 +56,7 @@ pub(crate) async fn study(
     )
 )]
 pub(crate) async fn series(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<SeriesPath>,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
@@ -77,7 +77,7 @@ pub(crate) async fn series(
     )
 )]
 pub(crate) async fn instance(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<InstancePath>,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
@@ -98,7 +98,7 @@ pub(crate) async fn instance(
     )
 )]
 pub(crate) async fn study_metadata(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<StudyPath>,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
@@ -117,7 +117,7 @@ pub(crate) async fn study_metadata(
     )
 )]
 pub(crate) async fn series_metadata(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<SeriesPath>,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
@@ -136,7 +136,7 @@ pub(crate) async fn series_metadata(
     )
 )]
 pub(crate) async fn instance_metadata(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<InstancePath>,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
@@ -159,7 +159,7 @@ pub(crate) async fn instance_metadata(
     )
 )]
 pub(crate) async fn frames(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<FramesPath>,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
