@@ -3,23 +3,22 @@
 //! Headers are believed if they come by a connection of a proxy that the configuration lists, and from nobody else. The name of the user and
 //! the groups must come once each: a proxy that adds a header to the one that a client has sent lets everybody be everybody.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use axum::http::{HeaderMap, HeaderName, HeaderValue};
 
-use crate::oidc::{SignedIn, scopes_of};
 use crate::origins::Origins;
 use crate::problem::AppError;
-use crate::scopes::Role;
+use crate::scopes::{Role, Scope};
 use crate::tokens::{Holder, name_by};
 
 /// What the names of those begin with whom a proxy has signed in, so that none is the name of a token.
 pub const PREFIX: &str = "proxy:";
 
 /// The time after which an endless answer ends, so that the proxy is asked again who it is for.
-const AGAIN: Duration = Duration::from_secs(15 * 60);
+pub(crate) const ASKED_AGAIN_AFTER: Duration = Duration::from_secs(15 * 60);
 
 /// What Apache sends for a variable that has no value.
 const NOTHING: &[u8] = b"(null)";
@@ -132,7 +131,7 @@ impl SignInProxy {
     ///
     /// # Errors
     /// [`AppError::ProxyRefused`] if they name several people.
-    pub(crate) fn open(&self, headers: &HeaderMap) -> Result<Option<SignedIn>, AppError> {
+    pub(crate) fn open(&self, headers: &HeaderMap) -> Result<Option<Holder>, AppError> {
         let options = &self.0.options;
         let Some(user) = one(headers, &self.0.user)? else {
             return Ok(None);
@@ -155,14 +154,22 @@ impl SignInProxy {
             None => vec![words],
             Some(_) => words.split(options.separator).map(str::trim).collect(),
         };
-        Ok(Some(SignedIn {
-            holder: Holder {
-                name: name_by(PREFIX, user),
-                scopes: scopes_of(&options.roles, &words),
-            },
-            ends: SystemTime::now() + AGAIN,
+        let scopes = scopes_of(&options.roles, &words);
+        Ok(Some(Holder {
+            name: name_by(PREFIX, user),
+            scopes,
         }))
     }
+}
+
+/// What the groups of somebody permit, by a table of the role of each. If it is empty, they are the names of roles.
+fn scopes_of(roles: &BTreeMap<String, Role>, groups: &[&str]) -> BTreeSet<Scope> {
+    let role = |group: &&str| match roles.is_empty() {
+        true => group.parse().ok(),
+        false => roles.get(*group).copied(),
+    };
+    let roles = groups.iter().filter_map(role);
+    roles.flat_map(Role::scopes).copied().collect()
 }
 
 /// The only value of a header, if there is one.
@@ -205,7 +212,6 @@ fn is_place(text: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scopes::Scope;
 
     fn options() -> ProxyOptions {
         ProxyOptions {
@@ -228,7 +234,7 @@ mod tests {
             map.append(name, HeaderValue::from_bytes(value.as_bytes()).unwrap());
         }
         let proxy = SignInProxy::new(options()).unwrap();
-        Ok(proxy.open(&map)?.map(|signed_in| signed_in.holder))
+        proxy.open(&map)
     }
 
     fn user(name: &str) -> Result<Option<Holder>, AppError> {
@@ -253,6 +259,16 @@ mod tests {
         }
         let found = named(&[("x-remote-user", "ana")]).unwrap().unwrap();
         assert!(found.scopes.is_empty());
+    }
+
+    #[test]
+    fn without_a_table_groups_are_names_of_roles_and_add_up() {
+        let of = |groups: &[&str]| scopes_of(&BTreeMap::new(), groups);
+        assert_eq!(
+            of(&["viewer", "pacs", "surgeon"]),
+            [Scope::Read, Scope::DicomStore].into()
+        );
+        assert!(of(&["Admin", ""]).is_empty());
     }
 
     #[test]
@@ -307,7 +323,7 @@ mod tests {
         let mut headers = HeaderMap::new();
         headers.insert("x-remote-user", HeaderValue::from_static("guests"));
         headers.insert("x-remote-groups", HeaderValue::from_static("readers"));
-        let found = proxy.open(&headers).unwrap().unwrap().holder;
+        let found = proxy.open(&headers).unwrap().unwrap();
         assert_eq!(found.scopes, [Scope::Read].into());
         let nobody = ProxyOptions {
             roles: BTreeMap::new(),

@@ -6,7 +6,6 @@ use std::time::Duration;
 use clap::Args;
 use imaging::sniff;
 
-use super::common::KeyArgs;
 use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
@@ -31,8 +30,6 @@ pub(super) struct PrepareArgs {
     /// The directory of the store. [default: isocortex-data]
     #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
     data: Option<PathBuf>,
-    #[command(flatten)]
-    key: KeyArgs,
     /// A label for lists; not the patient's name.
     #[arg(long)]
     name: Option<String>,
@@ -49,9 +46,8 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
-    let location = args.key.location(&data)?;
     super::block_on(async {
-        let store = Store::open_at(&location, storage::Options::default()).await?;
+        let store = Store::open(&data).await?;
         let library = Library::new(store, pipeline.into(), LibraryOptions::default());
         into_store(library, source, parameters, layers).await
     })
