@@ -35,7 +35,6 @@ mod operation;
 mod orthanc;
 mod pacs;
 mod positions;
-mod projects;
 mod proxy;
 mod rendered;
 mod renderers;

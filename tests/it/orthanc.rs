@@ -195,7 +195,6 @@ async fn orthanc_sends_a_series_in_both_ways_and_it_is_fetched_from_there() {
     let options = DimseOptions {
         peers: vec![Peer {
             aet: "ORTHANCTEST".to_owned(),
-            project: case::Project::DEFAULT,
             address: [127, 0, 0, 1].into(),
         }],
         ..DimseOptions::default()

@@ -720,7 +720,6 @@ pub(crate) fn dimse_options() -> DimseOptions {
         peers: [[127, 0, 0, 1], [127, 0, 0, 2]]
             .map(|address| Peer {
                 aet: "SENDER".to_owned(),
-                project: case::Project::DEFAULT,
                 address: address.into(),
             })
             .to_vec(),

@@ -380,11 +380,6 @@ fn a_name_is_given_once_and_a_role_or_scopes_are_needed() {
         ("two words", &["--scope", "read"], "the name of a token"),
         ("new", &[], "--role"),
         ("new", &["--scope", "all"], "is no scope"),
-        (
-            "new",
-            &["--scope", "read", "--project", "two words"],
-            "the name of a project is",
-        ),
         ("new", &["--role", "viewer", "--until", "soon"], "--until"),
     ] {
         let made = token_new(&file.path(), name, options);

@@ -7,7 +7,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use crate::{CaseId, Failure, JobState, Project};
+use crate::{CaseId, Failure, JobState};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
@@ -237,7 +237,6 @@ pub struct Received {
 /// A series that came.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arrival {
-    pub project: Project,
     /// Its name in addresses: 32 hexadecimal digits without a meaning.
     pub id: String,
     pub uids: SeriesUids,

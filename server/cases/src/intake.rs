@@ -134,10 +134,7 @@ impl Cases {
 
     /// Whether an upload is a case that has a label.
     async fn is_named(&self, upload: &Upload, parameters: &Parameters) -> Result<bool, Error> {
-        let known = self
-            .store()
-            .case(&self.store().id_of(upload, parameters))
-            .await?;
+        let known = self.store().case(&upload.case_id(parameters)).await?;
         Ok(known.is_some_and(|case| case.parameters.name.is_some()))
     }
 
@@ -179,7 +176,7 @@ impl Cases {
         upload: &Upload,
         parameters: Parameters,
     ) -> Result<(Parameters, OfferedUpload), Error> {
-        let id = self.store().id_of(upload, &parameters);
+        let id = upload.case_id(&parameters);
         if self.is_accepted(&id).await? {
             return Ok((parameters, OfferedUpload::default()));
         }
@@ -198,7 +195,7 @@ impl Cases {
             mask,
             ..Source::default()
         };
-        let id = |parameters: &Parameters| Some(self.store().id_of(upload, parameters));
+        let id = |parameters: &Parameters| Some(upload.case_id(parameters));
         self.check(source, parameters, room, id).await
     }
 

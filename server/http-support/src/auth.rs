@@ -412,7 +412,7 @@ pub async fn require_token(
             let path = request.extensions().get::<MatchedPath>();
             let path = path.map_or("", MatchedPath::as_str);
             let (scope, audited) = scopes.row(request.method(), path);
-            let recorder = Recorder::new(&audit, &holder.name, holder.project, audited, &request);
+            let recorder = Recorder::new(&audit, &holder.name, audited, &request);
             if !holder.scopes.contains(&scope) {
                 recorder.refuses(request).await;
                 return Err(AppError::MissingScope { holder, scope });

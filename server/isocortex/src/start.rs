@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};
 
 use axum::Router;
-use case::Project;
 use cases::{Cases, Library};
 use http_support::proxy::SignInProxy;
 use http_support::scopes::Role;
@@ -139,19 +138,7 @@ fn role_words(roles: &BTreeMap<String, Role>) -> String {
     known.join(", ")
 }
 
-/// The projects of a table, in words, if there are any.
-fn project_words(projects: &BTreeMap<String, Project>) -> Option<String> {
-    let words = projects
-        .iter()
-        .map(|(value, project)| match project.name() {
-            "" => format!("{value} = the project without a name"),
-            name => format!("{value} = {name}"),
-        });
-    let words: Vec<_> = words.collect();
-    (!words.is_empty()).then(|| words.join(", "))
-}
-
-/// Whose headers are believed, and who may do what in which project by them.
+/// Whose headers are believed, and who may do what by them.
 fn proxy_lines(config: &Config, proxy: &SignInProxy) -> Vec<String> {
     let options = proxy.options();
     let socket = config.proxy.as_ref().and_then(|it| it.socket.as_ref());
@@ -163,9 +150,7 @@ fn proxy_lines(config: &Config, proxy: &SignInProxy) -> Vec<String> {
         Some(groups) => format!("groups in {groups}"),
         None => format!("users in {}", options.user_header),
     };
-    let projects = project_words(&options.projects);
-    let projects = projects.map(|words| format!("projects are those of the {named}: {words}"));
-    let lines = [
+    vec![
         format!(
             "believes whom the header {} names, from {} alone",
             options.user_header,
@@ -179,8 +164,7 @@ fn proxy_lines(config: &Config, proxy: &SignInProxy) -> Vec<String> {
             Some(place) => format!("the page signs out at {place}"),
             None => "the page does not sign out: `proxy.sign_out` is not set".to_owned(),
         },
-    ];
-    lines.into_iter().chain(projects).collect()
+    ]
 }
 
 /// Who else than a proxy could name anybody in its headers.

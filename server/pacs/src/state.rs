@@ -1,18 +1,14 @@
 //! What the requests share.
 
 use std::collections::BTreeMap;
-use std::convert::Infallible;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use axum::extract::{FromRequestParts, Request};
+use axum::extract::Request;
 use axum::http::StatusCode;
-use axum::http::request::Parts;
-use case::Project;
 use cases::Cases;
 use cases::places::{Place, Places};
 use http_support::listen::place_for;
 use http_support::problem::AppError;
-use http_support::tokens::project_of;
 use http_support::uploads::UploadLimits;
 use jiff::tz::TimeZone;
 
@@ -40,25 +36,6 @@ pub struct Pacs {
     inner: Arc<Inner>,
 }
 
-/// What the routes share. Handlers get it as [`InProject`]: nobody can ask for `State<Pacs>`.
-#[derive(Debug, Clone)]
-pub(crate) struct OfAllProjects(pub(crate) Pacs);
-
-/// What the requests share, for the project of whoever asks.
-#[derive(Debug, Clone)]
-pub(crate) struct InProject(pub(crate) Pacs);
-
-impl FromRequestParts<OfAllProjects> for InProject {
-    type Rejection = Infallible;
-
-    async fn from_request_parts(
-        parts: &mut Parts,
-        OfAllProjects(pacs): &OfAllProjects,
-    ) -> Result<Self, Infallible> {
-        Ok(Self(pacs.in_project(project_of(&parts.extensions))))
-    }
-}
-
 #[derive(Debug)]
 struct Inner {
     options: Options,
@@ -79,19 +56,6 @@ impl Pacs {
                 reached: Mutex::default(),
             }),
         }
-    }
-
-    /// The same for a project.
-    #[must_use]
-    pub(crate) fn in_project(&self, project: Project) -> Self {
-        Self {
-            cases: self.cases.in_project(project),
-            ..self.clone()
-        }
-    }
-
-    pub(crate) fn project(&self) -> Project {
-        self.cases.store().project()
     }
 
     /// The application.

@@ -1,11 +1,9 @@
 //! The state that handlers share, by concern; a route names the parts that it needs.
 
-use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::{FromRef, FromRequestParts, Request};
-use axum::http::request::Parts;
+use axum::extract::{FromRef, Request};
 use cases::{Cases, Error};
 use tokio::sync::watch;
 
@@ -16,7 +14,6 @@ use http_support::listen::place_for;
 use http_support::metrics::Metrics;
 use http_support::origins::Origins;
 use http_support::problem::AppError;
-use http_support::tokens::project_of;
 use http_support::uploads::UploadLimits;
 
 /// What HTTP may ask of the server, and who may ask.
@@ -39,8 +36,7 @@ pub struct HttpOptions {
 /// It holds no answers of its own: caches are filled from the store, so a restarted server gives the same bytes.
 #[derive(Debug, Clone, FromRef)]
 pub struct AppState {
-    /// The application. Handlers get it as [`InProject`]: nobody can ask for `State<Cases>`.
-    #[from_ref(skip)]
+    /// The application.
     pub cases: Cases,
     bodies: Bodies,
     metrics: Metrics,
@@ -50,18 +46,6 @@ pub struct AppState {
     answer_timeout: AnswerTimeout,
     frame_ancestors: FrameAncestors,
     guard_all: GuardAll,
-}
-
-/// The application for the project of whoever asks.
-#[derive(Debug, Clone)]
-pub struct InProject(pub Cases);
-
-impl FromRequestParts<AppState> for InProject {
-    type Rejection = Infallible;
-
-    async fn from_request_parts(parts: &mut Parts, state: &AppState) -> Result<Self, Infallible> {
-        Ok(Self(state.cases.in_project(project_of(&parts.extensions))))
-    }
 }
 
 /// Origins in whose frames the page may stand, beside its own.

@@ -4,21 +4,18 @@ mod arrivals;
 mod findings;
 mod layers;
 mod objects;
-mod projects;
 mod results;
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use case::{
-    CaseFacts, CaseState, JobKind, JobState, ObjectKind, Parameters, Progress, Project, Stage,
-    VoxelFacts,
+    CaseFacts, CaseState, JobKind, JobState, ObjectKind, Parameters, Progress, Stage, VoxelFacts,
 };
 
 pub(crate) use self::arrivals::*;
 pub(crate) use self::findings::*;
 pub(crate) use self::layers::*;
-pub(crate) use self::projects::*;
 pub(crate) use self::results::*;
 
 use super::jobs::{JobQuery, NewJob, Release};
@@ -142,9 +139,6 @@ macro_rules! conformance {
                 a_version_begins_with_the_findings_of_its_case
                 a_change_of_findings_makes_a_case_young_again
                 damaged_findings_are_never_shown
-                projects_have_the_same_case_apart
-                projects_receive_the_same_series_apart
-                projects_have_their_own_results_and_retrievals
             }
     };
     (@in_turn $make:expr; $($check:ident)+) => {{
@@ -957,10 +951,7 @@ pub(crate) async fn ready_cases_are_found_by_their_voxels(subject: &Subject) {
         subject.pass(1);
     }
     let found = async |values: &str, limit| {
-        let cases = store
-            .cases_with_voxels(Project::DEFAULT, values, limit)
-            .await
-            .unwrap();
+        let cases = store.cases_with_voxels(values, limit).await.unwrap();
         cases.into_iter().map(|case| case.id).collect::<Vec<_>>()
     };
     assert_eq!(found("same", 10).await, [ids[3], ids[2], ids[0]]);

@@ -69,7 +69,7 @@ use self::directory::Directory;
 use self::objects::Objects;
 use self::rows::{Change, Sweep};
 use self::sql::Rows;
-use case::{Case, CaseId, Project};
+use case::{Case, CaseId};
 
 pub use case::arrivals;
 
@@ -153,8 +153,6 @@ pub struct Store {
     inner: Arc<Inner>,
     /// Digests of the address and the name of the client, or nothing.
     client: Arc<str>,
-    /// The project to which lists, searches and what is new belong; `None` for all.
-    scope: Option<Project>,
 }
 
 type DeletionHook = Box<dyn Fn(&CaseId) + Send + Sync>;
@@ -269,41 +267,7 @@ impl Store {
         Self {
             inner,
             client: "".into(),
-            scope: Some(Project::DEFAULT),
         }
-    }
-
-    /// The same store for a project: what is new belongs to it, and what is listed or searched does. Whatever is named by a
-    /// [`CaseId`] belongs to the project of that id, for any store. A store that is opened is one for the default project.
-    #[must_use]
-    pub fn in_project(&self, project: Project) -> Self {
-        Self {
-            scope: Some(project),
-            ..self.clone()
-        }
-    }
-
-    /// The same store, for maintenance: what is listed or searched belongs to any project. Nothing for a client may use it.
-    #[must_use]
-    pub fn of_all_projects(&self) -> Self {
-        Self {
-            scope: None,
-            ..self.clone()
-        }
-    }
-
-    /// The project to which what is new belongs.
-    pub fn project(&self) -> Project {
-        self.scope.unwrap_or_default()
-    }
-
-    fn scope(&self) -> Option<Project> {
-        self.scope
-    }
-
-    /// Whether this store is for a project.
-    fn covers(&self, project: Project) -> bool {
-        self.scope.is_none_or(|scope| scope == project)
     }
 
     /// The same store for a client, by its address and a digest of its name: the preparations that it queues take turns with those of other

@@ -4,7 +4,7 @@ use std::fmt;
 
 use jiff::Timestamp;
 
-use case::{Case, CaseId, Project};
+use case::{Case, CaseId};
 
 /// The position in a list after a case, given by its time and id.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -19,15 +19,6 @@ impl Cursor {
         Self {
             created_at: case.created_at,
             id: case.id,
-        }
-    }
-
-    /// The same place in the list of one project. The text of a cursor lacks its project, as that of an id.
-    pub(super) fn within(self, scope: Option<Project>) -> Self {
-        let project = scope.unwrap_or_else(|| self.id.project());
-        Self {
-            id: self.id.in_project(project),
-            ..self
         }
     }
 

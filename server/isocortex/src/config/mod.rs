@@ -12,7 +12,6 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use audit::Audit;
-use case::NotAProject;
 use cases::ChildBudget;
 use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
@@ -160,9 +159,6 @@ pub enum ConfigError {
         "`http.trusted_proxies` has {network}, so that everybody could name anybody in the headers of `proxy`; list the addresses of the proxies alone"
     )]
     ProxyOfEverybody { network: ipnet::IpNet },
-    /// A project of `[proxy]` is not one.
-    #[error("`proxy.projects`: {0}")]
-    ProxyProject(NotAProject),
     /// Everyone on the network could read everything.
     #[error(
         "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file` or `proxy`, or listen on 127.0.0.1"
@@ -208,21 +204,6 @@ pub enum ConfigError {
     )]
     PeerAddress {
         /// Its title.
-        aet: String,
-    },
-    /// The project of a peer is not one.
-    #[error("the `project` of the peer `{aet}` in `pacs.dimse.peers`: {source}")]
-    PeerProject {
-        /// Its title.
-        aet: String,
-        source: NotAProject,
-    },
-    /// Peers with one title have several projects.
-    #[error(
-        "the peers with the title `{aet}` in `pacs.dimse.peers` must have one `project`; give the peer of another project another title"
-    )]
-    PeerProjects {
-        /// Their title.
         aet: String,
     },
     /// TLS of DIMSE is configured incompletely.
@@ -328,8 +309,7 @@ impl Config {
         if let Some(Network(network)) = trusted.iter().find(|it| it.0.prefix_len() == 0) {
             return Err(ConfigError::ProxyOfEverybody { network: *network });
         }
-        let options = proxy.options().map_err(ConfigError::ProxyProject)?;
-        Ok(Some(SignInProxy::new(options)?))
+        Ok(Some(SignInProxy::new(proxy.options())?))
     }
 
     /// The origins whose pages may read answers, and those in whose frames the page may stand.

@@ -112,8 +112,6 @@ impl Default for Dimse {
 pub struct Peer {
     /// Its application entity title.
     pub aet: String,
-    /// The project to which its images go; the one without a name if there is none.
-    pub project: Option<String>,
     /// Where it connects from: an address, a network such as `10.0.0.0/8`, or the name of a host.
     pub address: String,
 }
@@ -259,31 +257,15 @@ impl Pacs {
         let peer = |peer: &Peer| {
             let address = PeerAddress::parse(&peer.address);
             let aet = peer.aet.clone();
-            let project = peer.project.as_deref().map(str::parse).transpose();
-            match (address, project) {
-                (Some(address), Ok(project)) => Ok(dimse::Peer {
-                    aet,
-                    address,
-                    project: project.unwrap_or_default(),
-                }),
-                (None, _) => Err(ConfigError::PeerAddress { aet }),
-                (_, Err(source)) => Err(ConfigError::PeerProject { aet, source }),
+            match address {
+                Some(address) => Ok(dimse::Peer { aet, address }),
+                None => Err(ConfigError::PeerAddress { aet }),
             }
         };
-        let peers: Result<Vec<_>, _> = self.dimse.peers.iter().map(peer).collect();
-        let peers = peers?;
-        // A title is what images are sorted by.
-        let differs = |peer: &&dimse::Peer| {
-            let mut others = peers.iter();
-            others.any(|other| other.aet == peer.aet && other.project != peer.project)
-        };
-        if let Some(peer) = peers.iter().find(differs) {
-            let aet = peer.aet.clone();
-            return Err(ConfigError::PeerProjects { aet });
-        }
+        let peers: Result<_, _> = self.dimse.peers.iter().map(peer).collect();
         let options = DimseOptions {
             aet: self.dimse.aet.clone(),
-            peers,
+            peers: peers?,
             max_associations: self.dimse.max_associations,
             idle: Duration::from_secs(self.dimse.idle_secs),
             least_bytes_per_second: self.dimse.least_bytes_per_second,

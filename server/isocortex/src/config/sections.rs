@@ -5,7 +5,6 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use case::{NotAProject, Project};
 use cases::pictures::GpuUse;
 use http_support::proxy::ProxyOptions;
 use http_support::scopes::Role;
@@ -148,7 +147,7 @@ impl Default for AuditFiles {
 pub struct Proxy {
     /// The header with the name of the user.
     pub user_header: String,
-    /// The header with the groups of the user. Without one, `roles` and `projects` are of users.
+    /// The header with the groups of the user. Without one, `roles` are of users.
     pub groups_header: Option<String>,
     /// What is between two groups.
     #[serde(default = "default_separator")]
@@ -156,9 +155,6 @@ pub struct Proxy {
     /// The role of each group. Without one, the groups are the names of roles.
     #[serde(default)]
     pub roles: BTreeMap<String, Role>,
-    /// The project of each group; empty for the project without a name. Without a table, everybody belongs to that one.
-    #[serde(default)]
-    pub projects: BTreeMap<String, String>,
     /// Where the proxy signs people out: a path, or an address.
     pub sign_out: Option<String>,
     /// A socket in the file system for the proxy, beside the address. Whoever may open it may name anybody.
@@ -170,27 +166,15 @@ fn default_separator() -> char {
 }
 
 impl Proxy {
-    pub(super) fn options(&self) -> Result<ProxyOptions, NotAProject> {
-        Ok(ProxyOptions {
+    pub(super) fn options(&self) -> ProxyOptions {
+        ProxyOptions {
             user_header: self.user_header.clone(),
             groups_header: self.groups_header.clone(),
             separator: self.separator,
             roles: self.roles.clone(),
-            projects: named_projects(&self.projects)?,
             sign_out: self.sign_out.clone(),
-        })
+        }
     }
-}
-
-/// The projects of a table.
-fn named_projects(
-    table: &BTreeMap<String, String>,
-) -> Result<BTreeMap<String, Project>, NotAProject> {
-    let named = table.iter().map(|(value, name)| {
-        let project = Project::with_name(name).ok_or(NotAProject)?;
-        Ok((value.clone(), project))
-    });
-    named.collect()
 }
 
 /// `[limits]`: limits on uploads, preparations and queues.

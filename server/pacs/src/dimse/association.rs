@@ -5,7 +5,7 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use audit::{Action, Event, EventKind, Outcome, digest_of_uid, project_named};
+use audit::{Action, Event, EventKind, Outcome, digest_of_uid};
 use cases::arrivals::Reception;
 use cases::{Cases, Error, MAX_INSTANCE_BYTES};
 use dicom_ul::pdu::{AbortRQServiceProviderReason, AbortRQSource, PDataValue, PDataValueType, Pdu};
@@ -143,8 +143,6 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         return Err(Abort::Rejected);
     }
     let _running = options.counts.begin();
-    let project = options.project_of(&request.calling_ae_title);
-    let cases = &cases.in_project(project);
     wire.send(&Pdu::AssociationAC(answer)).await?;
     let mut messages = Messages {
         cases,
@@ -153,10 +151,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         state: State::Command(Vec::new()),
         studies: BTreeMap::new(),
         ignores_other_objects: options.ignores_other_objects,
-        event: Event {
-            project: project_named(project.name()),
-            ..event_of(caller, &request.calling_ae_title)
-        },
+        event: event_of(caller, &request.calling_ae_title),
         is_announced: false,
     };
     let peer_max_length = peer_max_length(&request.user_variables);

@@ -3,8 +3,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use case::Project;
-
 use crate::dimse::counts::AssociationCounts;
 use crate::dimse::peers::Peer;
 use http_support::tls::ReloadedTls;
@@ -36,14 +34,6 @@ pub struct DimseOptions {
     pub ignores_other_objects: bool,
     /// What is counted.
     pub counts: Arc<AssociationCounts>,
-}
-
-impl DimseOptions {
-    /// The project to which the images of a peer with a title go.
-    pub(crate) fn project_of(&self, aet: &str) -> Project {
-        let peer = self.peers.iter().find(|peer| peer.aet == aet);
-        peer.map_or(Project::DEFAULT, |peer| peer.project)
-    }
 }
 
 impl Default for DimseOptions {

@@ -552,7 +552,7 @@ fn digest(case: &Case, asked: &ResultRequest, source: &Attributes, made_by: &str
     hash_of(&[
         FORMAT,
         env!("CARGO_PKG_VERSION"),
-        &case.id.key(),
+        &case.id.to_string(),
         &case.created_at.to_string(),
         made_by,
         &serde_json::to_string(asked).unwrap_or_default(),

@@ -7,8 +7,8 @@ mod moment;
 pub(crate) mod request;
 
 use axum::body::{Body, Bytes};
-use axum::extract::Path;
 use axum::extract::rejection::BytesRejection;
+use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseId, JobState};
@@ -22,7 +22,7 @@ use self::request::ResultRequest;
 use crate::error::ReasonView;
 use crate::rendered::media::accepted_ranges;
 use crate::send::SEND;
-use crate::state::{InProject, Pacs};
+use crate::state::Pacs;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 use http_support::sent::json_body;
@@ -109,14 +109,13 @@ impl From<SentResult> for ResultView {
     )
 )]
 pub(crate) async fn create_result(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(id): Path<String>,
     headers: HeaderMap,
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
     let no_case = || AppError::from(cases::Error::NoSuchCase);
     let id = CaseId::parse(&id).ok_or_else(no_case)?;
-    let id = id.in_project(pacs.project());
     let is_preview = wants_picture(&headers)?;
     let asked: ResultRequest = json_body(body)?;
     pacs.needs_identity()?;
@@ -239,7 +238,7 @@ fn object(name: &str, file: Bytes) -> Response {
     )
 )]
 pub(crate) async fn get_result(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(id): Path<String>,
 ) -> Result<Response, AppError> {
     let missing = || {

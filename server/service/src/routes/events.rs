@@ -1,5 +1,6 @@
 //! The progress of a case as server-sent events.
 
+use cases::Cases;
 use std::convert::Infallible;
 use std::time::Duration;
 
@@ -10,7 +11,7 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream::{self, Stream, StreamExt};
 
 use super::cases::CaseView;
-use crate::state::{EventStreams, InProject, Stopping};
+use crate::state::{EventStreams, Stopping};
 use cases::places::Place;
 use http_support::listen::ThisClient;
 use http_support::problem::AppError;
@@ -33,7 +34,7 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
     )
 )]
 pub async fn get_events(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     State(streams): State<EventStreams>,
     ThisClient(client): ThisClient,
     CasePath(id): CasePath,

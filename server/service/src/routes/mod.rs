@@ -43,7 +43,6 @@ use http_support::conditional::{self, Format};
 use http_support::problem::AppError;
 use http_support::scopes::{Row, ScopeTable};
 use http_support::sent::MAX_BODY_BYTES;
-use http_support::tokens::project_of;
 
 /// The header with the quality of the mask behind an answer.
 const QUALITY: HeaderName = HeaderName::from_static("x-isocortex-quality");
@@ -205,7 +204,6 @@ async fn say_quality(
 ) -> Response {
     let id = path.iter().find(|(name, _)| *name == "id");
     let id = id.and_then(|(_, text)| CaseId::parse(text));
-    let id = id.map(|id| id.in_project(project_of(request.extensions())));
     let mut response = next.run(request).await;
     let shows = response.status().is_success() || response.status() == StatusCode::NOT_MODIFIED;
     if let Some(id) = id.filter(|_| shows)

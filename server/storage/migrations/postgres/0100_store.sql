@@ -6,7 +6,6 @@
 
 CREATE TABLE cases (
     id                TEXT COLLATE "C" NOT NULL PRIMARY KEY,
-    project           TEXT COLLATE "C" NOT NULL DEFAULT '',
     closing_radius_mm DOUBLE PRECISION NOT NULL,
     parameters        TEXT             NOT NULL DEFAULT '{}',
     name              TEXT,
@@ -60,7 +59,6 @@ CREATE TABLE jobs (
     needs_ready  BOOLEAN          NOT NULL,
     payload      TEXT             NOT NULL,
     client       TEXT COLLATE "C" NOT NULL DEFAULT '',
-    project      TEXT COLLATE "C" NOT NULL DEFAULT '',
     state        TEXT COLLATE "C" NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
     progress     TEXT,
     failure      TEXT,
@@ -165,7 +163,6 @@ CREATE TABLE findings (
 -- requests name series by them; names and birth dates are not.
 CREATE TABLE arrivals (
     id               TEXT COLLATE "C" NOT NULL PRIMARY KEY,
-    project          TEXT COLLATE "C" NOT NULL DEFAULT '',
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     accession_number TEXT,
@@ -184,7 +181,7 @@ CREATE TABLE arrivals (
     expected         BIGINT, -- how many the sender says there are
     first_at         BIGINT NOT NULL,
     last_at          BIGINT NOT NULL,
-    UNIQUE (project, study_uid, series_uid)
+    UNIQUE (study_uid, series_uid)
 );
 
 CREATE INDEX arrivals_by_age ON arrivals (first_at, id);
@@ -206,13 +203,12 @@ CREATE INDEX arrival_instances_by_uid ON arrival_instances (sop_instance_uid);
 
 -- Instances that a rejection note has withdrawn: for a year, images that are not received again, and results of ours.
 CREATE TABLE rejections (
-    project          TEXT COLLATE "C" NOT NULL DEFAULT '',
     -- As the note states them; empty for results of ours, whose UIDs are in no other series.
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     sop_instance_uid TEXT COLLATE "C" NOT NULL,
     rejected_at      BIGINT NOT NULL,
-    PRIMARY KEY (sop_instance_uid, project, study_uid, series_uid)
+    PRIMARY KEY (sop_instance_uid, study_uid, series_uid)
 );
 
 CREATE INDEX rejections_by_age ON rejections (rejected_at);
@@ -220,7 +216,6 @@ CREATE INDEX rejections_by_age ON rejections (rejected_at);
 -- The series that cases were made of, for requests that name one.
 CREATE TABLE case_series (
     case_id          TEXT COLLATE "C" NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
-    project          TEXT COLLATE "C" NOT NULL DEFAULT '',
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     accession_number TEXT,
@@ -235,7 +230,6 @@ CREATE INDEX case_series_by_accession_number ON case_series (accession_number);
 CREATE TABLE results (
     id                TEXT COLLATE "C" NOT NULL PRIMARY KEY,
     case_id           TEXT COLLATE "C" NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
-    project           TEXT COLLATE "C" NOT NULL DEFAULT '',
     node              TEXT COLLATE "C" NOT NULL,
     sop_instance_uid  TEXT COLLATE "C" NOT NULL,
     study_uid         TEXT COLLATE "C" NOT NULL,
@@ -246,7 +240,7 @@ CREATE TABLE results (
     layers             TEXT             NOT NULL DEFAULT '', -- the ids of the layers that it shows or may show, separated by spaces
     layer_series       TEXT             NOT NULL DEFAULT '', -- the series that those layers are made of, each between spaces; outlives them
     layer_withdrawn    BIGINT           NOT NULL DEFAULT 0,  -- whether one of them was withdrawn since
-    UNIQUE (sop_instance_uid, node, project)
+    UNIQUE (sop_instance_uid, node)
 );
 
 CREATE INDEX results_by_case ON results (case_id);

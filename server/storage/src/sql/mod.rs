@@ -37,7 +37,7 @@ use self::connection::{Connection, Database, microseconds};
 use super::jobs::{Claim, NewJob};
 use super::rows::{Change, Inserted, NewCase, Pinned, Published, Referred, Sweep};
 use super::{Cursor, ObjectName, Page, Store, StoreError};
-use case::{Case, CaseFacts, CaseId, Failure, JobKind, ObjectKind, Project};
+use case::{Case, CaseFacts, CaseId, Failure, JobKind, ObjectKind};
 
 /// The migrations of a database, oldest first: a number, a name and the statements of each. A database remembers the digests of those that
 /// it has had, so what stands here never changes.
@@ -267,10 +267,9 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read.
     pub async fn cases(&self, after: Option<Cursor>, limit: usize) -> Result<Page, StoreError> {
-        let after = after.map(|cursor| cursor.within(self.scope()));
         let mut page = loop {
             let mut connection = self.rows().connect().await?;
-            match cases::page(&mut connection, self.scope(), after.as_ref(), limit).await {
+            match cases::page(&mut connection, after.as_ref(), limit).await {
                 Err(StoreError::DamagedFacts(id)) => {
                     drop(connection);
                     upkeep::prepare_again(self.rows(), &id).await?;
@@ -283,18 +282,17 @@ impl Store {
         Ok(page)
     }
 
-    /// At most `limit` ready cases of a project whose volumes have the same stored values in any order
+    /// At most `limit` ready cases whose volumes have the same stored values in any order
     /// ([`VoxelFacts::values`](case::VoxelFacts::values)), newest first.
     ///
     /// # Errors
     /// If the rows cannot be read.
     pub async fn cases_with_voxels(
         &self,
-        project: Project,
         values: &str,
         limit: usize,
     ) -> Result<Vec<Case>, StoreError> {
-        cases::with_voxels(&mut self.rows().connect().await?, project, values, limit).await
+        cases::with_voxels(&mut self.rows().connect().await?, values, limit).await
     }
 
     /// The objects that a case needs; none if there is no such case.
@@ -519,7 +517,7 @@ impl Store {
         if !cases::refer(&mut transaction, &case.id, objects, now).await? {
             return Err(StoreError::Rows("a pin was lost".into()));
         }
-        jobs::cancel(&mut transaction, JobKind::PREPARE, &case.id.key()).await?;
+        jobs::cancel(&mut transaction, JobKind::PREPARE, &case.id.to_string()).await?;
         if !case.state.is_final() {
             jobs::enqueue(&mut transaction, &NewJob::prepare(&case.id), now).await?;
         }

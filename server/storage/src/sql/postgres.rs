@@ -196,8 +196,8 @@ impl Connections {
 
 fn read_change(payload: &str) -> Option<Change> {
     match payload.split_once(' ') {
-        Some(("changed", id)) => CaseId::from_key(id).map(Change::Changed),
-        Some(("deleted", id)) => CaseId::from_key(id).map(Change::Deleted),
+        Some(("changed", id)) => CaseId::parse(id).map(Change::Changed),
+        Some(("deleted", id)) => CaseId::parse(id).map(Change::Deleted),
         _ => (payload == "queued").then_some(Change::Queued),
     }
 }

@@ -395,7 +395,7 @@ mod tests {
         let log = directory.path().join("rows.sqlite-wal");
         let (store, id) = with_a_ready_case(&file).await;
         store.rename(&id, "CANARY-LABEL").await.unwrap();
-        let words = ["CANARY-LABEL".to_owned(), id.key()];
+        let words = ["CANARY-LABEL".to_owned(), id.to_string()];
         for word in &words {
             assert!(holds(&file, word) || holds(&log, word), "{word}");
         }
