@@ -334,15 +334,13 @@ async fn a_token_that_the_issuer_has_not_signed_opens_nothing() {
         ("nothing but points", "Bearer ..".to_owned()),
     ] {
         let answer = ask(&server, "/v1/session", &bearer).await;
-        // Who goes on guessing is told to wait.
-        let status = answer.status.as_u16();
-        assert!([401, 429].contains(&status), "{what}: {answer:?}");
+        assert_eq!(answer.status, 401, "{what}: {answer:?}");
         assert!(answer.json()["name"].is_null());
     }
     for id in ["../../etc/passwd", "' OR 1=1 --", "", "FIRST", "first\0"] {
         let bearer = issuer.with_header(&json!({"kid": id}));
         let answer = ask(&server, "/v1/session", &bearer).await;
-        assert!([401, 429].contains(&answer.status.as_u16()), "{id:?}");
+        assert_eq!(answer.status, 401, "{id:?}");
     }
     // A right one is right all the same, also as a password.
     let token = right.strip_prefix("Bearer ").unwrap();
@@ -367,7 +365,7 @@ async fn a_new_key_is_found_at_once_and_unknown_ones_do_not_make_the_server_ask_
     assert_eq!(status(&issuer.bearer(&json!({}))).await, 401);
     for number in 0..20 {
         let bearer = issuer.with_header(&json!({"kid": number.to_string()}));
-        assert!([401, 429].contains(&status(&bearer).await));
+        assert_eq!(status(&bearer).await, 401);
     }
     assert_eq!(issuer.times_asked(), 3);
     assert_eq!(status(&renewed).await, 200);
