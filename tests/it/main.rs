@@ -2,6 +2,7 @@
 
 mod agreement;
 mod apart;
+mod archive;
 mod archives;
 mod attacks;
 mod audit;
@@ -9,8 +10,6 @@ mod backup;
 mod command_line;
 mod corrections;
 mod dicom;
-mod dicomweb;
-mod encryption;
 mod extraction;
 mod faults;
 mod findings;
@@ -31,7 +30,6 @@ mod maps;
 mod masks;
 mod memory;
 mod nifti;
-mod oidc;
 mod openapi;
 mod operation;
 mod orthanc;

@@ -132,7 +132,7 @@ async fn clean_up(store: Store, audit: Audit) {
 
 /// Forgets what came some days ago, and results that were sent then.
 async fn forget(store: Store, options: ArrivalOptions) {
-    if let Err(error) = store.forget(options.keep, options.keep_source).await {
+    if let Err(error) = store.forget(options.keep).await {
         tracing::warn!(
             error = &error as &dyn std::error::Error,
             "series and results of some days ago will be forgotten later"

@@ -20,10 +20,9 @@ use tokio::sync::watch;
 
 use crate::audited::Recorder;
 use crate::listen::{ByProxy, client_of, is_endless};
-use crate::oidc::{Issuer, SignedIn, as_token};
 use crate::origins::Origins;
 use crate::problem::AppError;
-use crate::proxy::SignInProxy;
+use crate::proxy::{ASKED_AGAIN_AFTER, SignInProxy};
 use crate::scopes::ScopeTable;
 use crate::tokens::{ANYBODY, Holder, Mismatch, NamedToken, Tokens, UNNAMED};
 
@@ -45,8 +44,6 @@ const BASIC: HeaderValue = HeaderValue::from_static("Basic realm=\"isocortex\", 
 pub struct Access {
     /// `None` if none is required. All clones share them, because they can be replaced.
     tokens: Arc<watch::Sender<Option<Tokens>>>,
-    /// Whose tokens open beside these.
-    issuer: Option<Issuer>,
     /// Which headers of a proxy open beside these.
     proxy: Option<SignInProxy>,
     origins: Origins,
@@ -85,12 +82,6 @@ impl Access {
         Self { origins, ..self }
     }
 
-    /// The same, for whoever has a token of an issuer too.
-    #[must_use]
-    pub fn with_issuer(self, issuer: Option<Issuer>) -> Self {
-        Self { issuer, ..self }
-    }
-
     /// The same, for whomever a proxy has signed in too.
     #[must_use]
     pub fn with_proxy(self, proxy: Option<SignInProxy>) -> Self {
@@ -100,11 +91,6 @@ impl Access {
     /// How people sign in by a proxy, if they do.
     pub fn proxy(&self) -> Option<&SignInProxy> {
         self.proxy.as_ref()
-    }
-
-    /// The issuer of tokens, if there is one.
-    pub fn issuer(&self) -> Option<&Issuer> {
-        self.issuer.as_ref()
     }
 
     /// The origins whose pages have access.
@@ -140,43 +126,31 @@ impl Access {
         }
     }
 
-    /// Who asks, by the headers of a proxy, if they are believed, or else by a token of this server or of the issuer; `None` if no token is
-    /// required.
-    async fn identify(
+    /// Who asks, by the headers of a proxy, if they are believed, or else by a token; `None` if no token is required.
+    fn identify(
         &self,
         headers: &HeaderMap,
         believes_proxy: bool,
     ) -> Result<Option<Opened>, AppError> {
         if let Some(proxy) = self.proxy.as_ref().filter(|_| believes_proxy)
-            && let Some(SignedIn { holder, ends }) = proxy.open(headers)?
+            && let Some(holder) = proxy.open(headers)?
         {
             return Ok(Some(Opened {
                 holder,
-                by: OpenedBy::Proxy { ends },
+                by: OpenedBy::Proxy,
             }));
         }
-        match (self.check_token(headers), &self.issuer) {
-            (Err(AppError::Unauthorized), Some(issuer)) => {
-                let given = given_token(headers).unwrap_or_default();
-                let token = as_token(&given).ok_or(AppError::Unauthorized)?;
-                let SignedIn { holder, ends } = issuer.open(token).await?;
-                Ok(Some(Opened {
-                    holder,
-                    by: OpenedBy::Issuer { ends },
-                }))
-            }
-            (checked, _) => Ok(checked?.map(|token| Opened {
-                holder: token.holder.clone(),
-                by: OpenedBy::Token(token),
-            })),
-        }
+        Ok(self.check_token(headers)?.map(|token| Opened {
+            holder: token.holder.clone(),
+            by: OpenedBy::Token(token),
+        }))
     }
 
     /// Resolves when a request would no longer open what this one has opened.
     async fn no_longer(self, opened: Opened) {
         match opened.by {
             OpenedBy::Token(token) => self.closed(token).await,
-            OpenedBy::Issuer { ends } | OpenedBy::Proxy { ends } => until(ends).await,
+            OpenedBy::Proxy => tokio::time::sleep(ASKED_AGAIN_AFTER).await,
         }
     }
 
@@ -234,18 +208,16 @@ struct Opened {
 enum OpenedBy {
     /// A token of this server, which may be withdrawn.
     Token(NamedToken),
-    /// A token of the issuer, which is right until its end.
-    Issuer { ends: SystemTime },
     /// The headers of a proxy, which is asked again after a while.
-    Proxy { ends: SystemTime },
+    Proxy,
 }
 
 impl OpenedBy {
     /// The header of a request for whose value alone a browser keeps an answer. It gets no header of a proxy, which knows people by a cookie.
     fn kept_for(&self) -> HeaderValue {
         HeaderValue::from_static(match self {
-            Self::Proxy { .. } => "cookie",
-            Self::Token(_) | Self::Issuer { .. } => "authorization",
+            Self::Proxy => "cookie",
+            Self::Token(_) => "authorization",
         })
     }
 }
@@ -387,8 +359,7 @@ pub struct Guard {
 /// recorded. A stream of events ends with the token that has opened it. Tokens are too long to be guessed at any rate. Handlers find the [`Holder`] in the extensions of the request.
 ///
 /// # Errors
-/// [`AppError::Unauthorized`], [`AppError::TokenEnded`]; those of a token of the issuer: [`AppError::TokenRefused`],
-/// [`AppError::SignInEnded`], [`AppError::IssuerAway`]; [`AppError::ProxyRefused`]; [`AppError::CrossSite`]; [`AppError::MissingScope`];
+/// [`AppError::Unauthorized`], [`AppError::TokenEnded`], [`AppError::ProxyRefused`], [`AppError::CrossSite`], [`AppError::MissingScope`],
 /// [`AppError::AuditFull`].
 pub async fn require_token(
     State(Guard {
@@ -411,7 +382,7 @@ pub async fn require_token(
     let believes_proxy = is_of_proxy && !is_cross_site;
     let identified = match is_cross_site && is_of_browser && !is_listed {
         true => Err(AppError::CrossSite),
-        false => access.identify(request.headers(), believes_proxy).await,
+        false => access.identify(request.headers(), believes_proxy),
     };
     let refusal = match identified {
         Ok(opened) => {

@@ -12,7 +12,6 @@ pub mod listen;
 pub mod logs;
 pub mod metrics;
 pub mod negotiate;
-pub mod oidc;
 pub mod origins;
 pub mod problem;
 pub mod proxy;

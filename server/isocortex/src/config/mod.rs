@@ -19,20 +19,19 @@ use cases::pictures::GraphicsOptions;
 use http_support::auth::{Access, BadToken, unnamed};
 use http_support::forwarded::TrustedProxies;
 use http_support::listen::ConnectionLimits;
-use http_support::oidc::{BadIssuer, Issuer};
 use http_support::origins::{NotAnOrigin, Origins};
 use http_support::proxy::{BadProxy, SignInProxy};
 use http_support::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
 use http_support::tokens::NamedToken;
 use pipeline::HeadLimits;
 use serde::Deserialize;
-use storage::{BadAddress, BadKeys, DatabaseAddress, Keys, Location, ObjectsAddress};
+use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 
 use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::sections::{
-    AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Oidc, Page, Prepare, Proxy, Render,
+    AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Proxy, Render,
     Secret, Storage,
 };
 pub(crate) use self::tokens::check_name as check_token_name;
@@ -54,8 +53,6 @@ pub struct Config {
     pub http: Http,
     /// Limits on uploads and queues.
     pub limits: Limits,
-    /// The issuer by whom people sign in, if there is one.
-    pub oidc: Option<Oidc>,
     /// What the page shows.
     pub page: Page,
     /// Images from a PACS.
@@ -90,7 +87,6 @@ impl Default for Config {
             audit: AuditFiles::default(),
             http: Http::default(),
             limits: Limits::default(),
-            oidc: None,
             page: Page::default(),
             pacs: Pacs::default(),
             prepare: Prepare::default(),
@@ -151,9 +147,6 @@ pub enum ConfigError {
     /// A token in two places.
     #[error("set the token in `http.token` or in `http.token_file`, not in both")]
     TwoTokens,
-    /// The issuer cannot be used.
-    #[error("`oidc`: {0}")]
-    Issuer(#[from] BadIssuer),
     /// Nobody can sign in by the proxy.
     #[error("`proxy`: {0}")]
     Proxy(#[from] BadProxy),
@@ -172,7 +165,7 @@ pub enum ConfigError {
     ProxyProject(NotAProject),
     /// Everyone on the network could read everything.
     #[error(
-        "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file`, `oidc` or `proxy`, or listen on 127.0.0.1"
+        "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file` or `proxy`, or listen on 127.0.0.1"
     )]
     OpenToStrangers {
         /// The configured address.
@@ -184,9 +177,6 @@ pub enum ConfigError {
         key: &'static str,
         source: BadAddress,
     },
-    /// The keys of the store cannot be used.
-    #[error("cannot use the keys in {} (`storage.key_file`): {source}", .path.display())]
-    Keys { path: PathBuf, source: BadKeys },
     /// An origin is none.
     #[error("`{key}`: {source}")]
     Origin {
@@ -235,9 +225,6 @@ pub enum ConfigError {
         /// Their title.
         aet: String,
     },
-    /// A project of `[oidc]` is not one.
-    #[error("`oidc.projects`: {0}")]
-    OidcProject(NotAProject),
     /// TLS of DIMSE is configured incompletely.
     #[error(
         "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
@@ -315,20 +302,15 @@ impl Config {
             tokens.push(unnamed(token.trim())?);
         }
         let listen = self.http.listen;
-        let issuer = self.issuer()?;
         let proxy = self.sign_in_proxy()?;
-        let wants_token = !tokens.is_empty()
-            || self.http.tokens_file.is_some()
-            || issuer.is_some()
-            || proxy.is_some();
+        let wants_token = !tokens.is_empty() || self.http.tokens_file.is_some() || proxy.is_some();
         let access = match wants_token {
             true => Access::with_tokens(tokens),
             false if listen.ip().is_loopback() => Access::of_this_machine(),
             false => return Err(ConfigError::OpenToStrangers { listen }),
         };
         let [allowed, _] = self.origins()?;
-        let access = access.with_origins(allowed).with_issuer(issuer);
-        Ok(access.with_proxy(proxy))
+        Ok(access.with_origins(allowed).with_proxy(proxy))
     }
 
     /// How people sign in by a proxy, if they do.
@@ -348,16 +330,6 @@ impl Config {
         }
         let options = proxy.options().map_err(ConfigError::ProxyProject)?;
         Ok(Some(SignInProxy::new(options)?))
-    }
-
-    /// The issuer by whom people sign in, of which nothing is asked yet.
-    ///
-    /// # Errors
-    /// If it cannot be used.
-    pub fn issuer(&self) -> Result<Option<Issuer>, ConfigError> {
-        let options = self.oidc.as_ref().map(Oidc::options).transpose();
-        let options = options.map_err(ConfigError::OidcProject)?;
-        Ok(options.map(Issuer::new).transpose()?)
     }
 
     /// The origins whose pages may read answers, and those in whose frames the page may stand.
@@ -582,7 +554,6 @@ impl Config {
             folder: self.storage.data.clone(),
             database,
             objects: objects.map_err(wrong("storage.objects"))?,
-            keys: keys(self.storage.key_file.as_deref())?,
         })
     }
 
@@ -700,20 +671,6 @@ impl Config {
             shutdown_grace: Duration::from_secs(self.http.shutdown_grace_secs),
         }
     }
-}
-
-/// The keys of a store, if there is a file with them.
-///
-/// # Errors
-/// If they cannot be used.
-pub(crate) fn keys(file: Option<&Path>) -> Result<Keys, ConfigError> {
-    let Some(path) = file else {
-        return Ok(Keys::default());
-    };
-    Keys::read(path).map_err(|source| ConfigError::Keys {
-        path: path.to_owned(),
-        source,
-    })
 }
 
 fn days(count: u64) -> Duration {

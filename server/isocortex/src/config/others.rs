@@ -19,7 +19,6 @@ impl Config {
                 &self.storage.database_password_file,
                 "the file of the database's password",
             ),
-            (&self.storage.key_file, "the file of the keys of the store"),
         ];
         let mut found: Vec<_> = (files.into_iter())
             .filter_map(|(file, what)| Some((file.as_deref()?, what)))
@@ -140,7 +139,6 @@ mod tests {
         let mut config = Config::default();
         let token = file(folder.path(), "token", 0o644);
         config.http.token_file = Some(token.clone());
-        config.storage.key_file = Some(file(folder.path(), "keys", 0o600));
         config.http.tokens_file = Some(file(folder.path(), "tokens.toml", 0o646));
         config.audit.folder = Some(folder.path().to_owned());
         let found = config.open_files();
