@@ -17,11 +17,10 @@ use tokio::sync::OwnedSemaphorePermit;
 
 use crate::application::Cases;
 use crate::arrivals::SeriesOfUpload;
+use crate::client::this_client;
 use crate::decoded_uploads::OfferedUpload;
 use crate::dicom::{Choice, Input, Options};
 use crate::error::Error;
-use crate::fair::this_client;
-use crate::places::{Client, Identity};
 
 /// The received files of a volume.
 #[derive(Debug)]
@@ -127,9 +126,7 @@ impl Cases {
 
     /// The store for the client of this request.
     pub(crate) fn store_of_client(&self) -> Store {
-        let Client { address, identity } = this_client();
-        let name = identity.map(Identity::digest);
-        self.store().for_client(address, name)
+        self.store().for_client(&this_client().in_store())
     }
 
     /// Whether an upload is a case that has a label.

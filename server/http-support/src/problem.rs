@@ -1,7 +1,6 @@
 //! Errors as clients see them: `application/problem+json` (RFC 9457) with a stable `type`.
 
 use std::borrow::Cow;
-use std::time::Duration;
 
 use axum::Json;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -129,12 +128,6 @@ pub enum AppError {
         "the audit record of this server cannot be written, so it answers nothing that the record must name; tell its administrator"
     )]
     AuditFull,
-    /// An address sends one wrong token after the other.
-    #[error("too many wrong tokens came from your address; send the right one, or wait {} s", .wait.as_secs_f64().ceil())]
-    TooManyGuesses {
-        /// Until the next wrong token would be answered as such.
-        wait: Duration,
-    },
     /// A page of another site requests a change.
     #[error("requests from pages of other sites are rejected")]
     CrossSite,
@@ -313,7 +306,6 @@ impl AppError {
             Self::TokenEnded => (StatusCode::UNAUTHORIZED, "token-ended"),
             Self::MissingScope { .. } => (StatusCode::FORBIDDEN, "missing-scope"),
             Self::AuditFull => (StatusCode::INSUFFICIENT_STORAGE, "audit-full"),
-            Self::TooManyGuesses { .. } => (StatusCode::TOO_MANY_REQUESTS, "too-many-guesses"),
             Self::CrossSite => (StatusCode::FORBIDDEN, "cross-site"),
             Self::WrongHost => (StatusCode::MISDIRECTED_REQUEST, "wrong-host"),
             Self::NotDicom => (StatusCode::NOT_FOUND, "not-dicom"),
@@ -451,10 +443,6 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
         AppError::Cases(Error::NotReady { .. } | Error::LayerNotReady) => {
             Some((header::RETRY_AFTER, RETRY_SECONDS.into()))
         }
-        AppError::TooManyGuesses { wait } => Some((
-            header::RETRY_AFTER,
-            (wait.as_secs_f64().ceil() as u64).into(),
-        )),
         AppError::Cases(Error::BusyFor(wait)) => {
             let seconds = wait.as_secs_f64().round().clamp(1.0, 60.0) as u64;
             Some((header::RETRY_AFTER, seconds.into()))
@@ -478,6 +466,8 @@ fn log(error: &AppError) {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     #[test]

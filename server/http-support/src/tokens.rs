@@ -89,10 +89,6 @@ impl Tokens {
         Self(tokens)
     }
 
-    pub(crate) fn count(&self) -> usize {
-        self.0.len()
-    }
-
     /// The given token, if it opens.
     pub(crate) fn open(&self, given: &[u8]) -> Result<&NamedToken, Mismatch> {
         self.with_digest(&blake3::hash(given))

@@ -5,9 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::extract::Request;
 use axum::http::StatusCode;
-use cases::Cases;
-use cases::places::{Place, Places};
-use http_support::listen::place_for;
+use cases::{Cases, ClientLimit, ClientPermit};
+use http_support::listen::client_of;
 use http_support::problem::AppError;
 use http_support::uploads::UploadLimits;
 use jiff::tz::TimeZone;
@@ -39,7 +38,7 @@ pub struct Pacs {
 #[derive(Debug)]
 struct Inner {
     options: Options,
-    room: Places,
+    room: ClientLimit,
     /// Whether each node answered when it was last asked. Held for moments.
     reached: Mutex<BTreeMap<String, bool>>,
 }
@@ -47,7 +46,7 @@ struct Inner {
 impl Pacs {
     /// The PACS interface of an application.
     pub fn new(cases: Cases, options: Options) -> Self {
-        let room = Places::in_quarters(options.uploads.at_a_time);
+        let room = ClientLimit::new(options.uploads.at_a_time);
         Self {
             cases,
             inner: Arc::new(Inner {
@@ -127,8 +126,8 @@ impl Pacs {
     }
 
     /// Room for one more request with images, until it is dropped. One client may take a quarter of it.
-    pub(crate) fn room(&self, request: &Request) -> Result<Place, AppError> {
-        let place = place_for(request, &self.inner.room);
-        place.ok_or_else(|| cases::Error::Busy.into())
+    pub(crate) fn room(&self, request: &Request) -> Result<ClientPermit, AppError> {
+        let permit = (self.inner.room).try_acquire(client_of(request.extensions()));
+        permit.ok_or_else(|| cases::Error::Busy.into())
     }
 }

@@ -4,13 +4,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::{FromRef, Request};
-use cases::{Cases, Error};
+use cases::{Cases, Client, ClientLimit, ClientPermit, Error};
 use tokio::sync::watch;
 
 use crate::routes::bodies::Bodies;
-use cases::places::{Client, Place, Places};
 use http_support::auth::Access;
-use http_support::listen::place_for;
+use http_support::listen::client_of;
 use http_support::metrics::Metrics;
 use http_support::origins::Origins;
 use http_support::problem::AppError;
@@ -95,25 +94,26 @@ pub struct Uploads {
     pub limits: UploadLimits,
     /// The counter of their bytes.
     pub metrics: Metrics,
-    room: Places,
+    room: ClientLimit,
 }
 
 impl Uploads {
     fn new(limits: UploadLimits, metrics: Metrics) -> Self {
         Self {
-            room: Places::in_quarters(limits.at_a_time),
+            room: ClientLimit::new(limits.at_a_time),
             limits,
             metrics,
         }
     }
 
     /// Room for one more upload, until it is dropped. There is room for fewer uploads than connections, so that uploads
-    /// do not block others, and one client may take a quarter of it. The less room is left, the faster the upload must come.
+    /// do not block others, and one client may take a quarter of it.
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub fn begin(&self, request: &Request) -> Result<Place, AppError> {
-        place_for(request, &self.room).ok_or_else(|| Error::Busy.into())
+    pub fn begin(&self, request: &Request) -> Result<ClientPermit, AppError> {
+        let permit = self.room.try_acquire(client_of(request.extensions()));
+        permit.ok_or_else(|| Error::Busy.into())
     }
 }
 
@@ -125,14 +125,14 @@ const EVENT_STREAMS: usize = 256;
 pub struct EventStreams {
     /// When they end.
     pub stopping: Stopping,
-    room: Places,
+    room: ClientLimit,
 }
 
 impl EventStreams {
     fn new() -> Self {
         Self {
             stopping: Stopping::default(),
-            room: Places::in_quarters(EVENT_STREAMS),
+            room: ClientLimit::new(EVENT_STREAMS),
         }
     }
 
@@ -140,8 +140,10 @@ impl EventStreams {
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub fn begin(&self, client: Client) -> Result<Place, AppError> {
-        self.room.take(client).ok_or_else(|| Error::Busy.into())
+    pub fn begin(&self, client: Client) -> Result<ClientPermit, AppError> {
+        self.room
+            .try_acquire(client)
+            .ok_or_else(|| Error::Busy.into())
     }
 }
 

@@ -56,7 +56,6 @@ mod watch;
 
 use std::fmt;
 use std::io::Write as _;
-use std::net::IpAddr;
 use std::path::Path;
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
@@ -144,14 +143,11 @@ impl Default for Options {
     }
 }
 
-/// The digits of a client that stand for its address. Those of its name follow.
-pub(crate) const ADDRESS_DIGITS: usize = 16;
-
 /// The store. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Store {
     inner: Arc<Inner>,
-    /// Digests of the address and the name of the client, or nothing.
+    /// What stands for the client, or nothing.
     client: Arc<str>,
 }
 
@@ -270,20 +266,10 @@ impl Store {
         }
     }
 
-    /// The same store for a client, by its address and a digest of its name: the preparations that it queues take turns with those of other
-    /// clients. Neither means this program itself.
+    /// The same store for a client: the preparations that it queues take turns with those of other clients. An empty text means this
+    /// program itself.
     #[must_use]
-    pub fn for_client(&self, address: Option<IpAddr>, name: Option<[u8; 8]>) -> Self {
-        let of_address = address.map(|address| blake3::hash(address.to_string().as_bytes()));
-        let client = match (of_address, name) {
-            (None, None) => String::new(),
-            (address, name) => {
-                let address = address.map(|digest| digest.to_hex()[..ADDRESS_DIGITS].to_owned());
-                let name = name.map(|name| format!("{:016x}", u64::from_be_bytes(name)));
-                let nowhere = || "-".repeat(ADDRESS_DIGITS);
-                address.unwrap_or_else(nowhere) + &name.unwrap_or_default()
-            }
-        };
+    pub fn for_client(&self, client: &str) -> Self {
         Self {
             client: client.into(),
             ..self.clone()

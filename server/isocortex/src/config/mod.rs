@@ -16,9 +16,9 @@ use cases::ChildBudget;
 use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
 use http_support::auth::{Access, BadToken, unnamed};
+use http_support::forwarded::TrustedProxies;
 use http_support::listen::ConnectionLimits;
 use http_support::origins::{NotAnOrigin, Origins};
-use http_support::pace::LeastRate;
 use http_support::proxy::{BadProxy, SignInProxy};
 use http_support::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
 use http_support::tokens::NamedToken;
@@ -473,16 +473,7 @@ impl Config {
                 self.limits.max_queued_renders as u64,
             ),
             ("http.max_connections", self.http.max_connections as u64),
-            (
-                "http.max_connections_per_address",
-                self.http.max_connections_per_address as u64,
-            ),
             ("http.max_uploads", self.http.max_uploads as u64),
-            (
-                "http.least_bytes_per_second",
-                self.http.least_bytes_per_second,
-            ),
-            ("http.slow_start_secs", self.http.slow_start_secs),
             ("http.header_timeout_secs", self.http.header_timeout_secs),
             ("http.answer_timeout_secs", self.http.answer_timeout_secs),
             ("http.upload_idle_secs", self.http.upload_idle_secs),
@@ -651,19 +642,12 @@ impl Config {
     pub fn connection_limits(&self) -> ConnectionLimits {
         ConnectionLimits {
             connections: self.http.max_connections,
-            connections_per_address: self.http.max_connections_per_address,
-            trusted_proxies: self
-                .http
-                .trusted_proxies
-                .iter()
-                .map(|network| network.0)
-                .collect(),
+            trusted_proxies: TrustedProxies(
+                (self.http.trusted_proxies.iter().map(|network| network.0)).collect(),
+            ),
             header_timeout: Duration::from_secs(self.http.header_timeout_secs),
-            least_rate: LeastRate {
-                bytes_per_second: self.http.least_bytes_per_second,
-                grace: Duration::from_secs(self.http.slow_start_secs),
-                pause: Duration::from_secs(self.http.upload_idle_secs),
-            },
+            idle: Duration::from_secs(self.http.upload_idle_secs),
+            whole: Duration::from_secs(self.http.upload_timeout_secs),
             shutdown_grace: Duration::from_secs(self.http.shutdown_grace_secs),
         }
     }

@@ -80,8 +80,6 @@ pub struct Dimse {
     pub max_associations: usize,
     /// How long a peer may send nothing, in seconds.
     pub idle_secs: u64,
-    /// The least rate at which a peer must send a message, in bytes per second; ten times as much if all associations are taken.
-    pub least_bytes_per_second: u64,
     /// A file with our certificate, for TLS.
     pub tls_certificate: Option<PathBuf>,
     /// A file with its key.
@@ -99,7 +97,6 @@ impl Default for Dimse {
             peers: Vec::new(),
             max_associations: usual.max_associations,
             idle_secs: usual.idle.as_secs(),
-            least_bytes_per_second: usual.least_bytes_per_second,
             tls_certificate: None,
             tls_key: None,
             tls_authority: None,
@@ -268,7 +265,6 @@ impl Pacs {
             peers: peers?,
             max_associations: self.dimse.max_associations,
             idle: Duration::from_secs(self.dimse.idle_secs),
-            least_bytes_per_second: self.dimse.least_bytes_per_second,
             tls: tls.map(ReloadedTls::new),
             ignores_other_objects: self.ignore_other_objects,
             ..DimseOptions::default()
@@ -277,7 +273,7 @@ impl Pacs {
     }
 
     /// The numbers that must be at least 1.
-    pub(super) fn counts(&self) -> [(&'static str, u64); 5] {
+    pub(super) fn counts(&self) -> [(&'static str, u64); 4] {
         [
             ("pacs.stable_seconds", self.stable_seconds),
             ("pacs.keep_days", self.keep_days),
@@ -286,10 +282,6 @@ impl Pacs {
                 self.dimse.max_associations as u64,
             ),
             ("pacs.dimse.idle_secs", self.dimse.idle_secs),
-            (
-                "pacs.dimse.least_bytes_per_second",
-                self.dimse.least_bytes_per_second,
-            ),
         ]
     }
 }

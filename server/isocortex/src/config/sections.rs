@@ -38,25 +38,19 @@ pub struct Http {
     pub allowed_origins: Vec<String>,
     /// The origins in whose frames the page may stand, such as a PACS.
     pub frame_ancestors: Vec<String>,
-    /// Connections of clients with the right token at a time. Others have 256 connections of their own.
+    /// Connections at a time, of which one address that is not a trusted proxy has at most a quarter.
     pub max_connections: usize,
-    /// Of these, connections from one address that is not a trusted proxy.
-    pub max_connections_per_address: usize,
     /// The addresses or networks of the proxies that name the client in `X-Forwarded-For`.
     pub trusted_proxies: Vec<Network>,
     /// Uploads at a time.
     pub max_uploads: usize,
-    /// The minimum average rate at which a client must send a body and receive an answer, in bytes per second.
-    pub least_bytes_per_second: u64,
-    /// How long a client may be slower at the start, in seconds.
-    pub slow_start_secs: u64,
     /// Time for the headers of a request, in seconds; also how long a connection may be idle.
     pub header_timeout_secs: u64,
     /// Time for an answer, in seconds.
     pub answer_timeout_secs: u64,
     /// Time within which the next bytes of an upload must arrive, or of an answer be received, in seconds.
     pub upload_idle_secs: u64,
-    /// Time for a whole upload, in seconds.
+    /// Time for a whole upload, and for a client to receive an answer, in seconds.
     pub upload_timeout_secs: u64,
     /// Time for running requests when the server stops, in seconds.
     pub shutdown_grace_secs: u64,
@@ -75,11 +69,8 @@ impl Default for Http {
             allowed_origins: Vec::new(),
             frame_ancestors: Vec::new(),
             max_connections: 512,
-            max_connections_per_address: 256,
             trusted_proxies: Vec::new(),
             max_uploads: 64,
-            least_bytes_per_second: 10_000,
-            slow_start_secs: 10,
             header_timeout_secs: 10,
             answer_timeout_secs: 60,
             upload_idle_secs: 30,

@@ -24,8 +24,6 @@ pub struct DimseOptions {
     pub max_associations: usize,
     /// How long a peer may send nothing, and how long it may take for a PDU.
     pub idle: Duration,
-    /// The least rate of a message, in bytes per second; ten times as much if all associations are taken.
-    pub least_bytes_per_second: u64,
     /// How long an association may last.
     pub whole: Duration,
     /// TLS; without it, nothing is encrypted.
@@ -43,7 +41,6 @@ impl Default for DimseOptions {
             peers: Vec::new(),
             max_associations: 20,
             idle: Duration::from_secs(30),
-            least_bytes_per_second: 10_000,
             whole: Duration::from_secs(3600),
             tls: None,
             ignores_other_objects: true,

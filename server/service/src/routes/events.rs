@@ -12,7 +12,7 @@ use futures_util::stream::{self, Stream, StreamExt};
 
 use super::cases::CaseView;
 use crate::state::{EventStreams, Stopping};
-use cases::places::Place;
+use cases::ClientPermit;
 use http_support::listen::ThisClient;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
@@ -41,19 +41,19 @@ pub async fn get_events(
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     cases.case(&id).await?;
-    let place = streams.begin(client)?;
+    let permit = streams.begin(client)?;
     let events = events(cases.store().subscribe(&id));
-    Ok(stream_of(events, place, &streams.stopping))
+    Ok(stream_of(events, permit, &streams.stopping))
 }
 
-/// The answer with events, until they end or the server stops; it holds the place meanwhile.
+/// The answer with events, until they end or the server stops; it holds the permit meanwhile.
 pub(super) fn stream_of(
     events: impl Stream<Item = Result<Event, Infallible>> + Send + 'static,
-    place: Place,
+    permit: ClientPermit,
     stopping: &Stopping,
 ) -> Response {
     let events = events.take_until(stopping.begun());
-    let mut response = Sse::new(events.inspect(move |_| _ = &place))
+    let mut response = Sse::new(events.inspect(move |_| _ = &permit))
         .keep_alive(KeepAlive::new().interval(KEEP_ALIVE))
         .into_response();
     // Tells nginx, the usual proxy, to pass each event on at once.

@@ -232,7 +232,11 @@ async fn answer(
     let format = of_surface(format, MEDIA_TYPE, surface);
     let coding = format.coding();
     let work = async |_| {
-        let texture = texture().await?;
+        // What is not compressed has its turn here; the other turn is for the compression.
+        let texture = {
+            let _turn = cases.queue.turn().await?;
+            texture().await?
+        };
         let headers = layout(&texture);
         let body = match (texture.voxels, coding) {
             (Voxels::Shared(bytes), Coding::Identity) => bytes,

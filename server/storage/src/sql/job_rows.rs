@@ -75,7 +75,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read.
     pub async fn waiting(&self, kind: JobKind) -> Result<usize, StoreError> {
-        jobs::waiting(&mut self.rows().connect().await?, kind, "").await
+        jobs::waiting(&mut self.rows().connect().await?, kind).await
     }
 
     /// Refuses one more job of a kind of the client of this store, before anything is done for it.

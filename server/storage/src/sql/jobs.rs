@@ -7,9 +7,9 @@ use jiff::Timestamp;
 
 use super::connection::{Connection, Row, microseconds};
 use super::{arrivals, cases, fence, layers};
+use crate::StoreError;
 use crate::arrivals::ArrivalCursor;
 use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
-use crate::{ADDRESS_DIGITS, StoreError};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_job {
@@ -192,28 +192,25 @@ pub(super) async fn oldest_of_each_kind(
     rows.iter().map(read).collect()
 }
 
-/// The number of jobs of a kind that wait for a lease, of the clients of a name or, if it is empty, of all.
+/// The number of jobs of a kind that wait for a lease.
 pub(super) async fn waiting(
     connection: &mut Connection,
     kind: JobKind,
-    name: &str,
 ) -> Result<usize, StoreError> {
     let row = connection
         .query(
             // SQLite uses the index of open jobs only for the words of its condition.
             "SELECT count(*) AS count FROM jobs
-             WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'
-               AND ($2 = '' OR substr(client, 17) = $2)",
+             WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'",
         )
         .bind(kind.name())
-        .bind(name)
         .fetch_one()
         .await?;
     let count: i64 = row.get("count")?;
     Ok(usize::try_from(count).unwrap_or(0))
 }
 
-/// Refuses one more job of a kind of a client if `most` wait, or a quarter of `most` of the client, or as many of its name as are free.
+/// Refuses one more job of a kind of a client if `most` wait, or a quarter of `most` of the client.
 /// Without a client, the program itself asks, which may take all.
 pub(super) async fn check_room(
     connection: &mut Connection,
@@ -222,13 +219,8 @@ pub(super) async fn check_room(
     client: &str,
     now: i64,
 ) -> Result<(), StoreError> {
-    let of_name = match client.get(ADDRESS_DIGITS..).unwrap_or_default() {
-        "" => 0,
-        name => waiting(connection, kind, name).await?,
-    };
-    let free = most.saturating_sub(of_name);
-    let mut wait = time_to_a_place(connection, kind, free, "", now).await?;
-    if !client.is_empty() && !client.starts_with('-') {
+    let mut wait = time_to_a_place(connection, kind, most, "", now).await?;
+    if !client.is_empty() {
         let share = most.div_ceil(4);
         wait = wait.max(time_to_a_place(connection, kind, share, client, now).await?);
     }
