@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Measures what a PACS meets: instances received per second by C-STORE, the CPU time of a series by STOW-RS beside the same series as a
-zip file, `rendered3D` beside `render`, and a cine of 36 pictures. Server and client share this machine. Needs DCMTK's storescu.
+zip file and `rendered3D` beside `render`. Server and client share this machine. Needs DCMTK's storescu.
 
     lab/scripts/pacs-rates.py PROGRAM FOLDER    (a folder with the files of one series of a head, and nothing else)
 """
@@ -181,10 +181,6 @@ def pictures(program, files):
             print(f"{way}: median {statistics.median(times):.1f} ms of {ROUNDS}")
         difference = statistics.median(b - a for a, b in zip(took["render"], took["rendered3D"]))
         print(f"rendered3D after render: median of the differences {difference:+.1f} ms")
-        request = {"what": "cine", "render": {"depth_mm": 8, "width": 512, "height": 512}, "cine": {"frames": 36}}
-        before, started = server.cpu_s(), time.monotonic()
-        answer = server.send("POST", f"/v1/cases/{case}/dicom-results", json.dumps(request))
-        print(f"cine of 36 pictures, 512 × 512: {time.monotonic() - started:.2f} s, {server.cpu_s() - before:.2f} s of CPU, {len(answer) / 1e6:.0f} MB")
 
 
 def main():
