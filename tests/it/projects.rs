@@ -124,6 +124,7 @@ impl Named {
     fn body(&self, method: &Method, template: &str) -> Body {
         let body = match (method.as_str(), template) {
             ("PATCH", _) => json!({"name": "another"}),
+            ("POST", "/v1/cases/search") => json!({"study": self.study}),
             ("POST", "/v1/launch") => json!({"query": format!("study={}", self.study)}),
             ("POST", "/v1/arrivals/{id}") => json!({"as": "layer"}),
             ("POST", "/v1/cases/{id}/renders") => json!({"renders": [{}]}),
