@@ -832,40 +832,6 @@ fn association_of(title: &str) -> Vec<u8> {
 }
 
 #[tokio::test]
-async fn no_title_is_the_name_of_anybody_else_in_the_audit_record() {
-    let folder = tempfile::tempdir().unwrap();
-    let neighbour = Neighbour::start(|config| {
-        config.audit.folder = Some(folder.path().to_owned());
-    })
-    .await;
-    let address = dimse(&neighbour, dimse_options()).await;
-    let titles = [
-        "proxy:ana",
-        "oidc:u-17",
-        "isocortex",
-        "anybody",
-        "token",
-        "dr.silva",
-    ];
-    for title in titles {
-        let mut stream = TcpStream::connect(address).await.unwrap();
-        stream.write_all(&association_of(title)).await.unwrap();
-        assert_eq!(answered(&mut stream).await[0], 3, "it is rejected");
-    }
-    neighbour.server.state.cases.audit().shut_down();
-    let file = std::fs::read_dir(folder.path()).unwrap().next().unwrap();
-    let record = std::fs::read_to_string(file.unwrap().path()).unwrap();
-    let lines = record
-        .lines()
-        .map(|line| serde_json::from_str::<Value>(line).unwrap());
-    let who: Vec<_> = lines
-        .filter(|line| line["object"] == "association")
-        .map(|line| line["who"].as_str().unwrap().to_owned())
-        .collect();
-    assert_eq!(who, titles.map(|title| format!("aet:{title}")));
-}
-
-#[tokio::test]
 async fn an_association_needs_a_listed_title_at_its_own_address() {
     let neighbour = Neighbour::start(|_| {}).await;
     let mut options = dimse_options();

@@ -10,7 +10,6 @@ use serde_json::{Value, json};
 
 use crate::dicom::head_slices;
 use crate::head::plain_head;
-use crate::oidc::Issuer;
 use crate::pacs::{Neighbour, dcmtk, dimse, dimse_options, run};
 use crate::results::{add_node, identified_head, small};
 use crate::scopes::{TokensFile, rows};
@@ -391,35 +390,4 @@ async fn a_series_goes_to_the_project_of_its_token_or_its_peer() {
         let session = server.get("/v1/session").await.json();
         assert_eq!(session["project"], holder);
     }
-}
-
-#[tokio::test]
-async fn whoever_signs_in_is_in_the_project_of_a_group() {
-    let issuer = Issuer::start().await;
-    let server = Server::start_with(|config| {
-        issuer.configure(config);
-        let oidc = config.oidc.as_mut().unwrap();
-        oidc.projects_claim = Some("groups".to_owned());
-        oidc.projects = [("/one", "one"), ("/two", "two"), ("/staff", "")]
-            .map(|(group, project)| (group.to_owned(), project.to_owned()))
-            .into();
-    })
-    .await;
-    let bearer = |groups: Value| issuer.bearer(&json!({"roles": ["admin"], "groups": groups}));
-    server.authorize(&bearer(json!(["/one", "/elsewhere"])));
-    let answer = uploaded(&server).await;
-    assert_eq!(answer.status, 202, "{answer:?}");
-    let case = answer.header("location").to_owned();
-    for (groups, status) in [
-        (json!(["/one"]), 200),
-        (json!(["/two"]), 404),
-        (json!("/staff"), 404),
-    ] {
-        server.authorize(&bearer(groups.clone()));
-        assert_eq!(server.get(&case).await.status, status, "{groups}");
-    }
-    server.authorize(&bearer(json!(["/elsewhere"])));
-    assert_eq!(server.get(&case).await.problem(), "missing-scope");
-    server.authorize(&bearer(json!(["/one", "/two"])));
-    assert_eq!(server.get(&case).await.problem(), "token-refused");
 }

@@ -57,15 +57,15 @@ pub const SCOPES: &[Row] = &[
         Scope::DicomStore,
         Audited::Store,
     ),
-    read("/dicomweb/studies/{study}/rendered3D", Audited::Picture),
-    read("/dicomweb/studies/{study}/rendered3d", Audited::Picture),
+    read("/dicomweb/studies/{study}/rendered3D", Audited::View),
+    read("/dicomweb/studies/{study}/rendered3d", Audited::View),
     read(
         "/dicomweb/studies/{study}/series/{series}/rendered3D",
-        Audited::Picture,
+        Audited::View,
     ),
     read(
         "/dicomweb/studies/{study}/series/{series}/rendered3d",
-        Audited::Picture,
+        Audited::View,
     ),
     // A notice of a PACS, which fetches a series.
     post("/hooks/orthanc", Scope::DicomStore, Audited::Fetch),
