@@ -44,6 +44,7 @@ mod results;
 mod retrievals;
 mod scenes;
 mod scopes;
+mod search;
 #[path = "../../server/imaging/tests/it/series_builder.rs"]
 #[allow(dead_code, reason = "the tests of another crate use more of it")]
 mod series_builder;

@@ -28,6 +28,7 @@ pub mod ready;
 pub mod registration;
 pub mod report;
 pub mod runner;
+pub mod search;
 #[cfg(test)]
 mod testing;
 

@@ -238,7 +238,7 @@ impl AppError {
         Self::bad_request("query-value-out-of-range", detail).at(key)
     }
 
-    /// An invalid value in the body, at a place such as `cine.frames`; the rule says what it must be.
+    /// An invalid value in the body, at a place such as `key_object.instances`; the rule says what it must be.
     pub fn wrong_in_body(place: &str, rule: &str) -> Self {
         let detail = format!("`{place}` must be {rule}");
         Self::bad_request("body-value-out-of-range", detail).at(place)

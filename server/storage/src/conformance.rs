@@ -118,6 +118,7 @@ macro_rules! conformance {
                 an_image_is_kept_until_its_series_is_forgotten_or_its_case_deleted
                 images_that_have_changed_do_not_go_with_the_case_that_was_made_before
                 cases_are_found_by_their_series
+                cases_are_searched_by_what_they_are_and_whose
                 series_are_listed_newest_first_in_pages
                 series_are_listed_by_state_case_label_and_time
                 a_series_that_was_refused_is_taken_and_the_reason_stays

@@ -83,7 +83,7 @@ pub use self::objects::{
     Framed, ObjectError, ObjectName, Spool, Spooled, Unreadable, frame, keep_private,
     open_to_others,
 };
-pub use self::page::{Cursor, Page};
+pub use self::page::{CaseQuery, Cursor, Page};
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{DueSeries, Known, LayerChange, LayerName, Pinned, Published, RowCounts};
 pub use self::signals::{Count, Counters, ImageStatus, Signals};

@@ -1,10 +1,27 @@
-//! Pages of the list of cases.
+//! Pages of the list of cases, and searches for cases.
 
 use std::fmt;
 
 use jiff::Timestamp;
 
-use case::{Case, CaseId};
+use case::arrivals::{AccessionNumber, PatientDigest, Uid};
+use case::{Case, CaseId, CaseState};
+
+/// Which cases to list: those that fulfil each condition that is given; without one, all.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CaseQuery {
+    /// A part of the label, whether in upper or lower case.
+    pub label: Option<String>,
+    pub state: Option<CaseState>,
+    /// They came at this time or later.
+    pub since: Option<Timestamp>,
+    /// They came before this time.
+    pub until: Option<Timestamp>,
+    pub study: Option<Uid>,
+    pub series: Option<Uid>,
+    pub accession_number: Option<AccessionNumber>,
+    pub patient: Option<PatientDigest>,
+}
 
 /// The position in a list after a case, given by its time and id.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -134,7 +134,7 @@ async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, AppError> {
     let query = SeriesQuery::Study(uid(&named.study)?, series.transpose()?);
     let fitting = pacs.cases().fitting(&query).await?;
     if fitting.is_ambiguous() {
-        let detail = "there are cases of several patients; request a picture of the right one by its id, which `POST /v1/launch` lists";
+        let detail = "there are cases of several patients; request a picture of the right one by its id, which `POST /v1/cases/search` lists with its patient";
         return Err(AppError::new(
             StatusCode::CONFLICT,
             "several-patients",

@@ -84,17 +84,16 @@ impl From<SentResult> for ResultView {
 
 /// A result as DICOM
 ///
-/// Makes a DICOM object of a picture (Secondary Capture), a sheet of pictures (the same), a cine (Multi-frame True Color
-/// Secondary Capture), the envelope or the brain mask (Segmentation on the slices of the source), what readers have marked
-/// (Comprehensive 3D SR, or a Segmentation with a segment for each finding), or the report of a reading (Encapsulated PDF). Patient and study
-/// are those of the source. Without `node`, the answer is the object, or its first picture for `Accept: image/png`; with `node`, the object is kept and sent there by
+/// Makes a DICOM object of a picture (Secondary Capture), a sheet of pictures (the same), the envelope or the brain mask (Segmentation on the slices of the source), what readers have marked
+/// (Comprehensive 3D SR, or a Segmentation with a segment for each finding), the report of a reading (Encapsulated PDF), or a rejection note of results that were sent (Key Object Selection). Patient and study
+/// are those of the source. Without `node`, the answer is the object, or its picture for `Accept: image/png`; with `node`, the object is kept and sent there by
 /// STOW-RS or C-STORE, again and again for about ten minutes if the node does not answer. Equal requests give one object.
 #[utoipa::path(
     post, path = "/v1/cases/{id}/dicom-results", tag = "pacs",
     params(("id" = String, Path, description = "The case")),
     request_body = ResultRequest,
     responses(
-        (status = 200, description = "The object, or its first picture", content(
+        (status = 200, description = "The object, or its picture", content(
             (Vec<u8> = "application/dicom"), (Vec<u8> = "image/png"),
         )),
         (status = 202, description = "It is queued for the node, or was already", body = ResultView, headers(
@@ -102,7 +101,7 @@ impl From<SentResult> for ResultView {
         )),
         (status = 400, description = "The body cannot be read, or a value is invalid"),
         (status = 404, description = "No such case, or no node has this name"),
-        (status = 406, description = "A segmentation, a list, findings and a report have no picture"),
+        (status = 406, description = "A segmentation, findings, a report and a rejection note have no picture"),
         (status = 409, description = "The case is not ready, its patient, study or place was corrected since or its images were rejected (`superseded`), it was uploaded and the PACS has sent another patient (`several-patients`) or place (`superseded`) with its UIDs, or the result was withdrawn (`withdrawn`)"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), nothing was marked (`no-findings`), or no frame of reference for a segmentation or findings"),
         (status = 503, description = "Too much work is waiting"),

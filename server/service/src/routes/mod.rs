@@ -18,6 +18,7 @@ pub mod render;
 pub mod renders;
 pub mod report;
 pub mod scopes;
+pub mod search;
 pub mod sign_in;
 pub mod slices;
 pub mod textures;
@@ -122,6 +123,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .merge(
             OpenApiRouter::new()
                 .routes(routes!(renders::create_renders))
+                .routes(routes!(search::search_cases))
                 .layer(DefaultBodyLimit::max(MAX_BODY_BYTES)),
         )
         .route_layer(middleware::from_fn_with_state(

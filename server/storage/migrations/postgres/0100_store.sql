@@ -219,11 +219,14 @@ CREATE TABLE case_series (
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     accession_number TEXT,
+    patient          TEXT COLLATE "C", -- a keyed digest of the Patient ID
     superseded       BIGINT NOT NULL DEFAULT 0, -- why it does not count any more: 1 newer version, 2 corrected, 3 moved, 4 rejected
     is_received      BIGINT NOT NULL DEFAULT 0  -- whether a PACS sent the images: what was uploaded takes the place of none of these
 );
 
 CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);
+CREATE INDEX case_series_by_series ON case_series (series_uid);
+CREATE INDEX case_series_by_patient ON case_series (patient);
 CREATE INDEX case_series_by_accession_number ON case_series (accession_number);
 
 -- Results that are sent to a node, or were. Each is an object of the kind `result`.

@@ -189,11 +189,14 @@ CREATE TABLE case_series (
     study_uid        TEXT NOT NULL,
     series_uid       TEXT NOT NULL,
     accession_number TEXT,
+    patient          TEXT, -- a keyed digest of the Patient ID
     superseded       INTEGER NOT NULL DEFAULT 0, -- why it does not count any more: 1 newer version, 2 corrected, 3 moved, 4 rejected
     is_received      INTEGER NOT NULL DEFAULT 0  -- whether a PACS sent the images: what was uploaded takes the place of none of these
 ) STRICT, WITHOUT ROWID;
 
 CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);
+CREATE INDEX case_series_by_series ON case_series (series_uid);
+CREATE INDEX case_series_by_patient ON case_series (patient);
 CREATE INDEX case_series_by_accession_number ON case_series (accession_number);
 
 -- Results that are sent to a node, or were. Each is an object of the kind `result`; sending it is a job with its id as the key.

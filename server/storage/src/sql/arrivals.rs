@@ -7,7 +7,7 @@ use super::{jobs, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
     BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, Outcome,
-    SeriesQuery, SeriesUids, Superseded, Taken, Uid,
+    PatientDigest, SeriesQuery, SeriesUids, Superseded, Taken, Uid,
 };
 use crate::rows::{DueSeries, Known, Withdrawn};
 use crate::{ObjectName, StoreError};
@@ -881,7 +881,7 @@ pub(super) async fn take(
 }
 
 /// A pattern of LIKE that finds a text anywhere.
-fn containing(text: &str) -> String {
+pub(super) fn containing(text: &str) -> String {
     let mut pattern = String::from("%");
     for letter in text.chars() {
         if matches!(letter, '%' | '_' | '!') {
@@ -1037,8 +1037,8 @@ pub(super) async fn index(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, superseded, is_received)
-             SELECT id, $2, $3, $4, $5, $6 FROM cases WHERE id = $1
+            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, superseded, is_received, patient)
+             SELECT id, $2, $3, $4, $5, $6, $7 FROM cases WHERE id = $1
              ON CONFLICT (case_id) DO NOTHING",
         )
         .bind(series.case.to_string())
@@ -1052,6 +1052,7 @@ pub(super) async fn index(
         )
         .bind(superseded_code(series.superseded))
         .bind(i64::from(series.is_received))
+        .bind(series.patient.map(PatientDigest::to_hex))
         .execute()
         .await?;
     Ok(())
@@ -1078,7 +1079,7 @@ pub(super) async fn series_of(
     case: &CaseId,
 ) -> Result<Option<CaseSeries>, StoreError> {
     let row = connection
-        .query("SELECT case_id, study_uid, series_uid, accession_number, superseded, is_received FROM case_series WHERE case_id = $1")
+        .query("SELECT case_id, study_uid, series_uid, accession_number, patient, superseded, is_received FROM case_series WHERE case_id = $1")
         .bind(case.to_string())
         .fetch_optional()
         .await?;
@@ -1092,7 +1093,7 @@ pub(super) async fn cases_of(
     let rows = match query {
         SeriesQuery::Study(study, series) => connection
             .query(
-                "SELECT case_id, study_uid, series_uid, accession_number, superseded, is_received
+                "SELECT case_id, study_uid, series_uid, accession_number, patient, superseded, is_received
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
                  WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid
                  ORDER BY created_at DESC, id",
@@ -1101,7 +1102,7 @@ pub(super) async fn cases_of(
             .bind(series.as_ref().map(Uid::as_str)),
         SeriesQuery::AccessionNumber(number) => connection
             .query(
-                "SELECT case_id, study_uid, series_uid, accession_number, superseded, is_received
+                "SELECT case_id, study_uid, series_uid, accession_number, patient, superseded, is_received
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
                  WHERE accession_number = $1
                  ORDER BY created_at DESC, id",
@@ -1120,6 +1121,7 @@ fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
         case: read_case(row, "case_id")?.ok_or_else(|| unreadable("case"))?,
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
+        patient: read_patient(row)?,
         superseded: read_superseded(Some(row.get("superseded")?)),
         is_received: row.get::<i64>("is_received")? != 0,
     })
@@ -1146,6 +1148,14 @@ pub(super) fn read_superseded(code: Option<i64>) -> Option<Superseded> {
         Some(3) => Some(Superseded::Moved),
         Some(_) => Some(Superseded::Rejected),
     }
+}
+
+fn read_patient(row: &Row) -> Result<Option<PatientDigest>, StoreError> {
+    let digest: Option<String> = row.get("patient")?;
+    let read = |digest: String| PatientDigest::from_hex(&digest);
+    digest
+        .map(|digest| read(digest).ok_or_else(|| unreadable("patient")))
+        .transpose()
 }
 
 fn read_accession_number(row: &Row) -> Result<Option<AccessionNumber>, StoreError> {

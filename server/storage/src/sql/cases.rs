@@ -4,9 +4,10 @@ use jiff::Timestamp;
 
 use super::connection::{Connection, Row};
 use super::{arrivals, findings, jobs, layers, pins, results, upkeep};
+use crate::arrivals::{AccessionNumber, PatientDigest, Uid};
 use crate::jobs::NewJob;
 use crate::rows::{Inserted, NewCase, Pinned, Referred};
-use crate::{Cursor, ObjectName, Page, StoreError};
+use crate::{CaseQuery, Cursor, ObjectName, Page, StoreError};
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
 
 /// A case with its job's progress, which `read` understands. A `WHERE` or `ORDER BY` may follow.
@@ -25,6 +26,35 @@ macro_rules! select_case {
              FROM cases ",
             $rest
         )
+    };
+}
+
+/// A page of cases. Further conditions may follow.
+macro_rules! select_listed {
+    ($($conditions:tt)*) => {
+        concat!(
+            select_case!(
+                "WHERE (created_at, id) < ($1, $2) AND created_at >= $4
+                   AND ($5 = '' OR lower(name) LIKE lower($5) ESCAPE '!')
+                   AND $6 IN ('', CASE WHEN state = 'queued' AND EXISTS (SELECT 1 FROM jobs WHERE jobs.kind = 'prepare'
+                                            AND jobs.key = cases.id AND jobs.state = 'running')
+                                       THEN 'preparing' ELSE state END) "
+            ),
+            $($conditions)*,
+            " ORDER BY created_at DESC, id DESC LIMIT $3"
+        )
+    };
+}
+
+/// A page of cases that were made of certain series.
+macro_rules! select_found {
+    ($by:literal) => {
+        select_listed!(concat!(
+            "AND id IN (SELECT case_id FROM case_series WHERE ",
+            $by,
+            " AND ($7 IS NULL OR study_uid = $7) AND ($8 IS NULL OR series_uid = $8)
+              AND ($9 IS NULL OR accession_number = $9) AND ($10 IS NULL OR patient = $10))"
+        ))
     };
 }
 
@@ -436,22 +466,46 @@ pub(super) async fn with_voxels(
 
 pub(super) async fn page(
     connection: &mut Connection,
+    query: &CaseQuery,
     after: Option<&Cursor>,
     limit: usize,
 ) -> Result<Page, StoreError> {
+    let until = query.until.map_or(i64::MAX, Timestamp::as_microsecond);
     let (created_at, id) = match after {
-        Some(cursor) => (cursor.created_at.as_microsecond(), cursor.id.to_string()),
-        None => (i64::MAX, String::new()),
+        Some(cursor) if cursor.created_at.as_microsecond() < until => {
+            (cursor.created_at.as_microsecond(), cursor.id.to_string())
+        }
+        _ => (until, String::new()),
     };
-    let rows = connection
-        .query(select_case!(
-            "WHERE (created_at, id) < ($1, $2) ORDER BY created_at DESC, id DESC LIMIT $3"
-        ))
+    let study = query.study.as_ref().map(Uid::as_str);
+    let series = query.series.as_ref().map(Uid::as_str);
+    let number = query.accession_number.as_ref().map(AccessionNumber::as_str);
+    let patient = query.patient.map(PatientDigest::to_hex);
+    // Each statement begins with what has an index.
+    let statement = match (study, number, &patient, series) {
+        (Some(_), ..) => select_found!("study_uid = $7"),
+        (_, Some(_), ..) => select_found!("accession_number = $9"),
+        (_, _, Some(_), _) => select_found!("patient = $10"),
+        (.., Some(_)) => select_found!("series_uid = $8"),
+        (None, None, None, None) => select_listed!(""),
+    };
+    let label = query.label.as_deref();
+    let mut statement = connection
+        .query(statement)
         .bind(created_at)
         .bind(id)
         .bind(i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX))
-        .fetch_all()
-        .await?;
+        .bind(query.since.map_or(i64::MIN, Timestamp::as_microsecond))
+        .bind(label.map_or_else(String::new, arrivals::containing))
+        .bind(query.state.map_or("", CaseState::name));
+    if study.is_some() || series.is_some() || number.is_some() || patient.is_some() {
+        statement = statement
+            .bind(study)
+            .bind(series)
+            .bind(number)
+            .bind(patient);
+    }
+    let rows = statement.fetch_all().await?;
     let mut cases = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let more = cases.len() > limit;
     cases.truncate(limit);

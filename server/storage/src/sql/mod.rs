@@ -36,7 +36,7 @@ use sqlx::{Pool, SqlSafeStr as _};
 use self::connection::{Connection, Database, microseconds};
 use super::jobs::{Claim, NewJob};
 use super::rows::{Change, Inserted, NewCase, Pinned, Published, Referred, Sweep};
-use super::{Cursor, ObjectName, Page, Store, StoreError};
+use super::{CaseQuery, Cursor, ObjectName, Page, Store, StoreError};
 use case::{Case, CaseFacts, CaseId, Failure, JobKind, ObjectKind};
 
 /// The migrations of a database, oldest first: a number, a name and the statements of each. A database remembers the digests of those that
@@ -267,9 +267,22 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read.
     pub async fn cases(&self, after: Option<Cursor>, limit: usize) -> Result<Page, StoreError> {
+        self.search(&CaseQuery::default(), after, limit).await
+    }
+
+    /// At most `limit` cases of a search after a cursor, newest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn search(
+        &self,
+        query: &CaseQuery,
+        after: Option<Cursor>,
+        limit: usize,
+    ) -> Result<Page, StoreError> {
         let mut page = loop {
             let mut connection = self.rows().connect().await?;
-            match cases::page(&mut connection, after.as_ref(), limit).await {
+            match cases::page(&mut connection, query, after.as_ref(), limit).await {
                 Err(StoreError::DamagedFacts(id)) => {
                     drop(connection);
                     upkeep::prepare_again(self.rows(), &id).await?;

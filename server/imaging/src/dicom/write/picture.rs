@@ -1,4 +1,4 @@
-//! Pictures as Secondary Capture.
+//! A picture as Secondary Capture.
 
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
@@ -21,24 +21,22 @@ const DERIVATION: [Code; 2] = [
     },
 ];
 
-/// Pictures of one size.
+/// A picture.
 #[derive(Debug)]
-pub struct Pictures {
+pub struct Picture {
     /// Pixels in a row.
     pub width: u16,
     /// Rows.
     pub height: u16,
-    /// Red, green and blue of each pixel in 8 bits, row by row from the top left, picture by picture.
+    /// Red, green and blue of each pixel in 8 bits, row by row from the top left.
     pub rgb: Vec<u8>,
-    /// If there are several: how they are played.
-    pub cine: Option<Cine>,
-    /// The patient's directions along the rows and down the columns, such as `['L', 'F']`, if all pictures have the same.
+    /// The patient's directions along the rows and down the columns, such as `['L', 'F']`, if all that it shows has the same.
     pub orientation: Option<[char; 2]>,
     /// The side of the brain that is seen.
     pub laterality: Laterality,
 }
 
-/// The side of the brain that pictures show (PS3.3 C.7.6.1.1).
+/// The side of the brain that a picture shows (PS3.3 C.7.6.1.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Laterality {
     /// The left one.
@@ -59,33 +57,20 @@ impl Laterality {
     }
 }
 
-/// Several pictures, which are played one after the other.
-#[derive(Debug, Clone, Copy)]
-pub struct Cine {
-    /// How many there are.
-    pub frames: usize,
-    /// The time of each picture, in ms.
-    pub frame_time_ms: u16,
-}
-
-/// A Secondary Capture, or a Multi-frame True Color Secondary Capture.
+/// A Secondary Capture.
 ///
 /// Position and spacing are omitted, because a picture of a surface in three dimensions has none.
 ///
 /// # Errors
 /// If the pixels do not fit their size, and as [`WriteError`].
-pub fn pictures(head: &Head<'_>, pictures: Pictures) -> Result<Vec<u8>, WriteError> {
-    let frames = pictures.cine.map_or(1, |cine| cine.frames);
-    let pixels = usize::from(pictures.width) * usize::from(pictures.height);
-    let expected = pixels.checked_mul(3 * frames).ok_or(WriteError::Size)?;
-    if expected == 0 || expected != pictures.rgb.len() || u32::try_from(expected).is_err() {
+pub fn picture(head: &Head<'_>, picture: Picture) -> Result<Vec<u8>, WriteError> {
+    let pixels = usize::from(picture.width) * usize::from(picture.height);
+    let expected = pixels.checked_mul(3).ok_or(WriteError::Size)?;
+    if expected == 0 || expected != picture.rgb.len() || u32::try_from(expected).is_err() {
         return Err(WriteError::Size);
     }
-    let class = match pictures.cine {
-        None => uids::SECONDARY_CAPTURE_IMAGE_STORAGE,
-        Some(_) => uids::MULTI_FRAME_TRUE_COLOR_SECONDARY_CAPTURE_IMAGE_STORAGE,
-    };
-    let orientation = pictures
+    let class = uids::SECONDARY_CAPTURE_IMAGE_STORAGE;
+    let orientation = picture
         .orientation
         .map(|[row, column]| format!("{row}\\{column}"));
     let mut item = head.begin(class, "OT")?;
@@ -97,13 +82,13 @@ pub fn pictures(head: &Head<'_>, pictures: Pictures) -> Result<Vec<u8>, WriteErr
             VR::CS,
             &orientation.unwrap_or_default(),
         )
-        .text(tags::IMAGE_LATERALITY, VR::CS, pictures.laterality.code())
+        .text(tags::IMAGE_LATERALITY, VR::CS, picture.laterality.code())
         .codes(tags::DERIVATION_CODE_SEQUENCE, &DERIVATION)
         .shorts(tags::SAMPLES_PER_PIXEL, &[3])
         .text(tags::PHOTOMETRIC_INTERPRETATION, VR::CS, "RGB")
         .shorts(tags::PLANAR_CONFIGURATION, &[0])
-        .shorts(tags::ROWS, &[pictures.height])
-        .shorts(tags::COLUMNS, &[pictures.width])
+        .shorts(tags::ROWS, &[picture.height])
+        .shorts(tags::COLUMNS, &[picture.width])
         .shorts(tags::BITS_ALLOCATED, &[8])
         .shorts(tags::BITS_STORED, &[8])
         .shorts(tags::HIGH_BIT, &[7])
@@ -112,13 +97,7 @@ pub fn pictures(head: &Head<'_>, pictures: Pictures) -> Result<Vec<u8>, WriteErr
     if !sources.is_empty() {
         item.items(tags::SOURCE_IMAGE_SEQUENCE, sources);
     }
-    if let Some(cine) = pictures.cine {
-        let time = cine.frame_time_ms.to_string();
-        item.text(tags::NUMBER_OF_FRAMES, VR::IS, &frames.to_string())
-            .pointer(tags::FRAME_INCREMENT_POINTER, tags::FRAME_TIME)
-            .text(tags::FRAME_TIME, VR::DS, &time);
-    }
-    let mut rgb = pictures.rgb;
+    let mut rgb = picture.rgb;
     if rgb.len() % 2 == 1 {
         rgb.push(0);
     }
