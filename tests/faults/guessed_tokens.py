@@ -14,7 +14,7 @@ SECONDS = 20
 
 def main():
     report = Report("guessing tokens")
-    with Server(environment={"ISOCORTEX_TOKEN": TOKEN}) as server:
+    with Server(settings=f'[http]\ntoken = "{TOKEN}"\n') as server:
         started, tried, refused, slowest = time.monotonic(), 0, 0, 0
         while tried < 500 and time.monotonic() - started < SECONDS:
             begun = time.monotonic()
