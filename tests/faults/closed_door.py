@@ -84,7 +84,7 @@ def honest(report, server, attack, sockets, sources, name):
 def main():
     report = Report("strangers at the door")
     attacks = {"wrong tokens": guess, "half a header": hold(b"GET /v1/ca"), "silence": hold(b"")}
-    settings = {"environment": {"ISOCORTEX_TOKEN": TOKEN, "ISOCORTEX_LOG": "warn"}}
+    settings = {"settings": f'[http]\ntoken = "{TOKEN}"\n', "environment": {"ISOCORTEX_LOG": "warn"}}
     for name, attack in attacks.items():
         with Server(**settings) as server:
             honest(report, server, attack, SOCKETS, ["127.0.0.2", "127.0.0.3"], name)

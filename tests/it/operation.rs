@@ -44,7 +44,6 @@ impl Logged {
             .args(arguments)
             .args(["--log-format", "json", "--log", "debug"])
             .env_remove("ISOCORTEX_CONFIG")
-            .env_remove("ISOCORTEX_TOKEN")
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()

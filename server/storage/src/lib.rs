@@ -31,7 +31,6 @@
 mod conformance;
 mod copy;
 mod directory;
-pub mod environment;
 mod error;
 mod findings;
 mod inspect;

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 use pipeline::atlas::AtlasChoice;
-use storage::environment::variable;
 
 use super::choices;
 use super::status::CliError;
@@ -25,7 +24,7 @@ pub(super) struct StoreArgs {
         hide_env_values = true
     )]
     pub(super) database: Option<String>,
-    /// A file with the password for PostgreSQL. [otherwise: PGPASSWORD, ~/.pgpass]
+    /// A file with the password for PostgreSQL. [otherwise: ~/.pgpass]
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_DATABASE_PASSWORD_FILE")]
     pub(super) database_password_file: Option<PathBuf>,
     /// The objects, unless they are in the directory: s3://bucket[/prefix], with the settings of the AWS_ variables, or
@@ -46,11 +45,7 @@ impl StoreArgs {
         };
         let storage = &mut config.storage;
         set(&mut storage.data, self.data.as_ref());
-        // It may have been taken out of the environment, because it may contain a password.
-        let database = self.database.clone();
-        let database = database
-            .or_else(|| variable("ISOCORTEX_DATABASE"))
-            .map(Secret);
+        let database = self.database.clone().map(Secret);
         set_some(&mut storage.database, database.as_ref());
         let password_file = &mut storage.database_password_file;
         set_some(password_file, self.database_password_file.as_ref());

@@ -16,8 +16,8 @@ use super::status::{CliError, ExitStatus};
 /// Name a store by its directory, or by its database and its objects with a comma between them:
 /// `postgres://isocortex@db/isocortex,s3://heads`. Intact objects that the target already has are read but not copied,
 /// so run the command again after an interruption, or to copy new cases. Nothing is removed from either store. Stop the
-/// servers and workers of the source before the last run. Passwords come from PGPASSWORD or ~/.pgpass, the keys of a
-/// bucket from the AWS_ variables.
+/// servers and workers of the source before the last run. Passwords come from ~/.pgpass, the keys of a bucket from
+/// the file that AWS_SHARED_CREDENTIALS_FILE names.
 #[derive(Debug, Clone, Args)]
 pub(super) struct MigrateStoreArgs {
     /// The store to read.

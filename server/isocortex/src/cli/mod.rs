@@ -173,18 +173,7 @@ pub fn main() -> ExitCode {
     {
         return cases::dicom::run_child();
     }
-    if let Err(error) = crate::again::take_secrets() {
-        return refuse(&error);
-    }
-    let cli = Cli::parse();
-    let is_long = matches!(
-        cli.command,
-        Command::Serve(_) | Command::Work(_) | Command::Demo(_)
-    );
-    if let Err(error) = crate::again::start_again(is_long) {
-        return refuse(&error);
-    }
-    match run(cli.command) {
+    match run(Cli::parse().command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             match crate::logs::are_json() {
@@ -194,14 +183,6 @@ pub fn main() -> ExitCode {
             error.status.into()
         }
     }
-}
-
-/// The secrets cannot leave the environment.
-fn refuse(error: &std::io::Error) -> ExitCode {
-    eprintln!(
-        "isocortex: the program cannot start itself again without the secrets in its environment: {error}"
-    );
-    ExitStatus::Internal.into()
 }
 
 fn run(command: Command) -> Result<(), CliError> {
@@ -222,12 +203,7 @@ fn run(command: Command) -> Result<(), CliError> {
 }
 
 /// The variables that no option reads.
-const OTHER_VARIABLES: [&str; 4] = [
-    "ISOCORTEX_TOKEN",
-    "ISOCORTEX_DEMO_VOLUME",
-    "ISOCORTEX_DEMO_MASK",
-    "ISOCORTEX_SECRETS_ON_STDIN",
-];
+const OTHER_VARIABLES: [&str; 2] = ["ISOCORTEX_DEMO_VOLUME", "ISOCORTEX_DEMO_MASK"];
 
 /// Warnings of variables that begin like ours and that the program does not know: most likely a typing error, so that a setting does not hold.
 fn unknown_variables(variables: impl IntoIterator<Item = String>) -> Vec<String> {
@@ -340,7 +316,6 @@ mod tests {
         let names = [
             "ISOCORTEX_TOKENFILE",
             "ISOCORTEX_TOKEN_FILE",
-            "ISOCORTEX_TOKEN",
             "ISOCORTEX_WORK_LISTEN",
             "ISOCORTEX_SERVICE_HOST",
             "ISOCORTEX_PORT_8640_TCP",

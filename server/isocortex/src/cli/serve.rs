@@ -12,7 +12,7 @@ use tokio::net::TcpListener;
 use super::choices;
 use super::common::{CommonArgs, set, set_some};
 use super::status::{CliError, ExitStatus};
-use crate::config::{Config, ConfigError, Network, Secret};
+use crate::config::{Config, ConfigError, Network};
 use crate::{figures, logs, start};
 use cases::dicom::DicomReader;
 use cases::jobs::{start_series_reader, start_workers};
@@ -25,13 +25,10 @@ use pacs::dimse::{self, ReloadedTls};
 use pacs::start_transfers;
 use service::state::AppState;
 
-/// The variable for the token. There is no flag, because everyone on a machine can see command lines.
-const TOKEN_VARIABLE: &str = "ISOCORTEX_TOKEN";
-
 /// Serve the cases of a store over HTTP
 ///
 /// The command line takes precedence over the environment, and the environment over the file. Without a bearer token
-/// (--tokens-file, --token-file or ISOCORTEX_TOKEN), the server listens on this machine only and refuses any other address.
+/// (--tokens-file or --token-file), the server listens on this machine only and refuses any other address.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct ServeArgs {
     #[command(flatten)]
@@ -84,13 +81,10 @@ impl ServeArgs {
             self.trusted_proxies.as_ref(),
         );
         set(&mut config.render.gpu, self.gpu.as_ref());
-        if let Some(token) = storage::environment::variable(TOKEN_VARIABLE)
-            && !token.is_empty()
-        {
-            // A token file in addition is rejected: neither takes precedence.
-            config.http.token = Some(Secret(token));
-            config.http.token_file = self.token_file.clone();
-        } else if let Some(path) = &self.token_file {
+        if std::env::var_os("ISOCORTEX_TOKEN").is_some_and(|token| !token.is_empty()) {
+            return Err(ConfigError::TokenInVariable.into());
+        }
+        if let Some(path) = &self.token_file {
             config.http.token = None;
             config.http.token_file = Some(path.clone());
         }

@@ -67,9 +67,6 @@ pub struct Config {
     /// The file that this was read from, if it was.
     #[serde(skip)]
     pub file: Option<PathBuf>,
-    /// Whether that file has a token or a password.
-    #[serde(skip)]
-    pub has_secret: bool,
     /// Whether each preparation runs in a process of its own: in long-running commands, which the commands set.
     #[serde(skip)]
     pub prepares_apart: bool,
@@ -93,7 +90,6 @@ impl Default for Config {
             render: Render::default(),
             storage: Storage::default(),
             file: None,
-            has_secret: false,
             prepares_apart: false,
             dicom_program: Program::default(),
         }
@@ -143,6 +139,11 @@ pub enum ConfigError {
         folder: PathBuf,
         source: std::io::Error,
     },
+    /// A token in a variable, which others of the same user can read.
+    #[error(
+        "the variable `ISOCORTEX_TOKEN` has a secret; remove it, and write the token into the file that `ISOCORTEX_TOKEN_FILE` (`http.token_file`) names"
+    )]
+    TokenInVariable,
     /// A token in two places.
     #[error("set the token in `http.token` or in `http.token_file`, not in both")]
     TwoTokens,
@@ -168,7 +169,7 @@ pub enum ConfigError {
         listen: SocketAddr,
     },
     /// An address of the store is invalid.
-    #[error("`{key}` is invalid: {source}")]
+    #[error("`{key}`: {source}")]
     Address {
         key: &'static str,
         source: BadAddress,
@@ -257,20 +258,7 @@ impl Config {
         };
         let mut config: Self = toml::from_str(&text).map_err(malformed)?;
         config.file = Some(path.to_owned());
-        config.note_secrets();
         Ok(config)
-    }
-
-    /// Notes whether it has a token or a password, before the environment adds to it.
-    fn note_secrets(&mut self) {
-        let has_password = |address: &str| {
-            let (_, rest) = address.split_once("://").unwrap_or_default();
-            let user = rest.rsplit_once('@').map_or("", |(user, _)| user);
-            user.contains(':') || rest.contains("password=")
-        };
-        let database = self.storage.database.as_ref();
-        self.has_secret =
-            self.http.token.is_some() || database.is_some_and(|address| has_password(&address.0));
     }
 
     /// The access rules.
@@ -806,7 +794,7 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), "CANARY\n").unwrap();
         let config = parsed(&format!(
-            "[storage]\ndatabase = \"postgres://u:CANARY@db/cases\"\nobjects = \"s3://heads/a\"\n\
+            "[storage]\ndatabase = \"postgres://u@db/cases\"\nobjects = \"s3://heads/a\"\n\
              database_password_file = \"{}\"",
             file.path().display()
         ));
@@ -817,10 +805,14 @@ mod tests {
             shown.contains("db:5432/cases") && !shown.contains("CANARY"),
             "{shown}"
         );
-        for (key, value) in [("database", "u:CANARY@db"), ("objects", "http://CANARY")] {
+        for (key, value) in [
+            ("database", "u:CANARY@db"),
+            ("database", "postgres://u:CANARY@db/cases"),
+            ("objects", "http://CANARY"),
+        ] {
             let config = parsed(&format!("[storage]\n{key} = \"{value}\"")).unwrap();
             let error = config.location().unwrap_err().to_string();
-            let named = format!("`storage.{key}` is invalid");
+            let named = format!("`storage.{key}`: ");
             assert!(
                 error.contains(&named) && !error.contains("CANARY"),
                 "{error}"

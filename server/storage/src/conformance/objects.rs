@@ -102,7 +102,9 @@ mod tests {
             objects_do_what_they_must(&objects.unwrap()).await;
         }
         // The error about a missing store names no secret.
-        variables[2].1 = "CANARY".to_owned();
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(&file, crate::testing::s3::credentials("CANARY")).unwrap();
+        variables[1].1 = file.path().to_str().unwrap().to_owned();
         let objects = Objects::in_bucket_with(BUCKET, "", &variables.into()).unwrap();
         let refused = objects.check().await.unwrap_err();
         assert!(
