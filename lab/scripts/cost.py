@@ -45,7 +45,7 @@ class Server:
         (at / "audit").mkdir()
         words = [str(word).replace("{folder}", self.folder.name) for word in arguments]
         command = [program, "serve", "--config", at / "isocortex.toml", "--data", at / "data", "--token-file", at / "token"]
-        command += ["--listen", "127.0.0.1:0", "--gpu", "off", "--log", "warn", *words]
+        command += ["--create", "--listen", "127.0.0.1:0", "--gpu", "off", "--log", "warn", *words]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         self.port = int(self.process.stdout.readline().decode().rsplit(":", 1)[1])
         self.connection = self.connect()

@@ -44,7 +44,7 @@ class Server:
         settings = Path(self.folder.name, "isocortex.toml")
         settings.write_text(SETTINGS.format(stable_seconds=stable_seconds))
         command = [program, "serve", "--config", settings, "--data", Path(self.folder.name, "data")]
-        command += ["--listen", "127.0.0.1:0", "--gpu", "off"]
+        command += ["--create", "--listen", "127.0.0.1:0", "--gpu", "off"]
         log = open(Path(self.folder.name, "log"), "wb")
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log)
         self.port = int(self.process.stdout.readline().decode().rsplit(":", 1)[1])

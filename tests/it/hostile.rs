@@ -52,6 +52,7 @@ impl Beside {
         let mut process = command
             .args(["serve", "--listen", "127.0.0.1:0", "--gpu", "off", "--data"])
             .arg(&store)
+            .env("ISOCORTEX_CREATE", "true")
             .env("ISOCORTEX_TOKEN", TOKEN)
             .env("PGPASSWORD", TOKEN)
             .env("AWS_SECRET_ACCESS_KEY", TOKEN)

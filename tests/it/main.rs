@@ -22,6 +22,7 @@ mod head;
 mod heads;
 mod hostile;
 mod hygiene;
+mod identity;
 mod interface;
 mod kept_store;
 mod kill;

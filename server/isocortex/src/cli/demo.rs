@@ -66,6 +66,7 @@ impl DemoArgs {
         ServeArgs {
             common: CommonArgs {
                 store,
+                create: true,
                 network: self.network.clone(),
                 log: Some("warn".to_owned()),
                 ..CommonArgs::default()

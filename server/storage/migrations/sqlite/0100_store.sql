@@ -3,6 +3,13 @@
 --
 -- Times are microseconds since 1970-01-01T00:00Z. Digests are 64 hexadecimal digits.
 
+-- Which store this is: the object `store-id` has the same id. `complete` says that the pair was seen to be whole once.
+CREATE TABLE store (
+    one      INTEGER NOT NULL PRIMARY KEY CHECK (one = 1),
+    id       TEXT    NOT NULL,
+    complete INTEGER NOT NULL DEFAULT 0
+) STRICT;
+
 -- The ids of cases, here and in other tables, are those that clients know, with the project before them if it has a name:
 -- `epilepsy:c4a2…`. So what belongs to a case belongs to its project. `project` is in the tables that are searched without
 -- the id of a case; it is empty for the project without a name.

@@ -221,7 +221,7 @@ mod tests {
 
     async fn store_at(address: &str) -> Store {
         let rows = Rows::postgres(address.parse().unwrap()).await;
-        Subject::new(rows.unwrap(), ()).store
+        Subject::new(rows.unwrap(), ()).await.store
     }
 
     fn pool(store: &Store) -> &PgPool {
@@ -239,7 +239,7 @@ mod tests {
         let subject = async || {
             let address = server.database().await;
             let rows = Rows::postgres(address.parse().unwrap()).await;
-            Subject::new(rows.unwrap(), ())
+            Subject::new(rows.unwrap(), ()).await
         };
         crate::conformance::conformance! { in_turn subject }
     }
