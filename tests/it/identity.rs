@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use storage::testing::files_below;
+use storage::testing::postgres::PostgresServer;
 
 use crate::command_line::{done, run};
 use crate::head::plain_head;
@@ -273,4 +274,64 @@ fn a_running_server_answers_503_with_both_ids_until_its_objects_are_back() {
     assert_eq!(status, 200);
     assert!(json.contains("\"state\":\"ready\""), "{json}");
     server.end();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_server_waits_for_its_database_and_names_the_cause_once() {
+    let Some(mut postgres) = PostgresServer::start().await else {
+        return;
+    };
+    let place = Place::new();
+    let database = postgres.database().await;
+    let data = place.text("folder");
+    let objects = format!("file://{}", place.text("objects"));
+    let shared = [
+        "--database",
+        &database,
+        "--objects",
+        &objects,
+        "--data",
+        &data,
+    ];
+    let made = tokio::task::block_in_place(|| done(&[&["init-store"][..], &shared].concat()));
+    assert_eq!(made.trim().len(), 36, "{made}");
+    postgres.stop();
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = port.local_addr().unwrap().to_string();
+    drop(port);
+    let serve = ["serve", "--gpu", "off", "--listen", &address];
+    let mut server = Logged::start(&[&serve[..], &shared].concat());
+    let waits = server.until("waiting for the store");
+    let cause = waits["cause"].as_str().unwrap();
+    assert!(
+        ["refused", "No such file"]
+            .iter()
+            .any(|words| cause.contains(words)),
+        "{waits}"
+    );
+    let status = |path: &str| loop {
+        // It listens a moment after it has said so.
+        if std::net::TcpStream::connect(&address).is_ok() {
+            return get(&address, path, "").0;
+        }
+    };
+    assert_eq!(
+        [status("/healthz"), status("/readyz"), status("/v1/cases")],
+        [200, 503, 503]
+    );
+    postgres.start_again().await;
+    server.until("listening");
+    assert_eq!(
+        [status("/healthz"), status("/readyz"), status("/v1/cases")],
+        [200, 200, 200]
+    );
+    assert_eq!(server.count("waiting for the store"), 1);
+    server.end();
+    // Told to stop while it waits, it ends well. A worker waits, too.
+    postgres.stop();
+    for command in [&serve[..], &["work"]] {
+        let mut waiting = Logged::start(&[command, &shared].concat());
+        waiting.until("waiting for the store");
+        waiting.stop();
+    }
 }

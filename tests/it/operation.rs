@@ -85,6 +85,19 @@ impl Logged {
         assert!(sent.unwrap().success());
     }
 
+    /// How often the log has had a message so far.
+    pub(crate) fn count(&self, message: &str) -> usize {
+        let message = format!("\"message\":\"{message}\"");
+        let lines = self.lines.iter();
+        lines.filter(|line| line.contains(&message)).count()
+    }
+
+    /// Tells it to stop; it ends without an error.
+    pub(crate) fn stop(mut self) {
+        self.signal("-TERM");
+        assert!(self.process.wait().unwrap().success());
+    }
+
     /// Ends it in order; every line of its log is JSON, and nothing is on standard output.
     pub(crate) fn end(mut self) {
         self.signal("-TERM");

@@ -17,6 +17,7 @@ mod serve;
 mod status;
 mod test_node;
 mod token;
+mod waiting;
 mod work;
 
 use std::fs::File;

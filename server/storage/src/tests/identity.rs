@@ -400,4 +400,11 @@ async fn a_database_and_a_bucket_become_one_store_and_what_is_away_is_not_missin
         "{}",
         away.cause()
     );
+    // The pool names the same cause, and not only that it waited.
+    let away = rows.check().await.unwrap_err();
+    assert!(
+        away.is_away() && !away.cause().contains("pool"),
+        "{}",
+        away.cause()
+    );
 }
