@@ -385,6 +385,7 @@ fn a_configuration_is_checked_without_starting_anything() {
         "`archive`",
         "11112",
         "nobody may send",
+        "its objects are in this folder",
         &not_there,
     ] {
         assert!(said.contains(words), "{words}: {said}");
