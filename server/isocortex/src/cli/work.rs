@@ -11,10 +11,9 @@ use http_support::listen;
 use pipeline::Limits;
 
 use super::common::{CommonArgs, set_some};
-use super::serve::{bind, end, tell_confinement, told_to_stop};
+use super::serve::{bind, tell_confinement, told_to_stop};
 use super::status::CliError;
 use super::waiting;
-use crate::collector::Sender;
 use crate::config::ConfigError;
 use crate::{health, logs, start};
 
@@ -48,13 +47,11 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
     }
     config.keep_secrets();
     super::block_on(async {
-        config.collector()?;
         let opening = || start::open_library(&config);
         let Some(library) = waiting::opened(&config, config.prepare.listen, None, opening).await?
         else {
             return Ok(());
         };
-        let sender = start::sender(&config)?;
         let workers = start_workers(library.clone(), config.prepare.workers);
         tracing::info!("preparing cases");
         let program = config.dicom_program.clone();
@@ -66,8 +63,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
             Some(listen) => {
                 let (listener, address) = bind(listen).await?;
                 tracing::info!(%address, "answering health checks");
-                let progress = sender.as_ref().map(Sender::progress);
-                let routes = health::routes(library.store().clone(), progress.as_ref());
+                let routes = health::routes(library.store().clone());
                 listen::serve(listener, routes, config.connection_limits(), None, stop).await;
             }
         }
@@ -76,7 +72,6 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
         workers.shut_down(grace).await;
         library.store().close().await;
         library.audit().shut_down();
-        end(sender).await;
         tracing::info!("stopped");
         Ok(())
     })
