@@ -284,7 +284,7 @@ class Cluster:
     def start_worker(self, settings=""):
         self.begun += 1
         folder = os.path.join(self.folder, f"worker-{self.begun}")
-        environment = {**self.environment, "PATH": os.environ.get("PATH", ""), "ISOCORTEX_DATA": folder}
+        environment = {**self.environment, "PATH": os.environ.get("PATH", ""), "ISOCORTEX_DATA": folder, "ISOCORTEX_CREATE": "true"}
         if settings:
             environment["ISOCORTEX_CONFIG"] = f"{folder}.toml"
             with open(environment["ISOCORTEX_CONFIG"], "w") as file:

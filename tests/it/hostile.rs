@@ -55,6 +55,7 @@ impl Beside {
         let mut process = command
             .args(["serve", "--listen", "127.0.0.1:0", "--gpu", "off", "--data"])
             .arg(&store)
+            .env("ISOCORTEX_CREATE", "true")
             .env("ISOCORTEX_TOKEN_FILE", &token)
             .stdout(Stdio::null())
             .stderr(Stdio::piped())

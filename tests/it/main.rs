@@ -21,6 +21,7 @@ mod head;
 mod heads;
 mod hostile;
 mod hygiene;
+mod identity;
 mod interface;
 mod kept_store;
 mod kill;

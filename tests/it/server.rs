@@ -138,6 +138,7 @@ impl Server {
     pub(crate) async fn start_on(directory: TempDir, configure: impl FnOnce(&mut Config)) -> Self {
         let mut config = Config::default();
         config.storage.data = directory.path().to_owned();
+        config.storage.create = true;
         // The same on every machine; heads of the tests that need names have an atlas of their own.
         config.prepare.atlas = AtlasChoice::Off;
         configure(&mut config);

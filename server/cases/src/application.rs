@@ -102,8 +102,8 @@ pub enum StartError {
 /// If the store or the network cannot be opened.
 pub async fn open_library(options: &Options) -> Result<Library, StartError> {
     let extractor = Extractor::open(options.network.as_deref())?;
-    tracing::info!("brains are extracted {}", extractor.words());
     let store = Store::open_at(&options.location, options.store.clone()).await?;
+    tracing::info!("brains are extracted {}", extractor.words());
     let pipeline = Pipeline::new(extractor).with_threads(options.preparation_threads);
     let preparation = match options.prepares_apart {
         false => pipeline.into(),

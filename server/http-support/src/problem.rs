@@ -372,7 +372,7 @@ fn of_cases(error: &Error) -> (StatusCode, Cow<'static, str>) {
         Error::Parameter { kind, .. } => (StatusCode::BAD_REQUEST, *kind),
         Error::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
         Error::Busy | Error::BusyFor(_) => (StatusCode::SERVICE_UNAVAILABLE, "busy"),
-        Error::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
+        Error::Unavailable | Error::Mismatch(_) => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
         Error::StorageFull => (StatusCode::INSUFFICIENT_STORAGE, "storage-full"),
         Error::StorageFailed(_) => (StatusCode::INSUFFICIENT_STORAGE, "storage-failed"),
         Error::Store(_) => (StatusCode::INTERNAL_SERVER_ERROR, "store"),

@@ -12,6 +12,7 @@ use http_support::uploads::UploadLimits;
 use pacs::Pacs;
 use service::app::{Beside, app_beside};
 use service::state::{AppState, HttpOptions};
+use storage::DatabaseAddress;
 
 use crate::config::{Config, ConfigError, DICOM_UNPACKING, Network};
 
@@ -89,13 +90,28 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         proxy_lines(config, proxy).into_iter().for_each(&mut say);
         checked.warnings.extend(proxy_warnings(config, proxy));
     }
-    let database = location.database.map(|database| database.to_string());
-    let objects = location.objects.map(|objects| objects.to_string());
     let place = location.folder.display();
+    let is_elsewhere = location.database.is_some() && location.objects.is_some();
+    let what = match is_elsewhere {
+        true => "the folder of uploads in progress",
+        false => "the store",
+    };
     say(match location.folder.is_dir() {
-        true => format!("the store is in {place}"),
-        false => format!("the store will be in {place}, which does not exist yet"),
+        true => format!("{what} is {place}"),
+        false => format!("{what} is {place}, which does not exist yet"),
     });
+    match &location.database {
+        Some(database) => say(format!("its database is {database}")),
+        None => say("its database is a file in this folder".to_owned()),
+    }
+    match &location.objects {
+        Some(objects) => say(format!("its objects are in {objects}")),
+        None => say("its objects are in this folder".to_owned()),
+    }
+    if let (Some(DatabaseAddress::Postgres(_)), None) = (&location.database, &location.objects) {
+        let warning = "the database is for several machines, and the objects are in a folder of this one: name a bucket or a shared folder in `storage.objects`";
+        checked.warnings.push(warning.to_owned());
+    }
     say(format!(
         "processes that read files and prepare cases may use {} MiB together",
         children.bytes >> 20
@@ -104,13 +120,12 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         Some(folder) => say(format!("who does what is recorded in {}", folder.display())),
         None => say("nothing is recorded of who does what (`audit.folder`)".to_owned()),
     }
-    for (what, place) in [("database", database), ("objects", objects)] {
-        if let Some(place) = place {
-            say(format!("its {what}: {place}"));
-        }
-    }
     for node in &nodes {
         say(format!("sends to the node `{}`", node.name()));
+    }
+    if dimse.is_none() && !config.pacs.dimse.peers.is_empty() {
+        let warning = "nobody can send images by C-STORE: `pacs.dimse.peers` has peers, but `pacs.dimse.listen` is not set";
+        checked.warnings.push(warning.to_owned());
     }
     if let Some((listen, options)) = dimse {
         let tls = if options.tls.is_some() { " by TLS" } else { "" };

@@ -38,22 +38,22 @@ pub(crate) struct Subject {
 
 impl Subject {
     /// On these rows, with objects in memory.
-    pub(crate) fn new(rows: Rows, keep: impl Send + Sync + 'static) -> Self {
+    pub(crate) async fn new(rows: Rows, keep: impl Send + Sync + 'static) -> Self {
         let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
         Self {
-            store: Store::on(rows, objects, Options::default()).unwrap(),
+            store: Store::on(rows, objects, Options::default()).await.unwrap(),
             _keep: Box::new(keep),
         }
     }
 
     pub(crate) async fn in_memory() -> Self {
-        Self::new(Rows::in_memory().await.unwrap(), ())
+        Self::new(Rows::in_memory().await.unwrap(), ()).await
     }
 
     async fn in_a_file() -> Self {
         let directory = tempfile::tempdir().unwrap();
         let rows = Rows::sqlite(&directory.path().join("rows.sqlite")).await;
-        Self::new(rows.unwrap(), directory)
+        Self::new(rows.unwrap(), directory).await
     }
 
     pub(crate) fn pass(&self, seconds: u64) {

@@ -33,6 +33,7 @@ mod copy;
 mod directory;
 mod error;
 mod findings;
+mod identity;
 mod inspect;
 mod jobs;
 mod layers;
@@ -74,6 +75,7 @@ pub use case::arrivals;
 pub use self::copy::{Copied, CopyStep, ForPacs};
 pub use self::error::{FailureCounts, StoreError, failures};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
+pub use self::identity::{Mismatch, StoreId};
 pub use self::inspect::{Defect, Inspected};
 pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};
 pub use self::layers::{LayerUpload, SubmittedLayer};
@@ -105,6 +107,8 @@ const LISTEN_AGAIN_AFTER: Duration = Duration::from_secs(1);
 /// The options of a store. [`Options::default`] suits one machine.
 #[derive(Debug, Clone)]
 pub struct Options {
+    /// Whether [`Store::open_at`] makes a store where there is none.
+    pub create: bool,
     /// The greatest number of cases that may wait to be prepared.
     pub queue_limit: usize,
     /// Free bytes on the disk below which it counts as full, so that [`Store::check`] fails.
@@ -129,6 +133,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
+            create: false,
             queue_limit: 64,
             min_free_bytes: 0,
             lease: Duration::from_secs(30),
@@ -148,6 +153,17 @@ pub struct Store {
     inner: Arc<Inner>,
     /// What stands for the client, or nothing.
     client: Arc<str>,
+}
+
+/// How a store is opened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Opening {
+    /// It must be there.
+    Existing,
+    /// It is made if there is none.
+    OrMake,
+    /// It gets another id.
+    WithNewId,
 }
 
 type DeletionHook = Box<dyn Fn(&CaseId) + Send + Sync>;
@@ -183,7 +199,7 @@ enum Place {
 }
 
 impl Store {
-    /// Opens the store in a directory with default [`Options`]; creates it, migrates it, and removes left-over files.
+    /// Opens the store in a directory with default [`Options`]; makes it if there is none, migrates it, and removes left-over files.
     ///
     /// Several processes may open one directory; files in use by another running process are not touched.
     ///
@@ -198,29 +214,87 @@ impl Store {
     /// # Errors
     /// If the directory or its database cannot be used.
     pub async fn open_with(directory: &Path, options: Options) -> Result<Self, StoreError> {
+        let options = Options {
+            create: true,
+            ..options
+        };
         Self::open_at(&directory.into(), options).await
     }
 
-    /// Opens the store at a location; creates it, migrates it, and removes left-over files.
+    /// Opens the store at a location, migrates it, and removes left-over files; makes it if there is none and [`Options::create`] is set.
     ///
     /// # Errors
-    /// If the folder, the database or the objects cannot be used.
+    /// [`StoreError::NoStore`] if there is none, [`StoreError::Mismatch`] if the rows and the objects are not those of one store; nothing is
+    /// changed then. Or if the folder, the database or the objects cannot be used.
     pub async fn open_at(location: &Location, options: Options) -> Result<Self, StoreError> {
-        let mut alone = false;
-        let has_own_rows = location.database.is_none();
-        let forget_dead_holders = async |root: &Path| {
-            alone = true;
-            if has_own_rows {
-                let rows = Rows::sqlite(&rows_file(root)).await?;
-                rows.forget_holders().await?;
-                rows.close().await;
+        let opening = match options.create {
+            true => Opening::OrMake,
+            false => Opening::Existing,
+        };
+        Self::open_by(location, options, opening).await
+    }
+
+    /// As [`Store::open_at`], and gives the store another id, because it is the copy of one that is still used.
+    ///
+    /// # Errors
+    /// As [`Store::open_at`].
+    pub async fn open_with_new_id(location: &Location) -> Result<Self, StoreError> {
+        Self::open_by(location, Options::default(), Opening::WithNewId).await
+    }
+
+    async fn open_by(
+        location: &Location,
+        options: Options,
+        opening: Opening,
+    ) -> Result<Self, StoreError> {
+        let may_make = opening == Opening::OrMake;
+        let has_rows = location.has_rows().await?;
+        if !has_rows && !may_make {
+            return Err(location.no_rows());
+        }
+        if let Some(folder) = location.objects_folder()
+            && !folder.is_dir()
+            && !may_make
+        {
+            let missing = "the folder of the objects does not exist";
+            return Err(StoreError::NoStore(missing));
+        }
+        let objects = open_objects(location)?;
+        if !has_rows {
+            let label = objects.label().await?;
+            if label != identity::Label::Missing {
+                return Err(StoreError::Mismatch(Mismatch {
+                    rows: None,
+                    objects: label,
+                }));
             }
+        }
+        let (mut alone, mut opened) = (false, None);
+        let has_own_rows = location.database.is_none();
+        let prepare = async |is_alone| {
+            alone = is_alone;
+            let rows = open_rows(location).await?;
+            let identified = match opening {
+                Opening::Existing => identity::compare(&rows, &objects).await,
+                Opening::OrMake => identity::compare_or_make(&rows, &objects).await,
+                Opening::WithNewId => identity::change(&rows, &objects).await,
+            };
+            if let Err(error) = identified {
+                rows.close().await;
+                return Err(error);
+            }
+            rows.complete_store_id().await?;
+            if is_alone && has_own_rows {
+                rows.forget_holders().await?;
+            }
+            opened = Some(rows);
             Ok(())
         };
-        let folder = &location.folder;
-        let place = Directory::open::<StoreError>(folder, forget_dead_holders).await?;
-        let rows = open_rows(location).await?;
-        let objects = open_objects(location)?;
+        let place = Directory::open::<StoreError>(&location.folder, prepare).await?;
+        let rows = opened.ok_or_else(|| location.no_rows())?;
+        if let Some(ObjectsAddress::Folder(folder)) = &location.objects {
+            directory::sweep_shared(folder)?;
+        }
         let store = Self::new(rows, objects, Place::Directory(place), options);
         store.collect().await?;
         // Objects elsewhere may belong to other rows.
@@ -230,9 +304,10 @@ impl Store {
         Ok(store)
     }
 
-    /// A store on any rows and objects; uploads are spooled in the system's temporary directory.
-    fn on(rows: Rows, objects: Objects, options: Options) -> Result<Self, StoreError> {
+    /// A new store on any rows and objects; uploads are spooled in the system's temporary directory.
+    async fn on(rows: Rows, objects: Objects, options: Options) -> Result<Self, StoreError> {
         let uploads = tempfile::Builder::new().prefix("isocortex-").tempdir()?;
+        identity::compare_or_make(&rows, &objects).await?;
         Ok(Self::new(rows, objects, Place::Temporary(uploads), options))
     }
 
@@ -242,7 +317,7 @@ impl Store {
     /// If there is no memory or no temporary directory for it.
     pub async fn in_memory(options: Options) -> Result<Self, StoreError> {
         let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
-        Self::on(Rows::in_memory().await?, objects, options)
+        Self::on(Rows::in_memory().await?, objects, options).await
     }
 
     fn new(rows: Rows, objects: Objects, place: Place, options: Options) -> Self {
@@ -346,6 +421,7 @@ impl Store {
     }
 
     async fn delete_now(&self, id: &CaseId) -> Result<bool, StoreError> {
+        self.check_id().await?;
         let deleted = self.delete_case(id).await?;
         if deleted {
             self.inner.is_deleted(id);
@@ -369,6 +445,7 @@ impl Store {
         let Some(keep) = self.options().keep else {
             return Ok(0);
         };
+        self.check_id().await?;
         let mut removed = 0;
         loop {
             let expired = self.expired(keep, REMOVALS_AT_ONCE).await?;
@@ -409,24 +486,16 @@ impl Store {
         self.inner.signals.counters()
     }
 
-    /// Checks that the rows and the objects are reachable and that the disk has room, for `/readyz`.
+    /// Checks that the rows and the objects are reachable and belong to one store, and that the disk has room, for `/readyz`.
     ///
     /// # Errors
-    /// If they are unreachable, or the disk is full ([`StoreError::is_full`]).
+    /// If they are unreachable, or do not belong together ([`StoreError::Mismatch`]), or the disk is full ([`StoreError::is_full`]).
     pub async fn check(&self) -> Result<(), StoreError> {
         self.rows().check().await?;
-        self.inner.objects.check().await?;
+        self.check_id().await?;
         let (scratch, wanted) = (self.scratch(), self.options().min_free_bytes);
         tokio::task::spawn_blocking(move || check_disk(&scratch, wanted)).await??;
         Ok(())
-    }
-
-    /// Checks that the objects are reachable.
-    ///
-    /// # Errors
-    /// If they are not.
-    pub async fn check_objects(&self) -> Result<(), StoreError> {
-        Ok(self.inner.objects.check().await?)
     }
 
     /// Finishes all work before the process ends. The rows must not be used afterwards.
@@ -467,6 +536,7 @@ impl Store {
     /// Removes the unneeded ones of the objects. Objects that are not removed are found again after the lease of the
     /// sweep.
     async fn remove_unneeded(&self, candidates: &[ObjectName]) -> Result<(), StoreError> {
+        self.check_id().await?;
         let sweep = Sweep {
             holder: pinned::unique_holder(),
             lease: SWEEP_LEASE,
@@ -589,7 +659,6 @@ fn open_objects(location: &Location) -> Result<Objects, StoreError> {
         Some(ObjectsAddress::Folder(folder)) => {
             let objects = Objects::in_directory(folder)?;
             directory::check_owner_of_objects::<StoreError>(folder)?;
-            directory::sweep_shared(folder)?;
             objects
         }
         Some(ObjectsAddress::Bucket { bucket, prefix }) => Objects::in_bucket(bucket, prefix)?,

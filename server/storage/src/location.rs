@@ -66,36 +66,35 @@ impl From<&Path> for Location {
 }
 
 impl Location {
-    /// Checks that there is a store, before it is opened by somebody who must not create one. Whether the objects of a
-    /// bucket are there is only seen when they are read.
+    /// Whether there are rows. Nothing is changed.
     ///
     /// # Errors
-    /// [`StoreError::NoStore`] if there is none, or if a database cannot be reached.
-    pub async fn must_exist(&self) -> Result<(), StoreError> {
-        let rows = match &self.database {
-            None => is_written(&rows_file(&self.folder)),
-            Some(DatabaseAddress::Sqlite(file)) => is_written(file),
+    /// If a database cannot be reached.
+    pub(crate) async fn has_rows(&self) -> Result<bool, StoreError> {
+        match &self.database {
+            None => Ok(is_written(&rows_file(&self.folder))),
+            Some(DatabaseAddress::Sqlite(file)) => Ok(is_written(file)),
             Some(DatabaseAddress::Postgres(options)) => {
-                Rows::is_in_postgres((**options).clone()).await?
+                Rows::is_in_postgres((**options).clone()).await
             }
-        };
-        if !rows {
-            return Err(StoreError::NoStore(match &self.database {
-                None => "the folder has no `rows.sqlite`",
-                Some(DatabaseAddress::Sqlite(_)) => "the file of the database does not exist",
-                Some(DatabaseAddress::Postgres(_)) => "the database has no cases",
-            }));
         }
-        let objects = match &self.objects {
-            None => self.folder.join("objects").is_dir(),
-            Some(ObjectsAddress::Folder(folder)) => folder.is_dir(),
-            Some(ObjectsAddress::Bucket { .. }) => true,
-        };
-        match objects {
-            true => Ok(()),
-            false => Err(StoreError::NoStore(
-                "the folder of the objects does not exist",
-            )),
+    }
+
+    /// The error of whoever finds no rows and must not make any.
+    pub(crate) fn no_rows(&self) -> StoreError {
+        StoreError::NoStore(match &self.database {
+            None => "the folder has no `rows.sqlite`",
+            Some(DatabaseAddress::Sqlite(_)) => "the file of the database does not exist",
+            Some(DatabaseAddress::Postgres(_)) => "the database has no tables of a store",
+        })
+    }
+
+    /// The folder of the objects, unless they are in a bucket.
+    pub(crate) fn objects_folder(&self) -> Option<PathBuf> {
+        match &self.objects {
+            None => Some(self.folder.join("objects")),
+            Some(ObjectsAddress::Folder(folder)) => Some(folder.clone()),
+            Some(ObjectsAddress::Bucket { .. }) => None,
         }
     }
 }
@@ -450,30 +449,6 @@ mod tests {
 
     fn parameter(name: &str) -> BadAddress {
         BadAddress::Parameter(name.to_owned())
-    }
-
-    #[tokio::test]
-    async fn a_folder_without_a_store_is_told_and_not_changed() {
-        let folder = tempfile::tempdir().unwrap();
-        let missing = Location::from(&*folder.path().join("nope"));
-        let empty = Location::from(folder.path());
-        let elsewhere = Location {
-            database: Some(DatabaseAddress::Sqlite(folder.path().join("rows.sqlite"))),
-            ..empty.clone()
-        };
-        for location in [&missing, &empty, &elsewhere] {
-            let error = location.must_exist().await.unwrap_err();
-            assert!(matches!(error, StoreError::NoStore(_)), "{error:?}");
-        }
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
-        let store = crate::Store::open(folder.path()).await.unwrap();
-        empty.must_exist().await.unwrap();
-        elsewhere.must_exist().await.unwrap();
-        store.close().await;
-        empty.must_exist().await.unwrap();
-        std::fs::remove_dir(folder.path().join("objects")).unwrap();
-        let error = empty.must_exist().await.unwrap_err();
-        assert!(error.to_string().contains("folder of the objects"));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The store as a whole, without anything that prepares: uploads, versions, derived objects, deletions.
 
 mod attempts;
+mod identity;
 mod inspect;
 mod publish;
 mod sweep;

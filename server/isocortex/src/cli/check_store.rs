@@ -102,8 +102,8 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let mut config = args.store.config()?;
     set_some(&mut config.prepare.network, args.network.as_ref());
+    config.storage.create = false;
     super::block_on(async {
-        config.cases()?.location.must_exist().await?;
         let library = start::open_library(&config).await?;
         let mut defects = Defects::default();
         let inspected = library

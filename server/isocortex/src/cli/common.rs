@@ -59,6 +59,9 @@ impl StoreArgs {
 pub(super) struct CommonArgs {
     #[command(flatten)]
     pub(super) store: StoreArgs,
+    /// Make a new store if there is none. [default: that is an error; `isocortex init-store` makes one]
+    #[arg(long, env = "ISOCORTEX_CREATE")]
+    pub(super) create: bool,
     /// The age in days at which ready and failed cases are removed, unless they are kept. [default: none is removed]
     #[arg(long, value_name = "DAYS", env = "ISOCORTEX_KEEP_DAYS")]
     pub(super) keep_days: Option<u64>,
@@ -92,6 +95,7 @@ impl CommonArgs {
                 logs::start(format, "info");
             }
         })?;
+        config.storage.create |= self.create;
         set_some(&mut config.storage.keep_days, self.keep_days.as_ref());
         set(&mut config.prepare.workers, self.workers.as_ref());
         set_some(&mut config.prepare.network, self.network.as_ref());

@@ -23,7 +23,7 @@ pub(super) struct MigrateStoreArgs {
     /// The store to read.
     #[arg(long, value_name = "STORE")]
     from: String,
-    /// The store to write; created if missing.
+    /// The store to write. If it is missing, it is made, with an id of its own.
     #[arg(long, value_name = "STORE")]
     to: String,
     /// Leave out the images that came from a PACS and the results that go to one, and count them.
@@ -60,8 +60,12 @@ impl Named {
         })
     }
 
-    async fn open(&self) -> Result<Store, CliError> {
-        Ok(Store::open_at(&self.location, Options::default()).await?)
+    async fn open(&self, create: bool) -> Result<Store, CliError> {
+        let options = Options {
+            create,
+            ..Options::default()
+        };
+        Ok(Store::open_at(&self.location, options).await?)
     }
 }
 
@@ -98,8 +102,7 @@ pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
     super::block_on(async {
         let [from, to] = [&args.from, &args.to].map(|store| Named::parse(store));
         let (from, to) = (from?, to?);
-        from.location.must_exist().await?;
-        let (source, target) = (from.open().await?, to.open().await?);
+        let (source, target) = (from.open(false).await?, to.open(true).await?);
         let mut copied = source.copy_into(&target, &mut report).await?;
         let left = match args.without_images {
             true => source.count_for_pacs().await?,

@@ -6,6 +6,7 @@ mod check_store;
 mod choices;
 mod common;
 mod demo;
+mod init_store;
 mod layers;
 mod migrate_store;
 mod prepare;
@@ -16,6 +17,7 @@ mod serve;
 mod status;
 mod test_node;
 mod token;
+mod waiting;
 mod work;
 
 use std::fs::File;
@@ -39,6 +41,7 @@ const MAX_DICOM_BYTES: u64 = 16 << 30;
 const EXAMPLES: &str = "\
 Examples:
   isocortex demo                                    serve a sample head and print the address to open
+  isocortex init-store --data /srv/isocortex        make a store, once
   isocortex serve --data /srv/isocortex             serve the cases of a directory on 127.0.0.1:8640
   isocortex serve --workers 0 --database postgres://isocortex@db/isocortex --objects s3://heads
   isocortex work --database postgres://isocortex@db/isocortex --objects s3://heads
@@ -56,7 +59,7 @@ Exit status:
   70  internal error
   73  the output cannot be written
   74  the store or its disk failed
-  78  invalid configuration";
+  78  invalid configuration, or there is no store at the address, or the objects of another one";
 
 /// The cortex of the brain as curved cuts at any depth below the dura.
 ///
@@ -85,6 +88,10 @@ enum Command {
     Audit(audit::AuditArgs),
     /// Ask a node of the PACS whether it answers.
     TestNode(test_node::TestNodeArgs),
+    /// Make a new store.
+    InitStore(init_store::InitStoreArgs),
+    /// Give the copy of a store an id of its own.
+    NewStoreId(init_store::NewStoreIdArgs),
     /// Read everything in a store, and report or repair what is wrong.
     CheckStore(check_store::CheckStoreArgs),
     /// Remove the cases that are older than a number of days, or list them.
@@ -193,6 +200,8 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Token(args) => token::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::TestNode(args) => test_node::run(&args),
+        Command::InitStore(args) => init_store::init(&args),
+        Command::NewStoreId(args) => init_store::new_id(&args),
         Command::CheckStore(args) => check_store::run(&args),
         Command::RemoveExpired(args) => remove_expired::run(&args),
         Command::MigrateStore(args) => migrate_store::run(&args),

@@ -156,8 +156,7 @@ fn case_id(input: &Path) -> Option<CaseId> {
 async fn open(args: &RenderArgs) -> Result<Store, CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| Config::default().storage.data);
-    Location::from(&*data).must_exist().await?;
-    Ok(Store::open(&data).await?)
+    Ok(Store::open_at(&Location::from(&*data), storage::Options::default()).await?)
 }
 
 /// The case of a volume, in a store in memory.

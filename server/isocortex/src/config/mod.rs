@@ -591,6 +591,7 @@ impl Config {
         Ok(cases::Options {
             location: self.location()?,
             store: storage::Options {
+                create: self.storage.create,
                 queue_limit: self.limits.max_queued_cases,
                 min_free_bytes: self.storage.min_free_bytes,
                 longest_preparation: Duration::from_secs(self.prepare.max_secs),

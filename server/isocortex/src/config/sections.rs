@@ -310,6 +310,8 @@ pub struct Storage {
     pub database_password_file: Option<PathBuf>,
     /// The objects, unless they are in the directory: `s3://bucket/prefix` or `file:///folder`.
     pub objects: Option<String>,
+    /// Whether `serve` and `work` make a store if there is none.
+    pub create: bool,
     /// The age in days at which ready and failed cases are removed, unless they are kept; by default none is.
     pub keep_days: Option<u64>,
     /// Free bytes on the disk of the store below which `/readyz` reports a full disk.
@@ -323,6 +325,7 @@ impl Default for Storage {
             database: None,
             database_password_file: None,
             objects: None,
+            create: false,
             keep_days: None,
             min_free_bytes: 64 << 20,
         }

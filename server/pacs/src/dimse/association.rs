@@ -499,7 +499,9 @@ fn is_list(request: &Request) -> bool {
 /// The status for an error of the application.
 fn status_of(error: &Error) -> Status {
     match error {
-        Error::StorageFull | Error::Busy | Error::Unavailable => Status::OutOfResources,
+        Error::StorageFull | Error::Busy | Error::Unavailable | Error::Mismatch(_) => {
+            Status::OutOfResources
+        }
         Error::StorageFailed(cause) => {
             tracing::error!(
                 error = cause as &dyn std::error::Error,

@@ -4,6 +4,13 @@
 -- Times are microseconds since 1970-01-01T00:00Z. Digests are 64 hexadecimal digits. The tables are those of SQLite
 -- (../sqlite), where their columns are explained.
 
+-- Which store this is: the object `store-id` has the same id. `complete` says that the pair was seen to be whole once.
+CREATE TABLE store (
+    one      INTEGER NOT NULL PRIMARY KEY CHECK (one = 1),
+    id       TEXT    NOT NULL,
+    complete BOOLEAN NOT NULL DEFAULT FALSE
+);
+
 CREATE TABLE cases (
     id                TEXT COLLATE "C" NOT NULL PRIMARY KEY,
     closing_radius_mm DOUBLE PRECISION NOT NULL,

@@ -3,6 +3,13 @@
 --
 -- Times are microseconds since 1970-01-01T00:00Z. Digests are 64 hexadecimal digits.
 
+-- Which store this is: the object `store-id` has the same id. `complete` says that the pair was seen to be whole once.
+CREATE TABLE store (
+    one      INTEGER NOT NULL PRIMARY KEY CHECK (one = 1),
+    id       TEXT    NOT NULL,
+    complete INTEGER NOT NULL DEFAULT 0
+) STRICT;
+
 CREATE TABLE cases (
     id                TEXT    NOT NULL PRIMARY KEY,
     closing_radius_mm REAL    NOT NULL,

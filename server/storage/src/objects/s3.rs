@@ -243,7 +243,7 @@ mod tests {
         ];
         let variables = variables.map(|(name, value)| (name.to_owned(), value));
         let objects = Objects::in_bucket_with("heads", "", &variables.into()).unwrap();
-        let (checked, ()) = tokio::join!(objects.check(), refuse);
+        let (checked, ()) = tokio::join!(objects.label(), refuse);
         let error = StoreError::from(checked.unwrap_err());
         assert!(matches!(error, StoreError::ClocksDiffer(_)), "{error:?}");
         assert!(error.is_away());

@@ -92,7 +92,7 @@ impl Store {
     /// Leases the oldest job of a kind. Those with as many attempts behind them fail on the way.
     ///
     /// # Errors
-    /// If the rows cannot be written.
+    /// If the rows cannot be written, or do not belong to the objects.
     pub async fn claim(
         &self,
         kind: JobKind,
@@ -107,6 +107,7 @@ impl Store {
         if found.is_none() {
             return Ok(None);
         }
+        self.check_id().await?;
         let (mut transaction, now) = self.rows().write().await?;
         let lease = self.options().lease;
         let claim = jobs::claim(&mut transaction, wanted, max_attempts, lease, now).await?;

@@ -19,6 +19,7 @@ mod postgres;
 mod result_rows;
 mod results;
 mod sqlite;
+mod store_id;
 mod tombstones;
 mod upkeep;
 

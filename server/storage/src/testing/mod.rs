@@ -117,6 +117,7 @@ pub async fn assert_nothing_left_over(store: &Store, root: &Path) {
             needed.push(root.join("objects").join(name.path().as_ref()));
         }
     }
+    needed.push(root.join("objects/store-id"));
     needed.sort();
     needed.dedup();
     assert_eq!(files_below(&root.join("objects")), needed);

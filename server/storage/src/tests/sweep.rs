@@ -8,7 +8,7 @@ use crate::testing::{name, pinned};
 async fn movable(directory: &TempDir) -> Store {
     let rows = Rows::in_memory().await.unwrap();
     let objects = Objects::in_directory(directory.path()).unwrap();
-    Store::on(rows, objects, Options::default()).unwrap()
+    Store::on(rows, objects, Options::default()).await.unwrap()
 }
 
 async fn put(store: &Store, contents: &'static str) -> ObjectName {
@@ -108,7 +108,7 @@ async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
         keep: Some(day),
         ..Options::default()
     };
-    let store = Store::on(rows, objects, options).unwrap();
+    let store = Store::on(rows, objects, options).await.unwrap();
     let failure = crate::testing::failure();
     let mut ids = Vec::new();
     for name in ["one", "kept"] {
