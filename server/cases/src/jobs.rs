@@ -73,6 +73,20 @@ pub(crate) async fn read_one_series(cases: &Cases, options: ArrivalOptions) -> b
     crate::runner::once(&store, Arc::new(ReadSeries { cases, options })).await
 }
 
+/// Prepares one case; `false` if none waits.
+#[cfg(test)]
+pub(crate) async fn prepare_one(library: &Library) -> bool {
+    let work = Arc::new(PrepareCase(library.clone()));
+    crate::runner::once(library.store(), work).await
+}
+
+/// Prepares one layer; `false` if none waits.
+#[cfg(test)]
+pub(crate) async fn prepare_one_layer(library: &Library) -> bool {
+    let work = Arc::new(PrepareLayer(library.clone()));
+    crate::runner::once(library.store(), work).await
+}
+
 /// The terms of the preparation of cases and of what belongs to them.
 fn usual_terms(library: &Library) -> Terms {
     let options = library.store().options();

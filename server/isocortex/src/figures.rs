@@ -171,6 +171,10 @@ fn counts(store: &Store) -> Vec<Figure> {
         figure.with(&[("result", end)], *count as f64)
     });
     let bad = Figure::counter("isocortex_bad_objects", "Objects found missing or damaged");
+    let missing = Figure::counter(
+        "isocortex_missing_sources",
+        "Uploaded files and images of a PACS that were needed and are missing",
+    );
     let rebuilt = Figure::counter("isocortex_rebuilds", "Cases rebuilt from their source");
     let failures = Figure::counter(
         "isocortex_store_failures",
@@ -180,6 +184,7 @@ fn counts(store: &Store) -> Vec<Figure> {
         images,
         prepared,
         bad.with(&[], counters.bad_objects as f64),
+        missing.with(&[], counters.missing_sources as f64),
         rebuilt.with(&[], counters.rebuilds as f64),
         failures
             .with(&[("part", "database")], failed.database as f64)

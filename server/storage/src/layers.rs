@@ -129,10 +129,10 @@ impl Store {
         tokio::spawn(delete).await?
     }
 
-    /// The payload of an object of a layer; `None`, reported, if it is missing or damaged.
+    /// The payload of an object of a layer; `None`, reported, if it is damaged, or missing and derived.
     ///
     /// # Errors
-    /// If the store cannot be reached.
+    /// [`StoreError::SourceMissing`] if it was uploaded and is missing, or if the store cannot be reached.
     pub async fn read_layer(
         &self,
         case: &CaseId,
@@ -150,7 +150,7 @@ impl Store {
                 // One that is missing because the layer was deleted a moment ago is no fault.
                 let names = self.layer_objects(case, id).await?;
                 if names.contains(name) {
-                    self.report_bad(kind, &fault.to_string());
+                    self.report_unreadable(kind, &fault)?;
                 }
                 Ok(None)
             }

@@ -75,7 +75,7 @@ use case::{Case, CaseId, Project};
 pub use case::arrivals;
 
 pub use self::copy::{Copied, CopyStep, ForPacs};
-pub use self::error::{FailureCounts, StoreError, failures};
+pub use self::error::{FailureCounts, StoreError, failures, unless_missing};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
 pub use self::inspect::{Defect, Inspected};
 pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};

@@ -57,7 +57,7 @@ type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
         (status = 404, description = "There is no case of this study"),
         (status = 406, description = "No accepted media type is available"),
         (status = 409, description = "The case is not ready, or the study has images of several patients (`several-patients`)"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub(crate) async fn of_study(
@@ -81,7 +81,7 @@ pub(crate) async fn of_study(
         (status = 404, description = "There is no case of this series"),
         (status = 406, description = "No accepted media type is available"),
         (status = 409, description = "The case is not ready"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub(crate) async fn of_series(
@@ -105,7 +105,7 @@ pub(crate) async fn of_series(
         (status = 404, description = "There is no case of this series"),
         (status = 406, description = "No accepted media type is available"),
         (status = 409, description = "The case is not ready"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub(crate) async fn picture_of_series(
@@ -129,7 +129,7 @@ pub(crate) async fn picture_of_series(
         (status = 404, description = "There is no case of this series"),
         (status = 406, description = "No accepted media type is available"),
         (status = 409, description = "The case is not ready"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub(crate) async fn thumbnail_of_series(
@@ -154,7 +154,7 @@ pub(crate) async fn thumbnail_of_series(
         (status = 400, description = "A key of the query is unknown or its value invalid"),
         (status = 404, description = "It is not here, is not kept, or has no pixels"),
         (status = 406, description = "No accepted media type is available"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub(crate) async fn picture_of_instance(
@@ -177,7 +177,7 @@ pub(crate) async fn picture_of_instance(
         (status = 400, description = "A key of the query is unknown or its value invalid"),
         (status = 404, description = "It is not here, is not kept, or has no pixels"),
         (status = 406, description = "No accepted media type is available"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub(crate) async fn thumbnail_of_instance(
@@ -201,7 +201,7 @@ pub(crate) async fn thumbnail_of_instance(
         (status = 400, description = "`frames` is no number, or a key of the query is unknown or its value invalid"),
         (status = 404, description = "It is not here, is not kept, or has no such frame"),
         (status = 406, description = "No accepted media type is available"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub(crate) async fn picture_of_frame(
