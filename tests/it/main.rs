@@ -41,6 +41,7 @@ mod rendered;
 mod renderers;
 mod renders;
 mod restart;
+mod restore;
 mod results;
 mod retrievals;
 mod scenes;

@@ -2,6 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
+/// The name of the failure of a case with a damaged stored upload.
+pub const SOURCE_DAMAGED: &str = "source-damaged";
+
+/// The name of the reason why a job waits for a stored upload.
+pub const SOURCE_MISSING: &str = "source-missing";
+
 /// The reason why an input cannot be prepared, safe to show to clients: without paths or patient data.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
 #[error("{detail}")]
@@ -65,8 +71,17 @@ impl Failure {
     pub fn source_damaged() -> Self {
         Self::new(
             FailureKind::Internal,
-            "source-damaged",
+            SOURCE_DAMAGED,
             "the stored upload is damaged; upload the volume again",
+        )
+    }
+
+    /// Why a job waits that needs a stored upload. No case fails for it: what is not found now may be back in a moment.
+    pub fn source_missing() -> Self {
+        Self::new(
+            FailureKind::Internal,
+            SOURCE_MISSING,
+            "the stored upload is missing; tell the administrator of this server",
         )
     }
 }

@@ -22,7 +22,7 @@ pub use facts::{
     Case, CaseFacts, CutFacts, DicomFacts, ImageRun, PlaneFacts, SphereFacts, VoxelFacts,
     WindowFacts,
 };
-pub use failure::{Failure, FailureKind};
+pub use failure::{Failure, FailureKind, SOURCE_DAMAGED, SOURCE_MISSING};
 pub use gyrus::{Gyrus, Lobe};
 pub use id::{CaseId, NotACaseId};
 pub use job::{JobKind, JobState, STORE_FAILED};

@@ -345,7 +345,7 @@ impl Cases {
     /// The whole acquired volume of a case in any state: from its source, unless the case is ready.
     ///
     /// # Errors
-    /// [`Error::NoSuchCase`]; [`Error::Busy`] if too many volumes are read; the reason if the source is lost; or an error
+    /// [`Error::NoSuchCase`]; [`Error::Busy`] if too many volumes are read; the reason if the source is damaged; or an error
     /// of the store.
     pub async fn acquired_volume(&self, id: &CaseId) -> Result<Arc<Volume>, Error> {
         if self.case(id).await?.state == CaseState::Ready {
@@ -369,7 +369,7 @@ impl Cases {
     }
 
     /// The reason why a case that was ready a moment ago cannot be read: it has been deleted, or has failed because its
-    /// source is lost.
+    /// source is damaged.
     pub(crate) async fn gone(&self, id: &CaseId) -> Error {
         self.forget(id);
         self.ready(id).await.err().unwrap_or(Error::Unavailable)

@@ -61,6 +61,9 @@ pub enum Error {
     /// Too much work is waiting, and about how long that will take.
     #[error("too much work is waiting; try again in {} s", .0.as_secs_f64().ceil().max(1.0))]
     BusyFor(Duration),
+    /// A stored upload that the request needs is missing. It may be back in a moment, if somebody mounts a folder.
+    #[error("{}", StoreError::SourceMissing)]
+    SourceMissing,
     /// The server is stopping, or its store is unreachable.
     #[error("the server cannot answer now; try again in a moment")]
     Unavailable,
@@ -105,6 +108,7 @@ impl From<StoreError> for Error {
         match error {
             StoreError::QueueFull(wait) => Self::BusyFor(wait),
             StoreError::NoSuchCase => Self::NoSuchCase,
+            StoreError::SourceMissing => Self::SourceMissing,
             StoreError::LayerNameTaken => Self::LayerNameTaken,
             StoreError::Mismatch(found) => Self::Mismatch(found),
             full if full.is_full() => Self::StorageFull,

@@ -263,11 +263,11 @@ impl Library {
     /// Reads derived objects of a ready case; `None` if it does not exist or is not ready.
     ///
     /// `decode` gets the payloads in the order of `kinds`, on a blocking thread. If an object is missing or damaged, or
-    /// `decode` returns `None`, this is logged, and all are rebuilt from the source. If the source is lost too, the
+    /// `decode` returns `None`, this is logged, and all are rebuilt from the source. If the source is damaged too, the
     /// case becomes failed.
     ///
     /// # Errors
-    /// If the store cannot be reached.
+    /// [`StoreError::SourceMissing`], and the case stays as it is; or if the store cannot be reached.
     pub async fn load<T: Send + 'static>(
         &self,
         id: &CaseId,
@@ -300,10 +300,10 @@ impl Library {
         Ok(rebuilt.await?.flatten())
     }
 
-    /// The uploaded files of a case; `None`, reported, if one is missing or damaged.
+    /// The uploaded files of a case; `None`, reported, if one is damaged.
     ///
     /// # Errors
-    /// If the store cannot be reached.
+    /// [`StoreError::SourceMissing`], or if the store cannot be reached.
     pub async fn source(
         &self,
         id: &CaseId,
@@ -336,7 +336,7 @@ impl Library {
         }))
     }
 
-    /// An uploaded file that a case may have, or `None` in it; `None`, reported, if it is missing or damaged.
+    /// An uploaded file that a case may have, or `None` in it; `None`, reported, if it is damaged.
     async fn read_if_any(
         &self,
         id: &CaseId,

@@ -110,10 +110,15 @@ pub enum Failed {
     Forever(Failure),
     /// Another attempt may succeed.
     ForNow(Failure),
+    /// What it needs is not there now: the attempt does not count.
+    Waiting(Failure),
 }
 
 impl From<StoreError> for Failed {
     fn from(error: StoreError) -> Self {
+        if matches!(error, StoreError::SourceMissing) {
+            return Self::Waiting(Failure::source_missing());
+        }
         tracing::error!(
             error = &error as &dyn std::error::Error,
             "a job was interrupted by a failure of the store"
@@ -262,6 +267,9 @@ impl Lane {
             Attended::Ended(Err(Failed::ForNow(failure))) => {
                 self.try_again(&claim, failure, &work.terms()).await
             }
+            Attended::Ended(Err(Failed::Waiting(failure))) => {
+                self.wait(&claim, failure, &work.terms()).await
+            }
             Attended::Lost => {
                 tracing::info!(kind, job, case = case.as_deref(), "a job was cancelled");
                 Ok(true)
@@ -380,6 +388,24 @@ impl Lane {
         tracing::info!(kind, job = claim.fence, case, reason, "a job failed");
         self.count(claim.kind, Count::Failed);
         self.store.fail(claim, failure).await
+    }
+
+    /// Puts a job off for as long again as it has waited, within limits.
+    async fn wait(
+        &self,
+        claim: &Claim,
+        failure: Failure,
+        terms: &Terms,
+    ) -> Result<bool, StoreError> {
+        let (kind, reason) = (claim.kind.name(), failure.name.as_str());
+        let case = claim.case.map(|case| case.short());
+        tracing::warn!(kind, job = claim.fence, case, reason, "a job waits");
+        let release = Release {
+            after: claim.age.min(LONGEST_WAIT).max(terms.retry_after),
+            counts: false,
+            failure: Some(failure),
+        };
+        self.store.release(claim, &release).await
     }
 
     async fn try_again(

@@ -373,6 +373,7 @@ fn of_cases(error: &Error) -> (StatusCode, Cow<'static, str>) {
         Error::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
         Error::Busy | Error::BusyFor(_) => (StatusCode::SERVICE_UNAVAILABLE, "busy"),
         Error::Unavailable | Error::Mismatch(_) => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
+        Error::SourceMissing => (StatusCode::SERVICE_UNAVAILABLE, case::SOURCE_MISSING),
         Error::StorageFull => (StatusCode::INSUFFICIENT_STORAGE, "storage-full"),
         Error::StorageFailed(_) => (StatusCode::INSUFFICIENT_STORAGE, "storage-failed"),
         Error::Store(_) => (StatusCode::INTERNAL_SERVER_ERROR, "store"),

@@ -119,6 +119,10 @@ fn counts(store: &Store) -> Vec<Figure> {
         figure.with(&[("result", end)], *count as f64)
     });
     let bad = Figure::counter("isocortex_bad_objects", "Objects found missing or damaged");
+    let missing = Figure::counter(
+        "isocortex_missing_sources",
+        "Uploaded files and images of a PACS that were needed and are missing",
+    );
     let rebuilt = Figure::counter("isocortex_rebuilds", "Cases rebuilt from their source");
     let failures = Figure::counter(
         "isocortex_store_failures",
@@ -128,6 +132,7 @@ fn counts(store: &Store) -> Vec<Figure> {
         images,
         prepared,
         bad.with(&[], counters.bad_objects as f64),
+        missing.with(&[], counters.missing_sources as f64),
         rebuilt.with(&[], counters.rebuilds as f64),
         failures
             .with(&[("part", "database")], failed.database as f64)
@@ -148,6 +153,11 @@ async fn rows(store: &Store) -> Vec<Figure> {
     let Ok(counted) = counted else {
         return figures;
     };
+    if let Ok(expired) = store.expired_count().await {
+        let help = "Cases that are older than storage.keep_days and are not removed yet";
+        let waiting = Figure::gauge("isocortex_expired_cases", help);
+        figures.push(waiting.with(&[], expired as f64));
+    }
     for (what, part, name, help) in [
         ("cases", "", "isocortex_cases", "Cases by state"),
         (

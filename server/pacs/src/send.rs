@@ -63,7 +63,7 @@ enum SendError {
     NoSuchNode,
     #[error(transparent)]
     Node(#[from] NodeError),
-    #[error("the stored object is missing or damaged; request the result again")]
+    #[error("the stored object is damaged; request the result again")]
     Lost,
     #[error("the store cannot be read at the moment")]
     Store,
@@ -149,8 +149,9 @@ async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
     let node = pacs.node(&result.node).ok_or(SendError::NoSuchNode)?;
     let file = pacs.cases().store().object(&result.object).await;
     let file = file.map_err(|error| match error {
-        Unreadable::Store(_) => SendError::Store,
-        Unreadable::Missing | Unreadable::Damaged(_) => SendError::Lost,
+        // What is not found now may be back in a moment.
+        Unreadable::Store(_) | Unreadable::Missing => SendError::Store,
+        Unreadable::Damaged(_) => SendError::Lost,
     })?;
     may_leave(pacs, result, &file).await?;
     Ok(node.store(&result.instance, &file).await?)

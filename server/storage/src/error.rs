@@ -34,6 +34,9 @@ pub enum StoreError {
     /// There is no such case.
     #[error("there is no case with this id")]
     NoSuchCase,
+    /// A stored upload, or a stored image of a PACS, that the operation needs is missing.
+    #[error("a stored upload is missing; tell the administrator of this server")]
+    SourceMissing,
     /// The case has as many layers as it may have.
     #[error("the case has as many layers as it may have")]
     TooManyLayers,
@@ -100,6 +103,17 @@ pub enum StoreError {
     /// A task of the store was stopped: the process is shutting down, or there is an internal error.
     #[error("the store stopped during the operation")]
     Stopped(#[from] tokio::task::JoinError),
+}
+
+/// What was read of a source; `None` if it is missing too, where what it is compared with does not depend on it alone.
+///
+/// # Errors
+/// Any other error of the reading.
+pub fn unless_missing<T>(read: Result<Option<T>, StoreError>) -> Result<Option<T>, StoreError> {
+    match read {
+        Err(StoreError::SourceMissing) => Ok(None),
+        read => read,
+    }
 }
 
 impl StoreError {

@@ -124,6 +124,8 @@ pub struct Claim {
     pub fence: i64,
     /// The number of leases that had no result, including this one.
     pub attempt: u32,
+    /// How long ago it was queued.
+    pub age: Duration,
 }
 
 impl Claim {

@@ -7,7 +7,7 @@ use super::arrivals::Uid;
 use super::jobs::Claim;
 use super::pinned::Writing;
 use super::rows::{LayerName, NewLayer, Pinned, Published};
-use super::{Framed, ObjectName, Spooled, Store, StoreError, Unreadable};
+use super::{Framed, Manifest, ObjectName, Spooled, Store, StoreError, Unreadable};
 
 /// How often to insert a layer again that others delete meanwhile.
 const ATTEMPTS: usize = 16;
@@ -32,6 +32,13 @@ impl LayerUpload {
     pub fn id(&self) -> LayerId {
         let dicom = self.dicom.as_ref().map(Spooled::digest);
         LayerId::of(self.volume.digest(), dicom, &self.parameters)
+    }
+
+    fn manifest(&self, sources: &[Writing<'_>]) -> Manifest {
+        let (LayerName::Given(name) | LayerName::Usual(name)) = &self.name;
+        let sources = sources.iter().map(Writing::name);
+        let about = (name.as_str(), &self.parameters);
+        Manifest::of_layer(self.case, self.id(), sources, about, self.series.as_ref())
     }
 
     fn sources(&self) -> Vec<Writing<'_>> {
@@ -70,7 +77,9 @@ impl Store {
 
     async fn submit_layer_now(&self, upload: &LayerUpload) -> Result<SubmittedLayer, StoreError> {
         let (case, id) = (upload.case, upload.id());
-        let sources = upload.sources();
+        let mut objects = upload.sources();
+        let manifest = upload.manifest(&objects).framed()?;
+        objects.push(Writing::Framed(&manifest));
         let insert = |sources: Pinned| async move {
             let new = NewLayer {
                 case,
@@ -86,7 +95,7 @@ impl Store {
             self.insert_layer(&new).await
         };
         for _ in 0..ATTEMPTS {
-            let created = self.with_pinned(&sources, &insert).await?.is_queued();
+            let created = self.with_pinned(&objects, &insert).await?.is_queued();
             if created {
                 self.signals().queued();
                 self.signals().changed(&case);
@@ -129,10 +138,10 @@ impl Store {
         tokio::spawn(delete).await?
     }
 
-    /// The payload of an object of a layer; `None`, reported, if it is missing or damaged.
+    /// The payload of an object of a layer; `None`, reported, if it is damaged, or missing and derived.
     ///
     /// # Errors
-    /// If the store cannot be reached.
+    /// [`StoreError::SourceMissing`] if it was uploaded and is missing, or if the store cannot be reached.
     pub async fn read_layer(
         &self,
         case: &CaseId,
@@ -150,7 +159,7 @@ impl Store {
                 // One that is missing because the layer was deleted a moment ago is no fault.
                 let names = self.layer_objects(case, id).await?;
                 if names.contains(name) {
-                    self.report_bad(kind, &fault.to_string());
+                    self.report_unreadable(kind, &fault)?;
                 }
                 Ok(None)
             }

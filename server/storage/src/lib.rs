@@ -18,6 +18,7 @@
 //! | `result` | a DICOM object made from a case ([`results`]) | it is sent again, with the same bytes, until the PACS has it |
 //! | `source-layer` | the uploaded bytes of a layer; for DICOM files, the volume made from them | the layer comes from them |
 //! | `layer` | 16-bit values of a layer, cropped to the envelope where it lies | reading the source and registering it takes seconds |
+//! | `manifest` | the parameters and the names of the sources of a case or a layer ([`Manifest`]) | after a restore of older rows, what was uploaded since is submitted again |
 //!
 //! The distance map, the depth fields and the shell index are not stored: computing them from the envelope takes tens
 //! of milliseconds, no longer than reading and checking their tens of megabytes.
@@ -32,12 +33,14 @@ mod conformance;
 mod copy;
 mod directory;
 mod error;
+mod expiry;
 mod findings;
 mod identity;
 mod inspect;
 mod jobs;
 mod layers;
 mod location;
+mod manifest;
 mod objects;
 mod page;
 mod pinned;
@@ -73,13 +76,15 @@ use case::{Case, CaseId};
 pub use case::arrivals;
 
 pub use self::copy::{Copied, CopyStep, ForPacs};
-pub use self::error::{FailureCounts, StoreError, failures};
+pub use self::error::{FailureCounts, StoreError, failures, unless_missing};
+pub use self::expiry::{Expired, Removal, Waiting};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
 pub use self::identity::{Mismatch, StoreId};
-pub use self::inspect::{Defect, Inspected};
+pub use self::inspect::{Amount, Defect, Inspected, Unreferenced};
 pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};
 pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
+pub use self::manifest::{Manifest, Manifested};
 pub use self::objects::{
     Framed, ObjectError, ObjectName, Spool, Spooled, Unreadable, frame, keep_private,
     open_to_others,
@@ -128,6 +133,8 @@ pub struct Options {
     pub poll: Duration,
     /// The age at which settled cases are removed, unless they are kept; `None` keeps all.
     pub keep: Option<Duration>,
+    /// Whether opening the store removes what nobody needs any more.
+    pub sweeps_at_start: bool,
 }
 
 impl Default for Options {
@@ -143,6 +150,7 @@ impl Default for Options {
             retry_after: Duration::from_secs(5),
             poll: Duration::from_secs(1),
             keep: None,
+            sweeps_at_start: true,
         }
     }
 }
@@ -176,6 +184,8 @@ struct Inner {
     signals: Signals,
     /// Called after a case was deleted. Held only briefly.
     deletion_hooks: Mutex<Vec<DeletionHook>>,
+    /// When this process opened it, and how far the clock of tests was ahead then.
+    opened_at: (Instant, Duration),
     /// Receives changes by other processes; ends with the store.
     _listener: JoinSet<()>,
 }
@@ -269,10 +279,9 @@ impl Store {
                 }));
             }
         }
-        let (mut alone, mut opened) = (false, None);
+        let mut opened = None;
         let has_own_rows = location.database.is_none();
         let prepare = async |is_alone| {
-            alone = is_alone;
             let rows = open_rows(location).await?;
             let identified = match opening {
                 Opening::Existing => identity::compare(&rows, &objects).await,
@@ -295,11 +304,10 @@ impl Store {
         if let Some(ObjectsAddress::Folder(folder)) = &location.objects {
             directory::sweep_shared(folder)?;
         }
+        let sweeps = options.sweeps_at_start;
         let store = Self::new(rows, objects, Place::Directory(place), options);
-        store.collect().await?;
-        // Objects elsewhere may belong to other rows.
-        if alone && has_own_rows && location.objects.is_none() {
-            store.collect_unknown().await?;
+        if sweeps {
+            store.collect().await?;
         }
         Ok(store)
     }
@@ -321,6 +329,7 @@ impl Store {
     }
 
     fn new(rows: Rows, objects: Objects, place: Place, options: Options) -> Self {
+        let rows_ahead = rows.ahead();
         let inner = Arc::new_cyclic(|store| {
             let mut listener = JoinSet::new();
             listener.spawn(listen(rows.clone(), Weak::clone(store)));
@@ -331,6 +340,7 @@ impl Store {
                 options,
                 signals: Signals::default(),
                 deletion_hooks: Mutex::default(),
+                opened_at: (Instant::now(), rows_ahead),
                 _listener: listener,
             }
         });
@@ -430,41 +440,6 @@ impl Store {
         Ok(deleted)
     }
 
-    /// Removes the cases whose age is [`Options::keep`] or more, as [`Store::delete`] does; returns how many. A case that
-    /// is kept or uploaded again meanwhile stays, and so does one for which `may_go` resolves to `false`.
-    ///
-    /// # Errors
-    /// If the rows or the objects cannot be written; what was not removed is found the next time.
-    pub async fn remove_expired<MayGo>(
-        &self,
-        may_go: impl Fn(CaseId) -> MayGo + Send + Sync,
-    ) -> Result<usize, StoreError>
-    where
-        MayGo: Future<Output = bool> + Send,
-    {
-        let Some(keep) = self.options().keep else {
-            return Ok(0);
-        };
-        self.check_id().await?;
-        let mut removed = 0;
-        loop {
-            let expired = self.expired(keep, REMOVALS_AT_ONCE).await?;
-            let removed_before = removed;
-            for id in &expired {
-                if may_go(*id).await && self.delete_expired(id, keep).await? {
-                    self.inner.is_deleted(id);
-                    removed += 1;
-                }
-            }
-            if removed > removed_before {
-                self.collect().await?;
-            }
-            if expired.len() < REMOVALS_AT_ONCE || removed == removed_before {
-                return Ok(removed);
-            }
-        }
-    }
-
     /// The changes of a case.
     pub fn subscribe(&self, id: &CaseId) -> Watch {
         Watch::new(self.clone(), *id)
@@ -522,17 +497,6 @@ impl Store {
         tokio::spawn(collect).await?
     }
 
-    /// Removes the objects that are not in the rows at all.
-    ///
-    /// There are none unless a power failure undid a removal on the disk but not in the rows.
-    async fn collect_unknown(&self) -> Result<(), StoreError> {
-        let names = self.inner.objects.list().await?;
-        for some in names.chunks(REMOVALS_AT_ONCE) {
-            self.remove_unneeded(some).await?;
-        }
-        Ok(())
-    }
-
     /// Removes the unneeded ones of the objects. Objects that are not removed are found again after the lease of the
     /// sweep.
     async fn remove_unneeded(&self, candidates: &[ObjectName]) -> Result<(), StoreError> {
@@ -581,6 +545,12 @@ impl Store {
     pub fn pass_time(&self, by: Duration) {
         self.rows().pass_time(by);
         self.signals().queued();
+    }
+
+    /// For how long this process has had the store open, on the clock that [`Store::pass_time`] moves.
+    pub fn uptime(&self) -> Duration {
+        let (at, ahead) = self.inner.opened_at;
+        at.elapsed() + self.rows().ahead().saturating_sub(ahead)
     }
 
     pub fn options(&self) -> &Options {

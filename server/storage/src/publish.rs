@@ -77,10 +77,10 @@ impl Store {
         })
     }
 
-    /// The payload of a case's object; `None`, reported, if it is missing or damaged.
+    /// The payload of a case's object; `None`, reported, if it is damaged, or missing and derived.
     ///
     /// # Errors
-    /// If the store cannot be reached.
+    /// [`StoreError::SourceMissing`] if it was uploaded and is missing, or if the store cannot be reached.
     pub async fn read(
         &self,
         id: &CaseId,
@@ -97,11 +97,28 @@ impl Store {
             Err(fault) => {
                 // One that is missing because the case was deleted a moment ago is no fault.
                 if self.case_objects(id).await?.contains(name) {
-                    self.report_bad(kind, &fault.to_string());
+                    self.report_unreadable(kind, &fault)?;
                 }
                 Ok(None)
             }
         }
+    }
+
+    /// Reports an object that is missing or damaged.
+    ///
+    /// # Errors
+    /// [`StoreError::SourceMissing`] for a source that is missing: an answer, and never the end of a case.
+    pub(super) fn report_unreadable(
+        &self,
+        kind: ObjectKind,
+        fault: &Unreadable,
+    ) -> Result<(), StoreError> {
+        self.report_bad(kind, &fault.to_string());
+        if kind.is_source() && matches!(fault, Unreadable::Missing) {
+            self.signals().count(Count::MissingSource);
+            return Err(StoreError::SourceMissing);
+        }
+        Ok(())
     }
 
     pub(super) fn report_bad(&self, kind: ObjectKind, fault: &str) {
@@ -116,7 +133,7 @@ impl Store {
     /// The stored identifying attributes of a case; `None` if it does not come from DICOM.
     ///
     /// # Errors
-    /// If the store cannot be reached, or what was stored is lost.
+    /// [`StoreError::SourceMissing`], or if the store cannot be reached or what was stored is damaged.
     pub async fn source_dicom(&self, id: &CaseId) -> Result<Option<Bytes>, StoreError> {
         let names = self.case_objects(id).await?;
         if !names
@@ -126,9 +143,9 @@ impl Store {
             return Ok(None);
         }
         let stored = self.read(id, &names, ObjectKind::SourceDicom).await?;
-        stored.map(Some).ok_or_else(|| {
-            StoreError::Objects("the DICOM attributes of a case are missing or damaged".into())
-        })
+        stored
+            .map(Some)
+            .ok_or_else(|| StoreError::Objects("the DICOM attributes of a case are damaged".into()))
     }
 
     /// Runs a rebuild of a case as its job, while no other process runs one; `None` if there is no such case, or it
@@ -155,7 +172,8 @@ impl Store {
             never = self.keep_lease(&claim) => match never {},
         };
         match &rebuilt {
-            Ok(_) => self.finish(&claim).await?,
+            // Nothing waits for a source in the name of a client: whoever needs the object asks again.
+            Ok(_) | Err(StoreError::SourceMissing) => self.finish(&claim).await?,
             Err(error) => {
                 // Whoever needs it tries again, or a worker does. A store that fails says nothing about the case.
                 let again = Release {

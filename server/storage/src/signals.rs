@@ -16,6 +16,8 @@ use case::{Case, CaseId, CaseState, Progress};
 pub struct Counters {
     /// Objects found missing or damaged.
     pub bad_objects: u64,
+    /// Uploaded files among them that were found missing.
+    pub missing_sources: u64,
     /// Cases rebuilt from their source for this reason.
     pub rebuilds: u64,
     /// Cases made ready.
@@ -65,6 +67,8 @@ impl ImageStatus {
 pub enum Count {
     /// An object was found missing or damaged.
     BadObject,
+    /// It was an uploaded file that is missing.
+    MissingSource,
     /// A case was rebuilt from its source because of it.
     Rebuild,
     /// A case or a layer became ready.
@@ -88,7 +92,7 @@ pub struct Signals {
     /// Jobs that were queued so far.
     queued: watch::Sender<u64>,
     watched: Mutex<HashMap<CaseId, watch::Sender<Signal>>>,
-    counts: [AtomicU64; 5],
+    counts: [AtomicU64; 6],
     images: Mutex<HashMap<(&'static str, ImageStatus), u64>>,
 }
 
@@ -168,6 +172,7 @@ impl Signals {
         let of = |event: Count| self.counts[event as usize].load(Ordering::Relaxed);
         Counters {
             bad_objects: of(Count::BadObject),
+            missing_sources: of(Count::MissingSource),
             rebuilds: of(Count::Rebuild),
             prepared: of(Count::Prepared),
             failed: of(Count::Failed),
@@ -217,6 +222,7 @@ mod tests {
             (Count::Prepared, 3),
             (Count::Failed, 4),
             (Count::Retried, 5),
+            (Count::MissingSource, 6),
         ] {
             (0..times).for_each(|_| signals.count(event));
         }
@@ -226,6 +232,7 @@ mod tests {
             prepared: 3,
             failed: 4,
             retried: 5,
+            missing_sources: 6,
         };
         assert_eq!(signals.counters(), expected);
     }

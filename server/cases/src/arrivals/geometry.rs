@@ -9,7 +9,7 @@ use glam::DVec3;
 use imaging::START_BYTES;
 use imaging::dicom::{Attributes, ROUNDING_MM};
 use storage::arrivals::Superseded;
-use storage::{StoreError, Upload};
+use storage::{StoreError, Upload, unless_missing};
 
 use super::tiles::Picture;
 use crate::application::Cases;
@@ -127,7 +127,8 @@ impl Cases {
         let old = self.attributes_of(&before.id).await?;
         let names = self.store().case_objects(&before.id).await?;
         let kind = ObjectKind::SourceVolume;
-        let Some(old_volume) = self.store().read(&before.id, &names, kind).await? else {
+        let read = self.store().read(&before.id, &names, kind);
+        let Some(old_volume) = unless_missing(read.await)? else {
             return Ok(true);
         };
         let grid =
@@ -163,9 +164,11 @@ impl Cases {
         let mut volumes = names.iter();
         let volume = volumes.find(|name| name.kind == ObjectKind::SourceVolume);
         let read = self.store().read(case, &names, ObjectKind::SourceVolume);
-        let (Some(name), Some(volume), Some(source)) =
-            (volume, read.await?, self.attributes_of(case).await?)
-        else {
+        let (Some(name), Some(volume), Some(source)) = (
+            volume,
+            unless_missing(read.await)?,
+            self.attributes_of(case).await?,
+        ) else {
             return Ok(true);
         };
         self.is_moved(&source, &volume, &name.digest, other).await
@@ -194,7 +197,7 @@ impl Cases {
         let read = self.store().read(case, &names, ObjectKind::SourceVolume);
         let limits = self.library.limits();
         let grid = |volume: Bytes| imaging::nifti::read_grid(start(&volume), &limits).ok();
-        Ok(read.await?.and_then(grid))
+        Ok(unless_missing(read.await)?.and_then(grid))
     }
 
     /// Slices of a stored volume; `None` if it is damaged.

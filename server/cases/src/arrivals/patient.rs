@@ -5,7 +5,7 @@ use crate::error::Error;
 use case::{CaseId, ObjectKind};
 use imaging::dicom::Attributes;
 use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids, Uid};
-use storage::{ObjectName, StoreError, Upload};
+use storage::{ObjectName, StoreError, Upload, unless_missing};
 
 /// A patient, as a source states them. This is patient data.
 ///
@@ -266,7 +266,7 @@ impl Cases {
         objects: &[ObjectName],
     ) -> Result<Option<Attributes>, StoreError> {
         let read = self.store().read(case, objects, ObjectKind::SourceDicom);
-        let stored = read.await?;
+        let stored = unless_missing(read.await)?;
         Ok(stored.and_then(|stored| pipeline::attributes(&stored).ok()))
     }
 }

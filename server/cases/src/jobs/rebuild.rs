@@ -3,6 +3,7 @@
 
 use async_trait::async_trait;
 use case::JobKind;
+use storage::StoreError;
 
 use super::usual_terms;
 use crate::library::Library;
@@ -23,7 +24,11 @@ impl Work for Rebuild {
 
     async fn run(&self, job: &Running) -> Result<End, Failed> {
         if let Some(case) = &job.claim.case {
-            self.0.rebuild(case).await?;
+            match self.0.rebuild(case).await {
+                // Whoever needs an object asks for it again.
+                Ok(()) | Err(StoreError::SourceMissing) => {}
+                Err(error) => return Err(error.into()),
+            }
         }
         Ok(End::Done)
     }

@@ -9,7 +9,8 @@ use case::{
     ObjectKind, Parameters,
 };
 use storage::arrivals::{DueTerms, NO_CASE, NOT_T1, Outcome, SeriesQuery, TakenAs};
-use storage::{DueSeries, Store, StoreError, Upload};
+use storage::{Count, DueSeries, Store, StoreError, Unreadable, Upload};
+use tempfile::TempDir;
 
 use crate::application::Cases;
 use crate::arrivals::{ArrivalOptions, Patient, SeriesRule};
@@ -93,6 +94,7 @@ impl Cases {
             }
             Err(Error::Failure(failure)) => Err(Failed::ForNow(failure)),
             Err(Error::Store(error)) => Err(error.into()),
+            Err(Error::SourceMissing) => Err(StoreError::SourceMissing.into()),
             Err(error) => {
                 tracing::warn!(%error, "a series cannot be read now");
                 let detail = "the server could not read the series";
@@ -107,8 +109,8 @@ impl Cases {
 
     async fn make_case(&self, due: &DueSeries, options: &ArrivalOptions) -> Result<Outcome, Error> {
         let directory = self.store().spool_directory().await?;
-        if !copy_objects(self.store(), &due.instances, &directory).await? {
-            return Ok(Outcome::Nothing(images_lost()));
+        if !self.copy_images(due, &directory).await? {
+            return Ok(Outcome::Nothing(images_damaged()));
         }
         let previous = self.previous(due).await?;
         if let Some(before) = &previous
@@ -171,6 +173,23 @@ impl Cases {
             self.store().move_case(&submitted.case.id).await?;
         }
         Ok(Outcome::Case(submitted.case.id))
+    }
+
+    /// Copies the images of a series; `false` if one is damaged.
+    ///
+    /// # Errors
+    /// [`Error::SourceMissing`] if one is missing, or an error of the store.
+    async fn copy_images(&self, due: &DueSeries, directory: &TempDir) -> Result<bool, Error> {
+        if copy_objects(self.store(), &due.instances, directory).await? {
+            return Ok(true);
+        }
+        for image in &due.instances {
+            if let Err(Unreadable::Missing) = self.store().object(image).await {
+                self.store().signals().count(Count::MissingSource);
+                return Err(Error::SourceMissing);
+            }
+        }
+        Ok(false)
     }
 
     /// Whether any image of a series was corrected or rejected since it was copied.
@@ -273,8 +292,8 @@ impl Cases {
             return Ok(is_another_here.then(|| Outcome::Nothing(case_of_another_patient(due))));
         };
         let directory = self.store().spool_directory().await?;
-        if !copy_objects(self.store(), &due.instances, &directory).await? {
-            return Ok(Some(Outcome::Nothing(images_lost())));
+        if !self.copy_images(due, &directory).await? {
+            return Ok(Some(Outcome::Nothing(images_damaged())));
         }
         let new = ReceivedLayer {
             case,
@@ -325,10 +344,10 @@ fn is_about_the_series(failure: &Failure) -> bool {
     )
 }
 
-fn images_lost() -> Failure {
+fn images_damaged() -> Failure {
     Failure::unusable(
         "images-lost",
-        "a stored image of the series is missing or damaged; send the series again",
+        "a stored image of the series is damaged; send the series again",
     )
 }
 
@@ -367,7 +386,6 @@ mod tests {
 
     use storage::Spooled;
     use storage::arrivals::{ArrivalSource, Change, NewInstance, SeriesUids, Superseded, Uid};
-    use tempfile::TempDir;
 
     use super::*;
     use crate::arrivals::tests::application;

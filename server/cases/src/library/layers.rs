@@ -142,6 +142,9 @@ impl Library {
     }
 
     /// The stored voxels of a layer that is ready; `None` if they are missing or damaged, and the layer is prepared again.
+    ///
+    /// # Errors
+    /// [`StoreError::SourceMissing`], or if the store cannot be reached.
     pub(super) async fn stored_voxels(&self, row: &LayerRow) -> Result<Option<Volume>, StoreError> {
         let store = self.store();
         let payload = store
@@ -149,6 +152,10 @@ impl Library {
             .await?;
         let decode = move || payload.and_then(|payload| decode_layer(&payload));
         let volume = tokio::task::spawn_blocking(decode).await?;
+        if volume.is_none() {
+            // A layer whose source is missing stays as it is.
+            self.layer_source(row).await?;
+        }
         if volume.is_none() && store.prepare_layer_again(&row.case, &row.id).await? {
             tracing::warn!(
                 case = row.case.short(),
@@ -199,7 +206,10 @@ impl Library {
         Ok(Some(tokio::task::spawn_blocking(prepare).await?))
     }
 
-    /// The uploaded files of a layer; `None`, reported, if one is missing or damaged.
+    /// The uploaded files of a layer; `None`, reported, if one is damaged.
+    ///
+    /// # Errors
+    /// [`StoreError::SourceMissing`], or if the store cannot be reached.
     async fn layer_source(&self, row: &LayerRow) -> Result<Option<LayerSource>, StoreError> {
         let store = self.store();
         let (case, id) = (&row.case, &row.id);

@@ -16,10 +16,10 @@ const KINDS: &[ObjectKind] = &[ObjectKind::WholeVolume];
 impl Library {
     /// The whole acquired volume of a ready case; `None` if there is no such case or it is not ready.
     ///
-    /// A lost object is read from the source and stored again, without preparing the case again. If the source is lost, the case becomes failed, as with any derived object.
+    /// A lost object is read from the source and stored again, without preparing the case again. If the source is damaged, the case becomes failed, as with any derived object.
     ///
     /// # Errors
-    /// If the store cannot be reached.
+    /// [`StoreError::SourceMissing`], or if the store cannot be reached.
     pub async fn whole_volume(&self, id: &CaseId) -> Result<Option<Volume>, StoreError> {
         let decode_one = Arc::new(decode);
         match self.store().read_derived(id, KINDS, &decode_one).await? {

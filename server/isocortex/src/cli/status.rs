@@ -120,7 +120,9 @@ impl From<Error> for CliError {
             Error::Geometry(_) | Error::MapsUndefined { .. } | Error::NoSurfaces(_) => {
                 ExitStatus::BadInput
             }
-            Error::Store(_) | Error::StorageFailed(_) => ExitStatus::InputOutput,
+            Error::Store(_) | Error::StorageFailed(_) | Error::SourceMissing => {
+                ExitStatus::InputOutput
+            }
             Error::Mismatch(_) => ExitStatus::Config,
             Error::Unavailable | Error::StorageFull | Error::Internal => ExitStatus::Internal,
         };

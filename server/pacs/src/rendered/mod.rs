@@ -43,7 +43,7 @@ type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
         (status = 404, description = "There is no case of this study"),
         (status = 406, description = "No accepted media type is available"),
         (status = 409, description = "The case is not ready, or the study has images of several patients (`several-patients`)"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub(crate) async fn of_study(
@@ -67,7 +67,7 @@ pub(crate) async fn of_study(
         (status = 404, description = "There is no case of this series"),
         (status = 406, description = "No accepted media type is available"),
         (status = 409, description = "The case is not ready"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub(crate) async fn of_series(

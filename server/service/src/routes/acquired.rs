@@ -31,7 +31,7 @@ use http_support::query::{ApiQuery, CasePath};
         (status = 404, description = "No such case or plane"),
         (status = 406, description = "PNG is not accepted"),
         (status = 422, description = "The upload is lost"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_acquired(

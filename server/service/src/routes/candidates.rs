@@ -291,7 +291,7 @@ impl Asked for ProfileQuery {
         (status = 400, description = "A key or value of the query is invalid, or the point is outside the envelope"),
         (status = 406, description = "Neither JSON nor CSV is accepted"),
         (status = 409, description = "The case or its maps are not ready, or it has only the surface of the whole brain: `no-surfaces`"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_profile(

@@ -38,7 +38,7 @@ use storage::{NewMask, Spooled, Version};
         (status = 206, description = "The requested range"),
         (status = 409, description = "The case is not ready"),
         (status = 416, description = "The range begins beyond the end"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_mask(
@@ -67,7 +67,7 @@ pub async fn get_mask(
         (status = 206, description = "The requested range"),
         (status = 409, description = "The case is not ready"),
         (status = 416, description = "The range begins beyond the end"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_envelope(
@@ -260,7 +260,7 @@ pub async fn put_mask(
         (status = 406, description = "PNG is not accepted"),
         (status = 409, description = "The case is not ready"),
         (status = 500, description = "The stored upload is damaged"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_quality(

@@ -160,7 +160,7 @@ impl Asked for PathsQuery {
             (String = "model/obj"), (Vec<u8> = "application/ply"),
         )),
         (status = 409, description = "The case is not ready, or has only the surface of the whole brain: `no-surfaces`"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_mesh(
@@ -297,7 +297,7 @@ pub async fn get_triangles(
     responses(
         (status = 200, description = "The table of positions by depth", body = Vec<u8>, content_type = "application/vnd.isocortex.paths"),
         (status = 409, description = "The case is not ready, or has only the surface of the whole brain: `no-surfaces`"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_paths(

@@ -46,7 +46,7 @@ impl Asked for RegistrationQuery {
         (status = 404, description = "One of the cases does not exist"),
         (status = 409, description = "One of the cases is not ready"),
         (status = 422, description = "One of the cases could not be prepared"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_registration(

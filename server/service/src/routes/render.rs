@@ -49,7 +49,7 @@ const MAX_POSITIONS: usize = 1 << 22;
             ("X-Isocortex-Depth-Clamped" = bool, description = "Whether the requested depth exceeded the maximum"),
         )),
         (status = 409, description = "The case is not ready, or has only the surface of the whole brain: `no-surfaces`"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_render(

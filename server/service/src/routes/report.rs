@@ -29,7 +29,7 @@ const PDF: &str = "application/pdf";
         (status = 200, description = "The report", content((String = "text/html"), (Vec<u8> = "application/pdf"))),
         (status = 406, description = "Neither HTML nor PDF is accepted"),
         (status = 409, description = "The case or its maps are not ready"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_report(

@@ -34,7 +34,7 @@ const PLANE: HeaderName = HeaderName::from_static("x-isocortex-plane");
         (status = 404, description = "No such case or plane"),
         (status = 406, description = "PNG is not accepted"),
         (status = 409, description = "The case is not ready"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_slice(

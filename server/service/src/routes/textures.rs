@@ -111,7 +111,7 @@ impl Asked for DistanceQuery {
         (status = 206, description = "The requested range"),
         (status = 409, description = "The case is not ready"),
         (status = 416, description = "The range begins beyond the end"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_volume(
@@ -172,7 +172,7 @@ pub async fn get_volume(
         (status = 206, description = "The requested range"),
         (status = 409, description = "The case is not ready, or has only the surface of the whole brain: `no-surfaces`"),
         (status = 416, description = "The range begins beyond the end"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_distance(

@@ -155,6 +155,20 @@ async fn queue_again(connection: &mut Connection, id: &CaseId) -> Result<(), Sto
     Ok(())
 }
 
+/// Queues a case again if it has failed; whether it had.
+pub(super) async fn prepare_failed_again(
+    connection: &mut Connection,
+    id: &CaseId,
+    now: i64,
+) -> Result<bool, StoreError> {
+    let had_failed = state(connection, id).await?.as_deref() == Some("failed");
+    if had_failed {
+        queue_again(connection, id).await?;
+        jobs::enqueue(connection, &NewJob::prepare(id), now).await?;
+    }
+    Ok(had_failed)
+}
+
 /// Turns pins into references of a case; `false` if a pin is gone. Objects that the case no longer needs are abandoned.
 pub(super) async fn refer(
     connection: &mut Connection,
@@ -378,6 +392,24 @@ pub(super) async fn uploaded_before(
         CaseId::parse(&id).ok_or_else(|| StoreError::Rows("a case has no id".into()))
     };
     rows.iter().map(read).collect()
+}
+
+/// How many there are of [`uploaded_before`].
+pub(super) async fn count_uploaded_before(
+    connection: &mut Connection,
+    time: i64,
+) -> Result<u64, StoreError> {
+    let row = connection
+        .query(
+            "SELECT count(*) AS count FROM cases
+             WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
+               AND NOT kept AND state IN ('ready', 'failed')",
+        )
+        .bind(time)
+        .fetch_one()
+        .await?;
+    let count: i64 = row.get("count")?;
+    Ok(u64::try_from(count).unwrap_or(0))
 }
 
 /// Whether a case is one of [`uploaded_before`].

@@ -352,8 +352,7 @@ pub(super) async fn claim(
     let kind = wanted.kind;
     while let Some(job) = oldest_available(connection, wanted, now).await? {
         if job.attempts < i64::from(max_attempts) {
-            let until = now + microseconds(time);
-            return lease(connection, kind, &job.id, until).await.map(Some);
+            return lease(connection, kind, &job.id, time, now).await.map(Some);
         }
         let attempts = u32::try_from(job.attempts).unwrap_or(u32::MAX);
         let last = read_failure(job.failure)?;
@@ -368,22 +367,24 @@ async fn lease(
     connection: &mut Connection,
     kind: JobKind,
     id: &str,
-    until: i64,
+    time: Duration,
+    now: i64,
 ) -> Result<Claim, StoreError> {
+    let until = now + microseconds(time);
     let fence = fence::next(connection, until).await?;
     let row = connection
         .query(
             // The reason of an attempt is that of the latest one, and one that was killed has none.
             "UPDATE jobs SET state = 'running', attempts = attempts + 1, fence = $1, lease_until = $2,
                              progress = NULL, failure = NULL
-             WHERE id = $3 RETURNING key, case_id, payload, attempts",
+             WHERE id = $3 RETURNING key, case_id, payload, attempts, created_at",
         )
         .bind(fence)
         .bind(until)
         .bind(id)
         .fetch_one()
         .await?;
-    let attempts: i64 = row.get("attempts")?;
+    let (attempts, created_at): (i64, i64) = (row.get("attempts")?, row.get("created_at")?);
     Ok(Claim {
         id: id.to_owned(),
         kind,
@@ -392,6 +393,7 @@ async fn lease(
         payload: row.get("payload")?,
         fence,
         attempt: u32::try_from(attempts).unwrap_or(u32::MAX),
+        age: Duration::from_micros((now - created_at).max(0).unsigned_abs()),
     })
 }
 

@@ -7,6 +7,7 @@
 mod arrivals;
 mod cases;
 mod connection;
+mod expiry;
 mod fence;
 mod findings;
 mod job_rows;
@@ -34,11 +35,12 @@ use sqlx::postgres::PgConnectOptions;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Pool, SqlSafeStr as _};
 
-use self::connection::{Connection, Database, microseconds};
+pub(crate) use self::connection::microseconds;
+use self::connection::{Connection, Database};
 use super::jobs::{Claim, NewJob};
 use super::rows::{Change, Inserted, NewCase, Pinned, Published, Referred, Sweep};
 use super::{CaseQuery, Cursor, ObjectName, Page, Store, StoreError};
-use case::{Case, CaseFacts, CaseId, Failure, JobKind, ObjectKind};
+use case::{Case, CaseFacts, CaseId, Failure, JobKind, LayerId, ObjectKind};
 
 /// The migrations of a database, oldest first: a number, a name and the statements of each. A database remembers the digests of those that
 /// it has had, so what stands here never changes.
@@ -123,6 +125,12 @@ impl Rows {
     #[cfg(any(test, feature = "testing"))]
     pub(crate) fn pass_time(&self, by: Duration) {
         self.ahead_us.fetch_add(microseconds(by), Ordering::Relaxed);
+    }
+
+    /// How much time was let pass.
+    pub(crate) fn ahead(&self) -> Duration {
+        let ahead = self.ahead_us.load(Ordering::Relaxed);
+        Duration::from_micros(ahead.max(0).unsigned_abs())
     }
 
     /// A connection on which each statement is a transaction.
@@ -392,20 +400,6 @@ impl Store {
         cases::uploaded_before(&mut connection, before, limit).await
     }
 
-    /// As [`Store::delete_case`], if the case is still [`Store::expired`]; returns whether it was.
-    pub(crate) async fn delete_expired(
-        &self,
-        id: &CaseId,
-        age: Duration,
-    ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let before = now.saturating_sub(microseconds(age));
-        if !cases::is_uploaded_before(&mut transaction, id, before).await? {
-            return Ok(false);
-        }
-        self.rows().delete_in(transaction, id, now).await
-    }
-
     /// Makes a case ready, ends its job and queues the next ones, if the lease is still ours.
     pub(crate) async fn make_case_ready(
         &self,
@@ -467,6 +461,24 @@ impl Store {
         Ok(ready)
     }
 
+    /// Queues a failed case again; returns whether it had failed.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn prepare_failed_again(&self, id: &CaseId) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        let had_failed = cases::prepare_failed_again(&mut transaction, id, now).await?;
+        transaction.commit().await?;
+        self.signals().queued();
+        self.signals().changed(id);
+        Ok(had_failed)
+    }
+
+    /// When the latest case, layer or finding was written, in microseconds.
+    pub(crate) async fn newest_row(&self) -> Result<Option<i64>, StoreError> {
+        upkeep::newest_row(&mut self.rows().connect().await?).await
+    }
+
     /// At most `limit` objects that may have to be removed: with an expired pin, or with a tombstone whose lease has
     /// ended.
     pub(crate) async fn abandoned(&self, limit: usize) -> Result<Vec<ObjectName>, StoreError> {
@@ -487,6 +499,42 @@ impl Store {
         let marked = tombstones::mark(&mut transaction, names, sweep, now).await?;
         transaction.commit().await?;
         Ok(marked)
+    }
+
+    /// Forgets who was writing objects when the rows were saved from which they were restored: what was written may have been
+    /// acknowledged since, and no sweep must remove it. A process that is writing now writes again.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn forget_writers(&self) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        pins::forget_writers(&mut transaction).await?;
+        transaction.commit().await
+    }
+
+    /// Makes a pinned manifest that of a case or of one of its layers, if that is there.
+    pub(crate) async fn refer_to_manifest(
+        &self,
+        case: &CaseId,
+        layer: Option<&LayerId>,
+        manifest: &Pinned,
+    ) -> Result<Referred<()>, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        let referred = match layer {
+            None if !transaction.has_case(&case.to_string()).await? => {
+                return Ok(Referred::Unneeded(()));
+            }
+            None => cases::refer(&mut transaction, case, manifest, now).await?,
+            Some(layer) if !layers::are_there(&mut transaction, case, &[*layer]).await? => {
+                return Ok(Referred::Unneeded(()));
+            }
+            Some(layer) => layers::refer(&mut transaction, case, layer, manifest, now).await?,
+        };
+        if !referred {
+            return Ok(Referred::PinLost);
+        }
+        transaction.commit().await?;
+        Ok(Referred::Done(()))
     }
 
     /// Removes the tombstones of a sweep after their objects are deleted, if the sweep still holds them.

@@ -4,13 +4,20 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use case::{CaseState, ObjectKind};
-use storage::StoreError;
+use case::{
+    CaseId, CaseState, JobKind, JobState, Layer, LayerId, LayerParameters, ObjectKind, Parameters,
+};
+use pipeline::Source;
+use pipeline::testing::{nifti, phantom, upload};
 use storage::testing::assert_nothing_left_over;
+use storage::{LayerName, LayerUpload, Store, StoreError};
+use tempfile::TempDir;
 
-use super::{GRACE, expected, load, object_files, open, ready};
-use crate::jobs::start_workers;
-use crate::testing::{Fake, settled, settled_state, submit};
+use super::{GRACE, as_they_are, expected, load, object_files, open, ready};
+use crate::error::Error;
+use crate::jobs::{prepare_one, prepare_one_layer, start_workers};
+use crate::library::Library;
+use crate::testing::{Fake, options, settled, settled_state, source, submit};
 
 /// Ways to damage a file of a given length.
 fn damage(file: &Path, way: usize) {
@@ -95,7 +102,7 @@ async fn contents_that_cannot_be_decoded_are_made_again_once() {
 
 #[tokio::test]
 async fn where_the_source_is_damaged_too_the_case_fails_until_it_is_uploaded_again() {
-    for damage_way in 0..3 {
+    for damage_way in 0..2 {
         let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
         let (library, id) = ready(&directory, &fake).await;
         damage(
@@ -134,4 +141,149 @@ async fn a_damaged_source_fails_its_preparation() {
     assert_eq!(failed.failure.unwrap().name, "source-damaged");
     workers.shut_down(GRACE).await;
     assert_eq!(fake.run_count(), 0);
+}
+
+/// A library with a ready case of a volume, a mask and attributes of DICOM files.
+async fn ready_with_all_sources(directory: &TempDir, fake: &Arc<Fake>) -> (Library, CaseId) {
+    let library = open(directory, fake).await;
+    let upload = Source {
+        mask: Some("mask".into()),
+        dicom: Some("attributes".into()),
+        ..source("volume")
+    };
+    let submitted = library.submit(upload, Parameters::default()).await;
+    let id = submitted.unwrap().case.id;
+    assert!(prepare_one(&library).await);
+    (library, id)
+}
+
+async fn state(library: &Library, id: &CaseId) -> CaseState {
+    library.store().case(id).await.unwrap().unwrap().state
+}
+
+async fn is_source_missing(library: &Library, id: &CaseId) -> bool {
+    let loaded = library.load(id, &ObjectKind::DERIVED, as_they_are).await;
+    matches!(loaded, Err(StoreError::SourceMissing))
+}
+
+#[tokio::test]
+async fn a_source_that_is_away_is_an_answer_and_the_case_stays_as_it_is() {
+    for away in [
+        "objects/source-volume",
+        "objects/source-mask",
+        "objects/source-dicom",
+        "objects",
+    ] {
+        let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
+        let (library, id) = ready_with_all_sources(&directory, &fake).await;
+        damage(&object_files(directory.path(), ObjectKind::Forest)[0], 2);
+        let [there, moved] = [away, "moved"].map(|name| directory.path().join(name));
+        std::fs::rename(&there, &moved).unwrap();
+        for seen in 1..=2 {
+            assert!(is_source_missing(&library, &id).await, "{away}");
+            assert_eq!(state(&library, &id).await, CaseState::Ready);
+            assert_eq!(library.store().counters().missing_sources, seen);
+        }
+        if there.exists() {
+            std::fs::remove_dir_all(&there).unwrap();
+        }
+        std::fs::rename(&moved, &there).unwrap();
+        assert_eq!(load(&library, &id).await, Some(expected("volume")));
+        assert_nothing_left_over(library.store(), directory.path()).await;
+    }
+}
+
+#[tokio::test]
+async fn a_source_under_another_name_is_missing_and_a_cut_one_is_damaged() {
+    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
+    let (library, id) = ready(&directory, &fake).await;
+    damage(&object_files(directory.path(), ObjectKind::Forest)[0], 2);
+    let file = object_files(directory.path(), ObjectKind::SourceVolume).remove(0);
+    let renamed = file.with_extension("backup");
+    std::fs::rename(&file, &renamed).unwrap();
+    assert!(is_source_missing(&library, &id).await);
+    std::fs::rename(&renamed, &file).unwrap();
+    damage(&file, 1);
+    assert_eq!(load(&library, &id).await, None);
+    assert_eq!(state(&library, &id).await, CaseState::Failed);
+}
+
+#[tokio::test]
+async fn a_preparation_waits_for_its_source_and_no_attempt_is_used_up() {
+    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
+    let library = open(&directory, &fake).await;
+    let id = submit(&library, "volume").await.id;
+    let store = library.store();
+    let [there, moved] = ["objects/source-volume", "moved"].map(|name| directory.path().join(name));
+    std::fs::rename(&there, &moved).unwrap();
+    let job = async || {
+        let job = store.latest_job(JobKind::PREPARE, &id.to_string()).await;
+        job.unwrap().unwrap()
+    };
+    // More often than a job may be tried.
+    for _ in 0..=store.options().max_attempts {
+        assert!(prepare_one(&library).await);
+        let waiting = job().await;
+        assert_eq!((waiting.state, waiting.attempts), (JobState::Queued, 0));
+        assert_eq!(waiting.failure.unwrap().name, "source-missing");
+        assert_eq!(state(&library, &id).await, CaseState::Queued);
+        assert!(!prepare_one(&library).await, "it waits for a while");
+        store.pass_time(Duration::from_secs(300));
+    }
+    std::fs::rename(&moved, &there).unwrap();
+    assert!(prepare_one(&library).await);
+    assert_eq!(state(&library, &id).await, CaseState::Ready);
+    assert_eq!(load(&library, &id).await, Some(expected("volume")));
+    assert_nothing_left_over(store, directory.path()).await;
+}
+
+/// A layer of a case, as its row is now.
+async fn layer(library: &Library, case: &CaseId, id: &LayerId) -> Layer {
+    library.store().layer(case, id).await.unwrap().unwrap()
+}
+
+#[tokio::test]
+async fn a_layer_waits_for_its_source_and_one_that_is_ready_stays_so() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = Store::open_with(directory.path(), options()).await;
+    let library = Library::of(store.unwrap());
+    let submitted = library.submit(upload(&phantom()), Parameters::default());
+    let case = submitted.await.unwrap().case.id;
+    assert!(prepare_one(&library).await);
+    let store = library.store();
+    let volume = store.spool_all(nifti(&phantom().volume)).await;
+    let layer_upload = LayerUpload {
+        case,
+        volume: volume.unwrap(),
+        dicom: None,
+        series: None,
+        name: LayerName::Usual("T2".to_owned()),
+        parameters: LayerParameters::default(),
+        most: 20,
+    };
+    let id = store.submit_layer(layer_upload).await.unwrap().layer.id;
+    let [there, moved] = ["objects/source-layer", "moved"].map(|name| directory.path().join(name));
+    std::fs::rename(&there, &moved).unwrap();
+    for _ in 0..=store.options().max_attempts {
+        assert!(prepare_one_layer(&library).await);
+        assert_eq!(layer(&library, &case, &id).await.state, CaseState::Queued);
+        store.pass_time(Duration::from_secs(300));
+    }
+    std::fs::rename(&moved, &there).unwrap();
+    assert!(prepare_one_layer(&library).await);
+    let row = layer(&library, &case, &id).await;
+    assert_eq!(row.state, CaseState::Ready);
+
+    // Without its voxels and its source it can be drawn by nobody, and is not prepared again for that.
+    damage(&object_files(directory.path(), ObjectKind::Layer)[0], 2);
+    std::fs::rename(&there, &moved).unwrap();
+    let drawn = library.layer_voxels(&row).await;
+    assert!(matches!(drawn, Err(Error::SourceMissing)));
+    assert_eq!(layer(&library, &case, &id).await.state, CaseState::Ready);
+    std::fs::rename(&moved, &there).unwrap();
+    let drawn = library.layer_voxels(&row).await;
+    assert!(matches!(drawn, Err(Error::LayerNotReady)));
+    assert!(prepare_one_layer(&library).await);
+    library.layer_voxels(&row).await.unwrap();
+    assert_nothing_left_over(store, directory.path()).await;
 }

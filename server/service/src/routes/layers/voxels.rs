@@ -64,7 +64,7 @@ fn variant(layer: &ChosenLayer) -> String {
         (status = 404, description = "No such case or layer"),
         (status = 409, description = "The case or the layer is not ready, or the layer is undefined"),
         (status = 416, description = "The range begins beyond the end"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_layer_volume(
@@ -132,7 +132,7 @@ pub async fn get_layer_volume(
         (status = 404, description = "No such case or layer"),
         (status = 409, description = "The case or the layer is not ready, or the layer is undefined"),
         (status = 416, description = "The range begins beyond the end"),
-        (status = 503, description = "Too much work is waiting"),
+        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn get_layer_nifti(

@@ -41,7 +41,7 @@ const ZIP: &str = "application/zip";
         (status = 406, description = "The media type is not accepted"),
         (status = 409, description = "The case is not ready, or has only the surface of the whole brain: `no-surfaces`"),
         (status = 413, description = "The body is too long"),
-        (status = 503, description = "Too much work is waiting, or the pictures took too long"),
+        (status = 503, description = "Too much work is waiting (`busy`), the pictures took too long, or the stored upload is missing (`source-missing`)"),
     )
 )]
 pub async fn create_renders(
