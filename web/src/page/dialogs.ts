@@ -21,7 +21,7 @@ import {
   signOut,
 } from "../base/sign-in.ts";
 import type { OnScreen } from "./export.ts";
-import type { Preferences } from "./preferences.ts";
+import type { Preferences } from "../store/preferences.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
 import { isHalved } from "../model/state.ts";
 

@@ -4,7 +4,7 @@ import { h, setText } from "../base/dom.ts";
 import { type Key, learn, t } from "../base/i18n.ts";
 import { NoTokens } from "../base/session.ts";
 import { NotSignedIn, enter, finish, handToOpener, takeAttempt } from "../base/sign-in.ts";
-import { loadPreferences } from "../page/preferences.ts";
+import { preferences } from "../store/preferences.ts";
 
 // The answer leaves the address and the history of the browser before anything else happens.
 const answer = new URLSearchParams(location.hash.replace(/^#/, ""));
@@ -37,7 +37,7 @@ async function follow(): Promise<void> {
 }
 
 async function build(): Promise<void> {
-  const { language, theme } = loadPreferences();
+  const { language, theme } = preferences.peek();
   document.documentElement.dataset.theme = theme;
   await learn(language);
   document.documentElement.lang = language;
