@@ -16,7 +16,6 @@ const BELOW: Readonly<Record<string, readonly string[]>> = {
   page: ["model", "base", "gl", "store", "panes", "pacs"],
   compare: ["model", "base", "store", "page"],
   launch: ["base", "pacs", "store", "page"],
-  "signed-in": ["base", "store"],
 };
 
 const folderOf = (name: string): string => name.split("/")[0] ?? "";

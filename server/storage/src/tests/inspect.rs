@@ -67,7 +67,6 @@ async fn an_inspection_counts_what_is_sound_and_reports_the_rest() {
         cases: 3,
         objects: 9,
         bytes,
-        to_rekey: 0,
     };
     assert_eq!(sound, expected);
 
