@@ -77,7 +77,7 @@ const BOTTOM = HEIGHT - MARGIN.bottom;
 export function Chart({ store }: OfStore) {
   const profile = store.point.profile.value;
   const measured = store.point.measured.value;
-  const { depth_mm } = store.view.state.value;
+  const depth_mm = store.view.depth_mm.value;
   const picture = useRef<SVGSVGElement>(null);
   /** The sample under the pointer. */
   const [read, setRead] = useState<number | null>(null);

@@ -23,7 +23,7 @@ const KEYS: Readonly<Record<string, number>> = {
 
 export function DepthBar({ store }: OfStore) {
   const { view, shown } = store;
-  const { depth_mm } = view.state.value;
+  const depth_mm = view.depth_mm.value;
   const isRunning = store.sweep.isRunning.value;
   const deepest = clampDepth(Infinity, shown);
   const take = (wanted_mm: number): void => {
@@ -86,7 +86,7 @@ export function DepthBar({ store }: OfStore) {
 /** The depth in its box, which is not corrected while it is being typed. A box for numbers would write them in the browser's language. */
 function DepthNumber({ store, take }: OfStore & { take(depth_mm: number): void }) {
   const { view } = store;
-  const written = (): string => numberUpTo(view.state.value.depth_mm, 2);
+  const written = (): string => numberUpTo(view.depth_mm.value, 2);
   // What was typed may be out of range, or no number; an empty box has no change to tell of.
   const leave = (box: HTMLInputElement): void => {
     box.value = written();

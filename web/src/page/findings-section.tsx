@@ -1,6 +1,6 @@
 // The section of the panel with the findings of a case: what a reader marks, writes down and hands on.
 
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 
 import { gyrusWords, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
@@ -93,7 +93,7 @@ function FindingRow({ store, finding, at }: OfStore & { readonly finding: Findin
   const { id, kind, label, depth_mm, certainty, colour, is_dismissed } = finding;
   const row = useRef<HTMLLIElement>(null);
   // A new one is written about at once, in sight.
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (findings.written.value !== id) return;
     findings.written.value = null;
     row.current?.closest("details")?.setAttribute("open", "");

@@ -97,7 +97,7 @@ function PlacesPart({ store, list }: OfStore & { readonly list: PlacesOfMap }) {
 /** The share of the junction that the cuts meet slantwise, of the depths at which there is any. */
 function Slant({ store }: OfStore) {
   const { junction_by_depth = [], junction_poorly_met } = store.caseLayers.list.value ?? {};
-  const { depth_mm } = store.view.state.value;
+  const depth_mm = store.view.depth_mm.value;
   const bands = junction_by_depth.filter(({ places }) => places > 0);
   if (bands.length === 0) return null;
   return (

@@ -1,5 +1,7 @@
 // The section of the panel with what is known of the marked point.
 
+import { useComputed } from "@preact/signals";
+
 import { type Key, t } from "../base/i18n.ts";
 import { turnedTo } from "../model/commands.ts";
 import { hasSlices } from "../model/state.ts";
@@ -18,13 +20,13 @@ const LABELS: readonly (readonly [keyof PointWords, Key])[] = [
 export function PointSection({ store }: OfStore) {
   const { point, view, places } = store;
   const words = point.words.value;
-  const hint = point.hint.value || (words ? "" : t("point.hint"));
-  const { across_deg } = view.state.value;
+  const known = words ? (point.isDeep.value ? t("point.deep") : "") : t("point.hint");
+  const isAcross = useComputed(() => view.state.value.across_deg !== null && hasSlices(view.state.value));
   // Beside an open place of a list the chart stands there.
   const isAtPlace = places.lists.some(({ open }) => open.value !== null);
   return (
     <Section title={t("panel.point")} isOpen data-task="read">
-      <Quiet>{hint}</Quiet>
+      <Quiet>{point.missed.value || known}</Quiet>
       {words && (
         <>
           <dl class="point">
@@ -35,7 +37,7 @@ export function PointSection({ store }: OfStore) {
               </>
             ))}
           </dl>
-          <Tools store={store} isAcross={across_deg !== null && hasSlices(view.state.value)} />
+          <Tools store={store} isAcross={isAcross.value} />
           {!isAtPlace && <Chart store={store} />}
         </>
       )}

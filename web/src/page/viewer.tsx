@@ -182,6 +182,8 @@ export class Viewer {
     return [
       effect(() => {
         this.#panes.dispatchEvent(new CustomEvent("view", { detail: view.state.value }));
+        // What a sweep has come to rests when it is stopped.
+        void store.sweep.isRunning.value;
         store.isResting.value = false;
         this.#stir();
       }),
@@ -190,6 +192,9 @@ export class Viewer {
         // Whatever of these changes, the panes draw again.
         void [store.drawn.value, view.state.value, store.isMoving.value, store.sweep.isRunning.value];
         void [store.status.value, store.large.value];
+        this.#schedule();
+      }),
+      effect(() => {
         this.#surface.surface.showTimer(store.hasTimer.value);
         this.#schedule();
       }),

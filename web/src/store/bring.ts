@@ -55,10 +55,6 @@ export function settle(store: Store): void {
   const deepest_mm = surface?.deepest_mm ?? null;
   if (deepest_mm !== null && view.now.depth_mm > deepest_mm)
     view.change({ depth_mm: Math.floor(deepest_mm * 100) / 100 });
-  // Of a half, the inner side has it.
-  const { crosshair_mm } = view.now;
-  if (crosshair_mm && !isHalf(view.now.surface) && (surface?.wholeDepth(crosshair_mm) ?? 0) > DEEP_MM)
-    store.point.hint.value = t("point.deep");
 }
 
 function settleAwaited(store: Store): void {

@@ -8,6 +8,8 @@ import { number } from "../base/i18n.ts";
 import type { Picked } from "../model/points.ts";
 import type { Measured, Profile } from "../model/profile.ts";
 import type { Vec3 } from "../model/space.ts";
+import { DEEP_MM } from "../model/commands.ts";
+import { isHalf } from "../model/surfaces.ts";
 import { measuredAt } from "./measured.ts";
 import type { ShownLayers } from "./shown-layers.ts";
 import type { Surface } from "./surface.ts";
@@ -31,20 +33,32 @@ export class MarkedPoint {
   readonly profile: ReadonlySignal<Profile | null>;
   /** What the server has measured at it. */
   readonly measured = signal<Measured | null>(null);
-  /** Why no point was marked, or what is to be known of the one that is. */
-  readonly hint = signal("");
+  /** Why no point was marked, until another one is or another depth is shown. */
+  readonly missed = signal("");
+  /** Whether the point is so deep that the cut through the whole brain meets it slantwise; of a half, the inner side has it. */
+  readonly isDeep: ReadonlySignal<boolean>;
   /** What was seen where a hand marked it. */
   picked: Picked | null = null;
   readonly #surface: () => Surface | null;
   readonly #layers: ShownLayers;
   #asked = new AbortController();
-  readonly #end: () => void;
+  readonly #ends: readonly (() => void)[];
 
   /** What follows `surface` hears when more is known. */
   constructor(view: View, surface: () => Surface | null, layers: ShownLayers) {
     this.#surface = surface;
     this.#layers = layers;
     this.position = computed(() => view.state.value.crosshair_mm);
+    this.isDeep = computed(() => {
+      const position = this.position.value;
+      const isWhole = !isHalf(view.state.value.surface);
+      return position !== null && isWhole && (surface()?.wholeDepth(position) ?? 0) > DEEP_MM;
+    });
+    // The same words are not told with each frame of a drag.
+    const values = computed(() => {
+      const position = this.position.value;
+      return position ? this.valuesAt(position, this.picked?.intensity) : "";
+    });
     this.words = computed(() => {
       const position = this.position.value;
       if (!position) return null;
@@ -54,21 +68,27 @@ export class MarkedPoint {
         position: positionWords(position),
         voxel: voxel ? voxel.map((part) => number(part)).join(", ") : t("point.outside"),
         depth: depthAtWords(known.depth_mm),
-        intensity: this.valuesAt(position, known.intensity),
+        intensity: values.value,
       };
     });
     this.profile = computed(() => (this.position.value && surface()?.profile(this.position.value)) ?? null);
     // Asked about once, as soon as its depth is known.
     const asked = computed(() => (this.profile.value ? this.position.value : null));
-    this.#end = effect(() => {
-      const position = asked.value;
-      untracked(() => this.#measure(view, position));
-    });
+    this.#ends = [
+      effect(() => {
+        const position = asked.value;
+        untracked(() => this.#measure(view, position));
+      }),
+      effect(() => {
+        void [this.position.value, view.depth_mm.value];
+        this.missed.value = "";
+      }),
+    ];
   }
 
   dispose(): void {
     this.#asked.abort();
-    this.#end();
+    for (const end of this.#ends) end();
   }
 
   /** The intensities at a position, of all volumes that are shown, in words. */

@@ -157,7 +157,7 @@ export class Store {
 
   /** Says why nothing was marked. */
   miss(words: string): void {
-    this.point.hint.value = words;
+    this.point.missed.value = words;
     announce(words);
   }
 

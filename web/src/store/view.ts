@@ -1,6 +1,6 @@
 // How a case is seen, and what was seen before: one state, which everything else follows.
 
-import { type Signal, batch, signal } from "@preact/signals";
+import { type ReadonlySignal, type Signal, batch, computed, signal } from "@preact/signals";
 
 import type { ReadyCase, Window } from "../model/case.ts";
 import type { Change } from "../model/controls.ts";
@@ -12,6 +12,7 @@ import { pushAddress, replaceAddress } from "./address.ts";
 export class View {
   readonly shown: ReadyCase;
   readonly state: Signal<ViewState>;
+  readonly depth_mm: ReadonlySignal<number>;
   readonly canUndo = signal(false);
   readonly canRedo = signal(false);
   /** The window that each texture was left with, by the id of its layer; that of the case itself has none. */
@@ -24,6 +25,7 @@ export class View {
     this.shown = shown;
     this.#history = history;
     this.state = signal(this.#paired(first));
+    this.depth_mm = computed(() => this.state.value.depth_mm);
     this.#record(first);
   }
 
