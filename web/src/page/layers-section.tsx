@@ -30,9 +30,12 @@ export function LayersSection({ store }: OfStore) {
   const isShown = layersOf(view.state.value).some(isLayerId);
   const change: Do = async (work) => {
     layers.said.value = "";
+    const focused = document.activeElement;
     try {
       await work();
       await caseLayers.again();
+      // The button of a layer that has changed its place has lost the focus on its way.
+      if (focused instanceof HTMLElement && document.activeElement === document.body) focused.focus();
     } catch (problem) {
       layers.said.value = problemWords(problem);
     }

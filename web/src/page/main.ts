@@ -22,7 +22,7 @@ import { h, iconButton, setText, tell } from "../base/dom.ts";
 import { leaveChoice, takeLaunch } from "../base/launched.ts";
 import { readAddress } from "../model/fragment.ts";
 import { LANGUAGES, type Language, isLanguage, learn, number, t } from "../base/i18n.ts";
-import { choice, choiceOfButtons, press } from "./fields.ts";
+import { choice, choiceOfButtons, press } from "./elements.ts";
 import type { Surface } from "../store/surface.ts";
 import { announce, announced } from "../store/announce.ts";
 import { perform, setLayout } from "../store/commands.ts";
