@@ -11,10 +11,12 @@ import { bring } from "./bring.ts";
 import { recallLayout } from "./saved-layouts.ts";
 import type { Store } from "./store.ts";
 
-type Kind = Exclude<Command["kind"], ChangingCommand["kind"] | LayerCommand["kind"]>;
-type Work<K extends Kind> = (store: Store, command: Extract<Command, { readonly kind: K }>) => unknown;
+/** What a command does. */
+type Work<Kind extends Command["kind"]> = (store: Store, command: Command & { readonly kind: Kind }) => unknown;
 
-const COMMANDS: { readonly [K in Kind]: Work<K> } = {
+const ofLayers = ({ layers }: Store, command: LayerCommand): void => layers.command(command);
+
+const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   play: ({ sweep }) => (sweep.isRunning.peek() ? sweep.stop() : sweep.start()),
   timer: ({ hasTimer }) => (hasTimer.value = !hasTimer.peek()),
   outline: ({ isBare }) => {
@@ -52,6 +54,28 @@ const COMMANDS: { readonly [K in Kind]: Work<K> } = {
     if (picked) store.tool.add(picked.position_in_patient, "surface");
     else store.miss(t("point.none"));
   },
+  depth: change,
+  turn: change,
+  pan: change,
+  zoom: change,
+  view: change,
+  window: change,
+  map: change,
+  surface: change,
+  invert: change,
+  reset: change,
+  grey: ofLayers,
+  colours: ofLayers,
+  hold: ofLayers,
+  release: ofLayers,
+  swipe: ofLayers,
+  edges: ofLayers,
+  beside: ofLayers,
+  swap: ofLayers,
+  nudge: (store, command) => {
+    reach(store, "layers");
+    ofLayers(store, command);
+  },
   // The page's own.
   help: () => {},
   undo: (store) => announce(t(store.goTo("undo") ? "done.undo" : "none.undo")),
@@ -67,31 +91,10 @@ export function catchUp(store: Store): void {
 
 /** Does what a key that no control has taken asks for, or a button. */
 export function perform(store: Store, command: Command): void {
-  if (isOfLayers(command)) {
-    if (command.kind === "nudge") reach(store, "layers");
-    return store.layers.command(command);
-  }
-  if (isChanging(command)) return change(store, command);
-  const work = COMMANDS[command.kind] as Work<Kind>;
-  void work(store, command);
+  (COMMANDS[command.kind] as Work<Command["kind"]>)(store, command);
 }
 
-const isChanging = (command: Command): command is ChangingCommand =>
-  !isOfLayers(command) && !Object.hasOwn(COMMANDS, command.kind);
-
-const OF_LAYERS: ReadonlySet<string> = new Set<LayerCommand["kind"]>([
-  "grey",
-  "colours",
-  "hold",
-  "release",
-  "swipe",
-  "edges",
-  "nudge",
-  "beside",
-  "swap",
-]);
-const isOfLayers = (command: Command): command is LayerCommand => OF_LAYERS.has(command.kind);
-
+/** Changes the view, and nothing else. */
 function change(store: Store, command: ChangingCommand): void {
   const { view } = store;
   if (command.kind === "depth" || command.kind === "reset") store.sweep.stop();
