@@ -7,7 +7,7 @@ import { decoded } from "../base/picture.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { DRAG_DIRECTIONS, WHEEL_USES } from "../model/controls.ts";
 import type { OnScreen } from "./export.ts";
-import type { Preferences } from "./preferences.ts";
+import type { Preferences } from "../store/preferences.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
 import { isHalved } from "../model/state.ts";
 
