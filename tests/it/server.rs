@@ -255,12 +255,13 @@ impl Server {
         self.directory.path()
     }
 
-    /// What is in the store beside its database: uploads under way and objects.
+    /// What is in the store beside its database and its id: uploads under way and objects.
     pub(crate) fn stored_files(&self) -> Vec<PathBuf> {
         let mut files = Vec::new();
         for folder in ["objects", "uploads"] {
             files_below(&self.directory.path().join(folder), &mut files);
         }
+        files.retain(|file| !file.ends_with("store-id"));
         files
     }
 

@@ -20,6 +20,7 @@ pub(crate) use self::layers::*;
 pub(crate) use self::results::*;
 
 use super::expiry::{Allowance, Removal};
+use super::identity::Label;
 use super::jobs::{JobQuery, NewJob, Release};
 use super::objects::Objects;
 use super::rows::{Inserted, NewCase, Pinned, Published, Referred, Sweep};
@@ -42,6 +43,10 @@ impl Subject {
     /// On these rows, with objects in memory.
     pub(crate) async fn new(rows: Rows, keep: impl Send + Sync + 'static) -> Self {
         let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
+        if let Some(id) = rows.store_id().await.unwrap() {
+            // Rows of before, whose objects have ended.
+            objects.put_label(&Label::Id(id)).await.unwrap();
+        }
         Self {
             store: Store::on(rows, objects, Options::default()).await.unwrap(),
             _keep: Box::new(keep),

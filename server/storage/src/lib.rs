@@ -283,6 +283,9 @@ impl Store {
         let has_own_rows = location.database.is_none();
         let prepare = async |is_alone| {
             let rows = open_rows(location).await?;
+            if is_alone && has_own_rows {
+                rows.check_file().await?;
+            }
             let identified = match opening {
                 Opening::Existing => identity::compare(&rows, &objects).await,
                 Opening::OrMake => identity::compare_or_make(&rows, &objects).await,

@@ -140,7 +140,6 @@ impl Rows {
 
     /// Ends every lease and expires every pin, because no other process runs that could hold one.
     pub(crate) async fn forget_holders(&self) -> Result<(), StoreError> {
-        self.database.check_file().await?;
         let (mut transaction, now) = self.write().await?;
         jobs::end_leases(&mut transaction, now).await?;
         pins::expire_all(&mut transaction, now).await?;
@@ -148,6 +147,11 @@ impl Rows {
         transaction.commit().await?;
         self.database.empty_log().await;
         Ok(())
+    }
+
+    /// Checks the integrity of the database itself. Takes as long as reading it.
+    pub(crate) async fn check_file(&self) -> Result<(), StoreError> {
+        self.database.check_file().await
     }
 
     /// Finishes all work before the process ends. No other method may be called afterwards.
@@ -589,6 +593,6 @@ impl Store {
 
     /// Checks the integrity of the database itself. Takes as long as reading it.
     pub(crate) async fn check_file(&self) -> Result<(), StoreError> {
-        self.rows().database.check_file().await
+        self.rows().check_file().await
     }
 }

@@ -450,7 +450,7 @@ mod tests {
         drop(connection);
         store.rows().close().await;
         let store = at(&file).await.unwrap();
-        let error = store.rows().forget_holders().await.unwrap_err();
+        let error = store.rows().check_file().await.unwrap_err();
         assert!(matches!(error, StoreError::DamagedFile(_)), "{error:?}");
     }
 

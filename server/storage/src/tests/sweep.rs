@@ -137,7 +137,7 @@ async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
     let left = store.cases(None, 10).await.unwrap().cases;
     assert_eq!(left.iter().map(|case| case.id).collect::<Vec<_>>(), [kept]);
     let needed = store.case_objects(&kept).await.unwrap().len();
-    assert_eq!(crate::testing::files_below(directory.path()).len(), needed);
+    assert_eq!(objects_below(directory.path()).len(), needed);
 }
 
 /// A store that keeps cases for ten days.
