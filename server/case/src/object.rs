@@ -33,10 +33,12 @@ pub enum ObjectKind {
     SourceLayer,
     /// The voxels of a layer around the envelope, on the grid of their acquisition.
     Layer,
+    /// What is needed to submit the upload of the case or the layer again.
+    Manifest,
 }
 
 impl ObjectKind {
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::SourceVolume,
         Self::SourceMask,
         Self::SourceDicom,
@@ -52,6 +54,7 @@ impl ObjectKind {
         Self::Result,
         Self::SourceLayer,
         Self::Layer,
+        Self::Manifest,
     ];
 
     /// The kinds that a preparation computes from the uploaded files.
@@ -82,6 +85,7 @@ impl ObjectKind {
             Self::Result => "result",
             Self::SourceLayer => "source-layer",
             Self::Layer => "layer",
+            Self::Manifest => "manifest",
         }
     }
 
@@ -108,6 +112,7 @@ impl ObjectKind {
             Self::SourceLayer => 10,
             Self::Layer => 11,
             Self::Surfaces => 13,
+            Self::Manifest => 14,
         }
     }
 

@@ -143,7 +143,7 @@ impl Cases {
 
     /// The label of the series of an upload; `None` if it is not DICOM, or if identities are not kept, which a name of a
     /// series may be.
-    async fn label_of(&self, upload: &Upload) -> Result<Option<String>, Error> {
+    pub(crate) async fn label_of(&self, upload: &Upload) -> Result<Option<String>, Error> {
         let stored = match &upload.dicom {
             Some(stored) if !self.deidentifies() => stored.read().await?,
             _ => return Ok(None),

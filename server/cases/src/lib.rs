@@ -2,6 +2,7 @@
 //!
 //! It knows neither HTTP nor the network protocols of DICOM: it returns an [`Error`], which each protocol translates.
 
+mod adopt;
 mod apart;
 mod application;
 pub mod arrivals;
@@ -32,6 +33,7 @@ pub mod runner;
 #[cfg(test)]
 mod testing;
 
+pub use adopt::Adopted;
 #[cfg(any(test, feature = "testing"))]
 pub use apart::prepare_by;
 pub use application::{Cases, MAX_INSTANCE_BYTES, Options, StartError, open_library};

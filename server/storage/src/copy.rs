@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use crate::Unreadable;
-use case::{CaseId, CaseState, Layer};
+use case::{CaseId, CaseState, Layer, ObjectKind};
 
 use super::arrivals::{Arrival, ArrivalQuery, NewInstance, TransferQuery};
 use super::results::SentResult;
@@ -230,12 +230,12 @@ impl Store {
         };
         let mut names = self.case_objects(id).await?;
         if case.state != CaseState::Ready {
-            names.retain(|name| name.kind.is_source());
+            names.retain(is_of_upload);
         }
         let pinned = other.pin(names.iter().copied()).await?;
         for name in &names {
             let written = self.copy_object(other, name, copied).await?;
-            // Derived objects are rebuilt on first use.
+            // Derived objects are rebuilt on first use, and a manifest by `check-store --repair`.
             if !written && name.kind.is_source() {
                 copied.lost += 1;
                 other.abandon(&pinned).await;
@@ -278,7 +278,7 @@ impl Store {
     ) -> Result<bool, StoreError> {
         let mut names = self.layer_objects(&layer.case, &layer.id).await?;
         if layer.state != CaseState::Ready {
-            names.retain(|name| name.kind.is_source());
+            names.retain(is_of_upload);
         }
         let mut pinned = other.pin(names.iter().copied()).await?;
         for name in &names {
@@ -289,6 +289,9 @@ impl Store {
                 copied.lost += 1;
                 other.abandon(&pinned).await;
                 return Ok(false);
+            }
+            if name.kind == ObjectKind::Manifest {
+                continue;
             }
             // It is made again from the source; its placement stays.
             layer.state = CaseState::Queued;
@@ -331,4 +334,9 @@ impl Store {
             Err(fault) => Err(StoreError::Objects(Box::new(fault))),
         }
     }
+}
+
+/// Whether an object was there when its case or its layer was uploaded.
+fn is_of_upload(name: &ObjectName) -> bool {
+    name.kind.is_source() || name.kind == ObjectKind::Manifest
 }

@@ -1,8 +1,11 @@
 //! Checks that everything stored is present and intact.
 
-use crate::Unreadable;
-use case::{Case, CaseId, ObjectKind};
+use std::time::Duration;
 
+use crate::Unreadable;
+use case::{Case, CaseId, Failure, LayerId, ObjectKind, SOURCE_DAMAGED};
+
+use super::sql::microseconds;
 use super::{Cursor, ObjectName, REMOVALS_AT_ONCE, Store, StoreError};
 
 /// The number of cases to read at a time.
@@ -17,12 +20,61 @@ pub enum Defect {
     Damaged(CaseId, ObjectName),
     /// The findings of a case are damaged.
     DamagedFindings(CaseId),
+    /// A case failed because a source was damaged, and its sources are whole now.
+    FailedThoughWhole(CaseId),
+    /// The same of a layer.
+    LayerFailedThoughWhole(CaseId, LayerId),
     /// An image that came from a PACS and is part of no case yet, or a result for one, is missing.
     MissingForPacs(ObjectName),
     /// Such an image or result is damaged.
     DamagedForPacs(ObjectName),
     /// An object that no case and no layer needs and no process is about to need.
     Unreferenced(ObjectName),
+}
+
+/// How long an object stays that nothing refers to: as long as it takes to notice that rows are missing.
+const KEPT_UNREFERENCED: Duration = Duration::from_secs(7 * 24 * 3600);
+
+/// Some objects.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Amount {
+    pub objects: u64,
+    /// As stored.
+    pub bytes: u64,
+}
+
+impl Amount {
+    fn add(&mut self, bytes: u64) {
+        self.objects += 1;
+        self.bytes += bytes;
+    }
+}
+
+/// The objects that nothing refers to, and what there is beside them.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Unreferenced {
+    /// Those of at least seven days.
+    pub names: Vec<ObjectName>,
+    /// How much these are.
+    pub old: Amount,
+    /// The others that nothing refers to, which stay.
+    pub young: Amount,
+    /// All objects of the store.
+    pub all: Amount,
+    /// Whether one of them is younger than every row: the rows may be those of a backup.
+    pub is_newer_than_rows: bool,
+}
+
+impl Unreferenced {
+    /// Whether more than 5 % of the store would be removed, by number or by bytes.
+    pub fn is_much(&self) -> bool {
+        let is_much = |part: u64, whole: u64| part.saturating_mul(20) > whole;
+        is_much(self.old.objects, self.all.objects) || is_much(self.old.bytes, self.all.bytes)
+    }
+}
+
+fn is_source_damaged(failure: Option<&Failure>) -> bool {
+    failure.is_some_and(|failure| failure.name == SOURCE_DAMAGED)
 }
 
 /// The numbers of checked cases and objects.
@@ -59,7 +111,7 @@ impl Store {
         let mut after = None;
         while let Some(cases) = self.of_all_projects().next_cases(&mut after).await? {
             for case in cases {
-                self.inspect_case(&case.id, &mut inspected, report).await?;
+                self.inspect_case(&case, &mut inspected, report).await?;
             }
         }
         for kind in [ObjectKind::Instance, ObjectKind::Result] {
@@ -92,10 +144,11 @@ impl Store {
 
     async fn inspect_case(
         &self,
-        id: &CaseId,
+        case: &Case,
         inspected: &mut Inspected,
         report: &mut (dyn FnMut(Defect) + Send),
     ) -> Result<(), StoreError> {
+        let (id, mut unsound) = (&case.id, Vec::new());
         inspected.cases += 1;
         match self.findings(id).await {
             Err(StoreError::DamagedFindings(id)) => report(Defect::DamagedFindings(id)),
@@ -107,9 +160,26 @@ impl Store {
                 Found::Missing => Defect::Missing(*id, name),
                 Found::Damaged => Defect::Damaged(*id, name),
             };
+            unsound.push(name);
             // The case or the layer may have been deleted or rebuilt a moment ago.
             if self.objects_of(id).await?.contains(&name) {
                 report(defect);
+            }
+        }
+        let is_whole = |objects: &[ObjectName]| {
+            let mut sources = objects.iter().filter(|name| name.kind.is_source());
+            sources.all(|name| !unsound.contains(name))
+        };
+        if !is_whole(&self.case_objects(id).await?) {
+            return Ok(());
+        }
+        if is_source_damaged(case.failure.as_ref()) {
+            report(Defect::FailedThoughWhole(*id));
+        }
+        for layer in self.layers(id).await? {
+            let objects = self.layer_objects(id, &layer.id).await?;
+            if is_source_damaged(layer.failure.as_ref()) && is_whole(&objects) {
+                report(Defect::LayerFailedThoughWhole(*id, layer.id));
             }
         }
         Ok(())
@@ -170,6 +240,35 @@ impl Store {
             names.extend(self.layer_objects(id, &layer.id).await?);
         }
         Ok(names)
+    }
+
+    /// What may be removed because nothing refers to it: see [`Unreferenced`]. Ages are measured by the clock of the object store, with
+    /// an object that is written for it.
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub async fn unreferenced(&self) -> Result<Unreferenced, StoreError> {
+        let now = self.objects().now().await?;
+        let newest_row = self.newest_row().await?;
+        let mut found = Unreferenced::default();
+        for some in self.objects().list_all().await?.chunks(REMOVALS_AT_ONCE) {
+            let names: Vec<_> = some.iter().map(|listed| listed.name).collect();
+            let unneeded = self.unneeded(&names).await?;
+            for listed in some {
+                found.all.add(listed.bytes);
+                if !unneeded.contains(&listed.name) {
+                    continue;
+                }
+                found.is_newer_than_rows |= newest_row.is_none_or(|row| row < listed.modified_us);
+                if now.saturating_sub(listed.modified_us) < microseconds(KEPT_UNREFERENCED) {
+                    found.young.add(listed.bytes);
+                } else {
+                    found.old.add(listed.bytes);
+                    found.names.push(listed.name);
+                }
+            }
+        }
+        Ok(found)
     }
 
     /// Removes unreferenced objects, after checking again that they are unreferenced.

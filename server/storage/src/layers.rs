@@ -7,7 +7,7 @@ use super::arrivals::Uid;
 use super::jobs::Claim;
 use super::pinned::Writing;
 use super::rows::{LayerName, NewLayer, Pinned, Published};
-use super::{Framed, ObjectName, Spooled, Store, StoreError, Unreadable};
+use super::{Framed, Manifest, ObjectName, Spooled, Store, StoreError, Unreadable};
 
 /// How often to insert a layer again that others delete meanwhile.
 const ATTEMPTS: usize = 16;
@@ -32,6 +32,13 @@ impl LayerUpload {
     pub fn id(&self) -> LayerId {
         let dicom = self.dicom.as_ref().map(Spooled::digest);
         LayerId::of(self.volume.digest(), dicom, &self.parameters)
+    }
+
+    fn manifest(&self, sources: &[Writing<'_>]) -> Manifest {
+        let (LayerName::Given(name) | LayerName::Usual(name)) = &self.name;
+        let sources = sources.iter().map(Writing::name);
+        let about = (name.as_str(), &self.parameters);
+        Manifest::of_layer(self.case, self.id(), sources, about, self.series.as_ref())
     }
 
     fn sources(&self) -> Vec<Writing<'_>> {
@@ -70,7 +77,9 @@ impl Store {
 
     async fn submit_layer_now(&self, upload: &LayerUpload) -> Result<SubmittedLayer, StoreError> {
         let (case, id) = (upload.case, upload.id());
-        let sources = upload.sources();
+        let mut objects = upload.sources();
+        let manifest = upload.manifest(&objects).framed()?;
+        objects.push(Writing::Framed(&manifest));
         let insert = |sources: Pinned| async move {
             let new = NewLayer {
                 case,
@@ -86,7 +95,7 @@ impl Store {
             self.insert_layer(&new).await
         };
         for _ in 0..ATTEMPTS {
-            let created = self.with_pinned(&sources, &insert).await?.is_queued();
+            let created = self.with_pinned(&objects, &insert).await?.is_queued();
             if created {
                 self.signals().queued();
                 self.signals().changed(&case);

@@ -18,6 +18,7 @@
 //! | `result` | a DICOM object made from a case ([`results`]) | it is sent again, with the same bytes, until the PACS has it |
 //! | `source-layer` | the uploaded bytes of a layer; for DICOM files, the volume made from them | the layer comes from them |
 //! | `layer` | 16-bit values of a layer, cropped to the envelope where it lies | reading the source and registering it takes seconds |
+//! | `manifest` | the parameters and the names of the sources of a case or a layer ([`Manifest`]) | after a restore of older rows, what was uploaded since is submitted again |
 //!
 //! The distance map, the depth fields and the shell index are not stored: computing them from the envelope takes tens
 //! of milliseconds, no longer than reading and checking their tens of megabytes.
@@ -38,6 +39,7 @@ mod inspect;
 mod jobs;
 mod layers;
 mod location;
+mod manifest;
 mod objects;
 mod page;
 mod pinned;
@@ -77,10 +79,11 @@ pub use case::arrivals;
 pub use self::copy::{Copied, CopyStep, ForPacs};
 pub use self::error::{FailureCounts, StoreError, failures, unless_missing};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
-pub use self::inspect::{Defect, Inspected};
+pub use self::inspect::{Amount, Defect, Inspected, Unreferenced};
 pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};
 pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
+pub use self::manifest::{Manifest, Manifested};
 pub use self::objects::{
     BadKeys, Framed, KeyId, Keys, ObjectError, ObjectName, Spool, Spooled, Unreadable, frame,
     keep_private, open_to_others,
@@ -131,6 +134,8 @@ pub struct Options {
     pub poll: Duration,
     /// The age at which settled cases are removed, unless they are kept; `None` keeps all.
     pub keep: Option<Duration>,
+    /// Whether opening the store removes what nobody needs any more.
+    pub sweeps_at_start: bool,
 }
 
 impl Default for Options {
@@ -145,6 +150,7 @@ impl Default for Options {
             retry_after: Duration::from_secs(5),
             poll: Duration::from_secs(1),
             keep: None,
+            sweeps_at_start: true,
         }
     }
 }
@@ -218,10 +224,8 @@ impl Store {
     /// # Errors
     /// If the folder, the database or the objects cannot be used.
     pub async fn open_at(location: &Location, options: Options) -> Result<Self, StoreError> {
-        let mut alone = false;
         let has_own_rows = location.database.is_none();
         let forget_dead_holders = async |root: &Path| {
-            alone = true;
             if has_own_rows {
                 let rows = Rows::sqlite(&rows_file(root)).await?;
                 rows.forget_holders().await?;
@@ -234,11 +238,10 @@ impl Store {
         let rows = open_rows(location).await?;
         let objects = open_objects(location)?;
         check_keys(&objects).await?;
+        let sweeps = options.sweeps_at_start;
         let store = Self::new(rows, objects, Place::Directory(place), options);
-        store.collect().await?;
-        // Objects elsewhere may belong to other rows.
-        if alone && has_own_rows && location.objects.is_none() {
-            store.collect_unknown().await?;
+        if sweeps {
+            store.collect().await?;
         }
         Ok(store)
     }
@@ -508,17 +511,6 @@ impl Store {
             }
         };
         tokio::spawn(collect).await?
-    }
-
-    /// Removes the objects that are not in the rows at all.
-    ///
-    /// There are none unless a power failure undid a removal on the disk but not in the rows.
-    async fn collect_unknown(&self) -> Result<(), StoreError> {
-        let names = self.inner.objects.list().await?;
-        for some in names.chunks(REMOVALS_AT_ONCE) {
-            self.remove_unneeded(some).await?;
-        }
-        Ok(())
     }
 
     /// Removes the unneeded ones of the objects. Objects that are not removed are found again after the lease of the

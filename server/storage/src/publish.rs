@@ -121,7 +121,7 @@ impl Store {
         Ok(())
     }
 
-    fn report_bad(&self, kind: ObjectKind, fault: &str) {
+    pub(super) fn report_bad(&self, kind: ObjectKind, fault: &str) {
         self.signals().count(Count::BadObject);
         tracing::error!(
             object = kind.name(),

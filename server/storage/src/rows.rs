@@ -35,7 +35,7 @@ pub(crate) struct NewCase {
     pub parameters: Parameters,
     /// The case of which it is a version.
     pub previous: Option<CaseId>,
-    /// Its source objects: durable, and pinned.
+    /// Its source objects and its manifest: durable, and pinned.
     pub sources: Pinned,
     /// How many jobs may wait.
     pub queue_limit: usize,
@@ -53,7 +53,7 @@ pub(crate) struct NewLayer {
     pub parameters: LayerParameters,
     /// The series that it is made of, if that is known.
     pub series: Option<Uid>,
-    /// Its source objects: durable, and pinned.
+    /// Its source objects and its manifest: durable, and pinned.
     pub sources: Pinned,
     /// How many layers a case may have.
     pub most: usize,

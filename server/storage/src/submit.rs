@@ -2,7 +2,7 @@
 
 use super::pinned::Writing;
 use super::rows::{Inserted, NewCase, Pinned, Referred};
-use super::{ObjectName, Spooled, Store, StoreError};
+use super::{Manifest, ObjectName, Spooled, Store, StoreError};
 use case::{Case, CaseId, CaseState, JobKind, ObjectKind, Parameters};
 
 /// How often to insert a case again that others delete meanwhile.
@@ -222,12 +222,16 @@ impl Store {
         ))
     }
 
-    /// Writes the sources and inserts the case. `None` if a stored source has gone.
+    /// Writes the sources and the manifest, and inserts the case. `None` if a stored source has gone.
     async fn insert(&self, inputs: &Inputs<'_>) -> Result<Option<Inserted>, StoreError> {
+        let names = inputs.sources.iter().map(|(name, _)| *name);
+        let manifest = Manifest::of_case(inputs.id, names, &inputs.parameters, inputs.previous);
+        let manifest = manifest.framed()?;
         let sources = inputs.sources.iter().map(|(name, file)| match file {
             Some(file) => Writing::File(*name, file),
             None => Writing::Stored(*name),
         });
+        let objects: Vec<_> = sources.chain([Writing::Framed(&manifest)]).collect();
         let insert = |sources: Pinned| async move {
             // After they are pinned, the objects of the other case will stay.
             let stored = match &inputs.previous {
@@ -254,7 +258,7 @@ impl Store {
                 Referred::PinLost => Referred::PinLost,
             })
         };
-        self.with_pinned(&sources.collect::<Vec<_>>(), insert).await
+        self.with_pinned(&objects, insert).await
     }
 }
 

@@ -95,6 +95,15 @@ impl Cases {
             true => self.without_identity(images).await?,
             false => images,
         };
+        self.receive_as_is(images, source).await
+    }
+
+    /// As [`Cases::receive`], whether or not the identity of the patient is removed.
+    pub(crate) async fn receive_as_is(
+        &self,
+        images: Vec<(InstanceIdentity, Spooled)>,
+        source: ArrivalSource,
+    ) -> Result<Vec<Reception>, Error> {
         let new = |(identity, file): (InstanceIdentity, Spooled)| {
             let instance = NewInstance {
                 uids: identity.uids,

@@ -48,6 +48,16 @@ pub(crate) struct Objects {
     named: Arc<Mutex<HashSet<KeyId>>>,
 }
 
+/// An object that is there, whether or not it is sound.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Listed {
+    pub(crate) name: ObjectName,
+    /// As stored.
+    pub(crate) bytes: u64,
+    /// When it was written, by the clock of the object store, in microseconds since 1970.
+    pub(crate) modified_us: i64,
+}
+
 /// A verified object.
 #[derive(Debug)]
 pub(crate) struct Whole {
@@ -268,14 +278,41 @@ impl Objects {
     /// # Errors
     /// If the object store fails.
     pub(crate) async fn list(&self) -> Result<Vec<ObjectName>, ObjectError> {
+        let listed = self.list_all().await?.into_iter();
+        Ok(listed.map(|listed| listed.name).collect())
+    }
+
+    /// All objects, as [`Objects::list`], with their sizes and times.
+    ///
+    /// # Errors
+    /// If the object store fails.
+    pub(crate) async fn list_all(&self) -> Result<Vec<Listed>, ObjectError> {
         let found = self.files.list(None).map_ok(|file| {
             let mut parts = file.location.parts();
             let (kind, _prefix, digest) = (parts.next()?, parts.next()?, parts.next()?);
-            ObjectName::parse(kind.as_ref(), digest.as_ref())
-                .filter(|name| name.path() == file.location)
+            let name = ObjectName::parse(kind.as_ref(), digest.as_ref())
+                .filter(|name| name.path() == file.location)?;
+            Some(Listed {
+                name,
+                bytes: file.size,
+                modified_us: file.last_modified.timestamp_micros(),
+            })
         });
-        let names: Vec<_> = found.try_collect().await?;
-        Ok(names.into_iter().flatten().collect())
+        let listed: Vec<_> = found.try_collect().await?;
+        Ok(listed.into_iter().flatten().collect())
+    }
+
+    /// The time by the clock of the object store, in microseconds since 1970: that of an object which is written for this.
+    ///
+    /// # Errors
+    /// If the object store fails.
+    pub(crate) async fn now(&self) -> Result<i64, ObjectError> {
+        let place = object_store::path::Path::from(format!("clock-{}", uuid::Uuid::now_v7()));
+        let written = Bytes::from_static(b"what time is it?");
+        self.files.put(&place, written.into()).await?;
+        let written = self.files.head(&place).await;
+        self.files.delete(&place).await?;
+        Ok(written?.last_modified.timestamp_micros())
     }
 
     /// Removes an object, if it exists.

@@ -126,6 +126,20 @@ async fn queue_again(connection: &mut Connection, id: &CaseId) -> Result<(), Sto
     Ok(())
 }
 
+/// Queues a case again if it has failed; whether it had.
+pub(super) async fn prepare_failed_again(
+    connection: &mut Connection,
+    id: &CaseId,
+    now: i64,
+) -> Result<bool, StoreError> {
+    let had_failed = state(connection, id).await?.as_deref() == Some("failed");
+    if had_failed {
+        queue_again(connection, id).await?;
+        jobs::enqueue(connection, &NewJob::prepare(id), now).await?;
+    }
+    Ok(had_failed)
+}
+
 /// Turns pins into references of a case; `false` if a pin is gone. Objects that the case no longer needs are abandoned.
 pub(super) async fn refer(
     connection: &mut Connection,

@@ -20,7 +20,7 @@ use crate::StoreError;
 use crate::rows::Change;
 
 /// A duration in the unit of the rows.
-pub(super) fn microseconds(duration: Duration) -> i64 {
+pub(crate) fn microseconds(duration: Duration) -> i64 {
     i64::try_from(duration.as_micros()).unwrap_or(i64::MAX / 2)
 }
 

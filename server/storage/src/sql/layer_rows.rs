@@ -183,6 +183,27 @@ impl Store {
         Ok(queued)
     }
 
+    /// Queues a failed layer again; returns whether it had failed.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn prepare_failed_layer_again(
+        &self,
+        case: &CaseId,
+        layer: &LayerId,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        let layers = layers::of_case(&mut transaction, case).await?;
+        let is_meant = |known: &Layer| known.id == *layer && known.state == CaseState::Failed;
+        let had_failed = layers.iter().any(is_meant);
+        if had_failed {
+            layers::queue_again(&mut transaction, case, layer, "", now).await?;
+            transaction.commit().await?;
+            self.signals().queued();
+        }
+        Ok(had_failed)
+    }
+
     /// Inserts the layers of a case of another store, in their order, unless they are here, and turns their pins into
     /// references. What is neither ready nor failed is queued.
     pub(crate) async fn write_copied_layer(

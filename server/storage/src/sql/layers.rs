@@ -108,7 +108,7 @@ async fn insert_row(
     jobs::enqueue_for(connection, &job, &new.client, now).await
 }
 
-async fn queue_again(
+pub(super) async fn queue_again(
     connection: &mut Connection,
     case: &CaseId,
     layer: &LayerId,

@@ -33,11 +33,12 @@ use sqlx::postgres::PgConnectOptions;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Pool, SqlSafeStr as _};
 
-use self::connection::{Connection, Database, microseconds};
+pub(crate) use self::connection::microseconds;
+use self::connection::{Connection, Database};
 use super::jobs::{Claim, NewJob};
 use super::rows::{Change, Inserted, NewCase, Pinned, Published, Referred, Sweep};
 use super::{Cursor, ObjectName, Page, Store, StoreError};
-use case::{Case, CaseFacts, CaseId, Failure, JobKind, ObjectKind, Project};
+use case::{Case, CaseFacts, CaseId, Failure, JobKind, LayerId, ObjectKind, Project};
 
 /// The migrations of a database, oldest first: a number, a name and the statements of each. A database remembers the digests of those that
 /// it has had, so what stands here never changes.
@@ -455,6 +456,24 @@ impl Store {
         Ok(ready)
     }
 
+    /// Queues a failed case again; returns whether it had failed.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn prepare_failed_again(&self, id: &CaseId) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        let had_failed = cases::prepare_failed_again(&mut transaction, id, now).await?;
+        transaction.commit().await?;
+        self.signals().queued();
+        self.signals().changed(id);
+        Ok(had_failed)
+    }
+
+    /// When the latest case, layer or finding was written, in microseconds.
+    pub(crate) async fn newest_row(&self) -> Result<Option<i64>, StoreError> {
+        upkeep::newest_row(&mut self.rows().connect().await?).await
+    }
+
     /// At most `limit` objects that may have to be removed: with an expired pin, or with a tombstone whose lease has
     /// ended.
     pub(crate) async fn abandoned(&self, limit: usize) -> Result<Vec<ObjectName>, StoreError> {
@@ -475,6 +494,40 @@ impl Store {
         let marked = tombstones::mark(&mut transaction, names, sweep, now).await?;
         transaction.commit().await?;
         Ok(marked)
+    }
+
+    /// Forgets who was writing objects when the rows were saved from which they were restored: what was written may have been
+    /// acknowledged since, and no sweep must remove it. A process that is writing now writes again.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn forget_writers(&self) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        pins::forget_writers(&mut transaction).await?;
+        transaction.commit().await
+    }
+
+    /// Makes a pinned manifest that of a case or of one of its layers, if that is there.
+    pub(crate) async fn refer_to_manifest(
+        &self,
+        case: &CaseId,
+        layer: Option<&LayerId>,
+        manifest: &Pinned,
+    ) -> Result<Referred<()>, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        let referred = match layer {
+            None if !transaction.has_case(&case.key()).await? => return Ok(Referred::Unneeded(())),
+            None => cases::refer(&mut transaction, case, manifest, now).await?,
+            Some(layer) if !layers::are_there(&mut transaction, case, &[*layer]).await? => {
+                return Ok(Referred::Unneeded(()));
+            }
+            Some(layer) => layers::refer(&mut transaction, case, layer, manifest, now).await?,
+        };
+        if !referred {
+            return Ok(Referred::PinLost);
+        }
+        transaction.commit().await?;
+        Ok(Referred::Done(()))
     }
 
     /// Removes the tombstones of a sweep after their objects are deleted, if the sweep still holds them.

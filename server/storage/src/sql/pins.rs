@@ -4,6 +4,9 @@ use super::connection::{Connection, Row};
 use crate::rows::Pinned;
 use crate::{ObjectName, StoreError};
 
+/// The holder of expired pins on objects that may be unneeded.
+const NOBODY: &str = "nobody";
+
 pub(super) async fn insert(
     connection: &mut Connection,
     pinned: &Pinned,
@@ -68,6 +71,16 @@ pub(super) async fn consume(
     Ok(true)
 }
 
+/// Takes the pins of all writers away, who write their objects again. Those of objects that are to be removed stay.
+pub(super) async fn forget_writers(connection: &mut Connection) -> Result<(), StoreError> {
+    connection
+        .query("DELETE FROM pins WHERE holder <> $1")
+        .bind(NOBODY)
+        .execute()
+        .await?;
+    Ok(())
+}
+
 /// Leaves an expired pin on an object that may be unneeded, so that a sweep checks it.
 pub(super) async fn abandon(
     connection: &mut Connection,
@@ -75,7 +88,7 @@ pub(super) async fn abandon(
     now: i64,
 ) -> Result<(), StoreError> {
     let abandoned = Pinned {
-        holder: "nobody".to_owned(),
+        holder: NOBODY.to_owned(),
         names,
     };
     insert(connection, &abandoned, now).await

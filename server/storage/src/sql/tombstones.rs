@@ -34,8 +34,11 @@ pub(super) async fn abandoned(
 ) -> Result<Vec<ObjectName>, StoreError> {
     let rows = connection
         .query(
-            "SELECT kind, digest FROM pins WHERE expires_at <= $1
-         UNION SELECT kind, digest FROM tombstones WHERE lease_until <= $1 LIMIT $2",
+            // A manifest goes before the sources that it names.
+            "SELECT kind, digest FROM
+               (SELECT kind, digest FROM pins WHERE expires_at <= $1
+                UNION SELECT kind, digest FROM tombstones WHERE lease_until <= $1) AS unneeded
+             ORDER BY kind <> 'manifest' LIMIT $2",
         )
         .bind(now)
         .bind(i64::try_from(limit).unwrap_or(i64::MAX))

@@ -1,5 +1,6 @@
-//! Digests that protect the facts of cases.
+//! What the upkeep of a store asks the rows: digests that protect the facts of cases, and how old the rows are.
 
+use super::connection::Connection;
 use super::{Rows, jobs};
 use crate::StoreError;
 use crate::jobs::NewJob;
@@ -26,4 +27,18 @@ pub(super) async fn prepare_again(rows: &Rows, id: &CaseId) -> Result<(), StoreE
         jobs::enqueue(&mut transaction, &NewJob::prepare(id), now).await?;
     }
     transaction.commit().await
+}
+
+/// When the latest case, layer or finding was written; `None` if there is none.
+pub(super) async fn newest_row(connection: &mut Connection) -> Result<Option<i64>, StoreError> {
+    let row = connection
+        .query(
+            "SELECT max(at) AS newest FROM
+               (SELECT max(COALESCE(uploaded_at, created_at)) AS at FROM cases
+                UNION ALL SELECT max(created_at) FROM layers
+                UNION ALL SELECT max(changed_at) FROM findings) AS times",
+        )
+        .fetch_one()
+        .await?;
+    row.get("newest")
 }

@@ -67,20 +67,14 @@ async fn an_upload_waits_while_its_object_is_being_removed() {
 }
 
 #[tokio::test]
-async fn what_the_rows_do_not_know_goes_when_a_store_is_opened_alone() {
+async fn what_the_rows_do_not_know_stays_when_a_store_is_opened() {
     let directory = tempfile::tempdir().unwrap();
     let first = store(&directory).await;
-    submit(&first, "volume").await.unwrap();
     let stray = put(&first, "stray").await;
-    let second = store(&directory).await;
-    let is_there = async |store: &Store| store.objects().get(&stray).await.is_ok();
-    assert!(is_there(&second).await, "the first may be about to need it");
-    for store in [first, second] {
-        store.close().await;
-    }
+    first.close().await;
+    // The rows may be those of a backup, and the object newer.
     let alone = store(&directory).await;
-    assert!(!is_there(&alone).await);
-    assert_nothing_left_over(&alone, directory.path()).await;
+    assert!(alone.objects().get(&stray).await.is_ok());
 }
 
 #[tokio::test]

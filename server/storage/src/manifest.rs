@@ -1,0 +1,204 @@
+//! Manifests: what is needed to submit an upload again, as an object beside its sources.
+//!
+//! If the rows are restored from a backup, the objects of later uploads are still there, and their manifests say what they
+//! are. A manifest has no label of the case and nothing that changes after the upload. It is written and deleted as the
+//! other objects of its case or layer; a deletion removes it before the sources, so that nothing brings back what was deleted.
+
+use bytes::Bytes;
+use case::{CaseId, Layer, LayerId, LayerParameters, ObjectKind, Parameters};
+use serde::{Deserialize, Serialize};
+
+use super::arrivals::Uid;
+use super::pinned::Writing;
+use super::rows::Pinned;
+use super::{Framed, ObjectName, Spooled, Store, StoreError, Unreadable, frame};
+
+/// What was uploaded.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// The case, or the one that the layer was added to.
+    pub case: CaseId,
+    /// The names of the source objects.
+    sources: Vec<String>,
+    pub upload: Manifested,
+}
+
+/// A case or a layer, but for its files.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Manifested {
+    Case {
+        /// Without the label.
+        parameters: Parameters,
+        /// The case of which it is a version.
+        previous: Option<CaseId>,
+    },
+    Layer {
+        id: LayerId,
+        parameters: LayerParameters,
+        /// The name that it was uploaded with.
+        name: String,
+        /// The series that it is made of, if that is known.
+        series: Option<String>,
+    },
+}
+
+impl Manifest {
+    /// That of a case with these objects.
+    pub(crate) fn of_case(
+        case: CaseId,
+        objects: impl IntoIterator<Item = ObjectName>,
+        parameters: &Parameters,
+        previous: Option<CaseId>,
+    ) -> Self {
+        let parameters = Parameters {
+            name: None,
+            ..parameters.clone()
+        };
+        let upload = Manifested::Case {
+            parameters,
+            previous,
+        };
+        Self::new(case, objects, upload)
+    }
+
+    /// That of a layer with these objects.
+    pub(crate) fn of_layer(
+        case: CaseId,
+        id: LayerId,
+        objects: impl IntoIterator<Item = ObjectName>,
+        (name, parameters): (&str, &LayerParameters),
+        series: Option<&Uid>,
+    ) -> Self {
+        let upload = Manifested::Layer {
+            id,
+            parameters: parameters.clone(),
+            name: name.to_owned(),
+            series: series.map(|series| series.as_str().to_owned()),
+        };
+        Self::new(case, objects, upload)
+    }
+
+    fn new(
+        case: CaseId,
+        objects: impl IntoIterator<Item = ObjectName>,
+        upload: Manifested,
+    ) -> Self {
+        let sources = objects.into_iter().filter(|name| name.kind.is_source());
+        let mut sources: Vec<_> = sources.map(|name| name.to_string()).collect();
+        sources.sort();
+        Self {
+            case,
+            sources,
+            upload,
+        }
+    }
+
+    /// The source objects; `None` if one has no name.
+    pub fn sources(&self) -> Option<Vec<ObjectName>> {
+        let parse = |name: &String| {
+            let (kind, digest) = name.split_once('/')?;
+            ObjectName::parse(kind, digest)
+        };
+        self.sources.iter().map(parse).collect()
+    }
+
+    /// It as an object.
+    pub(crate) fn framed(&self) -> Result<Framed, StoreError> {
+        let json = Bytes::from(serde_json::to_vec(self)?);
+        Ok(frame(ObjectKind::Manifest, json))
+    }
+}
+
+impl Store {
+    /// A stored manifest; `None`, reported, if it is missing or damaged.
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub async fn manifest(&self, name: &ObjectName) -> Result<Option<Manifest>, StoreError> {
+        let read = match self.objects().get(name).await {
+            Ok(json) => serde_json::from_slice(&json).ok(),
+            Err(Unreadable::Store(error)) => return Err(error.into()),
+            Err(_) => None,
+        };
+        if read.is_none() {
+            self.report_bad(ObjectKind::Manifest, "it cannot be read");
+        }
+        Ok(read)
+    }
+
+    /// The objects of a kind that nothing refers to and no process is about to refer to.
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub async fn unreferenced_of(&self, kind: ObjectKind) -> Result<Vec<ObjectName>, StoreError> {
+        let listed = self.objects().list().await?.into_iter();
+        let listed: Vec<_> = listed.filter(|name| name.kind == kind).collect();
+        self.unneeded(&listed).await
+    }
+
+    /// An object as a file, for another submission; `None` if it is missing or damaged.
+    ///
+    /// # Errors
+    /// If the store cannot be reached, or the disk fails.
+    pub async fn spool_object(&self, name: &ObjectName) -> Result<Option<Spooled>, StoreError> {
+        match self.objects().get(name).await {
+            Ok(bytes) => self.spool_all(bytes).await.map(Some),
+            Err(Unreadable::Store(error)) => Err(error.into()),
+            Err(_) => Ok(None),
+        }
+    }
+
+    /// Writes the manifests of a case and its layers again that are missing or damaged.
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub async fn restore_manifests(&self, id: &CaseId) -> Result<(), StoreError> {
+        let Some(case) = self.case(id).await? else {
+            return Ok(());
+        };
+        let objects = self.case_objects(id).await?;
+        if !self.has_manifest(&objects).await? {
+            let manifest = Manifest::of_case(*id, objects, &case.parameters, case.previous);
+            self.put_manifest(id, None, &manifest).await?;
+        }
+        for Layer {
+            id: layer,
+            name,
+            parameters,
+            ..
+        } in self.layers(id).await?
+        {
+            let objects = self.layer_objects(id, &layer).await?;
+            if self.has_manifest(&objects).await? {
+                continue;
+            }
+            let series = self.series_of_layer(id, &layer).await?;
+            let about = (name.as_str(), &parameters);
+            let manifest = Manifest::of_layer(*id, layer, objects, about, series.as_ref());
+            self.put_manifest(id, Some(&layer), &manifest).await?;
+        }
+        Ok(())
+    }
+
+    async fn has_manifest(&self, objects: &[ObjectName]) -> Result<bool, StoreError> {
+        let mut manifests = objects.iter();
+        match manifests.find(|name| name.kind == ObjectKind::Manifest) {
+            Some(name) => Ok(self.manifest(name).await?.is_some()),
+            None => Ok(false),
+        }
+    }
+
+    async fn put_manifest(
+        &self,
+        case: &CaseId,
+        layer: Option<&LayerId>,
+        manifest: &Manifest,
+    ) -> Result<(), StoreError> {
+        let framed = manifest.framed()?;
+        let refer =
+            |pinned: Pinned| async move { self.refer_to_manifest(case, layer, &pinned).await };
+        self.with_pinned(&[Writing::Framed(&framed)], refer).await
+    }
+}
