@@ -9,6 +9,7 @@ use axum::http::{Method, Request};
 use cases::jobs::remove_expired;
 use isocortex::config::Config;
 use serde_json::Value;
+use storage::Removal;
 
 use crate::dicom::head_slices;
 use crate::head::plain_head;
@@ -332,9 +333,11 @@ async fn a_case_that_is_removed_because_of_its_age_is_on_record_or_stays() {
     };
     let lost = config.audit().unwrap();
     std::fs::remove_dir_all(&elsewhere).unwrap();
-    assert_eq!(remove_expired(store, &lost).await.unwrap(), 0);
+    let removal = Removal::Automatic;
+    let removed = async |audit| remove_expired(store, audit, removal).await.unwrap().removed;
+    assert_eq!(removed(&lost).await, 0);
     assert_eq!(recorded.get(&address).await.status, 200);
-    assert_eq!(remove_expired(store, audit).await.unwrap(), 1);
+    assert_eq!(removed(audit).await, 1);
     assert_eq!(recorded.get(&address).await.status, 404);
     let removed = recorded.all_of("expired case");
     assert_eq!(outcomes(&removed), [("intended", 1), ("success", 1)]);

@@ -44,6 +44,7 @@ mod rendered;
 mod renderers;
 mod renders;
 mod restart;
+mod restore;
 mod results;
 mod retrievals;
 mod scenes;

@@ -34,7 +34,7 @@ pub(crate) fn related(files: &[Vec<u8>]) -> Vec<u8> {
     body
 }
 
-fn stow(address: &str, body: Vec<u8>) -> Request<Body> {
+pub(crate) fn stow(address: &str, body: Vec<u8>) -> Request<Body> {
     let kind = format!("multipart/related; type=\"application/dicom\"; boundary={BOUNDARY}");
     Request::post(address)
         .header("content-type", kind)

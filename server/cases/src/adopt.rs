@@ -172,3 +172,173 @@ fn in_order(manifests: &mut [(ObjectName, Manifest)]) {
         (depth(manifest.case), is_layer)
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use case::{CaseState, LayerParameters, Parameters};
+    use pipeline::Source;
+    use storage::testing::{assert_nothing_left_over, files_below};
+    use storage::{Location, NewMask, ObjectsAddress, Store, Version};
+    use tempfile::TempDir;
+
+    use super::*;
+    use crate::arrivals::tests::application;
+    use crate::testing::{options, source};
+
+    /// An application on a folder of objects, whose rows are lost each time that it is opened.
+    async fn opened(objects: &TempDir) -> (TempDir, Cases) {
+        let folder = tempfile::tempdir().unwrap();
+        let location = Location {
+            objects: Some(ObjectsAddress::Folder(objects.path().to_owned())),
+            ..folder.path().into()
+        };
+        let store = Store::open_at(&location, options()).await.unwrap();
+        (folder, application(store, ""))
+    }
+
+    async fn submitted(cases: &Cases, source: Source) -> CaseId {
+        let submitted = cases.library.submit(source, Parameters::default());
+        submitted.await.unwrap().case.id
+    }
+
+    fn with_mask_and_attributes() -> Source {
+        Source {
+            mask: Some("mask".into()),
+            dicom: Some(r#"{"attributes":[],"instances":[],"interpolated_slices":[]}"#.into()),
+            ..source("volume")
+        }
+    }
+
+    async fn version(cases: &Cases, of: CaseId, closing_radius_mm: f64) -> CaseId {
+        let version = Version {
+            of,
+            mask: NewMask::Kept,
+            parameters: Parameters {
+                closing_radius_mm,
+                ..Parameters::default()
+            },
+        };
+        let submitted = cases.store().submit_version(version).await.unwrap();
+        submitted.unwrap().case.id
+    }
+
+    async fn layer(cases: &Cases, case: CaseId, volume: &'static str) -> LayerId {
+        let upload = LayerUpload {
+            case,
+            volume: cases.store().spool_all(volume.into()).await.unwrap(),
+            dicom: None,
+            series: None,
+            name: LayerName::Usual(volume.to_owned()),
+            parameters: LayerParameters::default(),
+            most: 20,
+        };
+        cases.store().submit_layer(upload).await.unwrap().layer.id
+    }
+
+    #[tokio::test]
+    async fn cases_versions_and_layers_come_back_with_their_ids_and_what_was_deleted_does_not() {
+        let objects = tempfile::tempdir().unwrap();
+        let (_folder, cases) = opened(&objects).await;
+        let first = submitted(&cases, with_mask_and_attributes()).await;
+        let t2 = layer(&cases, first, "T2").await;
+        // A radius that no binary number is.
+        let second = version(&cases, first, 7.3).await;
+        let third = version(&cases, second, 0.1).await;
+        let flair = layer(&cases, third, "FLAIR").await;
+        let deleted = submitted(&cases, source("deleted")).await;
+        layer(&cases, deleted, "PET").await;
+        assert!(cases.store().delete(&deleted).await.unwrap());
+
+        let (_folder, cases) = opened(&objects).await;
+        let adopted = cases.adopt().await.unwrap();
+        assert_eq!(
+            adopted.cases,
+            [first, second, third],
+            "a case before its versions"
+        );
+        assert_eq!(adopted.layers, [(first, t2), (third, flair)]);
+        assert_eq!((adopted.images, adopted.left), (0, Vec::new()));
+        let store = cases.store();
+        let case = store.case(&third).await.unwrap().unwrap();
+        assert_eq!(
+            (case.state, case.previous),
+            (CaseState::Queued, Some(second))
+        );
+        for (case, count) in [(first, 1), (second, 1), (third, 2)] {
+            assert_eq!(store.layers(&case).await.unwrap().len(), count);
+            let objects = store.case_objects(&case).await.unwrap();
+            assert!(
+                cases
+                    .library
+                    .source(&case, &objects)
+                    .await
+                    .unwrap()
+                    .is_some()
+            );
+        }
+        assert_eq!(cases.adopt().await.unwrap(), Adopted::default());
+        let mut defects = Vec::new();
+        store
+            .inspect(&mut |defect| defects.push(defect))
+            .await
+            .unwrap();
+        assert_eq!(defects, []);
+    }
+
+    #[tokio::test]
+    async fn what_is_damaged_or_incomplete_stays_as_it_is() {
+        for kind in ["manifest", "source-volume", "source-mask", "source-dicom"] {
+            for is_missing in [true, false] {
+                let objects = tempfile::tempdir().unwrap();
+                let (_folder, cases) = opened(&objects).await;
+                let case = submitted(&cases, with_mask_and_attributes()).await;
+                let file = files_below(&objects.path().join(kind)).remove(0);
+                match is_missing {
+                    true => std::fs::remove_file(file).unwrap(),
+                    false => std::fs::write(file, b"damaged").unwrap(),
+                }
+                let (_folder, cases) = opened(&objects).await;
+                let files = files_below(objects.path()).len();
+                let adopted = cases.adopt().await.unwrap();
+                assert_eq!(adopted.cases, []);
+                let is_named = kind != "manifest" || !is_missing;
+                assert_eq!(adopted.left.len(), usize::from(is_named), "{kind}");
+                assert_eq!(cases.store().case(&case).await.unwrap(), None);
+                assert_eq!(files_below(objects.path()).len(), files);
+            }
+        }
+    }
+
+    #[tokio::test]
+    async fn a_layer_of_a_lost_case_stays_and_comes_back_with_it() {
+        let objects = tempfile::tempdir().unwrap();
+        let (_folder, cases) = opened(&objects).await;
+        let case = submitted(&cases, source("volume")).await;
+        let t2 = layer(&cases, case, "T2").await;
+        let file = files_below(&objects.path().join("source-volume")).remove(0);
+        let away = objects.path().join("away");
+        std::fs::rename(&file, &away).unwrap();
+        let (folder, cases) = opened(&objects).await;
+        assert_eq!(cases.adopt().await.unwrap().left.len(), 2);
+        std::fs::rename(&away, &file).unwrap();
+        let adopted = cases.adopt().await.unwrap();
+        assert_eq!(
+            (adopted.cases, adopted.layers),
+            (vec![case], vec![(case, t2)])
+        );
+        cases.store().delete(&case).await.unwrap();
+        assert_eq!(files_below(objects.path()).len(), 0);
+        assert_eq!(files_below(&folder.path().join("uploads")).len(), 0);
+    }
+
+    #[tokio::test]
+    async fn what_the_rows_know_is_left_alone() {
+        let directory = tempfile::tempdir().unwrap();
+        let store = Store::open_with(directory.path(), options()).await;
+        let cases = application(store.unwrap(), "");
+        let case = submitted(&cases, source("volume")).await;
+        layer(&cases, case, "T2").await;
+        assert_eq!(cases.adopt().await.unwrap(), Adopted::default());
+        assert_nothing_left_over(cases.store(), directory.path()).await;
+    }
+}

@@ -7,12 +7,12 @@ mod prepare;
 mod rebuild;
 mod series;
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use audit::{Action, Audit, Event, EventKind, Outcome, project_named};
 use case::CaseId;
-use storage::{Store, StoreError};
+use storage::{Expired, Removal, Store, StoreError, Waiting};
 
 use crate::application::Cases;
 use crate::arrivals::ArrivalOptions;
@@ -27,6 +27,8 @@ use self::series::ReadSeries;
 
 /// How long the rows of ended jobs stay, for lists and metrics.
 const KEEP_ENDED: Duration = Duration::from_secs(7 * 24 * 3600);
+
+const DAY: Duration = Duration::from_secs(24 * 3600);
 
 /// How often to search for expired cases, and for objects that a killed process left behind.
 const COLLECT_EVERY: Duration = Duration::from_secs(600);
@@ -50,8 +52,9 @@ pub fn start_workers(library: Library, count: usize) -> Runner {
     }
     let mut runner = Runner::start(&store, lanes);
     let audit = library.audit().clone();
+    let waiting = Arc::<Daily>::default();
     runner.repeat(COLLECT_EVERY, move || {
-        clean_up(store.clone(), audit.clone())
+        clean_up(store.clone(), audit.clone(), Arc::clone(&waiting))
     });
     runner
 }
@@ -97,12 +100,16 @@ fn usual_terms(library: &Library) -> Terms {
     }
 }
 
-/// Removes the cases that are older than they are kept; returns how many. Each is on record before it goes; if it cannot be recorded,
-/// it stays.
+/// Removes the cases that are older than they are kept, as far as they need not wait. Each is on record before it goes; if it
+/// cannot be recorded, it stays.
 ///
 /// # Errors
 /// If the rows or the objects cannot be written.
-pub async fn remove_expired(store: &Store, audit: &Audit) -> Result<usize, StoreError> {
+pub async fn remove_expired(
+    store: &Store,
+    audit: &Audit,
+    removal: Removal,
+) -> Result<Expired, StoreError> {
     let event = |outcome| Event {
         outcome,
         ..Event::new(
@@ -120,7 +127,8 @@ pub async fn remove_expired(store: &Store, audit: &Audit) -> Result<usize, Store
         };
         audit.record_durable(intended).await.is_ok()
     };
-    let removed = store.remove_expired(may_go).await?;
+    let expired = store.remove_expired(removal, may_go).await?;
+    let removed = expired.removed;
     if removed > 0 {
         let done = Event {
             count: removed as u64,
@@ -133,14 +141,47 @@ pub async fn remove_expired(store: &Store, audit: &Audit) -> Result<usize, Store
             );
         }
     }
-    Ok(removed)
+    Ok(expired)
 }
 
-/// Removes cases that are older than they are kept, jobs that ended some days ago, and objects that nobody needs.
-async fn clean_up(store: Store, audit: Audit) {
-    match remove_expired(&store, &audit).await {
-        Ok(0) => {}
-        Ok(removed) => tracing::info!(removed, "cases older than storage.keep_days were removed"),
+/// What happens once a day.
+#[derive(Debug, Default)]
+struct Daily(Mutex<Option<Duration>>);
+
+impl Daily {
+    /// Whether a day has passed since this was true, at a time since the start.
+    fn is_due(&self, uptime: Duration) -> bool {
+        let mut last = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_due = last.is_none_or(|last| uptime.saturating_sub(last) >= DAY);
+        if is_due {
+            *last = Some(uptime);
+        }
+        is_due
+    }
+}
+
+/// Removes cases that are older than they are kept, jobs that ended some days ago, and objects that nobody needs. What waits is
+/// logged once a day.
+async fn clean_up(store: Store, audit: Audit, waiting: Arc<Daily>) {
+    match remove_expired(&store, &audit, Removal::Automatic).await {
+        Ok(Expired {
+            removed,
+            waiting: why,
+        }) => {
+            if removed > 0 {
+                tracing::info!(removed, "cases older than storage.keep_days were removed");
+            }
+            // In the first hour nobody has to do anything.
+            let why = why.filter(|why| *why != Waiting::FirstHour);
+            if let Some(why) = why.filter(|_| waiting.is_due(store.uptime())) {
+                let cases = store.expired_count().await.ok();
+                tracing::warn!(
+                    cases,
+                    "cases older than storage.keep_days stay: {}",
+                    why.sentence()
+                );
+            }
+        }
         Err(error) => tracing::warn!(
             error = &error as &dyn std::error::Error,
             "cannot remove expired cases"
@@ -167,5 +208,20 @@ async fn forget(store: Store, options: ArrivalOptions) {
             error = &error as &dyn std::error::Error,
             "series and results of some days ago will be forgotten later"
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_happens_once_a_day_is_due_at_first_and_a_day_later() {
+        let daily = Daily::default();
+        let hour = Duration::from_secs(3600);
+        let due: Vec<_> = (1..60)
+            .filter(|&hours| daily.is_due(hour * hours))
+            .collect();
+        assert_eq!(due, [1, 25, 49]);
     }
 }

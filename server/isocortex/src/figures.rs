@@ -205,6 +205,11 @@ async fn rows(store: &Store) -> Vec<Figure> {
     let Ok(counted) = counted else {
         return figures;
     };
+    if let Ok(expired) = store.expired_count().await {
+        let help = "Cases that are older than storage.keep_days and are not removed yet";
+        let waiting = Figure::gauge("isocortex_expired_cases", help);
+        figures.push(waiting.with(&[], expired as f64));
+    }
     for (what, part, name, help) in [
         ("cases", "", "isocortex_cases", "Cases by state"),
         (

@@ -11,8 +11,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use case::{
-    CaseFacts, CaseState, JobKind, JobState, ObjectKind, Parameters, Progress, Project, Stage,
-    VoxelFacts,
+    CaseFacts, CaseId, CaseState, JobKind, JobState, ObjectKind, Parameters, Progress, Project,
+    Stage, VoxelFacts,
 };
 
 pub(crate) use self::arrivals::*;
@@ -21,6 +21,7 @@ pub(crate) use self::layers::*;
 pub(crate) use self::projects::*;
 pub(crate) use self::results::*;
 
+use super::expiry::{Allowance, Removal};
 use super::jobs::{JobQuery, NewJob, Release};
 use super::objects::Objects;
 use super::rows::{Inserted, NewCase, Pinned, Published, Referred, Sweep};
@@ -108,6 +109,8 @@ macro_rules! conformance {
                 progress_is_told_and_a_lease_renewed
                 what_two_cases_need_goes_with_the_second
                 a_case_expires_unless_it_is_kept_or_uploaded_again
+                as_many_cases_expire_in_a_day_as_may
+                a_clock_that_jumps_is_doubted_until_somebody_says_that_it_is_right
                 a_pin_protects_until_it_expires
                 what_is_being_removed_cannot_be_pinned
                 a_sweep_that_was_killed_is_finished_by_another
@@ -647,8 +650,11 @@ pub(crate) async fn a_case_expires_unless_it_is_kept_or_uploaded_again(subject: 
         (old, false),
     ] {
         assert_eq!(
-            store.delete_expired(&id, age).await.unwrap(),
-            is_deleted,
+            store
+                .delete_expired(&id, age, Allowance::All)
+                .await
+                .unwrap(),
+            Some(is_deleted),
             "{id}"
         );
     }
@@ -658,6 +664,70 @@ pub(crate) async fn a_case_expires_unless_it_is_kept_or_uploaded_again(subject: 
     assert!(store.keep(&kept, false).await.unwrap());
     assert_eq!(store.expired(age, 10).await.unwrap(), [kept, failed]);
     assert!(!store.keep(&old, true).await.unwrap(), "it is gone");
+}
+
+/// Failed cases, in any number.
+async fn failed_cases(store: &Store, numbers: std::ops::Range<usize>) -> Vec<CaseId> {
+    let mut cases = Vec::new();
+    for number in numbers {
+        cases.push(insert(store, &format!("case {number}")).await.id);
+        let failing = claim(store).await.unwrap();
+        assert!(store.fail(&failing, &failure()).await.unwrap());
+    }
+    cases
+}
+
+pub(crate) async fn as_many_cases_expire_in_a_day_as_may(subject: &Subject) {
+    let (store, day) = (&subject.store, Duration::from_secs(86_400));
+    let allowed = async || store.allow_removals(day, Removal::Automatic).await.unwrap();
+    let cases = failed_cases(store, 0..3).await;
+    assert_eq!(allowed().await, Allowance::ADay(10), "twice three are less");
+    let cases = [cases, failed_cases(store, 3..7).await].concat();
+    // They may have come on two days, if it is midnight.
+    let two = Allowance::ADay(2);
+    subject.pass(3 * 86_400);
+    let delete = async |case: &CaseId| store.delete_expired(case, day, two).await.unwrap();
+    assert_eq!(delete(&cases[0]).await, Some(true));
+    assert_eq!(delete(&cases[0]).await, Some(false));
+    assert!(store.has_room_today(two).await.unwrap());
+    assert_eq!(delete(&cases[1]).await, Some(true));
+    assert!(!store.has_room_today(two).await.unwrap());
+    assert!(store.has_room_today(Allowance::All).await.unwrap());
+    assert_eq!(delete(&cases[2]).await, None);
+    assert!(store.case(&cases[2]).await.unwrap().is_some());
+    subject.pass(86_400);
+    assert!(store.has_room_today(two).await.unwrap());
+    assert_eq!(delete(&cases[2]).await, Some(true));
+}
+
+pub(crate) async fn a_clock_that_jumps_is_doubted_until_somebody_says_that_it_is_right(
+    subject: &Subject,
+) {
+    const DAY: u64 = 86_400;
+    let store = &subject.store;
+    let allowed = async |keep_days, removal| {
+        let keep = Duration::from_secs(keep_days * DAY);
+        store.allow_removals(keep, removal).await.unwrap()
+    };
+    let usual = Allowance::ADay(10);
+    // The first time is that of the latest row.
+    failed_cases(store, 0..1).await;
+    subject.pass(8 * DAY);
+    assert_eq!(allowed(1, Removal::Automatic).await, Allowance::None);
+    // Half of the time for which cases are kept is believed.
+    assert_eq!(allowed(20, Removal::Automatic).await, usual);
+    for jump in [1, 6, 7] {
+        subject.pass(jump * DAY - 60);
+        assert_eq!(allowed(1, Removal::Asked).await, usual, "{jump}");
+    }
+    subject.pass(46 * DAY);
+    // A case that comes meanwhile has the wrong time, too.
+    failed_cases(store, 1..2).await;
+    for removal in [Removal::Automatic, Removal::Asked, Removal::Automatic] {
+        assert_eq!(allowed(90, removal).await, Allowance::None);
+    }
+    assert_eq!(allowed(90, Removal::Confirmed).await, Allowance::All);
+    assert_eq!(allowed(90, Removal::Automatic).await, usual);
 }
 
 pub(crate) async fn a_pin_protects_until_it_expires(subject: &Subject) {

@@ -34,6 +34,7 @@ mod copy;
 mod directory;
 pub mod environment;
 mod error;
+mod expiry;
 mod findings;
 mod inspect;
 mod jobs;
@@ -78,6 +79,7 @@ pub use case::arrivals;
 
 pub use self::copy::{Copied, CopyStep, ForPacs};
 pub use self::error::{FailureCounts, StoreError, failures, unless_missing};
+pub use self::expiry::{Expired, Removal, Waiting};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
 pub use self::inspect::{Amount, Defect, Inspected, Unreferenced};
 pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};
@@ -178,6 +180,8 @@ struct Inner {
     signals: Signals,
     /// Called after a case was deleted. Held only briefly.
     deletion_hooks: Mutex<Vec<DeletionHook>>,
+    /// When this process opened it, and how far the clock of tests was ahead then.
+    opened_at: (Instant, Duration),
     /// Receives changes by other processes; ends with the store.
     _listener: JoinSet<()>,
 }
@@ -262,6 +266,7 @@ impl Store {
     }
 
     fn new(rows: Rows, objects: Objects, place: Place, options: Options) -> Self {
+        let rows_ahead = rows.ahead();
         let inner = Arc::new_cyclic(|store| {
             let mut listener = JoinSet::new();
             listener.spawn(listen(rows.clone(), Weak::clone(store)));
@@ -272,6 +277,7 @@ impl Store {
                 options,
                 signals: Signals::default(),
                 deletion_hooks: Mutex::default(),
+                opened_at: (Instant::now(), rows_ahead),
                 _listener: listener,
             }
         });
@@ -414,40 +420,6 @@ impl Store {
         Ok(deleted)
     }
 
-    /// Removes the cases whose age is [`Options::keep`] or more, as [`Store::delete`] does; returns how many. A case that
-    /// is kept or uploaded again meanwhile stays, and so does one for which `may_go` resolves to `false`.
-    ///
-    /// # Errors
-    /// If the rows or the objects cannot be written; what was not removed is found the next time.
-    pub async fn remove_expired<MayGo>(
-        &self,
-        may_go: impl Fn(CaseId) -> MayGo + Send + Sync,
-    ) -> Result<usize, StoreError>
-    where
-        MayGo: Future<Output = bool> + Send,
-    {
-        let Some(keep) = self.options().keep else {
-            return Ok(0);
-        };
-        let mut removed = 0;
-        loop {
-            let expired = self.expired(keep, REMOVALS_AT_ONCE).await?;
-            let removed_before = removed;
-            for id in &expired {
-                if may_go(*id).await && self.delete_expired(id, keep).await? {
-                    self.inner.is_deleted(id);
-                    removed += 1;
-                }
-            }
-            if removed > removed_before {
-                self.collect().await?;
-            }
-            if expired.len() < REMOVALS_AT_ONCE || removed == removed_before {
-                return Ok(removed);
-            }
-        }
-    }
-
     /// The changes of a case.
     pub fn subscribe(&self, id: &CaseId) -> Watch {
         Watch::new(self.clone(), *id)
@@ -560,6 +532,12 @@ impl Store {
     pub fn pass_time(&self, by: Duration) {
         self.rows().pass_time(by);
         self.signals().queued();
+    }
+
+    /// For how long this process has had the store open, on the clock that [`Store::pass_time`] moves.
+    pub fn uptime(&self) -> Duration {
+        let (at, ahead) = self.inner.opened_at;
+        at.elapsed() + self.rows().ahead().saturating_sub(ahead)
     }
 
     pub fn options(&self) -> &Options {

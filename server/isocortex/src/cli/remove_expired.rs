@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use storage::Store;
+use storage::{Removal, Store};
 
 use super::common::{StoreArgs, set_some};
 use super::status::{CliError, ExitStatus};
@@ -12,7 +12,8 @@ use super::status::{CliError, ExitStatus};
 ///
 /// A case is removed if it is ready or failed, its last upload is at least that old, and it is not kept
 /// (`PATCH /v1/cases/{id}` with `{"kept": true}`). Its age does not depend on how often it is viewed. Servers and workers
-/// with `storage.keep_days` do the same every ten minutes; the store may be in use.
+/// with `storage.keep_days` do the same every ten minutes; the store may be in use. Without `--yes` nothing is removed if the
+/// clock has jumped, and at most 10 cases a day, or twice as many as came on the busiest one.
 #[derive(Debug, Clone, Args)]
 pub(super) struct RemoveExpiredArgs {
     #[command(flatten)]
@@ -26,6 +27,9 @@ pub(super) struct RemoveExpiredArgs {
     /// Only list the cases.
     #[arg(long)]
     dry_run: bool,
+    /// The clock of the database is right, and all of them may go at once.
+    #[arg(long, conflicts_with = "dry_run")]
+    yes: bool,
 }
 
 /// Lists expired cases on standard output, and removes them unless it is a dry run.
@@ -53,9 +57,18 @@ pub(super) fn run(args: &RemoveExpiredArgs) -> Result<(), CliError> {
             println!("would be removed: {} cases", expired.len());
         } else {
             let audit = config.audit()?;
-            let removed = cases::jobs::remove_expired(&store, &audit).await;
+            let removal = match args.yes {
+                true => Removal::Confirmed,
+                false => Removal::Asked,
+            };
+            let expired = cases::jobs::remove_expired(&store, &audit, removal).await;
             audit.shut_down();
-            println!("removed: {} cases", removed?);
+            let expired = expired?;
+            println!("removed: {} cases", expired.removed);
+            if let Some(why) = expired.waiting {
+                let message = format!("cases stay: {}", why.sentence());
+                return Err(CliError::new(ExitStatus::InputOutput, message));
+            }
             if audit.is_full() {
                 let message = "the audit record cannot be written, so expired cases stay";
                 return Err(CliError::new(ExitStatus::InputOutput, message));

@@ -82,6 +82,13 @@ CREATE INDEX jobs_by_end ON jobs (ended_at) WHERE state IN ('done', 'failed');
 CREATE TABLE fence (value BIGINT NOT NULL);
 INSERT INTO fence (value) VALUES (0);
 
+CREATE TABLE expiry (
+    seen_at BIGINT,
+    day     BIGINT NOT NULL,
+    removed BIGINT NOT NULL
+);
+INSERT INTO expiry (day, removed) VALUES (0, 0);
+
 -- Every change of a case is announced to all processes when it is committed: `changed ID`, `deleted ID`, and `queued` when a
 -- worker may find a job. Who misses an announcement finds the change when it looks the next time.
 CREATE FUNCTION announce_case() RETURNS trigger LANGUAGE plpgsql AS $$

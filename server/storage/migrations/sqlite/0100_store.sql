@@ -84,6 +84,14 @@ CREATE INDEX jobs_by_end ON jobs (ended_at) WHERE state IN ('done', 'failed');
 CREATE TABLE fence (value INTEGER NOT NULL) STRICT;
 INSERT INTO fence (value) VALUES (0);
 
+-- One row: what the removal of old cases knows of the clock, and how many went on which day.
+CREATE TABLE expiry (
+    seen_at INTEGER, -- the last time that was believed; NULL at first
+    day     INTEGER NOT NULL, -- since 1970
+    removed INTEGER NOT NULL  -- on that day
+) STRICT;
+INSERT INTO expiry (day, removed) VALUES (0, 0);
+
 -- Objects that nobody needs and that are being removed. While a tombstone is there the object cannot be pinned, so that nobody
 -- refers to it; if whoever removes it is killed, another one takes over after `lease_until`.
 CREATE TABLE tombstones (

@@ -366,6 +366,24 @@ pub(super) async fn uploaded_before(
     rows.iter().map(read).collect()
 }
 
+/// How many there are of [`uploaded_before`].
+pub(super) async fn count_uploaded_before(
+    connection: &mut Connection,
+    time: i64,
+) -> Result<u64, StoreError> {
+    let row = connection
+        .query(
+            "SELECT count(*) AS count FROM cases
+             WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
+               AND NOT kept AND state IN ('ready', 'failed')",
+        )
+        .bind(time)
+        .fetch_one()
+        .await?;
+    let count: i64 = row.get("count")?;
+    Ok(u64::try_from(count).unwrap_or(0))
+}
+
 /// Whether a case is one of [`uploaded_before`].
 pub(super) async fn is_uploaded_before(
     connection: &mut Connection,

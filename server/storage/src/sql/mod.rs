@@ -7,6 +7,7 @@
 mod arrivals;
 mod cases;
 mod connection;
+mod expiry;
 mod fence;
 mod findings;
 mod job_rows;
@@ -123,6 +124,12 @@ impl Rows {
     #[cfg(any(test, feature = "testing"))]
     pub(crate) fn pass_time(&self, by: Duration) {
         self.ahead_us.fetch_add(microseconds(by), Ordering::Relaxed);
+    }
+
+    /// How much time was let pass.
+    pub(crate) fn ahead(&self) -> Duration {
+        let ahead = self.ahead_us.load(Ordering::Relaxed);
+        Duration::from_micros(ahead.max(0).unsigned_abs())
     }
 
     /// A connection on which each statement is a transaction.
@@ -379,20 +386,6 @@ impl Store {
             .await?
             .saturating_sub(microseconds(age));
         cases::uploaded_before(&mut connection, before, limit).await
-    }
-
-    /// As [`Store::delete_case`], if the case is still [`Store::expired`]; returns whether it was.
-    pub(crate) async fn delete_expired(
-        &self,
-        id: &CaseId,
-        age: Duration,
-    ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let before = now.saturating_sub(microseconds(age));
-        if !cases::is_uploaded_before(&mut transaction, id, before).await? {
-            return Ok(false);
-        }
-        self.rows().delete_in(transaction, id, now).await
     }
 
     /// Makes a case ready, ends its job and queues the next ones, if the lease is still ours.

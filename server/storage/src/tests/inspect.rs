@@ -58,14 +58,19 @@ async fn an_inspection_counts_what_is_sound_and_reports_the_rest() {
     let (store, [of, failed, version]) = three_cases(&directory).await;
     let (sound, findings) = inspected(&store).await;
     assert_eq!(findings, []);
-    // The first has a source and six derived objects, the others have a source; two sources are the same object.
+    // The first has a source and six derived objects, the others have a source; two sources are the same object. Each has a
+    // manifest.
     let derived: usize = (ObjectKind::DERIVED.iter())
         .map(|kind| kind.name().len() + " of volume".len())
         .sum();
-    let bytes = (derived + 2 * "volume".len() + "bad".len()) as u64;
+    let mut bytes = (derived + 2 * "volume".len() + "bad".len()) as u64;
+    for id in [&of, &failed, &version] {
+        let manifest = object(&store, id, ObjectKind::Manifest).await;
+        bytes += store.object(&manifest).await.unwrap().len() as u64;
+    }
     let expected = Inspected {
         cases: 3,
-        objects: 9,
+        objects: 12,
         bytes,
         to_rekey: 0,
     };
@@ -186,7 +191,7 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
     let bytes = files.iter().map(|file| file.metadata().unwrap().len());
     let expected = Copied {
         cases: 3,
-        objects: 8,
+        objects: 11,
         bytes: bytes.sum(),
         kept: 1,
         ..Copied::default()
@@ -206,11 +211,11 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
     assert_nothing_left_over(&to, there.path()).await;
 
     let (again, _) = copied(&from, &to).await;
-    assert_eq!((again.objects, again.bytes, again.kept), (0, 0, 9));
+    assert_eq!((again.objects, again.bytes, again.kept), (0, 0, 12));
     let damaged = object(&to, &ids[0], ObjectKind::Forest).await;
     std::fs::write(file_of(&there, &damaged), b"damaged").unwrap();
     let (mended, _) = copied(&from, &to).await;
-    assert_eq!((mended.objects, mended.kept), (1, 8));
+    assert_eq!((mended.objects, mended.kept), (1, 11));
     assert_eq!(inspected(&to).await.1, []);
 }
 
@@ -398,4 +403,137 @@ async fn what_is_damaged_is_named_and_the_rest_is_copied() {
     );
     let every = TransferQuery::default();
     assert_eq!(to.results(&every, None, 9).await.unwrap(), (vec![], None));
+}
+
+/// Makes a file look some days old.
+fn age(file: &std::path::Path, days: u64) {
+    let then = std::time::SystemTime::now() - Duration::from_secs(days * 86_400);
+    let file = std::fs::File::options().write(true).open(file).unwrap();
+    file.set_modified(then).unwrap();
+}
+
+#[tokio::test]
+async fn what_nothing_refers_to_is_told_by_its_age_and_by_that_of_the_rows() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    let put = async |contents: &'static str, days| {
+        let stray = frame(ObjectKind::Mask, contents.into());
+        store.objects().put(&stray).await.unwrap();
+        age(&file_of(&directory, &stray.name), days);
+        stray.name
+    };
+    let [old, _young] = [put("old", 8).await, put("young", 6).await];
+    let found = store.unreferenced().await.unwrap();
+    assert!(found.is_newer_than_rows, "there is no row");
+    ready(&store, "volume").await;
+    let found = store.unreferenced().await.unwrap();
+    assert!(!found.is_newer_than_rows && found.is_much());
+    assert_eq!(found.names, [old]);
+    assert_eq!((found.old.objects, found.young.objects), (1, 1));
+    let files = files_below(&directory.path().join("objects"));
+    assert_eq!(
+        found.all.objects,
+        files.len() as u64,
+        "nothing is left of the clock"
+    );
+    let newer = put("newer", 0).await;
+    assert!(store.unreferenced().await.unwrap().is_newer_than_rows);
+    store.remove_unreferenced(&[newer]).await.unwrap();
+    for number in 0..20 {
+        let volume = store.spool_all(format!("volume {number}").into()).await;
+        let upload = Upload {
+            volume: volume.unwrap(),
+            mask: None,
+            dicom: None,
+        };
+        store
+            .submit_upload(upload, Parameters::default())
+            .await
+            .unwrap();
+        let claimed = claim(&store).await.unwrap();
+        assert!(store.fail(&claimed, &failure()).await.unwrap());
+    }
+    let found = store.unreferenced().await.unwrap();
+    assert!(!found.is_newer_than_rows && !found.is_much(), "{found:?}");
+}
+
+/// A failure because of a damaged source.
+fn source_damaged() -> Failure {
+    Failure::source_damaged()
+}
+
+#[tokio::test]
+async fn a_case_that_failed_though_its_sources_are_whole_is_named_and_prepared_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    let [whole, lost] = [ready(&store, "whole").await, ready(&store, "lost").await];
+    for id in [whole, lost] {
+        assert!(
+            store
+                .make_case_failed(&id, &source_damaged())
+                .await
+                .unwrap()
+        );
+    }
+    let source = object(&store, &lost, ObjectKind::SourceVolume).await;
+    let file = file_of(&directory, &source);
+    let away = directory.path().join("away");
+    std::fs::rename(&file, &away).unwrap();
+    let (_, mut findings) = inspected(&store).await;
+    findings.sort_by_key(|finding| matches!(finding, Defect::FailedThoughWhole(_)));
+    let missing = Defect::Missing(lost, source);
+    assert_eq!(findings, [missing, Defect::FailedThoughWhole(whole)]);
+    std::fs::rename(&away, &file).unwrap();
+    let (_, findings) = inspected(&store).await;
+    assert_eq!(findings.len(), 2);
+    for id in [whole, lost] {
+        assert!(findings.contains(&Defect::FailedThoughWhole(id)));
+        assert!(store.prepare_failed_again(&id).await.unwrap());
+        assert!(!store.prepare_failed_again(&id).await.unwrap());
+        let case = store.case(&id).await.unwrap().unwrap();
+        assert_eq!((case.state, case.failure), (CaseState::Queued, None));
+    }
+    assert_eq!(store.waiting(JobKind::PREPARE).await.unwrap(), 2);
+    assert_eq!(inspected(&store).await.1, []);
+    // Another failure is what the input is like.
+    for _ in 0..2 {
+        let claimed = claim(&store).await.unwrap();
+        assert!(store.fail(&claimed, &failure()).await.unwrap());
+    }
+    assert_eq!(inspected(&store).await.1, []);
+}
+
+#[tokio::test]
+async fn a_lost_manifest_is_written_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    let case = ready(&store, "volume").await;
+    let upload = LayerUpload {
+        case,
+        volume: store.spool_all("a T2".into()).await.unwrap(),
+        dicom: None,
+        series: None,
+        name: LayerName::Usual("T2".to_owned()),
+        parameters: LayerParameters::default(),
+        most: 20,
+    };
+    store.submit_layer(upload).await.unwrap();
+    let manifests = files_below(&directory.path().join("objects/manifest"));
+    let contents: Vec<_> = manifests
+        .iter()
+        .map(|file| std::fs::read(file).unwrap())
+        .collect();
+    assert_eq!(manifests.len(), 2, "one of the case and one of its layer");
+    std::fs::remove_file(&manifests[0]).unwrap();
+    std::fs::write(&manifests[1], b"damaged").unwrap();
+    assert_eq!(inspected(&store).await.1.len(), 2);
+    store.restore_manifests(&case).await.unwrap();
+    assert_eq!(inspected(&store).await.1, []);
+    for (file, contents) in manifests.iter().zip(contents) {
+        assert!(
+            std::fs::read(file).unwrap() == contents,
+            "they are the same"
+        );
+    }
+    assert_nothing_left_over(&store, directory.path()).await;
 }

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::frame;
+use crate::rows::{NewCase, Referred};
 use crate::testing::{name, pinned};
 
 /// A store with rows in memory, on objects in a directory.
@@ -120,13 +121,179 @@ async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
     let noted = Arc::clone(&forgotten);
     store.on_delete(move |id| noted.lock().unwrap().push(*id));
 
-    assert_eq!(store.remove_expired(|_| async { true }).await.unwrap(), 0);
+    let removed = async |may_go: bool| {
+        let removed = store.remove_expired(Removal::Automatic, |_| async move { may_go });
+        removed.await.unwrap()
+    };
+    assert_eq!(removed(true).await, Expired::default());
     store.pass_time(day);
-    assert_eq!(store.remove_expired(|_| async { false }).await.unwrap(), 0);
-    assert_eq!(store.remove_expired(|_| async { true }).await.unwrap(), 1);
+    assert_eq!(removed(false).await, Expired::default());
+    let one_removed = Expired {
+        removed: 1,
+        waiting: None,
+    };
+    assert_eq!(removed(true).await, one_removed);
     assert_eq!(*forgotten.lock().unwrap(), [one]);
     let left = store.cases(None, 10).await.unwrap().cases;
     assert_eq!(left.iter().map(|case| case.id).collect::<Vec<_>>(), [kept]);
     let needed = store.case_objects(&kept).await.unwrap().len();
     assert_eq!(crate::testing::files_below(directory.path()).len(), needed);
+}
+
+/// A store that keeps cases for ten days.
+struct Kept {
+    rows: Rows,
+    objects: Objects,
+    store: Store,
+}
+
+impl Kept {
+    async fn new() -> Self {
+        let rows = Rows::in_memory().await.unwrap();
+        let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
+        let store = Self::store_on(&rows, &objects);
+        let kept = Self {
+            rows,
+            objects,
+            store,
+        };
+        // At one o'clock, so that no day ends meanwhile.
+        let now = jiff::Timestamp::now().as_second().unsigned_abs();
+        kept.pass(25 * HOUR - Duration::from_secs(now % 86_400));
+        kept
+    }
+
+    fn store_on(rows: &Rows, objects: &Objects) -> Store {
+        let options = Options {
+            keep: Some(10 * DAY),
+            ..Options::default()
+        };
+        Store::on(rows.clone(), objects.clone(), options).unwrap()
+    }
+
+    fn pass(&self, time: Duration) {
+        self.store.pass_time(time);
+    }
+
+    /// Adds failed cases.
+    async fn add(&self, names: [&'static str; 6]) {
+        for name in names {
+            submit(&self.store, name).await.unwrap();
+            let claim = crate::testing::claim(&self.store).await.unwrap();
+            assert!(self.store.fail(&claim, &failure()).await.unwrap());
+        }
+    }
+
+    async fn removed(&self, removal: Removal) -> (usize, Option<Waiting>) {
+        removed(&self.store, removal).await
+    }
+}
+
+async fn removed(store: &Store, removal: Removal) -> (usize, Option<Waiting>) {
+    let removed = store.remove_expired(removal, |_| async { true });
+    let Expired { removed, waiting } = removed.await.unwrap();
+    (removed, waiting)
+}
+
+const HOUR: Duration = Duration::from_secs(3600);
+const DAY: Duration = Duration::from_secs(86_400);
+
+#[tokio::test]
+async fn a_clock_that_is_far_ahead_removes_nothing_until_somebody_says_that_it_is_right() {
+    let kept = Kept::new().await;
+    kept.add(["a", "b", "c", "d", "e", "f"]).await;
+    kept.pass(400 * DAY);
+    assert_eq!(kept.store.expired_count().await.unwrap(), 6);
+    let waits = (0, Some(Waiting::Clock));
+    for removal in [Removal::Automatic, Removal::Asked, Removal::Automatic] {
+        assert_eq!(kept.removed(removal).await, waits);
+        kept.pass(HOUR);
+    }
+    assert_eq!(kept.removed(Removal::Confirmed).await, (6, None));
+    assert_eq!(kept.store.expired_count().await.unwrap(), 0);
+}
+
+#[tokio::test]
+async fn a_process_removes_nothing_by_itself_in_its_first_hour_and_a_person_may() {
+    let kept = Kept::new().await;
+    kept.add(["a", "b", "c", "d", "e", "f"]).await;
+    for _ in 0..2 {
+        assert_eq!(kept.removed(Removal::Automatic).await, (0, None));
+        kept.pass(5 * DAY);
+    }
+    let started = Kept::store_on(&kept.rows, &kept.objects);
+    let waits = (0, Some(Waiting::FirstHour));
+    assert_eq!(removed(&started, Removal::Automatic).await, waits);
+    kept.pass(HOUR - Duration::from_secs(60));
+    assert_eq!(removed(&started, Removal::Automatic).await, waits);
+    assert_eq!(removed(&started, Removal::Asked).await, (6, None));
+    kept.add(["a", "b", "c", "d", "e", "f"]).await;
+    for _ in 0..2 {
+        kept.pass(5 * DAY);
+        kept.removed(Removal::Automatic).await;
+    }
+    assert_eq!(kept.store.expired_count().await.unwrap(), 0);
+}
+
+#[tokio::test]
+async fn twice_as_many_cases_go_in_a_day_as_came_on_one() {
+    let kept = Kept::new().await;
+    for names in [
+        ["a", "b", "c", "d", "e", "f"],
+        ["g", "h", "i", "j", "k", "l"],
+        ["m", "n", "o", "p", "q", "r"],
+        ["s", "t", "u", "v", "w", "x"],
+    ] {
+        kept.add(names).await;
+        kept.pass(DAY);
+        assert_eq!(kept.removed(Removal::Automatic).await, (0, None));
+    }
+    kept.pass(6 * DAY);
+    assert_eq!(kept.removed(Removal::Automatic).await, (6, None));
+    // The others become too old at once: the clock is a few days ahead.
+    kept.pass(5 * DAY);
+    assert_eq!(kept.store.expired_count().await.unwrap(), 18);
+    let waits = Some(Waiting::Day);
+    assert_eq!(kept.removed(Removal::Automatic).await, (12, waits));
+    for removal in [Removal::Automatic, Removal::Asked] {
+        assert_eq!(kept.removed(removal).await, (0, waits));
+    }
+    assert_eq!(kept.store.expired_count().await.unwrap(), 6);
+    kept.pass(DAY);
+    assert_eq!(kept.removed(Removal::Automatic).await, (6, None));
+}
+
+#[tokio::test]
+async fn a_manifest_goes_before_the_source_that_it_names() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = movable(&directory).await;
+    let id = submit(&store, "volume").await.unwrap().case.id;
+    let of = |kind: &str| crate::testing::files_below(&directory.path().join(kind));
+    let file = of("source-volume").remove(0);
+    // A folder in its place cannot be removed like a file.
+    std::fs::remove_file(&file).unwrap();
+    std::fs::create_dir(&file).unwrap();
+    store.delete(&id).await.unwrap_err();
+    assert_eq!(of("manifest").len(), 0);
+}
+
+#[tokio::test]
+async fn what_was_being_written_when_the_rows_were_saved_is_not_removed_after_a_restore() {
+    let directory = tempfile::tempdir().unwrap();
+    let saved = movable(&directory).await;
+    let source = put(&saved, "source").await;
+    let held = pinned(&saved, &[source]).await;
+    // Whoever wrote it is done since.
+    saved.forget_writers().await.unwrap();
+    saved.pass_time(Duration::from_secs(7200));
+    saved.collect().await.unwrap();
+    assert!(saved.objects().get(&source).await.is_ok());
+    let found = saved.unreferenced_of(ObjectKind::Volume).await.unwrap();
+    assert_eq!(found, [source]);
+    // A writer that is still at work notices that its pin is gone.
+    let new = NewCase {
+        sources: held,
+        ..crate::testing::new_case(&saved, "another").await
+    };
+    assert_eq!(saved.insert_case(&new).await.unwrap(), Referred::PinLost);
 }

@@ -1,0 +1,162 @@
+//! The removal of cases because of their age, and what it waits for if a clock is wrong.
+//!
+//! A clock that is 400 days ahead makes every case too old at once. So a process removes nothing by itself in its first hour;
+//! nobody does after the time has jumped past the last one that the rows have seen, until a person says that it is right; and in a
+//! day, not many more go than came on one.
+
+use std::time::Duration;
+
+use case::CaseId;
+
+use super::{REMOVALS_AT_ONCE, Store, StoreError};
+
+/// How long a process removes nothing by itself.
+const FIRST_HOUR: Duration = Duration::from_secs(3600);
+
+/// The longest jump of the time that is believed, if cases are kept for less than twice as long.
+const LEAST_JUMP: Duration = Duration::from_secs(7 * 86_400);
+
+/// How many cases may go in a day, however few came on any.
+const LEAST_A_DAY: u64 = 10;
+
+/// Who asks for the removal of what is too old.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Removal {
+    /// A server or a worker, by itself.
+    Automatic,
+    /// A person.
+    Asked,
+    /// A person who says that the clock is right, and that all of it may go.
+    Confirmed,
+}
+
+/// Why cases that are too old stay for now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Waiting {
+    /// The process has not run for an hour.
+    FirstHour,
+    /// The clock has jumped.
+    Clock,
+    /// As many as may go in a day have gone.
+    Day,
+}
+
+impl Waiting {
+    /// The reason, as a sentence.
+    pub fn sentence(self) -> &'static str {
+        match self {
+            Self::FirstHour => "a process removes nothing in its first hour",
+            Self::Clock => {
+                "the clock of the database has jumped; correct it, or, if it is right, run `isocortex remove-expired --yes`"
+            }
+            Self::Day => {
+                "as many cases as may go in a day have gone; `isocortex remove-expired --yes` removes all"
+            }
+        }
+    }
+}
+
+/// What became of the cases that are too old.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Expired {
+    pub removed: usize,
+    /// Why others stay for now.
+    pub waiting: Option<Waiting>,
+}
+
+/// How many cases may go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Allowance {
+    /// So many on this day, by whatever process.
+    ADay(u64),
+    All,
+    /// None, because the clock has jumped.
+    None,
+}
+
+impl Allowance {
+    /// That of a day, if this is the most that came on one.
+    pub(crate) fn of_busiest_day(cases: i64) -> Self {
+        let cases = u64::try_from(cases).unwrap_or(0);
+        Self::ADay(cases.saturating_mul(2).max(LEAST_A_DAY))
+    }
+
+    /// Whether so many may go in a day.
+    pub(crate) fn covers(self, cases: i64) -> bool {
+        match self {
+            Self::All => true,
+            Self::ADay(most) => u64::try_from(cases).is_ok_and(|cases| cases <= most),
+            Self::None => false,
+        }
+    }
+}
+
+/// The longest jump of the time that is believed.
+pub(crate) fn believed_jump(keep: Duration) -> Duration {
+    LEAST_JUMP.max(keep / 2)
+}
+
+impl Store {
+    /// Removes the cases whose age is [`Options::keep`](crate::Options::keep) or more, as [`Store::delete`] does, as far as they need not wait. A case that
+    /// is kept or uploaded again meanwhile stays, and so does one for which `may_go` resolves to `false`.
+    ///
+    /// # Errors
+    /// If the rows or the objects cannot be written; what was not removed is found the next time.
+    pub async fn remove_expired<MayGo>(
+        &self,
+        removal: Removal,
+        may_go: impl Fn(CaseId) -> MayGo + Send + Sync,
+    ) -> Result<Expired, StoreError>
+    where
+        MayGo: Future<Output = bool> + Send,
+    {
+        let Some(keep) = self.options().keep else {
+            return Ok(Expired::default());
+        };
+        // The time is noted in the first hour, too.
+        let allowance = self.allow_removals(keep, removal).await?;
+        let is_first_hour = removal == Removal::Automatic && self.uptime() < FIRST_HOUR;
+        let waiting = match allowance {
+            Allowance::None => Some(Waiting::Clock),
+            _ => is_first_hour.then_some(Waiting::FirstHour),
+        };
+        let mut expired = Expired::default();
+        if waiting.is_some() {
+            let is_any = !self.expired(keep, 1).await?.is_empty();
+            expired.waiting = waiting.filter(|_| is_any);
+            return Ok(expired);
+        }
+        loop {
+            let old = self.expired(keep, REMOVALS_AT_ONCE).await?;
+            let removed_before = expired.removed;
+            for id in &old {
+                // Before anybody notes that the case goes.
+                if !self.has_room_today(allowance).await? {
+                    expired.waiting = Some(Waiting::Day);
+                    break;
+                }
+                if !may_go(*id).await {
+                    continue;
+                }
+                match self.delete_expired(id, keep, allowance).await? {
+                    Some(true) => {
+                        self.inner.is_deleted(id);
+                        expired.removed += 1;
+                    }
+                    Some(false) => {}
+                    None => {
+                        expired.waiting = Some(Waiting::Day);
+                        break;
+                    }
+                }
+            }
+            if expired.removed > removed_before {
+                self.collect().await?;
+            }
+            let is_end = old.len() < REMOVALS_AT_ONCE || expired.removed == removed_before;
+            if is_end || expired.waiting.is_some() {
+                return Ok(expired);
+            }
+        }
+    }
+}

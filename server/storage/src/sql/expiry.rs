@@ -1,0 +1,124 @@
+//! What the removal of old cases knows of the clock, and how many went on which day.
+
+use std::time::Duration;
+
+use case::CaseId;
+
+use super::connection::{Connection, microseconds};
+use super::{cases, upkeep};
+use crate::expiry::{Allowance, Removal, believed_jump};
+use crate::{Store, StoreError};
+
+/// Microseconds of a day.
+const DAY: i64 = 86_400_000_000;
+
+impl Store {
+    /// How many cases may go, and notes the time as seen, unless it has jumped and nobody says that it is right.
+    pub(crate) async fn allow_removals(
+        &self,
+        keep: Duration,
+        removal: Removal,
+    ) -> Result<Allowance, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        let is_confirmed = removal == Removal::Confirmed;
+        let seen = last_time(&mut transaction).await?.unwrap_or(now);
+        let jump = now.saturating_sub(seen);
+        if jump > microseconds(believed_jump(keep)) && !is_confirmed {
+            return Ok(Allowance::None);
+        }
+        transaction
+            .query("UPDATE expiry SET seen_at = $1")
+            .bind(now)
+            .execute()
+            .await?;
+        let allowance = match is_confirmed {
+            true => Allowance::All,
+            false => Allowance::of_busiest_day(busiest_day(&mut transaction).await?),
+        };
+        transaction.commit().await?;
+        Ok(allowance)
+    }
+
+    /// Whether one more case may go on this day.
+    pub(crate) async fn has_room_today(&self, allowance: Allowance) -> Result<bool, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let today = self.rows().now(&mut connection).await? / DAY;
+        let row = connection
+            .query("SELECT CASE WHEN day = $1 THEN removed ELSE 0 END AS gone FROM expiry")
+            .bind(today)
+            .fetch_one()
+            .await?;
+        Ok(allowance.covers(row.get::<i64>("gone")? + 1))
+    }
+
+    /// As [`Store::delete_case`], if the case is still [`Store::expired`]; returns whether it was. `None`, and nothing has changed,
+    /// if as many have gone on this day as may.
+    pub(crate) async fn delete_expired(
+        &self,
+        id: &CaseId,
+        age: Duration,
+        allowance: Allowance,
+    ) -> Result<Option<bool>, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        let before = now.saturating_sub(microseconds(age));
+        if !cases::is_uploaded_before(&mut transaction, id, before).await? {
+            return Ok(Some(false));
+        }
+        let gone = count_removal(&mut transaction, now / DAY).await?;
+        if !allowance.covers(gone) {
+            return Ok(None);
+        }
+        self.rows().delete_in(transaction, id, now).await.map(Some)
+    }
+
+    /// How many cases are past their age and are still there; 0 if all are kept.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn expired_count(&self) -> Result<u64, StoreError> {
+        let Some(keep) = self.options().keep else {
+            return Ok(0);
+        };
+        let mut connection = self.rows().connect().await?;
+        let now = self.rows().now(&mut connection).await?;
+        let before = now.saturating_sub(microseconds(keep));
+        cases::count_uploaded_before(&mut connection, before).await
+    }
+}
+
+/// The last time that was believed; before the first one, that of the latest row.
+async fn last_time(connection: &mut Connection) -> Result<Option<i64>, StoreError> {
+    let row = connection
+        .query("SELECT seen_at FROM expiry")
+        .fetch_one()
+        .await?;
+    match row.get("seen_at")? {
+        Some(seen) => Ok(Some(seen)),
+        None => upkeep::newest_row(connection).await,
+    }
+}
+
+/// The most cases of one day among those that are there.
+async fn busiest_day(connection: &mut Connection) -> Result<i64, StoreError> {
+    let row = connection
+        .query(
+            "SELECT COALESCE(max(cases), 0) AS busiest FROM
+               (SELECT count(*) AS cases FROM cases GROUP BY COALESCE(uploaded_at, created_at) / $1) AS days",
+        )
+        .bind(DAY)
+        .fetch_one()
+        .await?;
+    row.get("busiest")
+}
+
+/// Counts a case that goes on a day; how many have gone then, with it.
+async fn count_removal(connection: &mut Connection, day: i64) -> Result<i64, StoreError> {
+    let row = connection
+        .query(
+            "UPDATE expiry SET removed = CASE WHEN day = $1 THEN removed + 1 ELSE 1 END, day = $1 RETURNING removed",
+        )
+        .bind(day)
+        .fetch_one()
+        .await?;
+    row.get("removed")
+}
