@@ -42,13 +42,6 @@ const DOCUMENTS = [
     class: "launching",
     description: "Opens the case of a study.",
   },
-  {
-    address: "/signed-in",
-    file: "signed-in.html",
-    entry: "src/signed-in/main.ts",
-    class: "launching",
-    description: "Completes a sign-in.",
-  },
 ];
 const STYLE = "src/style.css";
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Measures what the audit record, TLS and encryption cost: the CPU time of the server for each request, and the time that its client waits, beside
+"""Measures what the audit record and TLS cost: the CPU time of the server for each request, and the time that its client waits, beside
 those of a server without them. All servers run at the same time and are asked in turn, by one client over one connection each, so that other load
 on the machine meets all of them alike; what is compared are the ratios of each round. Needs openssl.
 
@@ -106,25 +106,20 @@ def main():
     with tempfile.TemporaryDirectory() as keys:
         request = f"openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj /CN=localhost -keyout {keys}/key.pem -out {keys}/cert.pem"
         subprocess.run(request.split(), check=True, capture_output=True)
-        subprocess.run([program, "key", "new", "--file", f"{keys}/store.keys"], check=True, capture_output=True)
         os.chmod(f"{keys}/key.pem", 0o600)
-        key_file = ["--key-file", f"{keys}/store.keys"]
-        uncached = "[render]\ncache_bytes = 1\n[limits]\nmaps = \"off\"\n"
         cached = "[limits]\nmaps = \"off\"\n"
         warm = [
             Server(program, "nothing", settings=cached),
             Server(program, "audit", ["--audit", "{folder}/audit"], cached),
             Server(program, "TLS", ["--tls-cert", f"{keys}/cert.pem", "--tls-key", f"{keys}/key.pem"], cached, tls=True),
         ]
-        cold = [Server(program, "nothing", settings=uncached), Server(program, "encryption, without caches", key_file, uncached)]
         try:
-            for server in warm + cold:
+            for server in warm:
                 server.prepare(volume)
             print("| request | CPU, waiting | with | CPU | waiting |\n|---|---|---|---|---|")
             compare(warm, KINDS, rounds)
-            compare(cold, ["mesh", "picture"], rounds)
         finally:
-            for server in warm + cold:
+            for server in warm:
                 server.end()
 
 

@@ -163,7 +163,7 @@ def pictures(program, files):
     with Server(program) as server:
         server.send("POST", "/dicomweb/studies", stow_body(files), STOW)
         case = server.until_ready()["id"]
-        study = server.json("/dicomweb/studies")[0]["0020000D"]["Value"][0]
+        study = server.json("/v1/arrivals")["arrivals"][0]["study"]
         # The same picture by both ways, in turn, so that noise of the machine meets both.
         ways = {
             "render": (f"/v1/cases/{case}/render?depth_mm=8&view=left&{SIZE}", {}),

@@ -137,8 +137,6 @@ async fn a_corrected_patient_makes_a_new_case_and_nothing_more_is_sent_of_the_ol
         (refused.status.as_u16(), refused.problem().as_str()),
         (409, "superseded")
     );
-    let listed = server.get("/dicomweb/studies?PatientID=P-77").await;
-    assert_eq!(listed.status, 204);
     // Nor is what waits already: its node may answer again at any time.
     let address = format!("/v1/dicom-results/{}", sent["id"].as_str().unwrap());
     let background = pacs::start_transfers(server.pacs.clone());
@@ -179,13 +177,6 @@ async fn a_corrected_patient_makes_a_new_case_and_nothing_more_is_sent_of_the_ol
     let made = result(server, &new, &view).await;
     let has = |text: &str| memchr::memmem::find(&made.body, text.as_bytes()).is_some();
     assert!(has("PAT-RIGHT") && !has("P-77"));
-    // A viewer sees one patient in the study: results of the wrong one are not beside the corrected images.
-    let series = server.get("/dicomweb/studies/1.2.3/series").await.json();
-    let modalities = series.as_array().unwrap().iter();
-    let modalities: Vec<_> = modalities
-        .map(|each| &each["00080060"]["Value"][0])
-        .collect();
-    assert_eq!(modalities, ["MR"]);
     // One line for the series, which names nobody.
     let text = lines.text();
     assert_eq!(text.matches("have come with other contents").count(), 1);
@@ -416,8 +407,6 @@ async fn a_rejection_note_withdraws_the_series_and_another_list_does_not() {
     assert_eq!(found["case"], Value::Null, "{found}");
     assert_eq!(result(server, &case, &view).await.problem(), "superseded");
     assert_eq!(superseded(server, &case).await, "rejected");
-    let search = server.get("/dicomweb/studies?PatientID=P-77").await;
-    assert_eq!(search.status, 204);
     let arrival = of_series().await;
     assert_eq!(
         (
@@ -1009,12 +998,12 @@ async fn a_correction_counts_although_the_images_before_it_are_forgotten() {
     let store = server.pacs.cases().store().clone();
     let first = identified_case(&neighbour).await;
     crate::findings::mark(server, &first).await;
-    store.forget(Duration::ZERO, false).await.unwrap();
+    store.forget(Duration::ZERO).await.unwrap();
     assert_eq!(neighbour.store(&mirrored_head(0, &[])).await.status, 200);
     let second = case_after(&neighbour, &first).await;
     assert_eq!(superseded(server, &first).await, "moved");
     assert_eq!(findings_of(server, &second).await, json!([]));
-    store.forget(Duration::ZERO, false).await.unwrap();
+    store.forget(Duration::ZERO).await.unwrap();
     assert_eq!(neighbour.store(&corrected_head()).await.status, 200);
     let third = case_after(&neighbour, &second).await;
     assert_eq!(superseded(server, &second).await, "corrected");
@@ -1485,13 +1474,7 @@ async fn sent_with_a_layer(is_deleted: bool) {
         };
         [of(&uids[0]), of(&uids[1])]
     };
-    let listed = async |uid: &Value| {
-        let uid = uid.as_str().unwrap();
-        let address = format!("/dicomweb/studies/1.2.3/instances?SOPInstanceUID={uid}");
-        server.get(&address).await.status == 200
-    };
     assert_eq!(not_valid().await, [Value::Null, Value::Null]);
-    assert!(listed(&uids[1]).await);
     if is_deleted {
         let address = format!("{case}/layers/{}", flair.as_str().unwrap());
         let request = axum::http::Request::delete(address).body(Default::default());
@@ -1502,7 +1485,6 @@ async fn sent_with_a_layer(is_deleted: bool) {
     let corrected = of_another(&flair_slices(0));
     assert_eq!(neighbour.store(&corrected[..1]).await.status, 202);
     assert_eq!(not_valid().await, [Value::Null, json!("layer-withdrawn")]);
-    assert!(listed(&uids[0]).await && !listed(&uids[1]).await);
     let note = json!({"what": "key-object", "node": "away",
         "key_object": {"instances": [uids[1]], "title": "rejected-for-safety"}});
     let noted = result(server, &case, &note).await;
@@ -1681,7 +1663,7 @@ async fn one_image_of_another_patient_removes_the_layer_of_images_that_are_forgo
     assert_eq!(neighbour.store(&identified(&flair)).await.status, 200);
     until_layer(server, "1.2.3.77").await;
     let store = server.pacs.cases().store().clone();
-    store.forget(Duration::ZERO, false).await.unwrap();
+    store.forget(Duration::ZERO).await.unwrap();
     assert_eq!(flairs(server, &case).await, 1);
     let one = of_another(&flair[3..4]);
     assert_eq!(neighbour.store(&one).await.status, 200);
@@ -1737,7 +1719,7 @@ async fn one_image_of_another_patient_stops_the_case_of_images_that_are_forgotte
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
     let store = server.pacs.cases().store().clone();
-    store.forget(Duration::ZERO, false).await.unwrap();
+    store.forget(Duration::ZERO).await.unwrap();
     let middle = head_slices()[20].clone();
     assert_eq!(neighbour.store(&of_another(&[middle])).await.status, 200);
     assert_eq!(neighbour.settled().await["state"], "nothing");

@@ -2,16 +2,14 @@
 
 mod agreement;
 mod apart;
+mod archive;
 mod archives;
 mod attacks;
 mod audit;
 mod backup;
-mod collector;
 mod command_line;
 mod corrections;
 mod dicom;
-mod dicomweb;
-mod encryption;
 mod extraction;
 mod faults;
 mod findings;
@@ -32,7 +30,6 @@ mod maps;
 mod masks;
 mod memory;
 mod nifti;
-mod oidc;
 mod openapi;
 mod operation;
 mod orthanc;

@@ -10,6 +10,7 @@ use axum::body::Body;
 use axum::http::{Method, Request};
 use serde_json::Value;
 
+use crate::archive::Archive;
 use crate::command_line::run;
 use crate::results::python_with;
 use crate::server::Server;
@@ -405,11 +406,10 @@ fn a_configuration_is_checked_without_starting_anything() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_is_tested_by_command_and_by_request() {
-    let node = Server::start().await;
-    let socket = node.on_a_socket().await;
-    let address = socket.address;
+    let node = Archive::start().await;
+    let (root, address) = (node.root(), node.address);
     let nodes = format!(
-        "[[pacs.nodes]]\nname = \"good\"\nurl = \"http://{address}/dicomweb\"\n\
+        "[[pacs.nodes]]\nname = \"good\"\nurl = \"{root}\"\n\
          [[pacs.nodes]]\nname = \"rootless\"\nurl = \"http://{address}/\"\n\
          [[pacs.nodes]]\nname = \"gone\"\naet = \"GONE\"\naddress = \"127.0.0.1:1\"\n"
     );
@@ -462,8 +462,11 @@ async fn pages_of_listed_origins_may_read_and_embed_and_no_others() {
     .await;
     let ask = async |method: Method, origin: &str, headers: &[(&str, &str)]| {
         let mut request = Request::builder()
-            .method(method)
-            .uri("/dicomweb/studies")
+            .method(&method)
+            .uri(match method == Method::POST {
+                true => "/dicomweb/studies",
+                false => "/v1/cases",
+            })
             .header("host", "localhost")
             .header("origin", origin);
         for (name, value) in headers {
@@ -471,7 +474,7 @@ async fn pages_of_listed_origins_may_read_and_embed_and_no_others() {
         }
         server.send(request.body(Body::empty()).unwrap()).await
     };
-    // As OHIF asks: a question, because of the header with the token, and the search itself.
+    // As a viewer asks: a question, because of the header with the token, and the list itself.
     let question = [
         ("access-control-request-method", "GET"),
         ("access-control-request-headers", "authorization"),
@@ -485,13 +488,12 @@ async fn pages_of_listed_origins_may_read_and_embed_and_no_others() {
             .header("access-control-allow-headers")
             .contains("authorization")
     );
-    let search = ask(Method::GET, listed, &[("accept", "application/dicom+json")]).await;
-    assert_eq!(search.status, 204);
-    assert_eq!(search.header("access-control-allow-origin"), listed);
+    let list = ask(Method::GET, listed, &[]).await;
+    assert_eq!(list.status, 200);
+    assert_eq!(list.header("access-control-allow-origin"), listed);
     assert!(
-        search
-            .header("access-control-expose-headers")
-            .contains("warning")
+        list.header("access-control-expose-headers")
+            .contains("retry-after")
     );
     let cross = [("sec-fetch-site", "cross-site")];
     let stored = ask(Method::POST, listed, &cross).await;

@@ -10,7 +10,6 @@ use serde_json::{Value, json};
 
 use crate::dicom::head_slices;
 use crate::head::plain_head;
-use crate::oidc::Issuer;
 use crate::pacs::{Neighbour, dcmtk, dimse, dimse_options, run};
 use crate::results::{add_node, identified_head, small};
 use crate::scopes::{TokensFile, rows};
@@ -80,7 +79,6 @@ struct Named {
     result: String,
     study: String,
     series: String,
-    instance: String,
 }
 
 impl Named {
@@ -94,7 +92,6 @@ impl Named {
             result: none(),
             study: "1.2.99".to_owned(),
             series: "1.2.99.1".to_owned(),
-            instance: "1.2.99.1.1".to_owned(),
         }
     }
 
@@ -112,16 +109,11 @@ impl Named {
             .replace("{plane}", "axial")
             .replace("{study}", &self.study)
             .replace("{series}", &self.series)
-            .replace("{instance}", &self.instance)
-            .replace("{frames}", "1")
             .replace("{name}", "node");
         match template {
             "/v1/cases/{id}/registration" => format!("{address}?with={}", self.case),
             "/v1/arrivals" | "/v1/retrievals" | "/v1/dicom-results" => {
                 format!("{address}?case={}", self.case)
-            }
-            "/dicomweb/studies" | "/dicomweb/series" | "/dicomweb/instances" => {
-                format!("{address}?StudyInstanceUID={}", self.study)
             }
             _ => address,
         }
@@ -180,8 +172,6 @@ async fn everything(neighbour: &Neighbour) -> Named {
     let order = json!({"node": "node", "study": study, "series": series});
     let retrieval = posted(server, "/v1/retrievals", &order).await;
     assert_eq!(retrieval.status, 202, "{retrieval:?}");
-    let instances = format!("/dicomweb/studies/{study}/series/{series}/instances");
-    let instances = server.get(&instances).await.json();
     Named {
         case,
         layer: text(&layer.json()["id"]),
@@ -190,7 +180,6 @@ async fn everything(neighbour: &Neighbour) -> Named {
         result: text(&result.json()["id"]),
         study,
         series,
-        instance: text(&instances[0]["00080018"]["Value"][0]),
     }
 }
 
@@ -206,7 +195,6 @@ async fn seen(server: &Server, named: &Named) -> Vec<Bytes> {
         "/v1/arrivals",
         "/v1/retrievals",
         "/v1/dicom-results",
-        "/dicomweb/studies",
     ] {
         let answer = server.get(address).await;
         assert_eq!(answer.status, 200, "{address}: {answer:?}");
@@ -222,7 +210,6 @@ async fn on_every_route_what_another_project_has_is_not_there() {
     let file = three_holders();
     let neighbour = Neighbour::start(|config| {
         config.http.tokens_file = Some(file.path());
-        config.pacs.keep_source = true;
         add_node(config, "node", "http://127.0.0.1:1/rs".to_owned());
     })
     .await;
@@ -258,7 +245,7 @@ async fn on_every_route_what_another_project_has_is_not_there() {
             }
         }
     }
-    assert!(not_there > 80, "{not_there}");
+    assert!(not_there > 60, "{not_there}");
     server.authorize(&file.bearer("one"));
     assert_eq!(
         seen(server, &theirs).await,
@@ -390,52 +377,16 @@ async fn a_series_goes_to_the_project_of_its_token_or_its_peer() {
         let launched = posted(server, "/v1/launch", &json!({"query": "study=1.2.3"}))
             .await
             .json();
-        let found = server.get("/dicomweb/studies").await;
         let Some(arrival) = expected else {
-            assert_eq!(
-                (&launched["state"], found.status.as_u16()),
-                (&json!("absent"), 204)
-            );
+            assert_eq!(launched["state"], "absent");
             assert_eq!(list(server).await, Vec::<Value>::new());
             continue;
         };
         assert_eq!(launched["case"], arrival["case"], "{holder}");
-        assert_eq!(found.json().as_array().unwrap().len(), 1, "{holder}");
         let case = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
         server.until_ready(&case).await;
         assert_eq!(list(server).await.len(), 1, "{holder}");
         let session = server.get("/v1/session").await.json();
         assert_eq!(session["project"], holder);
     }
-}
-
-#[tokio::test]
-async fn whoever_signs_in_is_in_the_project_of_a_group() {
-    let issuer = Issuer::start().await;
-    let server = Server::start_with(|config| {
-        issuer.configure(config);
-        let oidc = config.oidc.as_mut().unwrap();
-        oidc.projects_claim = Some("groups".to_owned());
-        oidc.projects = [("/one", "one"), ("/two", "two"), ("/staff", "")]
-            .map(|(group, project)| (group.to_owned(), project.to_owned()))
-            .into();
-    })
-    .await;
-    let bearer = |groups: Value| issuer.bearer(&json!({"roles": ["admin"], "groups": groups}));
-    server.authorize(&bearer(json!(["/one", "/elsewhere"])));
-    let answer = uploaded(&server).await;
-    assert_eq!(answer.status, 202, "{answer:?}");
-    let case = answer.header("location").to_owned();
-    for (groups, status) in [
-        (json!(["/one"]), 200),
-        (json!(["/two"]), 404),
-        (json!("/staff"), 404),
-    ] {
-        server.authorize(&bearer(groups.clone()));
-        assert_eq!(server.get(&case).await.status, status, "{groups}");
-    }
-    server.authorize(&bearer(json!(["/elsewhere"])));
-    assert_eq!(server.get(&case).await.problem(), "missing-scope");
-    server.authorize(&bearer(json!(["/one", "/two"])));
-    assert_eq!(server.get(&case).await.problem(), "token-refused");
 }

@@ -123,6 +123,9 @@ async fn whom_a_listed_proxy_names_is_signed_in_and_on_record() {
 
     let refused = session(socket.address, &format!("{ANA}X-Remote-User: boss\r\n")).await;
     assert_eq!(refused.status, 401);
+    let stream = TcpStream::connect(socket.address).await.unwrap();
+    let listed = over(stream, &request("GET /v1/cases", &headers)).await;
+    assert_eq!(listed.status, 200);
     server.state.cases.audit().shut_down();
     let files = std::fs::read_dir(folder.path()).unwrap();
     let record: String = files
@@ -131,8 +134,8 @@ async fn whom_a_listed_proxy_names_is_signed_in_and_on_record() {
     let of_ana = |line: &&str| {
         line.contains("\"who\":\"proxy:ana\"") && line.contains("\"from\":\"203.0.113.5\"")
     };
-    let signed_in = record.lines().find(of_ana).expect(&record);
-    assert!(signed_in.contains("\"object\":\"sign-in\""), "{signed_in}");
+    let listed = record.lines().find(of_ana).expect(&record);
+    assert!(listed.contains("\"object\":\"list\""), "{listed}");
     assert!(
         record.contains("\"object\":\"headers of a proxy\""),
         "{record}"

@@ -1,4 +1,4 @@
-//! Pictures in DICOMweb's own terms: `rendered3D`, `rendered` and `thumbnail`.
+//! Pictures in DICOMweb's own terms: `rendered3D`.
 
 use image::RgbImage;
 use serde_json::Value;
@@ -77,18 +77,10 @@ async fn a_study_is_rendered_in_the_terms_of_the_standard() {
     let first = server.get(&format!("{STUDY}/rendered3D")).await;
     assert_eq!(first.header("content-type"), "image/jpeg");
     assert_eq!(pixels(&first).dimensions(), (512, 512));
-    for same in [
-        "rendered3d",
-        "series/1.2.3.1/rendered3D",
-        "series/1.2.3.1/rendered",
-    ] {
+    for same in ["rendered3d", "series/1.2.3.1/rendered3D"] {
         let answer = server.get(&format!("{STUDY}/{same}")).await;
         assert!(answer.body == first.body, "{same}");
     }
-    let thumbnail = server
-        .get(&format!("{STUDY}/series/1.2.3.1/thumbnail"))
-        .await;
-    assert_eq!(pixels(&thumbnail).dimensions(), (128, 128));
     let coarse = server.get(&format!("{STUDY}/rendered3D?quality=10")).await;
     assert!(coarse.body.len() < first.body.len());
 
@@ -210,7 +202,7 @@ async fn what_cannot_be_rendered_is_refused_with_its_reason() {
     for other in [
         "/dicomweb/studies/1.2.99/rendered3D",
         "/dicomweb/studies/Smith/rendered3D",
-        "/dicomweb/studies/1.2.3/series/1.2/thumbnail",
+        "/dicomweb/studies/1.2.3/series/1.2/rendered3D",
     ] {
         let refused = server.get(other).await;
         assert_eq!(refused.problem(), "no-such-study");

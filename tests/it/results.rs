@@ -17,7 +17,7 @@ use tokio::net::TcpListener;
 use crate::dicom::head_slices;
 use crate::head::{mask_of, plain_head};
 use crate::maps::until_maps;
-use crate::pacs::{Neighbour, with_texts};
+use crate::pacs::{Neighbour, an_image, with_texts};
 use crate::server::{Answer, Server};
 use crate::until::until;
 
@@ -370,28 +370,14 @@ async fn is_valid_without_identity(further: &[([u16; 2], &str, &str)]) {
         .iter()
         .map(|slice| with_texts(slice, &texts))
         .collect();
-    let neighbour = Neighbour::start(|config| {
-        config.pacs.deidentify = true;
-        config.pacs.keep_source = true;
-    })
-    .await;
+    let neighbour = Neighbour::start(|config| config.pacs.deidentify = true).await;
     assert_eq!(neighbour.store(&files).await.status, 200);
     let arrival = neighbour.settled().await;
     assert_eq!(arrival["state"], "case", "{arrival}");
     let [study, series] = ["study", "series"].map(|name| arrival[name].as_str().unwrap());
-    let of_series = format!("/dicomweb/studies/{study}/series/{series}");
-    let listed = neighbour
-        .server
-        .get(&format!("{of_series}/instances"))
-        .await
-        .json();
-    let instance = listed[0]["00080018"]["Value"][0].as_str().unwrap();
-    let accept = [("accept", "application/dicom")];
-    let address = format!("{of_series}/instances/{instance}");
-    let image = neighbour.server.get_with(&address, &accept).await;
-    assert_eq!(image.status, 200, "{image:?}");
+    let image = an_image(&neighbour.server, study, series).await;
     let file = tempfile::NamedTempFile::new().unwrap();
-    std::fs::write(file.path(), &image.body).unwrap();
+    std::fs::write(file.path(), image).unwrap();
     assert_eq!(errors_in(file.path()), Vec::<String>::new());
 }
 

@@ -8,12 +8,16 @@ use case::JobKind;
 use imaging::dicom::write::KeyObjectTitle;
 use serde_json::{Value, json};
 
+use crate::archive::Archive;
 use crate::corrections::{corrected_head, note_of};
 use crate::dicom::head_slices;
 use crate::pacs::Neighbour;
-use crate::results::{add_node, identified_case, result, small, until_sent};
+use crate::results::{add_node, identified_case, identified_head, result, small, until_sent};
 use crate::server::{Answer, Server};
 use crate::until::until;
+
+/// The series of the head.
+const SERIES: &str = "1.2.3.1";
 
 async fn fetch(server: &Server, node: &str, series: &str) -> Answer {
     let order = json!({"node": node, "study": "1.2.3", "series": series}).to_string();
@@ -30,21 +34,18 @@ async fn listed(server: &Server, query: &str) -> Vec<Value> {
 
 #[tokio::test]
 async fn a_series_is_fetched_from_a_node_and_the_retrieval_leads_to_its_case() {
-    let node = Neighbour::start(|config| config.pacs.keep_source = true).await;
-    identified_case(&node).await;
-    let series = node.settled().await["series"].as_str().unwrap().to_owned();
-    let socket = node.server.on_a_socket().await;
+    let node = Archive::start().await;
+    node.hold("1.2.3", SERIES, identified_head());
     let ours = Neighbour::start(|config| {
-        let url = format!("http://{}/dicomweb", socket.address);
-        add_node(config, "node", url);
+        add_node(config, "node", node.root());
         add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
     })
     .await;
     let server = &ours.server;
-    let accepted = fetch(server, "node", &series).await;
+    let accepted = fetch(server, "node", SERIES).await;
     assert_eq!(accepted.status, 202, "{accepted:?}");
     assert_eq!(accepted.json()["state"], "queued");
-    let twice = fetch(server, "node", &series).await.json();
+    let twice = fetch(server, "node", SERIES).await.json();
     assert_eq!(twice["id"], accepted.json()["id"], "it waits already");
     let elsewhere = fetch(server, "node", "1.2.3.99").await;
 
@@ -78,30 +79,17 @@ async fn a_series_is_fetched_from_a_node_and_the_retrieval_leads_to_its_case() {
 
 #[tokio::test]
 async fn a_retrieval_of_corrected_or_rejected_images_names_no_superseded_case() {
-    let node = Neighbour::start(|config| config.pacs.keep_source = true).await;
-    identified_case(&node).await;
-    let series = node.settled().await["series"].as_str().unwrap().to_owned();
-    let socket = node.server.on_a_socket().await;
-    let ours = Neighbour::start(|config| {
-        add_node(
-            config,
-            "node",
-            format!("http://{}/dicomweb", socket.address),
-        );
-    })
-    .await;
+    let node = Archive::start().await;
+    node.hold("1.2.3", SERIES, identified_head());
+    let ours = Neighbour::start(|config| add_node(config, "node", node.root())).await;
     let server = &ours.server;
     let _background = pacs::start_transfers(server.pacs.clone());
-    let first = fetch(server, "node", &series).await;
+    let first = fetch(server, "node", SERIES).await;
     assert_eq!(until_sent(server, &first).await["state"], "done");
     let wrong = ours.settled().await["case"].clone();
     let corrected = corrected_head();
-    assert_eq!(node.store(&corrected).await.status, 202);
-    until("the node serves the corrected images", async || {
-        (node.settled().await["state"] == "case").then_some(())
-    })
-    .await;
-    let second = fetch(server, "node", &series).await;
+    node.hold("1.2.3", SERIES, corrected.clone());
+    let second = fetch(server, "node", SERIES).await;
     assert_eq!(second.json()["case"], Value::Null);
     let fetched = until("the corrected images are a case", async || {
         let now = server.get(second.header("location")).await.json();
@@ -124,7 +112,7 @@ async fn a_retrieval_of_corrected_or_rejected_images_names_no_superseded_case() 
         .collect();
     let rejection = note_of(KeyObjectTitle::RejectedForSafety, &uids);
     assert_eq!(ours.store(&[rejection]).await.status, 200);
-    let third = fetch(server, "node", &series).await;
+    let third = fetch(server, "node", SERIES).await;
     let fetched = until_sent(server, &third).await;
     assert_eq!(
         (

@@ -10,11 +10,9 @@ use axum::http::{Method, Request};
 use http_body_util::BodyExt as _;
 use http_support::audited::Audited;
 use http_support::scopes::Role;
-use serde_json::json;
 use tower::ServiceExt as _;
 
 use crate::head::plain_head;
-use crate::oidc::{Issuer, SigningKey, seconds};
 use crate::server::{Answer, Server, form, form_type};
 use crate::several_machines::program;
 
@@ -148,6 +146,11 @@ pub(crate) fn rows() -> BTreeMap<(String, &'static str), (&'static str, Audited)
     rows
 }
 
+/// The name of the token of a role.
+fn in_role(role: &str) -> String {
+    format!("in-role-{role}")
+}
+
 /// Whether a path is open to everybody: the page, and what asks for the health of the server.
 fn is_open(path: &str) -> bool {
     let guarded = [
@@ -166,12 +169,11 @@ fn is_open(path: &str) -> bool {
 async fn every_method_of_every_path_opens_to_its_scope_and_to_no_other() {
     let mut file = TokensFile::new();
     file.add("past", &["--role", "admin", "--until", "2020-02-29"]);
+    for role in Role::ALL.map(Role::name) {
+        file.add(&in_role(role), &["--role", role]);
+    }
     let wrong = format!("Bearer isocortex_{}", "0".repeat(64));
-    let issuer = Issuer::start().await;
-    let other = SigningKey::new("other");
-    let signed = |changes| Some(issuer.bearer(&changes));
     let server = Server::start_with(|config| {
-        issuer.configure(config);
         config.http.tokens_file = Some(file.path());
         config.http.guard_all = true;
     })
@@ -196,27 +198,6 @@ async fn every_method_of_every_path_opens_to_its_scope_and_to_no_other() {
                     Some(file.bearer("past")),
                     "token-ended",
                 ),
-                (
-                    "someone whose sign-in ended",
-                    signed(json!({"exp": seconds(-60), "roles": "admin"})),
-                    "sign-in-ended",
-                ),
-                (
-                    "someone at another service",
-                    signed(json!({"aud": "another", "roles": "admin"})),
-                    "token-refused",
-                ),
-                (
-                    "someone of another issuer",
-                    signed(json!({"iss": "https://other.example", "roles": "admin"})),
-                    "token-refused",
-                ),
-                ("a forger", Some(issuer.unsigned()), "token-refused"),
-                (
-                    "an issuer of strangers",
-                    Some(issuer.signed_by(&other, &json!({"roles": "admin"}))),
-                    "token-refused",
-                ),
             ];
             let Some((key, (needed, _))) = row else {
                 // There is nothing; a route that is in no table would answer the administrator.
@@ -231,8 +212,7 @@ async fn every_method_of_every_path_opens_to_its_scope_and_to_no_other() {
             for (who, authorization, problem) in strangers {
                 let answer = ask(&server, &method, path, authorization.as_deref()).await;
                 let status = answer.status.as_u16();
-                let guesses = ["a guesser", "a forger", "an issuer of strangers"];
-                if guesses.contains(&who) && status == 429 {
+                if who == "a guesser" && status == 429 {
                     continue;
                 }
                 assert_eq!(status, 401, "{route} by {who}");
@@ -248,12 +228,12 @@ async fn every_method_of_every_path_opens_to_its_scope_and_to_no_other() {
             };
             assert_eq!(Some(*needed), expected, "{route}");
             let named = SCOPES.map(|scope| (scope, file.bearer(scope), vec![scope]));
-            let in_role = Role::ALL.map(|role| {
+            let in_roles = Role::ALL.map(|role| {
                 let scopes = role.scopes().iter().map(|scope| scope.name());
-                let bearer = issuer.bearer(&json!({"roles": [role.name()]}));
+                let bearer = file.bearer(&in_role(role.name()));
                 (role.name(), bearer, scopes.collect())
             });
-            for (scope, bearer, permitted) in named.into_iter().chain(in_role) {
+            for (scope, bearer, permitted) in named.into_iter().chain(in_roles) {
                 let answer = ask(&server, &method, path, Some(&bearer)).await;
                 let status = answer.status.as_u16();
                 if permitted.contains(needed) {

@@ -7,7 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use cases::pictures::{PictureRequest, SliceQuery};
 use cases::report::ReportQuery;
 use http_support::query::{Asked, parse};
-use imaging::dicom::{Options, convert, difference, frames, identify, marks, metadata};
+use imaging::dicom::{Options, convert, difference, identify, marks, metadata};
 use imaging::{Limits, sniff};
 use pacs::multipart::{MediaType, Parser, Piece};
 use pipeline::codec;
@@ -44,7 +44,6 @@ pub fn dicom(bytes: &[u8]) {
     let _ = identify(bytes);
     let _ = marks(bytes);
     let _ = metadata(bytes);
-    let _ = frames(bytes, &[0, 1, usize::MAX]);
     // Decoders of compressed pixels may panic: they run in a child process.
     tolerate(|| {
         let _ = convert(&mut vec![bytes.to_vec()], &Options::default(), &LIMITS);

@@ -15,7 +15,6 @@ const BELOW: Readonly<Record<string, readonly string[]>> = {
   page: ["model", "base", "gl", "panes", "pacs"],
   compare: ["model", "base", "page"],
   launch: ["base", "pacs", "page"],
-  "signed-in": ["base", "page"],
 };
 
 const folderOf = (name: string): string => name.split("/")[0] ?? "";

@@ -26,10 +26,6 @@ pub enum EventKind {
     ProcedureRecord,
     /// Cases were listed or searched.
     Query,
-    /// Somebody was refused who had a token, but not the scope.
-    SecurityAlert,
-    /// Somebody showed a right token for the first time in half a day, or a wrong one.
-    UserAuthentication,
 }
 
 impl EventKind {
@@ -45,8 +41,6 @@ impl EventKind {
             Self::PatientRecord => ("110110", "Patient Record"),
             Self::ProcedureRecord => ("110111", "Procedure Record"),
             Self::Query => ("110112", "Query"),
-            Self::SecurityAlert => ("110113", "Security Alert"),
-            Self::UserAuthentication => ("110114", "User Authentication"),
         }
     }
 }
@@ -75,9 +69,9 @@ pub enum Action {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Outcome {
-    /// It has not ended: a line with the same request and another outcome follows, unless the process was killed.
-    Intended,
-    /// As intended.
+    /// It was allowed, and then done: if it was not, a line with the same request states the failure.
+    Allowed,
+    /// It was done.
     Success,
     /// Refused, or impossible.
     MinorFailure,
@@ -110,8 +104,8 @@ pub struct Event {
     pub route: Option<Arc<str>>,
     /// The id of the request.
     pub request: Option<Arc<str>>,
-    /// How often it happened.
-    pub count: u64,
+    /// How many images it is about, if it is about images.
+    pub count: Option<u64>,
 }
 
 impl Event {
@@ -130,7 +124,7 @@ impl Event {
             study: None,
             route: None,
             request: None,
-            count: 1,
+            count: None,
         }
     }
 }

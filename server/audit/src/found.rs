@@ -9,7 +9,6 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::line::read;
-use crate::trail::is_of_trail;
 
 /// The longest line that is read here, in bytes.
 const LONGEST_LINE: u64 = 4 << 20;
@@ -49,7 +48,6 @@ pub(crate) fn files_in(folder: &Path) -> io::Result<(Files, Vec<String>)> {
             Some((process, number)) => {
                 files.entry(process).or_default().insert(number, path);
             }
-            None if is_of_trail(&name) => {}
             None => strange.push(name.into_owned()),
         }
     }
@@ -74,8 +72,8 @@ pub(crate) fn others(folder: &Path, own: &str) -> Vec<Named> {
         .filter_map(|files| first_line(files.get(&1)?));
     let known: HashSet<_> = first.flat_map(|first| first.others).collect();
     let last = files.values().rev().filter_map(|files| {
-        let (_, path) = files.last_key_value()?;
-        last_line(path)
+        let mut paths = files.values().rev();
+        last_line(paths.find(|path| !is_empty(path))?)
     });
     let new = last.filter(|last| !known.contains(last));
     new.take(MOST_NAMED).collect()
@@ -87,6 +85,11 @@ pub(crate) fn first_line(path: &Path) -> Option<FirstLine> {
     let file = BufReader::new(File::open(path).ok()?);
     file.take(LONGEST_LINE).read_until(b'\n', &mut line).ok()?;
     serde_json::from_slice(&line).ok()
+}
+
+/// Whether a file has no line: its process ended before the first one was on the disk.
+fn is_empty(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|metadata| metadata.len() == 0)
 }
 
 /// The last whole line of a file; `None` if it is none of a record.

@@ -4,18 +4,15 @@
 //! removed or inserted later is found ([`verify`]). Each process has files of its own. No event contains a name of a patient, a
 //! label or a query; UIDs are digests.
 //!
-//! A thread writes; [`Audit::record_durable`] resolves once an event is on the disk. If it cannot be written, [`Audit::is_full`] holds
-//! until a line can be appended again. A [`Trail`] reads the lines on while they are written, to send them elsewhere.
+//! A thread writes; [`Audit::record`] resolves once an event is on the disk. If it cannot be written, [`Audit::is_full`] holds
+//! until a line can be appended again.
 
-mod bounded;
 mod event;
 mod found;
 mod line;
-mod trail;
 mod verify;
 mod writer;
 
 pub use self::event::{Action, Event, EventKind, Outcome, digest_of_uid, project_named};
-pub use self::trail::{Passage, Places, Trail, TrailLine};
 pub use self::verify::{Break, BreakKind, Head, Verified, verify};
-pub use self::writer::{Audit, CannotRecord, Options, WINDOW, check_folder};
+pub use self::writer::{Audit, CannotRecord, Options, check_folder};

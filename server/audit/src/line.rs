@@ -59,10 +59,8 @@ struct Keys<'a> {
     route: Option<&'a str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     request: Option<&'a str>,
-    count: u64,
-    /// The line of the same event that has the count of its start.
     #[serde(skip_serializing_if = "Option::is_none")]
-    first: Option<u64>,
+    count: Option<u64>,
     /// The number of the file, in its first line.
     #[serde(skip_serializing_if = "Option::is_none")]
     file: Option<u32>,
@@ -84,7 +82,6 @@ pub(crate) struct Begins<'a> {
 /// The line of an event with its end, and where the next one stands. The first line of a file has the number of the file.
 pub(crate) fn write(
     event: &Event,
-    first: Option<u64>,
     process: &str,
     at: &Position,
     begins_file: Option<Begins<'_>>,
@@ -109,7 +106,6 @@ pub(crate) fn write(
         route: event.route.as_deref(),
         request: event.request.as_deref(),
         count: event.count,
-        first,
         file: begins_file.map(|begins| begins.file),
         others: begins_file.map_or(&[][..], |begins| begins.others),
         previous: at.previous.to_hex().to_string(),
@@ -133,10 +129,6 @@ pub(crate) fn write(
 pub(crate) struct Read {
     pub(crate) seq: u64,
     pub(crate) process: String,
-    pub(crate) time: String,
-    /// The DICOM name of its kind.
-    pub(crate) name: String,
-    pub(crate) outcome: String,
     pub(crate) previous: String,
     /// The digest that it states.
     pub(crate) digest: String,
@@ -153,11 +145,8 @@ pub(crate) fn read(line: &[u8]) -> Option<Read> {
     #[derive(Deserialize)]
     struct Known {
         seq: u64,
-        time: String,
         process: String,
         event: String,
-        name: String,
-        outcome: String,
         object: String,
         file: Option<u32>,
         previous: String,
@@ -173,9 +162,6 @@ pub(crate) fn read(line: &[u8]) -> Option<Read> {
         file: known.file,
         seq: known.seq,
         process: known.process,
-        time: known.time,
-        name: known.name,
-        outcome: known.outcome,
         previous: known.previous,
         digest: known.digest,
         is_sound,
@@ -204,11 +190,11 @@ mod tests {
             file: 1,
             others: &[],
         };
-        let (line, next) = write(&event, None, "p", &Position::first(), Some(begins));
+        let (line, next) = write(&event, "p", &Position::first(), Some(begins));
         let json: serde_json::Value = serde_json::from_slice(&line).unwrap();
         assert_eq!(json["name"], "DICOM Instances Accessed");
         assert_eq!(json["from"], "10.0.0.5");
-        assert_eq!((&json["seq"], &json["count"]), (&1.into(), &1.into()));
+        assert_eq!(json["seq"], 1);
         assert_eq!(json["file"], 1);
         assert_eq!(json["previous"], "0".repeat(64));
         assert_eq!(json["digest"], *next.previous.to_hex());

@@ -221,6 +221,7 @@ fn verify_process(
     };
     let mut expected = 1;
     let mut last_line = (process.to_owned(), 0);
+    let last = files.keys().next_back();
     for (&number, path) in files {
         let file = path.file_name().unwrap_or_default().to_string_lossy();
         let mut report = |line, kind| {
@@ -245,8 +246,8 @@ fn verify_process(
         expected = number + 1;
         verified.files += 1;
         let text = std::fs::read(path)?;
-        // A file begins with a line.
-        if text.is_empty() {
+        // A process that ended while it began a file has left the last one empty.
+        if text.is_empty() && Some(&number) != last {
             report(1, BreakKind::Truncated);
         }
         for (at, line) in text.split_inclusive(|&byte| byte == b'\n').enumerate() {
@@ -353,7 +354,7 @@ mod tests {
                 _ => EventKind::Export,
             };
             let event = Event::new(kind, Action::Read, object, "somebody");
-            let (line, next) = write(&event, None, PROCESS, &at, begins);
+            let (line, next) = write(&event, PROCESS, &at, begins);
             at = next;
             String::from_utf8(line).unwrap()
         });
@@ -395,7 +396,6 @@ mod tests {
         let mut all = lines();
         let other = write(
             &Event::new(EventKind::Export, Action::Read, "b", "nobody"),
-            None,
             PROCESS,
             &Position {
                 seq: 3,
@@ -444,13 +444,34 @@ mod tests {
         let (breaks, verified) = found(&[(1, all[..4].concat() + half)]);
         assert_eq!(breaks, [(5, BreakKind::Truncated)]);
         assert_eq!(verified.notes.len(), 1);
-        let (breaks, _) = found(&[(1, String::new())]);
-        assert_eq!(breaks, [(1, BreakKind::Truncated)]);
         // Whole lines that are missing at the end leave the note alone, and a last line that is not the one that was kept.
         let (breaks, verified) = found(&[(1, all[..4].concat())]);
         assert_eq!(breaks, []);
         assert!(verified.notes[0].contains("has not stopped in order"));
         assert_eq!(verified.heads[0].seq, 4);
+    }
+
+    #[test]
+    fn an_empty_file_is_the_last_one_of_a_process_that_was_killed_or_a_break() {
+        let all = lines_in(&[1, 0, 2, 0, 0, 0]);
+        let [one, two] = [all[..2].concat(), all[2..].concat()];
+        let (breaks, verified) = found(&[(1, one.clone()), (2, String::new())]);
+        assert_eq!(breaks, []);
+        assert!(verified.notes[0].contains("has not stopped in order"));
+        assert_eq!(found(&[(1, String::new())]).0, []);
+        let (breaks, _) = found(&[(1, String::new()), (2, two)]);
+        assert_eq!(breaks, [(1, BreakKind::Truncated)]);
+        // The next process names the last line that is there.
+        let folder = tempfile::tempdir().unwrap();
+        for (number, text) in [(1, &one[..]), (2, "")] {
+            let name = format!("{PROCESS}-{number:06}.jsonl");
+            std::fs::write(folder.path().join(name), text).unwrap();
+        }
+        let next = begin_on(folder.path(), 2);
+        assert_eq!(first_line(&next).unwrap().others[0].seq, 2);
+        assert_eq!(verify(folder.path()).unwrap().breaks, []);
+        std::fs::remove_file(folder.path().join(format!("{PROCESS}-000002.jsonl"))).unwrap();
+        assert_eq!(verify(folder.path()).unwrap().breaks, []);
     }
 
     #[test]
@@ -480,14 +501,8 @@ mod tests {
             file: 1,
             others: &others,
         };
-        let (first, at) = write(
-            &event("start"),
-            None,
-            &process,
-            &Position::first(),
-            Some(begins),
-        );
-        let (last, _) = write(&event(STOP), None, &process, &at, None);
+        let (first, at) = write(&event("start"), &process, &Position::first(), Some(begins));
+        let (last, _) = write(&event(STOP), &process, &at, None);
         let path = folder.join(format!("{process}-000001.jsonl"));
         std::fs::write(&path, [first, last].concat()).unwrap();
         path

@@ -1,36 +1,34 @@
 //! The thread that writes events, and the handle for those who record them.
 
-use std::collections::HashMap;
+use std::collections::HashSet;
 use std::fs::{File, OpenOptions};
 use std::hash::{BuildHasher as _, RandomState};
 use std::io::{self, Write as _};
-use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use futures_channel::oneshot;
 use jiff::Timestamp;
 
-use crate::bounded::{Bounded, Key};
-use crate::event::{Action, Event, EventKind, Outcome};
+use crate::event::{Action, Event, EventKind};
 use crate::found::others;
 use crate::line::{Begins, Position, STOP, write};
-
-/// Events of one kind by one person about one case within this time are one event with a count.
-pub const WINDOW: Duration = Duration::from_secs(300);
 
 /// Events that may wait for the disk. Beyond this it counts as full.
 const WAITING: usize = 4096;
 
-/// Events that are counted at a time; beyond this, each has a line of its own.
-const COUNTED: usize = 4096;
-
-/// How often a disk that is full is tried again, and windows are looked at.
+/// How often a disk that is full is tried again.
 const TICK: Duration = Duration::from_secs(1);
+
+/// What was looked at today is remembered up to this number; beyond it, lines of today are repeated.
+const LOOKED_AT: usize = 1 << 16;
+
+/// Seconds of a day.
+const DAY: i64 = 86_400;
 
 /// Where and how events are recorded.
 #[derive(Debug, Clone)]
@@ -39,8 +37,6 @@ pub struct Options {
     pub folder: PathBuf,
     /// The size beyond which another file is begun, in bytes.
     pub max_file_bytes: u64,
-    /// How long events of one kind are one event with a count; usually [`WINDOW`].
-    pub window: Duration,
 }
 
 /// An event cannot be recorded.
@@ -58,9 +54,25 @@ struct Inner {
     /// The last attempt to write has failed.
     is_full: Arc<AtomicBool>,
     /// Held for moments.
-    bounded: Mutex<Bounded>,
-    counted: Arc<AllCounted>,
+    looked_at: Mutex<LookedAt>,
     thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+/// Who has looked at what on a day: what events of this day say but for their times and addresses.
+#[derive(Debug, Default)]
+struct LookedAt {
+    day: i64,
+    events: HashSet<Daily>,
+}
+
+/// What makes two events of a day one.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+struct Daily {
+    object: &'static str,
+    who: Arc<str>,
+    project: Option<Arc<str>>,
+    case: Option<Arc<str>>,
+    study: Option<Arc<str>>,
 }
 
 #[derive(Debug)]
@@ -73,22 +85,7 @@ enum Message {
 #[derive(Debug)]
 struct Waiting {
     event: Event,
-    /// Whether it is counted together with those like it.
-    is_counted: bool,
-    /// The line of its start, if this is its count.
-    first: Option<u64>,
     done: Option<oneshot::Sender<()>>,
-}
-
-impl Waiting {
-    fn of(event: Event) -> Self {
-        Self {
-            event,
-            is_counted: false,
-            first: None,
-            done: None,
-        }
-    }
 }
 
 impl Audit {
@@ -98,16 +95,14 @@ impl Audit {
     /// If a file cannot be made in the folder.
     pub fn start(options: Options) -> io::Result<Self> {
         let is_full = Arc::new(AtomicBool::new(false));
-        let counted = Arc::new(AllCounted::default());
-        let writer = Writer::start(options, is_full.clone(), Arc::clone(&counted))?;
+        let writer = Writer::start(options, is_full.clone())?;
         let (sender, receiver) = sync_channel(WAITING);
         let thread = std::thread::Builder::new().name("audit".to_owned());
         let thread = thread.spawn(move || writer.run(&receiver))?;
         Ok(Self(Some(Arc::new(Inner {
             sender,
             is_full,
-            bounded: Mutex::new(Bounded::new()),
-            counted,
+            looked_at: Mutex::default(),
             thread: Mutex::new(Some(thread)),
         }))))
     }
@@ -118,98 +113,48 @@ impl Audit {
         inner.is_some_and(|inner| inner.is_full.load(Ordering::Acquire))
     }
 
-    /// Records an event within a second.
-    ///
-    /// # Errors
-    /// If nothing can be recorded at the moment.
-    pub fn record(&self, event: Event) -> Result<(), CannotRecord> {
-        self.send(Waiting::of(event))
-    }
-
-    /// Records an event within a second, unless one like it was recorded in the last five minutes: then it is counted, and a second
-    /// line with the count follows at their end.
-    ///
-    /// # Errors
-    /// If nothing can be recorded at the moment.
-    pub fn record_counted(&self, event: Event) -> Result<(), CannotRecord> {
-        // Most are only counted, which the writer need not be woken for.
-        if let Some(inner) = &self.0
-            && !self.is_full()
-            && inner.counted.add(&event)
-        {
-            return Ok(());
-        }
-        self.send(Waiting {
-            is_counted: true,
-            ..Waiting::of(event)
-        })
-    }
-
     /// Resolves once an event is on the disk.
     ///
     /// # Errors
     /// If it cannot be written.
-    pub async fn record_durable(&self, event: Event) -> Result<(), CannotRecord> {
-        if self.0.is_none() {
+    pub async fn record(&self, event: Event) -> Result<(), CannotRecord> {
+        let Some(inner) = &self.0 else {
             return Ok(());
+        };
+        if self.is_full() {
+            return Err(CannotRecord);
         }
         let (done, written) = oneshot::channel();
-        self.send(Waiting {
+        let waiting = Waiting {
+            event,
             done: Some(done),
-            ..Waiting::of(event)
-        })?;
+        };
+        let sent = inner.sender.try_send(Message::Record(Box::new(waiting)));
+        sent.map_err(|_| CannotRecord)?;
         written.await.map_err(|_dropped| CannotRecord)
     }
 
-    /// Records a refusal durably, if it is to be recorded: of many that are alike, ever fewer are. Its count is that of those that are alike
-    /// since one of them was last recorded; those that nobody has repeated for a while have a line together. A refusal stays one if it
-    /// cannot be recorded.
-    pub async fn record_refusal(&self, mut event: Event) {
-        let Some(inner) = &self.0 else {
-            return;
-        };
-        let due = inner.bounded().refusal(key_of(&event), Instant::now());
-        if let Some(due) = due {
-            if due.others > 0 {
-                let _ = self.record(other_refusals(due.others));
-            }
-            event.count = due.own;
-            let _ = self.record_durable(event).await;
-        }
-    }
-
-    /// Whether events like this one have failed so often in a row that they are counted ([`Audit::record_counted`]) until one succeeds.
-    pub fn is_failing(&self, event: &Event) -> bool {
-        let inner = self.0.as_ref();
-        inner.is_some_and(|inner| inner.bounded().fails(&key_of(event), Instant::now()))
-    }
-
-    /// Notes how an event ended, for [`Audit::is_failing`].
-    pub fn note_end(&self, event: &Event) {
-        if let Some(inner) = &self.0 {
-            let is_success = event.outcome == Outcome::Success;
-            let mut bounded = inner.bounded();
-            bounded.ended(key_of(event), is_success, Instant::now());
-        }
-    }
-
-    /// Records durably that somebody has signed in, if the last request with this name from this address was half a day ago.
+    /// Resolves once this event, or one of the same person about the same case, is on the disk with the date of today (UTC).
     ///
     /// # Errors
     /// If it cannot be written.
-    pub async fn record_sign_in(&self, event: Event) -> Result<(), CannotRecord> {
+    pub async fn record_daily(&self, event: Event) -> Result<(), CannotRecord> {
         let Some(inner) = &self.0 else {
             return Ok(());
         };
-        let key = key_of(&event);
-        if !inner.bounded().is_sign_in(key.clone(), Instant::now()) {
+        let daily = Daily {
+            object: event.object,
+            who: event.who.clone(),
+            project: event.project.clone(),
+            case: event.case.clone(),
+            study: event.study.clone(),
+        };
+        if inner.looked_at_today().events.contains(&daily) {
             return Ok(());
         }
-        let recorded = self.record_durable(event).await;
-        if recorded.is_err() {
-            inner.bounded().sign_out(&key);
-        }
-        recorded
+        self.record(event).await?;
+        inner.looked_at_today().events.insert(daily);
+        Ok(())
     }
 
     /// Writes what waits, and the last line. Later events cannot be recorded.
@@ -217,10 +162,6 @@ impl Audit {
         let Some(inner) = &self.0 else {
             return;
         };
-        let rest = inner.bounded().rest();
-        if rest > 0 {
-            let _ = self.record(other_refusals(rest));
-        }
         let mut thread = inner.thread.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(thread) = thread.take() {
             // An error of either means that the thread has ended.
@@ -228,108 +169,24 @@ impl Audit {
             let _ = thread.join();
         }
     }
-
-    fn send(&self, waiting: Waiting) -> Result<(), CannotRecord> {
-        let Some(inner) = &self.0 else {
-            return Ok(());
-        };
-        if self.is_full() {
-            return Err(CannotRecord);
-        }
-        let sent = inner.sender.try_send(Message::Record(Box::new(waiting)));
-        sent.map_err(|_| CannotRecord)
-    }
-}
-
-/// Refusals that are too few, or too many, for lines of their own.
-fn other_refusals(count: u64) -> Event {
-    let kind = EventKind::SecurityAlert;
-    Event {
-        outcome: Outcome::MinorFailure,
-        count,
-        ..Event::new(kind, Action::Execute, "other refusals", "isocortex")
-    }
-}
-
-fn key_of(event: &Event) -> Key {
-    (event.who.clone(), event.from, event.object)
 }
 
 impl Inner {
-    fn bounded(&self) -> MutexGuard<'_, Bounded> {
-        self.bounded.lock().unwrap_or_else(PoisonError::into_inner)
+    fn looked_at_today(&self) -> MutexGuard<'_, LookedAt> {
+        let today = Timestamp::now().as_second().div_euclid(DAY);
+        let looked_at = self.looked_at.lock();
+        let mut looked_at = looked_at.unwrap_or_else(PoisonError::into_inner);
+        looked_at.of_day(today);
+        looked_at
     }
 }
 
-/// What makes two events one.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-struct Alike {
-    kind: EventKind,
-    action: Action,
-    outcome: Outcome,
-    object: &'static str,
-    who: Arc<str>,
-    from: Option<IpAddr>,
-    project: Option<Arc<str>>,
-    case: Option<Arc<str>>,
-    study: Option<Arc<str>>,
-}
-
-impl Alike {
-    fn of(event: &Event) -> Self {
-        Self {
-            kind: event.kind,
-            action: event.action,
-            outcome: event.outcome,
-            object: event.object,
-            who: event.who.clone(),
-            from: event.from,
-            project: event.project.clone(),
-            case: event.case.clone(),
-            study: event.study.clone(),
-        }
-    }
-}
-
-/// Events that are counted.
-#[derive(Debug)]
-struct Counted {
-    event: Event,
-    /// The line of the first, once it is written.
-    first: u64,
-    since: Instant,
-}
-
-/// All events that are counted, since the first of each was given to the writer. Held for moments.
-#[derive(Debug, Default)]
-struct AllCounted(Mutex<HashMap<Alike, Counted>>);
-
-impl AllCounted {
-    fn lock(&self) -> MutexGuard<'_, HashMap<Alike, Counted>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Counts an event, unless it is the first of its kind.
-    fn add(&self, event: &Event) -> bool {
-        let mut counted = self.lock();
-        let known = counted.get_mut(&Alike::of(event));
-        if let Some(known) = known {
-            known.event.count += event.count;
-            return true;
-        }
-        false
-    }
-
-    /// Begins to count events like one, whose line is the first of them, unless there are too many.
-    fn begin(&self, event: &Event, first: u64) {
-        let mut counted = self.lock();
-        if counted.len() < COUNTED {
-            let begun = Counted {
-                event: event.clone(),
-                first,
-                since: Instant::now(),
-            };
-            counted.insert(Alike::of(event), begun);
+impl LookedAt {
+    /// Forgets what is of another day, and everything if there is too much.
+    fn of_day(&mut self, day: i64) {
+        if self.day != day || self.events.len() >= LOOKED_AT {
+            self.day = day;
+            self.events.clear();
         }
     }
 }
@@ -344,18 +201,11 @@ struct Writer {
     /// The bytes of whole lines in the file.
     length: u64,
     at: Position,
-    counted: Arc<AllCounted>,
     waiting: Vec<Waiting>,
-    /// Events that could not be written.
-    lost: u64,
 }
 
 impl Writer {
-    fn start(
-        options: Options,
-        is_full: Arc<AtomicBool>,
-        counted: Arc<AllCounted>,
-    ) -> io::Result<Self> {
+    fn start(options: Options, is_full: Arc<AtomicBool>) -> io::Result<Self> {
         let began = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
         let process = format!("{began}-{:08x}", RandomState::new().hash_one(0) as u32);
         let number = 1;
@@ -367,30 +217,17 @@ impl Writer {
             number,
             length: 0,
             at: Position::first(),
-            counted,
             waiting: Vec::new(),
-            lost: 0,
         };
-        writer.append(&[Waiting::of(writer.activity("start"))])?;
+        writer.append(&[activity("start")])?;
         Ok(writer)
-    }
-
-    /// An event of the record itself.
-    fn activity(&self, object: &'static str) -> Event {
-        Event::new(
-            EventKind::ApplicationActivity,
-            Action::Execute,
-            object,
-            "isocortex",
-        )
     }
 
     fn run(mut self, receiver: &Receiver<Message>) {
         loop {
-            let is_idle = self.counted.lock().is_empty() && !self.is_full.load(Ordering::Relaxed);
-            let next = match is_idle {
-                true => receiver.recv().map_err(|_| RecvTimeoutError::Disconnected),
-                false => receiver.recv_timeout(TICK),
+            let next = match self.is_full.load(Ordering::Relaxed) {
+                false => receiver.recv().map_err(|_| RecvTimeoutError::Disconnected),
+                true => receiver.recv_timeout(TICK),
             };
             let mut goes_on = match next {
                 Ok(message) => self.take(message),
@@ -401,10 +238,8 @@ impl Writer {
             while goes_on && let Ok(message) = receiver.try_recv() {
                 goes_on = self.take(message);
             }
-            self.close_windows(goes_on);
             if !goes_on {
-                let stop = Waiting::of(self.activity(STOP));
-                self.waiting.push(stop);
+                self.waiting.push(activity(STOP));
             }
             self.flush();
             if !goes_on {
@@ -415,50 +250,22 @@ impl Writer {
 
     /// Takes a message; `false` if it is the last one.
     fn take(&mut self, message: Message) -> bool {
-        let Message::Record(waiting) = message else {
-            return false;
-        };
-        if !waiting.is_counted {
-            self.waiting.push(*waiting);
-            return true;
+        match message {
+            Message::Record(waiting) => {
+                self.waiting.push(*waiting);
+                true
+            }
+            Message::Stop => false,
         }
-        // Others like it may have come first.
-        if self.counted.add(&waiting.event) {
-            return true;
-        }
-        let first = self.at.seq + self.waiting.len() as u64;
-        self.counted.begin(&waiting.event, first);
-        self.waiting.push(*waiting);
-        true
     }
 
-    /// Ends the counts whose time is over, or all.
-    fn close_windows(&mut self, goes_on: bool) {
-        let window = self.options.window;
-        let is_over = |counted: &Counted| !goes_on || counted.since.elapsed() >= window;
-        let over = |_: &Alike, counted: &mut Counted| is_over(counted);
-        let over: Vec<_> = self.counted.lock().extract_if(over).collect();
-        let counts = over.into_iter().map(|(_, counted)| counted);
-        let mut counts: Vec<_> = counts.filter(|counted| counted.event.count > 1).collect();
-        counts.sort_by_key(|counted| counted.first);
-        self.waiting
-            .extend(counts.into_iter().map(|counted| Waiting {
-                first: Some(counted.first),
-                ..Waiting::of(counted.event)
-            }));
-    }
-
-    /// Writes what waits. If the disk is full, it is tried again with each call.
+    /// Writes what waits. If the disk is full, it is tried again with each call; whoever waits is told, and does nothing.
     fn flush(&mut self) {
         let waiting = std::mem::take(&mut self.waiting);
         if self.is_full.load(Ordering::Relaxed) {
-            self.lost += waiting.len() as u64;
-            self.counted.lock().clear();
-            let mut again = self.activity("recorded again");
-            again.count = self.lost;
-            if self.append(&[Waiting::of(again)]).is_ok() {
-                tracing::info!(lost = self.lost, "the audit record is written again");
-                self.lost = 0;
+            drop(waiting);
+            if self.append(&[activity("recorded again")]).is_ok() {
+                tracing::info!("the audit record is written again");
                 self.is_full.store(false, Ordering::Release);
             }
             return;
@@ -478,11 +285,8 @@ impl Writer {
                     %error,
                     "the audit record cannot be written; what it must name is answered 507 until it can"
                 );
+                // Before those that wait hear it, because what they wait for is dropped.
                 self.is_full.store(true, Ordering::Release);
-                // Those that wait hear it, because what they wait for is dropped. They do nothing, so nothing of them is lost.
-                let lost = waiting.iter().filter(|waiting| waiting.done.is_none());
-                self.lost = lost.count() as u64;
-                self.counted.lock().clear();
             }
         }
     }
@@ -491,6 +295,11 @@ impl Writer {
     fn append(&mut self, waiting: &[Waiting]) -> io::Result<()> {
         if self.is_gone()? {
             self.begin_file()?;
+        } else if self.length >= self.options.max_file_bytes
+            && let Err(error) = self.begin_file()
+        {
+            // If there is no room for another file, this one grows.
+            tracing::warn!(%error, "another file of the audit record cannot be begun");
         }
         let (mut lines, mut at) = (Vec::new(), self.at.clone());
         let others = match self.length {
@@ -502,7 +311,7 @@ impl Writer {
                 file: self.number,
                 others: &others,
             });
-            let (line, next) = write(&one.event, one.first, &self.process, &at, begins);
+            let (line, next) = write(&one.event, &self.process, &at, begins);
             lines.extend(line);
             at = next;
         }
@@ -515,16 +324,10 @@ impl Writer {
         }
         self.length += lines.len() as u64;
         self.at = at;
-        if self.length >= self.options.max_file_bytes {
-            // If there is no room for another file, this one grows.
-            if let Err(error) = self.begin_file() {
-                tracing::warn!(%error, "another file of the audit record cannot be begun");
-            }
-        }
         Ok(())
     }
 
-    /// Goes on in another file.
+    /// Goes on in another file, which gets its first line at once.
     fn begin_file(&mut self) -> io::Result<()> {
         self.file = make_file(&self.options.folder, &self.process, self.number + 1)?;
         self.number += 1;
@@ -548,6 +351,15 @@ impl Writer {
     }
 }
 
+/// An event of the record itself.
+fn activity(object: &'static str) -> Waiting {
+    let kind = EventKind::ApplicationActivity;
+    Waiting {
+        event: Event::new(kind, Action::Execute, object, "isocortex"),
+        done: None,
+    }
+}
+
 fn path_of(folder: &Path, process: &str, number: u32) -> PathBuf {
     folder.join(format!("{process}-{number:06}.jsonl"))
 }
@@ -560,7 +372,7 @@ fn make_file(folder: &Path, process: &str, number: u32) -> io::Result<File> {
     Ok(file)
 }
 
-pub(crate) fn private() -> OpenOptions {
+fn private() -> OpenOptions {
     let mut options = OpenOptions::new();
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
@@ -568,7 +380,7 @@ pub(crate) fn private() -> OpenOptions {
 }
 
 /// Makes the name of a new file durable.
-pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
+fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) {
         File::open(folder)?.sync_all()?;
     }
@@ -588,13 +400,13 @@ pub fn check_folder(folder: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::found::files_in;
     use crate::verify;
 
     fn audit(folder: &Path, max_file_bytes: u64) -> Audit {
         let options = Options {
             folder: folder.to_owned(),
             max_file_bytes,
-            window: WINDOW,
         };
         Audit::start(options).unwrap()
     }
@@ -636,40 +448,80 @@ mod tests {
     fn a_durable_event_is_in_the_file_once_it_is_awaited() {
         let folder = tempfile::tempdir().unwrap();
         let audit = audit(folder.path(), 1 << 20);
-        wait(audit.record_durable(event("export"))).unwrap();
+        wait(audit.record(event("export"))).unwrap();
         assert_eq!(lines(folder.path())[1]["object"], "export");
         audit.shut_down();
-        assert!(audit.record(event("later")).is_err());
+        assert!(wait(audit.record(event("later"))).is_err());
     }
 
     #[test]
-    fn events_that_are_alike_are_one_with_a_count() {
+    fn who_looks_at_a_case_has_one_line_a_day() {
         let folder = tempfile::tempdir().unwrap();
         let audit = audit(folder.path(), 1 << 20);
-        for _ in 0..3 {
-            audit.record_counted(event("picture")).unwrap();
+        let looks_at = |case: &str| Event {
+            case: Some(case.into()),
+            ..event("case")
+        };
+        for case in ["1", "1", "2", "1"] {
+            wait(audit.record_daily(looks_at(case))).unwrap();
         }
-        audit.record_counted(event("case")).unwrap();
+        // Of yesterday.
+        let inner = audit.0.as_ref().unwrap();
+        inner.looked_at.lock().unwrap().day -= 1;
+        wait(audit.record_daily(looks_at("1"))).unwrap();
         audit.shut_down();
+        assert!(wait(audit.record_daily(looks_at("3"))).is_err());
         let lines = lines(folder.path());
-        let seen: Vec<_> = (lines.iter())
-            .map(|line| {
-                (
-                    line["object"].as_str().unwrap(),
-                    &line["count"],
-                    &line["first"],
-                )
-            })
-            .map(|(object, count, first)| (object, count.as_u64().unwrap(), first.as_u64()))
+        let cases: Vec<_> = lines
+            .iter()
+            .filter_map(|line| line["case"].as_str())
             .collect();
-        let expected = [
-            ("start", 1, None),
-            ("picture", 1, None),
-            ("case", 1, None),
-            ("picture", 3, Some(2)),
-            ("stop", 1, None),
-        ];
-        assert_eq!(seen, expected);
+        assert_eq!(cases, ["1", "2", "1"]);
+    }
+
+    #[test]
+    fn the_memory_of_a_day_is_bounded() {
+        let mut looked_at = LookedAt::default();
+        let daily = |number: usize| Daily {
+            object: "case",
+            who: "somebody".into(),
+            project: None,
+            case: Some(number.to_string().into()),
+            study: None,
+        };
+        looked_at.events.extend((0..LOOKED_AT - 1).map(daily));
+        looked_at.of_day(0);
+        assert_eq!(looked_at.events.len(), LOOKED_AT - 1);
+        looked_at.events.insert(daily(LOOKED_AT));
+        looked_at.of_day(0);
+        assert!(looked_at.events.is_empty());
+    }
+
+    #[test]
+    fn a_record_is_whole_after_each_event_and_a_file_begins_with_its_first_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let audit = audit(folder.path(), 3000);
+        for _ in 0..60 {
+            wait(audit.record(event("export"))).unwrap();
+            let verified = verify(folder.path()).unwrap();
+            assert_eq!(verified.breaks, []);
+            for file in std::fs::read_dir(folder.path()).unwrap() {
+                assert!(file.unwrap().metadata().unwrap().len() > 0);
+            }
+        }
+        assert!(verify(folder.path()).unwrap().files > 5);
+        // As if it were killed between the file and its first line.
+        let last = files_in(folder.path()).unwrap().0.pop_last().unwrap();
+        let next = path_of(folder.path(), &last.0, last.1.len() as u32 + 1);
+        std::fs::write(next, "").unwrap();
+        assert_eq!(verify(folder.path()).unwrap().breaks, []);
+        let later = Audit::start(Options {
+            folder: folder.path().to_owned(),
+            max_file_bytes: 3000,
+        })
+        .unwrap();
+        later.shut_down();
+        assert_eq!(verify(folder.path()).unwrap().breaks, []);
     }
 
     #[test]
@@ -677,7 +529,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let audit = audit(folder.path(), 1000);
         for _ in 0..20 {
-            wait(audit.record_durable(event("export"))).unwrap();
+            wait(audit.record(event("export"))).unwrap();
         }
         audit.shut_down();
         let verified = verify(folder.path()).unwrap();
@@ -709,17 +561,14 @@ mod tests {
         let audit = audit(&folder, 1 << 20);
         std::fs::rename(&folder, &away).unwrap();
         std::fs::remove_dir_all(&away).unwrap();
-        assert_eq!(
-            wait(audit.record_durable(event("export"))),
-            Err(CannotRecord)
-        );
-        assert!(audit.is_full() && audit.record(event("export")).is_err());
+        assert_eq!(wait(audit.record(event("export"))), Err(CannotRecord));
+        assert!(audit.is_full() && wait(audit.record(event("export"))).is_err());
         assert!(check_folder(&folder).is_err());
         std::fs::create_dir(&folder).unwrap();
         while audit.is_full() {
             std::thread::yield_now();
         }
-        wait(audit.record_durable(event("export"))).unwrap();
+        wait(audit.record(event("export"))).unwrap();
         let lines = lines(&folder);
         assert_eq!(lines[0]["object"], "recorded again");
         assert_eq!(lines[1]["object"], "export");
@@ -734,12 +583,9 @@ mod tests {
         let (folder, away) = (outer.path().join("audit"), outer.path().join("away"));
         std::fs::create_dir(&folder).unwrap();
         let audit = audit(&folder, 1 << 20);
-        wait(audit.record_durable(event("export"))).unwrap();
+        wait(audit.record(event("export"))).unwrap();
         std::fs::rename(&folder, &away).unwrap();
-        assert_eq!(
-            wait(audit.record_durable(event("export"))),
-            Err(CannotRecord)
-        );
+        assert_eq!(wait(audit.record(event("export"))), Err(CannotRecord));
         std::fs::create_dir(&folder).unwrap();
         while audit.is_full() {
             std::thread::yield_now();
@@ -763,9 +609,8 @@ mod tests {
     #[test]
     fn without_a_folder_nothing_is_recorded_and_nothing_refused() {
         let audit = Audit::default();
-        audit.record(event("picture")).unwrap();
-        wait(audit.record_durable(event("export"))).unwrap();
-        wait(audit.record_sign_in(event("sign-in"))).unwrap();
+        wait(audit.record_daily(event("case"))).unwrap();
+        wait(audit.record(event("export"))).unwrap();
         assert!(!audit.is_full());
         audit.shut_down();
     }

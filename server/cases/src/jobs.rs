@@ -110,38 +110,21 @@ pub async fn remove_expired(
     audit: &Audit,
     removal: Removal,
 ) -> Result<Expired, StoreError> {
-    let event = |outcome| Event {
-        outcome,
-        ..Event::new(
-            EventKind::StudyDeleted,
-            Action::Delete,
-            "expired case",
-            "isocortex",
-        )
-    };
     let may_go = |id: CaseId| async move {
-        let intended = Event {
+        let event = Event {
+            outcome: Outcome::Allowed,
             project: project_named(id.project().name()),
             case: Some(id.to_string().into()),
-            ..event(Outcome::Intended)
+            ..Event::new(
+                EventKind::StudyDeleted,
+                Action::Delete,
+                "expired case",
+                "isocortex",
+            )
         };
-        audit.record_durable(intended).await.is_ok()
+        audit.record(event).await.is_ok()
     };
-    let expired = store.remove_expired(removal, may_go).await?;
-    let removed = expired.removed;
-    if removed > 0 {
-        let done = Event {
-            count: removed as u64,
-            ..event(Outcome::Success)
-        };
-        if audit.record_durable(done).await.is_err() {
-            tracing::error!(
-                removed,
-                "the number of removed cases is not in the audit record"
-            );
-        }
-    }
-    Ok(expired)
+    store.remove_expired(removal, may_go).await
 }
 
 /// What happens once a day.
@@ -203,7 +186,7 @@ async fn clean_up(store: Store, audit: Audit, waiting: Arc<Daily>) {
 
 /// Forgets what came some days ago, and results that were sent then.
 async fn forget(store: Store, options: ArrivalOptions) {
-    if let Err(error) = store.forget(options.keep, options.keep_source).await {
+    if let Err(error) = store.forget(options.keep).await {
         tracing::warn!(
             error = &error as &dyn std::error::Error,
             "series and results of some days ago will be forgotten later"

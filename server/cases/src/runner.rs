@@ -125,7 +125,7 @@ impl From<StoreError> for Failed {
         );
         // Most messages of the store may contain paths.
         let detail = match &error {
-            StoreError::ClocksDiffer(_) | StoreError::NoKey(_) => error.to_string(),
+            StoreError::ClocksDiffer(_) => error.to_string(),
             _ => "the store failed; the log of the server has the details".to_owned(),
         };
         Self::ForNow(Failure::new(FailureKind::Internal, STORE_FAILED, detail))

@@ -29,9 +29,7 @@ pub enum Audited {
     No,
     /// A case was looked at.
     View,
-    /// Pictures of a case were drawn.
-    Picture,
-    /// Cases were listed or searched.
+    /// Cases were listed or searched, without the identity of a patient.
     Query,
     /// The identity of a patient was shown.
     Identity,
@@ -57,13 +55,12 @@ pub enum Audited {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum When {
     Never,
-    /// Soon after, together with those like it.
-    Counted,
-    /// Durably before the answer.
-    Before,
-    /// Durably before anything is done, and durably again before the answer.
-    Twice,
-    // Of these two, what has failed eight times in a row is counted until it succeeds.
+    /// Before the answer, once a day for each person and case.
+    Daily,
+    /// Before the answer, if that shows what was asked for.
+    BeforeAnswer,
+    /// Before anything is done, and again if it then fails.
+    BeforeDone,
 }
 
 impl Audited {
@@ -71,7 +68,6 @@ impl Audited {
         match self {
             Self::No => (EventKind::ApplicationActivity, Action::Read, "nothing"),
             Self::View => (EventKind::InstancesAccessed, Action::Read, "case"),
-            Self::Picture => (EventKind::InstancesAccessed, Action::Read, "picture"),
             Self::Query => (EventKind::Query, Action::Execute, "list"),
             Self::Identity => (EventKind::PatientRecord, Action::Read, "identity"),
             Self::Export => (EventKind::Export, Action::Read, "export"),
@@ -88,14 +84,15 @@ impl Audited {
     fn when(self) -> When {
         match self {
             Self::No => When::Never,
-            Self::View | Self::Picture | Self::Query | Self::Store => When::Counted,
-            Self::Identity | Self::Export => When::Before,
+            Self::View | Self::Query => When::Daily,
+            Self::Identity | Self::Export => When::BeforeAnswer,
             Self::Result
+            | Self::Store
             | Self::Upload
             | Self::Fetch
             | Self::Change
             | Self::Delete
-            | Self::Operation => When::Twice,
+            | Self::Operation => When::BeforeDone,
         }
     }
 }
@@ -108,19 +105,26 @@ pub struct StoredImages(pub BTreeMap<String, u64>);
 #[derive(Debug, Clone, Copy)]
 pub struct NamesPatient;
 
-/// Who asks for what, for the record.
-pub(crate) struct Witness {
+/// Who asks for what, and the record of it.
+pub(crate) struct Recorder {
     audit: Audit,
     who: Arc<str>,
     project: Option<Arc<str>>,
     from: Option<IpAddr>,
     route: Arc<str>,
     request: Option<Arc<str>>,
+    audited: Audited,
 }
 
-impl Witness {
+impl Recorder {
     /// What there is to record of a request by somebody.
-    pub(crate) fn new(audit: &Audit, who: &str, project: Project, request: &Request) -> Self {
+    pub(crate) fn new(
+        audit: &Audit,
+        who: &str,
+        project: Project,
+        audited: Audited,
+        request: &Request,
+    ) -> Self {
         let extensions = request.extensions();
         let path = extensions.get::<MatchedPath>();
         let path = path.map_or("", MatchedPath::as_str);
@@ -133,10 +137,11 @@ impl Witness {
             from: extensions.get::<Peer>().map(|peer| peer.0),
             route: format!("{} {path}", request.method()).into(),
             request: id.map(Into::into),
+            audited,
         }
     }
 
-    fn event(&self, kind: EventKind, action: Action, object: &'static str) -> Event {
+    fn event(&self, (kind, action, object): (EventKind, Action, &'static str)) -> Event {
         Event {
             from: self.from,
             project: self.project.clone(),
@@ -146,35 +151,20 @@ impl Witness {
         }
     }
 
-    /// Records that somebody has shown a right token.
-    pub(crate) async fn signs_in(&self) -> Result<(), AppError> {
-        let event = self.event(EventKind::UserAuthentication, Action::Execute, "sign-in");
-        in_time(self.audit.record_sign_in(event)).await
-    }
-
-    /// Records that somebody was refused.
-    pub(crate) async fn is_refused(&self, why: &AppError, has_token: bool) {
-        let (kind, object) = match why {
-            AppError::MissingScope { .. } => (EventKind::SecurityAlert, "missing scope"),
-            AppError::TokenEnded | AppError::SignInEnded => {
-                (EventKind::UserAuthentication, "ended token")
-            }
-            AppError::IssuerAway => (EventKind::UserAuthentication, "unverified token"),
-            AppError::ProxyRefused { .. } => (EventKind::UserAuthentication, "headers of a proxy"),
-            _ if has_token => (EventKind::UserAuthentication, "wrong token"),
-            _ => (EventKind::UserAuthentication, "no token"),
-        };
-        let event = Event {
-            outcome: Outcome::MinorFailure,
-            ..self.event(kind, Action::Execute, object)
-        };
-        // It is refused anyway.
-        let _ = tokio::time::timeout(LONGEST_WAIT, self.audit.record_refusal(event)).await;
+    /// Records that somebody may not change what they wanted to. Who may not look is in the log of the proxy.
+    pub(crate) async fn refuses(&self, request: Request) {
+        if self.audited.when() == When::BeforeDone {
+            let mut event = self.event(self.audited.event());
+            name_case(&mut event, request).await;
+            event.outcome = Outcome::MinorFailure;
+            // It is refused anyway.
+            let _ = self.record(event).await;
+        }
     }
 
     /// Answers a request, and records it.
-    pub(crate) async fn watch(self, audited: Audited, request: Request, next: Next) -> Response {
-        let when = audited.when();
+    pub(crate) async fn answer(self, request: Request, next: Next) -> Response {
+        let when = self.audited.when();
         if when == When::Never {
             return next.run(request).await;
         }
@@ -182,32 +172,30 @@ impl Witness {
         if self.audit.is_full() {
             return AppError::AuditFull.into_response();
         }
-        let (kind, action, object) = audited.event();
-        let mut event = self.event(kind, action, object);
+        let mut event = self.event(self.audited.event());
         let request = name_case(&mut event, request).await;
-        // Whoever goes on with what fails does not fill the disk.
-        let is_failing = self.audit.is_failing(&event);
-        if when == When::Twice {
-            let intended = Event {
-                outcome: Outcome::Intended,
-                ..event.clone()
-            };
-            let recorded = match is_failing {
-                true => self.audit.record_counted(counted(intended)).map_err(full),
-                false => in_time(self.audit.record_durable(intended)).await,
-            };
-            if let Err(full) = recorded {
+        if when == When::BeforeDone {
+            event.outcome = Outcome::Allowed;
+            if let Err(full) = self.record(event.clone()).await {
                 return full.into_response();
             }
         }
         let mut response = next.run(request).await;
         event.outcome = outcome_of(response.status());
-        name_new_case(&mut event, &response);
-        self.audit.note_end(&event);
-        if let Some(StoredImages(studies)) = response.extensions_mut().remove() {
-            return self.stored(event, studies, response);
+        match self.record_answer(event, &mut response).await {
+            Ok(()) => response,
+            Err(full) => full.into_response(),
         }
-        if let Some(NamesPatient) = response.extensions_mut().remove() {
+    }
+
+    /// Records how a request ended, as far as that is recorded.
+    async fn record_answer(&self, event: Event, response: &mut Response) -> Result<(), AppError> {
+        let is_success = event.outcome == Outcome::Success;
+        let extensions = response.extensions_mut();
+        if let Some(StoredImages(studies)) = extensions.remove() {
+            self.record_images(&event, studies).await?;
+        }
+        if extensions.remove::<NamesPatient>().is_some() && is_success {
             let (kind, action, object) = Audited::Identity.event();
             let identity = Event {
                 kind,
@@ -215,75 +203,56 @@ impl Witness {
                 object,
                 ..event.clone()
             };
-            if let Err(full) = in_time(self.audit.record_durable(identity)).await {
-                return full.into_response();
-            }
+            self.record(identity).await?;
         }
-        let is_counted = is_failing && event.outcome != Outcome::Success;
-        let recorded = match when {
-            When::Never => Ok(()),
-            When::Before | When::Twice if is_counted => {
-                self.audit.record_counted(counted(event)).map_err(full)
-            }
-            When::Counted => self.audit.record_counted(counted(event)).map_err(full),
-            When::Before => in_time(self.audit.record_durable(event)).await,
-            When::Twice => {
-                // That it was intended is on record, and it is done.
-                if in_time(self.audit.record_durable(event)).await.is_err() {
-                    tracing::error!("the end of what was intended is not in the audit record");
+        match self.audited.when() {
+            When::Daily if is_success => in_time(self.audit.record_daily(event)).await,
+            When::BeforeAnswer if is_success => self.record(event).await,
+            When::BeforeDone if is_success => match new_case(&event, response) {
+                Some(made) => self.record(made).await,
+                None => Ok(()),
+            },
+            When::BeforeDone => {
+                // It was not done, so the answer may go.
+                if self.record(event).await.is_err() {
+                    tracing::error!("the failure of what was allowed is not in the audit record");
                 }
                 Ok(())
             }
-        };
-        match recorded {
-            Ok(()) => response,
-            Err(full) => full.into_response(),
+            When::Never | When::Daily | When::BeforeAnswer => Ok(()),
         }
     }
-}
 
-impl Witness {
-    /// Records the images that a request has stored, for each study; and the request, if it failed or stored none.
-    fn stored(self, event: Event, studies: BTreeMap<String, u64>, response: Response) -> Response {
-        let of_study = |(study, &count): (&String, &u64)| Event {
-            outcome: Outcome::Success,
-            study: Some(digest_of_uid(study).into()),
-            count,
-            ..event.clone()
-        };
-        let mut events: Vec<_> = studies.iter().map(of_study).collect();
-        if event.outcome != Outcome::Success || events.is_empty() {
-            events.push(event);
+    /// Records the images of each study that a request has stored.
+    async fn record_images(
+        &self,
+        event: &Event,
+        studies: BTreeMap<String, u64>,
+    ) -> Result<(), AppError> {
+        for (study, count) in studies {
+            let of_study = Event {
+                outcome: Outcome::Success,
+                study: Some(digest_of_uid(&study).into()),
+                count: Some(count),
+                ..event.clone()
+            };
+            self.record(of_study).await?;
         }
-        let record = |event| self.audit.record_counted(counted(event));
-        match events.into_iter().try_for_each(record) {
-            Ok(()) => response,
-            Err(why) => full(why).into_response(),
-        }
+        Ok(())
     }
-}
 
-/// An event as it is counted together with others: it is no single request, and failures have no case, which may be none.
-fn counted(event: Event) -> Event {
-    let is_success = event.outcome == Outcome::Success;
-    Event {
-        route: None,
-        request: None,
-        case: event.case.filter(|_| is_success),
-        study: event.study.filter(|_| is_success),
-        ..event
+    async fn record(&self, event: Event) -> Result<(), AppError> {
+        in_time(self.audit.record(event)).await
     }
-}
-
-fn full(_: CannotRecord) -> AppError {
-    AppError::AuditFull
 }
 
 async fn in_time(
     recording: impl Future<Output = Result<(), CannotRecord>>,
 ) -> Result<(), AppError> {
     let recorded = tokio::time::timeout(LONGEST_WAIT, recording).await;
-    recorded.unwrap_or(Err(CannotRecord)).map_err(full)
+    recorded
+        .unwrap_or(Err(CannotRecord))
+        .map_err(|_| AppError::AuditFull)
 }
 
 fn outcome_of(status: StatusCode) -> Outcome {
@@ -311,12 +280,15 @@ async fn name_case(event: &mut Event, request: Request) -> Request {
     Request::from_parts(parts, body)
 }
 
-/// Adds the case that an upload has made.
-fn name_new_case(event: &mut Event, response: &Response) {
-    let made = response.headers().get(header::LOCATION);
-    let made = made.and_then(|made| made.to_str().ok()?.strip_prefix(CASES));
-    let made = made.and_then(|made| CaseId::parse(made.split('/').next()?));
-    if let (None, Some(id)) = (&event.case, made) {
-        event.case = Some(id.to_string().into());
-    }
+/// The event of the case that an upload has made, if it names none.
+fn new_case(upload: &Event, response: &Response) -> Option<Event> {
+    let made = response.headers().get(header::LOCATION)?;
+    let made = made.to_str().ok()?.strip_prefix(CASES)?;
+    let id = CaseId::parse(made.split('/').next()?)?;
+    upload.case.is_none().then(|| Event {
+        kind: EventKind::ProcedureRecord,
+        object: "new case",
+        case: Some(id.to_string().into()),
+        ..upload.clone()
+    })
 }

@@ -14,21 +14,19 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use case::Project;
 use cases::places::Identity;
 use futures_util::StreamExt as _;
 use tokio::sync::watch;
 
-use crate::audited::Witness;
+use crate::audited::Recorder;
 use crate::door::Connection;
 use crate::guesses::Guesses;
 use crate::listen::{Peer, client_of};
-use crate::oidc::{Issuer, SignedIn, as_token};
 use crate::origins::Origins;
 use crate::problem::AppError;
-use crate::proxy::SignInProxy;
+use crate::proxy::{ASKED_AGAIN_AFTER, SignInProxy};
 use crate::scopes::ScopeTable;
-use crate::tokens::{ANYBODY, Holder, Mismatch, NamedToken, Tokens};
+use crate::tokens::{Holder, Mismatch, NamedToken, Tokens};
 
 /// The fewest characters of a bearer token: 16 random ones cannot be guessed.
 pub const MIN_TOKEN_LENGTH: usize = 16;
@@ -48,8 +46,6 @@ const BASIC: HeaderValue = HeaderValue::from_static("Basic realm=\"isocortex\", 
 pub struct Access {
     /// `None` if none is required. All clones share them, because they can be replaced.
     tokens: Arc<watch::Sender<Option<Tokens>>>,
-    /// Whose tokens open beside these.
-    issuer: Option<Issuer>,
     /// Which headers of a proxy open beside these.
     proxy: Option<SignInProxy>,
     guesses: Arc<Guesses>,
@@ -89,12 +85,6 @@ impl Access {
         Self { origins, ..self }
     }
 
-    /// The same, for whoever has a token of an issuer too.
-    #[must_use]
-    pub fn with_issuer(self, issuer: Option<Issuer>) -> Self {
-        Self { issuer, ..self }
-    }
-
     /// The same, for whomever a proxy has signed in too.
     #[must_use]
     pub fn with_proxy(self, proxy: Option<SignInProxy>) -> Self {
@@ -104,11 +94,6 @@ impl Access {
     /// How people sign in by a proxy, if they do.
     pub fn proxy(&self) -> Option<&SignInProxy> {
         self.proxy.as_ref()
-    }
-
-    /// The issuer of tokens, if there is one.
-    pub fn issuer(&self) -> Option<&Issuer> {
-        self.issuer.as_ref()
     }
 
     /// The origins whose pages have access.
@@ -133,9 +118,8 @@ impl Access {
     /// What stands for somebody where places are shared; `None` if there is nobody else, for whom to leave any.
     fn identity_of(&self, holder: &Holder) -> Option<Identity> {
         let tokens = self.tokens.borrow();
-        let has_others = self.issuer.is_some()
-            || self.proxy.is_some()
-            || tokens.as_ref().is_some_and(|tokens| tokens.count() > 1);
+        let has_others =
+            self.proxy.is_some() || tokens.as_ref().is_some_and(|tokens| tokens.count() > 1);
         has_others.then(|| Identity::of(&holder.name))
     }
 
@@ -153,43 +137,31 @@ impl Access {
         }
     }
 
-    /// Who asks, by the headers of a proxy, if they are believed, or else by a token of this server or of the issuer; `None` if no token is
-    /// required.
-    async fn identify(
+    /// Who asks, by the headers of a proxy, if they are believed, or else by a token; `None` if no token is required.
+    fn identify(
         &self,
         headers: &HeaderMap,
         believes_proxy: bool,
     ) -> Result<Option<Opened>, AppError> {
         if let Some(proxy) = self.proxy.as_ref().filter(|_| believes_proxy)
-            && let Some(SignedIn { holder, ends }) = proxy.open(headers)?
+            && let Some(holder) = proxy.open(headers)?
         {
             return Ok(Some(Opened {
                 holder,
-                by: OpenedBy::Proxy { ends },
+                by: OpenedBy::Proxy,
             }));
         }
-        match (self.check_token(headers), &self.issuer) {
-            (Err(AppError::Unauthorized), Some(issuer)) => {
-                let given = given_token(headers).unwrap_or_default();
-                let token = as_token(&given).ok_or(AppError::Unauthorized)?;
-                let SignedIn { holder, ends } = issuer.open(token).await?;
-                Ok(Some(Opened {
-                    holder,
-                    by: OpenedBy::Issuer { ends },
-                }))
-            }
-            (checked, _) => Ok(checked?.map(|token| Opened {
-                holder: token.holder.clone(),
-                by: OpenedBy::Token(token),
-            })),
-        }
+        Ok(self.check_token(headers)?.map(|token| Opened {
+            holder: token.holder.clone(),
+            by: OpenedBy::Token(token),
+        }))
     }
 
     /// Resolves when a request would no longer open what this one has opened.
     async fn no_longer(self, opened: Opened) {
         match opened.by {
             OpenedBy::Token(token) => self.closed(token).await,
-            OpenedBy::Issuer { ends } | OpenedBy::Proxy { ends } => until(ends).await,
+            OpenedBy::Proxy => tokio::time::sleep(ASKED_AGAIN_AFTER).await,
         }
     }
 
@@ -247,18 +219,16 @@ struct Opened {
 enum OpenedBy {
     /// A token of this server, which may be withdrawn.
     Token(NamedToken),
-    /// A token of the issuer, which is right until its end.
-    Issuer { ends: SystemTime },
     /// The headers of a proxy, which is asked again after a while.
-    Proxy { ends: SystemTime },
+    Proxy,
 }
 
 impl OpenedBy {
     /// The header of a request for whose value alone a browser keeps an answer. It gets no header of a proxy, which knows people by a cookie.
     fn kept_for(&self) -> HeaderValue {
         HeaderValue::from_static(match self {
-            Self::Proxy { .. } => "cookie",
-            Self::Token(_) | Self::Issuer { .. } => "authorization",
+            Self::Proxy => "cookie",
+            Self::Token(_) => "authorization",
         })
     }
 }
@@ -403,8 +373,7 @@ pub struct Guard {
 /// are too long to be guessed at any rate. Handlers find the [`Holder`] in the extensions of the request.
 ///
 /// # Errors
-/// [`AppError::Unauthorized`], [`AppError::TokenEnded`]; those of a token of the issuer: [`AppError::TokenRefused`],
-/// [`AppError::SignInEnded`], [`AppError::IssuerAway`]; [`AppError::ProxyRefused`]; [`AppError::CrossSite`]; [`AppError::MissingScope`];
+/// [`AppError::Unauthorized`], [`AppError::TokenEnded`], [`AppError::ProxyRefused`], [`AppError::CrossSite`], [`AppError::MissingScope`],
 /// [`AppError::AuditFull`]; [`AppError::TooManyGuesses`] for one wrong token too soon after others; [`cases::Error::Busy`] if there are too many clients.
 pub async fn require_token(
     State(Guard {
@@ -428,7 +397,7 @@ pub async fn require_token(
     let believes_proxy = is_of_proxy && !is_cross_site;
     let identified = match is_cross_site && is_of_browser && !is_listed {
         true => Err(AppError::CrossSite),
-        false => access.identify(request.headers(), believes_proxy).await,
+        false => access.identify(request.headers(), believes_proxy),
     };
     let refusal = match identified {
         Ok(opened) => {
@@ -443,21 +412,17 @@ pub async fn require_token(
             let path = request.extensions().get::<MatchedPath>();
             let path = path.map_or("", MatchedPath::as_str);
             let (scope, audited) = scopes.row(request.method(), path);
-            let witness = Witness::new(&audit, &holder.name, holder.project, &request);
-            if opened.is_some() {
-                witness.signs_in().await?;
-            }
+            let recorder = Recorder::new(&audit, &holder.name, holder.project, audited, &request);
             if !holder.scopes.contains(&scope) {
-                let refusal = AppError::MissingScope { holder, scope };
-                witness.is_refused(&refusal, true).await;
-                return Err(refusal);
+                recorder.refuses(request).await;
+                return Err(AppError::MissingScope { holder, scope });
             }
             request.extensions_mut().insert(holder);
             if let Some(identity) = identity {
                 request.extensions_mut().insert(identity);
             }
             let client = client_of(request.extensions());
-            let answered = witness.watch(audited, request, next);
+            let answered = recorder.answer(request, next);
             let mut response = cases::for_client(client, answered).await;
             if let Some(opened) = &opened {
                 // A browser keeps answers for whoever has asked alone.
@@ -472,15 +437,8 @@ pub async fn require_token(
         Err(refusal) => refusal,
     };
     let has_token = given_token(request.headers()).is_some();
-    let witness = Witness::new(&audit, ANYBODY, Project::DEFAULT, &request);
-    witness.is_refused(&refusal, has_token).await;
-    // A request without a token is not a guess, nor is a token that was right or that somebody has signed.
-    let is_wrong = match refusal {
-        AppError::Unauthorized => true,
-        AppError::TokenRefused { is_signed, .. } => !is_signed,
-        _ => false,
-    };
-    let is_guess = is_wrong && has_token;
+    // A request without a token is not a guess, nor is a token that was right.
+    let is_guess = has_token && matches!(refusal, AppError::Unauthorized);
     let wait = match is_guess {
         true => access.guesses.record(Peer::of(&request)),
         false => None,

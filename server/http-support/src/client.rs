@@ -1,5 +1,4 @@
-//! The client by which the server asks others over HTTP: nodes of a PACS, and the issuer of tokens. Redirections are not
-//! followed.
+//! The client by which the server asks nodes of a PACS over HTTP. Redirections are not followed.
 
 use std::time::Duration;
 

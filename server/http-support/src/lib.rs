@@ -13,7 +13,6 @@ pub mod listen;
 pub mod logs;
 pub mod metrics;
 pub mod negotiate;
-pub mod oidc;
 pub mod origins;
 pub mod pace;
 pub mod problem;

@@ -16,7 +16,7 @@ const REQUEST_HEADERS: HeaderValue =
 
 /// What a page may read of an answer beside its body.
 const ANSWER_HEADERS: HeaderValue = HeaderValue::from_static(
-    "content-location, content-range, etag, location, retry-after, warning, x-isocortex-depth-clamped, \
+    "content-location, content-range, etag, location, retry-after, x-isocortex-depth-clamped, \
      x-isocortex-depth-mm, x-isocortex-quality, x-request-id",
 );
 

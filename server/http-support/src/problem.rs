@@ -110,27 +110,12 @@ pub enum AppError {
     /// The token was right and has ended.
     #[error("your token has ended; ask the administrator of this server for a new one")]
     TokenEnded,
-    /// A token of the issuer is not accepted.
-    #[error("the token was refused: {why}")]
-    TokenRefused {
-        why: &'static str,
-        /// Whether the issuer has signed it.
-        is_signed: bool,
-    },
     /// The headers of a proxy that signs people in are not accepted.
     #[error("the proxy in front of this server {why}; tell the administrator of this server")]
     ProxyRefused {
         /// What it did.
         why: &'static str,
     },
-    /// A token of the issuer has ended.
-    #[error("your sign-in has ended; sign in again")]
-    SignInEnded,
-    /// Nobody can say whether the issuer has signed a token.
-    #[error(
-        "the issuer of your token does not answer, so the token cannot be verified; try again in a moment"
-    )]
-    IssuerAway,
     /// The token does not permit this.
     #[error("the token `{}` may not do this: it lacks the scope `{scope}`", .holder.name)]
     MissingScope {
@@ -324,11 +309,8 @@ impl AppError {
                 (StatusCode::RANGE_NOT_SATISFIABLE, "range-not-satisfiable")
             }
             Self::Unauthorized => (StatusCode::UNAUTHORIZED, "unauthorized"),
-            Self::TokenRefused { .. } => (StatusCode::UNAUTHORIZED, "token-refused"),
             Self::ProxyRefused { .. } => (StatusCode::UNAUTHORIZED, "proxy-refused"),
             Self::TokenEnded => (StatusCode::UNAUTHORIZED, "token-ended"),
-            Self::SignInEnded => (StatusCode::UNAUTHORIZED, "sign-in-ended"),
-            Self::IssuerAway => (StatusCode::SERVICE_UNAVAILABLE, "issuer-away"),
             Self::MissingScope { .. } => (StatusCode::FORBIDDEN, "missing-scope"),
             Self::AuditFull => (StatusCode::INSUFFICIENT_STORAGE, "audit-full"),
             Self::TooManyGuesses { .. } => (StatusCode::TOO_MANY_REQUESTS, "too-many-guesses"),
@@ -448,15 +430,11 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
             header::WWW_AUTHENTICATE,
             HeaderValue::from_static("Bearer realm=\"isocortex\""),
         )),
-        AppError::TokenEnded | AppError::SignInEnded => Some((
+        AppError::TokenEnded => Some((
             header::WWW_AUTHENTICATE,
             HeaderValue::from_static(
                 "Bearer realm=\"isocortex\", error=\"invalid_token\", error_description=\"the token has ended\"",
             ),
-        )),
-        AppError::TokenRefused { .. } => Some((
-            header::WWW_AUTHENTICATE,
-            HeaderValue::from_static("Bearer realm=\"isocortex\", error=\"invalid_token\""),
         )),
         AppError::MissingScope { scope, .. } => {
             let challenge = format!(

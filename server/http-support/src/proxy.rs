@@ -5,22 +5,21 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use axum::http::{HeaderMap, HeaderName, HeaderValue};
 use case::Project;
 
-use crate::oidc::{Found, SignedIn, project_of, scopes_of};
 use crate::origins::Origins;
 use crate::problem::AppError;
-use crate::scopes::Role;
+use crate::scopes::{Role, Scope};
 use crate::tokens::{Holder, name_by};
 
 /// What the names of those begin with whom a proxy has signed in, so that none is the name of a token.
 pub const PREFIX: &str = "proxy:";
 
 /// The time after which an endless answer ends, so that the proxy is asked again who it is for.
-const AGAIN: Duration = Duration::from_secs(15 * 60);
+pub(crate) const ASKED_AGAIN_AFTER: Duration = Duration::from_secs(15 * 60);
 
 /// What Apache sends for a variable that has no value.
 const NOTHING: &[u8] = b"(null)";
@@ -135,7 +134,7 @@ impl SignInProxy {
     ///
     /// # Errors
     /// [`AppError::ProxyRefused`] if they name several people, or groups of several projects.
-    pub(crate) fn open(&self, headers: &HeaderMap) -> Result<Option<SignedIn>, AppError> {
+    pub(crate) fn open(&self, headers: &HeaderMap) -> Result<Option<Holder>, AppError> {
         let options = &self.0.options;
         let Some(user) = one(headers, &self.0.user)? else {
             return Ok(None);
@@ -163,14 +162,44 @@ impl SignInProxy {
             Found::None => (BTreeSet::new(), Project::DEFAULT),
             Found::Several => return Err(refused("names groups of more than one project")),
         };
-        Ok(Some(SignedIn {
-            holder: Holder {
-                name: name_by(PREFIX, user),
-                scopes,
-                project,
-            },
-            ends: SystemTime::now() + AGAIN,
+        Ok(Some(Holder {
+            name: name_by(PREFIX, user),
+            scopes,
+            project,
         }))
+    }
+}
+
+/// What the groups of somebody permit, by a table of the role of each. If it is empty, they are the names of roles.
+fn scopes_of(roles: &BTreeMap<String, Role>, groups: &[&str]) -> BTreeSet<Scope> {
+    let role = |group: &&str| match roles.is_empty() {
+        true => group.parse().ok(),
+        false => roles.get(*group).copied(),
+    };
+    let roles = groups.iter().filter_map(role);
+    roles.flat_map(Role::scopes).copied().collect()
+}
+
+/// The project of a person.
+enum Found {
+    One(Project),
+    None,
+    Several,
+}
+
+/// The project of somebody with these groups, by a table of the project of each. If it is empty, everybody belongs to the project without a name.
+fn project_of(projects: &BTreeMap<String, Project>, groups: &[&str]) -> Found {
+    if projects.is_empty() {
+        return Found::One(Project::DEFAULT);
+    }
+    let named: BTreeSet<_> = groups
+        .iter()
+        .filter_map(|&group| projects.get(group))
+        .collect();
+    match named.len() {
+        0 => Found::None,
+        1 => named.first().map_or(Found::None, |&&one| Found::One(one)),
+        _ => Found::Several,
     }
 }
 
@@ -214,7 +243,6 @@ fn is_place(text: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scopes::Scope;
 
     fn options() -> ProxyOptions {
         let [one, two] = ["one", "two"].map(|name| Project::parse(name).unwrap());
@@ -244,7 +272,7 @@ mod tests {
             map.append(name, HeaderValue::from_bytes(value.as_bytes()).unwrap());
         }
         let proxy = SignInProxy::new(options()).unwrap();
-        Ok(proxy.open(&map)?.map(|signed_in| signed_in.holder))
+        proxy.open(&map)
     }
 
     fn user(name: &str) -> Result<Option<Holder>, AppError> {
@@ -270,6 +298,16 @@ mod tests {
         }
         let found = named(&[("x-remote-user", "ana")]).unwrap().unwrap();
         assert!(found.scopes.is_empty());
+    }
+
+    #[test]
+    fn without_a_table_groups_are_names_of_roles_and_add_up() {
+        let of = |groups: &[&str]| scopes_of(&BTreeMap::new(), groups);
+        assert_eq!(
+            of(&["viewer", "pacs", "surgeon"]),
+            [Scope::Read, Scope::DicomStore].into()
+        );
+        assert!(of(&["Admin", ""]).is_empty());
     }
 
     #[test]
@@ -330,7 +368,7 @@ mod tests {
         let mut headers = HeaderMap::new();
         headers.insert("x-remote-user", HeaderValue::from_static("guests"));
         headers.insert("x-remote-groups", HeaderValue::from_static("readers"));
-        let found = proxy.open(&headers).unwrap().unwrap().holder;
+        let found = proxy.open(&headers).unwrap().unwrap();
         assert_eq!(found.scopes, [Scope::Read].into());
         let nobody = ProxyOptions {
             roles: BTreeMap::new(),

@@ -129,10 +129,10 @@ mod tests {
 
     #[test]
     fn a_name_that_is_stated_is_nobody_elses() {
-        let named = |stated: &str| name_by("oidc:", stated.as_bytes());
-        assert_eq!(&*named("u-17"), "oidc:u-17");
+        let named = |stated: &str| name_by("proxy:", stated.as_bytes());
+        assert_eq!(&*named("u-17"), "proxy:u-17");
         let long = named(&"x".repeat(500));
-        let digest = long.strip_prefix("oidc:").unwrap();
+        let digest = long.strip_prefix("proxy:").unwrap();
         assert_eq!(digest.len(), DIGEST_DIGITS);
         // Somebody who is called like the digest of somebody else.
         assert_ne!(named(digest), long);

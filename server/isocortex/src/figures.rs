@@ -8,8 +8,6 @@ use pacs::Pacs;
 use pacs::dimse::{AssociationCounts, Rejection};
 use storage::{Store, failures};
 
-use crate::collector::Progress;
-
 /// The clock ticks of `/proc` in a second, the same on every Linux.
 const TICKS: f64 = 100.0;
 
@@ -25,56 +23,6 @@ pub(crate) fn add_audit(metrics: &Metrics, audit: &Audit) {
         let full = full.with(&[], f64::from(u8::from(audit.is_full())));
         Box::pin(async { vec![full] })
     }));
-}
-
-/// Adds how far the audit record is sent to a collector.
-pub(crate) fn add_collector(metrics: &Metrics, progress: &Arc<Progress>) {
-    let progress = Arc::clone(progress);
-    metrics.add_source(Arc::new(move || {
-        let figures = sending(&progress);
-        Box::pin(async { figures })
-    }));
-}
-
-fn sending(progress: &Progress) -> Vec<Figure> {
-    let gauge = |name, help, value| Figure::gauge(name, help).with(&[], value);
-    let counter = |name, help, value| Figure::counter(name, help).with(&[], value);
-    let failures = Figure::counter(
-        "isocortex_audit_collector_failures",
-        "How often the audit record could not be sent to its collector, by the reason",
-    );
-    let by_reason = progress.failures().into_iter();
-    let failures = by_reason.fold(failures, |figure, (reason, count)| {
-        figure.with(&[("reason", reason)], count as f64)
-    });
-    vec![
-        gauge(
-            "isocortex_audit_collector_connected",
-            "Whether this process is connected to the collector of the audit record",
-            f64::from(u8::from(progress.is_connected())),
-        ),
-        counter(
-            "isocortex_audit_sent",
-            "Lines of the audit record sent to its collector, also those sent again",
-            progress.sent() as f64,
-        ),
-        counter(
-            "isocortex_audit_missing",
-            "Lines of the audit record that were removed or damaged before they were sent to its collector",
-            progress.missing() as f64,
-        ),
-        gauge(
-            "isocortex_audit_waiting_bytes",
-            "Bytes of the audit record that wait to be sent to its collector",
-            progress.waiting_bytes() as f64,
-        ),
-        gauge(
-            "isocortex_audit_lag_seconds",
-            "For how long something of the audit record has waited to be sent to its collector",
-            progress.lag().as_secs_f64(),
-        ),
-        failures,
-    ]
 }
 
 /// Adds the figures of the process and of the store.

@@ -1,7 +1,5 @@
 //! What `isocortex work` answers: whether it lives, whether its store can be used, and its metrics. No case, so no token.
 
-use std::sync::Arc;
-
 use axum::Router;
 use axum::extract::State;
 use axum::http::{StatusCode, header};
@@ -13,16 +11,12 @@ use http_support::metrics::{Metrics, OPEN_METRICS};
 use http_support::problem::AppError;
 use storage::Store;
 
-use crate::collector::Progress;
 use crate::figures;
 
-/// The routes of a worker on a store, which may send an audit record.
-pub(crate) fn routes(store: Store, sends: Option<&Arc<Progress>>) -> Router {
+/// The routes of a worker on a store.
+pub(crate) fn routes(store: Store) -> Router {
     let metrics = Metrics::new();
     figures::add_store(&metrics, &store);
-    if let Some(progress) = sends {
-        figures::add_collector(&metrics, progress);
-    }
     Router::new()
         .route("/healthz", get(|| async { "ok\n" }))
         .route("/readyz", get(readyz).with_state(store))

@@ -2,7 +2,6 @@
 
 pub mod again;
 pub mod cli;
-pub mod collector;
 pub mod config;
 mod figures;
 mod health;

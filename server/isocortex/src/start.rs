@@ -6,7 +6,6 @@ use std::time::{Duration, SystemTime};
 use axum::Router;
 use case::Project;
 use cases::{Cases, Library};
-use http_support::oidc::Issuer;
 use http_support::proxy::SignInProxy;
 use http_support::scopes::Role;
 use http_support::tokens::NamedToken;
@@ -15,7 +14,6 @@ use pacs::Pacs;
 use service::app::{Beside, app_beside};
 use service::state::{AppState, HttpOptions};
 
-use crate::collector::Sender;
 use crate::config::{Config, ConfigError, DICOM_UNPACKING, Network};
 
 /// Why a server cannot start.
@@ -70,7 +68,6 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         .map(|token| &*token.holder.name)
         .collect();
     let guard = match (access.wants_token(), named) {
-        (true, 0) if access.issuer().is_some() => "with the tokens of an issuer".to_owned(),
         (true, 0) if access.proxy().is_some() => "with the headers of a proxy".to_owned(),
         (true, 0) => "with a token".to_owned(),
         (true, 1) if ended.is_empty() => "with one named token".to_owned(),
@@ -89,9 +86,6 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         "listens on {scheme}://{} {guard}",
         config.http.listen
     ));
-    if let Some(issuer) = access.issuer() {
-        issuer_lines(issuer).into_iter().for_each(&mut say);
-    }
     if let Some(proxy) = access.proxy() {
         proxy_lines(config, proxy).into_iter().for_each(&mut say);
         checked.warnings.extend(proxy_warnings(config, proxy));
@@ -103,10 +97,6 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         true => format!("the store is in {place}"),
         false => format!("the store will be in {place}, which does not exist yet"),
     });
-    say(match location.keys.current() {
-        Some(key) => format!("its objects are encrypted with the key {key}"),
-        None => "its objects are not encrypted (`storage.key_file`)".to_owned(),
-    });
     say(format!(
         "processes that read files and prepare cases may use {} MiB together",
         children.bytes >> 20
@@ -114,12 +104,6 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
     match &config.audit.folder {
         Some(folder) => say(format!("who does what is recorded in {}", folder.display())),
         None => say("nothing is recorded of who does what (`audit.folder`)".to_owned()),
-    }
-    if let Some(collector) = config.collector()? {
-        say(format!(
-            "sends this record by syslog over TLS to {}, which nobody has asked yet (`isocortex audit test`)",
-            collector.address()
-        ));
     }
     for (what, place) in [("database", database), ("objects", objects)] {
         if let Some(place) = place {
@@ -142,36 +126,6 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         }
     }
     Ok(checked)
-}
-
-/// Whose tokens are accepted, who may do what in which project, and whether the page signs in.
-fn issuer_lines(issuer: &Issuer) -> Vec<String> {
-    let options = issuer.options();
-    let roles = &options.roles;
-    let page = match &options.client_id {
-        Some(client) => format!("the page signs in there as the client {client}"),
-        None => "the page does not sign in there: `oidc.client_id` is not set".to_owned(),
-    };
-    let projects = &options.projects;
-    let of_projects = project_words(&projects.projects).map(|words| {
-        format!(
-            "projects are read from the claim {}: {words}",
-            projects.claim
-        )
-    });
-    let lines = [
-        format!(
-            "accepts tokens of {} for {}, whom nobody has asked yet",
-            options.issuer, options.audience
-        ),
-        format!(
-            "roles are read from the claim {}: {}",
-            roles.claim,
-            role_words(&roles.roles)
-        ),
-        page,
-    ];
-    lines.into_iter().chain(of_projects).collect()
 }
 
 /// The roles of a table, in words.
@@ -292,22 +246,6 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
     Ok(AppState::new(Cases::open(cases).await?, options))
 }
 
-/// Begins to send the audit record to its collector, if there is one.
-///
-/// # Errors
-/// If the configuration is invalid, or nothing can be sent.
-pub fn sender(config: &Config) -> Result<Option<Sender>, ConfigError> {
-    let (Some(collector), Some(folder)) = (config.collector()?, &config.audit.folder) else {
-        return Ok(None);
-    };
-    let sender = Sender::start(folder, collector);
-    let sender = sender.map_err(|source| ConfigError::Audit {
-        folder: folder.clone(),
-        source,
-    })?;
-    Ok(Some(sender))
-}
-
 /// What images from a PACS go to, on the application that is served.
 ///
 /// # Errors
@@ -325,7 +263,6 @@ pub fn pacs(config: &Config, cases: &Cases) -> Result<Pacs, ConfigError> {
         },
         nodes: config.pacs.nodes()?,
         ignores_other_objects: config.pacs.ignore_other_objects,
-        serves_source: config.pacs.keep_source,
         shows_patient: config.shows_patient()?,
         time_zone: config.pacs.time_zone()?,
     };

@@ -1,6 +1,6 @@
 //! The PACS interface: images come by DICOMweb (STOW-RS) or DIMSE (C-STORE), or are fetched from configured nodes
 //! (QIDO-RS, WADO-RS), viewers of the PACS open cases by the UIDs of their studies, and results are sent back as DICOM
-//! objects.
+//! objects. It is no archive: what came is not found or retrieved here.
 //!
 //! Only the framing of messages is read in this process, by bounded parsers. Data sets are read by the limited child of
 //! `cases`.
@@ -8,11 +8,9 @@
 mod address;
 mod arrivals;
 mod background;
-mod described;
 pub mod dimse;
 mod error;
 mod fetch;
-mod held;
 mod hooks;
 mod launch;
 pub mod multipart;
@@ -20,11 +18,9 @@ pub mod node;
 mod node_tests;
 mod page;
 mod parts;
-mod query;
 mod rendered;
 mod results;
 mod retrievals;
-mod retrieve;
 mod send;
 mod state;
 mod stow;
@@ -55,69 +51,21 @@ const fn post(path: &'static str, scope: Scope, audited: Audited) -> Row {
 
 /// What a token must permit, and what is recorded, for each route.
 pub const SCOPES: &[Row] = &[
-    read("/dicomweb/studies", Audited::Identity),
     post("/dicomweb/studies", Scope::DicomStore, Audited::Store),
-    read("/dicomweb/series", Audited::Identity),
-    read("/dicomweb/instances", Audited::Identity),
-    read("/dicomweb/studies/{study}", Audited::Export),
     post(
         "/dicomweb/studies/{study}",
         Scope::DicomStore,
         Audited::Store,
     ),
-    read("/dicomweb/studies/{study}/metadata", Audited::Identity),
-    read("/dicomweb/studies/{study}/series", Audited::Identity),
-    read("/dicomweb/studies/{study}/instances", Audited::Identity),
-    read("/dicomweb/studies/{study}/rendered3D", Audited::Picture),
-    read("/dicomweb/studies/{study}/rendered3d", Audited::Picture),
-    read("/dicomweb/studies/{study}/series/{series}", Audited::Export),
-    read(
-        "/dicomweb/studies/{study}/series/{series}/metadata",
-        Audited::Identity,
-    ),
-    read(
-        "/dicomweb/studies/{study}/series/{series}/instances",
-        Audited::Query,
-    ),
+    read("/dicomweb/studies/{study}/rendered3D", Audited::View),
+    read("/dicomweb/studies/{study}/rendered3d", Audited::View),
     read(
         "/dicomweb/studies/{study}/series/{series}/rendered3D",
-        Audited::Picture,
+        Audited::View,
     ),
     read(
         "/dicomweb/studies/{study}/series/{series}/rendered3d",
-        Audited::Picture,
-    ),
-    read(
-        "/dicomweb/studies/{study}/series/{series}/rendered",
-        Audited::Picture,
-    ),
-    read(
-        "/dicomweb/studies/{study}/series/{series}/thumbnail",
-        Audited::Picture,
-    ),
-    read(
-        "/dicomweb/studies/{study}/series/{series}/instances/{instance}",
-        Audited::Export,
-    ),
-    read(
-        "/dicomweb/studies/{study}/series/{series}/instances/{instance}/metadata",
-        Audited::Identity,
-    ),
-    read(
-        "/dicomweb/studies/{study}/series/{series}/instances/{instance}/rendered",
-        Audited::Picture,
-    ),
-    read(
-        "/dicomweb/studies/{study}/series/{series}/instances/{instance}/thumbnail",
-        Audited::Picture,
-    ),
-    read(
-        "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}",
-        Audited::Export,
-    ),
-    read(
-        "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}/rendered",
-        Audited::Picture,
+        Audited::View,
     ),
     // A notice of a PACS, which fetches a series.
     post("/hooks/orthanc", Scope::DicomStore, Audited::Fetch),
@@ -149,19 +97,6 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
     let (routes, description) = OpenApiRouter::new()
         .routes(routes!(stow::store_study))
         .routes(routes!(stow::store_in_study))
-        .routes(routes!(query::studies))
-        .routes(routes!(query::all_series))
-        .routes(routes!(query::all_instances))
-        .routes(routes!(query::series_of_study))
-        .routes(routes!(query::instances_of_study))
-        .routes(routes!(query::instances_of_series))
-        .routes(routes!(retrieve::study))
-        .routes(routes!(retrieve::series))
-        .routes(routes!(retrieve::instance))
-        .routes(routes!(retrieve::study_metadata))
-        .routes(routes!(retrieve::series_metadata))
-        .routes(routes!(retrieve::instance_metadata))
-        .routes(routes!(retrieve::frames))
         .routes(routes!(arrivals::list_arrivals))
         .routes(routes!(arrivals::get_arrival, arrivals::take_arrival))
         .routes(routes!(
@@ -175,11 +110,6 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
         .routes(routes!(hooks::stable_series))
         .routes(routes!(rendered::of_study))
         .routes(routes!(rendered::of_series))
-        .routes(routes!(rendered::picture_of_series))
-        .routes(routes!(rendered::thumbnail_of_series))
-        .routes(routes!(rendered::picture_of_instance))
-        .routes(routes!(rendered::thumbnail_of_instance))
-        .routes(routes!(rendered::picture_of_frame))
         .routes(routes!(launch::find_launched))
         .routes(routes!(page::get_pacs))
         .routes(routes!(node_tests::test_node))

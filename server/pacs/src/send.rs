@@ -117,7 +117,7 @@ impl TransferError for SendError {
     }
 }
 
-/// Sends a result, and records it before and after.
+/// Sends a result, and records it before, and again if it fails.
 async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
     let event = |outcome| Event {
         outcome,
@@ -132,16 +132,17 @@ async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
         )
     };
     let audit = pacs.cases().audit();
-    let intended = audit.record_durable(event(Outcome::Intended)).await;
-    intended.map_err(|_| SendError::NotRecorded)?;
+    let allowed = audit.record(event(Outcome::Allowed)).await;
+    allowed.map_err(|_| SendError::NotRecorded)?;
     let sent = send(pacs, result).await;
-    let outcome = match &sent {
-        Ok(()) => Outcome::Success,
-        Err(SendError::Node(_) | SendError::Store) => Outcome::SeriousFailure,
-        Err(_) => Outcome::MinorFailure,
-    };
-    if audit.record_durable(event(outcome)).await.is_err() {
-        tracing::error!("the end of a delivery is not in the audit record");
+    if let Err(error) = &sent {
+        let outcome = match error {
+            SendError::Node(_) | SendError::Store => Outcome::SeriousFailure,
+            _ => Outcome::MinorFailure,
+        };
+        if audit.record(event(outcome)).await.is_err() {
+            tracing::error!("the failure of a delivery is not in the audit record");
+        }
     }
     sent
 }

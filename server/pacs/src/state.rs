@@ -27,8 +27,6 @@ pub struct Options {
     pub nodes: Vec<Node>,
     /// Whether objects that are no images are accepted and not kept.
     pub ignores_other_objects: bool,
-    /// Whether the images that cases were made of are served.
-    pub serves_source: bool,
     /// Whether the page shows the patient.
     pub shows_patient: bool,
     /// The zone of the scanners' dates and times, if it is known.
@@ -119,10 +117,6 @@ impl Pacs {
 
     pub(crate) fn ignores_other_objects(&self) -> bool {
         self.inner.options.ignores_other_objects
-    }
-
-    pub(crate) fn serves_source(&self) -> bool {
-        self.inner.options.serves_source
     }
 
     /// Refuses what needs the identity of a patient, if none is kept.

@@ -21,7 +21,7 @@ use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 
 const DICOM: &str = "application/dicom";
-pub(crate) const DICOM_JSON: &str = "application/dicom+json";
+const DICOM_JSON: &str = "application/dicom+json";
 
 /// The most images in a request.
 const MAX_INSTANCES: usize = 20_000;
@@ -149,7 +149,7 @@ fn boundary(headers: &HeaderMap) -> Result<String, AppError> {
 }
 
 /// Refuses a request that accepts no DICOM JSON.
-pub(crate) fn refuse_other_answers(headers: &HeaderMap) -> Result<(), AppError> {
+fn refuse_other_answers(headers: &HeaderMap) -> Result<(), AppError> {
     let accepted = headers.get_all(header::ACCEPT).iter();
     let mut accepted = accepted
         .filter_map(|value| value.to_str().ok())
@@ -340,7 +340,7 @@ impl Report {
             item["00081196"] = element("US", reason);
             self.has_warnings = true;
         }
-        // Stored images cannot be retrieved from here.
+        // Nothing can be retrieved from here.
         item["00081190"] = json!({ "vr": "UR" });
         self.stored.push(item);
     }

@@ -17,13 +17,11 @@ use crate::state::{AppState, FrameAncestors, GuardAll};
 use http_support::auth::{self, Access};
 use http_support::logs::{self, MakeId, REQUEST_ID};
 use http_support::metrics::Metrics;
-use http_support::oidc::Issuer;
 use http_support::origins;
 use http_support::problem::AppError;
 use http_support::scopes::Row;
 
-/// What the page may load, and in whose frames it may stand: its own, and those of the configuration. The issuer by whom people sign in
-/// is added to it.
+/// What the page may load, and in whose frames it may stand: its own, and those of the configuration.
 const CONTENT_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
      connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'";
 
@@ -64,7 +62,7 @@ pub fn app(state: AppState) -> Router {
 pub fn app_beside(state: AppState, beside: Beside) -> Router {
     let (routes, openapi) = routes::all(&state);
     let mut description = beside.description;
-    routes::guarded::describe(&mut description, &Access::from_ref(&state));
+    routes::guarded::describe(&mut description);
     let guard = routes::guard(&state, beside.scopes);
     let guard = middleware::from_fn_with_state(guard, auth::require_token);
     let guarded = beside.guarded.route_layer(guard);
@@ -74,7 +72,7 @@ pub fn app_beside(state: AppState, beside: Beside) -> Router {
 
 fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Router {
     let (access, metrics) = (Access::from_ref(&state), Metrics::from_ref(&state));
-    let policy = content_policy(&FrameAncestors::from_ref(&state), access.issuer());
+    let policy = content_policy(&FrameAncestors::from_ref(&state));
     let mut documents = routes::documents::written(openapi);
     if GuardAll::from_ref(&state).0 {
         let guard = routes::guard(&state, routes::scopes::SCOPES);
@@ -106,14 +104,8 @@ fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Route
         .with_state(state)
 }
 
-fn content_policy(ancestors: &FrameAncestors, issuer: Option<&Issuer>) -> HeaderValue {
-    let mut policy = CONTENT_POLICY.to_owned();
-    // Only if the page signs in by it.
-    if let Some(issuer) = issuer.filter(|issuer| issuer.options().client_id.is_some()) {
-        let connects = format!("connect-src 'self' {}", issuer.origin());
-        policy = policy.replace("connect-src 'self'", &connects);
-    }
-    let mut policy = policy.into_bytes();
+fn content_policy(ancestors: &FrameAncestors) -> HeaderValue {
+    let mut policy = CONTENT_POLICY.as_bytes().to_vec();
     for origin in ancestors.0.iter() {
         policy.push(b' ');
         policy.extend(origin.as_bytes());

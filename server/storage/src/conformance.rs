@@ -1,4 +1,4 @@
-//! Checks of a store: one suite, for SQLite in memory, in a file and with encrypted objects, and for PostgreSQL.
+//! Checks of a store: one suite, for SQLite in memory and in a file, and for PostgreSQL.
 
 mod arrivals;
 mod findings;
@@ -26,8 +26,8 @@ use super::jobs::{JobQuery, NewJob, Release};
 use super::objects::Objects;
 use super::rows::{Inserted, NewCase, Pinned, Published, Referred, Sweep};
 use super::sql::Rows;
-use super::testing::{add_key, claim, facts, failure, name, new_case, pinned};
-use super::{Keys, ObjectName, Options, Store, StoreError};
+use super::testing::{claim, facts, failure, name, new_case, pinned};
+use super::{ObjectName, Options, Store, StoreError};
 
 /// The lease of jobs in these checks.
 const LEASE: Duration = Duration::from_secs(30);
@@ -52,20 +52,6 @@ impl Subject {
 
     pub(crate) async fn in_memory() -> Self {
         Self::new(Rows::in_memory().await.unwrap(), ())
-    }
-
-    /// With objects that are encrypted.
-    async fn encrypted() -> Self {
-        let directory = tempfile::tempdir().unwrap();
-        let file = directory.path().join("keys");
-        add_key(&file);
-        let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
-        let objects = objects.with_keys(Keys::read(&file).unwrap());
-        let rows = Rows::in_memory().await.unwrap();
-        Self {
-            store: Store::on(rows, objects, Options::default()).unwrap(),
-            _keep: Box::new(directory),
-        }
     }
 
     async fn in_a_file() -> Self {
@@ -184,7 +170,6 @@ pub(crate) use conformance;
 conformance! {
     memory: Subject::in_memory,
     file: Subject::in_a_file,
-    encrypted: Subject::encrypted,
 }
 
 async fn insert(store: &Store, contents: &str) -> NewCase {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use crate::directory::OtherUser;
-use crate::objects::{BUCKET, KeyId, ObjectError};
+use crate::objects::{BUCKET, ObjectError};
 use sqlx::error::DatabaseError;
 
 /// The codes for a full disk: SQLite's (sqlite.org/rescode.html) and PostgreSQL's.
@@ -88,12 +88,6 @@ pub enum StoreError {
         "the object store refuses the requests of this machine because their clocks differ; set the clock of this machine"
     )]
     ClocksDiffer(#[source] Box<dyn std::error::Error + Send + Sync>),
-    /// Objects are encrypted with a key that is not here.
-    #[error(
-        "objects of the store are encrypted with the key {0}, which this program does not have: name the file with that key \
-         in `storage.key_file` (`--key-file`), or add the key to the file"
-    )]
-    NoKey(KeyId),
     /// The objects cannot be read or written.
     #[error("the object store failed")]
     Objects(#[source] Box<dyn std::error::Error + Send + Sync>),
@@ -117,10 +111,10 @@ pub fn unless_missing<T>(read: Result<Option<T>, StoreError>) -> Result<Option<T
 }
 
 impl StoreError {
-    /// Whether the database or the object store is unreachable at the moment, or a key is missing that somebody can add.
+    /// Whether the database or the object store is unreachable at the moment.
     pub fn is_away(&self) -> bool {
         let cause = match self {
-            Self::ClocksDiffer(_) | Self::NoKey(_) => return true,
+            Self::ClocksDiffer(_) => return true,
             Self::Rows(cause) | Self::Objects(cause) => cause,
             _ => return false,
         };
@@ -229,7 +223,6 @@ impl From<ObjectError> for StoreError {
             }
             ObjectError::Store(source) => Self::Objects(source),
             ObjectError::Disk(source) => Self::Disk(source),
-            ObjectError::NoKey(key) => Self::NoKey(key),
             ObjectError::Stopped(source) => Self::Stopped(source),
         }
     }

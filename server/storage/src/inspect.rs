@@ -85,8 +85,6 @@ pub struct Inspected {
     pub objects: u64,
     /// Bytes of their payloads, unpacked.
     pub bytes: u64,
-    /// Of the objects, those that are encrypted with another key than new ones, or, if these are encrypted, not at all.
-    pub to_rekey: u64,
 }
 
 /// The state of an object.
@@ -221,10 +219,9 @@ impl Store {
         inspected: &mut Inspected,
     ) -> Result<Found, StoreError> {
         inspected.objects += 1;
-        match self.objects().read(name).await {
-            Ok(whole) => {
-                inspected.bytes += whole.payload.len() as u64;
-                inspected.to_rekey += u64::from(whole.key != self.objects().keys().current());
+        match self.objects().get(name).await {
+            Ok(payload) => {
+                inspected.bytes += payload.len() as u64;
                 Ok(Found::Sound)
             }
             Err(Unreadable::Missing) => Ok(Found::Missing),

@@ -46,7 +46,6 @@ mod page;
 mod pinned;
 mod publish;
 mod receive;
-mod rekey;
 pub mod results;
 mod rows;
 mod signals;
@@ -87,12 +86,11 @@ pub use self::layers::{LayerUpload, SubmittedLayer};
 pub use self::location::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 pub use self::manifest::{Manifest, Manifested};
 pub use self::objects::{
-    BadKeys, Framed, KeyId, Keys, ObjectError, ObjectName, Spool, Spooled, Unreadable, frame,
-    keep_private, open_to_others,
+    Framed, ObjectError, ObjectName, Spool, Spooled, Unreadable, frame, keep_private,
+    open_to_others,
 };
 pub use self::page::{Cursor, Page};
 pub use self::publish::{Attempt, Publisher, frame_all};
-pub use self::rekey::Rekeyed;
 pub use self::rows::{DueSeries, Known, LayerChange, LayerName, Pinned, Published, RowCounts};
 pub use self::signals::{Count, Counters, ImageStatus, Signals};
 pub use self::submit::{NewMask, Submitted, Upload, Version};
@@ -107,9 +105,6 @@ const SWEEP_LEASE: Duration = Duration::from_secs(60);
 /// How long a sweep deletes objects: far less than its lease, so that no deletion of its own comes after somebody else
 /// has taken the tombstones over and the objects were written again.
 const SWEEP_FOR: Duration = Duration::from_secs(30);
-
-/// How long the object store may take at the start to say which keys there must be.
-const KEYS_WITHIN: Duration = Duration::from_secs(5);
 
 /// How long to wait before the next attempt to receive changes.
 const LISTEN_AGAIN_AFTER: Duration = Duration::from_secs(1);
@@ -241,7 +236,6 @@ impl Store {
         let place = Directory::open::<StoreError>(folder, forget_dead_holders).await?;
         let rows = open_rows(location).await?;
         let objects = open_objects(location)?;
-        check_keys(&objects).await?;
         let sweeps = options.sweeps_at_start;
         let store = Self::new(rows, objects, Place::Directory(place), options);
         if sweeps {
@@ -610,25 +604,8 @@ async fn open_rows(location: &Location) -> Result<Rows, StoreError> {
     }
 }
 
-/// Checks that there is every key with which objects may be encrypted. If the object store is away, reading says it later.
-async fn check_keys(objects: &Objects) -> Result<(), StoreError> {
-    let named = match tokio::time::timeout(KEYS_WITHIN, objects.named_keys()).await {
-        Ok(Ok(named)) => named,
-        Ok(Err(error)) => match StoreError::from(error) {
-            away if away.is_away() => return Ok(()),
-            error => return Err(error),
-        },
-        Err(_elapsed) => return Ok(()),
-    };
-    let ring = objects.keys().ring();
-    match named.into_iter().find(|&key| ring.find(key).is_none()) {
-        Some(missing) => Err(StoreError::NoKey(missing)),
-        None => Ok(()),
-    }
-}
-
 fn open_objects(location: &Location) -> Result<Objects, StoreError> {
-    let objects = match &location.objects {
+    Ok(match &location.objects {
         None => Objects::in_directory(&location.folder.join("objects"))?,
         Some(ObjectsAddress::Folder(folder)) => {
             let objects = Objects::in_directory(folder)?;
@@ -637,8 +614,7 @@ fn open_objects(location: &Location) -> Result<Objects, StoreError> {
             objects
         }
         Some(ObjectsAddress::Bucket { bucket, prefix }) => Objects::in_bucket(bucket, prefix)?,
-    };
-    Ok(objects.with_keys(location.keys.clone()))
+    })
 }
 
 fn rows_file(root: &Path) -> std::path::PathBuf {

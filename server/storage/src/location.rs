@@ -7,7 +7,7 @@ use sqlx::postgres::{PgConnectOptions, PgSslMode};
 
 use super::environment::variable;
 use super::sql::Rows;
-use super::{Keys, StoreError, rows_file};
+use super::{StoreError, rows_file};
 
 /// The accepted parameters of the address of a PostgreSQL database. Others are rejected, because sqlx would log them.
 const POSTGRES_PARAMETERS: [&str; 12] = [
@@ -35,8 +35,6 @@ pub struct Location {
     pub database: Option<DatabaseAddress>,
     /// The objects, unless they are in `objects` in the folder.
     pub objects: Option<ObjectsAddress>,
-    /// The keys with which its objects are encrypted.
-    pub keys: Keys,
 }
 
 impl From<&Path> for Location {
@@ -45,7 +43,6 @@ impl From<&Path> for Location {
             folder: folder.to_owned(),
             database: None,
             objects: None,
-            keys: Keys::default(),
         }
     }
 }

@@ -17,22 +17,6 @@ pub struct ResultSeries {
     /// The class of the result.
     pub sop_class_uid: Uid,
     pub series_uid: Uid,
-    /// Its number in the study.
-    pub number: u32,
-    /// What viewers show in their list.
-    pub description: String,
-}
-
-/// A result that a search finds.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct HeldResult {
-    /// The case that it was made from.
-    pub case: CaseId,
-    /// The result.
-    pub instance: Uid,
-    pub series: ResultSeries,
-    /// The object with its file.
-    pub object: ObjectName,
 }
 
 /// A result to be sent.
@@ -66,7 +50,7 @@ pub(super) fn object(digest: blake3::Hash) -> ObjectName {
     }
 }
 
-/// Why a result that was sent does not count any more. Searches do not list it.
+/// Why a result that was sent does not count any more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NotValid {
     /// A rejection note of ours has withdrawn it.

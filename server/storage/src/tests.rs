@@ -3,7 +3,6 @@
 mod attempts;
 mod inspect;
 mod publish;
-mod rekey;
 mod sweep;
 
 use std::path::Path;

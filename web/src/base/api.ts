@@ -1,11 +1,10 @@
-// The server's interface. A token that was typed lives in this module's memory alone; that of a session in the storage of the tab.
+// The server's interface. A token lives in this module's memory alone.
 
 import type { Case, ProblemBody } from "../model/case.ts";
 import type { Layer, LayerList } from "../model/layers.ts";
 import type { CandidateList, ListingMap } from "../model/maps.ts";
 import type { PartName } from "../model/surfaces.ts";
 import { wait } from "./patience.ts";
-import { renewed, session } from "./session.ts";
 
 let token = "";
 let askForToken: Ask = async () => "";
@@ -37,10 +36,7 @@ export interface Refusal {
   readonly hadToken: boolean;
 }
 
-/**
- * Resolves to the token that the user typed, to nothing once there is a session, or none, and to null if a proxy may know the user
- * by now.
- */
+/** Resolves to the token that the user typed, empty if none, and to null if a proxy may know the user by now. */
 type Ask = (refusal: Refusal) => Promise<string | null>;
 
 /** `ask` is called whenever the server answers 401. */
@@ -75,10 +71,7 @@ async function knock(): Promise<void> {
   }
 }
 
-/** What is sent: a token that was typed, or else that of the session. */
-const bearer = (): string => token || (session()?.access ?? "");
-
-const authorization = (): Record<string, string> => (bearer() ? { authorization: `Bearer ${bearer()}` } : {});
+const authorization = (): Record<string, string> => (token ? { authorization: `Bearer ${token}` } : {});
 
 /** Leaves a token that was typed to the next page, which asks nobody a second time, and what this one shows. */
 export function handOver(): void {
@@ -95,18 +88,15 @@ export function takeHanded(): { readonly token: string; readonly left: string } 
 }
 
 /** Waits for another token than the one `sent` where `problem` is a 401; true when it is worth trying again. */
-async function tokenEntered(problem: unknown, sent: string, isFirst: boolean): Promise<boolean> {
+async function tokenEntered(problem: unknown, sent: string): Promise<boolean> {
   if (!(problem instanceof Problem) || problem.status !== 401) return false;
-  // What the server does not accept for another reason than its age, or once more, would not be accepted the next time either.
-  const isOld = isFirst && problem.kind === "sign-in-ended";
   // Another request may have brought a token in the meantime.
-  if (bearer() === sent && isOld) await renewed(sent);
-  if (bearer() === sent) {
+  if (token === sent) {
     const entered = await askForToken({ problem, hadToken: sent !== "" });
     if (entered === null) return true;
     token = entered;
   }
-  return bearer() !== "";
+  return token !== "";
 }
 
 /** Whose token it is, what it permits, and in which project, if that has a name. */
@@ -116,6 +106,16 @@ export interface Holder {
   readonly project?: string;
   /** Where the proxy signs out whom it has signed in. */
   readonly sign_out?: string;
+}
+
+/** Whether the page was loaded through a proxy that signs people in; false if the server does not say. */
+export async function isBehindProxy(): Promise<boolean> {
+  try {
+    const answer = await fetch("sign-in", { cache: "no-store" });
+    return ((await answer.json()) as { readonly by_proxy?: boolean }).by_proxy === true;
+  } catch {
+    return false;
+  }
 }
 
 const BY_PROXY = "proxy:";
@@ -133,9 +133,8 @@ export async function getHolder(): Promise<Holder> {
 
 /** A successful answer; anything else is a `Problem`, or the signal's reason. */
 export async function send(path: string, options: RequestInit = {}): Promise<Response> {
-  for (let isFirst = true; ; isFirst = false) {
-    await renewed();
-    const sent = bearer();
+  for (;;) {
+    const sent = token;
     let response: Response;
     try {
       response = await fetch(path, { ...options, headers: { ...options.headers, ...authorization() } });
@@ -147,7 +146,7 @@ export async function send(path: string, options: RequestInit = {}): Promise<Res
     reached(true);
     if (response.ok) return response;
     const problem = problemFrom(response.status, response.headers, await response.text().catch(() => ""));
-    if (!(await tokenEntered(problem, sent, isFirst))) throw problem;
+    if (!(await tokenEntered(problem, sent))) throw problem;
   }
 }
 
@@ -315,13 +314,12 @@ async function upload<Made>(
   signal: AbortSignal,
   observe: (progress: UploadProgress) => void,
 ): Promise<Uploaded<Made>> {
-  for (let isFirst = true; ; isFirst = false) {
-    await renewed();
-    const sent = bearer();
+  for (;;) {
+    const sent = token;
     try {
       return await postForm(path, form, signal, observe);
     } catch (error) {
-      if (!(await tokenEntered(error, sent, isFirst))) throw error;
+      if (!(await tokenEntered(error, sent))) throw error;
     }
   }
 }

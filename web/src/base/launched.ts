@@ -29,12 +29,6 @@ export const leaveChoice = ({ query }: Launched): void => sessionStorage.setItem
 /** Takes that query; empty if there is none. */
 export const takeChoice = (): string => taken("choice");
 
-/** Leaves a query to this page itself, which somebody leaves to sign in. */
-export const leaveAside = (query: string): void => sessionStorage.setItem("launch", query);
-
-/** Takes that query; empty if there is none. */
-export const takeAside = (): string => taken("launch");
-
 function taken(key: string): string {
   try {
     const text = sessionStorage.getItem(key) ?? "";

@@ -1,6 +1,6 @@
 // Opens the case of the study that the address names, says how far it is, or asks which of several is meant.
 
-import { isChoice, launchQuery, leaveQuery, takeQuery } from "./query.ts";
+import { isChoice, launchQuery } from "./query.ts";
 import { handOver, onTokenWanted, send } from "../base/api.ts";
 import { leaveLaunch } from "../base/launched.ts";
 import { h, setText } from "../base/dom.ts";
@@ -192,11 +192,7 @@ async function build(): Promise<void> {
   document.documentElement.dataset.theme = theme;
   await learn(language);
   document.documentElement.lang = language;
-  onTokenWanted(async (refusal) => {
-    leaveQuery();
-    // Whoever signs in elsewhere comes back to a new page; whoever types a token, or signs in beside, to this one.
-    return askToken(refusal).finally(takeQuery);
-  });
+  onTokenWanted(askToken);
   await new Launch().start();
 }
 

@@ -1,25 +1,11 @@
 // Questions and help in front of the page.
 
-import { type Holder, type Refusal, getPicture, isByProxy, takeHanded } from "../base/api.ts";
-import { h, iconButton, quiet, tell } from "../base/dom.ts";
+import { type Holder, type Refusal, getPicture, isBehindProxy, isByProxy, takeHanded } from "../base/api.ts";
+import { h, iconButton, quiet } from "../base/dom.ts";
 import { number, t, wordsBetween } from "../base/i18n.ts";
 import { decoded } from "../base/picture.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { DRAG_DIRECTIONS, WHEEL_USES } from "../model/controls.ts";
-import { type Issuer, type Session, NoTokens, session } from "../base/session.ts";
-import {
-  NotSignedIn,
-  OtherPerson,
-  answerFromWindow,
-  askHowToSignIn,
-  begin,
-  canSignIn,
-  enter,
-  finish,
-  isSignedOut,
-  leaveForIssuer,
-  signOut,
-} from "../base/sign-in.ts";
 import type { OnScreen } from "./export.ts";
 import type { Preferences } from "./preferences.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
@@ -127,38 +113,19 @@ export async function askToken(refusal: Refusal): Promise<string | null> {
   // The page that opens a case from a PACS hands on what was typed there, once.
   const handed = takeHanded().token;
   if (handed) return handed;
-  let by: Issuer | "proxy" | null = null;
-  let problem: unknown = null;
-  try {
-    by = await askHowToSignIn();
-  } catch (why) {
-    // A token still works.
-    problem = why;
-  }
-  if (by === "proxy") return askForProxy(refusal);
-  if (by) return askToSignIn(by, refusal);
+  if (await isBehindProxy()) return askForProxy(refusal);
   const input = h("input", { type: "password", autocomplete: "off", required: true, id: "token" });
   const text = refusal.hadToken ? t("token.refused") : t("token.text");
   const { closed } = open(
     t("token.title"),
     "ask-token",
-    quiet(problem === null ? text : problemWords(problem)),
+    quiet(text),
     h("label", {}, t("token.label"), input),
     h("div", { class: "row end" }, closing("enter", t("token.enter"), { class: "primary" })),
   );
   await closed;
   return input.value.trim();
 }
-
-/** A token instead of signing in. */
-const tokenInstead = (input: HTMLInputElement): HTMLElement =>
-  h(
-    "details",
-    {},
-    h("summary", {}, t("sign-in.token")),
-    h("label", {}, t("token.label"), input),
-    h("div", { class: "row end" }, closing("enter", t("token.enter"))),
-  );
 
 /** Lets somebody sign in at the proxy in front of the server, in a window of its own; this page stays as it is. */
 async function askForProxy({ problem, hadToken }: Refusal): Promise<string | null> {
@@ -175,84 +142,22 @@ async function askForProxy({ problem, hadToken }: Refusal): Promise<string | nul
       h("a", { href: "./", target: "_blank", rel: "noopener", id: "sign-in" }, t("sign-in.enter")),
       closing("again", t("sign-in.again"), { class: "primary", autofocus: true }),
     ),
-    tokenInstead(input),
+    h(
+      "details",
+      {},
+      h("summary", {}, t("sign-in.token")),
+      h("label", {}, t("token.label"), input),
+      h("div", { class: "row end" }, closing("enter", t("token.enter"))),
+    ),
   );
   return (await closed) === "again" ? null : input.value.trim();
-}
-
-/**
- * Lets somebody sign in. Who comes without a session is led to the issuer and back; who has had one works in this page, which
- * stays as it is: the issuer gets a window of its own.
- */
-async function askToSignIn(issuer: Issuer, { problem, hadToken }: Refusal): Promise<string> {
-  const before = session();
-  if (!hadToken && !isSignedOut() && canSignIn() && parent === window) return leaveForIssuer(issuer);
-  const isEnded = hadToken && (problem.kind === "sign-in-ended" || (before !== null && before.ends < Date.now()));
-  const text = isEnded ? t("sign-in.ended") : hadToken ? problemWords(problem) : t("sign-in.text");
-  const input = h("input", { type: "password", autocomplete: "off", id: "token" });
-  const said = h("p", { class: "bad", role: "alert", hidden: true });
-  const enterButton = h(
-    "button",
-    { type: "button", id: "sign-in", class: "primary", autofocus: true },
-    t("sign-in.enter"),
-  );
-  const { dialog, closed } = open(
-    t("sign-in.title"),
-    "ask-sign-in",
-    quiet(text),
-    said,
-    h("div", { class: "row" }, enterButton),
-    tokenInstead(input),
-  );
-  const done = new AbortController();
-  // Another frame of this page may have signed in.
-  addEventListener("storage", () => session()?.access !== before?.access && session() && dialog.close(), {
-    signal: done.signal,
-  });
-  if (!canSignIn()) {
-    enterButton.disabled = true;
-    tell(said, t("sign-in.insecure"));
-  }
-  enterButton.onclick = () => {
-    if (!hadToken && parent === window) return void leaveForIssuer(issuer);
-    void signInBeside(issuer, before, done.signal).then(
-      () => dialog.close(),
-      (why: unknown) => {
-        if (!done.signal.aborted) tell(said, reasonOf(why));
-      },
-    );
-  };
-  await closed;
-  done.abort();
-  return input.value.trim();
-}
-
-/** Lets somebody sign in in a window of its own, while this page stays as it is. */
-async function signInBeside(issuer: Issuer, before: Session | null, signal: AbortSignal): Promise<void> {
-  // A browser opens a window as long as it remembers the click, some seconds.
-  const { attempt, address } = await begin(issuer);
-  const answer = answerFromWindow(attempt, signal);
-  if (!window.open(address, "_blank", "popup,width=520,height=720")) {
-    answer.catch(() => {});
-    throw new NotSignedIn("blocked");
-  }
-  const entered = await finish(attempt, await answer);
-  // What was written here is not somebody else's.
-  if (before && before.subject !== entered.subject) throw new OtherPerson(entered.name, before.name);
-  enter(entered);
-}
-
-function reasonOf(why: unknown): string {
-  if (why instanceof OtherPerson) return t("sign-in.other-person", { name: why.entered, owner: why.owner });
-  const reason = why instanceof NotSignedIn || why instanceof NoTokens ? why.message : "";
-  if (reason === "blocked") return t("sign-in.blocked");
-  return reason === "" ? t("signed-in.silent") : t("signed-in.failed", { reason });
 }
 
 /** Says who is signed in, what they may do and where, and lets them sign out. */
 export function holderDialog(name: string, holder: Holder): void {
   const { scopes, project, sign_out } = holder;
-  const leave = (): void => (sign_out === undefined ? void signOut() : location.assign(sign_out));
+  // Loading the page again forgets a token.
+  const leave = (): void => location.assign(sign_out ?? "./");
   open(
     t("who.title"),
     "holder",

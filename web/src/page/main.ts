@@ -25,7 +25,6 @@ import type { Surface } from "../panes/surface.ts";
 import { resizer } from "./resizer.ts";
 import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
 import { problemWords } from "../base/problem-words.ts";
-import { session } from "../base/session.ts";
 import { doubtsOf, qualityOf } from "../model/quality.ts";
 import { ViewMemory } from "../model/memory.ts";
 import { LAYOUTS, hasSlices } from "../model/state.ts";
@@ -183,9 +182,9 @@ class App {
   /** Says who is signed in. The token without a name is nobody's. */
   async #sayWho(): Promise<void> {
     if (parent !== window) return;
-    // Whoever may not even ask has signed in all the same, and can sign out.
+    // Whoever may not look at anything may not ask either.
     const holder = await getHolder().catch(() => ({ name: "anybody", scopes: [] }));
-    const name = session()?.name ?? (holder.name === "token" ? t("who.unnamed") : plainName(holder));
+    const name = holder.name === "token" ? t("who.unnamed") : plainName(holder);
     if (name === "anybody") return;
     this.#who.textContent = name;
     this.#who.title = t("who.as", { name });

@@ -47,8 +47,6 @@ pub struct ArrivalOptions {
     pub stable: Duration,
     /// How long series and their images are kept after that, for late images.
     pub keep: Duration,
-    /// Whether the images of a series that became a case are kept as long as the case.
-    pub keep_source: bool,
     /// Which series become cases.
     pub series: SeriesRule,
 }
@@ -58,7 +56,6 @@ impl Default for ArrivalOptions {
         Self {
             stable: Duration::from_secs(20),
             keep: Duration::from_secs(3 * 24 * 3600),
-            keep_source: false,
             series: SeriesRule::default(),
         }
     }

@@ -271,7 +271,7 @@ impl Cases {
         }
         for (number, image) in unread.into_iter().zip(read.unwrap_or_default()) {
             let patient = Patient::of(|keyword| {
-                let tag = imaging::dicom::attribute(keyword)?.name();
+                let tag = imaging::dicom::tag_of(keyword)?;
                 let value = &image[&tag]["Value"][0];
                 value.as_str().or_else(|| value["Alphabetic"].as_str())
             });

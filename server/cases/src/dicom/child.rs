@@ -15,7 +15,7 @@ use super::message::{
     HeaderOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder, StoredOutcome,
     StoredTask, Summary, VOLUME,
 };
-use crate::confine::{Confinement, Directory, Needs, confine, create_in};
+use crate::confine::{Confinement, Directory, Needs, confine};
 use case::{Failure, FailureKind};
 
 /// The limit for the size of a request.
@@ -182,7 +182,7 @@ fn read_file(file: File, most: u64) -> Result<Vec<u8>, DicomError> {
 fn read_stored(order: &StoredOrder) -> io::Result<()> {
     limit_this_process(order.memory_bytes, 0, order.seconds)?;
     let mut outcome_file = File::create_new(order.output.join(OUTCOME))?;
-    let (input, output) = (File::open(&order.input)?, File::open(&order.output)?);
+    let input = File::open(&order.input)?;
     rustix::process::fchdir(&input)?;
     let reads = Directory {
         directory: input.as_fd(),
@@ -190,10 +190,9 @@ fn read_stored(order: &StoredOrder) -> io::Result<()> {
     };
     confine(&Needs {
         reads: Some(reads),
-        writes: Some(output.as_fd()),
-        threads: false,
+        ..Needs::default()
     });
-    let outcome = match stored(order, &output) {
+    let outcome = match stored(order) {
         Ok(outcome) => outcome,
         Err(error) => StoredOutcome::Refused(refusal(&error)),
     };
@@ -201,50 +200,19 @@ fn read_stored(order: &StoredOrder) -> io::Result<()> {
 }
 
 /// Reads the files of the current directory.
-fn stored(order: &StoredOrder, output: &File) -> Result<StoredOutcome, DicomError> {
+fn stored(order: &StoredOrder) -> Result<StoredOutcome, DicomError> {
     let read = |number: usize| {
         let file = File::open(Path::new(".").join(number.to_string())).map_err(unreadable)?;
         read_file(file, order.max_file_bytes)
-    };
-    let write = |number: usize, bytes: &[u8]| {
-        let mut file = create_in(output, &number.to_string()).map_err(unreadable)?;
-        file.write_all(bytes).map_err(unreadable)
     };
     match &order.task {
         StoredTask::Metadata => {
             let each = (0..order.count).map(|number| dicom::metadata(&read(number)?));
             Ok(StoredOutcome::Metadata(each.collect::<Result<_, _>>()?))
         }
-        StoredTask::Files(accepted) => {
-            let each = (0..order.count).map(|number| {
-                let file = read(number)?;
-                let is_accepted = |syntax: &String| {
-                    let mut accepted = accepted.iter();
-                    accepted.any(|accepted| accepted == "*" || accepted == syntax)
-                };
-                let syntax = dicom::stored_syntax(&file)?.filter(is_accepted);
-                if syntax.is_none() {
-                    write(number, &dicom::explicit_file(&file)?)?;
-                }
-                Ok(syntax)
-            });
-            Ok(StoredOutcome::Files(
-                each.collect::<Result<_, DicomError>>()?,
-            ))
-        }
         StoredTask::Compare => {
             let difference = dicom::difference(&read(0)?, &read(1)?)?;
             Ok(StoredOutcome::Compared(difference))
-        }
-        StoredTask::Frames(numbers) => {
-            let frames = dicom::frames(&read(0)?, numbers)?;
-            for (number, frame) in frames.iter().enumerate() {
-                if let Some(frame) = frame {
-                    write(number, frame)?;
-                }
-            }
-            let exist = frames.iter().map(Option::is_some);
-            Ok(StoredOutcome::Frames(exist.collect()))
         }
     }
 }

@@ -25,7 +25,7 @@ pub(super) enum Order {
     Header(HeaderOrder),
     /// Read the findings of a measurement report; a [`Stated`] on the standard output answers it.
     Marks(HeaderOrder),
-    /// Read stored files for a client that retrieves them.
+    /// Read stored files.
     Stored(StoredOrder),
     /// Prepare a case.
     Prepare(Box<PrepareOrder>),
@@ -57,13 +57,8 @@ pub(super) struct StoredOrder {
 pub(super) enum StoredTask {
     /// The attributes of each file.
     Metadata,
-    /// The transfer syntax of each file. One that is not in the list is written to the output in Explicit VR Little
-    /// Endian; `*` in the list stands for all.
-    Files(Vec<String>),
     /// What is different about the second of two files of one instance.
     Compare,
-    /// Frames of the only file, by their numbers from 0, each written to the output under its place in the list.
-    Frames(Vec<usize>),
 }
 
 /// What was read of stored files.
@@ -71,11 +66,7 @@ pub(super) enum StoredTask {
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub(super) enum StoredOutcome {
     Metadata(Vec<serde_json::Value>),
-    /// The transfer syntax of each file, if it remains as it is stored.
-    Files(Vec<Option<String>>),
     Compared(Difference),
-    /// Whether each frame exists.
-    Frames(Vec<bool>),
     Refused(Failure),
 }
 

@@ -30,7 +30,6 @@ pub(crate) use self::child::{Instead, said};
 pub use self::headers::{HeaderReader, InstanceIdentity};
 pub(crate) use self::reader::series_bytes;
 pub use self::reader::{DicomReader, Program};
-pub use self::stored::StoredFiles;
 pub(crate) use self::stored::copy_objects;
 pub use imaging::dicom::{Attributes, Options, Purpose, SeriesName, SeriesSummary};
 

@@ -338,7 +338,7 @@ pub(super) fn check_file(path: &Path, largest: u64) -> Result<(), Failure> {
     Err(died())
 }
 
-pub(super) fn read_bounded(path: &Path, largest: u64) -> Result<Vec<u8>, Failure> {
+fn read_bounded(path: &Path, largest: u64) -> Result<Vec<u8>, Failure> {
     let mut bytes = Vec::new();
     let file = std::fs::File::open(path).map_err(|_| died())?;
     file.take(largest + 1)

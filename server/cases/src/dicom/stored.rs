@@ -1,8 +1,7 @@
-//! Reads stored files for clients that retrieve them: their attributes, their frames, and themselves.
+//! Reads stored images: their attributes, and what is different about two of one UID.
 
 use std::process::ExitStatus;
 
-use bytes::Bytes;
 use case::Failure;
 use imaging::dicom::Difference;
 use serde_json::Value;
@@ -10,48 +9,12 @@ use storage::{ObjectName, Spooled, Store, StoreError, Unreadable};
 use tempfile::TempDir;
 
 use super::message::{OUTCOME, Order, StoredOrder, StoredOutcome, StoredTask};
-use super::reader::{BASE_BYTES, cannot_run, checked_failure, died, read_bounded, read_json_of};
+use super::reader::{BASE_BYTES, cannot_run, checked_failure, died, read_json_of};
 use crate::application::Cases;
 use crate::error::Error;
 
 /// The largest outcome: the attributes of some thousand images.
 const MAX_OUTCOME_BYTES: u64 = 256 << 20;
-
-/// Files as they are sent, in a temporary directory.
-#[derive(Debug)]
-pub struct StoredFiles {
-    folders: Folders,
-    /// The transfer syntax of each; `None` if it was written again.
-    syntaxes: Vec<Option<String>>,
-    limit: u64,
-}
-
-impl StoredFiles {
-    /// How many there are.
-    pub fn count(&self) -> usize {
-        self.syntaxes.len()
-    }
-
-    /// The transfer syntax and the contents of a file.
-    ///
-    /// # Errors
-    /// If it cannot be read.
-    pub async fn file(&self, number: usize) -> Result<(String, Bytes), Error> {
-        let stored = self.syntaxes.get(number).ok_or(Error::Internal)?;
-        let folder = match stored {
-            Some(_) => &self.folders.input,
-            None => &self.folders.output,
-        };
-        let (path, limit) = (folder.path().join(number.to_string()), self.limit);
-        let bytes = tokio::task::spawn_blocking(move || read_bounded(&path, limit)).await;
-        let bytes = bytes.map_err(|_| Error::Internal)??;
-        let syntax = stored.clone().unwrap_or_else(|| EXPLICIT.to_owned());
-        Ok((syntax, bytes.into()))
-    }
-}
-
-/// The plainest transfer syntax.
-const EXPLICIT: &str = "1.2.840.10008.1.2.1";
 
 impl Cases {
     /// The attributes of stored images as DICOM JSON; `None` if one is lost.
@@ -59,74 +22,19 @@ impl Cases {
     /// # Errors
     /// A [`Failure`] that states what is wrong with an image, [`Error::Busy`] if too many clients wait, or an error of
     /// the store.
-    pub async fn stored_metadata(&self, names: &[ObjectName]) -> Result<Option<Vec<Value>>, Error> {
-        let Some(read) = self.read_stored(names, StoredTask::Metadata).await? else {
-            return Ok(None);
-        };
-        match read.outcome {
-            StoredOutcome::Metadata(all) if all.len() == names.len() => Ok(Some(all)),
-            _ => Err(died().into()),
-        }
-    }
-
-    /// Stored images as files in one of the accepted transfer syntaxes, where `*` stands for all, or in Explicit VR
-    /// Little Endian; `None` if one is lost.
-    ///
-    /// # Errors
-    /// As [`Cases::stored_metadata`].
-    pub async fn stored_files(
+    pub(crate) async fn stored_metadata(
         &self,
         names: &[ObjectName],
-        accepted: Vec<String>,
-    ) -> Result<Option<StoredFiles>, Error> {
-        let Some(read) = self.read_stored(names, StoredTask::Files(accepted)).await? else {
+    ) -> Result<Option<Vec<Value>>, Error> {
+        let input = self.store().spool_directory().await?;
+        if !copy_objects(self.store(), names, &input).await? {
             return Ok(None);
-        };
-        let StoredOutcome::Files(syntaxes) = read.outcome else {
-            return Err(died().into());
-        };
-        if syntaxes.len() != names.len() || !syntaxes.iter().flatten().all(|uid| is_uid(uid)) {
-            return Err(died().into());
         }
-        Ok(Some(StoredFiles {
-            folders: read.folders,
-            syntaxes,
-            limit: self.dicom.max_input_bytes,
-        }))
-    }
-
-    /// Frames of a stored image, by their numbers from 0: uncompressed samples in little endian. `None` in place of one
-    /// that it does not have; `None` if the image is lost.
-    ///
-    /// # Errors
-    /// As [`Cases::stored_metadata`].
-    pub async fn stored_frames(
-        &self,
-        name: ObjectName,
-        frames: Vec<usize>,
-    ) -> Result<Option<Vec<Option<Bytes>>>, Error> {
-        let count = frames.len();
-        let task = StoredTask::Frames(frames);
-        let Some(read) = self.read_stored(&[name], task).await? else {
-            return Ok(None);
-        };
-        let StoredOutcome::Frames(exist) = read.outcome else {
-            return Err(died().into());
-        };
-        if exist.len() != count {
-            return Err(died().into());
+        let count = names.len();
+        match self.read_files(input, count, StoredTask::Metadata).await? {
+            StoredOutcome::Metadata(all) if all.len() == count => Ok(Some(all)),
+            _ => Err(died().into()),
         }
-        let limit = self.dicom.max_input_bytes;
-        let take = move || {
-            let each = exist.into_iter().enumerate().map(|(number, exists)| {
-                let path = read.folders.output.path().join(number.to_string());
-                let frame = exists.then(|| read_bounded(&path, limit)).transpose();
-                Ok(frame?.map(Bytes::from))
-            });
-            each.collect::<Result<Vec<_>, Failure>>()
-        };
-        let frames = tokio::task::spawn_blocking(take).await;
-        Ok(Some(frames.map_err(|_| Error::Internal)??))
     }
 
     /// What is different about a new file of an image that is stored already. One that is lost differs.
@@ -145,26 +53,10 @@ impl Cases {
         if !copy_objects(self.store(), &[stored], &input).await? {
             return Ok(Difference::Pixels);
         }
-        match self
-            .read_files(input, 2, StoredTask::Compare)
-            .await?
-            .outcome
-        {
+        match self.read_files(input, 2, StoredTask::Compare).await? {
             StoredOutcome::Compared(difference) => Ok(difference),
             _ => Err(died().into()),
         }
-    }
-
-    async fn read_stored(
-        &self,
-        names: &[ObjectName],
-        task: StoredTask,
-    ) -> Result<Option<Read>, Error> {
-        let input = self.store().spool_directory().await?;
-        if !copy_objects(self.store(), names, &input).await? {
-            return Ok(None);
-        }
-        self.read_files(input, names.len(), task).await.map(Some)
     }
 
     /// Reads so many files of a directory, named by their numbers from 0.
@@ -173,7 +65,7 @@ impl Cases {
         input: TempDir,
         count: usize,
         task: StoredTask,
-    ) -> Result<Read, Error> {
+    ) -> Result<StoredOutcome, Error> {
         let _turn = self.dicom.limit.turn().await?;
         let output = self.store().spool_directory().await?;
         let absolute = |folder: &TempDir| std::path::absolute(folder.path()).map_err(cannot_run);
@@ -188,7 +80,7 @@ impl Cases {
             seconds: self.dicom.longest.as_secs().max(1),
         };
         let status = self.dicom.run(&Order::Stored(order)).await?;
-        let take = move || Read::take(status, input, output);
+        let take = move || outcome_of(status, &output);
         let read = tokio::task::spawn_blocking(take).await;
         Ok(read.map_err(|_| Error::Internal)??)
     }
@@ -213,37 +105,14 @@ pub(crate) async fn copy_objects(
     Ok(true)
 }
 
-/// What the child left.
-#[derive(Debug)]
-struct Read {
-    outcome: StoredOutcome,
-    folders: Folders,
-}
-
-/// The files that it read, and those that it wrote.
-#[derive(Debug)]
-struct Folders {
-    input: TempDir,
-    output: TempDir,
-}
-
-impl Read {
-    fn take(status: ExitStatus, input: TempDir, output: TempDir) -> Result<Self, Failure> {
-        if !status.success() {
-            tracing::warn!(%status, "the process that reads stored images died");
-            return Err(died());
-        }
-        let outcome = read_json_of(&output.path().join(OUTCOME), MAX_OUTCOME_BYTES)?;
-        match outcome {
-            StoredOutcome::Refused(failure) => Err(checked_failure(failure)),
-            outcome => Ok(Self {
-                outcome,
-                folders: Folders { input, output },
-            }),
-        }
+/// What the child left in its output directory.
+fn outcome_of(status: ExitStatus, output: &TempDir) -> Result<StoredOutcome, Failure> {
+    if !status.success() {
+        tracing::warn!(%status, "the process that reads stored images died");
+        return Err(died());
     }
-}
-
-fn is_uid(text: &str) -> bool {
-    storage::arrivals::Uid::parse(text).is_some()
+    match read_json_of(&output.path().join(OUTCOME), MAX_OUTCOME_BYTES)? {
+        StoredOutcome::Refused(failure) => Err(checked_failure(failure)),
+        outcome => Ok(outcome),
+    }
 }

@@ -1,4 +1,4 @@
-//! The frames of a stored image, and the image in the plainest transfer syntax.
+//! The pixels of a stored image without compression, and a file with them.
 
 use dicom_core::value::PrimitiveValue;
 use dicom_core::{DataElement, VR};
@@ -7,10 +7,10 @@ use dicom_object::InMemDicomObject;
 
 use super::DicomError;
 use super::attributes::wanted;
-use super::header::{parse, parse_as_stored, read_image};
+use super::header::{parse, read_image};
 use super::numbers::{integer, text};
 use super::pixels::stored_samples;
-use super::scan::{PixelBytes, Scanned, Wanted, scan, scan_for, stated_syntax};
+use super::scan::{PixelBytes, Scanned, scan};
 use super::syntax::{Encoding, Packing};
 use super::write::file_meta;
 
@@ -21,20 +21,12 @@ const NO_PIXELS: DicomError = DicomError::Damaged {
     what: "an image has no pixels",
 };
 
-/// The transfer syntax of a file; `None` if it is a bare data set.
-///
-/// # Errors
-/// If its file meta information is damaged.
-pub fn stored_syntax(file: &[u8]) -> Result<Option<String>, DicomError> {
-    stated_syntax(file)
-}
-
 /// Frames of an image, by their numbers from 0: uncompressed samples in little endian; the bits of a segmentation begin
 /// with a byte. `None` for a frame that the image does not have.
 ///
 /// # Errors
 /// If the file is damaged, or its pixels cannot be decoded.
-pub fn frames(file: &[u8], numbers: &[usize]) -> Result<Vec<Option<Vec<u8>>>, DicomError> {
+fn frames(file: &[u8], numbers: &[usize]) -> Result<Vec<Option<Vec<u8>>>, DicomError> {
     let scanned = scan(file, &wanted())?;
     let object = parse(&scanned)?;
     let pixels = scanned.pixels().ok_or(NO_PIXELS)?;
@@ -122,19 +114,6 @@ impl Layout {
         }
         Some(frame)
     }
-}
-
-/// The image as a file in Explicit VR Little Endian. What follows its pixels is omitted.
-///
-/// # Errors
-/// If the file is damaged, or its pixels cannot be decoded.
-pub fn explicit_file(file: &[u8]) -> Result<Vec<u8>, DicomError> {
-    let scanned = scan_for(file, Wanted::All)?;
-    let mut object = parse_as_stored(&scanned)?;
-    let pixels = pixel_bytes(file, &scanned, &object)?;
-    // The group length of an element that is written differently would be wrong.
-    object.retain(|element| element.header().tag.1 != 0);
-    write_explicit(object, pixels)
 }
 
 /// All pixels of a file, uncompressed, in little endian.

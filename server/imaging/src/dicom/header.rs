@@ -145,7 +145,7 @@ pub(super) fn parse(scanned: &Scanned) -> Result<InMemDicomObject, DicomError> {
     let sets = &scanned.character_sets;
     let mut terms = sets.iter().map(|range| &scanned.header[range.clone()]);
     if !terms.any(needs_decoding) {
-        return parse_as_stored(scanned);
+        return read(scanned, &scanned.header);
     }
     let mut header = scanned.header.clone();
     for range in sets {
@@ -154,11 +154,6 @@ pub(super) fn parse(scanned: &Scanned) -> Result<InMemDicomObject, DicomError> {
     let mut object = read(scanned, &header)?;
     decode_texts(&mut object, "");
     Ok(object)
-}
-
-/// As [`parse`], but texts with code extensions stay as they are, to be written again.
-pub(super) fn parse_as_stored(scanned: &Scanned) -> Result<InMemDicomObject, DicomError> {
-    read(scanned, &scanned.header)
 }
 
 fn read(scanned: &Scanned, header: &[u8]) -> Result<InMemDicomObject, DicomError> {

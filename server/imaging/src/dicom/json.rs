@@ -1,6 +1,6 @@
 //! Attributes as DICOM JSON (PS3.18 annex F).
 
-use dicom_core::dictionary::{DataDictionary, DataDictionaryEntry};
+use dicom_core::dictionary::DataDictionary as _;
 use dicom_core::header::Header;
 use dicom_core::value::Value as DicomValue;
 use dicom_core::{Tag, VR};
@@ -13,46 +13,13 @@ use super::DicomError;
 use super::header::parse;
 use super::scan::{Wanted, scan_for};
 
-/// An attribute of the standard.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Attribute {
-    /// Group and element.
-    pub tag: [u16; 2],
-    /// Its value representation, such as `PN`.
-    pub vr: &'static str,
-    /// Its keyword, such as `PatientName`.
-    pub keyword: &'static str,
-}
-
-impl Attribute {
-    /// Its name in DICOM JSON, such as `00100010`.
-    pub fn name(&self) -> String {
-        let [group, element] = self.tag;
-        name(Tag(group, element))
-    }
-}
-
-/// The attribute with a keyword or a tag, such as `PatientName` or `00100010`; `None` if the standard has none.
-pub fn attribute(text: &str) -> Option<Attribute> {
-    let is_tag = text.len() == 8 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
-    let entry = match is_tag {
-        true => {
-            let number = u32::from_str_radix(text, 16).ok()?;
-            let tag = Tag((number >> 16) as u16, number as u16);
-            StandardDataDictionary.by_tag(tag)?
-        }
-        false => StandardDataDictionary.by_name(text)?,
-    };
-    let tag = entry.tag.inner();
-    Some(Attribute {
-        tag: [tag.0, tag.1],
-        vr: entry.vr().relaxed().to_string(),
-        keyword: entry.alias,
-    })
+/// The name in DICOM JSON of the attribute with a keyword: `00100010` of `PatientName`; `None` if the standard has none.
+pub fn tag_of(keyword: &str) -> Option<String> {
+    Some(name(StandardDataDictionary.by_name(keyword)?.tag.inner()))
 }
 
 /// An element with its values, which are separated by backslashes. An empty text has none.
-pub fn element(vr: &str, text: &str) -> Value {
+fn element(vr: &str, text: &str) -> Value {
     let text = text.trim_matches(['\0', ' ']);
     if text.is_empty() {
         return json!({ "vr": vr });
@@ -151,12 +118,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn attributes_are_found_by_keyword_and_by_tag() {
-        let name = attribute("PatientName").unwrap();
-        assert_eq!((name.name().as_str(), name.vr), ("00100010", "PN"));
-        assert_eq!(attribute("00100010"), Some(name));
-        assert_eq!(attribute("Patient"), None);
-        assert_eq!(attribute("00091001"), None);
+    fn a_keyword_has_its_tag() {
+        assert_eq!(tag_of("PatientName").as_deref(), Some("00100010"));
+        assert_eq!(tag_of("Patient"), None);
     }
 
     #[test]

@@ -35,8 +35,6 @@ pub(crate) enum Wanted<'a> {
     These(&'a [Tag]),
     /// Those of the standard, without binary values.
     Texts,
-    /// All.
-    All,
 }
 
 impl Wanted<'_> {
@@ -45,7 +43,6 @@ impl Wanted<'_> {
             Self::These(tags) => tags.binary_search(&tag).is_ok(),
             // Private groups are odd. Curves (50xx) and overlays (60xx) are pixels of a kind; functional groups (5200) are not.
             Self::Texts => tag.0.is_multiple_of(2) && !matches!(tag.0 >> 8, 0x50 | 0x60),
-            Self::All => true,
         }
     }
 

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use super::serve::ServeArgs;
 use super::status::{CliError, ExitStatus};
 
 /// Look at the record of who did what
@@ -20,8 +19,6 @@ enum AuditCommand {
     Verify(VerifyArgs),
     /// Print what stands for a UID in the record.
     Digest(DigestArgs),
-    /// Connect to the collector of the record.
-    Test(Box<TestArgs>),
 }
 
 /// Reads all files of the record, prints each place at which it is not as it was written, then the last line of each process:
@@ -39,14 +36,6 @@ struct DigestArgs {
     uid: String,
 }
 
-/// Connects to the collector in `[audit.syslog]` of the configuration by TLS, with its certificates, and sends nothing. The exit status is 0 if
-/// that went well, and 69 if it did not.
-#[derive(Debug, Clone, Args)]
-struct TestArgs {
-    #[command(flatten)]
-    serve: ServeArgs,
-}
-
 pub(super) fn run(args: &AuditArgs) -> Result<(), CliError> {
     match &args.command {
         AuditCommand::Verify(args) => verify(args),
@@ -54,28 +43,7 @@ pub(super) fn run(args: &AuditArgs) -> Result<(), CliError> {
             println!("{}", audit::digest_of_uid(&args.uid));
             Ok(())
         }
-        AuditCommand::Test(args) => test(args),
     }
-}
-
-fn test(args: &TestArgs) -> Result<(), CliError> {
-    let Some(collector) = args.serve.config()?.collector()? else {
-        let message = "the configuration has no collector; set `audit.syslog`";
-        return Err(CliError::new(ExitStatus::Usage, message));
-    };
-    super::block_on(async {
-        let address = collector.address();
-        match collector.test().await {
-            Ok(()) => {
-                println!("{address} answers by TLS and accepts the connection");
-                Ok(())
-            }
-            Err(error) => {
-                let why = format!("nothing can be sent to {address}: {error}");
-                Err(CliError::new(ExitStatus::Unavailable, why))
-            }
-        }
-    })
 }
 
 fn verify(args: &VerifyArgs) -> Result<(), CliError> {

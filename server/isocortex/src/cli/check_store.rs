@@ -187,12 +187,6 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
             "read: {} cases, {} objects, {} bytes",
             inspected.cases, inspected.objects, inspected.bytes
         );
-        if inspected.to_rekey > 0 {
-            println!(
-                "not encrypted with the current key: {} objects; run `isocortex rekey`",
-                inspected.to_rekey
-            );
-        }
         if args.repair {
             defects.repair(&cases.library).await?;
         }

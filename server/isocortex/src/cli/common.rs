@@ -1,34 +1,15 @@
 //! Options of several commands.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use pipeline::atlas::AtlasChoice;
-use storage::Location;
 use storage::environment::variable;
 
 use super::choices;
 use super::status::CliError;
-use crate::config::{Config, Secret, keys};
+use crate::config::{Config, Secret};
 use crate::logs::{self, LogFormat};
-
-/// The keys of the store.
-#[derive(Debug, Clone, Default, Args)]
-pub(super) struct KeyArgs {
-    /// A file with the keys that encrypt the objects (`isocortex key new`). [default: they are not encrypted]
-    #[arg(long, value_name = "FILE", env = "ISOCORTEX_KEY_FILE")]
-    pub(super) key_file: Option<PathBuf>,
-}
-
-impl KeyArgs {
-    /// A store in one folder, with these keys.
-    pub(super) fn location(&self, folder: &Path) -> Result<Location, CliError> {
-        Ok(Location {
-            keys: keys(self.key_file.as_deref())?,
-            ..Location::from(folder)
-        })
-    }
-}
 
 /// The location of the store.
 #[derive(Debug, Clone, Default, Args)]
@@ -51,8 +32,6 @@ pub(super) struct StoreArgs {
     /// file:///folder.
     #[arg(long, value_name = "URL", env = "ISOCORTEX_OBJECTS")]
     pub(super) objects: Option<String>,
-    #[command(flatten)]
-    pub(super) key: KeyArgs,
     /// A TOML file with these and all other settings.
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_CONFIG")]
     pub(super) config: Option<PathBuf>,
@@ -76,7 +55,6 @@ impl StoreArgs {
         let password_file = &mut storage.database_password_file;
         set_some(password_file, self.database_password_file.as_ref());
         set_some(&mut storage.objects, self.objects.as_ref());
-        set_some(&mut storage.key_file, self.key.key_file.as_ref());
         Ok(config)
     }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::common::{CommonArgs, KeyArgs, StoreArgs};
+use super::common::{CommonArgs, StoreArgs};
 use super::prepare::wait_until_ready;
 use super::serve::{ServeArgs, Server};
 use super::status::{CliError, ExitStatus};
@@ -34,8 +34,6 @@ pub(super) struct DemoArgs {
     /// The directory of the store; by default a temporary one.
     #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
     data: Option<PathBuf>,
-    #[command(flatten)]
-    key: KeyArgs,
     /// The address to listen on. [default: 127.0.0.1:8640, or another port if that is taken]
     #[arg(long, value_name = "ADDR:PORT", env = "ISOCORTEX_LISTEN")]
     listen: Option<SocketAddr>,
@@ -63,7 +61,6 @@ impl DemoArgs {
     fn serve(&self, data: Option<PathBuf>) -> ServeArgs {
         let store = StoreArgs {
             data,
-            key: self.key.clone(),
             ..StoreArgs::default()
         };
         ServeArgs {

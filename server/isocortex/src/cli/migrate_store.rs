@@ -9,7 +9,6 @@ use storage::{
 };
 use tempfile::TempDir;
 
-use super::common::KeyArgs;
 use super::status::{CliError, ExitStatus};
 
 /// Copy every case of a store into another one, with the images from a PACS and the results for one
@@ -18,7 +17,7 @@ use super::status::{CliError, ExitStatus};
 /// `postgres://isocortex@db/isocortex,s3://heads`. Intact objects that the target already has are read but not copied,
 /// so run the command again after an interruption, or to copy new cases. Nothing is removed from either store. Stop the
 /// servers and workers of the source before the last run. Passwords come from PGPASSWORD or ~/.pgpass, the keys of a
-/// bucket from the AWS_ variables. The key file opens both stores; its first line says how objects are written.
+/// bucket from the AWS_ variables.
 #[derive(Debug, Clone, Args)]
 pub(super) struct MigrateStoreArgs {
     /// The store to read.
@@ -27,8 +26,6 @@ pub(super) struct MigrateStoreArgs {
     /// The store to write; created if missing.
     #[arg(long, value_name = "STORE")]
     to: String,
-    #[command(flatten)]
-    key: KeyArgs,
     /// Leave out the images that came from a PACS and the results that go to one, and count them.
     #[arg(long)]
     without_images: bool,
@@ -41,18 +38,18 @@ struct Named {
 }
 
 impl Named {
-    fn parse(text: &str, key: &KeyArgs) -> Result<Self, CliError> {
+    fn parse(text: &str) -> Result<Self, CliError> {
         let wrong = |error: BadAddress| CliError::new(ExitStatus::Usage, error);
         let (location, folder) = match text.split_once(',') {
             None if text.contains("://") => return Err(wrong(BadAddress::Objects)),
-            None => (key.location(Path::new(text))?, None),
+            None => (Location::from(Path::new(text)), None),
             Some((database, objects)) => {
                 let folder = tempfile::Builder::new().prefix("isocortex-").tempdir();
                 let folder = folder.map_err(storage::StoreError::from)?;
                 let location = Location {
                     database: Some(DatabaseAddress::parse(database).map_err(wrong)?),
                     objects: Some(ObjectsAddress::parse(objects).map_err(wrong)?),
-                    ..key.location(folder.path())?
+                    ..Location::from(folder.path())
                 };
                 (location, Some(folder))
             }
@@ -99,7 +96,7 @@ fn words(for_pacs: &ForPacs) -> String {
 pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
     super::keep_files_private();
     super::block_on(async {
-        let [from, to] = [&args.from, &args.to].map(|store| Named::parse(store, &args.key));
+        let [from, to] = [&args.from, &args.to].map(|store| Named::parse(store));
         let (from, to) = (from?, to?);
         from.location.must_exist().await?;
         let (source, target) = (from.open().await?, to.open().await?);

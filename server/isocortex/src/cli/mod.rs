@@ -6,12 +6,10 @@ mod check_store;
 mod choices;
 mod common;
 mod demo;
-mod key;
 mod layers;
 mod migrate_store;
 mod prepare;
 mod progress;
-mod rekey;
 mod remove_expired;
 mod render;
 mod serve;
@@ -83,16 +81,12 @@ enum Command {
     CheckConfig(check_config::CheckConfigArgs),
     /// Make tokens with names and scopes.
     Token(token::TokenArgs),
-    /// Make keys that encrypt the objects of a store.
-    Key(key::KeyCommandArgs),
     /// Look at the record of who did what.
     Audit(audit::AuditArgs),
     /// Ask a node of the PACS whether it answers.
     TestNode(test_node::TestNodeArgs),
     /// Read everything in a store, and report or repair what is wrong.
     CheckStore(check_store::CheckStoreArgs),
-    /// Encrypt every object of a store with its current key.
-    Rekey(rekey::RekeyArgs),
     /// Remove the cases that are older than a number of days, or list them.
     RemoveExpired(remove_expired::RemoveExpiredArgs),
     /// Copy every case of a store into another one.
@@ -222,11 +216,9 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Work(args) => work::run(&args),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::Token(args) => token::run(&args),
-        Command::Key(args) => key::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::TestNode(args) => test_node::run(&args),
         Command::CheckStore(args) => check_store::run(&args),
-        Command::Rekey(args) => rekey::run(&args),
         Command::RemoveExpired(args) => remove_expired::run(&args),
         Command::MigrateStore(args) => migrate_store::run(&args),
         Command::Demo(args) => demo::run(&args),

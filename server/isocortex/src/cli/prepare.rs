@@ -6,7 +6,6 @@ use std::time::Duration;
 use clap::Args;
 use imaging::sniff;
 
-use super::common::KeyArgs;
 use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
@@ -31,8 +30,6 @@ pub(super) struct PrepareArgs {
     /// The directory of the store. [default: isocortex-data]
     #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
     data: Option<PathBuf>,
-    #[command(flatten)]
-    key: KeyArgs,
     /// The project to which the case belongs; without one, the project without a name.
     #[arg(long, value_name = "PROJECT")]
     project: Option<Project>,
@@ -52,10 +49,9 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
-    let location = args.key.location(&data)?;
     let project = args.project.unwrap_or_default();
     super::block_on(async {
-        let store = Store::open_at(&location, storage::Options::default()).await?;
+        let store = Store::open(&data).await?;
         let library = Library::new(store, pipeline.into(), LibraryOptions::default());
         into_store(library, project, source, parameters, layers).await
     })

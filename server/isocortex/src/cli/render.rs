@@ -10,9 +10,8 @@ use cases::{Cases, Error, Library, LibraryOptions, Preparation};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use http_support::{query, sent};
 use render::choice::Renderer;
-use storage::Store;
+use storage::{Location, Store};
 
-use super::common::KeyArgs;
 use super::prepare::{GRACE, source, wait_until_ready, warn_of_doubts};
 use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, check_output, choices, write_output};
@@ -31,8 +30,6 @@ pub(super) struct RenderArgs {
     /// The directory of the store, for a case. [default: isocortex-data]
     #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
     data: Option<PathBuf>,
-    #[command(flatten)]
-    key: KeyArgs,
     /// The project of the case; without one, the project without a name.
     #[arg(long, value_name = "PROJECT")]
     project: Option<Project>,
@@ -165,9 +162,8 @@ fn case_id(input: &Path) -> Option<CaseId> {
 async fn open(args: &RenderArgs) -> Result<Store, CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| Config::default().storage.data);
-    let location = args.key.location(&data)?;
-    location.must_exist().await?;
-    Ok(Store::open_at(&location, storage::Options::default()).await?)
+    Location::from(&*data).must_exist().await?;
+    Ok(Store::open(&data).await?)
 }
 
 /// The case of a volume, in a store in memory.

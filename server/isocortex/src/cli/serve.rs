@@ -12,7 +12,6 @@ use tokio::net::TcpListener;
 use super::choices;
 use super::common::{CommonArgs, set, set_some};
 use super::status::{CliError, ExitStatus};
-use crate::collector::Sender;
 use crate::config::{Config, ConfigError, Network, Secret};
 use crate::{figures, logs, start};
 use cases::dicom::DicomReader;
@@ -338,8 +337,6 @@ pub(super) struct Server {
     /// The listener for C-STORE, if there is one.
     dimse: Option<tokio::task::JoinHandle<()>>,
     reload: Reload,
-    /// What sends the audit record to its collector, if there is one.
-    sender: Option<Sender>,
     grace: Duration,
 }
 
@@ -349,8 +346,6 @@ impl Server {
         let watched = Part::ALL.map(|part| Watched::new(part, config));
         config.keep_secrets();
         warn_of_certificates(config);
-        // Wrong settings are found before anything begins.
-        config.collector()?;
         let state = start::open(config).await?;
         let pacs = start::pacs(config, &state.cases)?;
         let (listener, address) = bind(config.http.listen).await?;
@@ -360,10 +355,6 @@ impl Server {
         figures::add_store(state.metrics(), state.cases.store());
         figures::add_pacs(state.metrics(), &pacs);
         figures::add_audit(state.metrics(), state.cases.audit());
-        let sender = start::sender(config)?;
-        if let Some(sender) = &sender {
-            figures::add_collector(state.metrics(), &sender.progress());
-        }
         let mut reload = Reload {
             access: state.access().clone(),
             tls: config.tls()?.map(ReloadedTls::new),
@@ -420,7 +411,6 @@ impl Server {
             serving,
             dimse,
             reload,
-            sender,
             grace,
         })
     }
@@ -457,16 +447,7 @@ impl Server {
         );
         self.state.cases.store().close().await;
         self.state.cases.audit().shut_down();
-        end(self.sender).await;
         tracing::info!("stopped");
-    }
-}
-
-/// Sends the rest of the audit record, after its last line is written.
-pub(super) async fn end(sender: Option<Sender>) {
-    if let Some(sender) = sender {
-        // A panic is the end of it, too.
-        let _ = tokio::task::spawn_blocking(|| sender.shut_down()).await;
     }
 }
 

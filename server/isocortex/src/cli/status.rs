@@ -76,7 +76,7 @@ impl From<StoreError> for CliError {
         let status = match error {
             StoreError::QueueFull(_) => ExitStatus::Unavailable,
             StoreError::NoStore(_) => ExitStatus::NoInput,
-            StoreError::NoKey(_) | StoreError::OtherUser(_) => ExitStatus::Config,
+            StoreError::OtherUser(_) => ExitStatus::Config,
             _ => ExitStatus::InputOutput,
         };
         let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));

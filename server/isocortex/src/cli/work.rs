@@ -11,9 +11,8 @@ use http_support::listen;
 use pipeline::Limits;
 
 use super::common::{CommonArgs, set_some};
-use super::serve::{bind, end, tell_confinement, told_to_stop};
+use super::serve::{bind, tell_confinement, told_to_stop};
 use super::status::CliError;
-use crate::collector::Sender;
 use crate::config::ConfigError;
 use crate::{health, logs, start};
 
@@ -47,9 +46,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
     }
     config.keep_secrets();
     super::block_on(async {
-        config.collector()?;
         let library = start::open_library(&config).await?;
-        let sender = start::sender(&config)?;
         let workers = start_workers(library.clone(), config.prepare.workers);
         tracing::info!("preparing cases");
         let program = config.dicom_program.clone();
@@ -61,8 +58,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
             Some(listen) => {
                 let (listener, address) = bind(listen).await?;
                 tracing::info!(%address, "answering health checks");
-                let progress = sender.as_ref().map(Sender::progress);
-                let routes = health::routes(library.store().clone(), progress.as_ref());
+                let routes = health::routes(library.store().clone());
                 listen::serve(listener, routes, config.connection_limits(), None, stop).await;
             }
         }
@@ -71,7 +67,6 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
         workers.shut_down(grace).await;
         library.store().close().await;
         library.audit().shut_down();
-        end(sender).await;
         tracing::info!("stopped");
         Ok(())
     })

@@ -18,7 +18,6 @@ use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
 use http_support::auth::{Access, BadToken, unnamed};
 use http_support::listen::ConnectionLimits;
-use http_support::oidc::{BadIssuer, Issuer};
 use http_support::origins::{NotAnOrigin, Origins};
 use http_support::pace::LeastRate;
 use http_support::proxy::{BadProxy, SignInProxy};
@@ -26,15 +25,14 @@ use http_support::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
 use http_support::tokens::NamedToken;
 use pipeline::HeadLimits;
 use serde::Deserialize;
-use storage::{BadAddress, BadKeys, DatabaseAddress, Keys, Location, ObjectsAddress};
+use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
 
-use crate::collector::{BadCollector, Collector};
 use crate::logs::LogFormat;
 
 pub use self::pacs::{Dimse, Node, Pacs, Peer, SeriesUse};
 pub use self::sections::{
-    AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Oidc, Page, Prepare, Proxy, Render,
-    Secret, Storage, Syslog,
+    AuditFiles, DEFAULT_LISTEN, Http, Limits, MapsUse, Network, Page, Prepare, Proxy, Render,
+    Secret, Storage,
 };
 pub(crate) use self::tokens::check_name as check_token_name;
 
@@ -55,8 +53,6 @@ pub struct Config {
     pub http: Http,
     /// Limits on uploads and queues.
     pub limits: Limits,
-    /// The issuer by whom people sign in, if there is one.
-    pub oidc: Option<Oidc>,
     /// What the page shows.
     pub page: Page,
     /// Images from a PACS.
@@ -91,7 +87,6 @@ impl Default for Config {
             audit: AuditFiles::default(),
             http: Http::default(),
             limits: Limits::default(),
-            oidc: None,
             page: Page::default(),
             pacs: Pacs::default(),
             prepare: Prepare::default(),
@@ -149,18 +144,9 @@ pub enum ConfigError {
         folder: PathBuf,
         source: std::io::Error,
     },
-    /// There is no record to send.
-    #[error("`audit.syslog` sends what is in `audit.folder`; set the folder too")]
-    NothingToSend,
-    /// The collector of the audit record cannot be used.
-    #[error("`audit.syslog`: {0}")]
-    Collector(#[from] BadCollector),
     /// A token in two places.
     #[error("set the token in `http.token` or in `http.token_file`, not in both")]
     TwoTokens,
-    /// The issuer cannot be used.
-    #[error("`oidc`: {0}")]
-    Issuer(#[from] BadIssuer),
     /// Nobody can sign in by the proxy.
     #[error("`proxy`: {0}")]
     Proxy(#[from] BadProxy),
@@ -179,7 +165,7 @@ pub enum ConfigError {
     ProxyProject(NotAProject),
     /// Everyone on the network could read everything.
     #[error(
-        "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file`, `oidc` or `proxy`, or listen on 127.0.0.1"
+        "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file` or `proxy`, or listen on 127.0.0.1"
     )]
     OpenToStrangers {
         /// The configured address.
@@ -191,9 +177,6 @@ pub enum ConfigError {
         key: &'static str,
         source: BadAddress,
     },
-    /// The keys of the store cannot be used.
-    #[error("cannot use the keys in {} (`storage.key_file`): {source}", .path.display())]
-    Keys { path: PathBuf, source: BadKeys },
     /// An origin is none.
     #[error("`{key}`: {source}")]
     Origin {
@@ -242,9 +225,6 @@ pub enum ConfigError {
         /// Their title.
         aet: String,
     },
-    /// A project of `[oidc]` is not one.
-    #[error("`oidc.projects`: {0}")]
-    OidcProject(NotAProject),
     /// TLS of DIMSE is configured incompletely.
     #[error(
         "`pacs.dimse` needs both `tls_certificate` and `tls_key`, or no key that begins with `tls_`"
@@ -322,20 +302,15 @@ impl Config {
             tokens.push(unnamed(token.trim())?);
         }
         let listen = self.http.listen;
-        let issuer = self.issuer()?;
         let proxy = self.sign_in_proxy()?;
-        let wants_token = !tokens.is_empty()
-            || self.http.tokens_file.is_some()
-            || issuer.is_some()
-            || proxy.is_some();
+        let wants_token = !tokens.is_empty() || self.http.tokens_file.is_some() || proxy.is_some();
         let access = match wants_token {
             true => Access::with_tokens(tokens),
             false if listen.ip().is_loopback() => Access::of_this_machine(),
             false => return Err(ConfigError::OpenToStrangers { listen }),
         };
         let [allowed, _] = self.origins()?;
-        let access = access.with_origins(allowed).with_issuer(issuer);
-        Ok(access.with_proxy(proxy))
+        Ok(access.with_origins(allowed).with_proxy(proxy))
     }
 
     /// How people sign in by a proxy, if they do.
@@ -355,16 +330,6 @@ impl Config {
         }
         let options = proxy.options().map_err(ConfigError::ProxyProject)?;
         Ok(Some(SignInProxy::new(options)?))
-    }
-
-    /// The issuer by whom people sign in, of which nothing is asked yet.
-    ///
-    /// # Errors
-    /// If it cannot be used.
-    pub fn issuer(&self) -> Result<Option<Issuer>, ConfigError> {
-        let options = self.oidc.as_ref().map(Oidc::options).transpose();
-        let options = options.map_err(ConfigError::OidcProject)?;
-        Ok(options.map(Issuer::new).transpose()?)
     }
 
     /// The origins whose pages may read answers, and those in whose frames the page may stand.
@@ -473,7 +438,6 @@ impl Config {
         let options = audit::Options {
             folder: folder.clone(),
             max_file_bytes: self.audit.max_file_bytes,
-            window: audit::WINDOW,
         };
         Audit::start(options).map_err(|source| ConfigError::Audit {
             folder: folder.clone(),
@@ -493,20 +457,6 @@ impl Config {
             folder: folder.clone(),
             source,
         })
-    }
-
-    /// The collector to which the record is sent, if there is one.
-    ///
-    /// # Errors
-    /// If it has no address, or a file for TLS cannot be used.
-    pub fn collector(&self) -> Result<Option<Collector>, ConfigError> {
-        let Some(syslog) = &self.audit.syslog else {
-            return Ok(None);
-        };
-        if self.audit.folder.is_none() {
-            return Err(ConfigError::NothingToSend);
-        }
-        Ok(Some(Collector::new(syslog)?))
     }
 
     fn token_text(&self) -> Result<Option<String>, ConfigError> {
@@ -613,7 +563,6 @@ impl Config {
             folder: self.storage.data.clone(),
             database,
             objects: objects.map_err(wrong("storage.objects"))?,
-            keys: keys(self.storage.key_file.as_deref())?,
         })
     }
 
@@ -738,20 +687,6 @@ impl Config {
             shutdown_grace: Duration::from_secs(self.http.shutdown_grace_secs),
         }
     }
-}
-
-/// The keys of a store, if there is a file with them.
-///
-/// # Errors
-/// If they cannot be used.
-pub(crate) fn keys(file: Option<&Path>) -> Result<Keys, ConfigError> {
-    let Some(path) = file else {
-        return Ok(Keys::default());
-    };
-    Keys::read(path).map_err(|source| ConfigError::Keys {
-        path: path.to_owned(),
-        source,
-    })
 }
 
 fn days(count: u64) -> Duration {

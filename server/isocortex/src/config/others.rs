@@ -11,7 +11,6 @@ const EVERYBODY_WRITES: u32 = 0o002;
 impl Config {
     /// The files with secrets, and what each is.
     fn secret_files(&self) -> Vec<(&Path, &'static str)> {
-        let syslog = self.audit.syslog.as_ref();
         let files = [
             (&self.http.token_file, "the file of the token"),
             (&self.http.tls_key, "the file of the key for TLS"),
@@ -20,13 +19,10 @@ impl Config {
                 &self.storage.database_password_file,
                 "the file of the database's password",
             ),
-            (&self.storage.key_file, "the file of the keys of the store"),
         ];
         let mut found: Vec<_> = (files.into_iter())
             .filter_map(|(file, what)| Some((file.as_deref()?, what)))
             .collect();
-        let collector = syslog.and_then(|syslog| syslog.tls_key.as_deref());
-        found.extend(collector.map(|key| (key, "the file of the key for the collector")));
         for node in &self.pacs.nodes {
             let password = (&node.password_file, "the file of the password of a node");
             let token = (&node.token_file, "the file of the token of a node");
@@ -77,16 +73,8 @@ impl Config {
             &self.audit.folder,
         ];
         let of_nodes = self.pacs.nodes.iter().map(|node| &node.tls_authority);
-        let of_collector = self
-            .audit
-            .syslog
-            .as_ref()
-            .map(|syslog| &*syslog.tls_authority);
-        let files = files
-            .into_iter()
-            .chain(of_nodes)
-            .filter_map(Option::as_deref);
-        files.chain(of_collector)
+        let files = files.into_iter().chain(of_nodes);
+        files.filter_map(Option::as_deref)
     }
 
     /// What the program does not mend itself: a configuration with a secret that others can read, and what everybody can change and should not.
@@ -151,7 +139,6 @@ mod tests {
         let mut config = Config::default();
         let token = file(folder.path(), "token", 0o644);
         config.http.token_file = Some(token.clone());
-        config.storage.key_file = Some(file(folder.path(), "keys", 0o600));
         config.http.tokens_file = Some(file(folder.path(), "tokens.toml", 0o646));
         config.audit.folder = Some(folder.path().to_owned());
         let found = config.open_files();

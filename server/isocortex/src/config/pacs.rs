@@ -27,8 +27,6 @@ pub struct Pacs {
     pub keep_days: u64,
     /// Whether no identity of a patient is kept, of images and of uploads.
     pub deidentify: bool,
-    /// Whether the images of a series that became a case are kept, and served by WADO-RS, as long as the case.
-    pub keep_source: bool,
     /// Which series become cases.
     pub series: SeriesUse,
     /// Whether objects that are no MR or CT images, such as reports, are accepted and not kept; otherwise they are refused.
@@ -59,7 +57,6 @@ impl Default for Pacs {
             stable_seconds: 20,
             keep_days: 3,
             deidentify: false,
-            keep_source: false,
             series: SeriesUse::default(),
             ignore_other_objects: true,
             time_zone: None,
@@ -204,7 +201,6 @@ impl Pacs {
         ArrivalOptions {
             stable: Duration::from_secs(self.stable_seconds),
             keep: Duration::from_secs(self.keep_days.saturating_mul(SECONDS_PER_DAY)),
-            keep_source: self.keep_source,
             series: match self.series {
                 SeriesUse::T1 => SeriesRule::T1,
                 SeriesUse::Any => SeriesRule::Any,

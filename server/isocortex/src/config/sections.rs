@@ -7,7 +7,6 @@ use std::str::FromStr;
 
 use case::{NotAProject, Project};
 use cases::pictures::GpuUse;
-use http_support::oidc::{IssuerOptions, ProjectRules, RoleRules};
 use http_support::proxy::ProxyOptions;
 use http_support::scopes::Role;
 use ipnet::IpNet;
@@ -132,8 +131,6 @@ pub struct AuditFiles {
     pub folder: Option<PathBuf>,
     /// The size beyond which another file is begun, in bytes.
     pub max_file_bytes: u64,
-    /// Where its lines are sent too.
-    pub syslog: Option<Syslog>,
 }
 
 impl Default for AuditFiles {
@@ -141,83 +138,7 @@ impl Default for AuditFiles {
         Self {
             folder: None,
             max_file_bytes: 64 << 20,
-            syslog: None,
         }
-    }
-}
-
-/// `[audit.syslog]`: a collector of syslog by TLS.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Syslog {
-    /// Its host and port; 6514 if there is no port.
-    pub address: String,
-    /// A file with the certificates in PEM that that of the collector is issued by.
-    pub tls_authority: PathBuf,
-    /// A file with our certificate in PEM, if the collector requires one.
-    pub tls_certificate: Option<PathBuf>,
-    /// A file with its key in PEM.
-    pub tls_key: Option<PathBuf>,
-}
-
-/// `[oidc]`: an issuer of OpenID Connect, whose tokens open beside those of this server, and by whom people sign in on the page.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Oidc {
-    /// Its address, exactly as it is in its tokens (`iss`).
-    pub issuer: String,
-    /// What its tokens must be for (`aud`).
-    pub audience: String,
-    /// What the page is at the issuer: a public client. Without one, people do not sign in on the page.
-    pub client_id: Option<String>,
-    /// What the page asks for.
-    #[serde(default = "default_scope")]
-    pub scope: String,
-    /// What else the page sends to the issuer, such as `resource` or `acr_values`.
-    #[serde(default)]
-    pub parameters: BTreeMap<String, String>,
-    /// The claim with the roles or groups of a person.
-    #[serde(default = "default_roles_claim")]
-    pub roles_claim: String,
-    /// The role of each value of the claim. Without one, the values are the names of roles.
-    #[serde(default)]
-    pub roles: BTreeMap<String, Role>,
-    /// The claim with the projects or groups of a person; `roles_claim` if there is none.
-    pub projects_claim: Option<String>,
-    /// The project of each value of that claim; empty for the project without a name. Without a table, everybody belongs to that one.
-    #[serde(default)]
-    pub projects: BTreeMap<String, String>,
-}
-
-fn default_scope() -> String {
-    "openid profile".to_owned()
-}
-
-fn default_roles_claim() -> String {
-    "roles".to_owned()
-}
-
-impl Oidc {
-    pub(super) fn options(&self) -> Result<IssuerOptions, NotAProject> {
-        Ok(IssuerOptions {
-            issuer: self.issuer.clone(),
-            audience: self.audience.clone(),
-            roles: RoleRules {
-                claim: self.roles_claim.clone(),
-                roles: self.roles.clone(),
-            },
-            projects: ProjectRules {
-                claim: self
-                    .projects_claim
-                    .as_ref()
-                    .unwrap_or(&self.roles_claim)
-                    .clone(),
-                projects: named_projects(&self.projects)?,
-            },
-            client_id: self.client_id.clone(),
-            scope: self.scope.clone(),
-            parameters: self.parameters.clone(),
-        })
     }
 }
 
@@ -414,8 +335,6 @@ pub struct Storage {
     pub database_password_file: Option<PathBuf>,
     /// The objects, unless they are in the directory: `s3://bucket/prefix` or `file:///folder`.
     pub objects: Option<String>,
-    /// A file with the keys with which the objects are encrypted; without one, they are not.
-    pub key_file: Option<PathBuf>,
     /// The age in days at which ready and failed cases are removed, unless they are kept; by default none is.
     pub keep_days: Option<u64>,
     /// Free bytes on the disk of the store below which `/readyz` reports a full disk.
@@ -429,7 +348,6 @@ impl Default for Storage {
             database: None,
             database_password_file: None,
             objects: None,
-            key_file: None,
             keep_days: None,
             min_free_bytes: 64 << 20,
         }

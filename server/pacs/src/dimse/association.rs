@@ -120,29 +120,25 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     let Accepted { answer, contexts } = match negotiated {
         Ok(accepted) => accepted,
         Err(why) => {
-            options.counts.reject(why);
-            tracing::warn!(
-                address = %caller.address,
-                calling = shown(&request.calling_ae_title),
-                called = shown(&request.called_ae_title),
-                reason = why.name(),
-                "an association was rejected"
-            );
-            let refused = Event {
-                kind: EventKind::SecurityAlert,
-                outcome: Outcome::MinorFailure,
-                object: "association",
-                ..event_of(caller, &request.calling_ae_title)
-            };
-            cases.audit().record_refusal(refused).await;
+            if let Some(count) = options.counts.reject(why) {
+                tracing::warn!(
+                    address = %caller.address,
+                    calling = shown(&request.calling_ae_title),
+                    called = shown(&request.called_ae_title),
+                    reason = why.name(),
+                    count,
+                    "associations were rejected"
+                );
+            }
             wire.send(&Pdu::AssociationRJ(rejection(why))).await?;
             return Err(Abort::Rejected);
         }
     };
     if caller.connection.admit(None).is_err() {
         let why = Rejection::Limit;
-        options.counts.reject(why);
-        tracing::warn!(address = %caller.address, reason = why.name(), "an association was rejected");
+        if let Some(count) = options.counts.reject(why) {
+            tracing::warn!(address = %caller.address, reason = why.name(), count, "associations were rejected");
+        }
         wire.send(&Pdu::AssociationRJ(rejection(why))).await?;
         return Err(Abort::Rejected);
     }
@@ -169,6 +165,11 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     ended
 }
 
+/// The name of a peer in the audit record.
+fn name_of(title: &str) -> String {
+    format!("{TITLE_PREFIX}{}", shown(title))
+}
+
 /// Images from a peer, for the audit record.
 fn event_of(caller: &Caller, title: &str) -> Event {
     Event {
@@ -177,7 +178,7 @@ fn event_of(caller: &Caller, title: &str) -> Event {
             EventKind::InstancesTransferred,
             Action::Create,
             "image",
-            &format!("{TITLE_PREFIX}{}", shown(title)),
+            &name_of(title),
         )
     }
 }
@@ -412,11 +413,11 @@ impl Messages<'_> {
     /// Records that images come, before the first one; whether that is on record.
     async fn announce(&mut self) -> bool {
         if !self.is_announced {
-            let intended = Event {
-                outcome: Outcome::Intended,
+            let allowed = Event {
+                outcome: Outcome::Allowed,
                 ..self.event.clone()
             };
-            self.is_announced = self.record(intended).await;
+            self.is_announced = self.record(allowed).await;
         }
         self.is_announced
     }
@@ -431,12 +432,11 @@ impl Messages<'_> {
                 true => Outcome::Success,
                 false => Outcome::SeriousFailure,
             },
-            count: 0,
             ..self.event.clone()
         };
         let of_study = |(study, &count): (&String, &usize)| Event {
             study: Some(study.as_str().into()),
-            count: count as u64,
+            count: Some(count as u64),
             ..ended.clone()
         };
         let mut events: Vec<_> = self.studies.iter().map(of_study).collect();
@@ -452,7 +452,7 @@ impl Messages<'_> {
     }
 
     async fn record(&self, event: Event) -> bool {
-        let recorded = self.cases.audit().record_durable(event);
+        let recorded = self.cases.audit().record(event);
         let recorded = tokio::time::timeout(LONGEST_RECORDING, recorded).await;
         matches!(recorded, Ok(Ok(())))
     }
@@ -544,5 +544,18 @@ fn status_of(error: &Error) -> Status {
             tracing::error!(%error, "an image could not be stored");
             Status::ProcessingFailure
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_title_is_the_name_of_anybody_else_in_the_audit_record() {
+        for title in ["proxy:ana", "isocortex", "anybody", "token", "dr.silva"] {
+            assert_eq!(*name_of(title), format!("{TITLE_PREFIX}{title}"));
+        }
+        assert_eq!(name_of("two\nlines"), "aet:(no title)");
     }
 }

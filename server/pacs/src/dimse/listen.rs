@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use audit::{Action, Event, EventKind, Outcome};
 use cases::Cases;
 use http_support::door::Door;
 use tokio::net::{TcpListener, TcpStream};
@@ -57,20 +56,10 @@ pub async fn serve(
         };
         let titles = peers.titles_at(address).await;
         if titles.is_empty() {
-            let reason = reject(&options, Rejection::Address);
-            tracing::warn!(%address, reason, "a connection for DIMSE was closed");
-            let refused = Event {
-                outcome: Outcome::MinorFailure,
-                from: Some(address),
-                ..Event::new(
-                    EventKind::SecurityAlert,
-                    Action::Execute,
-                    "association",
-                    "anybody",
-                )
-            };
-            let audit = cases.audit().clone();
-            associations.spawn(async move { audit.record_refusal(refused).await });
+            let why = Rejection::Address;
+            if let Some(count) = options.counts.reject(why) {
+                tracing::warn!(%address, reason = why.name(), count, "connections for DIMSE were closed");
+            }
             continue;
         }
         let (cases, options) = (cases.clone(), Arc::clone(&options));
@@ -97,12 +86,6 @@ pub async fn serve(
     if tokio::time::timeout(grace, ended).await.is_err() {
         tracing::warn!("stopped before every association had ended");
     }
-}
-
-/// Counts a rejection; returns its name.
-fn reject(options: &DimseOptions, why: Rejection) -> &'static str {
-    options.counts.reject(why);
-    why.name()
 }
 
 /// The connection, by TLS if that is configured. A handshake has the time of the request of an association.

@@ -1,8 +1,7 @@
-//! Pictures of the studies and series that are here, in DICOMweb's own terms (PS3.18 §8.3.5, §10.4.1.1.3).
+//! Pictures of the cases of a study or a series, in DICOMweb's own terms (PS3.18 §8.3.5).
 
 pub(crate) mod media;
 mod query;
-mod stored;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -17,25 +16,12 @@ use cases::pictures::{PictureSeries, SeriesPicture};
 use cases::{Cases, Error};
 use serde_json::{Value, json};
 use storage::arrivals::{SeriesQuery, Uid};
-use storage::results::HeldResult;
-use utoipa::IntoParams;
-use utoipa::openapi::path::{Parameter, ParameterIn};
-use utoipa::openapi::schema::Type;
 
 use self::media::{Answer, Kind, accepted};
-use self::query::{RenderedParams, RenderedQuery, Shown, USUAL_QUALITY};
-use self::stored::Pixels;
-use crate::address::{FramesPath, InstancePath, Named, SeriesPath, StudyPath};
-use crate::described::query_key;
-use crate::held::{HeldStudy, files_of};
+use self::query::{RenderedParams, RenderedQuery, Shown};
+use crate::address::{Named, SeriesPath, StudyPath};
 use crate::state::{InProject, Pacs};
 use http_support::problem::AppError;
-
-/// Width and height of a picture, if none are requested.
-const USUAL_SIDE: u32 = 512;
-
-/// Width and height of a thumbnail.
-const THUMBNAIL_SIDE: u32 = 128;
 
 type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
 
@@ -66,7 +52,7 @@ pub(crate) async fn of_study(
     keys: Keys,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
-    render(&pacs, path.into(), keys, &headers, USUAL_SIDE).await
+    render(&pacs, path.into(), keys, &headers).await
 }
 
 /// Volume rendering of a series
@@ -90,223 +76,7 @@ pub(crate) async fn of_series(
     keys: Keys,
     headers: HeaderMap,
 ) -> Result<Response, AppError> {
-    render(&pacs, path.into(), keys, &headers, USUAL_SIDE).await
-}
-
-/// Picture of a series
-///
-/// The same as its `rendered3D`; of a result that was sent, the result.
-#[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/rendered", tag = "pacs", operation_id = "picture_of_series",
-    params(SeriesPath, RenderedParams),
-    responses(
-        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
-        (status = 400, description = "A key of the query is unknown or its value invalid"),
-        (status = 404, description = "There is no case of this series"),
-        (status = 406, description = "No accepted media type is available"),
-        (status = 409, description = "The case is not ready"),
-        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
-    )
-)]
-pub(crate) async fn picture_of_series(
-    InProject(pacs): InProject,
-    Path(path): Path<SeriesPath>,
-    keys: Keys,
-    headers: HeaderMap,
-) -> Result<Response, AppError> {
-    of_series_or_result(&pacs, path.into(), keys, &headers, None).await
-}
-
-/// Thumbnail of a series
-///
-/// A picture of 128 × 128 pixels, with the keys of its `rendered3D`; of a result that was sent, at most as large.
-#[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/thumbnail", tag = "pacs", operation_id = "thumbnail_of_series",
-    params(SeriesPath, RenderedParams),
-    responses(
-        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
-        (status = 400, description = "A key of the query is unknown or its value invalid"),
-        (status = 404, description = "There is no case of this series"),
-        (status = 406, description = "No accepted media type is available"),
-        (status = 409, description = "The case is not ready"),
-        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
-    )
-)]
-pub(crate) async fn thumbnail_of_series(
-    InProject(pacs): InProject,
-    Path(path): Path<SeriesPath>,
-    keys: Keys,
-    headers: HeaderMap,
-) -> Result<Response, AppError> {
-    let side = Some(THUMBNAIL_SIDE);
-    of_series_or_result(&pacs, path.into(), keys, &headers, side).await
-}
-
-/// Picture of an instance
-///
-/// A result that was sent, or an image that is kept, as it is: colours, or grey by its own window. JPEG by default, PNG on request; of several
-/// frames the first one.
-#[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/rendered", tag = "pacs", operation_id = "picture_of_instance",
-    params(InstancePath, StoredParams),
-    responses(
-        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
-        (status = 400, description = "A key of the query is unknown or its value invalid"),
-        (status = 404, description = "It is not here, is not kept, or has no pixels"),
-        (status = 406, description = "No accepted media type is available"),
-        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
-    )
-)]
-pub(crate) async fn picture_of_instance(
-    InProject(pacs): InProject,
-    Path(path): Path<InstancePath>,
-    keys: Keys,
-    headers: HeaderMap,
-) -> Result<Response, AppError> {
-    of_stored(&pacs, &path.into(), 0, keys, &headers, None).await
-}
-
-/// Thumbnail of an instance
-///
-/// As its picture, at most 128 pixels wide and high.
-#[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/thumbnail", tag = "pacs", operation_id = "thumbnail_of_instance",
-    params(InstancePath, StoredParams),
-    responses(
-        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
-        (status = 400, description = "A key of the query is unknown or its value invalid"),
-        (status = 404, description = "It is not here, is not kept, or has no pixels"),
-        (status = 406, description = "No accepted media type is available"),
-        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
-    )
-)]
-pub(crate) async fn thumbnail_of_instance(
-    InProject(pacs): InProject,
-    Path(path): Path<InstancePath>,
-    keys: Keys,
-    headers: HeaderMap,
-) -> Result<Response, AppError> {
-    let side = Some(THUMBNAIL_SIDE);
-    of_stored(&pacs, &path.into(), 0, keys, &headers, side).await
-}
-
-/// Picture of a frame
-///
-/// As the picture of its instance.
-#[utoipa::path(
-    get, path = "/dicomweb/studies/{study}/series/{series}/instances/{instance}/frames/{frames}/rendered", tag = "pacs", operation_id = "picture_of_frame",
-    params(FramesPath, StoredParams),
-    responses(
-        (status = 200, description = "The picture", content((Vec<u8> = "image/jpeg"), (Vec<u8> = "image/png"))),
-        (status = 400, description = "`frames` is no number, or a key of the query is unknown or its value invalid"),
-        (status = 404, description = "It is not here, is not kept, or has no such frame"),
-        (status = 406, description = "No accepted media type is available"),
-        (status = 503, description = "Too much work is waiting (`busy`), or the stored upload is missing (`source-missing`)"),
-    )
-)]
-pub(crate) async fn picture_of_frame(
-    InProject(pacs): InProject,
-    Path(path): Path<FramesPath>,
-    keys: Keys,
-    headers: HeaderMap,
-) -> Result<Response, AppError> {
-    let (named, frames) = path.parts();
-    let number = frames
-        .parse::<usize>()
-        .ok()
-        .and_then(|number| number.checked_sub(1));
-    match number {
-        Some(number) => of_stored(&pacs, &named, number, keys, &headers, None).await,
-        None => {
-            let detail = "name one frame by its number, from 1";
-            Err(AppError::bad_request("query-value-out-of-range", detail))
-        }
-    }
-}
-
-/// The keys of a picture of a stored instance, for the description.
-pub(crate) struct StoredParams;
-
-impl IntoParams for StoredParams {
-    fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
-        vec![
-            query_key(
-                "accept",
-                Type::String,
-                "The accepted media types, instead of the header",
-            ),
-            query_key("quality", Type::Integer, "Of JPEG, 1 to 100"),
-        ]
-    }
-}
-
-/// The result of a series, if it is one of ours; otherwise the picture of the case of the series.
-async fn of_series_or_result(
-    pacs: &Pacs,
-    mut named: Named,
-    keys: Keys,
-    headers: &HeaderMap,
-    side: Option<u32>,
-) -> Result<Response, AppError> {
-    if let Some(study) = Uid::parse(&named.study) {
-        let results = pacs.cases().store().results_of(&study, false).await?;
-        let is_named = |result: &&HeldResult| {
-            Some(result.series.series_uid.as_str()) == named.series.as_deref()
-        };
-        if let Some(result) = results.iter().find(is_named) {
-            named.instance = Some(result.instance.as_str().to_owned());
-            return of_stored(pacs, &named, 0, keys, headers, side).await;
-        }
-    }
-    render(pacs, named, keys, headers, side.unwrap_or(USUAL_SIDE)).await
-}
-
-async fn of_stored(
-    pacs: &Pacs,
-    named: &Named,
-    frame: usize,
-    keys: Keys,
-    headers: &HeaderMap,
-    side: Option<u32>,
-) -> Result<Response, AppError> {
-    let keys = read_keys(keys)?;
-    if keys.keys().any(|key| key != "accept" && key != "quality") {
-        let detail = "a key of the query is unknown; known keys: accept, quality";
-        return Err(AppError::bad_request("query-unknown-key", detail));
-    }
-    let quality = keys.get("quality").map(|text| {
-        let quality = text
-            .parse()
-            .ok()
-            .filter(|quality| (1..=100).contains(quality));
-        quality.ok_or_else(|| AppError::wrong_value("quality", "1 to 100"))
-    });
-    let quality = quality.transpose()?.unwrap_or(USUAL_QUALITY);
-    let answer = accepted(keys.get("accept").map(String::as_str), headers, false)?;
-    let object = files_of(&HeldStudy::named(pacs, named).await?)?[0];
-    let cases = pacs.cases();
-    let metadata = cases.stored_metadata(&[object]).await?;
-    let pixels = metadata.as_ref().and_then(|all| Pixels::read(all.first()?));
-    let pixels = pixels.ok_or_else(|| {
-        let detail = "the instance has no pixels that can be drawn, or they are lost";
-        AppError::not_found("no-such-frame", detail)
-    })?;
-    let frames = cases.stored_frames(object, vec![frame]).await?;
-    let bytes = frames.and_then(|frames| frames.into_iter().next().flatten());
-    let bytes = bytes.ok_or_else(|| {
-        AppError::not_found("no-such-frame", "the instance has no frame of this number")
-    })?;
-    let draw = move || {
-        let picture = pixels.picture(&bytes, side)?;
-        let drawn = match answer.kind {
-            Kind::Png => render::encode_png(&picture, &[]),
-            Kind::Jpeg => render::encode_jpeg(&picture, quality),
-        };
-        drawn.map_err(|error| AppError::from(Error::from(error)))
-    };
-    let picture = tokio::task::spawn_blocking(draw).await;
-    let picture = picture.map_err(|_| AppError::from(Error::Internal))??;
-    Ok(answered(&answer, vec![picture]))
+    render(&pacs, path.into(), keys, &headers).await
 }
 
 /// The keys of a query, each once.
@@ -331,7 +101,6 @@ async fn render(
     named: Named,
     keys: Keys,
     headers: &HeaderMap,
-    side: u32,
 ) -> Result<Response, AppError> {
     let keys = read_keys(keys)?;
     let asked = RenderedQuery::read(&keys)?;
@@ -343,7 +112,7 @@ async fn render(
         // It is framed by its own sphere.
         false => Arc::new(cases.surface(&id, surface).await?.facts().clone()),
     };
-    let shown = asked.shown(&facts, side)?;
+    let shown = asked.shown(&facts)?;
     if asked.is_metadata() {
         let body = json!([metadata(&shown, surface, &facts)]).to_string();
         return Ok(response("application/dicom+json", body.into()));
@@ -365,14 +134,7 @@ async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, AppError> {
     let query = SeriesQuery::Study(uid(&named.study)?, series.transpose()?);
     let fitting = pacs.cases().fitting(&query).await?;
     if fitting.is_ambiguous() {
-        let detail = match named.series {
-            None => {
-                "the study has images of several patients; request a picture of one of its series, which `GET /dicomweb/studies/{study}/series` lists with their patients"
-            }
-            Some(_) => {
-                "the series has cases of several patients; request a picture of the right one, which `POST /v1/launch` lists with its id"
-            }
-        };
+        let detail = "there are cases of several patients; request a picture of the right one by its id, which `POST /v1/launch` lists";
         return Err(AppError::new(
             StatusCode::CONFLICT,
             "several-patients",

@@ -11,18 +11,21 @@ use cases::pictures::{
 use glam::{DMat3, DQuat, DVec3};
 use render::WindowFunction;
 use utoipa::IntoParams;
-use utoipa::openapi::path::{Parameter, ParameterIn};
+use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::schema::Type;
+use utoipa::openapi::{ObjectBuilder, Required};
 
-use crate::described::query_key;
 use http_support::problem::AppError;
 use http_support::sent::from_pairs;
 
 /// The depth if none is requested, in mm: cuts are orthogonal to most sulci there.
 const USUAL_DEPTH_MM: f32 = 8.0;
 
+/// Width and height of a picture, if none are requested.
+const USUAL_SIDE: u32 = 512;
+
 /// The quality of JPEG if none is requested.
-pub(crate) const USUAL_QUALITY: u8 = 90;
+const USUAL_QUALITY: u8 = 90;
 
 /// The step of an animation if none is requested, in degrees.
 const USUAL_STEP: f64 = 10.0;
@@ -96,8 +99,16 @@ pub(crate) struct RenderedParams;
 
 impl IntoParams for RenderedParams {
     fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
-        let keys = KEYS.map(|(name, words)| query_key(name, Type::String, words));
-        keys.into()
+        let key = |(name, words): (&str, &str)| {
+            ParameterBuilder::new()
+                .name(name)
+                .parameter_in(ParameterIn::Query)
+                .required(Required::False)
+                .description(Some(words))
+                .schema(Some(ObjectBuilder::new().schema_type(Type::String)))
+                .build()
+        };
+        KEYS.map(key).into()
     }
 }
 
@@ -240,8 +251,8 @@ impl<'a> RenderedQuery<'a> {
         })
     }
 
-    /// What is drawn of a case, whose facts are those of the requested surface; `side` is the width and height if none are requested.
-    pub(crate) fn shown(&self, facts: &CaseFacts, side: u32) -> Result<Shown, AppError> {
+    /// What is drawn of a case, whose facts are those of the requested surface.
+    pub(crate) fn shown(&self, facts: &CaseFacts) -> Result<Shown, AppError> {
         match self.text("renderingmethod") {
             None | Some("volume_rendered") => {}
             Some(_) => return Err(wrong("renderingmethod", "`volume_rendered`")),
@@ -249,7 +260,7 @@ impl<'a> RenderedQuery<'a> {
         let viewpoint = self.viewpoint(&facts.envelope_sphere)?;
         let window = self.window(facts)?;
         let viewport = match self.text("viewport") {
-            None => [side; 2],
+            None => [USUAL_SIDE; 2],
             Some(text) => {
                 let sides = numbers::<2>(text).filter(|sides| {
                     sides

@@ -212,8 +212,6 @@ impl Composer {
         ResultSeries {
             sop_class_uid: uid(class),
             series_uid: uid(&self.series_uid()),
-            number: self.series_number,
-            description: self.title.chars().take(64).collect(),
         }
     }
 
@@ -435,7 +433,7 @@ async fn listed(
     plan: &KeyObjectPlan,
 ) -> Result<Vec<Listed>, AppError> {
     let is_rejection = plan.title.is_rejection();
-    let results = cases.store().results_of(study, is_rejection).await?;
+    let results = cases.store().results_of(study).await?;
     let of_source = |uid: &Uid| {
         let mut images = source.instances.iter();
         let image = images.find(|image| image.sop_instance_uid == uid.as_str())?;
@@ -446,10 +444,10 @@ async fn listed(
         })
     };
     let of_result = |uid: &Uid| {
-        let result = results.iter().find(|result| result.instance == *uid)?;
+        let (_, series) = results.iter().find(|(result, _)| result == uid)?;
         Some(Listed {
-            series_uid: result.series.series_uid.as_str().to_owned(),
-            sop_class_uid: result.series.sop_class_uid.as_str().to_owned(),
+            series_uid: series.series_uid.as_str().to_owned(),
+            sop_class_uid: series.sop_class_uid.as_str().to_owned(),
             sop_instance_uid: uid.as_str().to_owned(),
         })
     };

@@ -47,8 +47,7 @@ pub(crate) struct ResultView {
     instance: String,
     /// `queued`, `running`, `done` or `failed`.
     state: &'static str,
-    /// `withdrawn`, `superseded` or `layer-withdrawn`, if it does not count any more: searches do not list it, and it can be withdrawn by a
-    /// rejection note, unless it was.
+    /// `withdrawn`, `superseded` or `layer-withdrawn`, if it does not count any more. It can be withdrawn by a rejection note, unless it was.
     #[serde(skip_serializing_if = "Option::is_none")]
     not_valid: Option<&'static str>,
     /// The reason, if it failed.

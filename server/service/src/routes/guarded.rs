@@ -1,20 +1,15 @@
 //! The common part of the descriptions of all guarded routes.
 
 use utoipa::openapi::path::{Operation, ParameterIn};
-use utoipa::openapi::security::{
-    HttpAuthScheme, HttpBuilder, OpenIdConnect, SecurityRequirement, SecurityScheme,
-};
+use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
 use utoipa::openapi::{Components, Content, OpenApi, Ref, RefOr, ResponseBuilder};
-
-use http_support::auth::Access;
 
 /// The names of the schemes in the description.
 const BEARER: &str = "bearer";
 const BASIC: &str = "basic";
-const OPEN_ID: &str = "openid";
 
 /// Describes the token, the answers that any guarded route may give, and the body of every error.
-pub(crate) fn describe(api: &mut OpenApi, access: &Access) {
+pub(crate) fn describe(api: &mut OpenApi) {
     let components = api.components.get_or_insert_with(Components::default);
     for (name, scheme, description) in [
         (
@@ -32,20 +27,10 @@ pub(crate) fn describe(api: &mut OpenApi, access: &Access) {
         let scheme = scheme.description(Some(description)).build();
         components.add_security_scheme(name, SecurityScheme::Http(scheme));
     }
-    let issuer = access.issuer().map(|issuer| &issuer.options().issuer);
-    if let Some(issuer) = issuer {
-        let place = issuer.trim_end_matches('/');
-        let scheme = OpenIdConnect::with_description(
-            format!("{place}/.well-known/openid-configuration"),
-            "A token of this issuer, for the audience of the configuration.".to_owned(),
-        );
-        components.add_security_scheme(OPEN_ID, SecurityScheme::OpenIdConnect(scheme));
-    }
-    let has_issuer = issuer.is_some();
     for (path, item) in &mut api.paths.paths {
         let reads = [&mut item.get, &mut item.head];
         for operation in reads.into_iter().flatten() {
-            guard(operation, path, has_issuer);
+            guard(operation, path);
             if has_keys(operation) {
                 add(operation, "400", "A key or value of the query is invalid");
             }
@@ -66,7 +51,7 @@ pub(crate) fn describe(api: &mut OpenApi, access: &Access) {
             &mut item.delete,
         ];
         for operation in writes.into_iter().flatten() {
-            guard(operation, path, has_issuer);
+            guard(operation, path);
         }
     }
 }
@@ -88,21 +73,14 @@ fn has_keys(operation: &Operation) -> bool {
     )
 }
 
-fn guard(operation: &mut Operation, path: &str, has_issuer: bool) {
+fn guard(operation: &mut Operation, path: &str) {
     let nothing: [&str; 0] = [];
-    let mut security = vec![
+    operation.security = Some(vec![
         SecurityRequirement::new(BEARER, nothing),
         SecurityRequirement::new(BASIC, nothing),
-    ];
-    // Without a configured token, the server requires none.
-    security.push(match has_issuer {
-        true => SecurityRequirement::new(OPEN_ID, nothing),
-        false => SecurityRequirement::default(),
-    });
-    operation.security = Some(security);
-    if has_issuer {
-        add(operation, "503", "The issuer of the token does not answer");
-    }
+        // Without a configured token, the server requires none.
+        SecurityRequirement::default(),
+    ]);
     add(
         operation,
         "401",

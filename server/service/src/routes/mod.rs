@@ -159,7 +159,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
     let guard = guard(state, scopes::SCOPES);
     let guarded = guarded.route_layer(middleware::from_fn_with_state(guard, auth::require_token));
     let (routes, mut description) = guarded.split_for_parts();
-    guarded::describe(&mut description, &Access::from_ref(state));
+    guarded::describe(&mut description);
     let guarded = OpenApiRouter::from(routes);
     OpenApiRouter::with_openapi(Description::openapi().merge_from(description))
         .merge(guarded)

@@ -27,9 +27,9 @@ pub const SCOPES: &[Row] = &[
     read("/v1/cases/{id}/mesh/paths", Audited::View),
     read("/v1/cases/{id}/volume", Audited::View),
     read("/v1/cases/{id}/distance", Audited::View),
-    read("/v1/cases/{id}/render", Audited::Picture),
-    read("/v1/cases/{id}/slices/{plane}", Audited::Picture),
-    read("/v1/cases/{id}/acquired/{plane}", Audited::Picture),
+    read("/v1/cases/{id}/render", Audited::View),
+    read("/v1/cases/{id}/slices/{plane}", Audited::View),
+    read("/v1/cases/{id}/acquired/{plane}", Audited::View),
     // It draws what its body lists, and changes nothing.
     (
         Method::POST,

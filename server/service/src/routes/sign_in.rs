@@ -10,8 +10,6 @@ use utoipa::ToSchema;
 use http_support::auth::Access;
 use http_support::fresh::fresh_json;
 use http_support::listen::ByProxy;
-use http_support::oidc::SignIn;
-use http_support::problem::{AppError, Problem};
 use http_support::proxy::PREFIX;
 use http_support::query::{ApiQuery, NoQuery};
 use http_support::tokens::Holder;
@@ -19,8 +17,8 @@ use http_support::tokens::Holder;
 /// Who asks.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Session {
-    /// The name of the token; `oidc:` and the subject for somebody who has signed in at the issuer; `token` for the token without a
-    /// name; `proxy:` and the name of the user for somebody whom a proxy has signed in; `anybody` if no token is required.
+    /// The name of the token; `token` for the token without a name; `proxy:` and the name of the user for somebody whom a proxy has
+    /// signed in; `anybody` if no token is required.
     name: String,
     /// What the token permits.
     scopes: Vec<&'static str>,
@@ -49,23 +47,20 @@ pub async fn get_session(
     fresh_json(StatusCode::OK, &session)
 }
 
-/// Where and how the page signs in
-///
-/// By authorization code with PKCE at the issuer of the configuration, or by a proxy in front of the server (`by_proxy`). Without either, the
-/// page asks for a token.
-#[utoipa::path(get, path = "/sign-in", tag = "service", responses(
-    (status = 200, description = "The issuer, if the page signs in by one", body = SignIn),
-    (status = 503, description = "The issuer does not answer", body = Problem, content_type = "application/problem+json"),
-))]
+/// How people sign in.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct SignIn {
+    /// Whether the request came through a proxy that signs people in. Otherwise the page asks for a token.
+    by_proxy: bool,
+}
+
+/// How people sign in
+#[utoipa::path(get, path = "/sign-in", tag = "service", responses((status = 200, description = "Whether a proxy signs people in", body = SignIn)))]
 pub async fn get_sign_in(
     State(access): State<Access>,
     ByProxy(by_proxy): ByProxy,
     _no_query: ApiQuery<NoQuery>,
-) -> Result<Response, AppError> {
-    let sign_in = match access.issuer() {
-        Some(issuer) => issuer.sign_in().await?,
-        None => SignIn::default(),
-    };
-    let sign_in = sign_in.by_proxy(by_proxy && access.proxy().is_some());
-    Ok(fresh_json(StatusCode::OK, &sign_in))
+) -> Response {
+    let by_proxy = by_proxy && access.proxy().is_some();
+    fresh_json(StatusCode::OK, &SignIn { by_proxy })
 }

@@ -250,8 +250,6 @@ CREATE TABLE results (
     created_at        BIGINT NOT NULL,
     sop_class_uid      TEXT COLLATE "C" NOT NULL,
     series_uid         TEXT COLLATE "C" NOT NULL,
-    series_number      BIGINT           NOT NULL,
-    series_description TEXT             NOT NULL,
     layers             TEXT             NOT NULL DEFAULT '', -- the ids of the layers that it shows or may show, separated by spaces
     layer_series       TEXT             NOT NULL DEFAULT '', -- the series that those layers are made of, each between spaces; outlives them
     layer_withdrawn    BIGINT           NOT NULL DEFAULT 0,  -- whether one of them was withdrawn since

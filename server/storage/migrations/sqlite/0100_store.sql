@@ -222,11 +222,9 @@ CREATE TABLE results (
     study_uid         TEXT NOT NULL,
     digest            TEXT NOT NULL,
     created_at        INTEGER NOT NULL,
-    -- What a search tells about it: its series.
+    -- Its class and its series, by which a rejection note names it.
     sop_class_uid      TEXT    NOT NULL,
     series_uid         TEXT    NOT NULL,
-    series_number      INTEGER NOT NULL,
-    series_description TEXT    NOT NULL,
     layers             TEXT    NOT NULL DEFAULT '', -- the ids of the layers that it shows or may show, separated by spaces
     layer_series       TEXT    NOT NULL DEFAULT '', -- the series that those layers are made of, each between spaces; outlives them
     layer_withdrawn    INTEGER NOT NULL DEFAULT 0,  -- whether one of them was withdrawn since

@@ -28,13 +28,6 @@ async fn an_object_comes_back_and_goes(objects: &Objects) {
         Err(Unreadable::Missing)
     ));
     objects.check().await.unwrap();
-    // What is written with a key names it.
-    let key = objects.keys().current();
-    assert_eq!(objects.named_keys().await.unwrap(), Vec::from_iter(key));
-    objects.put(&framed).await.unwrap();
-    assert_eq!(objects.key_of(&framed.name).await, Some(key));
-    objects.delete(&framed.name).await.unwrap();
-    assert_eq!(objects.key_of(&framed.name).await, None);
 }
 
 async fn a_damaged_object_is_told_and_written_over(objects: &Objects) {
@@ -55,15 +48,8 @@ async fn a_damaged_object_is_told_and_written_over(objects: &Objects) {
 }
 
 async fn a_large_file_comes_back(objects: &Objects) {
-    // Three parts, of which the last is short; with the header the second ends in the file's middle. Encrypted, the third but
-    // last is whole.
-    for length in [
-        0,
-        1,
-        (16 << 20) - 72,
-        (16 << 20) - 72 - 72 - 16 * 256,
-        17_000_000,
-    ] {
+    // Three parts, of which the last is short; with the header the second ends in the file's middle.
+    for length in [0, 1, (16 << 20) - 72, 17_000_000] {
         let mut contents = vec![0; length];
         blake3::Hasher::new().finalize_xof().fill(&mut contents);
         let directory = tempfile::tempdir().unwrap();
@@ -88,33 +74,19 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::Keys;
-    use crate::testing::add_key;
     use crate::testing::s3::{BUCKET, S3Server};
-
-    /// A key of its own.
-    fn keys() -> Keys {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("keys");
-        add_key(&file);
-        Keys::read(&file).unwrap()
-    }
 
     #[tokio::test]
     async fn objects_in_memory_do_what_they_must() {
-        for keys in [Keys::default(), keys()] {
-            let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
-            objects_do_what_they_must(&objects.with_keys(keys)).await;
-        }
+        let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
+        objects_do_what_they_must(&objects).await;
     }
 
     #[tokio::test]
     async fn objects_in_a_directory_do_what_they_must() {
-        for keys in [Keys::default(), keys()] {
-            let directory = tempfile::tempdir().unwrap();
-            let objects = Objects::in_directory(&directory.path().join("objects")).unwrap();
-            objects_do_what_they_must(&objects.with_keys(keys)).await;
-        }
+        let directory = tempfile::tempdir().unwrap();
+        let objects = Objects::in_directory(&directory.path().join("objects")).unwrap();
+        objects_do_what_they_must(&objects).await;
     }
 
     #[tokio::test]
@@ -125,13 +97,9 @@ mod tests {
         let mut variables = server
             .variables()
             .map(|(name, value)| (name.to_owned(), value));
-        for (prefix, keys) in [
-            ("", Keys::default()),
-            ("a/b", Keys::default()),
-            ("c", keys()),
-        ] {
+        for prefix in ["", "a/b"] {
             let objects = Objects::in_bucket_with(BUCKET, prefix, &variables.clone().into());
-            objects_do_what_they_must(&objects.unwrap().with_keys(keys)).await;
+            objects_do_what_they_must(&objects.unwrap()).await;
         }
         // The error about a missing store names no secret.
         variables[2].1 = "CANARY".to_owned();

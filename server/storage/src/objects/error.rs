@@ -1,7 +1,5 @@
 //! Errors of the objects.
 
-use super::KeyId;
-
 /// The name of a bucket in the errors of `object_store`.
 pub(crate) const BUCKET: &str = "S3";
 
@@ -14,9 +12,6 @@ pub enum ObjectError {
     /// The disk failed.
     #[error("the disk of the store failed")]
     Disk(#[from] std::io::Error),
-    /// An object is encrypted with a key that is not here.
-    #[error("an object is encrypted with the key {0}, which is not here")]
-    NoKey(KeyId),
     /// A task was stopped: the process is shutting down, or there is an internal error.
     #[error("the store stopped during the operation")]
     Stopped(#[from] tokio::task::JoinError),

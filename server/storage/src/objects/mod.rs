@@ -1,14 +1,12 @@
-//! Objects: immutable files, named by their contents, in a directory or a bucket, encrypted if there is a key; and uploads in
-//! progress, which become objects without another copy if there is none.
+//! Objects: immutable files, named by their contents, in a directory or a bucket; and uploads in progress, which become
+//! objects of a directory without another copy.
 
 mod error;
 mod frame;
-mod keys;
 mod link;
 mod name;
 mod private;
 mod s3;
-mod sealed;
 mod spool;
 mod store;
 #[cfg(test)]
@@ -17,7 +15,6 @@ mod tests;
 pub(crate) use self::error::BUCKET;
 pub use self::error::ObjectError;
 pub use self::frame::{Framed, frame};
-pub use self::keys::{BadKeys, KeyId, Keys};
 pub use self::name::ObjectName;
 pub use self::private::{keep_private, open_to_others};
 pub use self::spool::{Spool, Spooled};

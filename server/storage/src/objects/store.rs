@@ -1,9 +1,8 @@
 //! The objects of a store, in a directory or in any object store.
 
-use std::collections::HashSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use bytes::Bytes;
 use futures_util::TryStreamExt as _;
@@ -11,13 +10,7 @@ use object_store::local::LocalFileSystem;
 use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutPayload};
 
 use super::frame::{Framed, plain_header, unframe};
-use super::keys::Key;
-use super::sealed::{SEALED_HEADER_LENGTH, SealedHeader, Sealing, sealed_length, unseal};
-use super::{KeyId, Keys, ObjectError, ObjectName, Spooled, link};
-use crate::lock;
-
-/// The folder of the names of the keys with which objects are encrypted.
-const KEYS_FOLDER: &str = "keys";
+use super::{ObjectError, ObjectName, Spooled, link};
 
 /// The size of a part when a file is copied into the store; S3 accepts 5 MiB or more.
 const PART_LENGTH: usize = 8 << 20;
@@ -42,10 +35,6 @@ pub(crate) struct Objects {
     files: Arc<dyn ObjectStore>,
     /// Their directory, if they are on this machine.
     directory: Option<PathBuf>,
-    /// The keys with which they are encrypted.
-    keys: Keys,
-    /// The keys that are known to be named in the store. Held only briefly.
-    named: Arc<Mutex<HashSet<KeyId>>>,
 }
 
 /// An object that is there, whether or not it is sound.
@@ -58,34 +47,13 @@ pub(crate) struct Listed {
     pub(crate) modified_us: i64,
 }
 
-/// A verified object.
-#[derive(Debug)]
-pub(crate) struct Whole {
-    pub(crate) payload: Bytes,
-    /// Its header and its payload, not encrypted.
-    pub(crate) framed: Bytes,
-    /// The key with which it is encrypted.
-    pub(crate) key: Option<KeyId>,
-}
-
 impl Objects {
     /// Objects in any object store.
     pub(crate) fn new(files: Arc<dyn ObjectStore>) -> Self {
         Self {
             files,
             directory: None,
-            keys: Keys::default(),
-            named: Arc::default(),
         }
-    }
-
-    /// The same objects with keys.
-    pub(crate) fn with_keys(self, keys: Keys) -> Self {
-        Self { keys, ..self }
-    }
-
-    pub(crate) fn keys(&self) -> &Keys {
-        &self.keys
     }
 
     /// Objects in a directory, which is created if missing. An object is on the disk when `put` returns.
@@ -108,8 +76,9 @@ impl Objects {
     /// If the object store fails.
     pub(crate) async fn put(&self, framed: &Framed) -> Result<(), ObjectError> {
         let header = Bytes::copy_from_slice(&framed.header);
-        let parts = [header, framed.payload.clone()];
-        self.put_parts(&framed.name, parts).await
+        let payload = PutPayload::from_iter([header, framed.payload.clone()]);
+        self.files.put(&framed.name.path(), payload).await?;
+        Ok(())
     }
 
     /// Writes the bytes of an object from another store, replacing an existing one.
@@ -121,76 +90,8 @@ impl Objects {
         name: &ObjectName,
         framed: Bytes,
     ) -> Result<(), ObjectError> {
-        self.put_parts(name, [framed, Bytes::new()]).await
-    }
-
-    async fn put_parts(&self, name: &ObjectName, parts: [Bytes; 2]) -> Result<(), ObjectError> {
-        let payload = match self.key_for_writing().await? {
-            None => PutPayload::from_iter(parts),
-            Some(key) => {
-                let name = *name;
-                let seal = move || {
-                    let length = parts.iter().map(|part| part.len() as u64).sum();
-                    let [first, second] = &parts;
-                    let content = first.chain(&second[..]);
-                    let capacity = sealed_length(length).unwrap_or(length);
-                    let mut sealed = Vec::with_capacity(capacity as usize);
-                    Sealing::new(&key, &name, length, content)?.read_to_end(&mut sealed)?;
-                    Ok::<_, std::io::Error>(sealed)
-                };
-                // Encryption takes milliseconds.
-                tokio::task::spawn_blocking(seal).await??.into()
-            }
-        };
-        self.files.put(&name.path(), payload).await?;
+        self.files.put(&name.path(), framed.into()).await?;
         Ok(())
-    }
-
-    /// The key for new objects, if they are encrypted. It is named in the store before the first of them is there, so that
-    /// nobody opens the store without it.
-    async fn key_for_writing(&self) -> Result<Option<Key>, ObjectError> {
-        let Some(key) = self.keys.ring().for_writing().cloned() else {
-            return Ok(None);
-        };
-        if !lock(&self.named).contains(&key.id) {
-            let text = Bytes::from_static(b"Objects of this store are encrypted with this key.\n");
-            self.files.put(&path_of(key.id), text.into()).await?;
-            lock(&self.named).insert(key.id);
-        }
-        Ok(Some(key))
-    }
-
-    /// The keys with which objects of this store may be encrypted.
-    ///
-    /// # Errors
-    /// If the object store fails.
-    pub(crate) async fn named_keys(&self) -> Result<Vec<KeyId>, ObjectError> {
-        let folder = object_store::path::Path::from(KEYS_FOLDER);
-        let found = self.files.list(Some(&folder));
-        let found = found.map_ok(|file| KeyId::parse(file.location.filename()?));
-        let keys: Vec<_> = found.try_collect().await?;
-        Ok(keys.into_iter().flatten().collect())
-    }
-
-    /// Forgets a key: no object is encrypted with it any more.
-    ///
-    /// # Errors
-    /// If the object store fails.
-    pub(crate) async fn forget_key(&self, key: KeyId) -> Result<(), ObjectError> {
-        lock(&self.named).remove(&key);
-        match self.files.delete(&path_of(key)).await {
-            Ok(()) | Err(object_store::Error::NotFound { .. }) => Ok(()),
-            Err(error) => Err(error.into()),
-        }
-    }
-
-    /// The key with which an object is encrypted, from its first bytes alone; `None` if these cannot say it, because the object
-    /// is missing or damaged, or the object store fails.
-    pub(crate) async fn key_of(&self, name: &ObjectName) -> Option<Option<KeyId>> {
-        let start = 0..SEALED_HEADER_LENGTH as u64;
-        let start = self.files.get_range(&name.path(), start).await.ok()?;
-        let header = SealedHeader::of(&start).ok()?;
-        Some(header.map(|header| header.key()))
     }
 
     /// Makes an object from a spooled file, replacing an existing one. In a directory on the same disk, it becomes the
@@ -204,10 +105,7 @@ impl Objects {
         file: &Spooled,
     ) -> Result<(), ObjectError> {
         let header = plain_header(name, file.len());
-        let key = self.key_for_writing().await?;
-        if let Some(directory) = &self.directory
-            && key.is_none()
-        {
+        if let Some(directory) = &self.directory {
             let place = directory.join(name.path().as_ref());
             let file = file.path().to_owned();
             let linked = tokio::task::spawn_blocking(move || link::link(&file, &header, &place));
@@ -215,14 +113,9 @@ impl Objects {
                 return Ok(());
             }
         }
-        let length = header.len() as u64 + file.len();
         let file = file.open().await?.into_std().await;
         let content = std::io::Cursor::new(header).chain(file);
-        let content: Content = match key {
-            None => Box::new(content),
-            Some(key) => Box::new(Sealing::new(&key, name, length, content)?),
-        };
-        self.copy(name, content).await
+        self.copy(name, Box::new(content)).await
     }
 
     async fn copy(&self, name: &ObjectName, content: Content) -> Result<(), ObjectError> {
@@ -241,34 +134,35 @@ impl Objects {
     /// # Errors
     /// If it is missing or damaged, or the object store fails.
     pub(crate) async fn get(&self, name: &ObjectName) -> Result<Bytes, Unreadable> {
-        self.read(name).await.map(|whole| whole.payload)
+        self.read(name).await.map(|(_, payload)| payload)
     }
 
-    /// The verified bytes of an object, not encrypted.
+    /// The verified bytes of an object, with its header.
     ///
     /// # Errors
     /// As [`Objects::get`].
     pub(crate) async fn get_framed(&self, name: &ObjectName) -> Result<Bytes, Unreadable> {
-        self.read(name).await.map(|whole| whole.framed)
+        self.read(name).await.map(|(framed, _)| framed)
     }
 
-    /// An object, verified.
-    ///
-    /// # Errors
-    /// As [`Objects::get`].
-    pub(crate) async fn read(&self, name: &ObjectName) -> Result<Whole, Unreadable> {
+    /// The bytes of an object and its payload, verified.
+    async fn read(&self, name: &ObjectName) -> Result<(Bytes, Bytes), Unreadable> {
         let answer = match self.files.get(&name.path()).await {
             Ok(answer) => answer.bytes().await,
             Err(error) => Err(error),
         };
-        let stored = match answer {
-            Ok(stored) => stored,
+        let framed = match answer {
+            Ok(framed) => framed,
             Err(object_store::Error::NotFound { .. }) => return Err(Unreadable::Missing),
             Err(error) => return Err(ObjectError::from(error).into()),
         };
-        let (name, keys) = (*name, self.keys.clone());
-        // Decrypting, hashing and unpacking take milliseconds.
-        tokio::task::spawn_blocking(move || whole(&name, stored, &keys))
+        let name = *name;
+        // Hashing and unpacking take milliseconds.
+        let verify = move || match unframe(&name, &framed) {
+            Ok(payload) => Ok((framed, payload)),
+            Err(fault) => Err(Unreadable::Damaged(fault.to_string())),
+        };
+        tokio::task::spawn_blocking(verify)
             .await
             .map_err(ObjectError::from)?
     }
@@ -342,34 +236,6 @@ impl Objects {
 
 /// The bytes of an object as they are stored.
 type Content = Box<dyn Read + Send>;
-
-/// The name of a key in the store.
-fn path_of(key: KeyId) -> object_store::path::Path {
-    object_store::path::Path::from_iter([KEYS_FOLDER, &key.to_string()])
-}
-
-/// Decrypts an object if it is encrypted, verifies it against its name and unpacks it.
-fn whole(name: &ObjectName, stored: Bytes, keys: &Keys) -> Result<Whole, Unreadable> {
-    fn damaged(fault: impl std::fmt::Display) -> Unreadable {
-        Unreadable::Damaged(fault.to_string())
-    }
-    let header = SealedHeader::of(&stored).map_err(damaged)?;
-    let framed = match &header {
-        None => stored,
-        Some(header) => {
-            let ring = keys.ring();
-            let key = ring.find(header.key());
-            let key = key.ok_or(ObjectError::NoKey(header.key()))?;
-            unseal(header, key, name, stored).map_err(damaged)?
-        }
-    };
-    let payload = unframe(name, &framed).map_err(damaged)?;
-    Ok(Whole {
-        payload,
-        framed,
-        key: header.map(|header| header.key()),
-    })
-}
 
 /// Writes an object, with at most one part in memory.
 async fn write_parts(

@@ -1035,44 +1035,15 @@ pub(super) async fn images_of(
     rows.iter().map(read).collect()
 }
 
-pub(super) async fn studies(
-    connection: &mut Connection,
-    scope: Option<Project>,
-    offset: usize,
-    limit: usize,
-) -> Result<Vec<Uid>, StoreError> {
-    let rows = connection
-        .query(
-            "SELECT study_uid FROM case_series JOIN cases ON cases.id = case_series.case_id
-             WHERE coalesce($3, case_series.project) = case_series.project
-             GROUP BY study_uid ORDER BY max(created_at) DESC, study_uid LIMIT $1 OFFSET $2",
-        )
-        .bind(count(limit))
-        .bind(count(offset))
-        .bind(name_of(scope))
-        .fetch_all()
-        .await?;
-    let read = |row: &Row| {
-        let uid: String = row.get("study_uid")?;
-        Uid::parse(&uid).ok_or_else(|| unreadable("UID"))
-    };
-    rows.iter().map(read).collect()
-}
-
 /// Removes settled series for which nothing has come since a time.
 pub(super) async fn forget(
     connection: &mut Connection,
     before: i64,
-    keep_cases: bool,
     now: i64,
 ) -> Result<usize, StoreError> {
     let rows = connection
-        .query(
-            "SELECT id FROM arrivals
-             WHERE state <> 'receiving' AND last_at <= $1 AND (case_id IS NULL OR $2 = 0)",
-        )
+        .query("SELECT id FROM arrivals WHERE state <> 'receiving' AND last_at <= $1")
         .bind(before)
-        .bind(i64::from(keep_cases))
         .fetch_all()
         .await?;
     for row in &rows {

@@ -251,15 +251,14 @@ impl Store {
     }
 
     /// Forgets settled series for which nothing has come for this long, and results whose sending ended that long ago, and
-    /// removes the objects that nobody needs then. With `keep_cases`, the series of cases stay. What was withdrawn is
-    /// remembered for a year.
+    /// removes the objects that nobody needs then. What was withdrawn is remembered for a year.
     ///
     /// # Errors
     /// If the rows or the objects cannot be written.
-    pub async fn forget(&self, unchanged: Duration, keep_cases: bool) -> Result<(), StoreError> {
+    pub async fn forget(&self, unchanged: Duration) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         let before = now - microseconds(unchanged);
-        arrivals::forget(&mut transaction, before, keep_cases, now).await?;
+        arrivals::forget(&mut transaction, before, now).await?;
         results::forget(&mut transaction, before, now).await?;
         let long_ago = now - microseconds(REJECTIONS_KEPT.max(unchanged));
         arrivals::forget_withdrawn(&mut transaction, long_ago).await?;
@@ -478,20 +477,6 @@ impl Store {
             images: count("images")?,
             results: count("results")?,
         })
-    }
-
-    /// At most `limit` studies of cases after the first `offset` ones, the one with the newest case first.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn studies(&self, offset: usize, limit: usize) -> Result<Vec<Uid>, StoreError> {
-        arrivals::studies(
-            &mut self.rows().connect().await?,
-            self.scope(),
-            offset,
-            limit,
-        )
-        .await
     }
 
     /// Enters the series of a case into the index; nothing if there is no such case.

@@ -2,7 +2,7 @@
 
 use super::{pins, results};
 use crate::arrivals::{ArrivalCursor, TransferQuery, Uid};
-use crate::results::{HeldResult, NewResult, SentResult};
+use crate::results::{NewResult, ResultSeries, SentResult};
 use crate::rows::{Pinned, Referred};
 use crate::{ObjectName, Store, StoreError};
 use case::JobKind;
@@ -74,17 +74,11 @@ impl Store {
         results::of_instance(&mut self.rows().connect().await?, self.scope(), instance).await
     }
 
-    /// The results of a study, each once, in the order of their series. With `with_invalid`, also those that were
-    /// withdrawn, those of superseded cases, and those that show a layer that was withdrawn.
+    /// The results of a study and their series, each once, the first one first. Those that do not count any more are among them.
     ///
     /// # Errors
     /// If the rows cannot be read or written.
-    pub async fn results_of(
-        &self,
-        study: &Uid,
-        with_invalid: bool,
-    ) -> Result<Vec<HeldResult>, StoreError> {
-        let mut connection = self.rows().connect().await?;
-        results::of_study(&mut connection, self.scope(), study, with_invalid).await
+    pub async fn results_of(&self, study: &Uid) -> Result<Vec<(Uid, ResultSeries)>, StoreError> {
+        results::of_study(&mut self.rows().connect().await?, self.scope(), study).await
     }
 }

@@ -5,7 +5,7 @@ use super::connection::{Connection, Row};
 use super::{jobs, layers, pins};
 use crate::arrivals::{ArrivalCursor, Superseded, TransferQuery, Uid};
 use crate::jobs::{Job, NewJob};
-use crate::results::{HeldResult, NewResult, NotValid, ResultSeries, SentResult, object};
+use crate::results::{NewResult, NotValid, ResultSeries, SentResult, object};
 use crate::{ObjectName, StoreError};
 use case::{CaseId, Failure, JobKind, JobState, LayerId, Project};
 
@@ -13,8 +13,8 @@ use case::{CaseId, Failure, JobKind, JobState, LayerId, Project};
 macro_rules! select_result {
     ($rest:literal) => {
         concat!(
-            "SELECT id, case_id, node, study_uid, sop_instance_uid, sop_class_uid, series_uid, series_number,
-                    series_description, digest, created_at, layers, layer_series, layer_withdrawn,
+            "SELECT id, case_id, node, study_uid, sop_instance_uid, sop_class_uid, series_uid,
+                    digest, created_at, layers, layer_series, layer_withdrawn,
                     (SELECT superseded FROM case_series WHERE case_series.case_id = results.case_id) AS superseded,
                     (SELECT count(*) FROM rejections WHERE rejections.sop_instance_uid = results.sop_instance_uid
                                                        AND rejections.project = results.project) AS rejected
@@ -143,8 +143,8 @@ async fn insert(
     connection
         .query(
             "INSERT INTO results (id, case_id, node, study_uid, sop_instance_uid, digest, created_at,
-                                  sop_class_uid, series_uid, series_number, series_description, project, layers, layer_series)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13, $14)
+                                  sop_class_uid, series_uid, project, layers, layer_series)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12)
              ON CONFLICT (sop_instance_uid, node, project) DO NOTHING",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
@@ -156,8 +156,6 @@ async fn insert(
         .bind(now)
         .bind(new.series.sop_class_uid.as_str())
         .bind(new.series.series_uid.as_str())
-        .bind(i64::from(new.series.number))
-        .bind(&new.series.description)
         .bind(new.case.project().name())
         .bind(written(&new.layers))
         .bind(written_series(series))
@@ -285,44 +283,25 @@ pub(super) async fn of_study(
     connection: &mut Connection,
     scope: Option<Project>,
     study: &Uid,
-    with_invalid: bool,
-) -> Result<Vec<HeldResult>, StoreError> {
+) -> Result<Vec<(Uid, ResultSeries)>, StoreError> {
     let rows = connection
         .query(
-            "SELECT case_id, sop_instance_uid, sop_class_uid, series_uid, series_number, series_description, digest FROM results
-             WHERE study_uid = $1 AND coalesce($3, project) = project
-               AND ($2 = 1 OR layer_withdrawn = 0
-                              AND (sop_instance_uid, project) NOT IN (SELECT sop_instance_uid, project FROM rejections)
-                              AND case_id NOT IN (SELECT case_id FROM case_series WHERE superseded >= $4))
-             ORDER BY series_number, sop_instance_uid, created_at, id",
+            "SELECT sop_instance_uid, sop_class_uid, series_uid FROM results
+             WHERE study_uid = $1 AND coalesce($2, project) = project
+             GROUP BY sop_instance_uid, sop_class_uid, series_uid ORDER BY min(created_at), sop_instance_uid",
         )
         .bind(study.as_str())
-        .bind(i64::from(with_invalid))
         .bind(name_of(scope))
-        .bind(superseded_code(Some(Superseded::Corrected)))
         .fetch_all()
         .await?;
-    let mut held = rows.iter().map(read_held).collect::<Result<Vec<_>, _>>()?;
-    held.dedup_by(|later, earlier| later.instance == earlier.instance);
-    Ok(held)
-}
-
-fn read_held(row: &Row) -> Result<HeldResult, StoreError> {
-    Ok(HeldResult {
-        case: read_case(row)?,
-        instance: read_uid(row, "sop_instance_uid")?,
-        series: read_series(row)?,
-        object: read_object(row)?,
-    })
+    let read = |row: &Row| Ok((read_uid(row, "sop_instance_uid")?, read_series(row)?));
+    rows.iter().map(read).collect()
 }
 
 fn read_series(row: &Row) -> Result<ResultSeries, StoreError> {
-    let number: i64 = row.get("series_number")?;
     Ok(ResultSeries {
         sop_class_uid: read_uid(row, "sop_class_uid")?,
         series_uid: read_uid(row, "series_uid")?,
-        number: u32::try_from(number).map_err(|_| unreadable("number"))?,
-        description: row.get("series_description")?,
     })
 }
 

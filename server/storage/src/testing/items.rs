@@ -52,8 +52,6 @@ pub(crate) fn new_result(case: CaseId, node: &str, contents: &str) -> NewResult 
         series: ResultSeries {
             sop_class_uid: uid("1.2.840.10008.5.1.4.1.1.7"),
             series_uid: uid("2.25.8"),
-            number: 9001,
-            description: "a view".to_owned(),
         },
         instance: uid("2.25.7"),
         layers: Vec::new(),

@@ -15,7 +15,7 @@ use case::{
 
 #[cfg(test)]
 pub(crate) use self::items::{claim, new_case, new_result, pinned};
-use super::{KeyId, Keys, ObjectName, Store};
+use super::{ObjectName, Store};
 
 /// The facts of a case, made up.
 pub fn facts() -> CaseFacts {
@@ -83,16 +83,6 @@ pub fn layer_facts() -> LayerFacts {
 /// A failure, made up.
 pub fn failure() -> Failure {
     Failure::unusable("mask-empty", "the mask is empty")
-}
-
-/// Puts a new key first in a file.
-pub fn add_key(file: &Path) -> KeyId {
-    let (line, id) = Keys::new_line().unwrap();
-    let before = std::fs::read_to_string(file).unwrap_or_default();
-    let staged = file.with_extension("new");
-    std::fs::write(&staged, line + &before).unwrap();
-    std::fs::rename(staged, file).unwrap();
-    id
 }
 
 /// The address of an object.

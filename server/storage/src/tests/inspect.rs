@@ -72,7 +72,6 @@ async fn an_inspection_counts_what_is_sound_and_reports_the_rest() {
         cases: 3,
         objects: 12,
         bytes,
-        to_rekey: 0,
     };
     assert_eq!(sound, expected);
 
