@@ -146,7 +146,8 @@ async fn a_version_has_the_volume_and_the_mask_that_it_says() {
     let submitted = store.submit_upload(upload, Parameters::default()).await;
     let of = submitted.unwrap().case.id;
     assert_eq!(claim(&store).await.unwrap().case, Some(of));
-    assert_eq!(store.case_objects(&of).await.unwrap().len(), 2);
+    // With the manifest.
+    assert_eq!(store.case_objects(&of).await.unwrap().len(), 3);
     let closer = || Parameters {
         closing_radius_mm: 8.0,
         ..Parameters::default()
@@ -166,7 +167,7 @@ async fn a_version_has_the_volume_and_the_mask_that_it_says() {
         let claimed = claim(&store).await.unwrap();
         assert_eq!(claimed.case, Some(id));
         let names = store.case_objects(&id).await.unwrap();
-        assert_eq!(names.len(), sources);
+        assert_eq!(names.len(), sources + 1);
         let volume = store.read(&id, &names, ObjectKind::SourceVolume);
         assert_eq!(volume.await.unwrap().as_deref(), Some(&b"volume"[..]));
     }
@@ -235,10 +236,10 @@ async fn deletions_tell_whoever_remembers_and_keep_what_others_need() {
     let masked = store.submit_upload(masked, Parameters::default()).await;
     let masked = masked.unwrap().case.id;
     let stored = |root: &Path| files_below(&root.join("objects")).len();
-    assert_eq!(stored(directory.path()), 2, "both have one volume");
+    assert_eq!(stored(directory.path()), 4, "both have one volume");
     assert!(store.delete(&plain).await.unwrap());
     assert!(!store.delete(&plain).await.unwrap(), "it is gone");
-    assert_eq!(stored(directory.path()), 2);
+    assert_eq!(stored(directory.path()), 3);
     assert!(store.delete(&masked).await.unwrap());
     assert_eq!(stored(directory.path()), 0);
     assert_eq!(*told.lock().unwrap(), [plain, masked]);

@@ -160,7 +160,7 @@ async fn an_inspection_turns_the_pages() {
         store.submit_upload(upload, parameters).await.unwrap();
     }
     let (inspected, findings) = inspected(&store).await;
-    assert_eq!((inspected.cases, inspected.objects), (230, 230));
+    assert_eq!((inspected.cases, inspected.objects), (230, 460));
     assert_eq!(findings, []);
 }
 
