@@ -52,8 +52,8 @@ macro_rules! select_found {
         select_listed!(concat!(
             "AND id IN (SELECT case_id FROM case_series WHERE ",
             $by,
-            " AND ($7 IS NULL OR study_uid = $7) AND ($8 IS NULL OR series_uid = $8)
-              AND ($9 IS NULL OR accession_number = $9) AND ($10 IS NULL OR patient = $10))"
+            " AND (study_uid = $7 OR $7 IS NULL) AND (series_uid = $8 OR $8 IS NULL)
+              AND (accession_number = $9 OR $9 IS NULL) AND (patient = $10 OR $10 IS NULL))"
         ))
     };
 }
