@@ -2,11 +2,13 @@
 //! logged.
 
 use axum::body::Bytes;
+use axum::extract::State;
 use axum::extract::rejection::BytesRejection;
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::CaseState;
 use case::arrivals::{AccessionNumber, PatientDigest, Uid};
+use cases::Cases;
 use cases::search::Found;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
@@ -20,7 +22,6 @@ use storage::{CaseQuery, Cursor};
 use utoipa::ToSchema;
 
 use super::cases::CaseView;
-use crate::state::InProject;
 
 /// The longest part of a label to look for, in characters.
 const MAX_LABEL: usize = 100;
@@ -166,7 +167,7 @@ impl CaseSearch {
     )
 )]
 pub async fn search_cases(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     _no_query: ApiQuery<NoQuery>,
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
