@@ -763,7 +763,7 @@ pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subj
         }
     }
     let running = claim(store).await.unwrap();
-    let running = running.key.parse::<CaseId>().unwrap();
+    let running = CaseId::parse(&running.key).unwrap();
     let [first, second, third] = [0, 1, 2].map(|number: usize| cases[number].id);
     assert_eq!(running, first, "the oldest is prepared first");
     let found = async |query: CaseQuery| {
