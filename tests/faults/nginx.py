@@ -119,9 +119,9 @@ def main():
     if not shutil.which("openssl"):
         skip("openssl is missing")
     folder = tempfile.mkdtemp(prefix="isocortex-nginx-")
-    settings = '[http]\ntrusted_proxies = ["127.0.0.1"]\n[prepare]\nworkers = 0\n'
+    settings = f'[http]\ntoken = "{TOKEN}"\ntrusted_proxies = ["127.0.0.1"]\n[prepare]\nworkers = 0\n'
     try:
-        with Server(settings=settings, environment={"ISOCORTEX_TOKEN": TOKEN}) as server:
+        with Server(settings=settings) as server:
             attack(report, folder, server)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
