@@ -152,6 +152,9 @@ fn every_test_that_holds_a_defence_exists() {
         let [_, _, _, held_by] = cells[..] else {
             panic!("{row} has {} cells", cells.len());
         };
+        if held_by.ends_with("not this program |") {
+            continue;
+        }
         let named: Vec<_> = held_by.split('`').skip(1).step_by(2).collect();
         assert!(!named.is_empty(), "nothing holds {row}");
         for name in named {
