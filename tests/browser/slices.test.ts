@@ -679,7 +679,7 @@ test("beside a cut through the brain outlines end, and no depth is said", { skip
   assert.ok((colored[0]?.length ?? 0) >= 3, String(colored[0]));
   assert.deepEqual(colored[1], []);
   const words = await until(
-    async () => (await own.locator("dl.point").textContent()) ?? "",
+    async () => (await own.locator("dl.point:not(.case-facts)").textContent()) ?? "",
     (now) => now.includes("–"),
     60,
   );
