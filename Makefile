@@ -27,7 +27,7 @@ faults: ## attack the program with everything in tests/faults/ and report broken
 sbom: ## write the list of the crates that the program is made of, as CycloneDX JSON, into target/
 	@scripts/sbom.py
 
-lab: ## build and test the laboratory: the paper, the study, comparisons with other programs
+lab: ## check, build and test the laboratory: the paper, the study, comparisons with other programs
 	@lab/scripts/test.sh
 
 bench: ## count the instructions of every hot step and compare with the recorded base (times, if valgrind is missing)

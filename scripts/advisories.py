@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Checks the locked crates against advisories of the RustSec database, without a network.
 
-    scripts/advisories.py DATABASE    a checkout of github.com/RustSec/advisory-db, or a .tar.gz of it, or a folder with that
+    scripts/advisories.py DATABASE [LOCK]    a checkout of github.com/RustSec/advisory-db, or a .tar.gz of it, or a folder with that;
+                                             and a file of locked crates, by default Cargo.lock
 
 An advisory that `[advisories] ignore` of deny.toml waives is listed with its reason. The exit status is 1 if another one applies, or if
 a waiver applies to nothing any more.
@@ -83,10 +84,10 @@ def check_the_rules():
 
 
 def main():
-    if len(sys.argv) != 2:
+    if len(sys.argv) not in (2, 3):
         sys.exit(__doc__)
     check_the_rules()
-    locked = tomllib.loads((ROOT / "Cargo.lock").read_text())["package"]
+    locked = tomllib.loads((ROOT / (sys.argv[2:] or ["Cargo.lock"])[0]).read_text())["package"]
     versions = {}
     for package in locked:
         versions.setdefault(package["name"], []).append(package["version"])

@@ -17,7 +17,7 @@ what=${1:-}
 
 # Builds the programs of steps and prints their paths, one per line.
 programs() {
-  cargo bench --locked -q -p isocortex-bench --bench steps --no-run --message-format=json |
+  lab_cargo bench --locked -q --bench steps --no-run --message-format=json |
     sed -nE '/"kind":\["bench"\]/s/.*"executable":"([^"]+)".*/\1/p'
 }
 
@@ -120,7 +120,7 @@ case "$what" in
     fi
     ;;
   times)
-    exec cargo bench --locked -p isocortex-bench --bench steps
+    lab_cargo bench --locked --bench steps
     ;;
   *) die "usage: scripts/bench.sh [instructions|record|times] [PART OF A NAME...]" ;;
 esac

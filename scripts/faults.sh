@@ -24,7 +24,8 @@ trap 'rm -f "$ISOCORTEX_FAULTS_TABLE"' EXIT
 
 # Attacks that take seconds, or have a form that does.
 readonly SHORT=(away compose_cluster expired_cases failing_disk flipped_bits full_disk kill_points killed_neighbour killed_workers
-  kubernetes_files lost_server power_cuts rolling_restart rolling_upgrade rsyslog same_study soak vanished)
+  kubernetes_files lost_server nginx power_cuts rolling_restart rolling_upgrade rsyslog same_study
+  signed_in soak vanished)
 words=()
 if [ "${1:-}" = --short ]; then
   shift

@@ -12,6 +12,13 @@ die() {
 
 target_dir() { printf '%s' "${CARGO_TARGET_DIR:-target}"; }
 
+# Runs a command of cargo in the laboratory, a workspace of its own that shares the target directory.
+lab_cargo() {
+  local command=$1
+  shift
+  CARGO_TARGET_DIR=$(target_dir) cargo "$command" --manifest-path lab/Cargo.toml "$@"
+}
+
 need_rust() {
   have cargo || die "cargo is missing. Install a Rust toolchain (rustup is the usual way) and run this again."
 }

@@ -103,8 +103,6 @@ def results(is_dicom):
     wanted = {
         "view": {"what": "view", "render": {**size, "depth_mm": 5}},
         "sheet": {"what": "sheet", "render": size},
-        "turn": {"what": "cine", "render": {**size, "depth_mm": 5}, "cine": {"frames": 4}},
-        "depths": {"what": "cine", "render": size, "cine": {"frames": 3, "depths_mm": [0, 8]}},
     }
     if is_dicom:
         wanted |= {what: {"what": what} for what in ("envelope", "mask")}

@@ -53,8 +53,28 @@ dicom_tools() {
   target/python/bin/python -c 'import openapi_spec_validator, prometheus_client' 2>/dev/null ||
     { python3 -m venv target/python && target/python/bin/pip install --quiet openapi-spec-validator prometheus-client; } >/dev/null 2>&1 ||
     say "tests check the description of the interface and the metrics with the Python packages openapi-spec-validator and prometheus-client, which are missing; they are skipped."
+}
+
+# Orthanc, a PACS. Its package starts a server and lets it start with the machine: a policy of invoke-rc.d(8), which is removed again,
+# prevents the first, and the service is disabled.
+orthanc() {
+  local right policy=/usr/sbin/policy-rc.d
+  [ -x /usr/sbin/Orthanc ] && [ -e /usr/share/orthanc/plugins/libOrthancDicomWeb.so ] && return 0
+  (
+    right=$(install_right) || true
+    # $right is one or more words, split on purpose.
+    # shellcheck disable=SC2086
+    if [ -n "$right" ]; then
+      if [ ! -e "$policy" ]; then
+        trap '$right rm -f "$policy"' EXIT
+        printf '#!/bin/sh\nexit 101\n' | $right tee "$policy" >/dev/null
+        $right chmod 755 "$policy"
+      fi
+      install_packages orthanc orthanc-dicomweb && $right update-rc.d orthanc disable >/dev/null 2>&1
+    fi
+  ) || true
   [ -x /usr/sbin/Orthanc ] ||
-    say "the tests with Orthanc need the Debian packages orthanc and orthanc-dicomweb, which start a server; they are not installed, and these tests are skipped."
+    say "the tests with Orthanc need the Debian packages orthanc and orthanc-dicomweb; without them these tests are skipped."
 }
 
 # A proxy, and the schemas of Kubernetes with a reader of YAML, for the tests of several servers.
@@ -78,7 +98,7 @@ head_of_demo() {
 
 case "${1:-all}" in
   build) compiler ;;
-  test) compiler; browser; graphics; database; object_store; dicom_tools; deployment; network ;;
-  all) compiler; browser; graphics; database; object_store; dicom_tools; deployment; network; head_of_demo ;;
+  test) compiler; browser; graphics; database; object_store; dicom_tools; orthanc; deployment; network ;;
+  all) compiler; browser; graphics; database; object_store; dicom_tools; orthanc; deployment; network; head_of_demo ;;
   *) die "usage: scripts/setup.sh [build|test|all]" ;;
 esac

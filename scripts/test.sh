@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs the checks: `fast` (format, lints, unit tests) or `all` (also the integration, documentation and browser tests).
-# Every step runs even if an earlier one failed; the last line is a summary. Of the laboratory, which is linted, only the trial
-# is tested, because it is made for users: `make lab` tests the rest.
+# Every step runs even if an earlier one failed; the last line is a summary. Of the laboratory, a workspace of its own, `all` tests
+# the trial, which is made for users: `make lab` checks the rest.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -52,6 +52,14 @@ rust_tests() {
     cargo nextest run --locked --no-fail-fast --no-tests=pass --retries "$retries" "$@"
   else
     cargo test --locked --no-fail-fast "$@"
+  fi
+}
+
+lab_trial() {
+  if have cargo-nextest; then
+    lab_cargo nextest run --locked --retries "$retries" --test trial
+  else
+    lab_cargo test --locked --test trial
   fi
 }
 
@@ -131,7 +139,7 @@ else
   # Building the tests and the program in one go gives both the same features.
   step build cargo build --locked --bins --tests
   step tests rust_tests --lib --bins --tests
-  step "laboratory's trial" rust_tests --workspace --test trial
+  step "laboratory's trial" lab_trial
   if [ "${CI:-}" = true ] || scripts/chromium.sh >/dev/null; then
     step "browser test" browser_tests
   else

@@ -15,6 +15,8 @@ const common = {
   bundle: true,
   format: "esm",
   target: "es2022",
+  jsx: "automatic",
+  jsxImportSource: "preact",
   loader: { ".glsl": "text" },
   logLevel: "warning",
 };

@@ -2,8 +2,8 @@
 -- Orthanc runs this when nothing has come for a series for `StableAge` seconds. A notice that comes twice does no harm.
 
 local server = os.getenv("ISOCORTEX_URL") or "http://isocortex:8640"
--- The token comes from a file (ISOCORTEX_TOKEN_FILE), or else from the environment, which other programs can read.
-local token = os.getenv("ISOCORTEX_TOKEN") or ""
+-- The token comes from a file.
+local token = ""
 local file = os.getenv("ISOCORTEX_TOKEN_FILE")
 if file then
   token = assert(io.open(file, "r")):read("*l")

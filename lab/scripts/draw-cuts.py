@@ -87,7 +87,7 @@ def main():
     below, above = marked[0] + 50, marked[-1] - 20
     ranges = [(0, len(volume[1])), (0, above), (below, len(volume[1]))]
     with tempfile.TemporaryDirectory() as folder, open(os.path.join(folder, "log"), "w+") as log:
-        server = subprocess.Popen([program, "serve", "--data", f"{folder}/data", "--listen", "127.0.0.1:0"], stdout=log, stderr=log)
+        server = subprocess.Popen([program, "serve", "--create", "--data", f"{folder}/data", "--listen", "127.0.0.1:0"], stdout=log, stderr=log)
         try:
             address = ""
             while not address:

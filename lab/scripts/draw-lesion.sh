@@ -4,23 +4,26 @@
 #     lab/scripts/draw-lesion.sh VOLUME MASK
 #
 # VOLUME and MASK are Colin27 (https://packages.debian.org/mricron-data, ch2.nii.gz) and a mask of its brain. The lesion is
-# the seventh one of the study with blurs of 1.5 mm and a radius of 6 mm: right frontal, 14 mm deep. Needs jq and Pillow.
+# the study's first blur that is right frontal and 12 to 16 mm deep. Needs jq and Pillow.
 set -euo pipefail
 [ $# = 2 ] || { echo "usage: $0 VOLUME MASK" >&2; exit 2; }
 volume=$(realpath "$1") mask=$(realpath "$2")
 cd "$(dirname "$0")/../.."
-cargo build -p isocortex -p isocortex-bench --bins
+cargo build --bin isocortex
 folder=$(mktemp -d)
 server=
 trap '[ -z "$server" ] || kill "$server"; rm -rf "$folder"' EXIT
-target/debug/isocortex-bench study --head "colin27=$volume,$mask" --radius-mm 6 --blur-mm 1.5 --lesions 7 \
-    --results "$folder/results" --write "$folder"
-place=$(jq -c '.trials[6].position_in_patient | map(round)' "$folder/results/colin27.json")
+CARGO_TARGET_DIR=target cargo run --manifest-path lab/Cargo.toml -- study --head "colin27=$volume,$mask" --shams 0 \
+    --results "$folder/results" --write "$folder/heads" >/dev/null
+results=$folder/results/displaced/colin27.json
+number=$(jq '[.trials[] | .sign == "blur" and .area == "frontal" and .position_in_patient[0] < 0
+    and .depth_mm >= 12 and .depth_mm <= 16] | index(true)' "$results")
+place=$(jq -c ".trials[$number].position_in_patient | map(round)" "$results")
 echo "The lesion is at $place (LPS mm)."
 target/debug/isocortex serve --data "$folder/data" --listen 127.0.0.1:0 >"$folder/server.log" 2>&1 &
 server=$!
 until address=$(grep -om1 'http://127[^ ]*' "$folder/server.log"); do sleep 0.2; done
-case=$(curl -fsS -F "volume=@$folder/colin27-6.nii.gz" -F "mask=@$mask" "$address/v1/cases" | jq -r .id)
+case=$(curl -fsS -F "volume=@$folder/heads/displaced/colin27-$number.nii.gz" -F "mask=@$mask" "$address/v1/cases" | jq -r .id)
 until [ "$(curl -fsS "$address/v1/cases/$case" | jq -r '.maps.state')" = ready ]; do sleep 0.5; done
 picture() {
     curl -fsS -o "docs/lesion-$1.png" "$address/v1/cases/$case/$2&width=320&height=320"

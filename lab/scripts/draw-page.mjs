@@ -17,7 +17,7 @@ if (!mask) throw new Error("usage: draw-page.mjs VOLUME MASK [PROGRAM]");
 const VIEW = "d=8&l=slices";
 
 const folder = mkdtempSync(path.join(tmpdir(), "page-"));
-const server = spawn(program, ["serve", "--data", folder, "--listen", "127.0.0.1:0"], { stdio: ["ignore", "pipe", "inherit"] });
+const server = spawn(program, ["serve", "--create", "--data", folder, "--listen", "127.0.0.1:0"], { stdio: ["ignore", "pipe", "inherit"] });
 try {
   let address;
   for await (const line of createInterface(server.stdout)) {

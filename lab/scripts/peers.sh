@@ -24,6 +24,6 @@ if [ -z "$volume" ]; then
   volume=$folder/ch2.nii.gz mask=$folder/ch2bet.nii.gz
 fi
 [ -n "$mask" ] || die "ISOCORTEX_DEMO_MASK must name the mask of ISOCORTEX_DEMO_VOLUME."
-cargo build --locked -q --release -p isocortex-bench
+lab_cargo build --locked -q --release
 exec "$peers/bin/python" lab/peers/run.py --isocortex-bench "$(target_dir)/release/isocortex-bench" \
   --volume "$volume" --mask "$mask" "$@"

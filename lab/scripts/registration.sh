@@ -25,5 +25,5 @@ if [ ! -e "$peers/complete" ]; then
 fi
 pairs=$(mktemp -d)
 trap 'rm -rf "$pairs"' EXIT
-cargo run --locked -q --release -p isocortex-bench --example registration-errors -- --pairs "$pairs" "${heads[@]}"
+lab_cargo run --locked -q --release --example registration-errors -- --pairs "$pairs" "${heads[@]}"
 "$peers/bin/python" lab/peers/registration.py "$pairs"

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Prints how large each crate is at a commit: lines of code, of comments and of tests, none of them blank.
+"""Prints how large each crate is at a commit: lines of code, of comments and of tests, none of them blank; and the words of documents.
 
     lab/scripts/size.py [COMMIT]
 
@@ -77,3 +77,11 @@ for crate, counts in sorted(crates.items()):
     total += counts
     print(f"| {crate} | {counts['code']:,} | {counts['comments']:,} | {counts['tests']:,} |")
 print(f"| **all** | {total['code']:,} | {total['comments']:,} | {total['tests']:,} |")
+
+words = Counter()
+for path in git("ls-tree", "-r", "--name-only", commit).splitlines():
+    if path.endswith(".md"):
+        words[path.rpartition("/")[0] or "."] += len(git("show", f"{commit}:{path}").split())
+print("\n| documents in | words |\n|---|---|")
+for folder, count in sorted(words.items()):
+    print(f"| {folder} | {count:,} |")

@@ -1,12 +1,19 @@
 #!/usr/bin/env bash
-# Builds the laboratory and runs its tests. `make test` and the continuous integration lint it and test its trial.
+# Checks the laboratory: format, lints, tests, licences and advisories. `make test` and the continuous integration test its trial alone.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/../../scripts/lib.sh"
 
 need_rust
-cargo build --locked -p isocortex-bench --all-targets
+lab_cargo fmt --check
+lab_cargo clippy --locked --all-targets -- -D warnings
 if have cargo-nextest; then
-  exec cargo nextest run --locked -p isocortex-bench --no-fail-fast
+  lab_cargo nextest run --locked --no-fail-fast
+else
+  lab_cargo test --locked --no-fail-fast
 fi
-exec cargo test --locked -p isocortex-bench --no-fail-fast
+if have cargo-deny; then
+  cargo deny --manifest-path lab/Cargo.toml --offline check --config deny.toml bans licenses sources
+fi
+advisories=${ISOCORTEX_ADVISORIES:-../shared/advisories}
+[ ! -e "$advisories" ] || scripts/advisories.py "$advisories" lab/Cargo.lock

@@ -1,6 +1,5 @@
 //! Plots of tables as SVG.
 
-use crate::study::{HeadResult, Sign, Trial, View};
 use plotters::coord::ranged1d::{Ranged, ValueFormatter};
 use plotters::prelude::*;
 
@@ -26,17 +25,6 @@ const COLORS: [RGBColor; 7] = [
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
     RGBColor(0, 0, 0),
-];
-
-/// The views in a plot of a search.
-const FROC_VIEWS: [View; 7] = [
-    View::ThreeStacks,
-    View::Isosurfaces,
-    View::FlatMaps,
-    View::IsosurfacesMirrored,
-    View::Sharpness,
-    View::Blur,
-    View::BlurList,
 ];
 
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
@@ -181,35 +169,6 @@ fn agreement(table: &Table) -> Plot {
     }
 }
 
-/// The free-response operating characteristic of a study, as SVG: the share of lesions that each observer finds in the heads on which
-/// nothing was tuned (in all heads, if all were tuned on), over the number of false marks per head.
-pub fn froc(heads: &[HeadResult]) -> String {
-    let is_every_head_tuned = heads.iter().all(|head| head.is_tuned);
-    let counted = |head: &&HeadResult| is_every_head_tuned || !head.is_tuned;
-    let lesions: Vec<&Trial> = heads
-        .iter()
-        .filter(counted)
-        .flat_map(|head| &head.trials)
-        .filter(|trial| trial.is_searched && trial.sign != Sign::Sham)
-        .collect();
-    let line = |view: View| {
-        let place = View::ALL.iter().position(|other| *other == view)?;
-        let above = lesions.iter().map(|trial| {
-            let seen = trial.sightings.get(place);
-            seen.and_then(|seen| seen.false_marks)
-        });
-        Some((view.name().to_owned(), above.collect()))
-    };
-    false_mark_curves(
-        format!(
-            "Found of {} synthetic lesions, one at a time",
-            lesions.len()
-        ),
-        "share of lesions found by a model observer",
-        FROC_VIEWS.into_iter().filter_map(line),
-    )
-}
-
 /// Curves as SVG: the share of lesions that are found over the number of false marks per head. A curve is its name with the number of
 /// false marks above each lesion, `None` if it is not found.
 pub(crate) fn false_mark_curves(
@@ -334,8 +293,6 @@ fn range(numbers: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
 
 #[cfg(test)]
 mod tests {
-    use crate::study::{Area, Sighting};
-
     use super::*;
     use crate::column;
 
@@ -384,49 +341,6 @@ mod tests {
                 assert!(svg.contains(name), "{name}");
             }
         }
-    }
-
-    #[test]
-    fn the_plot_of_a_study_counts_lesions_of_untuned_heads_alone() {
-        let sighting = |false_marks| Sighting {
-            known: 1.0,
-            false_marks,
-            score: None,
-            highest: None,
-        };
-        let trial = |sign, false_marks| Trial {
-            sign,
-            radius_mm: 6.0,
-            position_in_patient: [0.0; 3],
-            depth_mm: 10.0,
-            area: Area::Other,
-            blur_mm: 1.5,
-            thickening_mm: 0.0,
-            darkening: 0.0,
-            brightening: 0.0,
-            band_to: None,
-            seed: 1,
-            is_searched: true,
-            sightings: vec![sighting(false_marks); View::ALL.len()],
-            channels: Vec::new(),
-        };
-        let head = |is_tuned, trials| HeadResult {
-            name: "head".to_owned(),
-            is_tuned,
-            trials,
-        };
-        let untuned = head(
-            false,
-            vec![trial(Sign::Blur, Some(0)), trial(Sign::Sham, None)],
-        );
-        let tuned = head(true, vec![trial(Sign::Blur, None); 4]);
-        let svg = froc(&[tuned.clone(), untuned]);
-        assert!(svg.contains("Found of 1 synthetic lesions"));
-        for view in FROC_VIEWS {
-            assert!(svg.contains(view.name()), "{}", view.name());
-        }
-        assert!(froc(&[tuned]).contains("Found of 4 synthetic lesions"));
-        assert!(froc(&[]).ends_with("</svg>\n"));
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::random::Random;
+
 /// Location and spread of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Summary {
@@ -94,6 +96,66 @@ impl PowerLaw {
             },
         })
     }
+}
+
+/// A share or another statistic with its 95 % interval.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(crate) struct Interval {
+    pub(crate) value: f64,
+    pub(crate) low: f64,
+    pub(crate) high: f64,
+}
+
+impl Interval {
+    /// A share of a count, with the interval of Wilson.
+    ///
+    /// Source: Wilson, "Probable inference, the law of succession, and statistical inference", J. Am. Stat. Assoc. 22, 1927.
+    pub(crate) fn of_count(found: usize, count: usize) -> Self {
+        let count = count.max(1) as f64;
+        let value = found as f64 / count;
+        let z: f64 = 1.96;
+        let shrunk = 1.0 + z * z / count;
+        let middle = (value + z * z / (2.0 * count)) / shrunk;
+        let half =
+            z / shrunk * (value * (1.0 - value) / count + (z / (2.0 * count)).powi(2)).sqrt();
+        Self {
+            value,
+            low: (middle - half).max(0.0),
+            high: (middle + half).min(1.0),
+        }
+    }
+}
+
+/// Number of bootstrap samples.
+const ROUNDS: usize = 1000;
+
+/// A statistic of groups of this many members, with its 95 % interval. Each sample draws as many members of each group, by
+/// number, with replacement.
+pub(crate) fn bootstrap_over<const GROUPS: usize>(
+    counts: [usize; GROUPS],
+    seed: u64,
+    statistic: impl Fn([&[usize]; GROUPS]) -> f64,
+) -> Interval {
+    let of = |groups: [Vec<usize>; GROUPS]| statistic(groups.each_ref().map(Vec::as_slice));
+    let mut random = Random::new(seed);
+    let mut samples: Vec<f64> = (0..ROUNDS)
+        .map(|_| of(counts.map(|count| (0..count).map(|_| random.below(count)).collect())))
+        .collect();
+    samples.sort_by(f64::total_cmp);
+    Interval {
+        value: of(counts.map(|count| (0..count).collect())),
+        low: samples[ROUNDS * 25 / 1000],
+        high: samples[ROUNDS * 975 / 1000 - 1],
+    }
+}
+
+/// The area under the curve: how often a score with a lesion exceeds one without; equal ones count half.
+pub(crate) fn area(with: &[f64], without: &[f64]) -> f64 {
+    let pairs = with
+        .iter()
+        .flat_map(|a| without.iter().map(move |b| (a, b)));
+    let wins = pairs.map(|(a, b)| f64::from(u8::from(a > b)) + f64::from(u8::from(a >= b)));
+    wins.sum::<f64>() / (2 * with.len() * without.len()).max(1) as f64
 }
 
 #[cfg(test)]

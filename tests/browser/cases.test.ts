@@ -376,7 +376,7 @@ test(
           subtree: true,
         });
     });
-    await page.locator("#add summary").click();
+    await page.locator("#add > summary").click();
     await page.locator("#upload-volume").setInputFiles(files[0] ?? "");
     await page.locator("#upload-mask").setInputFiles(files[1] ?? "");
     assert.match(await page.locator(".chosen").innerText(), /Volume, .* MB · mask, .* MB/);

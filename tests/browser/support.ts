@@ -106,7 +106,7 @@ export async function startServer({ command, data, port = 0, options = [] }: Ser
   const head = command === "demo" ? headOfDemo() : {};
   const child = spawn(PROGRAM, [command, ...options], {
     stdio: ["ignore", "pipe", "pipe"],
-    env: { ...env, ...head, ISOCORTEX_DATA: data, ISOCORTEX_LISTEN: `127.0.0.1:${port}` },
+    env: { ...env, ...head, ISOCORTEX_CREATE: "true", ISOCORTEX_DATA: data, ISOCORTEX_LISTEN: `127.0.0.1:${port}` },
   });
   const said: string[] = [];
   const address = await new Promise<string>((resolve, reject) => {

@@ -522,23 +522,6 @@ test("on a phone a finger scrolls past slices, and marks a point where it taps",
   await context.close();
 });
 
-test("a part of the page that cannot be had is said, and tried again", { skip }, async () => {
-  const { page: other, context } = await openPage(browser);
-  let broken = true;
-  await other.route(/later-parts-\w+\.js$/, (route) => (broken ? route.abort() : route.fallback()));
-  await other.goto(`${origin}#${"0".repeat(31)}`);
-  await other.waitForSelector("body[data-loaded=true]");
-  await other.locator(".bar .icon-button").last().click();
-  await other.waitForFunction(() => /Reload the page/.test(document.querySelector("#case-note")?.textContent ?? ""));
-  broken = false;
-  await other.reload();
-  await other.waitForSelector("body[data-loaded=true]");
-  await other.locator(".bar .icon-button").last().click();
-  await other.waitForSelector("dialog.help");
-  assert.match(await other.locator("dialog.help").innerText(), /Depth 0 is the centre of the outermost voxel/);
-  await context.close();
-});
-
 test("nothing failed, and nothing broke the content security policy", { skip }, () => {
   assert.deepEqual(watched.troubles, []);
 });

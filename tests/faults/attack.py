@@ -109,7 +109,7 @@ class Server:
     def start(self):
         command = [*self.before, self.program(), "serve", "--config", self.settings, "--data", self.data]
         command += ["--listen", self.listen, "--gpu", "off"]
-        environment = {"PATH": os.environ.get("PATH", ""), "ISOCORTEX_LOG": "debug", **self.environment}
+        environment = {"PATH": os.environ.get("PATH", ""), "ISOCORTEX_LOG": "debug", "ISOCORTEX_CREATE": "true", **self.environment}
         with open(self.log_file, "ab") as log:
             self.process = subprocess.Popen(
                 command + self.arguments, env=environment, stdout=subprocess.PIPE, stderr=log

@@ -198,6 +198,10 @@ def inside(folder):
     )
     report.expect("it does not start without a token", refused.returncode != 0 and "token" in refused.stderr, refused.stderr[-200:].strip())
 
+    without = as_user(*config["Entrypoint"], *config["Cmd"])
+    report.expect("it does not start without a store", without.returncode == 78 and "init-store" in without.stderr, without.stderr[-200:].strip())
+    made = as_user(*config["Entrypoint"], "init-store")
+    report.expect("`init-store` makes one", made.returncode == 0, made.stderr[-200:].strip())
     with open(f"{folder}/log", "wb") as log:
         process = subprocess.Popen(
             [*user, *config["Entrypoint"], *config["Cmd"]], env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log

@@ -1,7 +1,7 @@
 """Strangers without the token who try to close the server: 560 sockets of two addresses that send wrong tokens, say half a
 header or say nothing, then 600 through Caddy as docker/ configures it.
 
-A client with the right token is served all the time, also from the address of a stranger, and so are health checks.
+A client with the right token at another address is served all the time, and so are health checks.
 """
 
 import contextlib
@@ -66,7 +66,6 @@ def honest(report, server, attack, sockets, sources, name):
     while time.monotonic() - started < SECONDS:
         for address, headers, source in [
             ("/v1/cases", right, "127.0.0.9"),
-            ("/v1/cases", right, sources[0]),
             ("/healthz", {}, "127.0.0.9"),
         ]:
             begun = time.monotonic()
@@ -85,7 +84,7 @@ def honest(report, server, attack, sockets, sources, name):
 def main():
     report = Report("strangers at the door")
     attacks = {"wrong tokens": guess, "half a header": hold(b"GET /v1/ca"), "silence": hold(b"")}
-    settings = {"environment": {"ISOCORTEX_TOKEN": TOKEN, "ISOCORTEX_LOG": "warn"}}
+    settings = {"settings": f'[http]\ntoken = "{TOKEN}"\n', "environment": {"ISOCORTEX_LOG": "warn"}}
     for name, attack in attacks.items():
         with Server(**settings) as server:
             honest(report, server, attack, SOCKETS, ["127.0.0.2", "127.0.0.3"], name)

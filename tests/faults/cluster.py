@@ -163,6 +163,8 @@ class S3:
                 "name": "app", "credentials": [{"accessKey": "AK", "secretKey": "SKSKSKSK"}],
                 "actions": ["Admin", "Read", "Write", "List", "Tagging"],
             }]}, file)
+        with open(os.path.join(self.folder, "credentials"), "w") as file:
+            file.write("[default]\naws_access_key_id = AK\naws_secret_access_key = SKSKSKSK\n")
         parts = ["s3", "master", "volume", "filer"]
         ports = free_ports(2 * len(parts))
         self.ports = {part: (ports[2 * at], ports[2 * at + 1]) for at, part in enumerate(parts)}
@@ -214,8 +216,7 @@ class S3:
         return {
             "ISOCORTEX_OBJECTS": f"s3://{self.BUCKET}/{prefix}",
             "AWS_ENDPOINT_URL": f"http://127.0.0.1:{self.ports['s3'][0]}",
-            "AWS_ACCESS_KEY_ID": "AK",
-            "AWS_SECRET_ACCESS_KEY": "SKSKSKSK",
+            "AWS_SHARED_CREDENTIALS_FILE": f"{self.folder}/credentials",
         }
 
 
@@ -283,7 +284,7 @@ class Cluster:
     def start_worker(self, settings=""):
         self.begun += 1
         folder = os.path.join(self.folder, f"worker-{self.begun}")
-        environment = {**self.environment, "PATH": os.environ.get("PATH", ""), "ISOCORTEX_DATA": folder}
+        environment = {**self.environment, "PATH": os.environ.get("PATH", ""), "ISOCORTEX_DATA": folder, "ISOCORTEX_CREATE": "true"}
         if settings:
             environment["ISOCORTEX_CONFIG"] = f"{folder}.toml"
             with open(environment["ISOCORTEX_CONFIG"], "w") as file:

@@ -142,6 +142,9 @@ def main():
                 ports.append(port)
                 environment["ISOCORTEX_LISTEN"] = environment["ISOCORTEX_LISTEN"].replace("8640", str(port)).replace("0.0.0.0", "127.0.0.1")
             logs.append(os.path.join(folder, f"{name}.log"))
+            if len(logs) == 1:
+                made = subprocess.run([program(), "init-store"], env=environment, capture_output=True, text=True)
+                report.expect("`init-store` makes the store", made.returncode == 0, made.stderr.strip())
             # Each container has the port for itself.
             command = [word.replace("0.0.0.0:8640", "127.0.0.1:0") for word in service["command"]]
             processes.start([program(), *command], environment, logs[-1])

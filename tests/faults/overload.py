@@ -52,7 +52,9 @@ async def spell(server, case, numbers, clients, every_s):
     answers = []
 
     async def client(number):
-        connection = await asyncio.open_connection("127.0.0.1", server.port)
+        # Each address is a client, of which none may have more than half of the threads.
+        source = (f"127.0.0.{2 + number % 200}", 0)
+        connection = await asyncio.open_connection("127.0.0.1", server.port, local_addr=source)
         next_at = time.monotonic() + every_s * number / clients
         while True:
             await asyncio.sleep(max(0.0, next_at - time.monotonic()))

@@ -4,6 +4,7 @@ rsyslog and a receiver by TLS run as processes of the attack's own. All lines ar
 rsyslog or the receiver was away, and of the last process. What has arrived is a record that `isocortex audit verify` accepts.
 """
 
+import contextlib
 import glob
 import json
 import os
@@ -36,10 +37,9 @@ class Receiver:
         while not self.ends:
             try:
                 sender, _ = self.listener.accept()
-                self.open.append(sender)
                 threading.Thread(target=self.receive, args=(self.tls.wrap_socket(sender, server_side=True),), daemon=True).start()
             except OSError:
-                continue
+                time.sleep(0.1)
 
     def receive(self, sender):
         self.open.append(sender)
@@ -58,9 +58,11 @@ class Receiver:
 
     def end(self):
         self.ends = True
-        self.listener.close()
-        for sender in self.open:
-            sender.close()
+        # Whoever waits for one of them is woken.
+        for one in [self.listener, *self.open]:
+            with contextlib.suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
+            one.close()
 
 
 def make_certificate(folder):

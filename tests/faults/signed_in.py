@@ -1,8 +1,7 @@
 """Apache with docs/sign-in/apache.conf in front of a server: people sign in by OpenID Connect at npm's oidc-provider.
 
 Whoever has signed in is known by name, with the role of the group; others are nobody, whatever headers they send. Apache and
-mod_auth_openidc are Debian's apache2-bin and libapache2-mod-auth-openidc, which start no service; as root, the attack installs
-them. oidc-provider comes from npm into a folder of its own.
+mod_auth_openidc are Debian's, and oidc-provider is npm's; both come into a folder of the attack's own.
 """
 
 import html.parser
@@ -20,10 +19,10 @@ import urllib.request
 
 from attack import Report, Server, skip
 from cluster import free_ports
+from debian import unpacked
 
 ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
-APACHE, MODULES = "/usr/sbin/apache2", "/usr/lib/apache2/modules"
-PACKAGES = ["apache2-bin", "libapache2-mod-auth-openidc"]
+PACKAGES = ["apache2-bin", "libapache2-mod-auth-openidc", "libapr1", "libaprutil1", "libcjose0", "libcurl4", "libhiredis0.14", "libjansson4"]
 PROVIDER = "oidc-provider@9.13.3"
 TOKEN = "a-token-of-this-attack"
 
@@ -60,15 +59,6 @@ Group www-data
 LOADED = ["mpm_event", "authn_core", "authz_core", "authz_user", "headers", "proxy", "proxy_http", "auth_openidc"]
 
 
-def installed():
-    """Skips the attack unless Apache and the module are there, or can be installed."""
-    if os.path.exists(APACHE) and os.path.exists(f"{MODULES}/mod_auth_openidc.so"):
-        return
-    command = ["apt-get", "install", "-y", "--no-install-recommends", *PACKAGES]
-    if os.geteuid() != 0 or not shutil.which("apt-get") or subprocess.run(command, capture_output=True).returncode:
-        skip(f"there is no Apache with mod_auth_openidc (Debian: {' '.join(PACKAGES)})")
-
-
 def until_it_answers(process, port, log):
     end = time.monotonic() + 60
     while True:
@@ -84,12 +74,15 @@ def until_it_answers(process, port, log):
 class Running:
     """A program that ends with the attack. `with Running(…):` waits until it listens."""
 
-    def __init__(self, command, folder, port, log):
+    def __init__(self, command, folder, port, log, environment=None):
         self.command, self.folder, self.port, self.log = command, folder, port, f"{folder}/{log}"
+        self.environment = environment
 
     def __enter__(self):
         with open(self.log, "ab") as log:
-            self.process = subprocess.Popen(self.command, cwd=self.folder, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+            self.process = subprocess.Popen(
+                self.command, cwd=self.folder, env=self.environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log
+            )
         until_it_answers(self.process, self.port, self.log)
         return self
 
@@ -113,6 +106,8 @@ def issuer(folder, port, site):
 
 def apache(folder, port, issuer_port, socket):
     """Apache with the site of docs/, without TLS and at ports of this attack."""
+    unpacking = f"{folder}/debian"
+    environment = unpacked(unpacking, *PACKAGES)
     with open(f"{folder}/oidc-secrets.conf", "w") as file:
         file.write("OIDCClientSecret a-secret-of-the-client\nOIDCCryptoPassphrase a-passphrase-of-this-attack\n")
     with open(f"{ROOT}/docs/sign-in/apache.conf") as file:
@@ -128,10 +123,11 @@ def apache(folder, port, issuer_port, socket):
     ]:
         assert what in site, f"docs/sign-in/apache.conf has no {what!r}"
         site = site.replace(what, instead)
-    modules = "\n".join(f"LoadModule {name}_module {MODULES}/mod_{name}.so" for name in LOADED)
+    modules = "\n".join(f"LoadModule {name}_module {unpacking}/usr/lib/apache2/modules/mod_{name}.so" for name in LOADED)
     with open(f"{folder}/apache.conf", "w") as file:
         file.write(APACHE_CONF.format(**locals()))
-    return Running([APACHE, "-f", f"{folder}/apache.conf", "-DFOREGROUND"], folder, port, "apache.log")
+    command = [f"{unpacking}/usr/sbin/apache2", "-f", f"{folder}/apache.conf", "-DFOREGROUND"]
+    return Running(command, folder, port, "apache.log", environment)
 
 
 class Form(html.parser.HTMLParser):
@@ -229,7 +225,6 @@ def check(report, server, site, sign_out):
 
 
 def main():
-    installed()
     report = Report("people sign in by Apache and OpenID Connect")
     # Apache's workers are another user, who may pass.
     folder = tempfile.mkdtemp(prefix="isocortex-sign-in-")

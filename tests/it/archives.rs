@@ -151,7 +151,6 @@ async fn goes_the_whole_way(start: Start) {
     .await;
     let peer = Peer {
         aet: "ARCHIVE".to_owned(),
-        project: case::Project::DEFAULT,
         address: [127, 0, 0, 1].into(),
     };
     let options = DimseOptions {

@@ -96,8 +96,8 @@ async fn connections(socket: &Socket, count: usize, sending: &str) -> Vec<TcpStr
 }
 
 #[tokio::test]
-async fn an_upload_that_drips_is_given_up() {
-    let server = Server::start_with(|config| config.http.slow_start_secs = 1).await;
+async fn an_upload_that_drips_has_the_time_of_an_upload() {
+    let server = Server::start_with(|config| config.http.upload_timeout_secs = 1).await;
     let socket = server.on_a_socket().await;
     let mut stream = TcpStream::connect(socket.address).await.unwrap();
     stream.write_all(half_an_upload().as_bytes()).await.unwrap();
@@ -153,60 +153,34 @@ async fn status_of(stream: &mut TcpStream) -> String {
 }
 
 #[tokio::test]
-async fn two_tokens_leave_room_for_others_at_however_many_addresses() {
+async fn a_token_is_one_client_at_however_many_addresses() {
     let mut tokens = TokensFile::new();
-    for name in ["greedy", "second", "other"] {
+    for name in ["greedy", "other"] {
         tokens.add(name, &["--role", "editor"]);
     }
     let server = Server::start_with(|config| {
         config.http.tokens_file = Some(tokens.path());
-        config.http.max_uploads = 4;
-        config.http.max_connections = 8;
+        config.http.max_uploads = 8;
     })
     .await;
     let socket = server.on_a_socket().await;
-    let with = |request: &str, name: &str| {
+    let half = |name: &str| {
         let host = "Host: localhost\r\n";
-        request.replace(
-            host,
-            &format!("{host}Authorization: {}\r\n", tokens.bearer(name)),
-        )
+        let authorization = format!("{host}Authorization: {}\r\n", tokens.bearer(name));
+        half_an_upload().replace(host, &authorization)
     };
-    let half = |name| with(&half_an_upload(), name);
     let mut held = Vec::new();
-    // Half of the places, half of the others, and one that is left, at an address that another token has as well.
-    for (name, addresses, beyond) in [
-        ("greedy", 2..4, Some(4)),
-        ("second", 5..6, Some(6)),
-        ("other", 2..3, None),
-    ] {
-        for number in addresses {
-            held.push(from(number, &socket, &half(name)).await);
+    // A quarter each, the other one at an address that the first has as well.
+    for (name, numbers) in [("greedy", [2, 3, 4]), ("other", [2, 2, 2])] {
+        for number in &numbers[..2] {
+            held.push(from(*number, &socket, &half(name)).await);
             while server.stored_files().len() < held.len() {
                 tokio::task::yield_now().await;
             }
         }
-        if let Some(number) = beyond {
-            let mut refused = from(number, &socket, &half(name)).await;
-            assert!(status_of(&mut refused).await.contains(" 503 "), "{name}");
-        }
+        let mut refused = from(numbers[2], &socket, &half(name)).await;
+        assert!(status_of(&mut refused).await.contains(" 503 "), "{name}");
     }
-    drop(held);
-    // The same for connections that are kept.
-    let list = |name| with(&get("/v1/cases").replace("Connection: close\r\n", ""), name);
-    let mut kept = Vec::new();
-    for (name, most) in [("greedy", 4), ("second", 6)] {
-        loop {
-            let mut stream = from(2 + (kept.len() % 3) as u8, &socket, &list(name)).await;
-            match status_of(&mut stream).await {
-                status if status.contains(" 200 ") => kept.push(stream),
-                _ => break,
-            }
-            assert!(kept.len() <= most, "{name}: {}", kept.len());
-        }
-    }
-    let mut other = from(2, &socket, &list("other")).await;
-    assert!(status_of(&mut other).await.contains(" 200 "));
 }
 
 /// The same for images of a PACS, which have places of their own.
@@ -236,123 +210,120 @@ async fn one_client_leaves_room_for_the_images_of_others() {
 
 const TOKEN: &str = "correct-horse-battery-staple";
 
-async fn start_with_token() -> Server {
-    Server::start_with(|config| config.http.token = Some(Secret(TOKEN.to_owned()))).await
-}
-
 fn get_with(token: &str) -> String {
     let rest = "Host: localhost\r\nConnection: close\r\n\r\n";
     format!("GET /v1/cases HTTP/1.1\r\nAuthorization: Bearer {token}\r\n{rest}")
 }
 
 #[tokio::test]
-async fn strangers_do_not_shut_clients_out() {
-    let server = start_with_token().await;
-    let socket = server.on_a_socket().await;
-    // More than there are places for, from the address of the client itself.
-    let mut held = connections(&socket, 200, "GET /v1/ca").await;
-    held.append(&mut connections(&socket, 200, "").await);
-    for round in 0..8 {
-        let guess = exchange(socket.address, &get_with("wrong-token-wrong-token")).await;
-        assert!(guess.starts_with("HTTP/1.1 4"), "{round}: {guess}");
-        let health = exchange(socket.address, &get("/healthz")).await;
-        assert!(health.starts_with("HTTP/1.1 200"), "{round}: {health}");
-        let client = exchange(socket.address, &get_with(TOKEN)).await;
-        assert!(client.starts_with("HTTP/1.1 200"), "{round}: {client}");
-    }
-    drop(held);
-}
-
-/// Opens a connection as a client, and leaves it open.
-async fn a_client(socket: &Socket) -> (TcpStream, String) {
-    let mut stream = TcpStream::connect(socket.address).await.unwrap();
-    let request = "GET /v1/cases HTTP/1.1\r\nHost: localhost\r\n\r\n";
-    stream.write_all(request.as_bytes()).await.unwrap();
-    let mut answer = vec![0; 4096];
-    let length = stream.read(&mut answer).await.unwrap();
-    answer.truncate(length);
-    (stream, String::from_utf8(answer).unwrap())
-}
-
-#[tokio::test]
-async fn clients_beyond_the_cap_are_told_and_health_checks_are_answered() {
-    for of_one_address in [false, true] {
-        let server = Server::start_with(|config| match of_one_address {
-            true => config.http.max_connections_per_address = 2,
-            false => config.http.max_connections = 2,
+async fn one_address_has_a_quarter_of_the_connections_and_a_listed_proxy_all() {
+    for by_proxy in [false, true] {
+        let server = Server::start_with(|config| {
+            config.http.token = Some(Secret(TOKEN.to_owned()));
+            config.http.max_connections = 16;
+            if by_proxy {
+                config.http.trusted_proxies = vec!["127.0.0.2".parse().unwrap()];
+            }
         })
         .await;
         let socket = server.on_a_socket().await;
-        let held = [a_client(&socket).await, a_client(&socket).await];
-        assert!(
-            held.iter()
-                .all(|(_, answer)| answer.starts_with("HTTP/1.1 200"))
-        );
-        let other = exchange(socket.address, &get("/v1/cases")).await;
-        assert!(other.starts_with("HTTP/1.1 503"), "{other}");
-        assert!(other.to_lowercase().contains("retry-after"), "{other}");
-        let health = exchange(socket.address, &get("/healthz")).await;
-        assert!(health.starts_with("HTTP/1.1 200"), "{health}");
+        // Before any of them is read.
+        let mut held = Vec::new();
+        for _ in 0..4 {
+            held.push(from(2, &socket, "GET /v1/ca").await);
+        }
+        let fifth = from(2, &socket, &get("/healthz")).await;
+        let mut answer = Vec::new();
+        let _ = { fifth }.read_to_end(&mut answer).await;
+        assert_eq!(answer.starts_with(b"HTTP/1.1 200"), by_proxy);
+        for request in [get("/healthz"), get_with(TOKEN)] {
+            let mut other = from(3, &socket, &request).await;
+            assert!(status_of(&mut other).await.contains(" 200 "));
+        }
         drop(held);
-        // The server notices the end of both connections a moment later.
-        let mut answer = String::new();
-        while !answer.starts_with("HTTP/1.1 200") {
-            answer = exchange(socket.address, &get("/v1/cases")).await;
-        }
     }
 }
 
 #[tokio::test]
-async fn whoever_goes_on_guessing_is_answered_429_at_once_and_loses_the_connection() {
-    let server = start_with_token().await;
-    let socket = server.on_a_socket().await;
-    let guess = get_with("correct-horse-battery-stapler").replace("Connection: close\r\n", "");
-    let mut refused = 0;
-    for _ in 0..20 {
-        let mut stream = TcpStream::connect(socket.address).await.unwrap();
-        stream.write_all(guess.as_bytes()).await.unwrap();
-        let mut answer = vec![0; 4096];
-        let length = stream.read(&mut answer).await.unwrap();
-        let answer = String::from_utf8_lossy(&answer[..length]).to_lowercase();
-        if answer.starts_with("http/1.1 401") {
-            continue;
-        }
-        assert!(answer.starts_with("http/1.1 429"), "{answer}");
-        assert!(answer.contains("retry-after: "), "{answer}");
-        assert!(answer.contains("connection: close"), "{answer}");
-        assert_eq!(stream.read(&mut [0]).await.unwrap(), 0, "it is closed");
-        refused += 1;
-    }
-    assert!(refused >= 10, "{refused}");
-    let client = exchange(socket.address, &get_with(TOKEN)).await;
-    assert!(client.starts_with("HTTP/1.1 200"), "{client}");
-}
-
-#[tokio::test]
-async fn a_listed_proxy_keeps_its_connections_and_names_who_guesses() {
+async fn a_listed_proxy_names_the_client() {
     let server = Server::start_with(|config| {
-        config.http.token = Some(Secret(TOKEN.to_owned()));
+        config.http.max_uploads = 4;
         config.http.trusted_proxies = vec!["127.0.0.0/8".parse().unwrap()];
     })
     .await;
     let socket = server.on_a_socket().await;
-    let mut proxy = TcpStream::connect(socket.address).await.unwrap();
-    let mut ask = async |client: &str, token: &str| {
-        let request =
-            get_with(token).replace("Connection: close", &format!("X-Forwarded-For: {client}"));
-        proxy.write_all(request.as_bytes()).await.unwrap();
-        let mut answer = vec![0; 4096];
-        let length = proxy.read(&mut answer).await.unwrap();
-        let answer = String::from_utf8_lossy(&answer[..length]).into_owned();
-        answer[9..12].to_owned()
+    let half = |client: &str| {
+        let host = "Host: localhost\r\n";
+        half_an_upload().replace(host, &format!("{host}X-Forwarded-For: {client}\r\n"))
     };
-    let mut last = String::new();
-    for _ in 0..20 {
-        last = ask("203.0.113.5", "wrong-token-wrong-token").await;
+    let _held = from(2, &socket, &half("203.0.113.5")).await;
+    while server.stored_files().is_empty() {
+        tokio::task::yield_now().await;
     }
-    assert_eq!(last, "429");
-    assert_eq!(ask("203.0.113.6", "wrong-token-wrong-token").await, "401");
-    assert_eq!(ask("203.0.113.5", TOKEN).await, "200");
+    let mut refused = from(3, &socket, &half("203.0.113.5")).await;
+    assert!(status_of(&mut refused).await.contains(" 503 "));
+    let _other = from(2, &socket, &half("203.0.113.6")).await;
+    while server.stored_files().len() < 2 {
+        tokio::task::yield_now().await;
+    }
+}
+
+/// What one token asks for does not keep another one waiting, be it pictures, textures or meshes.
+#[tokio::test]
+async fn one_client_has_half_of_the_threads() {
+    let mut tokens = TokensFile::new();
+    for name in ["greedy", "other"] {
+        tokens.add(name, &["--role", "editor"]);
+    }
+    let server = Server::start_with(|config| {
+        config.http.tokens_file = Some(tokens.path());
+        config.render.threads = 2;
+        config.limits.max_queued_renders = 14;
+    })
+    .await;
+    let upload = Request::post("/v1/cases")
+        .header(header::CONTENT_TYPE, form_type())
+        .header(header::AUTHORIZATION, tokens.bearer("greedy"))
+        .body(Body::from(form(&[("volume", &plain_head().bytes())])));
+    let uploaded = server.send(upload.unwrap()).await;
+    let address = uploaded.header("location").to_owned();
+    let ask = async |path: &str, name: &str| {
+        let bearer = tokens.bearer(name);
+        let path = format!("{address}{path}");
+        server.get_with(&path, &[("authorization", &bearer)]).await
+    };
+    ask("/events", "greedy").await;
+    // As if one of its pictures took for ever.
+    let greedy = cases::Client::named("greedy");
+    let queue = &server.state.cases.queue;
+    let held = cases::for_client(greedy, queue.turn()).await.unwrap();
+    let wanted = [
+        "/render?width=64&height=64",
+        "/volume?extent=whole",
+        "/distance?step=2",
+        "/mesh?depth_mm=5&contours=31&points=31",
+    ];
+    for path in wanted {
+        let mut waiting = Box::pin(ask(path, "greedy"));
+        let other = ask(path, "other");
+        tokio::select! {
+            biased;
+            answer = &mut waiting => panic!("{path}: {answer:?}"),
+            answer = other => assert_ne!(answer.status, 503, "{path}"),
+        }
+    }
+    // Half of the places, too.
+    let entered = async { (0..8).map(|_| queue.enter()).collect::<Vec<_>>() };
+    let entered = cases::for_client(greedy, entered).await;
+    assert_eq!(entered.iter().filter(|entered| entered.is_ok()).count(), 7);
+    let refused = ask(wanted[0], "greedy").await;
+    assert_eq!(
+        (refused.status.as_u16(), refused.problem().as_str()),
+        (503, "busy")
+    );
+    assert!(!refused.header("retry-after").is_empty());
+    assert_eq!(ask(wanted[0], "other").await.status, 200);
+    drop(held);
 }
 
 #[tokio::test]

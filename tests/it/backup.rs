@@ -33,7 +33,7 @@ fn a_folder_without_a_store_is_an_error_and_stays_as_it_is() {
             &["render", &id, "--data", folder, "--output", &path("a.png")],
         ] {
             let (status, said) = run(command);
-            assert_eq!(status, Some(66), "{command:?}: {said}");
+            assert_eq!(status, Some(78), "{command:?}: {said}");
             assert!(said.contains("there is no store here"), "{said}");
         }
     }

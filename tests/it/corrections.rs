@@ -392,7 +392,11 @@ async fn a_rejection_note_withdraws_the_series_and_another_list_does_not() {
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
     let view = json!({"what": "view", "render": small()});
-    let stored = neighbour.store(&[note(KeyObjectTitle::OfInterest)]).await;
+    // The title "Of Interest" (113000) in place of a reason.
+    let mut list = note(KeyObjectTitle::RetentionExpired);
+    let at = memchr::memmem::find(&list, b"113039").unwrap();
+    list[at..at + 6].copy_from_slice(b"113000");
+    let stored = neighbour.store(&[list]).await;
     assert_eq!(stored.status, 200, "{stored:?}");
     assert_eq!(launched(&neighbour).await["state"], "ready");
     let of_series = async || {

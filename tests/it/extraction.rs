@@ -145,33 +145,28 @@ async fn a_raw_head_can_be_extracted_again_once_the_weights_are_there() {
     );
 }
 
+/// The other wrong heads, and the network, are judged in `server/extraction/tests/it`: here is what becomes of a judgement.
 #[tokio::test]
 async fn what_is_not_a_t1_head_does_not_end_as_ok() {
-    let mut servers = vec![Server::start().await];
-    if let Some(weights) = weights() {
-        servers.push(Server::start_with(|config| config.prepare.network = Some(weights)).await);
-    }
-    for server in servers {
-        for (name, volume) in wrong_heads() {
-            let answer = server.upload(&[("volume", &stored(&volume))]).await;
-            if !answer.status.is_success() {
-                eprintln!("{name}: {} {}", answer.status, answer.problem());
-                assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY, "{name}");
-                continue;
-            }
-            let case = server.until_settled(answer.header("location")).await;
-            let (state, quality) = (&case["state"], &case["quality"]["state"]);
-            eprintln!(
-                "{name}: {state} {quality} {} {}",
-                reasons(&case),
-                case["error"]
-            );
-            assert!(
-                *state == "failed" || *quality == "review" || *quality == "failed",
-                "{name}: {case}"
-            );
+    let server = Server::start().await;
+    let is_sent = |name: &str| ["zeros", "left taken for the front"].contains(&name);
+    let sent = wrong_heads().into_iter().filter(|(name, _)| is_sent(name));
+    let mut settled = 0;
+    for (name, volume) in sent {
+        let answer = server.upload(&[("volume", &stored(&volume))]).await;
+        if !answer.status.is_success() {
+            assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY, "{name}");
+            continue;
         }
+        let case = server.until_settled(answer.header("location")).await;
+        let (state, quality) = (&case["state"], &case["quality"]["state"]);
+        assert!(
+            *state == "failed" || *quality == "review" || *quality == "failed",
+            "{name}: {case}"
+        );
+        settled += 1;
     }
+    assert!(settled > 0, "every head was refused");
 }
 
 #[tokio::test]

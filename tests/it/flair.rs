@@ -1,6 +1,6 @@
 //! The map of a FLAIR: from the upload of the layer to the list, the picture and the report, and away with the layer.
 
-use analysis::steps::regions_phantom::{self, BrainPhantom, SimulatedLayer};
+use analysis::testing::brain::{self, BrainPhantom, SimulatedLayer};
 use axum::body::Body;
 use axum::http::{Method, Request, StatusCode, header};
 use cases::pictures::GpuUse;
@@ -24,7 +24,7 @@ async fn ready() -> (Server, String) {
         config.dicom_program = reader();
     })
     .await;
-    let (phantom, grid) = (BrainPhantom::PLAIN, regions_phantom::grid());
+    let (phantom, grid) = (BrainPhantom::PLAIN, brain::grid());
     let volume = imaging::nifti::write_volume(&phantom.scan(&grid).volume).unwrap();
     let mask = imaging::nifti::write_mask(&phantom.mask(&grid)).unwrap();
     let case = server

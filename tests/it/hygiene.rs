@@ -119,7 +119,14 @@ fn every_path_and_every_heading_that_a_document_links_to_exists() {
 #[test]
 fn every_variable_of_the_documents_is_read_somewhere() {
     let mut code = String::new();
-    for folder in ["lab", "server", "tests", "scripts"] {
+    for folder in [
+        "lab/scripts",
+        "lab/src",
+        "lab/tests",
+        "server",
+        "tests",
+        "scripts",
+    ] {
         texts_below(&root().join(folder), &["mjs", "py", "rs", "sh"], &mut code);
     }
     let belongs = |letter: char| letter.is_ascii_uppercase() || letter == '_';
@@ -209,7 +216,7 @@ fn every_test_that_a_measurement_was_made_with_exists() {
     let named = words_after(&read("lab/docs/reliability.md"), "test(", |letter| {
         letter != ')'
     });
-    assert!(named.len() > 20, "{named:?}");
+    assert!(named.len() > 10, "{named:?}");
     for name in named {
         let module = name.trim_end_matches("::");
         let is_there = ["fn ", "mod "]

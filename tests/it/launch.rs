@@ -14,10 +14,10 @@ use crate::server::{form, form_type};
 use crate::until::until;
 
 /// What differs between series of the same head.
-struct Series<'a> {
-    study: &'a str,
-    uid: &'a str,
-    texts: &'a [([u16; 2], &'a str, &'a str)],
+pub(crate) struct Series<'a> {
+    pub(crate) study: &'a str,
+    pub(crate) uid: &'a str,
+    pub(crate) texts: &'a [([u16; 2], &'a str, &'a str)],
 }
 
 impl Series<'_> {
@@ -36,7 +36,7 @@ impl Series<'_> {
     }
 
     /// Stores it; the case that it becomes, ready.
-    async fn becomes(&self, neighbour: &Neighbour) -> String {
+    pub(crate) async fn becomes(&self, neighbour: &Neighbour) -> String {
         assert_eq!(neighbour.store(&self.files()).await.status, 200);
         neighbour.all_has_come();
         let case = until(&format!("a case comes of {}", self.uid), async || {

@@ -21,6 +21,7 @@ mod head;
 mod heads;
 mod hostile;
 mod hygiene;
+mod identity;
 mod interface;
 mod kept_store;
 mod kill;
@@ -35,7 +36,6 @@ mod operation;
 mod orthanc;
 mod pacs;
 mod positions;
-mod projects;
 mod proxy;
 mod rendered;
 mod renderers;
@@ -46,6 +46,7 @@ mod results;
 mod retrievals;
 mod scenes;
 mod scopes;
+mod search;
 #[path = "../../server/imaging/tests/it/series_builder.rs"]
 #[allow(dead_code, reason = "the tests of another crate use more of it")]
 mod series_builder;

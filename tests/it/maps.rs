@@ -2,7 +2,7 @@
 
 use std::io::Read as _;
 
-use analysis::steps::regions_phantom::{self, BrainPhantom};
+use analysis::testing::brain::{self, BrainPhantom};
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use cases::pictures::GpuUse;
@@ -516,7 +516,7 @@ async fn a_head_of_coarse_voxels_has_no_limit_of_thickness_and_says_so_everywher
 
 /// A head with a cerebellum below a tentorium, a brain stem and nuclei, as files: volume and mask.
 fn whole_head() -> [Vec<u8>; 2] {
-    let (phantom, grid) = (BrainPhantom::PLAIN, regions_phantom::grid());
+    let (phantom, grid) = (BrainPhantom::PLAIN, brain::grid());
     [
         imaging::nifti::write_volume(&phantom.scan(&grid).volume).unwrap(),
         imaging::nifti::write_mask(&phantom.mask(&grid)).unwrap(),

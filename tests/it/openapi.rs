@@ -67,6 +67,7 @@ async fn every_route_is_described_in_openapi_3_1() {
         "post /dicomweb/studies/{study}",
         "get /dicomweb/studies/{study}/rendered3D",
         "get /dicomweb/studies/{study}/series/{series}/rendered3D",
+        "post /v1/cases/search",
         "get /v1/pacs",
         "get /v1/arrivals",
         "get /v1/arrivals/{id}",

@@ -44,7 +44,7 @@ impl Logged {
             .args(arguments)
             .args(["--log-format", "json", "--log", "debug"])
             .env_remove("ISOCORTEX_CONFIG")
-            .env_remove("ISOCORTEX_TOKEN")
+            .env("ISOCORTEX_CREATE", "true")
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
@@ -83,6 +83,19 @@ impl Logged {
         let pid = self.process.id().to_string();
         let sent = Command::new("kill").args([name, &pid]).status();
         assert!(sent.unwrap().success());
+    }
+
+    /// How often the log has had a message so far.
+    pub(crate) fn count(&self, message: &str) -> usize {
+        let message = format!("\"message\":\"{message}\"");
+        let lines = self.lines.iter();
+        lines.filter(|line| line.contains(&message)).count()
+    }
+
+    /// Tells it to stop; it ends without an error.
+    pub(crate) fn stop(mut self) {
+        self.signal("-TERM");
+        assert!(self.process.wait().unwrap().success());
     }
 
     /// Ends it in order; every line of its log is JSON, and nothing is on standard output.
@@ -126,6 +139,22 @@ pub(crate) fn get_bytes(address: &str, path: &str, token: &str) -> (u16, Vec<u8>
     let head = String::from_utf8(answer).unwrap();
     let status = head.split(' ').nth(1).unwrap().parse().unwrap();
     (status, body)
+}
+
+/// The status of a POST.
+pub(crate) fn post(address: &str, path: &str, media_type: &str, body: &[u8]) -> u16 {
+    let mut stream = TcpStream::connect(address).unwrap();
+    let head = format!(
+        "POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: {media_type}\r\nContent-Length: {}\r\nConnection: close\r\n\r\n",
+        body.len()
+    );
+    stream.write_all(head.as_bytes()).unwrap();
+    // It may be answered before it is read.
+    let _refused = stream.write_all(body);
+    let mut answer = BufReader::new(stream);
+    let mut line = String::new();
+    answer.read_line(&mut line).unwrap();
+    line.split(' ').nth(1).unwrap().parse().unwrap()
 }
 
 const OLD: &str = "0123456789abcdef";
@@ -356,6 +385,7 @@ fn a_configuration_is_checked_without_starting_anything() {
         "`archive`",
         "11112",
         "nobody may send",
+        "its objects are in this folder",
         &not_there,
     ] {
         assert!(said.contains(words), "{words}: {said}");

@@ -1,6 +1,5 @@
 //! People whom a proxy has signed in: whose headers are believed, what they open, and what does not pass for them.
 
-use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
@@ -27,7 +26,6 @@ fn proxy() -> Proxy {
             ("boss".to_owned(), Role::Admin),
         ]
         .into(),
-        projects: BTreeMap::new(),
         sign_out: Some("/oauth2/sign_out".to_owned()),
         socket: None,
     }
@@ -409,11 +407,6 @@ fn check_config_says_whom_it_believes_and_refuses_what_lets_everybody_in() {
             one,
             "sign_out = \"//evil.example\"\n[proxy.roles]\na = \"viewer\"",
             "`sign_out`",
-        ),
-        (
-            one,
-            "[proxy.projects]\na = \"No Project\"",
-            "proxy.projects",
         ),
         (one, "[proxy.roles]\na = \"boss\"", "`boss` is no role"),
     ] {

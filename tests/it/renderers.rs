@@ -151,6 +151,7 @@ fn log_with_driver(program: &Path, folder: &Path, driver: &Path) -> String {
             "--data",
         ])
         .arg(folder.join("data"))
+        .env("ISOCORTEX_CREATE", "true")
         .env("VK_DRIVER_FILES", driver)
         .env("VK_ICD_FILENAMES", driver)
         .env("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")

@@ -1,12 +1,11 @@
 //! A server to ask: with no socket, or through a real one.
 
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::time::Duration;
 
 use axum::Router;
 use axum::body::Body;
-use axum::http::{HeaderMap, HeaderValue, Method, Request, StatusCode, header};
+use axum::http::{HeaderMap, Method, Request, StatusCode, header};
 use bytes::Bytes;
 use cases::jobs::start_workers;
 use cases::runner::Runner;
@@ -33,8 +32,6 @@ pub(crate) struct Server {
     router: Router,
     config: Config,
     directory: TempDir,
-    /// What is sent as `authorization`, unless a request has one.
-    authorization: Mutex<Option<HeaderValue>>,
     _workers: Runner,
 }
 
@@ -141,6 +138,7 @@ impl Server {
     pub(crate) async fn start_on(directory: TempDir, configure: impl FnOnce(&mut Config)) -> Self {
         let mut config = Config::default();
         config.storage.data = directory.path().to_owned();
+        config.storage.create = true;
         // The same on every machine; heads of the tests that need names have an atlas of their own.
         config.prepare.atlas = AtlasChoice::Off;
         configure(&mut config);
@@ -157,14 +155,7 @@ impl Server {
             state,
             config,
             directory,
-            authorization: Mutex::default(),
         }
-    }
-
-    /// From now on, requests come from the holder of a token.
-    pub(crate) fn authorize(&self, authorization: &str) {
-        let authorization = HeaderValue::from_str(authorization).unwrap();
-        *self.authorization.lock().unwrap() = Some(authorization);
     }
 
     /// Ends this server and starts another one on the same store.
@@ -194,11 +185,7 @@ impl Server {
         self.router.clone()
     }
 
-    pub(crate) async fn send(&self, mut request: Request<Body>) -> Answer {
-        if let Some(usual) = self.authorization.lock().unwrap().clone() {
-            let headers = request.headers_mut();
-            headers.entry(header::AUTHORIZATION).or_insert(usual);
-        }
+    pub(crate) async fn send(&self, request: Request<Body>) -> Answer {
         let response = self.router.clone().oneshot(request).await.unwrap();
         let (parts, body) = response.into_parts();
         Answer {
@@ -268,12 +255,13 @@ impl Server {
         self.directory.path()
     }
 
-    /// What is in the store beside its database: uploads under way and objects.
+    /// What is in the store beside its database and its id: uploads under way and objects.
     pub(crate) fn stored_files(&self) -> Vec<PathBuf> {
         let mut files = Vec::new();
         for folder in ["objects", "uploads"] {
             files_below(&self.directory.path().join(folder), &mut files);
         }
+        files.retain(|file| !file.ends_with("store-id"));
         files
     }
 

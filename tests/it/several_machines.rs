@@ -47,6 +47,7 @@ impl Process {
             .args(command)
             .env("ISOCORTEX_DATA", folder.path())
             .env("ISOCORTEX_GPU", "off")
+            .env("ISOCORTEX_CREATE", "true")
             .env_remove("ISOCORTEX_CONFIG")
             .envs(store)
             .stdout(Stdio::piped())

@@ -1,6 +1,6 @@
 //! Surfaces of parts of the brain: each hemisphere and the cerebrum, closed on their own.
 
-use analysis::steps::regions_phantom::{self, BrainPhantom};
+use analysis::testing::brain::{self, BrainPhantom};
 use axum::http::StatusCode;
 use cases::pictures::GpuUse;
 use geometry::{Rescale, Volume};
@@ -21,7 +21,7 @@ pub(crate) const BALL_WINDOW: &str = "window=2200,1000&ambient=1";
 /// A phantom with a ball on its left, as files: volume and mask; mirrored on request.
 pub(crate) fn head(is_mirrored: bool) -> [Vec<u8>; 2] {
     let phantom = BrainPhantom::PLAIN;
-    let grid = regions_phantom::grid();
+    let grid = brain::grid();
     let scan = phantom.scan(&grid);
     let own_from_voxel = phantom.placed.inverse() * grid.patient_from_voxel();
     let ball = |index: usize| {

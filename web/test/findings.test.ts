@@ -18,7 +18,8 @@ import {
 import type { Depths } from "../src/model/isosurface.ts";
 import { type Line, covered, lettered, pieces, sliceMarks, surfaceMarks, thinned } from "../src/model/marks.ts";
 import { excessOf, plainLine, plainText } from "../src/model/text.ts";
-import { FindingsSync, type Kept } from "../src/page/findings-sync.ts";
+import { effect } from "@preact/signals";
+import { FindingsSync, type Kept } from "../src/store/findings-sync.ts";
 
 const finding = (id: string, change: Partial<Finding> = {}): Finding => ({
   ...newFinding({ points_in_patient: [[1, 2, 3]], depth_mm: 8 }),
@@ -35,14 +36,14 @@ test("what one reader has changed is as that one left it", () => {
     [mine, theirs],
     [theirs, mine],
   ] as const) {
-    const { list, doubled } = merged([a, b], own, other);
-    assert.deepEqual([notes(list), doubled], [["a:mine", "b:theirs"], 0]);
+    const { list, moved } = merged([a, b], own, other);
+    assert.deepEqual([notes(list), moved.length], [["a:mine", "b:theirs"], 0]);
   }
 });
 
 test("what both have changed is kept as both left it", () => {
-  const { list, doubled } = merged([a, b], [finding("a", { note: "mine" }), b], [finding("a", { note: "theirs" }), b]);
-  assert.equal(doubled, 1);
+  const { list, moved } = merged([a, b], [finding("a", { note: "mine" }), b], [finding("a", { note: "theirs" }), b]);
+  assert.equal(moved.length, 1);
   assert.deepEqual(list.map(({ note }) => note).sort(), ["", "mine", "theirs"]);
   assert.equal(new Set(list.map(({ id }) => id)).size, 3);
   // The server's keeps its id, so that everybody means the same by it.
@@ -55,8 +56,8 @@ test("what one has deleted and the other changed is there", () => {
     [[b], [changed, b]],
     [[changed, b], [b]],
   ] as const) {
-    const { list, doubled } = merged([a, b], own, other);
-    assert.deepEqual([notes(list).toSorted(), doubled], [["a:changed", "b:"], 0]);
+    const { list, moved } = merged([a, b], own, other);
+    assert.deepEqual([notes(list).toSorted(), moved.length], [["a:changed", "b:"], 0]);
   }
 });
 
@@ -65,15 +66,15 @@ test("the same change of both is one, and what nobody or both want is gone", () 
   // The server adds a side and times, which nobody has written.
   const stored = { ...same, side: "left", changed_at: "2026-01-01T00:00:00Z" } as const;
   const both = merged([a], [same], [stored]);
-  assert.deepEqual([both.list, both.doubled], [[stored], 0]);
+  assert.deepEqual([both.list, both.moved.length], [[stored], 0]);
   assert.deepEqual(merged([a, b], [b], [a, b]).list, [b]);
   assert.deepEqual(merged([a, b], [a, b], [a]).list, [a]);
   assert.deepEqual(merged([a, b], [b], [b]).list, [b]);
 });
 
 test("additions of both are there, and the list of the other one comes first", () => {
-  const { list, doubled } = merged([a], [a, finding("mine")], [a, finding("theirs")]);
-  assert.deepEqual([list.map(({ id }) => id), doubled], [["a", "theirs", "mine"], 0]);
+  const { list, moved } = merged([a], [a, finding("mine")], [a, finding("theirs")]);
+  assert.deepEqual([list.map(({ id }) => id), moved.length], [["a", "theirs", "mine"], 0]);
   // Joined again with what it became, it stays as it is.
   assert.ok(areSame(merged([a, finding("theirs")], list, list).list, list));
 });
@@ -210,11 +211,12 @@ beforeEach(() => {
   server = new Server();
   mock.method(globalThis, "fetch", server.fetch);
   [told, doubled] = [[], 0];
-  sync = new FindingsSync({
-    id: "0".repeat(32),
-    shown: () => {},
-    kept: (kept) => void told.push(kept),
-    doubled: (count) => (doubled += count),
+  sync = new FindingsSync("0".repeat(32));
+  effect(() => {
+    if (sync.kept.value) told.push(sync.kept.value.kept);
+  });
+  effect(() => {
+    doubled += sync.doubled.value?.count ?? 0;
   });
 });
 
@@ -286,14 +288,14 @@ test("a list that others have changed, or that the server was not told of, is jo
   for (const status of [428, 412]) {
     server.put([...server.list, finding(`theirs-${status}`)]);
     server.fails.push(status);
-    sync.change([...sync.list, finding(`mine-${status}`)]);
+    sync.change([...sync.list.value, finding(`mine-${status}`)]);
     await sync.flush();
   }
   const ids = server.list.map(({ id }) => id).sort();
   assert.deepEqual(ids, ["mine-412", "mine-428", "theirs-412", "theirs-428"]);
   assert.ok(!told.includes("refused"));
   server.put(server.list.map((one) => ({ ...one, note: "theirs" })));
-  sync.change(sync.list.map((one) => (one.id === "mine-412" ? { ...one, note: "mine" } : one)));
+  sync.change(sync.list.value.map((one) => (one.id === "mine-412" ? { ...one, note: "mine" } : one)));
   await sync.flush();
   assert.equal(doubled, 1);
   assert.equal(server.list.length, 5);
@@ -311,7 +313,7 @@ test("an answer that comes late never takes back what was sent meanwhile", async
   await settled();
   answer();
   await Promise.all([loading, flushed]);
-  assert.deepEqual([notes(sync.list), notes(server.list)], [["a:"], ["a:"]]);
+  assert.deepEqual([notes(sync.list.value), notes(server.list)], [["a:"], ["a:"]]);
 });
 
 test("what the server refuses stays in the page, and is not sent again until it is changed", async () => {
@@ -321,7 +323,7 @@ test("what the server refuses stays in the page, and is not sent again until it 
   await assert.rejects(sync.flush());
   assert.equal(told.at(-1), "refused");
   await pass(60_000);
-  assert.deepEqual([server.list.length, sync.list.length, server.seen.length], [0, 1, 2]);
+  assert.deepEqual([server.list.length, sync.list.value.length, server.seen.length], [0, 1, 2]);
   sync.change([b]);
   await sync.flush();
   assert.deepEqual(notes(server.list), ["b:"]);
@@ -334,7 +336,7 @@ test("a file of findings is taken by the server or not at all, and what it repla
   const before = [a];
   await sync.take(JSON.stringify({ findings: [b] }), "application/dicom", (given) => joined(before, given).list);
   assert.deepEqual(
-    [notes(sync.list), notes(server.list)],
+    [notes(sync.list.value), notes(server.list)],
     [
       ["a:", "b:"],
       ["a:", "b:"],
@@ -343,7 +345,7 @@ test("a file of findings is taken by the server or not at all, and what it repla
   // What is refused leaves the list as it is, and does not block it.
   server.fails.push(400);
   await assert.rejects(sync.take("{}", "application/json", (given) => given));
-  sync.change([...sync.list, finding("c")]);
+  sync.change([...sync.list.value, finding("c")]);
   await sync.flush();
   assert.deepEqual(notes(server.list), ["a:", "b:", "c:"]);
 });
@@ -353,13 +355,11 @@ test("what is not sent yet when a case is left is shown and sent when it is open
   server.fails.push(503);
   sync.change([a]);
   await assert.rejects(sync.flush());
-  let shown: readonly Finding[] = [];
-  sync.meet({ id: "0".repeat(32), shown: (list) => (shown = list), kept: () => {}, doubled: () => {} });
   server.put([b]);
   await sync.load();
   await pass(0);
   assert.deepEqual(
-    [notes(shown), notes(server.list)],
+    [notes(sync.list.value), notes(server.list)],
     [
       ["b:", "a:"],
       ["b:", "a:"],

@@ -17,7 +17,7 @@ import { sheetBody } from "../src/model/series.ts";
 import { type ViewState, firstState, presetWindow, textureOf } from "../src/model/state.ts";
 import { product } from "../src/model/affine.ts";
 import { subtract, transform } from "../src/model/space.ts";
-import { angleOf, stepOf } from "../src/page/nudge.ts";
+import { angleOf, stepOf } from "../src/model/nudge.ts";
 import { freeName, sequenceOf, sortFiles, sortLayers } from "../src/page/upload-files.ts";
 import { SHOWN } from "./shown.ts";
 

@@ -23,7 +23,8 @@ import { PLANE_NAMES, renderQuery, sliceQuery } from "../src/model/query.ts";
 import { turnBody } from "../src/model/series.ts";
 import { type Vec3, dot, normalized, subtract } from "../src/model/space.ts";
 import { type ViewState, firstState } from "../src/model/state.ts";
-import { CaseLayers } from "../src/page/case-layers.ts";
+import { effect } from "@preact/signals";
+import { CaseLayers } from "../src/store/case-layers.ts";
 import { SHOWN } from "./shown.ts";
 
 const FIRST = firstState(SHOWN);
@@ -217,7 +218,8 @@ test("maps that are being made are asked for until they are ready, and fetched o
     asked.push(path);
     return (path.endsWith("/volume") ? volumes.shift() : null) ?? answer(200, listed(states.shift() ?? "ready"));
   });
-  const layers = new CaseLayers(SHOWN.id, ({ layers: [map] }) => told.push(map?.state ?? ""));
+  const layers = new CaseLayers(SHOWN.id);
+  effect(() => void layers.list.value?.layers.slice(0, 1).map(({ state }) => told.push(state)));
   await Promise.all([layers.ask(), layers.ask()]);
   assert.deepEqual([told, layers.ready("blur")?.name, asked.length], [["making", "ready"], "blur", 2]);
   const [one, two] = await Promise.all([layers.voxels("blur"), layers.voxels("blur")]);
@@ -238,7 +240,8 @@ test("a head without maps says why, and its layers are not waited for", async (c
       : answer(200, listed("undefined", { reason })),
   );
   const told: unknown[] = [];
-  const layers = new CaseLayers(SHOWN.id, ({ layers: [map] }) => told.push(map?.state, map?.reason));
+  const layers = new CaseLayers(SHOWN.id);
+  effect(() => void layers.list.value?.layers.slice(0, 1).map((map) => told.push(map.state, map.reason)));
   await layers.ask();
   assert.deepEqual([told, layers.ready("blur")], [["undefined", reason], null]);
   await assert.rejects(layers.voxels("blur"), (problem) => problem instanceof Problem && problem.detail === reason);

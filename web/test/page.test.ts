@@ -14,10 +14,10 @@ import {
 import type { Quality, ReadyCase } from "../src/model/case.ts";
 import { doubtsOf } from "../src/model/quality.ts";
 import { matches } from "../src/page/cases.ts";
-import { pathOf, reachOfChart, ticks } from "../src/page/chart.ts";
+import { pathOf, reachOfChart, ticks } from "../src/page/chart.tsx";
 import { type Words, intensity, languageFor, number, numberUpTo, readNumber, speak, t } from "../src/base/i18n.ts";
-import { isOfOther } from "../src/page/findings-files.ts";
-import { readPreferences } from "../src/page/preferences.ts";
+import { isOfOther } from "../src/page/findings-files.tsx";
+import { readPreferences } from "../src/store/preferences.ts";
 import { problemWords } from "../src/base/problem-words.ts";
 import { sortFiles, uploadName } from "../src/page/upload-files.ts";
 import english from "../src/words.en.json";

@@ -17,10 +17,10 @@ export interface Source {
 export function sources(): Source[] {
   const names = readdirSync(FOLDER, { recursive: true, encoding: "utf8" }).map((name) => name.replaceAll("\\", "/"));
   return names
-    .filter((name) => name.endsWith(".ts"))
+    .filter((name) => /\.tsx?$/.test(name))
     .map((name) => {
       const text = readFileSync(path.join(FOLDER, name), "utf8");
-      const imported = [...text.matchAll(/(?:from|import\()\s*"(\.[^"]*\.ts)"/g)];
+      const imported = [...text.matchAll(/(?:from|import\()\s*"(\.[^"]*\.tsx?)"/g)];
       return { name, text, imports: imported.map(([, to]) => path.posix.join(path.posix.dirname(name), to ?? "")) };
     });
 }

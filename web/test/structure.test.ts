@@ -10,11 +10,12 @@ const BELOW: Readonly<Record<string, readonly string[]>> = {
   model: [],
   base: ["model"],
   gl: ["model"],
-  panes: ["model", "base", "gl"],
+  store: ["model", "base"],
+  panes: ["model", "base", "gl", "store"],
   pacs: ["model", "base"],
-  page: ["model", "base", "gl", "panes", "pacs"],
-  compare: ["model", "base", "page"],
-  launch: ["base", "pacs", "page"],
+  page: ["model", "base", "gl", "store", "panes", "pacs"],
+  compare: ["model", "base", "store", "page"],
+  launch: ["base", "pacs", "store", "page"],
 };
 
 const folderOf = (name: string): string => name.split("/")[0] ?? "";

@@ -1,6 +1,6 @@
 //! How far registrations are off, of pairs with known transforms, and what the verdict says to what is not the same head.
 //!
-//! `cargo run --release -p isocortex-bench --example registration-errors -- [--each N] [--pairs DIR] HEAD...`
+//! `cargo run --release --manifest-path lab/Cargo.toml --example registration-errors -- [--each N] [--pairs DIR] HEAD...`
 //!
 //! A HEAD is `VOLUME:MASK`, two NIfTI files: a T1 and a mask of its brain. N motions of up to 20° and 20 mm are drawn for each
 //! head and kind. With `--pairs` the pairs are written to a folder, for `lab/peers/registration.py`.

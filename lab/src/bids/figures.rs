@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::head::PLACES;
 use super::judge::{JudgedHead, JudgedLesion};
-use crate::study::{Interval, area, bootstrap_over};
+use crate::statistics::{Interval, area, bootstrap_over};
 
 /// The numbers of false marks in the tables: found with fewer than these.
 pub(super) const FALSE_MARKS: [usize; 3] = [1, 5, 20];

@@ -2,8 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
-
 use crate::BenchError;
 
 /// The endings of a NIfTI file.
@@ -93,33 +91,6 @@ fn head(folder: &Path, truths: &Truths) -> Result<HeadFiles, BenchError> {
         truths: marked,
         name,
     })
-}
-
-/// What a side file of a T1-weighted volume states of its scanner: the maker, the model and the field. The side file lies beside the
-/// volume, or once for all as `T1w.json`.
-pub(super) fn scanner(root: &Path, t1: &Path) -> String {
-    let beside = t1.with_file_name(format!("{}.json", stem_of(t1)));
-    let read =
-        |path: &Path| -> Option<Value> { serde_json::from_slice(&std::fs::read(path).ok()?).ok() };
-    let sides = [&beside, &root.join("T1w.json")].map(|path| read(path).unwrap_or(Value::Null));
-    let stated = |key: &str| {
-        let value = sides.iter().find_map(|side| side.get(key))?;
-        let text = value
-            .as_str()
-            .map_or_else(|| value.to_string(), str::to_owned);
-        (!value.is_null() && !text.trim().is_empty()).then(|| text.trim().to_owned())
-    };
-    let field = stated("MagneticFieldStrength").map(|field| format!("{field} T"));
-    let parts = [
-        stated("Manufacturer"),
-        stated("ManufacturersModelName"),
-        field,
-    ];
-    let parts: Vec<String> = parts.into_iter().flatten().collect();
-    if parts.is_empty() {
-        return "unstated".to_owned();
-    }
-    parts.join(" ")
 }
 
 /// Adds the files below a folder that match a pattern with one part for each level.

@@ -4,8 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use analysis::steps::{HeadCells, head_cells};
-use analysis::{Doubt, Head, MapParameters, MidsagittalPlane, Registration, Verdict, register};
+use analysis::{Doubt, Head, MidsagittalPlane, Registration, Verdict, depth_at, register};
 use case::{CaseFacts, MapName, MaskMethod, Parameters, PatientSide, QualityState};
 use geometry::{DepthField, Mask};
 use glam::{DAffine3, DVec3};
@@ -15,11 +14,10 @@ use pipeline::{HeadLimits, Pipeline, Prepared, Source};
 use serde::{Deserialize, Serialize};
 
 use super::folder::{HeadFiles, name_of, stem_of};
-use super::normals::CellsFile;
 use super::truth::{Lesion, Lesions, Rules};
 use crate::BenchError;
 use crate::files::{read, write};
-use crate::study::{Ground, StudyParameters};
+use crate::study::{Ground, SEED as STUDY_SEED, seed_of};
 
 /// The version of the files of results. It increases if their content changes.
 const FORMAT: u32 = 1;
@@ -28,7 +26,7 @@ const FORMAT: u32 = 1;
 pub(super) const PLACES: usize = 200;
 
 /// The seed of all random choices.
-pub(super) const SEED: u64 = StudyParameters::FULL.seed;
+pub(super) const SEED: u64 = STUDY_SEED;
 
 /// What the result of a head depends on, except its files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -217,16 +215,9 @@ pub(super) struct Finder<'a> {
     pub(super) pipeline: &'a Pipeline,
     pub(super) made_with: &'a MadeWith,
     pub(super) results: &'a Path,
-    /// Whether the cells of each head are needed for normals.
-    pub(super) needs_cells: bool,
 }
 
 impl Finder<'_> {
-    /// The file with the cells of a head.
-    pub(super) fn cells_path(&self, head: &str) -> PathBuf {
-        self.results.join(format!("{head}.cells.json"))
-    }
-
     /// The file of results of a head.
     pub(super) fn path(&self, head: &str) -> PathBuf {
         self.results.join(format!("{head}.json"))
@@ -256,22 +247,10 @@ impl Finder<'_> {
             });
         }
         let path = self.path(&head.name);
-        let cells_path = self.cells_path(&head.name);
-        let t1_hash = files[0].blake3.clone();
         if let Some(stored) = self.stored(&path, &files)? {
-            let is_complete = !self.needs_cells
-                || matches!(stored.outcome, Outcome::NoMaps { .. })
-                || CellsFile::stored(&cells_path, self.made_with, &t1_hash).is_some();
-            if is_complete {
-                return Ok((stored, false));
-            }
+            return Ok((stored, false));
         }
-        let (outcome, cells) = self.outcome(head, truths, flair)?;
-        if let Some(cells) = cells {
-            let cells = CellsFile::new(self.made_with, &t1_hash, cells);
-            let bytes = serde_json::to_vec(&cells).expect("numbers and names");
-            write_whole(&cells_path, &bytes)?;
-        }
+        let outcome = self.outcome(head, truths, flair)?;
         let result = HeadResult {
             made_with: self.made_with.clone(),
             head: head.name.clone(),
@@ -311,8 +290,8 @@ impl Finder<'_> {
         head: &HeadFiles,
         truths: &[PathBuf],
         flair: Option<&PathBuf>,
-    ) -> Result<(Outcome, Option<HeadCells>), BenchError> {
-        let no_maps = |code, sentence| Ok((Outcome::NoMaps { code, sentence }, None));
+    ) -> Result<Outcome, BenchError> {
+        let no_maps = |code, sentence| Ok(Outcome::NoMaps { code, sentence });
         let bytes = read(&head.t1[0])?;
         let limits = Limits::default();
         let prepared = HeadLimits::default().check(&bytes, &limits).and_then(|_| {
@@ -359,8 +338,7 @@ impl Finder<'_> {
         let found = found(&head.name, &prepared, &maps, truths, |found| {
             found.read_lesions(head, &Rules::STANDARD)
         })?;
-        let cells = self.needs_cells.then(|| cells(&prepared)).transpose()?;
-        Ok((Outcome::Maps(Box::new(found)), cells))
+        Ok(Outcome::Maps(Box::new(found)))
     }
 }
 
@@ -369,16 +347,6 @@ fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), BenchError> {
     let part = path.with_extension("json.part");
     write(&part, bytes)?;
     std::fs::rename(&part, path).map_err(|error| BenchError::unwritable(path, &error))
-}
-
-/// The cells of a head, for normals.
-fn cells(prepared: &Prepared) -> Result<HeadCells, BenchError> {
-    let head = Head {
-        volume: prepared.built.model.volume(),
-        depth: &DepthField::new(&prepared.built.distance),
-        plane: &mirror_plane(&prepared.facts),
-    };
-    Ok(head_cells(head, &MapParameters::STANDARD)?)
 }
 
 /// Whether a truth was drawn on the FLAIR: its name without `_roi` is that of a FLAIR, or it has the voxels of the FLAIR, and not those
@@ -445,8 +413,7 @@ fn found(
         depth: &depth,
         plane: &plane,
     })?;
-    let seed = StudyParameters::FULL.for_head(head).seed;
-    let places = ground.places(PLACES, seed).into_iter();
+    let places = ground.places(PLACES, seed_of(head)).into_iter();
     let mut found = Found {
         voxel_mm: facts.native_spacing_mm,
         mask_method: quality.method,
@@ -468,7 +435,7 @@ fn found(
         FoundLesion {
             volume_ml: lesion.volume_ml(),
             centre_in_patient: centre.to_array(),
-            depth_mm: analysis::steps::depth_at(&depth, place.as_vec3()).max(0.0),
+            depth_mm: depth_at(&depth, place.as_vec3()).max(0.0),
             side: side_at(facts, centre),
             defined_share: defined_share(maps, lesion),
         }

@@ -6,7 +6,6 @@ mod folder;
 mod freeze;
 mod head;
 mod judge;
-mod normals;
 mod participants;
 mod repeat;
 mod report;
@@ -24,16 +23,15 @@ use serde::Serialize;
 use serde_json::json;
 
 use self::figures::{Figures, JudgedPatient, difference};
-use self::folder::{HeadFiles, heads, name_of, scanner};
+use self::folder::{HeadFiles, heads, name_of};
 use self::freeze::Frozen;
-use self::head::{Finder, Found, FoundLesion, HeadResult, MadeWith, Outcome, PLACES, SEED, hash};
+use self::head::{Finder, Found, FoundLesion, HeadResult, MadeWith, Outcome, PLACES, SEED};
 use self::judge::{JudgedHead, MarkList, judge};
-use self::normals::{CellsFile, Normals};
 use self::participants::{Row, Table};
 use self::truth::Lesions;
 use crate::BenchError;
-use crate::files::{read, write};
-use crate::study::Interval;
+use crate::files::write;
+use crate::statistics::Interval;
 
 pub use self::folder::Truths;
 pub use self::participants::Choice;
@@ -75,12 +73,6 @@ pub struct TrialParameters {
     pub freeze: bool,
     /// Tables with the marks of other programs.
     pub candidates_of: Vec<PathBuf>,
-    /// Where the normals of the controls are written.
-    pub write_normals: Option<PathBuf>,
-    /// A file of normals, whose lists are judged too.
-    pub normals: Option<PathBuf>,
-    /// The column that names the scanner; `None` for what the side files of the volumes state.
-    pub scanner: Option<String>,
 }
 
 /// Whether a head has a lesion.
@@ -95,7 +87,6 @@ enum Role {
 struct Chosen {
     files: HeadFiles,
     role: Role,
-    scanner: String,
     /// Names and values from the table of participants.
     strata: Vec<(String, String)>,
 }
@@ -127,10 +118,6 @@ struct Selection {
 /// A head of the trial with its result.
 struct Judgeable {
     chosen: Chosen,
-    /// The hash of its T1-weighted file.
-    t1: String,
-    /// Its cells, if normals are written or used.
-    cells: Option<CellsFile>,
     found: Box<Found>,
     lesions: Lesions,
     /// The strata of each lesion.
@@ -151,15 +138,10 @@ pub fn run(
     let made_with = MadeWith::network(parameters.network.as_deref())?;
     let frozen = parameters.frozen(&selection, &made_with)?;
     let pipeline = pipeline(parameters.network.as_deref(), parameters.jobs)?;
-    let normals = parameters.normals.as_deref();
-    let normals = normals
-        .map(|path| Normals::read(path, &made_with))
-        .transpose()?;
     let finder = Finder {
         pipeline: &pipeline,
         made_with: &made_with,
         results: &parameters.results,
-        needs_cells: parameters.write_normals.is_some() || parameters.normals.is_some(),
     };
     let results = find_all(&finder, &selection.chosen, parameters.jobs, progress)?;
     let mut judgeable = Vec::new();
@@ -167,11 +149,7 @@ pub fn run(
     for (chosen, result) in selection.chosen.drain(..).zip(results) {
         let name = chosen.files.name.clone();
         match usable(chosen, result) {
-            Ok(mut head) => {
-                if finder.needs_cells {
-                    let path = finder.cells_path(&name);
-                    head.cells = CellsFile::stored(&path, &made_with, &head.t1);
-                }
+            Ok(head) => {
                 selection.remarks.extend(remarks(&name, &head));
                 judgeable.push(head);
             }
@@ -184,36 +162,11 @@ pub fn run(
     selection
         .left_out
         .sort_by(|one, other| one.head.cmp(&other.head));
-    if let Some(path) = &parameters.write_normals {
-        write_normals(path, &made_with, &judgeable, progress)?;
-    }
-    let report = parameters.report(&selection, (&judgeable, normals.as_ref()), missed, frozen)?;
+    let report = parameters.report(&selection, &judgeable, missed, frozen)?;
     let written = |name: &str, bytes: &[u8]| write(&parameters.results.join(name), bytes);
     written("report.html", report.html().as_bytes())?;
     written("report.json", format!("{:#}\n", report.json()).as_bytes())?;
     Ok(report)
-}
-
-/// Writes the normals of the controls.
-fn write_normals(
-    path: &Path,
-    made_with: &MadeWith,
-    heads: &[Judgeable],
-    progress: &(dyn Fn(&str) + Sync),
-) -> Result<(), BenchError> {
-    let controls = heads
-        .iter()
-        .filter(|head| head.chosen.role == Role::Control);
-    let controls =
-        controls.filter_map(|head| Some((head.chosen.scanner.as_str(), head.cells.as_ref()?)));
-    let (normals, left_out) = Normals::of(made_with, controls);
-    normals.write(path, &left_out)?;
-    for (scanner, count) in left_out {
-        progress(&format!(
-            "{scanner}: {count} controls are too few for normals; it is left out"
-        ));
-    }
-    Ok(())
 }
 
 /// Prepares heads as cases are, several at the same time, with the weights of a network or by tree pruning.
@@ -298,7 +251,6 @@ fn usable(chosen: Chosen, result: Result<HeadResult, String>) -> Result<Judgeabl
     };
     let refused = |reason: String| (role, format!("{kind} without a result: {reason}"));
     let result = result.map_err(refused)?;
-    let t1 = result.files[0].blake3.clone();
     let found = match result.outcome {
         Outcome::Maps(found) => found,
         Outcome::NoMaps { code, sentence } => {
@@ -321,8 +273,6 @@ fn usable(chosen: Chosen, result: Result<HeadResult, String>) -> Result<Judgeabl
         .collect();
     Ok(Judgeable {
         chosen,
-        t1,
-        cells: None,
         found,
         lesions,
         strata,
@@ -443,7 +393,6 @@ impl TrialParameters {
             let row = table.as_ref().and_then(|table| table.row(&head.name));
             match self.role(&head, table.is_some(), row) {
                 Ok(role) => selection.chosen.push(Chosen {
-                    scanner: self.scanner_of(&head, row),
                     strata: self.strata(row),
                     files: head,
                     role,
@@ -492,7 +441,7 @@ impl TrialParameters {
             &self.mri_negative,
         ];
         let columns = choices.into_iter().flatten().map(|choice| &choice.column);
-        for column in columns.chain(&self.strata).chain(&self.scanner) {
+        for column in columns.chain(&self.strata) {
             match &table {
                 Some(table) => table.check_column(column)?,
                 None => {
@@ -543,17 +492,6 @@ impl TrialParameters {
         Ok(role)
     }
 
-    /// The scanner of a head: from the table, or from the side file of its volume.
-    fn scanner_of(&self, head: &HeadFiles, row: Option<Row<'_>>) -> String {
-        match &self.scanner {
-            Some(column) => {
-                let stated = row.and_then(|row| row.get(column));
-                stated.unwrap_or("unstated").to_owned()
-            }
-            None => scanner(&self.bids, &head.t1[0]),
-        }
-    }
-
     /// The strata from the table of participants.
     fn strata(&self, row: Option<Row<'_>>) -> Vec<(String, String)> {
         let Some(row) = row else {
@@ -588,8 +526,6 @@ impl TrialParameters {
             .map(|head| (&head.files.name, head.role))
             .collect();
         let choice = |choice: &Option<Choice>| choice.as_ref().map(ToString::to_string);
-        let normals = self.normals.as_deref().map(read).transpose()?;
-        let normals = normals.map(|bytes| hash(&bytes));
         let parameters = json!({
             "made_with": made_with,
             "rules": Rules::STANDARD,
@@ -599,8 +535,6 @@ impl TrialParameters {
             "split": choice(&self.split),
             "mri_negative": choice(&self.mri_negative),
             "strata": self.strata,
-            "scanner": self.scanner,
-            "normals": normals,
             "heads": heads,
         });
         Frozen::locked(&self.results, parameters, self.freeze)
@@ -609,7 +543,7 @@ impl TrialParameters {
     fn report(
         &self,
         selection: &Selection,
-        (heads, normals): (&[Judgeable], Option<&Normals>),
+        heads: &[Judgeable],
         missed: usize,
         frozen: Option<Frozen>,
     ) -> Result<TrialReport, BenchError> {
@@ -621,27 +555,6 @@ impl TrialParameters {
         let mut lists = vec![MarkList::own(
             named().map(|(name, head)| (name, &*head.found)),
         )];
-        if let (Some(path), Some(normals)) = (&self.normals, normals) {
-            let with_cells = named().filter_map(|(name, head)| {
-                Some((
-                    name,
-                    head.chosen.scanner.as_str(),
-                    head.cells.as_ref()?,
-                    head,
-                ))
-            });
-            normals.check(
-                path,
-                with_cells
-                    .clone()
-                    .map(|(name, scanner, cells, _)| (name, scanner, cells)),
-            )?;
-            lists.extend(
-                normals.lists(with_cells.map(|(name, scanner, cells, head)| {
-                    (name, scanner, cells, head.found.marks.as_slice())
-                })),
-            );
-        }
         let names: Vec<&str> = named().map(|(name, _)| name).collect();
         for path in &self.candidates_of {
             lists.push(MarkList::of_file(path, &names)?);

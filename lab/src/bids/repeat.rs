@@ -3,8 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use analysis::steps::tissue_of;
-use analysis::{Doubt, Head, UNUSUAL_ABOVE, Verdict, register};
+use analysis::{Doubt, Head, UNUSUAL_ABOVE, Verdict, register, tissue_of};
 use case::Parameters;
 use geometry::DepthField;
 use glam::DVec3;
@@ -14,10 +13,9 @@ use pipeline::{Pipeline, Prepared, Source};
 use serde::Serialize;
 
 use super::folder::{Truths, heads, name_of};
-use super::head::SEED;
 use crate::BenchError;
 use crate::files::read;
-use crate::study::{HIT_MM, Mark, StudyParameters, half_a_voxel_further};
+use crate::study::{HIT_MM, Mark, half_a_voxel_further, seed_of};
 
 /// How many of the first marks of each scan are compared.
 const FIRST: [usize; 3] = [1, 5, 20];
@@ -121,13 +119,7 @@ impl Scan {
             })?;
             tissue
         };
-        let seed = StudyParameters {
-            seed: SEED,
-            ..StudyParameters::FULL
-        }
-        .for_head(name)
-        .seed;
-        let volume = half_a_voxel_further(&self.prepared.native, &tissue, seed);
+        let volume = half_a_voxel_further(&self.prepared.native, &tissue, seed_of(name));
         Ok(nifti::write_volume(&volume)?)
     }
 }

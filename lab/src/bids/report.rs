@@ -11,7 +11,7 @@ use super::head::PLACES;
 use super::judge::{JudgedHead, MarkList};
 use super::{Judgeable, Remark, Role, Rules, Selection};
 use crate::plots::false_mark_curves;
-use crate::study::Interval;
+use crate::statistics::Interval;
 
 const STYLE: &str = include_str!("report.css");
 

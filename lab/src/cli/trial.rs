@@ -23,7 +23,7 @@ enum Like {
 pub(super) struct TrialArgs {
     /// Search for the lesions that people drew in the heads of a BIDS folder, sub-*/anat/*_T1w.nii.gz, and write report.html and
     /// report.json into the directory of results.
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["head", "quick", "lesions", "patches", "radius_mm", "blur_mm", "seed", "write", "plot"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["head", "lesions", "shams", "write"])]
     pub(super) bids: Option<PathBuf>,
     /// The files and columns of a published data set, unless others are given.
     #[arg(long, requires = "bids")]
@@ -64,21 +64,6 @@ pub(super) struct TrialArgs {
     /// T1-weighted NIfTI file (to the right, front and top). May be given several times.
     #[arg(long, value_name = "FILE", requires = "bids")]
     candidates_of: Vec<PathBuf>,
-    /// Write the mean and the deviation of sharpness, detail, thickness and tissue over the controls of each scanner, in cells of 4 mm,
-    /// into this file. An experiment: no score of the program uses it.
-    #[arg(
-        long,
-        value_name = "FILE",
-        requires = "bids",
-        conflicts_with = "no_controls"
-    )]
-    write_normals: Option<PathBuf>,
-    /// Also judge the places that deviate most from the normals in this file, each head without itself. An experiment.
-    #[arg(long, value_name = "FILE", requires = "bids")]
-    normals: Option<PathBuf>,
-    /// The column that names the scanner, for normals. [default: what the side files *_T1w.json state]
-    #[arg(long, value_name = "COLUMN", requires = "bids")]
-    scanner: Option<String>,
     /// Number of heads at the same time; each needs about 2 GB.
     #[arg(long, value_name = "N", requires = "bids", default_value_t = 1, value_parser = jobs)]
     jobs: usize,
@@ -143,9 +128,6 @@ impl TrialArgs {
             jobs: self.jobs,
             freeze: self.freeze,
             candidates_of: self.candidates_of.clone(),
-            write_normals: self.write_normals.clone(),
-            normals: self.normals.clone(),
-            scanner: self.scanner.clone(),
         }
     }
 }

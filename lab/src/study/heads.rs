@@ -9,7 +9,7 @@ use geometry::{BrainMask, DepthField, Volume, distance_map, envelope};
 use imaging::nifti;
 
 use super::stored::{MadeWith, Stored, Unfinished};
-use super::{Ground, HeadResult, StudyParameters, Trial, run_head};
+use super::{Ground, HeadResult, StudyParameters, Trial, run_head, seed_of};
 use crate::BenchError;
 pub use crate::brain::MaskFrom;
 use crate::files::{read, write};
@@ -24,8 +24,6 @@ pub struct StudyHead {
     pub name: String,
     /// A NIfTI file, or a folder with one DICOM series, and its mask; `None` for the synthetic head.
     pub files: Option<(PathBuf, MaskFrom)>,
-    /// Whether parameters were tuned on it.
-    pub is_tuned: bool,
 }
 
 /// The output directories.
@@ -65,8 +63,7 @@ impl StudyHead {
     ) -> Result<HeadResult, BenchError> {
         let path = folders.results.join(format!("{}.json", self.name));
         let made_with = MadeWith::these(parameters);
-        if let Some(mut result) = Stored::read(&path, &made_with)? {
-            result.is_tuned = self.is_tuned;
+        if let Some(result) = Stored::read(&path, &made_with)? {
             return Ok(result);
         }
         let path_until_then = folders.results.join(format!("{}.unfinished", self.name));
@@ -80,14 +77,14 @@ impl StudyHead {
         };
         let mut done = finished.len();
         let mut stored = Ok(());
-        let parameters = parameters.for_head(&self.name);
-        let trials = run_head(head, &parameters, finished, |trial, count| {
+        let study = (parameters, seed_of(&self.name));
+        let trials = run_head(head, study, finished, |trial| {
             done += 1;
             progress(Finished {
                 head: &self.name,
                 trial,
                 done,
-                count,
+                count: parameters.trials(),
             });
             stored = unfinished.add(trial);
             match stored {
@@ -98,8 +95,7 @@ impl StudyHead {
         stored?;
         if let Some(folder) = &folders.lesions {
             let ground = Ground::new(head)?;
-            let searched = trials.iter().filter(|trial| trial.is_searched);
-            for (number, trial) in searched.enumerate() {
+            for (number, trial) in trials.iter().enumerate() {
                 let bytes =
                     nifti::write_volume(&ground.simulated(&trial.lesion(), parameters.simulator))?;
                 write(
@@ -110,7 +106,6 @@ impl StudyHead {
         }
         let result = HeadResult {
             name: self.name.clone(),
-            is_tuned: self.is_tuned,
             trials,
         };
         let stored = Stored { made_with, result };

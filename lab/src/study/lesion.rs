@@ -15,9 +15,9 @@
 use geometry::Volume;
 use glam::DVec3;
 
-use super::random::Random;
-use analysis::TissueScale;
-use analysis::steps::{Block, Zone};
+use crate::random::Random;
+use analysis::{Block, TissueScale, Zone};
+use serde::{Deserialize, Serialize};
 
 /// The variation of the radius with the direction, as a fraction.
 const IRREGULARITY: f64 = 0.2;
@@ -30,7 +30,7 @@ const BAND_DARKENING: f64 = 0.25;
 const DIRECTION_MM: f64 = 1.5;
 
 /// The effects of a lesion.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Effect {
     /// Standard deviation of the Gaussian, in mm.
     pub blur_mm: f64,

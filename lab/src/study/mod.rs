@@ -1,18 +1,10 @@
-//! A study of synthetic lesions in real heads, with model observers that look for them.
+//! A study of synthetic lesions in real heads: what the lists of the program find of them.
 
-mod flat;
 mod heads;
-mod hotelling;
-mod known;
 mod lesion;
-mod observer;
 mod page;
 mod paint;
-mod patches;
 mod places;
-mod random;
-mod region;
-mod report;
 mod resampled;
 mod run;
 mod search;
@@ -21,29 +13,21 @@ mod stored;
 mod tests;
 
 pub use heads::{Finished, MaskFrom, StudyFolders, StudyHead};
-pub(crate) use hotelling::area;
-pub use hotelling::{CHANNELS, Outputs};
-pub use known::KnownPlace;
 pub use lesion::{Effect, Lesion};
-pub use observer::View;
-pub(crate) use observer::greedy;
-pub use page::page;
+pub use page::{Report, page};
 pub use places::{Area, Place};
-pub use report::{Criteria, Report, Verdict};
-pub(crate) use report::{Interval, bootstrap_over};
 pub(crate) use resampled::half_a_voxel_further;
 pub use run::{
-    FOUR_LESIONS, HeadResult, Sighting, Sign, Simulator, StudyParameters, Trial, run_head,
+    FOUR_LESIONS, HeadResult, SEED, Sighting, Sign, Simulator, StudyParameters, Trial, run_head,
+    seed_of,
 };
 pub use search::{HIT_MM, Mark, Touch, false_marks_before_hit, hit};
 
 use std::sync::OnceLock;
 
+use analysis::{Block, Head, MapsUndefined, TissueScale, tissue_of};
 use geometry::Volume;
 use glam::DVec3;
-
-use analysis::steps::{Block, tissue_of};
-use analysis::{Head, MapsUndefined, TissueScale};
 
 /// A head that receives lesions.
 pub struct Ground<'a> {

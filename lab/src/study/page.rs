@@ -4,31 +4,30 @@ use std::fmt::Write;
 
 use analysis::ScoreLimits;
 
-use super::report::{Interval, is_hit};
-use super::run::{FOUR_LESIONS, HeadResult, Sign, Trial};
-use super::{Area, Report, View};
+use super::Area;
+use super::run::{FOUR_LESIONS, HeadResult, Sighting, Sign, Simulator, Trial};
+use crate::statistics::Interval;
 
 /// A lesion counts as found if its mark has fewer than so many false marks above it.
 const FEWER_THAN: [usize; 3] = [1, 5, 20];
 /// The depths of the places, in mm: from the first to below the second.
 const DEPTHS_MM: [[f32; 2]; 4] = [[4.0, 8.0], [8.0, 15.0], [15.0, 25.0], [25.0, f32::INFINITY]];
 
-/// The name of a list, its view, and its limits.
-const LISTS: [(&str, View, ScoreLimits); 2] = [
-    ("`blur`", View::BlurList, ScoreLimits::BLUR),
-    ("`thickness`", View::Thickness, ScoreLimits::THICKNESS),
+/// The names of the lists and their limits, in the order of the sightings of a trial.
+const LISTS: [(&str, ScoreLimits); 2] = [
+    ("`blur`", ScoreLimits::BLUR),
+    ("`thickness`", ScoreLimits::THICKNESS),
 ];
 
-/// The list that is made for a lesion: its name and its view.
-fn own_list(sign: Sign) -> (&'static str, View) {
-    let (name, view, _) = LISTS[usize::from(sign == Sign::Thickening)];
-    (name, view)
+/// The number of the list that is made for a lesion.
+fn own_list(sign: Sign) -> usize {
+    usize::from(sign == Sign::Thickening)
 }
 
+/// The heads with lesions from one simulator.
+pub type Report = (Simulator, Vec<HeadResult>);
+
 /// The page in Markdown, from the runs with each simulator.
-///
-/// # Panics
-/// If a report lacks one of the lists.
 pub fn page(reports: &[Report]) -> String {
     let mut text = format!(
         "Share of lesions found in each list, with 95 % intervals (Wilson, over the lesions).\n\n| lesion | list | simulator | n | < 1 false mark | < 5 | < 20 | borderline or above | unusual |\n{}|\n",
@@ -39,21 +38,22 @@ pub fn page(reports: &[Report]) -> String {
         .into_iter()
         .chain([Sign::Sham])
     {
-        for list in LISTS {
+        for list in 0..LISTS.len() {
             for report in reports {
                 text += &found(report, sign, list);
             }
         }
     }
     text += &strata(reports);
-    for report in reports.iter().take(1) {
-        text += &sound(report);
+    if let Some((_, heads)) = reports.first() {
+        text += &sound(heads);
     }
     text
 }
 
 /// A row of one lesion in one list.
-fn found(report: &Report, sign: Sign, (list, view, limits): (&str, View, ScoreLimits)) -> String {
+fn found(report: &Report, sign: Sign, list: usize) -> String {
+    let (name, limits) = LISTS[list];
     let trials: Vec<&Trial> = of_sign(report, sign).collect();
     if trials.is_empty() {
         return String::new();
@@ -62,20 +62,20 @@ fn found(report: &Report, sign: Sign, (list, view, limits): (&str, View, ScoreLi
         let count = trials.iter().filter(|trial| is_found(trial)).count();
         words(Interval::of_count(count, trials.len()))
     };
-    let ranks = FEWER_THAN
-        .map(|fewer_than| share(&|trial| is_hit(report.sighting(trial, view), fewer_than)));
+    let ranks =
+        FEWER_THAN.map(|fewer_than| share(&|trial| is_hit(&trial.sightings[list], fewer_than)));
     let scores = |is_high: fn(f32, ScoreLimits) -> bool| {
         share(&|trial| {
-            let score = report.sighting(trial, view).score;
+            let score = trial.sightings[list].score;
             score.is_some_and(|score| is_high(score, limits))
         })
     };
     let borderline = scores(|score, limits| score >= limits.borderline_from);
     let unusual = scores(|score, limits| score > limits.unusual_above);
     format!(
-        "| {} | {list} | {} | {} | {} | {borderline} | {unusual} |\n",
+        "| {} | {name} | {} | {} | {} | {borderline} | {unusual} |\n",
         sign.name(),
-        report.simulator.name(),
+        report.0.name(),
         trials.len(),
         ranks.join(" | "),
     )
@@ -86,9 +86,9 @@ fn strata(reports: &[Report]) -> String {
     let signs = FOUR_LESIONS.map(|(sign, ..)| sign);
     let simulators: Vec<&str> = reports
         .iter()
-        .map(|report| report.simulator.name())
+        .map(|(simulator, _)| simulator.name())
         .collect();
-    let columns = signs.map(|sign| format!("{} in {}", sign.name(), own_list(sign).0));
+    let columns = signs.map(|sign| format!("{} in {}", sign.name(), LISTS[own_list(sign)].0));
     let mut text = format!(
         "\nFound with fewer than five false marks, by place: {}; then the number of lesions.\n\n| place | {} |\n{}|\n",
         simulators.join(" / "),
@@ -103,10 +103,9 @@ fn strata(reports: &[Report]) -> String {
                 .map(|report| {
                     let trials: Vec<&Trial> =
                         of_sign(report, sign).filter(|trial| is_of(trial)).collect();
-                    let view = own_list(sign).1;
                     let hits = trials
                         .iter()
-                        .filter(|trial| is_hit(report.sighting(trial, view), 5));
+                        .filter(|trial| is_hit(&trial.sightings[own_list(sign)], 5));
                     count = trials.len();
                     words(Interval::of_count(hits.count(), count))
                 })
@@ -133,11 +132,11 @@ fn strata(reports: &[Report]) -> String {
 }
 
 /// The highest places of the heads without a lesion.
-fn sound(report: &Report) -> String {
+fn sound(heads: &[HeadResult]) -> String {
     let mut text = "\nHeads without a lesion.\n\n".to_owned();
-    for (list, view, limits) in LISTS {
-        let highest: Vec<(&str, f32)> = (report.heads.iter())
-            .filter_map(|head| Some((head.name.as_str(), highest(report, head, view)?)))
+    for (number, (list, limits)) in LISTS.into_iter().enumerate() {
+        let highest: Vec<(&str, f32)> = (heads.iter())
+            .filter_map(|head| Some((head.name.as_str(), highest(head, number)?)))
             .collect();
         let below = |limit: f32| highest.iter().filter(|(_, score)| *score <= limit).count();
         let (yes, borderline) = (limits.unusual_above, limits.borderline_from);
@@ -157,14 +156,21 @@ fn sound(report: &Report) -> String {
 }
 
 /// The highest score of a head without a lesion, which a sham does not change; `None` without a sham.
-fn highest(report: &Report, head: &HeadResult, view: View) -> Option<f32> {
+fn highest(head: &HeadResult, list: usize) -> Option<f32> {
     let sham = head.trials.iter().find(|trial| trial.sign == Sign::Sham)?;
-    report.sighting(sham, view).highest
+    sham.sightings[list].highest
 }
 
 fn of_sign(report: &Report, sign: Sign) -> impl Iterator<Item = &Trial> {
-    let trials = report.heads.iter().flat_map(|head| &head.trials);
-    trials.filter(move |trial| trial.is_searched && trial.sign == sign)
+    let trials = report.1.iter().flat_map(|head| &head.trials);
+    trials.filter(move |trial| trial.sign == sign)
+}
+
+/// Whether a lesion is found with fewer than so many false marks.
+fn is_hit(sighting: &Sighting, false_marks: usize) -> bool {
+    sighting
+        .false_marks
+        .is_some_and(|above| above < false_marks)
 }
 
 fn words(share: Interval) -> String {

@@ -16,9 +16,8 @@ use geometry::Volume;
 use glam::DVec3;
 
 use super::lesion::{Lesion, grey_share, white_share};
-use super::random::Random;
-use analysis::TissueScale;
-use analysis::steps::{Block, Zone};
+use crate::random::Random;
+use analysis::{Block, TissueScale, Zone};
 
 /// The least and the greatest half-axis, as a share of the radius.
 const HALF_AXES: [f64; 2] = [0.85, 1.15];
@@ -446,7 +445,7 @@ pub(super) fn painted(canvas: &Canvas<'_>, lesion: &Lesion) -> Volume {
 mod tests {
     use super::*;
     use crate::study::{Effect, Ground, Simulator};
-    use analysis::phantom::{Phantom, Scan, lesion, plain_grid};
+    use analysis::testing::{Phantom, Scan, lesion, plain_grid};
 
     /// The correlation of neighbours along x, and the mean and deviation of some values with their voxels.
     fn moments(values: &[([usize; 3], f64)]) -> (f64, f64, [f64; 3]) {
@@ -599,7 +598,7 @@ mod tests {
         // The junction of the phantom is 1.3 mm wide: from 2 mm below its middle on it is white.
         let below = |position: DVec3| {
             let direction = position.normalize();
-            analysis::phantom::on_junction(direction).length() - position.length()
+            analysis::testing::on_junction(direction).length() - position.length()
         };
         let is_painted = |position: DVec3, _| {
             position.distance(centre) < 16.0 && (2.0..3.2).contains(&below(position))

@@ -3,9 +3,8 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::random::Random;
-use analysis::steps::{Block, depth_at, regions, slope};
-use analysis::{Head, Region};
+use crate::random::Random;
+use analysis::{Block, Head, Region, depth_at, regions, slope};
 
 /// The greatest distance of the tissue scale of a junction voxel from the middle between grey and white.
 const NEAR_MIDDLE: f32 = 0.15;

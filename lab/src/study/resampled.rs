@@ -6,7 +6,7 @@ use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
 
 use super::lesion::Sampler;
-use super::random::Random;
+use crate::random::Random;
 
 /// The same head on voxels that lie half a voxel further along each axis. Interpolation removes noise; white Gaussian noise with the
 /// missing variance is added. Voxels without intensity around them stay so.

@@ -7,29 +7,20 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{HeadResult, Simulator, StudyParameters, Trial, View};
+use super::{HeadResult, StudyParameters, Trial};
 use crate::BenchError;
 use crate::files::write;
 
 /// The version of the files of results. It increases if lesions, places or observers change.
-const FORMAT: u32 = 5;
+const FORMAT: u32 = 6;
 
 /// The parameters of a stored result, in the words of the command line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct MadeWith {
     format: u32,
     map_format: u32,
-    lesions: usize,
-    shams: usize,
-    patches: usize,
-    normals: usize,
-    seed: u64,
-    radius_mm: Option<f64>,
-    blur_mm: Option<f64>,
-    thickening_mm: Option<f64>,
-    is_of_four: bool,
-    simulator: Simulator,
-    maps_only: bool,
+    #[serde(flatten)]
+    parameters: StudyParameters,
 }
 
 impl MadeWith {
@@ -37,17 +28,7 @@ impl MadeWith {
         Self {
             format: FORMAT,
             map_format: analysis::MAP_FORMAT,
-            lesions: parameters.lesions,
-            shams: parameters.shams,
-            patches: parameters.patches,
-            normals: parameters.normals,
-            seed: parameters.seed,
-            radius_mm: parameters.lesion.map(|(_, radius_mm, _)| radius_mm),
-            blur_mm: parameters.lesion.map(|(_, _, effect)| effect.blur_mm),
-            thickening_mm: parameters.lesion.map(|(_, _, effect)| effect.thickening_mm),
-            is_of_four: parameters.is_of_four,
-            simulator: parameters.simulator,
-            maps_only: parameters.views == View::OF_MAPS,
+            parameters: *parameters,
         }
     }
 

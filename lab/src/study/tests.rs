@@ -1,9 +1,7 @@
 use glam::DVec3;
 
-use super::hotelling::area;
-use super::run::run_head;
 use super::*;
-use analysis::phantom::{Phantom, Scan, lesion, on_junction, plain_grid};
+use analysis::testing::{Phantom, Scan, lesion, plain_grid};
 
 fn noisy() -> Scan {
     let phantom = Phantom {
@@ -117,58 +115,6 @@ fn a_thickening_moves_the_junction_into_white_matter_and_a_darkening_lowers_it()
     assert!((80.0..140.0).contains(&(plain - dark)), "{plain} {dark}");
 }
 
-/// O2 knows the place, and places lie in the middle between grey and white: a thickening turns that very point grey.
-#[test]
-fn a_thickening_is_seen_at_its_place_but_not_at_the_centre_of_its_patch() {
-    let scan = noisy();
-    let ground = Ground::new(scan.head()).unwrap();
-    let number_of = 30;
-    let place = |number: usize| {
-        // A spiral with equal areas between its points.
-        let z = 1.0 - (2 * number + 1) as f64 / number_of as f64;
-        let angle = 2.4 * number as f64;
-        let from_axis = (1.0 - z * z).sqrt();
-        let direction = DVec3::new(from_axis * angle.cos(), from_axis * angle.sin(), z);
-        let grid = &ground.block.grid;
-        let voxel = grid
-            .voxel_from_patient()
-            .transform_point3(on_junction(direction));
-        grid.patient_from_voxel().transform_point3(voxel.round())
-    };
-    let value = |values: &[f32], position: DVec3| {
-        let grid = &ground.block.grid;
-        let voxel = grid.voxel_from_patient().transform_point3(position).round();
-        let voxel = voxel.to_array().map(|along| along as usize);
-        f64::from(values[grid.index(voxel)])
-    };
-    let (mut at_places, mut at_centres) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
-    for place in (0..number_of).map(place) {
-        let mut lesion = blur(place);
-        lesion.effect = Effect {
-            thickening_mm: 2.0,
-            ..Effect::NONE
-        };
-        let volume = ground.with_lesion(&lesion);
-        let head = Head {
-            volume: &volume,
-            ..scan.head()
-        };
-        let (_, with, _) = tissue_of(head).unwrap();
-        for (kind, values) in [&with, &ground.values].into_iter().enumerate() {
-            let centre = patches::centre(head, &ground.block, values, place);
-            assert!(centre.distance(place) < 5.0, "{centre} {place}");
-            // Darker is more suspicious.
-            at_places[kind].push(-value(values, place));
-            at_centres[kind].push(-value(values, centre));
-        }
-    }
-    let at_place = area(&at_places[0], &at_places[1]);
-    let at_centre = area(&at_centres[0], &at_centres[1]);
-    assert!(at_place > 0.95, "{at_place}");
-    // Two standard errors of 30 against 30.
-    assert!((at_centre - 0.5).abs() < 0.15, "{at_centre}");
-}
-
 #[test]
 fn places_are_deep_enough_and_the_same_for_a_seed() {
     let scan = noisy();
@@ -201,122 +147,6 @@ fn a_strong_lesion_is_found_at_once_and_false_marks_are_counted() {
     // A mark just beside the lesion is no false one.
     assert_eq!(above(&marks, DVec3::X * 30.0), Some(3));
     assert_eq!(above(&marks, DVec3::X * 100.0), None);
-}
-
-#[test]
-fn a_head_runs_through_and_a_report_comes_of_it() {
-    let scan = noisy();
-    let parameters = StudyParameters {
-        lesions: 3,
-        shams: 2,
-        patches: 3,
-        normals: 40,
-        ..StudyParameters::QUICK
-    };
-    let mut heard = 0;
-    let trials = run_head(scan.head(), &parameters, Vec::new(), |_, count| {
-        heard += 1;
-        assert_eq!(count, 6);
-        std::ops::ControlFlow::Continue(())
-    })
-    .unwrap();
-    assert_eq!((trials.len(), heard), (6, 6));
-    let ground = Ground::new(scan.head()).unwrap();
-    let [lesioned, sham] = [0, 4].map(|number| ground.with_lesion(&trials[number].lesion()));
-    assert!(lesioned != scan.volume && sham == scan.volume);
-    let are_shams: Vec<bool> = trials
-        .iter()
-        .map(|trial| trial.sign == Sign::Sham)
-        .collect();
-    assert_eq!(are_shams, [false, false, true, false, true, true]);
-    let are_searched: Vec<bool> = trials.iter().map(|trial| trial.is_searched).collect();
-    assert_eq!(are_searched, [true, true, true, true, true, false]);
-    let without_patches = StudyParameters {
-        patches: 0,
-        ..parameters
-    };
-    let stop = |_: &Trial, _| std::ops::ControlFlow::Break(());
-    let first = run_head(scan.head(), &without_patches, Vec::new(), stop).unwrap();
-    assert_eq!(first, trials[..1], "patches change nothing in the search");
-    let go_on = |_: &Trial, _| std::ops::ControlFlow::Continue(());
-    let continued = run_head(scan.head(), &parameters, first, go_on).unwrap();
-    assert_eq!(continued, trials);
-    for sighting in trials.iter().flat_map(|trial| &trial.sightings) {
-        assert!((0.0..=1.0).contains(&sighting.known));
-    }
-    let head = HeadResult {
-        name: "phantom".to_owned(),
-        is_tuned: false,
-        trials,
-    };
-    // Six channels need more than five patches.
-    let larger = HeadResult {
-        trials: [&head.trials[..]; 3].concat(),
-        ..head.clone()
-    };
-    let twice = Report::new(&parameters, vec![larger.clone(), larger]);
-    let report = Report::new(&parameters, vec![head]);
-    assert!(
-        report.known_place().is_empty(),
-        "O2 needs another head to learn from"
-    );
-    let rows = twice.known_place();
-    assert_eq!((rows[0].counts, rows[2].counts), ([9, 9], [18, 18]));
-    for area in rows.iter().flat_map(|row| row.o1.iter().chain(&row.o2)) {
-        assert!((0.0..=1.0).contains(area), "{rows:?}");
-    }
-    assert!(twice.table(&Criteria::STANDARD).contains("O1 / O2"));
-    let table = report.table(&Criteria::STANDARD);
-    assert!(
-        table.contains("| phantom | 3 |") && table.contains("(c) V9 minus V10"),
-        "{table}"
-    );
-}
-
-#[test]
-fn maps_alone_show_what_they_show_among_all_views_and_both_simulators_run_through() {
-    let scan = noisy();
-    let all = StudyParameters {
-        lesions: 1,
-        shams: 1,
-        normals: 40,
-        ..StudyParameters::QUICK
-    };
-    let maps = StudyParameters {
-        views: &View::OF_MAPS,
-        ..all
-    };
-    let go_on = |_: &Trial, _| std::ops::ControlFlow::Continue(());
-    let run = |parameters| run_head(scan.head(), parameters, Vec::new(), go_on).unwrap();
-    let [of_all, of_maps] = [&all, &maps].map(run);
-    for (of_all, of_maps) in of_all.iter().zip(&of_maps) {
-        let places = View::OF_MAPS.map(|view| View::ALL.iter().position(|one| *one == view));
-        let expected = places.map(|place| of_all.sightings[place.unwrap()]);
-        assert_eq!(of_maps.sightings, expected);
-        assert!(of_maps.channels.is_empty());
-    }
-    let painted = StudyParameters {
-        simulator: Simulator::Painted,
-        shams: 1,
-        ..maps.with_thickenings_alone(7.0, 2.0)
-    };
-    let trials = run(&painted);
-    let signs: Vec<Sign> = trials.iter().map(|trial| trial.sign).collect();
-    assert_eq!(signs, [Sign::Thickening, Sign::Sham]);
-    let head = HeadResult {
-        name: "phantom".to_owned(),
-        is_tuned: false,
-        trials,
-    };
-    let report = Report::new(&painted, vec![head]);
-    assert!(report.known_place().is_empty());
-    assert_eq!(report.verdicts(&Criteria::STANDARD).len(), 1, "shams alone");
-    let table = report.table(&Criteria::STANDARD);
-    assert!(
-        table.contains("V11 list of thickness") && !table.contains("V4"),
-        "{table}"
-    );
-    assert!(table.contains("| shams | 1 |"), "{table}");
 }
 
 #[test]
@@ -360,33 +190,46 @@ fn both_simulators_paint_a_band_to_its_end_and_brighten_grey_matter() {
 }
 
 #[test]
-fn the_page_has_four_lesions_and_shams_of_both_simulators_by_place() {
+fn a_head_runs_through_with_both_simulators_continues_and_fills_the_page() {
     let scan = noisy();
-    let parameters = StudyParameters {
-        lesions: 4,
-        shams: 1,
-        normals: 40,
-        ..StudyParameters::QUICK
-    };
-    let go_on = |_: &Trial, _| std::ops::ControlFlow::Continue(());
+    let go_on = |_: &Trial| std::ops::ControlFlow::Continue(());
     let reports = Simulator::ALL.map(|simulator| {
-        let parameters = parameters.with_four_lesions(simulator);
-        let trials = run_head(scan.head(), &parameters, Vec::new(), go_on).unwrap();
+        let parameters = StudyParameters {
+            lesions: 4,
+            shams: 1,
+            simulator,
+        };
+        let study = (&parameters, 7);
+        let mut heard = 0;
+        let trials = run_head(scan.head(), study, Vec::new(), |trial| {
+            heard += 1;
+            go_on(trial)
+        });
+        let trials = trials.unwrap();
+        assert_eq!((trials.len(), heard), (5, 5));
         let signs: Vec<Sign> = trials.iter().map(|trial| trial.sign).collect();
         let expected = FOUR_LESIONS.map(|(sign, ..)| sign);
         assert_eq!(signs, [&expected[..], &[Sign::Sham]].concat());
+        let stop = |_: &Trial| std::ops::ControlFlow::Break(());
+        let first = run_head(scan.head(), study, Vec::new(), stop).unwrap();
+        assert_eq!(first, trials[..1]);
+        let continued = run_head(scan.head(), study, trials[..4].to_vec(), go_on).unwrap();
+        assert_eq!(continued, trials);
+        let ground = Ground::new(scan.head()).unwrap();
+        let [lesioned, sham] =
+            [0, 4].map(|number| ground.simulated(&trials[number].lesion(), simulator));
+        assert!(lesioned != scan.volume && sham == scan.volume);
         let head = HeadResult {
             name: "phantom".to_owned(),
-            is_tuned: false,
             trials,
         };
-        Report::new(&parameters, vec![head])
+        (simulator, vec![head])
     });
-    let places = |report: &Report| -> Vec<[f64; 3]> {
-        let trials = report.heads[0].trials.iter();
+    let places = |heads: &[HeadResult]| -> Vec<[f64; 3]> {
+        let trials = heads[0].trials.iter();
         trials.map(|trial| trial.position_in_patient).collect()
     };
-    assert_eq!(places(&reports[0]), places(&reports[1]));
+    assert_eq!(places(&reports[0].1), places(&reports[1].1));
     let text = page(&reports);
     for row in [
         "| blur | `blur` | displaced | 1 |",
@@ -396,6 +239,6 @@ fn the_page_has_four_lesions_and_shams_of_both_simulators_by_place() {
     ] {
         assert!(text.contains(row), "{row} in {text}");
     }
-    let highest = reports[0].heads[0].trials[4].sightings[2].highest.unwrap();
+    let highest = reports[0].1[0].trials[4].sightings[0].highest.unwrap();
     assert!(text.contains(&format!("phantom {highest:.2}")), "{text}");
 }

@@ -8,7 +8,7 @@ use crate::spans::Spans;
 /// The least depth of tissue, in mm; above it there are dura and vessels.
 pub(crate) const TISSUE_FROM_MM: f32 = 2.0;
 /// The least depth of the junction, in mm.
-pub const DEEP_FROM_MM: f32 = 3.0;
+pub(crate) const DEEP_FROM_MM: f32 = 3.0;
 
 /// The depth outside the working grid, in mm.
 const OUTSIDE_MM: f32 = -1.0;
@@ -22,18 +22,24 @@ const ROUNDING_MM: f32 = 0.01;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Zone {
+    /// Less than 2 mm deep.
     Outside,
+    /// Tissue.
     Tissue,
+    /// From 3 mm on, where the junction of grey and white matter may be.
     Deep,
 }
 
 /// The smallest block of a volume that contains all of its tissue.
 #[derive(Debug, Clone)]
 pub struct Block {
+    /// Its part of the grid of the volume.
     pub grid: Grid,
     /// The first voxel, in voxels of the volume.
     pub first: [usize; 3],
+    /// The number of voxels along each axis.
     pub size: [usize; 3],
+    /// The edges of a voxel, in mm.
     pub spacing_mm: [f64; 3],
     /// The class of each voxel, x-fastest.
     pub zones: Vec<Zone>,
@@ -41,7 +47,7 @@ pub struct Block {
 
 impl Block {
     /// `None` if no voxel of the volume is deep enough.
-    pub fn new(volume: &Volume, depth: &DepthField) -> Option<Self> {
+    pub(crate) fn new(volume: &Volume, depth: &DepthField) -> Option<Self> {
         let [first, last] = bounds(volume.grid(), depth)?;
         let size = [0, 1, 2].map(|axis| last[axis] - first[axis] + 1);
         let grid = volume
@@ -59,7 +65,7 @@ impl Block {
         block.zones.contains(&Zone::Deep).then_some(block)
     }
 
-    pub fn voxel_count(&self) -> usize {
+    pub(crate) fn voxel_count(&self) -> usize {
         self.zones.len()
     }
 

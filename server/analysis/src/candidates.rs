@@ -206,17 +206,22 @@ const PRIOR_WEIGHT: f32 = 0.05;
 const FIRST_SORTED: usize = 20_000;
 
 /// The scores over the junction.
-pub struct Scores<'a> {
+pub(crate) struct Scores<'a> {
     /// The voxels of the junction, ascending.
-    pub junction: &'a [u32],
-    pub scores: Vec<f32>,
+    pub(crate) junction: &'a [u32],
+    pub(crate) scores: Vec<f32>,
 }
 
 impl<'a> Scores<'a> {
     /// A map over the junction, smoothed by a Gaussian over the junction alone, and lower where there is little junction.
     ///
     /// The mean over the junction replaces the values of the map beside the junction: there, detail also falls with the distance.
-    pub fn smoothed(block: &Block, junction: &'a [u32], map: &mut [f32], sigma_mm: f64) -> Self {
+    pub(crate) fn smoothed(
+        block: &Block,
+        junction: &'a [u32],
+        map: &mut [f32],
+        sigma_mm: f64,
+    ) -> Self {
         let kernels = block.in_voxels(sigma_mm).map(Kernel::gaussian);
         let mut sums = vec![0.0; block.voxel_count()];
         let mut weights = vec![0.0; block.voxel_count()];

@@ -13,14 +13,14 @@ const LANES: usize = 32;
 
 /// A symmetric or antisymmetric kernel: the middle tap, then the taps beside it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Kernel {
+pub(crate) struct Kernel {
     taps: Vec<f32>,
     is_odd: bool,
 }
 
 impl Kernel {
     /// A Gaussian with a sum of 1.
-    pub fn gaussian(sigma_voxels: f64) -> Self {
+    pub(crate) fn gaussian(sigma_voxels: f64) -> Self {
         let sum = |taps: &[f64]| taps[0] + 2.0 * taps[1..].iter().sum::<f64>();
         let taps = gaussian_taps(sigma_voxels);
         let total = sum(&taps);
@@ -42,7 +42,7 @@ impl Kernel {
     }
 
     /// A box of unit area that is `width_voxels` wide.
-    pub fn mean(width_voxels: f64) -> Self {
+    pub(crate) fn mean(width_voxels: f64) -> Self {
         let half = (width_voxels / 2.0).max(0.5);
         let reach = (half - 0.5).ceil() as usize;
         let covered = |place: usize| (half - place as f64 + 0.5).clamp(0.0, 1.0);
@@ -88,7 +88,7 @@ fn gaussian_taps(sigma_voxels: f64) -> Vec<f64> {
 }
 
 /// Convolves a block along its three axes; beyond its faces it is 0.
-pub fn smooth(values: &mut [f32], size: [usize; 3], kernels: &[Kernel; 3]) {
+pub(crate) fn smooth(values: &mut [f32], size: [usize; 3], kernels: &[Kernel; 3]) {
     smooth_within(values, &Spans::whole(size), kernels);
 }
 

@@ -7,11 +7,7 @@
 //! * The regions of the brain: cerebrum by side, cerebellum, brain stem: [`Regions`]; and its parts with surfaces of their
 //!   own: [`Division`].
 //! * The position of another volume of the same head: [`register`]; of the head in the space of an atlas: [`align`].
-//!
-//! The feature `study` also exports the steps of the maps, for the experiments of the laboratory.
-
-// Without the feature nothing exports the steps.
-#![cfg_attr(not(feature = "study"), allow(unreachable_pub))]
+//! * The tissue scale of a head, voxel by voxel, on which all of these stand: [`tissue_of`].
 
 mod block;
 mod candidates;
@@ -25,18 +21,14 @@ mod junction;
 mod maps;
 mod midsagittal;
 mod mirror;
-#[cfg(any(test, feature = "study"))]
-mod normals;
-#[cfg(any(test, feature = "study"))]
-pub mod phantom;
+#[cfg(any(test, feature = "testing"))]
+mod phantom;
 mod regions;
 mod registration;
 mod robust;
 mod sharpness;
 mod slant;
 mod spans;
-#[cfg(feature = "study")]
-pub mod steps;
 mod stored;
 #[cfg(test)]
 mod tests;
@@ -45,21 +37,29 @@ mod tissue;
 mod undefined;
 mod width;
 
+pub use block::{Block, Zone, depth_at};
 pub use candidates::{
     BORDERLINE_FROM, Candidate, Judgement, ScoreCaveat, ScoreLimits, Side, UNUSUAL_ABOVE, Unusual,
 };
 pub use flair::{Flair, FlairMap, FlairUndefined, flair_map};
 pub use head::Head;
-pub use maps::{MapParameters, Maps, maps, maps_and_division};
+pub use maps::{MapParameters, Maps, maps, maps_and_division, tissue_of};
 pub use midsagittal::{MidsagittalFit, MidsagittalPlane, midsagittal_fit, midsagittal_plane};
 pub use regions::{
-    Division, NoDivision, Region, RegionDoubt, RegionNumbers, Regions, Sheet, SurfacePart,
+    Division, NoDivision, Region, RegionDoubt, RegionNumbers, Regions, Sheet, SurfacePart, regions,
 };
 pub use registration::{
     Aligned, Alignment, Doubt, Misfit, Registration, Verdict, align, register, shared_points,
 };
-pub use slant::DepthBand;
+pub use slant::{DepthBand, slope};
 pub use stored::{MAP_FORMAT, MapKind, Scale, StoredMap, StoredMapError, UNDEFINED};
 pub use tissue::TissueScale;
 pub use undefined::MapsUndefined;
 pub use width::{JunctionWidth, WidthTable};
+
+/// Heads whose parts are known, for tests.
+#[cfg(any(test, feature = "testing"))]
+pub mod testing {
+    pub use crate::phantom::*;
+    pub use crate::regions::phantom as brain;
+}

@@ -238,7 +238,11 @@ fn compared_thickness(
     everywhere
 }
 
-/// The block of a head, its tissue scale and its parameters.
+/// The block of a head that contains its brain, the tissue scale of each voxel of it (grey matter 0, white matter 1, without the
+/// bias of the coil), and the parameters of that scale.
+///
+/// # Errors
+/// If the voxels, the contrast or the envelope are unsuitable.
 pub fn tissue_of(head: Head<'_>) -> Result<(Block, Vec<f32>, TissueScale), MapsUndefined> {
     let spacing_mm = head.volume.grid().spacing_mm();
     let largest_mm = spacing_mm.into_iter().fold(0.0, f64::max);
@@ -276,23 +280,23 @@ fn empty_share(volume: &Volume, block: &Block) -> f64 {
 }
 
 /// The measures of a head that a blurred junction lowers.
-pub struct Measures<'a> {
-    pub sharpness: &'a Sharpness,
+pub(crate) struct Measures<'a> {
+    pub(crate) sharpness: &'a Sharpness,
     /// Detail around each voxel, in tissue scale.
-    pub detail: Vec<f32>,
+    pub(crate) detail: Vec<f32>,
 }
 
 /// The measures compared with their surroundings and the other side.
-pub struct Comparison {
+pub(crate) struct Comparison {
     /// How far sharpness and detail are below their surroundings, or below the other side, whichever is less; in robust
     /// deviations. NaN where sharpness is undefined.
-    pub blur: Vec<f32>,
+    pub(crate) blur: Vec<f32>,
     /// How far sharpness is above the other side, in robust deviations, at the voxels at which sharpness is defined.
-    pub asymmetry: Vec<f32>,
+    pub(crate) asymmetry: Vec<f32>,
 }
 
 /// Compares the junction of a head with its surroundings and with the other side.
-pub fn compare(
+pub(crate) fn compare(
     block: &Block,
     measures: Measures<'_>,
     plane: &MidsagittalPlane,
@@ -398,7 +402,12 @@ impl MapParameters {
         }
     }
 
-    pub fn sharpness(&self, block: &Block, values: &[f32], tissue: &TissueScale) -> Sharpness {
+    pub(crate) fn sharpness(
+        &self,
+        block: &Block,
+        values: &[f32],
+        tissue: &TissueScale,
+    ) -> Sharpness {
         sharpness(block, self.weighted(block, values, tissue), self.window_mm)
     }
 
@@ -406,7 +415,7 @@ impl MapParameters {
         weighted_gradient(block, values, self.slope(tissue))
     }
 
-    pub fn detail(
+    pub(crate) fn detail(
         &self,
         block: &Block,
         values: &[f32],
@@ -424,8 +433,8 @@ impl MapParameters {
 
     /// How suspicious of a thick cortex each voxel of a block is, in robust deviations over the junction that counts; NaN where
     /// sharpness is undefined, or the other side has no junction.
-    #[cfg(any(test, feature = "study"))]
-    pub fn thickening(
+    #[cfg(test)]
+    pub(crate) fn thickening(
         &self,
         block: &Block,
         values: &[f32],

@@ -14,22 +14,22 @@ const JUNCTION_FROM: f32 = 0.6;
 const LEAST_NEAR: f32 = 0.08;
 
 /// The sharpness of each voxel of a block, and the voxels of the junction.
-pub struct Sharpness {
+pub(crate) struct Sharpness {
     /// The sharpness, per mm; NaN where it is undefined.
-    pub values: Vec<f32>,
+    pub(crate) values: Vec<f32>,
     /// The nearness of each voxel to the middle between grey and white, 0 to 1.
-    pub weights: Vec<f32>,
+    pub(crate) weights: Vec<f32>,
     /// The weights after the Gaussian of the window, in tissue; it has no meaning elsewhere.
-    pub density: Vec<f32>,
+    pub(crate) density: Vec<f32>,
     /// The voxels at which it is defined, ascending.
-    pub defined: Vec<u32>,
+    pub(crate) defined: Vec<u32>,
     /// The voxels of the junction, a part of them, ascending.
-    pub junction: Vec<u32>,
+    pub(crate) junction: Vec<u32>,
 }
 
 impl Sharpness {
     /// Keeps only the junction that counts, and returns the whole one; keeps all if none counts.
-    pub fn count_only(&mut self, regions: &Regions) -> Vec<u32> {
+    pub(crate) fn count_only(&mut self, regions: &Regions) -> Vec<u32> {
         let counts = |voxel: &&u32| {
             let region = Region::from_code(regions.codes()[**voxel as usize]);
             region.is_none_or(Region::counts)

@@ -94,20 +94,6 @@ impl Thickness {
         }
     }
 
-    /// The thickness, in mm, and the mean of all tissue at each of some voxels (ascending).
-    #[cfg(any(test, feature = "study"))]
-    pub(crate) fn at(
-        &self,
-        block: &Block,
-        voxels: &[u32],
-        plane: &MidsagittalPlane,
-    ) -> Vec<[f32; 2]> {
-        let mut found = Vec::with_capacity(voxels.len());
-        let places = Places::new(block, &self.coarse, plane);
-        places.visit(voxels, &self.own, |_, sums, _| found.push(of_sums(sums)));
-        found
-    }
-
     /// How suspicious of a thick cortex each of some voxels (ascending) is, in robust deviations over the junction, which is
     /// given by places among these voxels; NaN where the other side has no junction.
     ///

@@ -94,8 +94,6 @@ pub struct Event {
     pub from: Option<IpAddr>,
     /// The node that it went to.
     pub to: Option<Arc<str>>,
-    /// The project of whoever did it; none for the project without a name.
-    pub project: Option<Arc<str>>,
     /// The id of the case.
     pub case: Option<Arc<str>>,
     /// The digest of the UID of the study ([`digest_of_uid`]), if it is about one.
@@ -119,7 +117,6 @@ impl Event {
             who: who.into(),
             from: None,
             to: None,
-            project: None,
             case: None,
             study: None,
             route: None,
@@ -127,11 +124,6 @@ impl Event {
             count: None,
         }
     }
-}
-
-/// The project of an event, by its name.
-pub fn project_named(name: &str) -> Option<Arc<str>> {
-    (!name.is_empty()).then(|| name.into())
 }
 
 /// What stands for a UID: the first 32 hexadecimal digits of its BLAKE3 digest. Whoever knows the UID finds its events.

@@ -13,6 +13,6 @@ mod line;
 mod verify;
 mod writer;
 
-pub use self::event::{Action, Event, EventKind, Outcome, digest_of_uid, project_named};
+pub use self::event::{Action, Event, EventKind, Outcome, digest_of_uid};
 pub use self::verify::{Break, BreakKind, Head, Verified, verify};
 pub use self::writer::{Audit, CannotRecord, Options, check_folder};

@@ -50,8 +50,6 @@ struct Keys<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     to: Option<&'a str>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    project: Option<&'a str>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     case: Option<&'a str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     study: Option<&'a str>,
@@ -100,7 +98,6 @@ pub(crate) fn write(
         who: &event.who,
         from: event.from.map(|address| address.to_canonical().to_string()),
         to: event.to.as_deref(),
-        project: event.project.as_deref(),
         case: event.case.as_deref(),
         study: event.study.as_deref(),
         route: event.route.as_deref(),

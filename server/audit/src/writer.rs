@@ -70,7 +70,6 @@ struct LookedAt {
 struct Daily {
     object: &'static str,
     who: Arc<str>,
-    project: Option<Arc<str>>,
     case: Option<Arc<str>>,
     study: Option<Arc<str>>,
 }
@@ -145,7 +144,6 @@ impl Audit {
         let daily = Daily {
             object: event.object,
             who: event.who.clone(),
-            project: event.project.clone(),
             case: event.case.clone(),
             study: event.study.clone(),
         };
@@ -485,7 +483,6 @@ mod tests {
         let daily = |number: usize| Daily {
             object: "case",
             who: "somebody".into(),
-            project: None,
             case: Some(number.to_string().into()),
             study: None,
         };

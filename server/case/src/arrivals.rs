@@ -7,7 +7,7 @@
 use std::fmt;
 use std::time::Duration;
 
-use crate::{CaseId, Failure, JobState, Project};
+use crate::{CaseId, Failure, JobState};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
@@ -72,6 +72,29 @@ impl AccessionNumber {
 impl fmt::Debug for AccessionNumber {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str("AccessionNumber(…)")
+    }
+}
+
+/// What stands for a Patient ID (0010,0020) in rows: a keyed digest. Whoever knows the ID finds its cases; rows do not state it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PatientDigest(blake3::Hash);
+
+impl PatientDigest {
+    /// The digest of an ID without its padding; `None` if nothing is left.
+    pub fn of(id: &str) -> Option<Self> {
+        const KEY: &str = "isocortex 2026-11-28 Patient ID";
+        let id = id.trim_matches(['\0', ' ']);
+        (!id.is_empty()).then(|| Self(blake3::derive_key(KEY, id.as_bytes()).into()))
+    }
+
+    /// The digest of a row; `None` for anything else.
+    pub fn from_hex(text: &str) -> Option<Self> {
+        blake3::Hash::from_hex(text).ok().map(Self)
+    }
+
+    /// Its text in a row.
+    pub fn to_hex(self) -> String {
+        self.0.to_string()
     }
 }
 
@@ -237,7 +260,6 @@ pub struct Received {
 /// A series that came.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Arrival {
-    pub project: Project,
     /// Its name in addresses: 32 hexadecimal digits without a meaning.
     pub id: String,
     pub uids: SeriesUids,
@@ -374,6 +396,8 @@ pub struct CaseSeries {
     pub uids: SeriesUids,
     /// The accession number of the study.
     pub accession_number: Option<AccessionNumber>,
+    /// The patient, if the images state a Patient ID.
+    pub patient: Option<PatientDigest>,
     /// Why it is not the one that counts any more, if so.
     pub superseded: Option<Superseded>,
     /// Whether a PACS has sent the images; otherwise they were uploaded.
@@ -429,6 +453,16 @@ mod tests {
         assert_eq!(format!("{uid:?} {number:?}"), "Uid(…) AccessionNumber(…)");
         assert_eq!(AccessionNumber::parse("a\nb"), None);
         assert_eq!(AccessionNumber::parse("  "), None);
+    }
+
+    #[test]
+    fn a_patient_id_is_known_by_its_digest_without_padding() {
+        let digest = PatientDigest::of("P-77 ").unwrap();
+        assert_eq!(Some(digest), PatientDigest::of("P-77"));
+        assert_ne!(Some(digest), PatientDigest::of("p-77"));
+        assert_eq!(PatientDigest::from_hex(&digest.to_hex()), Some(digest));
+        assert_ne!(digest.to_hex(), blake3::hash(b"P-77").to_string());
+        assert_eq!(PatientDigest::of(" \0"), None);
     }
 
     #[test]

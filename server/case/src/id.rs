@@ -1,6 +1,6 @@
 //! The ids of cases.
 
-use crate::{MaskKind, Parameters, Project};
+use crate::{MaskKind, Parameters};
 
 /// A part of every [`CaseId`]. It changes if the same input must give another case.
 const ID_FORMAT: u8 = 1;
@@ -9,14 +9,8 @@ const ID_FORMAT: u8 = 1;
 ///
 /// It is the first half of a BLAKE3 digest over the volume, the mask and the parameters that affect the result. The same
 /// input gives the same case, on any server and at any time.
-///
-/// With the digest goes the project of the case, which the text and JSON of an id lack: whoever sends an id means the case of
-/// their own project ([`CaseId::in_project`]). So the same input in two projects is two cases, whose ids differ and read the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct CaseId {
-    project: Project,
-    digest: [u8; 16],
-}
+pub struct CaseId([u8; 16]);
 
 impl CaseId {
     /// The first 8 of its digits: enough to follow a case through the log, and no address.
@@ -24,47 +18,12 @@ impl CaseId {
         self.to_string()[..8].to_owned()
     }
 
-    /// The same input in another project.
-    #[must_use]
-    pub fn in_project(self, project: Project) -> Self {
-        Self { project, ..self }
-    }
-
-    /// The project of the case.
-    pub fn project(&self) -> Project {
-        self.project
-    }
-
-    /// The id with its project, as stores keep it. In the default project it is the id alone.
-    pub fn key(&self) -> String {
-        match self.project.is_default() {
-            true => self.to_string(),
-            false => format!("{}:{self}", self.project),
-        }
-    }
-
-    /// The reverse of [`CaseId::key`]; `None` for anything else. A client must never choose its argument.
-    pub fn from_key(key: &str) -> Option<Self> {
-        match key.split_once(':') {
-            None => Self::parse(key),
-            Some((project, id)) => Some(Self::parse(id)?.in_project(Project::parse(project)?)),
-        }
-    }
-
-    /// The id as a number, which is another one in each project.
+    /// The id as a number.
     pub fn number(&self) -> u128 {
-        let digest = u128::from_be_bytes(self.digest);
-        match self.project.is_default() {
-            true => digest,
-            false => {
-                let mut hasher = blake3::Hasher::new();
-                hasher.update(self.key().as_bytes());
-                u128::from_be_bytes(half(&hasher))
-            }
-        }
+        u128::from_be_bytes(self.0)
     }
 
-    /// The id of the case with these inputs in the default project. The digests are BLAKE3 over the uploaded bytes.
+    /// The id of the case with these inputs. The digests are BLAKE3 over the uploaded bytes.
     ///
     /// [`Parameters::name`] is a label and has no influence: the same upload under another name is the same case. The case that
     /// it is a version of has no influence either.
@@ -89,14 +48,11 @@ impl CaseId {
     }
 
     fn of_digits(digest: [u8; 16]) -> Self {
-        Self {
-            project: Project::DEFAULT,
-            digest,
-        }
+        Self(digest)
     }
 
     fn digits(&self) -> [u8; 16] {
-        self.digest
+        self.0
     }
 
     /// An envelope is not closed, so its radius does not matter. The default stands for it, so that stored ids stay valid.
@@ -202,31 +158,6 @@ mod tests {
     fn the_names_of_cases_that_are_stored_already_stay() {
         let id = CaseId::of(&blake3::hash(b"volume"), None, &Parameters::default());
         assert_eq!(id.to_string(), "c4a2355cd84497c3678626aa8188b7c3");
-    }
-
-    #[test]
-    fn an_id_keeps_its_project_in_its_key_alone() {
-        let id = CaseId::of(&blake3::hash(b"volume"), None, &Parameters::default());
-        let [a, b] = ["a", "b"].map(|name| id.in_project(Project::parse(name).unwrap()));
-        assert_ne!(a, b);
-        assert_ne!(a.number(), id.number());
-        assert_ne!(a.number(), b.number());
-        for other in [a, b] {
-            assert_eq!(other.to_string(), id.to_string());
-            assert_eq!(CaseId::parse(&other.to_string()), Some(id));
-            assert_eq!(CaseId::from_key(&other.key()), Some(other));
-            assert_eq!(CaseId::parse(&other.key()), None);
-        }
-        assert_eq!(id.key(), id.to_string());
-        assert_eq!(CaseId::from_key(&id.key()), Some(id));
-        for key in [
-            ":",
-            ":c4a2355cd84497c3678626aa8188b7c3",
-            "a:",
-            "A:c4a2355cd84497c3678626aa8188b7c3",
-        ] {
-            assert_eq!(CaseId::from_key(key), None, "{key}");
-        }
     }
 
     #[test]

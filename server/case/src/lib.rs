@@ -15,7 +15,6 @@ mod maps;
 mod object;
 mod parameters;
 mod progress;
-mod project;
 mod quality;
 mod surface;
 
@@ -38,7 +37,6 @@ pub use maps::{
 pub use object::ObjectKind;
 pub use parameters::{MaskKind, MaskSource, Parameters};
 pub use progress::{CaseState, Progress, Stage};
-pub use project::{NotAProject, Project};
 pub use quality::{
     AXES_CORRECTED, CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState,
 };

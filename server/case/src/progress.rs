@@ -27,6 +27,12 @@ impl CaseState {
         }
     }
 
+    /// The state with a name; `None` if there is none.
+    pub fn from_name(name: &str) -> Option<Self> {
+        let all = [Self::Queued, Self::Preparing, Self::Ready, Self::Failed];
+        all.into_iter().find(|state| state.name() == name)
+    }
+
     /// Whether the state stays the same until somebody uploads or deletes.
     pub fn is_final(self) -> bool {
         matches!(self, Self::Ready | Self::Failed)

@@ -81,8 +81,7 @@ impl Cases {
                     dicom: files.remove(&ObjectKind::SourceDicom),
                 };
                 // Without its mask, or somebody's attributes, it would be another case.
-                let id = store.id_of(&upload, parameters);
-                if id != case.in_project(store.project()) {
+                if upload.case_id(parameters) != case {
                     return Ok(Again::Impossible);
                 }
                 let parameters = Parameters {
@@ -96,7 +95,7 @@ impl Cases {
                 {
                     return Ok(Again::Known);
                 }
-                self.index(id, series).await?;
+                self.index(case, series).await?;
                 Ok(Again::Case)
             }
             Manifested::Layer { id, parameters, .. } => {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use audit::Audit;
-use case::{Case, CaseFacts, CaseId, CaseState, Failure, Project, QualityState, SurfaceName};
+use case::{Case, CaseFacts, CaseId, CaseState, Failure, QualityState, SurfaceName};
 use geometry::Volume;
 use imaging::Limits;
 use pipeline::atlas::{Atlas, AtlasChoice, NoAtlas};
@@ -102,8 +102,8 @@ pub enum StartError {
 /// If the store or the network cannot be opened.
 pub async fn open_library(options: &Options) -> Result<Library, StartError> {
     let extractor = Extractor::open(options.network.as_deref())?;
-    tracing::info!("brains are extracted {}", extractor.words());
     let store = Store::open_at(&options.location, options.store.clone()).await?;
+    tracing::info!("brains are extracted {}", extractor.words());
     let pipeline = Pipeline::new(extractor).with_threads(options.preparation_threads);
     let preparation = match options.prepares_apart {
         false => pipeline.into(),
@@ -206,17 +206,6 @@ impl Cases {
             deidentify: options.deidentify,
             remembered,
             patients: Arc::new(Cache::new(REMEMBERED_PATIENTS)),
-        }
-    }
-
-    /// The same for a project: what is new belongs to it, and what is listed or searched does. Whatever is named by a [`CaseId`]
-    /// belongs to the project of that id, for any of these; so an id that a client names must get the project of the client
-    /// ([`CaseId::in_project`]).
-    #[must_use]
-    pub fn in_project(&self, project: Project) -> Self {
-        Self {
-            library: self.library.in_project(project),
-            ..self.clone()
         }
     }
 

@@ -69,7 +69,7 @@ impl CaseCache {
     }
 
     /// A part of a case, if it is in memory.
-    pub(crate) fn get<T: CacheValue>(&self, id: &CaseId, part: Part) -> Option<Arc<T>> {
+    pub fn get<T: CacheValue>(&self, id: &CaseId, part: Part) -> Option<Arc<T>> {
         self.cache.get(&(*id, part)).map(typed)
     }
 

@@ -67,6 +67,9 @@ pub enum Error {
     /// The server is stopping, or its store is unreachable.
     #[error("the server cannot answer now; try again in a moment")]
     Unavailable,
+    /// The database and the objects do not belong to one store.
+    #[error("{0}")]
+    Mismatch(storage::Mismatch),
     /// The store is full.
     #[error("the store is full; delete cases, or enlarge its disk")]
     StorageFull,
@@ -107,6 +110,7 @@ impl From<StoreError> for Error {
             StoreError::NoSuchCase => Self::NoSuchCase,
             StoreError::SourceMissing => Self::SourceMissing,
             StoreError::LayerNameTaken => Self::LayerNameTaken,
+            StoreError::Mismatch(found) => Self::Mismatch(found),
             full if full.is_full() => Self::StorageFull,
             failed if failed.is_unwritable() => Self::StorageFailed(failed),
             away if away.is_away() => {

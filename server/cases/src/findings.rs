@@ -189,7 +189,6 @@ impl Cases {
             .collect();
         named.dedup();
         for marked_in in named.into_iter().filter_map(CaseId::parse) {
-            let marked_in = marked_in.in_project(id.project());
             if marked_in == *id {
                 continue;
             }

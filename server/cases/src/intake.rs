@@ -17,11 +17,10 @@ use tokio::sync::OwnedSemaphorePermit;
 
 use crate::application::Cases;
 use crate::arrivals::SeriesOfUpload;
+use crate::client::this_client;
 use crate::decoded_uploads::OfferedUpload;
 use crate::dicom::{Choice, Input, Options};
 use crate::error::Error;
-use crate::fair::this_client;
-use crate::places::{Client, Identity};
 
 /// The received files of a volume.
 #[derive(Debug)]
@@ -127,17 +126,12 @@ impl Cases {
 
     /// The store for the client of this request.
     pub(crate) fn store_of_client(&self) -> Store {
-        let Client { address, identity } = this_client();
-        let name = identity.map(Identity::digest);
-        self.store().for_client(address, name)
+        self.store().for_client(&this_client().in_store())
     }
 
     /// Whether an upload is a case that has a label.
     async fn is_named(&self, upload: &Upload, parameters: &Parameters) -> Result<bool, Error> {
-        let known = self
-            .store()
-            .case(&self.store().id_of(upload, parameters))
-            .await?;
+        let known = self.store().case(&upload.case_id(parameters)).await?;
         Ok(known.is_some_and(|case| case.parameters.name.is_some()))
     }
 
@@ -179,7 +173,7 @@ impl Cases {
         upload: &Upload,
         parameters: Parameters,
     ) -> Result<(Parameters, OfferedUpload), Error> {
-        let id = self.store().id_of(upload, &parameters);
+        let id = upload.case_id(&parameters);
         if self.is_accepted(&id).await? {
             return Ok((parameters, OfferedUpload::default()));
         }
@@ -198,7 +192,7 @@ impl Cases {
             mask,
             ..Source::default()
         };
-        let id = |parameters: &Parameters| Some(self.store().id_of(upload, parameters));
+        let id = |parameters: &Parameters| Some(upload.case_id(parameters));
         self.check(source, parameters, room, id).await
     }
 

@@ -10,7 +10,7 @@ mod series;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use audit::{Action, Audit, Event, EventKind, Outcome, project_named};
+use audit::{Action, Audit, Event, EventKind, Outcome};
 use case::CaseId;
 use storage::{Expired, Removal, Store, StoreError, Waiting};
 
@@ -113,7 +113,6 @@ pub async fn remove_expired(
     let may_go = |id: CaseId| async move {
         let event = Event {
             outcome: Outcome::Allowed,
-            project: project_named(id.project().name()),
             case: Some(id.to_string().into()),
             ..Event::new(
                 EventKind::StudyDeleted,

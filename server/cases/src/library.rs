@@ -23,7 +23,7 @@ use audit::Audit;
 use bytes::Bytes;
 use case::{
     Case, CaseFacts, CaseId, Failure, FailureKind, MaskMethod, ObjectKind, Parameters, Progress,
-    Project, Quality,
+    Quality,
 };
 use imaging::Limits;
 use pipeline::{Derived, Input, Pipeline, Source, StoredBrain, settled};
@@ -159,15 +159,6 @@ impl Library {
         Self { audit, ..self }
     }
 
-    /// The same for a project: see [`Store::in_project`].
-    #[must_use]
-    pub fn in_project(&self, project: Project) -> Self {
-        Self {
-            store: self.store.in_project(project),
-            ..self.clone()
-        }
-    }
-
     /// The audit record: who does what.
     pub fn audit(&self) -> &Audit {
         &self.audit
@@ -260,7 +251,7 @@ impl Library {
             mask,
             dicom,
         };
-        let id = self.store().id_of(&upload, &parameters);
+        let id = upload.case_id(&parameters);
         let offer = read.map_or_else(OfferedUpload::default, |read| {
             self.decoded_uploads().offer(id, read, None)
         });

@@ -1,26 +1,57 @@
 //! The limit on work for clients: how much runs at a time and how much waits.
 
-use std::sync::Arc;
+use std::collections::{HashMap, VecDeque};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use render::Wanted;
+use tokio::sync::oneshot;
 use tokio::task;
 
+use crate::client::{Client, this_client};
 use crate::error::Error;
-use crate::fair::{FairLimit, FairPlace, FairTurn, this_client};
 use crate::priority::yield_to_answers;
 
-/// Admits a bounded number of pieces of work at a time and lets a bounded number wait. Clients ([`for_client`](crate::for_client))
-/// take turns; the requests of one have theirs in the order in which they came. If nothing more may wait, the client with the most
-/// requests loses its last to one with fewer. Cheap to clone.
+/// Admits a bounded number of pieces of work at a time and lets a bounded number wait. Of both, one client
+/// ([`for_client`](crate::for_client)) has at most half, but at least one. Clients take turns: a free turn goes to the client with the
+/// fewest, then to the one whose last turn began first, and of its requests to the one that has waited longest. Cheap to clone.
 ///
 /// Dropping a future leaves the queue at once.
 #[derive(Debug, Clone)]
-pub struct ConcurrencyLimit {
-    fair: FairLimit,
+pub struct ConcurrencyLimit(Arc<Shared>);
+
+#[derive(Debug)]
+struct Shared {
     at_a_time: usize,
-    recent: Arc<Recent>,
+    /// Those that run and those that wait.
+    places: usize,
+    /// Held only briefly.
+    queue: Mutex<Queue>,
+    recent: Recent,
+}
+
+#[derive(Debug, Default)]
+struct Queue {
+    /// What each client has that has anything.
+    clients: HashMap<Client, Share>,
+    /// The number of turns that ever began.
+    begun: u64,
+    waiting: VecDeque<Waiting>,
+}
+
+#[derive(Debug, Default)]
+struct Share {
+    places: usize,
+    turns: usize,
+    /// When the last turn began, in turns.
+    last: u64,
+}
+
+#[derive(Debug)]
+struct Waiting {
+    client: Client,
+    turn: oneshot::Sender<Running>,
 }
 
 /// How long recent turns took, on average.
@@ -48,59 +79,65 @@ impl Recent {
 
 /// A place in the queue, for work with one or several turns. Between them, others get their turns.
 #[derive(Debug)]
-pub struct Queued {
-    limit: ConcurrencyLimit,
-    place: Arc<FairPlace>,
+pub struct Queued(Arc<Place>);
+
+#[derive(Debug)]
+struct Place {
+    client: Client,
+    limit: Arc<Shared>,
 }
 
 /// A turn: the right to keep one CPU busy. It lasts as long as any of its clones, and as its work.
 #[derive(Debug, Clone)]
 pub struct Turn {
     _running: Arc<Running>,
-    _place: Arc<FairPlace>,
+    _place: Arc<Place>,
 }
 
 #[derive(Debug)]
 struct Running {
-    _turn: FairTurn,
+    client: Client,
+    limit: Arc<Shared>,
     since: Instant,
-    recent: Arc<Recent>,
 }
 
-impl Drop for Running {
-    fn drop(&mut self) {
-        self.recent.count(self.since.elapsed());
+/// What one client may have of what there is.
+fn most_of_one(client: Client, all: usize) -> usize {
+    match client {
+        Client::Program => all,
+        Client::Address(_) | Client::Named(_) => (all / 2).max(1),
     }
 }
 
 impl ConcurrencyLimit {
     /// `running` at a time, and `waiting` more.
     pub fn new(running: usize, waiting: usize) -> Self {
-        Self {
-            fair: FairLimit::new(running, running.saturating_add(waiting)),
+        Self(Arc::new(Shared {
             at_a_time: running,
-            recent: Arc::default(),
-        }
+            places: running.saturating_add(waiting),
+            queue: Mutex::default(),
+            recent: Recent::default(),
+        }))
     }
 
     /// Joins the queue.
     ///
     /// # Errors
-    /// [`Error::BusyFor`] about as long as all who are inside will take, if it is full.
+    /// [`Error::BusyFor`] about as long as all who are inside will take, if it is full, or has as many of this client as it may.
     pub fn enter(&self) -> Result<Queued, Error> {
-        let place = self.fair.enter(this_client());
-        Ok(Queued {
-            place: Arc::new(place.ok_or_else(|| Error::BusyFor(self.wait()))?),
-            limit: self.clone(),
-        })
-    }
-
-    /// How long those who are inside will take.
-    fn wait(&self) -> Duration {
-        let (places, _) = self.fair.taken();
-        let rounds = places.div_ceil(self.at_a_time.max(1));
-        let rounds = u32::try_from(rounds).unwrap_or(u32::MAX);
-        self.recent.mean().saturating_mul(rounds)
+        let client = this_client();
+        let mut queue = self.0.lock();
+        let own = queue.clients.get(&client).map_or(0, |share| share.places);
+        let all = queue.places();
+        if all >= self.0.places || own >= most_of_one(client, self.0.places) {
+            let rounds = all.div_ceil(self.0.at_a_time.max(1));
+            let rounds = u32::try_from(rounds).unwrap_or(u32::MAX);
+            let wait = self.0.recent.mean().saturating_mul(rounds);
+            return Err(Error::BusyFor(wait));
+        }
+        queue.clients.entry(client).or_default().places += 1;
+        let limit = Arc::clone(&self.0);
+        Ok(Queued(Arc::new(Place { client, limit })))
     }
 
     /// Joins the queue and waits for a turn.
@@ -124,8 +161,8 @@ impl ConcurrencyLimit {
 
     /// The number of waiting turns.
     pub fn waiting(&self) -> usize {
-        let (places, turns) = self.fair.taken();
-        places.saturating_sub(turns)
+        let queue = self.0.lock();
+        queue.places().saturating_sub(queue.turns())
     }
 }
 
@@ -133,18 +170,102 @@ impl Queued {
     /// Waits for the next turn.
     ///
     /// # Errors
-    /// [`Error::BusyFor`] if the place was lost to a client with fewer; never after the first turn.
+    /// [`Error::Internal`] if the queue is gone, which the place keeps.
     pub async fn turn(&self) -> Result<Turn, Error> {
-        let turn = self.place.turn().await;
-        let turn = turn.ok_or_else(|| Error::BusyFor(self.limit.wait()))?;
+        let Place { client, limit } = &*self.0;
+        let (sender, turn) = oneshot::channel();
+        let waiting = Waiting {
+            client: *client,
+            turn: sender,
+        };
+        limit.lock().waiting.push_back(waiting);
+        limit.start_next();
         Ok(Turn {
-            _running: Arc::new(Running {
-                _turn: turn,
-                since: Instant::now(),
-                recent: Arc::clone(&self.limit.recent),
-            }),
-            _place: Arc::clone(&self.place),
+            _running: Arc::new(turn.await.map_err(|_gone| Error::Internal)?),
+            _place: Arc::clone(&self.0),
         })
+    }
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Queue> {
+        // Each change is complete, even if a holder panicked.
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Begins turns as long as some are free for somebody who waits.
+    fn start_next(self: &Arc<Self>) {
+        loop {
+            // Not in the condition: whoever does not wait any more gives the turn back, for which the queue must be free.
+            let next = self.lock().take_next(self.at_a_time);
+            let Some(Waiting { client, turn }) = next else {
+                return;
+            };
+            drop(turn.send(Running {
+                client,
+                limit: Arc::clone(self),
+                since: Instant::now(),
+            }));
+        }
+    }
+}
+
+impl Queue {
+    fn places(&self) -> usize {
+        self.clients.values().map(|share| share.places).sum()
+    }
+
+    fn turns(&self) -> usize {
+        self.clients.values().map(|share| share.turns).sum()
+    }
+
+    /// Counts the turn of the next who waits and may have one.
+    fn take_next(&mut self, at_a_time: usize) -> Option<Waiting> {
+        self.waiting.retain(|waiting| !waiting.turn.is_closed());
+        if self.turns() >= at_a_time {
+            return None;
+        }
+        let had = |waiting: &Waiting| {
+            let share = self.clients.get(&waiting.client);
+            share.map_or((0, 0), |share| (share.turns, share.last))
+        };
+        let waiting = self.waiting.iter().enumerate();
+        let may_run =
+            waiting.filter(|(_, waiting)| had(waiting).0 < most_of_one(waiting.client, at_a_time));
+        let (number, _) = may_run.min_by_key(|(_, waiting)| had(waiting))?;
+        let next = self.waiting.remove(number)?;
+        self.begun += 1;
+        let share = self.clients.entry(next.client).or_default();
+        share.turns += 1;
+        share.last = self.begun;
+        Some(next)
+    }
+
+    /// Changes what a client has, and forgets it if that is nothing.
+    fn change(&mut self, client: Client, change: impl FnOnce(&mut Share)) {
+        if let Some(share) = self.clients.get_mut(&client) {
+            change(share);
+            if share.places + share.turns == 0 {
+                self.clients.remove(&client);
+            }
+        }
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut queue = self.limit.lock();
+        queue.change(self.client, |share| share.places -= 1);
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.limit.recent.count(self.since.elapsed());
+        let mut queue = self.limit.lock();
+        queue.change(self.client, |share| share.turns -= 1);
+        drop(queue);
+        self.limit.start_next();
     }
 }
 
@@ -196,8 +317,7 @@ mod tests {
     use tokio::sync::oneshot;
 
     use super::*;
-    use crate::fair::for_client;
-    use crate::places::Client;
+    use crate::client::for_client;
 
     /// Work in a turn of a limit.
     async fn pass<T>(limit: &ConcurrencyLimit, work: impl Future<Output = T>) -> Result<T, Error> {
@@ -219,32 +339,93 @@ mod tests {
         assert_eq!(limit.waiting(), 0);
     }
 
+    fn client(number: u8) -> Client {
+        Client::at([10, 0, 0, number].into())
+    }
+
+    /// A turn of a client, which may wait.
+    fn turn_of(limit: &ConcurrencyLimit, client: Client) -> impl Future<Output = Turn> {
+        let turn = for_client(client, limit.turn());
+        Box::pin(async { turn.await.expect("there is a place") })
+    }
+
     #[tokio::test]
-    async fn one_client_with_many_pictures_delays_its_own() {
+    async fn one_client_has_half_of_the_turns_and_another_begins_at_once() {
+        let limit = ConcurrencyLimit::new(4, 16);
+        let [greedy, other] = [Client::named("greedy"), client(2)];
+        let first = turn_of(&limit, greedy).await;
+        let _second = turn_of(&limit, greedy).await;
+        let mut third = turn_of(&limit, greedy);
+        assert!(poll!(&mut third).is_pending(), "two of four are free");
+        let _late = turn_of(&limit, other).await;
+        let _later = turn_of(&limit, other).await;
+        drop(first);
+        third.await;
+    }
+
+    #[tokio::test]
+    async fn one_client_has_half_of_the_places() {
+        let limit = ConcurrencyLimit::new(2, 6);
+        let enter = |client| for_client(client, async { limit.enter() });
+        let mut held = Vec::new();
+        for _ in 0..4 {
+            held.push(enter(client(1)).await.unwrap());
+        }
+        assert!(matches!(enter(client(1)).await, Err(Error::BusyFor(_))));
+        for _ in 0..4 {
+            held.push(enter(client(2)).await.unwrap());
+        }
+        assert!(matches!(enter(client(3)).await, Err(Error::BusyFor(_))));
+        drop(held);
+        assert!(limit.0.lock().clients.is_empty());
+    }
+
+    #[tokio::test]
+    async fn with_one_turn_at_a_time_clients_alternate() {
         let limit = ConcurrencyLimit::new(1, 8);
-        let [greedy, other] = [1, 2].map(|number| Client::at([10, 0, 0, number].into()));
-        let first = for_client(greedy, limit.turn()).await.unwrap();
-        let mut second = Box::pin(for_client(greedy, limit.turn()));
-        let mut late = Box::pin(for_client(other, limit.turn()));
+        let [greedy, other] = [1, 2].map(client);
+        let held = turn_of(&limit, greedy).await;
+        let mut second = turn_of(&limit, greedy);
+        let mut late = turn_of(&limit, other);
         assert!(poll!(&mut second).is_pending());
         assert!(poll!(&mut late).is_pending());
-        drop(first);
-        assert!(poll!(&mut second).is_pending());
-        drop(late.await.unwrap());
-        second.await.unwrap();
+        drop(held);
+        assert!(poll!(&mut second).is_pending(), "the greedy one had a turn");
+        drop(late.await);
+        drop(second.await);
+        assert!(limit.0.lock().clients.is_empty());
+    }
+
+    #[tokio::test]
+    async fn those_with_as_many_turns_come_in_their_order() {
+        let limit = ConcurrencyLimit::new(1, 8);
+        let held = turn_of(&limit, client(1)).await;
+        let mut waiting: Vec<_> = (2..6)
+            .map(|number| turn_of(&limit, client(number)))
+            .collect();
+        for turn in &mut waiting {
+            assert!(poll!(turn).is_pending());
+        }
+        drop(held);
+        for mut turn in waiting {
+            let std::task::Poll::Ready(turn) = poll!(&mut turn) else {
+                panic!("another one came first");
+            };
+            drop(turn);
+        }
     }
 
     #[tokio::test]
     async fn who_is_refused_learns_how_long_the_others_will_take() {
         let limit = ConcurrencyLimit::new(2, 4);
-        limit.recent.count(Duration::from_secs(3));
+        limit.0.recent.count(Duration::from_secs(3));
         let _inside: Vec<_> = (0..6).map(|_| limit.enter().unwrap()).collect();
         match limit.enter() {
             Err(Error::BusyFor(wait)) => assert_eq!(wait, Duration::from_secs(9)),
             other => panic!("{other:?}"),
         }
-        limit.recent.count(Duration::from_secs(11));
-        assert_eq!(limit.recent.mean(), Duration::from_secs(4));
+        limit.0.recent.count(Duration::from_secs(11));
+        assert_eq!(limit.0.recent.mean(), Duration::from_secs(4));
     }
 
     #[tokio::test]

@@ -12,17 +12,17 @@ const READY_WITHIN: Duration = Duration::from_secs(3);
 /// Checks that the store can be used and has room.
 ///
 /// # Errors
-/// [`Error::Unavailable`] if it does not answer in time, [`Error::StorageFull`] or [`Error::StorageFailed`].
+/// [`Error::Unavailable`] if it does not answer in time, [`Error::Mismatch`], [`Error::StorageFull`] or [`Error::StorageFailed`].
 pub async fn check_ready(store: &Store) -> Result<(), Error> {
     within(READY_WITHIN, store.check()).await
 }
 
-/// Checks that the object store answers, before a body is received that could not be stored.
+/// Checks that the objects answer and are those of the rows, before a body is received that could not be stored.
 ///
 /// # Errors
-/// [`Error::Unavailable`] if it does not.
+/// [`Error::Unavailable`] if they do not, [`Error::Mismatch`].
 pub async fn check_before_upload(store: &Store) -> Result<(), Error> {
-    within(READY_WITHIN, store.check_objects()).await
+    within(READY_WITHIN, store.check_id()).await
 }
 
 async fn within(
@@ -35,9 +35,9 @@ async fn within(
         Error::Unavailable
     })?;
     checked.map_err(|error| {
-        tracing::warn!(%error, "the store is not ready");
+        tracing::warn!(%error, cause = error.cause(), "the store is not ready");
         match Error::from(error) {
-            unwritable @ (Error::StorageFull | Error::StorageFailed(_)) => unwritable,
+            known @ (Error::StorageFull | Error::StorageFailed(_) | Error::Mismatch(_)) => known,
             _ => Error::Unavailable,
         }
     })

@@ -125,7 +125,7 @@ impl From<StoreError> for Failed {
         );
         // Most messages of the store may contain paths.
         let detail = match &error {
-            StoreError::ClocksDiffer(_) => error.to_string(),
+            StoreError::ClocksDiffer(_) | StoreError::Mismatch(_) => error.to_string(),
             _ => "the store failed; the log of the server has the details".to_owned(),
         };
         Self::ForNow(Failure::new(FailureKind::Internal, STORE_FAILED, detail))
@@ -209,6 +209,7 @@ struct Lane {
 impl Lane {
     async fn work(mut self) {
         let mut queued = self.store.signals().watch_queue();
+        let mut said = None;
         while *self.phase.borrow() == Phase::Working {
             queued.mark_unchanged();
             match self.claim().await {
@@ -216,11 +217,15 @@ impl Lane {
                     self.conduct(&work, claim).await;
                     continue;
                 }
-                Ok(None) => {}
-                Err(error) => tracing::error!(
-                    error = &error as &dyn std::error::Error,
-                    "cannot take a job"
-                ),
+                Ok(None) => said = None,
+                // Once, not at each look.
+                Err(error) => {
+                    let cause = error.cause();
+                    if said.as_ref() != Some(&cause) {
+                        tracing::error!(%error, cause, "cannot take a job");
+                        said = Some(cause);
+                    }
+                }
             }
             let _resting: Vec<_> = self.works.iter().map(|work| work.rest()).collect();
             tokio::select! {

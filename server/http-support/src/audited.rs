@@ -5,12 +5,12 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use audit::{Action, Audit, CannotRecord, Event, EventKind, Outcome, digest_of_uid, project_named};
+use audit::{Action, Audit, CannotRecord, Event, EventKind, Outcome, digest_of_uid};
 use axum::extract::{FromRequestParts as _, MatchedPath, RawPathParams, Request};
 use axum::http::{StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
-use case::{CaseId, Project};
+use case::CaseId;
 use tower_http::request_id::RequestId;
 
 use crate::listen::Peer;
@@ -109,7 +109,6 @@ pub struct NamesPatient;
 pub(crate) struct Recorder {
     audit: Audit,
     who: Arc<str>,
-    project: Option<Arc<str>>,
     from: Option<IpAddr>,
     route: Arc<str>,
     request: Option<Arc<str>>,
@@ -118,13 +117,7 @@ pub(crate) struct Recorder {
 
 impl Recorder {
     /// What there is to record of a request by somebody.
-    pub(crate) fn new(
-        audit: &Audit,
-        who: &str,
-        project: Project,
-        audited: Audited,
-        request: &Request,
-    ) -> Self {
+    pub(crate) fn new(audit: &Audit, who: &str, audited: Audited, request: &Request) -> Self {
         let extensions = request.extensions();
         let path = extensions.get::<MatchedPath>();
         let path = path.map_or("", MatchedPath::as_str);
@@ -133,7 +126,6 @@ impl Recorder {
         Self {
             audit: audit.clone(),
             who: who.into(),
-            project: project_named(project.name()),
             from: extensions.get::<Peer>().map(|peer| peer.0),
             route: format!("{} {path}", request.method()).into(),
             request: id.map(Into::into),
@@ -144,7 +136,6 @@ impl Recorder {
     fn event(&self, (kind, action, object): (EventKind, Action, &'static str)) -> Event {
         Event {
             from: self.from,
-            project: self.project.clone(),
             route: Some(self.route.clone()),
             request: self.request.clone(),
             ..Event::new(kind, action, object, &self.who)

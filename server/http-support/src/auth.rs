@@ -14,19 +14,17 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use cases::places::Identity;
+use cases::Client;
 use futures_util::StreamExt as _;
 use tokio::sync::watch;
 
 use crate::audited::Recorder;
-use crate::door::Connection;
-use crate::guesses::Guesses;
-use crate::listen::{Peer, client_of};
+use crate::listen::{ByProxy, client_of, is_endless};
 use crate::origins::Origins;
 use crate::problem::AppError;
 use crate::proxy::{ASKED_AGAIN_AFTER, SignInProxy};
 use crate::scopes::ScopeTable;
-use crate::tokens::{Holder, Mismatch, NamedToken, Tokens};
+use crate::tokens::{ANYBODY, Holder, Mismatch, NamedToken, Tokens, UNNAMED};
 
 /// The fewest characters of a bearer token: 16 random ones cannot be guessed.
 pub const MIN_TOKEN_LENGTH: usize = 16;
@@ -48,7 +46,6 @@ pub struct Access {
     tokens: Arc<watch::Sender<Option<Tokens>>>,
     /// Which headers of a proxy open beside these.
     proxy: Option<SignInProxy>,
-    guesses: Arc<Guesses>,
     origins: Origins,
 }
 
@@ -113,14 +110,6 @@ impl Access {
     /// Whether a token is required.
     pub fn wants_token(&self) -> bool {
         self.tokens.borrow().is_some()
-    }
-
-    /// What stands for somebody where places are shared; `None` if there is nobody else, for whom to leave any.
-    fn identity_of(&self, holder: &Holder) -> Option<Identity> {
-        let tokens = self.tokens.borrow();
-        let has_others =
-            self.proxy.is_some() || tokens.as_ref().is_some_and(|tokens| tokens.count() > 1);
-        has_others.then(|| Identity::of(&holder.name))
     }
 
     /// The token of a request; `None` if none is required.
@@ -366,15 +355,12 @@ pub struct Guard {
     pub audit: Audit,
 }
 
-/// Rejects requests without a token, if one is required, and those whose token lacks the scope of the route; what is answered and
-/// what is refused is recorded. A right token makes the connection that of a client. A stream of events ends with the token that has opened it.
-///
-/// A right token is always right, so that nobody behind the address of a guesser is shut out: no answer waits, and tokens
-/// are too long to be guessed at any rate. Handlers find the [`Holder`] in the extensions of the request.
+/// Rejects requests without a token, if one is required, and those whose token lacks the scope of the route; what is answered is
+/// recorded. A stream of events ends with the token that has opened it. Tokens are too long to be guessed at any rate. Handlers find the [`Holder`] in the extensions of the request.
 ///
 /// # Errors
 /// [`AppError::Unauthorized`], [`AppError::TokenEnded`], [`AppError::ProxyRefused`], [`AppError::CrossSite`], [`AppError::MissingScope`],
-/// [`AppError::AuditFull`]; [`AppError::TooManyGuesses`] for one wrong token too soon after others; [`cases::Error::Busy`] if there are too many clients.
+/// [`AppError::AuditFull`].
 pub async fn require_token(
     State(Guard {
         access,
@@ -384,8 +370,7 @@ pub async fn require_token(
     mut request: Request,
     next: Next,
 ) -> Result<Response, AppError> {
-    let connection = request.extensions().get::<Arc<Connection>>();
-    let is_of_proxy = connection.is_some_and(|connection| connection.is_of_proxy());
+    let ByProxy(is_of_proxy) = ByProxy::of(request.extensions());
     // A page of another site may ask with a token that it has, if its origin is listed; not with what the browser of a person adds by
     // itself, which is the cookie that the proxy knows the person by, or a password that the browser remembers.
     let is_cross_site = is_cross_site(request.uri(), request.headers());
@@ -405,22 +390,20 @@ pub async fn require_token(
                 Some(opened) => opened.holder.clone(),
                 None => Holder::anybody(),
             };
-            let identity = access.identity_of(&holder);
-            if let Some(Err(busy)) = connection.map(|connection| connection.admit(identity)) {
-                return Ok(closing(AppError::from(busy).into_response()));
-            }
             let path = request.extensions().get::<MatchedPath>();
             let path = path.map_or("", MatchedPath::as_str);
             let (scope, audited) = scopes.row(request.method(), path);
-            let recorder = Recorder::new(&audit, &holder.name, holder.project, audited, &request);
+            let recorder = Recorder::new(&audit, &holder.name, audited, &request);
             if !holder.scopes.contains(&scope) {
                 recorder.refuses(request).await;
                 return Err(AppError::MissingScope { holder, scope });
             }
-            request.extensions_mut().insert(holder);
-            if let Some(identity) = identity {
-                request.extensions_mut().insert(identity);
+            // The token without a name may be that of everybody.
+            if ![ANYBODY, UNNAMED].contains(&&*holder.name) {
+                let client = Client::named(&holder.name);
+                request.extensions_mut().insert(client);
             }
+            request.extensions_mut().insert(holder);
             let client = client_of(request.extensions());
             let answered = recorder.answer(request, next);
             let mut response = cases::for_client(client, answered).await;
@@ -436,47 +419,19 @@ pub async fn require_token(
         }
         Err(refusal) => refusal,
     };
-    let has_token = given_token(request.headers()).is_some();
-    // A request without a token is not a guess, nor is a token that was right.
-    let is_guess = has_token && matches!(refusal, AppError::Unauthorized);
-    let wait = match is_guess {
-        true => access.guesses.record(Peer::of(&request)),
-        false => None,
-    };
-    let Some(wait) = wait else {
-        let mut response = refusal.into_response();
-        // Some DICOMweb clients send a password only if they are asked for one. A browser would ask its user, so the page,
-        // which never asks here, must not see this.
-        if request.uri().path().starts_with(DICOMWEB) {
-            let headers = response.headers_mut();
-            headers.append(header::WWW_AUTHENTICATE, BASIC);
-        }
-        return Ok(response);
-    };
-    let response = AppError::TooManyGuesses { wait }.into_response();
-    Ok(if is_of_proxy {
-        response
-    } else {
-        closing(response)
-    })
-}
-
-/// Whether a response goes on until something happens.
-fn is_endless(response: &Response) -> bool {
-    let kind = response.headers().get(header::CONTENT_TYPE);
-    kind.is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream"))
+    let mut response = refusal.into_response();
+    // Some DICOMweb clients send a password only if they are asked for one. A browser would ask its user, so the page,
+    // which never asks here, must not see this.
+    if request.uri().path().starts_with(DICOMWEB) {
+        let headers = response.headers_mut();
+        headers.append(header::WWW_AUTHENTICATE, BASIC);
+    }
+    Ok(response)
 }
 
 /// The same response, which ends early once `end` resolves.
 fn ending(response: Response, end: impl Future<Output = ()> + Send + 'static) -> Response {
     response.map(|body| Body::from_stream(body.into_data_stream().take_until(end)))
-}
-
-/// A response after which the connection is closed.
-fn closing(mut response: Response) -> Response {
-    let close = HeaderValue::from_static("close");
-    response.headers_mut().insert(header::CONNECTION, close);
-    response
 }
 
 #[cfg(test)]

@@ -5,38 +5,34 @@
 
 use std::convert::Infallible;
 use std::net::IpAddr;
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
-use axum::extract::{FromRequestParts, Request};
+use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use axum::http::{Extensions, HeaderValue, header};
 use axum::response::Response;
 use axum::{BoxError, Router};
+use cases::{Client, ClientLimit};
 use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::GracefulShutdown;
-use ipnet::IpNet;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 #[cfg(unix)]
 use tokio::net::UnixListener;
+use tokio::time::Instant;
 use tokio_rustls::TlsAcceptor;
 use tower::ServiceExt as _;
 
-use crate::door::{Connection, Door};
-use crate::pace::{Hurry, LeastRate, PacedBody};
+use crate::forwarded::TrustedProxies;
+use crate::logs::LogRateLimit;
 use crate::tls::ReloadedTls;
-use crate::unstalled::Unstalled;
-use cases::places::{Client, Identity, Place, Places, network_of};
+use crate::write_timeout::{AnswerDeadline, WriteTimeout};
 
 /// How long to wait after the system is out of descriptors.
 const PAUSE_AFTER_REFUSAL: Duration = Duration::from_millis(100);
-
-/// Time for the headers of a request while strangers crowd.
-const CROWDED_HEADER_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// The bytes after which headers that have not ended are refused.
 const MAX_HEADER_BYTES: usize = 64 << 10;
@@ -46,17 +42,16 @@ const TLS_ALONE: HeaderValue = HeaderValue::from_static("max-age=31536000");
 
 #[derive(Debug, Clone)]
 pub struct ConnectionLimits {
-    /// Connections of clients with the right token at a time. Beyond this, they are answered 503. Others have 256
-    /// connections of their own.
+    /// Connections at a time, of which one address that is not a trusted proxy has at most a quarter. Further ones are closed.
     pub connections: usize,
-    /// Of these, connections from one address that is not a trusted proxy.
-    pub connections_per_address: usize,
     /// The proxies that name the client in `X-Forwarded-For`.
-    pub trusted_proxies: Arc<[IpNet]>,
+    pub trusted_proxies: TrustedProxies,
     /// Time for the headers of a request, and for which a connection may be idle between two.
     pub header_timeout: Duration,
-    /// The minimum rate at which a client must send and receive bodies.
-    pub least_rate: LeastRate,
+    /// How long a client may receive nothing of an answer.
+    pub idle: Duration,
+    /// Time for a client to receive a whole answer, unless it is a stream of events.
+    pub whole: Duration,
     /// Time for running requests to finish when the server stops.
     pub shutdown_grace: Duration,
 }
@@ -65,23 +60,9 @@ pub struct ConnectionLimits {
 #[derive(Debug, Clone, Copy)]
 pub struct Peer(pub IpAddr);
 
-impl Peer {
-    /// The address that identifies the client of a request, if it came from a socket: for IPv6, the first 64 bits.
-    pub fn of(request: &Request) -> Option<IpAddr> {
-        Self::of_extensions(request.extensions())
-    }
-
-    fn of_extensions(extensions: &Extensions) -> Option<IpAddr> {
-        extensions.get::<Self>().map(|peer| network_of(peer.0))
-    }
-}
-
-/// The client of a request, for places and turns. The guard of routes knows the identity.
+/// The client of a request, for limits and turns. The guard of routes replaces the address by the name of a token or a person.
 pub fn client_of(extensions: &Extensions) -> Client {
-    Client {
-        address: Peer::of_extensions(extensions),
-        identity: extensions.get::<Identity>().copied(),
-    }
+    extensions.get::<Client>().copied().unwrap_or_default()
 }
 
 /// The client of a request ([`client_of`]), for handlers that do not take the request.
@@ -104,20 +85,14 @@ impl<S: Sync> FromRequestParts<S> for ByProxy {
     type Rejection = Infallible;
 
     async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Self, Infallible> {
-        let connection = parts.extensions.get::<Arc<Connection>>();
-        Ok(Self(
-            connection.is_some_and(|connection| connection.is_of_proxy()),
-        ))
+        Ok(Self::of(&parts.extensions))
     }
 }
 
-/// A place for a request, if there is one for its client. The fewer places are left, the faster its body must come.
-pub fn place_for(request: &Request, places: &Places) -> Option<Place> {
-    let place = places.take(client_of(request.extensions()))?;
-    if let Some(hurry) = request.extensions().get::<Hurry>() {
-        hurry.by(places);
+impl ByProxy {
+    pub(crate) fn of(extensions: &Extensions) -> Self {
+        extensions.get().copied().unwrap_or(Self(false))
     }
-    Some(place)
 }
 
 /// Serves `app` until `stop` resolves, then finishes running requests within the grace period. With TLS, nothing else is served.
@@ -128,10 +103,9 @@ pub async fn serve(
     tls: Option<ReloadedTls>,
     stop: impl Future<Output = ()>,
 ) {
-    let door = Door::new(
-        limits.connections,
-        limits.connections_per_address,
-        limits.trusted_proxies.clone(),
+    let (permits, closed) = (
+        ClientLimit::new(limits.connections),
+        LogRateLimit::default(),
     );
     let listener = listener.into();
     let graceful = GracefulShutdown::new();
@@ -145,32 +119,43 @@ pub async fn serve(
             tokio::time::sleep(PAUSE_AFTER_REFUSAL).await;
             continue;
         };
-        let open = door.enter(address);
-        let header_timeout = header_timeout(&limits, door.is_crowded());
-        let stream = Unstalled::new(stream, limits.least_rate);
+        let by_proxy = limits.trusted_proxies.contains(address);
+        let client = match address.filter(|_| !by_proxy) {
+            Some(address) => Client::at(address),
+            None => Client::Program,
+        };
+        let Some(permit) = permits.try_acquire(client) else {
+            if let Some(count) = closed.count() {
+                tracing::warn!(
+                    address = address.map(tracing::field::display),
+                    count,
+                    "connections were closed: there are too many of all, or of this address (`http.max_connections`, `http.trusted_proxies`)"
+                );
+            }
+            continue;
+        };
+        let deadline = AnswerDeadline::default();
+        let stream = WriteTimeout::new(stream, limits.idle, deadline.clone());
         let acceptor = tls.as_ref().map(|tls| TlsAcceptor::from(tls.current()));
-        let service = service(
-            app.clone(),
-            door.clone(),
-            open.0.clone(),
+        let connection = Connection {
             address,
-            limits.least_rate,
-            acceptor.is_some(),
-        );
+            by_proxy,
+            by_tls: acceptor.is_some(),
+            deadline,
+        };
+        let header_timeout = limits.header_timeout;
+        let service = service(app.clone(), connection, limits.clone());
         let watcher = graceful.watcher();
         tokio::spawn(async move {
+            let _permit = permit;
             let served = async {
                 let stream = secured(stream, acceptor, header_timeout).await?;
                 let connection =
                     http1(header_timeout).serve_connection(TokioIo::new(stream), service);
                 Ok::<_, BoxError>(watcher.watch(connection).await?)
             };
-            let ended = tokio::select! {
-                () = open.0.evicted() => return,
-                ended = served => ended,
-            };
             // A failure here is on the side of the client: a lost connection, a timeout, a bad request line.
-            if let Err(error) = ended {
+            if let Err(error) = served.await {
                 tracing::debug!(%error, "connection ended");
             }
         });
@@ -237,7 +222,7 @@ impl<S: AsyncRead + AsyncWrite + Send + Unpin> Connected for S {}
 
 /// The connection, by TLS if there is an acceptor. A handshake has the time of a header.
 async fn secured(
-    stream: Unstalled<Box<dyn Connected>>,
+    stream: WriteTimeout<Box<dyn Connected>>,
     acceptor: Option<TlsAcceptor>,
     header_timeout: Duration,
 ) -> Result<Box<dyn Connected>, BoxError> {
@@ -246,15 +231,6 @@ async fn secured(
     };
     let accepted = tokio::time::timeout(header_timeout, acceptor.accept(stream)).await;
     Ok(Box::new(accepted??))
-}
-
-/// The time for the headers of a request.
-fn header_timeout(limits: &ConnectionLimits, crowded: bool) -> Duration {
-    if crowded {
-        limits.header_timeout.min(CROWDED_HEADER_TIMEOUT)
-    } else {
-        limits.header_timeout
-    }
 }
 
 fn http1(header_timeout: Duration) -> http1::Builder {
@@ -267,14 +243,20 @@ fn http1(header_timeout: Duration) -> http1::Builder {
     builder
 }
 
-/// Answers the requests of a connection, which carry the connection and the address of their client.
+/// A connection, for the requests that come by it.
+#[derive(Debug, Clone)]
+struct Connection {
+    address: Option<IpAddr>,
+    by_proxy: bool,
+    by_tls: bool,
+    deadline: AnswerDeadline,
+}
+
+/// Answers the requests of a connection, which carry the address of their client.
 fn service(
     app: Router,
-    door: Door,
-    connection: Arc<Connection>,
-    address: Option<IpAddr>,
-    least_rate: LeastRate,
-    by_tls: bool,
+    connection: Connection,
+    limits: ConnectionLimits,
 ) -> impl hyper::service::Service<
     axum::http::Request<Incoming>,
     Response = Response,
@@ -282,22 +264,31 @@ fn service(
     Future = impl Future<Output = Result<Response, Infallible>> + Send,
 > {
     hyper::service::service_fn(move |request: axum::http::Request<Incoming>| {
-        let hurry = Hurry::default();
-        let paced = |body| Body::new(PacedBody::new(body, least_rate, hurry.clone()));
-        let mut request = request.map(paced);
-        let client = door.client_of(address, request.headers());
+        let mut request = request.map(Body::new);
+        let client = (limits.trusted_proxies).client_of(connection.address, request.headers());
         let extensions = request.extensions_mut();
         extensions.insert(Peer(client));
-        extensions.insert(hurry);
-        extensions.insert(connection.clone());
-        let answered = app.clone().oneshot(request);
+        extensions.insert(Client::at(client));
+        extensions.insert(ByProxy(connection.by_proxy));
+        connection.deadline.set(None);
+        let (answered, connection) = (app.clone().oneshot(request), connection.clone());
+        let whole = limits.whole;
         async move {
             let mut response = answered.await?;
-            if by_tls {
+            if !is_endless(&response) {
+                connection.deadline.set(Some(Instant::now() + whole));
+            }
+            if connection.by_tls {
                 let headers = response.headers_mut();
                 headers.insert(header::STRICT_TRANSPORT_SECURITY, TLS_ALONE);
             }
             Ok(response)
         }
     })
+}
+
+/// Whether a response goes on until something happens.
+pub(crate) fn is_endless(response: &Response) -> bool {
+    let kind = response.headers().get(header::CONTENT_TYPE);
+    kind.is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream"))
 }

@@ -1,5 +1,6 @@
 //! Log lines: one for each request, without patient data.
 
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use axum::extract::{MatchedPath, Request, State};
@@ -10,6 +11,31 @@ use tower_http::request_id::{MakeRequestId, RequestId};
 use tracing::Instrument as _;
 
 use crate::metrics::Metrics;
+
+/// How often something happened, for at most one line in the log a minute.
+#[derive(Debug, Default)]
+pub struct LogRateLimit(Mutex<(u64, Option<Instant>)>);
+
+/// The time of one line.
+const LOGGED_EVERY: Duration = Duration::from_secs(60);
+
+impl LogRateLimit {
+    /// Counts once. If this is to be logged, returns how often it happened since the last line.
+    pub fn count(&self) -> Option<u64> {
+        self.count_at(Instant::now())
+    }
+
+    fn count_at(&self, now: Instant) -> Option<u64> {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let (count, last) = &mut *state;
+        *count += 1;
+        if last.is_some_and(|last| now.duration_since(last) < LOGGED_EVERY) {
+            return None;
+        }
+        *last = Some(now);
+        Some(std::mem::take(count))
+    }
+}
 
 /// The header of the request id, in both directions.
 pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -97,6 +123,14 @@ fn known_method(method: &Method) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn there_is_one_line_a_minute_with_its_count() {
+        let (limit, start) = (LogRateLimit::default(), Instant::now());
+        let logged = [0, 1, 59, 60, 61, 200]
+            .map(|second| limit.count_at(start + Duration::from_secs(second)));
+        assert_eq!(logged, [Some(1), None, None, Some(3), None, Some(2)]);
+    }
 
     #[test]
     fn ids_that_could_be_words_are_not_taken() {

@@ -1,7 +1,6 @@
 //! Errors as clients see them: `application/problem+json` (RFC 9457) with a stable `type`.
 
 use std::borrow::Cow;
-use std::time::Duration;
 
 use axum::Json;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -129,12 +128,6 @@ pub enum AppError {
         "the audit record of this server cannot be written, so it answers nothing that the record must name; tell its administrator"
     )]
     AuditFull,
-    /// An address sends one wrong token after the other.
-    #[error("too many wrong tokens came from your address; send the right one, or wait {} s", .wait.as_secs_f64().ceil())]
-    TooManyGuesses {
-        /// Until the next wrong token would be answered as such.
-        wait: Duration,
-    },
     /// A page of another site requests a change.
     #[error("requests from pages of other sites are rejected")]
     CrossSite,
@@ -245,7 +238,7 @@ impl AppError {
         Self::bad_request("query-value-out-of-range", detail).at(key)
     }
 
-    /// An invalid value in the body, at a place such as `cine.frames`; the rule says what it must be.
+    /// An invalid value in the body, at a place such as `key_object.instances`; the rule says what it must be.
     pub fn wrong_in_body(place: &str, rule: &str) -> Self {
         let detail = format!("`{place}` must be {rule}");
         Self::bad_request("body-value-out-of-range", detail).at(place)
@@ -313,7 +306,6 @@ impl AppError {
             Self::TokenEnded => (StatusCode::UNAUTHORIZED, "token-ended"),
             Self::MissingScope { .. } => (StatusCode::FORBIDDEN, "missing-scope"),
             Self::AuditFull => (StatusCode::INSUFFICIENT_STORAGE, "audit-full"),
-            Self::TooManyGuesses { .. } => (StatusCode::TOO_MANY_REQUESTS, "too-many-guesses"),
             Self::CrossSite => (StatusCode::FORBIDDEN, "cross-site"),
             Self::WrongHost => (StatusCode::MISDIRECTED_REQUEST, "wrong-host"),
             Self::NotDicom => (StatusCode::NOT_FOUND, "not-dicom"),
@@ -380,7 +372,7 @@ fn of_cases(error: &Error) -> (StatusCode, Cow<'static, str>) {
         Error::Parameter { kind, .. } => (StatusCode::BAD_REQUEST, *kind),
         Error::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
         Error::Busy | Error::BusyFor(_) => (StatusCode::SERVICE_UNAVAILABLE, "busy"),
-        Error::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
+        Error::Unavailable | Error::Mismatch(_) => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
         Error::SourceMissing => (StatusCode::SERVICE_UNAVAILABLE, case::SOURCE_MISSING),
         Error::StorageFull => (StatusCode::INSUFFICIENT_STORAGE, "storage-full"),
         Error::StorageFailed(_) => (StatusCode::INSUFFICIENT_STORAGE, "storage-failed"),
@@ -452,10 +444,6 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
         AppError::Cases(Error::NotReady { .. } | Error::LayerNotReady) => {
             Some((header::RETRY_AFTER, RETRY_SECONDS.into()))
         }
-        AppError::TooManyGuesses { wait } => Some((
-            header::RETRY_AFTER,
-            (wait.as_secs_f64().ceil() as u64).into(),
-        )),
         AppError::Cases(Error::BusyFor(wait)) => {
             let seconds = wait.as_secs_f64().round().clamp(1.0, 60.0) as u64;
             Some((header::RETRY_AFTER, seconds.into()))
@@ -479,6 +467,8 @@ fn log(error: &AppError) {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     #[test]

@@ -8,7 +8,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::{HeaderMap, HeaderName, HeaderValue};
-use case::Project;
 
 use crate::origins::Origins;
 use crate::problem::AppError;
@@ -51,8 +50,6 @@ pub struct ProxyOptions {
     pub separator: char,
     /// The role of each group. If this is empty, the groups are the names of roles.
     pub roles: BTreeMap<String, Role>,
-    /// The project of each group. If this is empty, everybody belongs to the project without a name.
-    pub projects: BTreeMap<String, Project>,
     /// Where the proxy signs people out: a path, or an address.
     pub sign_out: Option<String>,
 }
@@ -133,7 +130,7 @@ impl SignInProxy {
     /// Whom the headers of a proxy name; `None` if they name nobody.
     ///
     /// # Errors
-    /// [`AppError::ProxyRefused`] if they name several people, or groups of several projects.
+    /// [`AppError::ProxyRefused`] if they name several people.
     pub(crate) fn open(&self, headers: &HeaderMap) -> Result<Option<Holder>, AppError> {
         let options = &self.0.options;
         let Some(user) = one(headers, &self.0.user)? else {
@@ -157,15 +154,10 @@ impl SignInProxy {
             None => vec![words],
             Some(_) => words.split(options.separator).map(str::trim).collect(),
         };
-        let (scopes, project) = match project_of(&options.projects, &words) {
-            Found::One(project) => (scopes_of(&options.roles, &words), project),
-            Found::None => (BTreeSet::new(), Project::DEFAULT),
-            Found::Several => return Err(refused("names groups of more than one project")),
-        };
+        let scopes = scopes_of(&options.roles, &words);
         Ok(Some(Holder {
             name: name_by(PREFIX, user),
             scopes,
-            project,
         }))
     }
 }
@@ -178,29 +170,6 @@ fn scopes_of(roles: &BTreeMap<String, Role>, groups: &[&str]) -> BTreeSet<Scope>
     };
     let roles = groups.iter().filter_map(role);
     roles.flat_map(Role::scopes).copied().collect()
-}
-
-/// The project of a person.
-enum Found {
-    One(Project),
-    None,
-    Several,
-}
-
-/// The project of somebody with these groups, by a table of the project of each. If it is empty, everybody belongs to the project without a name.
-fn project_of(projects: &BTreeMap<String, Project>, groups: &[&str]) -> Found {
-    if projects.is_empty() {
-        return Found::One(Project::DEFAULT);
-    }
-    let named: BTreeSet<_> = groups
-        .iter()
-        .filter_map(|&group| projects.get(group))
-        .collect();
-    match named.len() {
-        0 => Found::None,
-        1 => named.first().map_or(Found::None, |&&one| Found::One(one)),
-        _ => Found::Several,
-    }
 }
 
 /// The only value of a header, if there is one.
@@ -245,7 +214,6 @@ mod tests {
     use super::*;
 
     fn options() -> ProxyOptions {
-        let [one, two] = ["one", "two"].map(|name| Project::parse(name).unwrap());
         ProxyOptions {
             user_header: "X-Remote-User".to_owned(),
             groups_header: Some("X-Remote-Groups".to_owned()),
@@ -253,12 +221,6 @@ mod tests {
             roles: [
                 ("readers".to_owned(), Role::Editor),
                 ("guests".to_owned(), Role::Viewer),
-            ]
-            .into(),
-            projects: [
-                ("readers".to_owned(), one),
-                ("guests".to_owned(), one),
-                ("study".to_owned(), two),
             ]
             .into(),
             sign_out: None,
@@ -280,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn groups_have_roles_and_a_project() {
+    fn groups_have_roles() {
         let found = named(&[
             ("X-REMOTE-USER", " ana "),
             ("x-remote-groups", "staff, readers,,"),
@@ -291,7 +253,6 @@ mod tests {
             found.scopes,
             [Scope::Read, Scope::Write, Scope::Results].into()
         );
-        assert_eq!(found.project.name(), "one");
         for groups in ["admin", "", "Readers", "readers guests"] {
             let found = named(&[("x-remote-user", "ana"), ("x-remote-groups", groups)]);
             assert!(found.unwrap().unwrap().scopes.is_empty(), "{groups}");
@@ -339,11 +300,6 @@ mod tests {
         assert!(twice("X-Remote-User", "eve") && twice("x-remote-user", "ana"));
         assert!(twice("x-remote-user", "") && twice("x-remote-groups", "readers"));
         assert!(user("ana, eve").is_err() && user("ana,").is_err());
-        let both = [
-            ("x-remote-user", "ana"),
-            ("x-remote-groups", "guests,study"),
-        ];
-        assert!(named(&both).is_err());
     }
 
     #[test]
@@ -361,7 +317,6 @@ mod tests {
     fn users_have_roles_where_there_are_no_groups() {
         let of_users = ProxyOptions {
             groups_header: None,
-            projects: BTreeMap::new(),
             ..options()
         };
         let proxy = SignInProxy::new(of_users.clone()).unwrap();

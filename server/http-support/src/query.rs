@@ -11,14 +11,13 @@ use utoipa::openapi::path::ParameterIn;
 use crate::problem::AppError;
 use crate::refusals::{Refusal, known_keys};
 use crate::sent::from_query;
-use crate::tokens::project_of;
 use case::CaseId;
 use cases::pictures::{
     AcquiredQuery, CheckedAcquired, CheckedPicture, CheckedSlice, PictureRequest, SliceQuery,
 };
 use cases::report::ReportQuery;
 
-/// The case in the path: the one of the project of whoever asks.
+/// The case in the path.
 #[derive(Debug, Clone, Copy)]
 pub struct CasePath(pub CaseId);
 
@@ -30,9 +29,7 @@ impl<S: Send + Sync> FromRequestParts<S> for CasePath {
         let params = params.map_err(|_| AppError::NotACaseId)?;
         let id = params.iter().find(|(name, _)| *name == "id");
         let id = id.and_then(|(_, text)| CaseId::parse(text));
-        let project = project_of(&parts.extensions);
-        id.map(|id| Self(id.in_project(project)))
-            .ok_or(AppError::NotACaseId)
+        id.map(Self).ok_or(AppError::NotACaseId)
     }
 }
 

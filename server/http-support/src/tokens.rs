@@ -4,16 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use axum::http::Extensions;
-use case::Project;
-
 use crate::scopes::Scope;
-
-/// The project of the holder of a request, by the extensions of the request.
-pub fn project_of(extensions: &Extensions) -> Project {
-    let holder = extensions.get::<Holder>();
-    holder.map_or(Project::DEFAULT, |holder| holder.project)
-}
 
 /// A token that is known by its digest. The token itself is nowhere but with its holder: it is random and long, so its
 /// plain digest tells nothing of it.
@@ -34,8 +25,6 @@ pub struct Holder {
     pub name: Arc<str>,
     /// What it may be used for.
     pub scopes: BTreeSet<Scope>,
-    /// Whose cases it opens: those of one project, whatever its scopes.
-    pub project: Project,
 }
 
 /// The name of the token without a name, which no other token may have.
@@ -78,7 +67,6 @@ impl Holder {
         Self {
             name: name.into(),
             scopes: Scope::ALL.into(),
-            project: Project::DEFAULT,
         }
     }
 }
@@ -99,10 +87,6 @@ pub(crate) struct Tokens(Vec<NamedToken>);
 impl Tokens {
     pub(crate) fn new(tokens: Vec<NamedToken>) -> Self {
         Self(tokens)
-    }
-
-    pub(crate) fn count(&self) -> usize {
-        self.0.len()
     }
 
     /// The given token, if it opens.
@@ -144,7 +128,6 @@ mod tests {
             holder: Holder {
                 name: name.into(),
                 scopes: [Scope::Read].into(),
-                project: Project::DEFAULT,
             },
             digest: blake3::hash(text.as_bytes()),
             ends,

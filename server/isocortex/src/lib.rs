@@ -1,6 +1,5 @@
 //! The program: configuration, and the commands that start the application.
 
-pub mod again;
 pub mod cli;
 pub mod config;
 mod figures;

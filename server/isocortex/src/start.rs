@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};
 
 use axum::Router;
-use case::Project;
 use cases::{Cases, Library};
 use http_support::proxy::SignInProxy;
 use http_support::scopes::Role;
@@ -13,6 +12,7 @@ use http_support::uploads::UploadLimits;
 use pacs::Pacs;
 use service::app::{Beside, app_beside};
 use service::state::{AppState, HttpOptions};
+use storage::DatabaseAddress;
 
 use crate::config::{Config, ConfigError, DICOM_UNPACKING, Network};
 
@@ -90,13 +90,28 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         proxy_lines(config, proxy).into_iter().for_each(&mut say);
         checked.warnings.extend(proxy_warnings(config, proxy));
     }
-    let database = location.database.map(|database| database.to_string());
-    let objects = location.objects.map(|objects| objects.to_string());
     let place = location.folder.display();
+    let is_elsewhere = location.database.is_some() && location.objects.is_some();
+    let what = match is_elsewhere {
+        true => "the folder of uploads in progress",
+        false => "the store",
+    };
     say(match location.folder.is_dir() {
-        true => format!("the store is in {place}"),
-        false => format!("the store will be in {place}, which does not exist yet"),
+        true => format!("{what} is {place}"),
+        false => format!("{what} is {place}, which does not exist yet"),
     });
+    match &location.database {
+        Some(database) => say(format!("its database is {database}")),
+        None => say("its database is a file in this folder".to_owned()),
+    }
+    match &location.objects {
+        Some(objects) => say(format!("its objects are in {objects}")),
+        None => say("its objects are in this folder".to_owned()),
+    }
+    if let (Some(DatabaseAddress::Postgres(_)), None) = (&location.database, &location.objects) {
+        let warning = "the database is for several machines, and the objects are in a folder of this one: name a bucket or a shared folder in `storage.objects`";
+        checked.warnings.push(warning.to_owned());
+    }
     say(format!(
         "processes that read files and prepare cases may use {} MiB together",
         children.bytes >> 20
@@ -105,13 +120,12 @@ pub fn check(config: &Config) -> Result<Checked, ConfigError> {
         Some(folder) => say(format!("who does what is recorded in {}", folder.display())),
         None => say("nothing is recorded of who does what (`audit.folder`)".to_owned()),
     }
-    for (what, place) in [("database", database), ("objects", objects)] {
-        if let Some(place) = place {
-            say(format!("its {what}: {place}"));
-        }
-    }
     for node in &nodes {
         say(format!("sends to the node `{}`", node.name()));
+    }
+    if dimse.is_none() && !config.pacs.dimse.peers.is_empty() {
+        let warning = "nobody can send images by C-STORE: `pacs.dimse.peers` has peers, but `pacs.dimse.listen` is not set";
+        checked.warnings.push(warning.to_owned());
     }
     if let Some((listen, options)) = dimse {
         let tls = if options.tls.is_some() { " by TLS" } else { "" };
@@ -139,19 +153,7 @@ fn role_words(roles: &BTreeMap<String, Role>) -> String {
     known.join(", ")
 }
 
-/// The projects of a table, in words, if there are any.
-fn project_words(projects: &BTreeMap<String, Project>) -> Option<String> {
-    let words = projects
-        .iter()
-        .map(|(value, project)| match project.name() {
-            "" => format!("{value} = the project without a name"),
-            name => format!("{value} = {name}"),
-        });
-    let words: Vec<_> = words.collect();
-    (!words.is_empty()).then(|| words.join(", "))
-}
-
-/// Whose headers are believed, and who may do what in which project by them.
+/// Whose headers are believed, and who may do what by them.
 fn proxy_lines(config: &Config, proxy: &SignInProxy) -> Vec<String> {
     let options = proxy.options();
     let socket = config.proxy.as_ref().and_then(|it| it.socket.as_ref());
@@ -163,9 +165,7 @@ fn proxy_lines(config: &Config, proxy: &SignInProxy) -> Vec<String> {
         Some(groups) => format!("groups in {groups}"),
         None => format!("users in {}", options.user_header),
     };
-    let projects = project_words(&options.projects);
-    let projects = projects.map(|words| format!("projects are those of the {named}: {words}"));
-    let lines = [
+    vec![
         format!(
             "believes whom the header {} names, from {} alone",
             options.user_header,
@@ -179,8 +179,7 @@ fn proxy_lines(config: &Config, proxy: &SignInProxy) -> Vec<String> {
             Some(place) => format!("the page signs out at {place}"),
             None => "the page does not sign out: `proxy.sign_out` is not set".to_owned(),
         },
-    ];
-    lines.into_iter().chain(projects).collect()
+    ]
 }
 
 /// Who else than a proxy could name anybody in its headers.

@@ -1,8 +1,8 @@
 //! The list of series that came, and those that somebody takes although they were refused.
 
 use axum::body::Bytes;
-use axum::extract::Path;
 use axum::extract::rejection::BytesRejection;
+use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, CaseState};
@@ -15,7 +15,7 @@ use storage::arrivals::{
 use utoipa::{IntoParams, ToSchema};
 
 use crate::error::ReasonView;
-use crate::state::{InProject, Pacs};
+use crate::state::Pacs;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, MAX_PAGE, usual_page};
@@ -237,12 +237,9 @@ impl Asked for PageQuery {
     )
 )]
 pub(crate) async fn list_arrivals(
-    InProject(pacs): InProject,
-    ApiQuery {
-        values: mut asked, ..
-    }: ApiQuery<PageQuery>,
+    State(pacs): State<Pacs>,
+    ApiQuery { values: asked, .. }: ApiQuery<PageQuery>,
 ) -> Result<Response, AppError> {
-    asked.of.case = asked.of.case.map(|case| case.in_project(pacs.project()));
     let store = pacs.cases().store();
     let (arrivals, next) = store
         .arrivals(&asked.of, asked.after.as_ref(), asked.limit)
@@ -264,7 +261,7 @@ pub(crate) async fn list_arrivals(
     )
 )]
 pub(crate) async fn get_arrival(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(id): Path<String>,
 ) -> Result<Response, AppError> {
     let view = ArrivalView::from(arrival(&pacs, &id).await?);
@@ -301,7 +298,7 @@ async fn arrival(pacs: &Pacs, id: &str) -> Result<Arrival, AppError> {
     )
 )]
 pub(crate) async fn take_arrival(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(id): Path<String>,
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {

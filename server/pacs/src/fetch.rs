@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use async_trait::async_trait;
-use case::{Failure, JobKind, Project};
+use case::{Failure, JobKind};
 use cases::Error;
 use cases::dicom::InstanceIdentity;
 use cases::runner::{End, Failed, Running, Terms, Work};
@@ -36,15 +36,11 @@ pub(crate) struct Wanted {
     pub(crate) node: String,
     study: String,
     series: String,
-    /// The project for which it is fetched.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    project: String,
 }
 
 impl Wanted {
-    pub(crate) fn new(project: Project, node: &str, uids: &SeriesUids) -> Self {
+    pub(crate) fn new(node: &str, uids: &SeriesUids) -> Self {
         Self {
-            project: project.name().to_owned(),
             node: node.to_owned(),
             study: uids.study.as_str().to_owned(),
             series: uids.series.as_str().to_owned(),
@@ -62,35 +58,18 @@ impl Wanted {
         Some(SeriesUids { study, series })
     }
 
-    /// The project for which it is fetched.
-    fn project(&self) -> Option<Project> {
-        Project::with_name(&self.project)
-    }
-
     /// How the keys of the jobs that fetch a series begin.
-    pub(crate) fn key_prefix(project: Project, uids: &SeriesUids) -> String {
-        let study = uids.study.as_str();
-        format!("{} {} ", key_of(project, study), uids.series.as_str())
+    pub(crate) fn key_prefix(uids: &SeriesUids) -> String {
+        format!("{} {} ", uids.study.as_str(), uids.series.as_str())
     }
 
     /// The job that fetches it.
     pub(crate) fn job(&self) -> NewJob {
-        let project = self.project().unwrap_or_default();
-        let study = key_of(project, &self.study);
-        let key = format!("{study} {} {}", self.series, self.node);
+        let key = format!("{} {} {}", self.study, self.series, self.node);
         NewJob {
-            for_project: project,
             payload: serde_json::to_string(self).unwrap_or_default(),
             ..NewJob::new(FETCH, key)
         }
-    }
-}
-
-/// A study in a key: with its project, if that has a name.
-fn key_of(project: Project, study: &str) -> String {
-    match project.is_default() {
-        true => study.to_owned(),
-        false => format!("{project}:{study}"),
     }
 }
 
@@ -118,8 +97,7 @@ impl Work for FetchSeries {
 
     async fn run(&self, job: &Running) -> Result<End, Failed> {
         let wanted = Wanted::of(&job.claim.payload);
-        let project = wanted.as_ref().and_then(Wanted::project);
-        let pacs = &self.0.in_project(project.unwrap_or_default());
+        let pacs = &self.0;
         let node = wanted.as_ref().map_or("", |wanted| &wanted.node);
         let fetched = fetch(pacs, job, wanted.as_ref()).await;
         match &fetched {

@@ -1,13 +1,14 @@
 //! Notices of a PACS that a series is complete there.
 
 use axum::body::Bytes;
+use axum::extract::State;
 use axum::extract::rejection::BytesRejection;
 use axum::response::Response;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
 use crate::retrievals::{RetrievalView, queue};
-use crate::state::InProject;
+use crate::state::Pacs;
 use http_support::problem::AppError;
 use http_support::sent::json_body;
 
@@ -43,7 +44,7 @@ pub(crate) struct StableSeries {
     )
 )]
 pub(crate) async fn stable_series(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
     let notice: StableSeries = json_body(body)?;

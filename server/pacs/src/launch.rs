@@ -5,6 +5,7 @@
 //! sends them in the body of a request, with the token in a header.
 
 use axum::body::Bytes;
+use axum::extract::State;
 use axum::extract::rejection::BytesRejection;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -16,7 +17,7 @@ use storage::arrivals::{AccessionNumber, ArrivalState, SeriesQuery, Uid};
 use utoipa::ToSchema;
 
 use crate::error::ReasonView;
-use crate::state::{InProject, Pacs};
+use crate::state::Pacs;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 use http_support::sent::json_body;
@@ -104,7 +105,7 @@ pub(crate) struct CandidateView {
     )
 )]
 pub(crate) async fn find_launched(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
     let asked: LaunchRequest = json_body(body)?;

@@ -38,7 +38,6 @@ use utoipa_axum::routes;
 
 pub use self::background::start_transfers;
 pub use self::node_tests::test_in_words;
-use self::state::OfAllProjects;
 pub use self::state::{Options, Pacs};
 
 const fn read(path: &'static str, audited: Audited) -> Row {
@@ -125,5 +124,5 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
             get(rendered::of_series),
         );
     let routes = routes.layer(DefaultBodyLimit::max(MAX_BODY_BYTES));
-    (routes.with_state(OfAllProjects(pacs.clone())), description)
+    (routes.with_state(pacs.clone()), description)
 }

@@ -1,6 +1,6 @@
 //! Whether a node answers, for the first hour of every connection to a PACS.
 
-use axum::extract::Path;
+use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use crate::error::ReasonView;
 use crate::node::{Node, NodeError};
-use crate::state::InProject;
+use crate::state::Pacs;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 
@@ -47,7 +47,7 @@ pub(crate) struct ServiceTest {
     )
 )]
 pub(crate) async fn test_node(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(name): Path<String>,
 ) -> Result<Response, AppError> {
     let node = pacs.named_node(&name)?;

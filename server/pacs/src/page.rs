@@ -1,11 +1,12 @@
 //! What the page adds to a case from DICOM: the patient, and a dialog that sends results to a node.
 
+use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::state::InProject;
+use crate::state::Pacs;
 use http_support::fresh::fresh_json;
 
 /// What this server has of a PACS.
@@ -23,7 +24,7 @@ pub(crate) struct PacsView {
     get, path = "/v1/pacs", tag = "pacs",
     responses((status = 200, description = "The nodes, and what the page shows", body = PacsView)),
 )]
-pub(crate) async fn get_pacs(InProject(pacs): InProject) -> Response {
+pub(crate) async fn get_pacs(State(pacs): State<Pacs>) -> Response {
     // Without an identity, neither results nor a banner can be made.
     let has_identity = pacs.needs_identity().is_ok();
     let nodes = pacs.nodes().iter().filter(|_| has_identity);

@@ -1,8 +1,8 @@
 //! Requests to fetch series from a node.
 
 use axum::body::Bytes;
-use axum::extract::Path;
 use axum::extract::rejection::BytesRejection;
+use axum::extract::{Path, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseId, JobState};
@@ -13,7 +13,7 @@ use utoipa::ToSchema;
 
 use crate::error::ReasonView;
 use crate::fetch::{FETCH, Received, Wanted};
-use crate::state::{InProject, Pacs};
+use crate::state::Pacs;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 use http_support::sent::json_body;
@@ -83,7 +83,7 @@ pub(crate) struct RetrievalView {
     )
 )]
 pub(crate) async fn create_retrieval(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
     let wanted: RetrievalRequest = json_body(body)?;
@@ -120,7 +120,7 @@ pub(crate) async fn queue(
         study: uid(study, "study")?,
         series: uid(series, "series")?,
     };
-    let wanted = Wanted::new(pacs.project(), node.name(), &uids);
+    let wanted = Wanted::new(node.name(), &uids);
     let store = pacs.cases().store();
     let mut new = wanted.job();
     let latest = store.latest_job(FETCH, &new.key).await?;
@@ -151,7 +151,7 @@ pub(crate) async fn queue(
     )
 )]
 pub(crate) async fn get_retrieval(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(id): Path<String>,
 ) -> Result<Response, AppError> {
     let missing = || {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use async_trait::async_trait;
-use audit::{Action, Event, EventKind, Outcome, project_named};
+use audit::{Action, Event, EventKind, Outcome};
 use axum::body::Bytes;
 use case::{Failure, JobKind};
 use cases::arrivals::Contradiction;
@@ -40,11 +40,10 @@ impl Work for SendResult {
 
     async fn run(&self, job: &Running) -> Result<End, Failed> {
         let id = &job.claim.key;
-        let all = self.0.cases().store().of_all_projects();
-        let Some(result) = all.result(id).await? else {
+        let pacs = &self.0;
+        let Some(result) = pacs.cases().store().result(id).await? else {
             return Ok(End::Done);
         };
-        let pacs = &self.0.in_project(result.case.project());
         let (case, node) = (result.case.short(), result.node.as_str());
         let sent = recorded(pacs, &result).await;
         match &sent {
@@ -122,7 +121,6 @@ async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
     let event = |outcome| Event {
         outcome,
         to: Some(result.node.as_str().into()),
-        project: project_named(result.case.project().name()),
         case: Some(result.case.to_string().into()),
         ..Event::new(
             EventKind::InstancesTransferred,

@@ -1,18 +1,13 @@
 //! What the requests share.
 
 use std::collections::BTreeMap;
-use std::convert::Infallible;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use axum::extract::{FromRequestParts, Request};
+use axum::extract::Request;
 use axum::http::StatusCode;
-use axum::http::request::Parts;
-use case::Project;
-use cases::Cases;
-use cases::places::{Place, Places};
-use http_support::listen::place_for;
+use cases::{Cases, ClientLimit, ClientPermit};
+use http_support::listen::client_of;
 use http_support::problem::AppError;
-use http_support::tokens::project_of;
 use http_support::uploads::UploadLimits;
 use jiff::tz::TimeZone;
 
@@ -40,29 +35,10 @@ pub struct Pacs {
     inner: Arc<Inner>,
 }
 
-/// What the routes share. Handlers get it as [`InProject`]: nobody can ask for `State<Pacs>`.
-#[derive(Debug, Clone)]
-pub(crate) struct OfAllProjects(pub(crate) Pacs);
-
-/// What the requests share, for the project of whoever asks.
-#[derive(Debug, Clone)]
-pub(crate) struct InProject(pub(crate) Pacs);
-
-impl FromRequestParts<OfAllProjects> for InProject {
-    type Rejection = Infallible;
-
-    async fn from_request_parts(
-        parts: &mut Parts,
-        OfAllProjects(pacs): &OfAllProjects,
-    ) -> Result<Self, Infallible> {
-        Ok(Self(pacs.in_project(project_of(&parts.extensions))))
-    }
-}
-
 #[derive(Debug)]
 struct Inner {
     options: Options,
-    room: Places,
+    room: ClientLimit,
     /// Whether each node answered when it was last asked. Held for moments.
     reached: Mutex<BTreeMap<String, bool>>,
 }
@@ -70,7 +46,7 @@ struct Inner {
 impl Pacs {
     /// The PACS interface of an application.
     pub fn new(cases: Cases, options: Options) -> Self {
-        let room = Places::in_quarters(options.uploads.at_a_time);
+        let room = ClientLimit::new(options.uploads.at_a_time);
         Self {
             cases,
             inner: Arc::new(Inner {
@@ -79,19 +55,6 @@ impl Pacs {
                 reached: Mutex::default(),
             }),
         }
-    }
-
-    /// The same for a project.
-    #[must_use]
-    pub(crate) fn in_project(&self, project: Project) -> Self {
-        Self {
-            cases: self.cases.in_project(project),
-            ..self.clone()
-        }
-    }
-
-    pub(crate) fn project(&self) -> Project {
-        self.cases.store().project()
     }
 
     /// The application.
@@ -163,8 +126,8 @@ impl Pacs {
     }
 
     /// Room for one more request with images, until it is dropped. One client may take a quarter of it.
-    pub(crate) fn room(&self, request: &Request) -> Result<Place, AppError> {
-        let place = place_for(request, &self.inner.room);
-        place.ok_or_else(|| cases::Error::Busy.into())
+    pub(crate) fn room(&self, request: &Request) -> Result<ClientPermit, AppError> {
+        let permit = (self.inner.room).try_acquire(client_of(request.extensions()));
+        permit.ok_or_else(|| cases::Error::Busy.into())
     }
 }

@@ -1,7 +1,7 @@
 //! STOW-RS (PS3.18 §10.5): images come as the parts of a request.
 
 use axum::body::{Body, HttpBody as _};
-use axum::extract::{Path, Request};
+use axum::extract::{Path, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use cases::Error;
@@ -15,7 +15,7 @@ use storage::arrivals::{ArrivalSource, Uid};
 use crate::address::StudyPath;
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
-use crate::state::{InProject, Pacs};
+use crate::state::Pacs;
 use http_support::audited::StoredImages;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
@@ -66,7 +66,7 @@ pub(crate) enum FailureReason {
     )
 )]
 pub(crate) async fn store_study(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     request: Request,
 ) -> Result<Response, AppError> {
     store(&pacs, None, request).await
@@ -93,7 +93,7 @@ pub(crate) async fn store_study(
     )
 )]
 pub(crate) async fn store_in_study(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<StudyPath>,
     request: Request,
 ) -> Result<Response, AppError> {

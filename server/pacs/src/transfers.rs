@@ -1,5 +1,6 @@
 //! The lists of retrievals and of results that are sent, for operators.
 
+use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::{CaseId, JobState};
@@ -13,7 +14,7 @@ use crate::arrivals::value;
 use crate::fetch::{FETCH, Wanted};
 use crate::results::ResultView;
 use crate::retrievals::{self, RetrievalView};
-use crate::state::InProject;
+use crate::state::Pacs;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, MAX_PAGE, usual_page};
@@ -93,12 +94,9 @@ impl Asked for ListQuery {
     )
 )]
 pub(crate) async fn list_results(
-    InProject(pacs): InProject,
-    ApiQuery {
-        values: mut asked, ..
-    }: ApiQuery<ListQuery>,
+    State(pacs): State<Pacs>,
+    ApiQuery { values: asked, .. }: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    asked.of.case = asked.of.case.map(|case| case.in_project(pacs.project()));
     let store = pacs.cases().store();
     let (results, next) = store
         .results(&asked.of, asked.after.as_ref(), asked.limit)
@@ -121,12 +119,9 @@ pub(crate) async fn list_results(
     )
 )]
 pub(crate) async fn list_retrievals(
-    InProject(pacs): InProject,
-    ApiQuery {
-        values: mut asked, ..
-    }: ApiQuery<ListQuery>,
+    State(pacs): State<Pacs>,
+    ApiQuery { values: asked, .. }: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    asked.of.case = asked.of.case.map(|case| case.in_project(pacs.project()));
     let store = pacs.cases().store();
     let mut page = RetrievalList {
         retrievals: Vec::new(),
@@ -135,7 +130,7 @@ pub(crate) async fn list_retrievals(
     let key_prefix = match asked.of.case {
         None => String::new(),
         Some(case) => match store.series_of(&case).await? {
-            Some(series) => Wanted::key_prefix(pacs.project(), &series.uids),
+            Some(series) => Wanted::key_prefix(&series.uids),
             // It did not come from a node.
             None => return Ok(fresh_json(StatusCode::OK, &page)),
         },

@@ -146,10 +146,11 @@ mod tests {
     use axum::body::Body;
     use axum::extract::Request;
     use axum::routing::get;
+    use cases::Client;
     use cases::ConcurrencyLimit;
     use futures_util::future::join_all;
     use futures_util::poll;
-    use http_support::listen::{Peer, ThisClient};
+    use http_support::listen::ThisClient;
     use tower::ServiceExt as _;
 
     use super::*;
@@ -162,24 +163,19 @@ mod tests {
             let (limit, served) = (limit.clone(), Arc::clone(&served));
             move |client: ThisClient| async move {
                 let _turn = limit.turn().await.unwrap();
-                served
-                    .lock()
-                    .unwrap()
-                    .push(client.0.address.unwrap().to_string());
+                served.lock().unwrap().push(client.0);
             }
         };
         let app: Router = Router::new()
             .route("/", get(handler))
             .layer(middleware::from_fn(in_turn));
-        let ask = |client: &str| {
+        let ask = |client: Client| {
             let mut request = Request::get("/").body(Body::empty()).unwrap();
-            request
-                .extensions_mut()
-                .insert(Peer(client.parse().unwrap()));
+            request.extensions_mut().insert(client);
             Box::pin(app.clone().oneshot(request))
         };
         let held = limit.turn().await.unwrap();
-        let [greedy, other] = ["10.0.0.1", "10.0.0.2"];
+        let [greedy, other] = ["greedy", "other"].map(Client::named);
         let mut requests = [greedy, greedy, greedy, other].map(ask);
         for request in &mut requests {
             assert!(poll!(request).is_pending());

@@ -1,22 +1,18 @@
 //! The state that handlers share, by concern; a route names the parts that it needs.
 
-use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::extract::{FromRef, FromRequestParts, Request};
-use axum::http::request::Parts;
-use cases::{Cases, Error};
+use axum::extract::{FromRef, Request};
+use cases::{Cases, Client, ClientLimit, ClientPermit, Error};
 use tokio::sync::watch;
 
 use crate::routes::bodies::Bodies;
-use cases::places::{Client, Place, Places};
 use http_support::auth::Access;
-use http_support::listen::place_for;
+use http_support::listen::client_of;
 use http_support::metrics::Metrics;
 use http_support::origins::Origins;
 use http_support::problem::AppError;
-use http_support::tokens::project_of;
 use http_support::uploads::UploadLimits;
 
 /// What HTTP may ask of the server, and who may ask.
@@ -39,8 +35,7 @@ pub struct HttpOptions {
 /// It holds no answers of its own: caches are filled from the store, so a restarted server gives the same bytes.
 #[derive(Debug, Clone, FromRef)]
 pub struct AppState {
-    /// The application. Handlers get it as [`InProject`]: nobody can ask for `State<Cases>`.
-    #[from_ref(skip)]
+    /// The application.
     pub cases: Cases,
     bodies: Bodies,
     metrics: Metrics,
@@ -50,18 +45,6 @@ pub struct AppState {
     answer_timeout: AnswerTimeout,
     frame_ancestors: FrameAncestors,
     guard_all: GuardAll,
-}
-
-/// The application for the project of whoever asks.
-#[derive(Debug, Clone)]
-pub struct InProject(pub Cases);
-
-impl FromRequestParts<AppState> for InProject {
-    type Rejection = Infallible;
-
-    async fn from_request_parts(parts: &mut Parts, state: &AppState) -> Result<Self, Infallible> {
-        Ok(Self(state.cases.in_project(project_of(&parts.extensions))))
-    }
 }
 
 /// Origins in whose frames the page may stand, beside its own.
@@ -111,25 +94,26 @@ pub struct Uploads {
     pub limits: UploadLimits,
     /// The counter of their bytes.
     pub metrics: Metrics,
-    room: Places,
+    room: ClientLimit,
 }
 
 impl Uploads {
     fn new(limits: UploadLimits, metrics: Metrics) -> Self {
         Self {
-            room: Places::in_quarters(limits.at_a_time),
+            room: ClientLimit::new(limits.at_a_time),
             limits,
             metrics,
         }
     }
 
     /// Room for one more upload, until it is dropped. There is room for fewer uploads than connections, so that uploads
-    /// do not block others, and one client may take a quarter of it. The less room is left, the faster the upload must come.
+    /// do not block others, and one client may take a quarter of it.
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub fn begin(&self, request: &Request) -> Result<Place, AppError> {
-        place_for(request, &self.room).ok_or_else(|| Error::Busy.into())
+    pub fn begin(&self, request: &Request) -> Result<ClientPermit, AppError> {
+        let permit = self.room.try_acquire(client_of(request.extensions()));
+        permit.ok_or_else(|| Error::Busy.into())
     }
 }
 
@@ -141,14 +125,14 @@ const EVENT_STREAMS: usize = 256;
 pub struct EventStreams {
     /// When they end.
     pub stopping: Stopping,
-    room: Places,
+    room: ClientLimit,
 }
 
 impl EventStreams {
     fn new() -> Self {
         Self {
             stopping: Stopping::default(),
-            room: Places::in_quarters(EVENT_STREAMS),
+            room: ClientLimit::new(EVENT_STREAMS),
         }
     }
 
@@ -156,8 +140,10 @@ impl EventStreams {
     ///
     /// # Errors
     /// [`Error::Busy`].
-    pub fn begin(&self, client: Client) -> Result<Place, AppError> {
-        self.room.take(client).ok_or_else(|| Error::Busy.into())
+    pub fn begin(&self, client: Client) -> Result<ClientPermit, AppError> {
+        self.room
+            .try_acquire(client)
+            .ok_or_else(|| Error::Busy.into())
     }
 }
 

@@ -68,10 +68,9 @@ impl Store {
     /// # Errors
     /// If a store cannot be reached.
     pub async fn copy_into(&self, other: &Self, report: Report<'_>) -> Result<Copied, StoreError> {
-        let all = self.of_all_projects();
         let mut ids = Vec::new();
         let mut walk = None;
-        while let Some(cases) = all.next_cases(&mut walk).await? {
+        while let Some(cases) = self.next_cases(&mut walk).await? {
             ids.extend(cases.into_iter().map(|case| case.id));
         }
         let mut copied = Copied::default();
@@ -111,9 +110,9 @@ impl Store {
         mut copied: Copied,
         report: Report<'_>,
     ) -> Result<Copied, StoreError> {
-        let (all, mut after) = (self.of_all_projects(), None);
+        let mut after = None;
         loop {
-            let (page, next) = all
+            let (page, next) = self
                 .arrivals(&ArrivalQuery::default(), after.as_ref(), ROWS_AT_ONCE)
                 .await?;
             for arrival in page {
@@ -129,7 +128,7 @@ impl Store {
         }
         let (every, mut after) = (TransferQuery::default(), None);
         loop {
-            let (page, next) = all.results(&every, after.as_ref(), ROWS_AT_ONCE).await?;
+            let (page, next) = self.results(&every, after.as_ref(), ROWS_AT_ONCE).await?;
             for result in page {
                 let step = match self.copy_result(other, &result, &mut copied).await? {
                     true => CopyStep::ForPacs,
@@ -151,8 +150,7 @@ impl Store {
         arrival: &Arrival,
         copied: &mut Copied,
     ) -> Result<Vec<ObjectName>, StoreError> {
-        let of_project = self.in_project(arrival.project);
-        let images = of_project.images_of(&arrival.uids).await?;
+        let images = self.images_of(&arrival.uids).await?;
         // An earlier copy may have what was corrected or rejected since.
         other.keep_images(arrival, &images).await?;
         let mut lost = Vec::new();
@@ -189,7 +187,7 @@ impl Store {
         copied.for_pacs.series += 1;
         if !lost.is_empty() {
             // The series may have been deleted a moment ago.
-            let images = of_project.images_of(&arrival.uids).await?;
+            let images = self.images_of(&arrival.uids).await?;
             lost.retain(|lost| images.iter().any(|(_, name)| name == lost));
         }
         copied.lost += lost.len() as u64;
@@ -209,7 +207,7 @@ impl Store {
         other.abandon(&pinned).await;
         if written {
             copied.for_pacs.results += 1;
-        } else if self.of_all_projects().result(&result.id).await?.is_some() {
+        } else if self.result(&result.id).await?.is_some() {
             copied.lost += 1;
             return Ok(false);
         }

@@ -25,10 +25,11 @@ impl Directory {
     /// Creates missing folders, removes left-over files, and takes the shared lock. Fails with [`OtherUser`] if this process has another user than the
     /// one that made the directory, who could not read what it writes.
     ///
-    /// `when_alone` runs if no other process uses the directory, before another one can start.
+    /// `prepare` runs before anything is removed. It learns whether no other process uses the directory; then no other one can start before it
+    /// has ended.
     pub(super) async fn open<E>(
         root: &Path,
-        when_alone: impl AsyncFnOnce(&Path) -> Result<(), E>,
+        prepare: impl AsyncFnOnce(bool) -> Result<(), E>,
     ) -> Result<Self, E>
     where
         E: From<io::Error> + From<OtherUser>,
@@ -42,9 +43,10 @@ impl Directory {
             .write(true)
             .open(root.join("lock"))?;
         check_owner(&lock.metadata()?, &root.join("uploads"))?;
-        if lock.try_lock().is_ok() {
+        let is_alone = lock.try_lock().is_ok();
+        prepare(is_alone).await?;
+        if is_alone {
             sweep(root, Duration::ZERO)?;
-            when_alone(root).await?;
             lock.unlock()?;
         } else {
             sweep(root, STALE_AFTER)?;
@@ -89,10 +91,14 @@ pub(super) fn check_owner_of_objects<E>(objects: &Path) -> Result<(), E>
 where
     E: From<io::Error> + From<OtherUser>,
 {
-    match subdirectories(objects)?.first() {
-        Some(kind) => Ok(check_owner(&std::fs::metadata(kind)?, objects)?),
-        None => Ok(()),
-    }
+    let there = match std::fs::metadata(objects.join("store-id")) {
+        Ok(label) => Some(label),
+        Err(_) => match subdirectories(objects)?.first() {
+            Some(kind) => Some(std::fs::metadata(kind)?),
+            None => None,
+        },
+    };
+    Ok(there.map_or(Ok(()), |there| check_owner(&there, objects))?)
 }
 
 /// Removes the files of unfinished objects after a long time without a write; files that other machines are writing
@@ -195,8 +201,8 @@ mod tests {
 
     async fn open(root: &Path) -> (Directory, bool) {
         let mut alone = false;
-        let directory = Directory::open::<StoreError>(root, async |_| {
-            alone = true;
+        let directory = Directory::open::<StoreError>(root, async |is_alone| {
+            alone = is_alone;
             Ok(())
         });
         (directory.await.unwrap(), alone)

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use crate::directory::OtherUser;
+use crate::identity::Mismatch;
 use crate::objects::{BUCKET, ObjectError};
 use sqlx::error::DatabaseError;
 
@@ -60,8 +61,13 @@ pub enum StoreError {
     )]
     OlderSchema,
     /// There is no store at a location.
-    #[error("there is no store here: {0}; check the address of the store")]
+    #[error(
+        "there is no store here: {0}. Is the folder mounted, and is the address right? `isocortex init-store` makes a new store"
+    )]
     NoStore(&'static str),
+    /// The rows belong to one store, the objects to another or to none.
+    #[error("{0}")]
+    Mismatch(Mismatch),
     /// The store belongs to another user of this machine, by its number.
     #[error(
         "the store belongs to the user {0}, who could not read what this program writes as another user: \
@@ -145,6 +151,14 @@ impl StoreError {
         let is_unwritable = matches!(self, Self::Disk(_))
             || self.reasons().any(|error| has_code(error, &UNWRITABLE));
         is_unwritable && !self.is_full()
+    }
+
+    /// What is behind it, such as "Connection refused"; the error itself, if it has no source. For the log: it may name addresses and
+    /// files.
+    pub fn cause(&self) -> String {
+        self.reasons()
+            .last()
+            .map_or_else(String::new, ToString::to_string)
     }
 
     /// This error and its sources.

@@ -107,7 +107,7 @@ impl Store {
         self.check_file().await?;
         let mut inspected = Inspected::default();
         let mut after = None;
-        while let Some(cases) = self.of_all_projects().next_cases(&mut after).await? {
+        while let Some(cases) = self.next_cases(&mut after).await? {
             for case in cases {
                 self.inspect_case(&case, &mut inspected, report).await?;
             }

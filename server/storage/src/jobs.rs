@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use case::{CaseId, Failure, JobKind, JobState, LayerId, Project};
+use case::{CaseId, Failure, JobKind, JobState, LayerId};
 use jiff::Timestamp;
 
 /// A job to be queued.
@@ -17,8 +17,6 @@ pub struct NewJob {
     pub key: String,
     /// The case with which it is deleted.
     pub case: Option<CaseId>,
-    /// Whose it is, if it has no case.
-    pub for_project: Project,
     /// Whether it waits until the case is ready.
     pub needs_ready: bool,
     /// What whoever does it needs to know: JSON.
@@ -32,15 +30,9 @@ impl NewJob {
             kind,
             key: key.into(),
             case: None,
-            for_project: Project::DEFAULT,
             needs_ready: false,
             payload: "{}".to_owned(),
         }
-    }
-
-    /// Whose it is.
-    pub(crate) fn project(&self) -> Project {
-        self.case.map_or(self.for_project, |case| case.project())
     }
 
     /// The preparation of a case.
@@ -72,14 +64,14 @@ impl NewJob {
         Self {
             case: Some(*case),
             needs_ready: true,
-            ..Self::new(kind, case.key())
+            ..Self::new(kind, case.to_string())
         }
     }
 }
 
 /// The key of the jobs of a layer.
 pub(crate) fn layer_key(case: &CaseId, layer: &LayerId) -> String {
-    format!("{}/{layer}", case.key())
+    format!("{case}/{layer}")
 }
 
 /// A job, open or ended.
@@ -92,7 +84,6 @@ pub struct Job {
     /// What it is about.
     pub key: String,
     pub case: Option<CaseId>,
-    pub project: Project,
     /// What it needs to know: JSON.
     pub payload: String,
     pub state: JobState,

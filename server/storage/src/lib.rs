@@ -32,10 +32,10 @@
 mod conformance;
 mod copy;
 mod directory;
-pub mod environment;
 mod error;
 mod expiry;
 mod findings;
+mod identity;
 mod inspect;
 mod jobs;
 mod layers;
@@ -59,7 +59,6 @@ mod watch;
 
 use std::fmt;
 use std::io::Write as _;
-use std::net::IpAddr;
 use std::path::Path;
 use std::sync::{Arc, Mutex, Weak};
 use std::time::{Duration, Instant};
@@ -72,7 +71,7 @@ use self::directory::Directory;
 use self::objects::Objects;
 use self::rows::{Change, Sweep};
 use self::sql::Rows;
-use case::{Case, CaseId, Project};
+use case::{Case, CaseId};
 
 pub use case::arrivals;
 
@@ -80,6 +79,7 @@ pub use self::copy::{Copied, CopyStep, ForPacs};
 pub use self::error::{FailureCounts, StoreError, failures, unless_missing};
 pub use self::expiry::{Expired, Removal, Waiting};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
+pub use self::identity::{Mismatch, StoreId};
 pub use self::inspect::{Amount, Defect, Inspected, Unreferenced};
 pub use self::jobs::{Claim, Job, JobQuery, NewJob, Release};
 pub use self::layers::{LayerUpload, SubmittedLayer};
@@ -89,7 +89,7 @@ pub use self::objects::{
     Framed, ObjectError, ObjectName, Spool, Spooled, Unreadable, frame, keep_private,
     open_to_others,
 };
-pub use self::page::{Cursor, Page};
+pub use self::page::{CaseQuery, Cursor, Page};
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{DueSeries, Known, LayerChange, LayerName, Pinned, Published, RowCounts};
 pub use self::signals::{Count, Counters, ImageStatus, Signals};
@@ -112,6 +112,8 @@ const LISTEN_AGAIN_AFTER: Duration = Duration::from_secs(1);
 /// The options of a store. [`Options::default`] suits one machine.
 #[derive(Debug, Clone)]
 pub struct Options {
+    /// Whether [`Store::open_at`] makes a store where there is none.
+    pub create: bool,
     /// The greatest number of cases that may wait to be prepared.
     pub queue_limit: usize,
     /// Free bytes on the disk below which it counts as full, so that [`Store::check`] fails.
@@ -138,6 +140,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
+            create: false,
             queue_limit: 64,
             min_free_bytes: 0,
             lease: Duration::from_secs(30),
@@ -152,17 +155,23 @@ impl Default for Options {
     }
 }
 
-/// The digits of a client that stand for its address. Those of its name follow.
-pub(crate) const ADDRESS_DIGITS: usize = 16;
-
 /// The store. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Store {
     inner: Arc<Inner>,
-    /// Digests of the address and the name of the client, or nothing.
+    /// What stands for the client, or nothing.
     client: Arc<str>,
-    /// The project to which lists, searches and what is new belong; `None` for all.
-    scope: Option<Project>,
+}
+
+/// How a store is opened.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Opening {
+    /// It must be there.
+    Existing,
+    /// It is made if there is none.
+    OrMake,
+    /// It gets another id.
+    WithNewId,
 }
 
 type DeletionHook = Box<dyn Fn(&CaseId) + Send + Sync>;
@@ -200,7 +209,7 @@ enum Place {
 }
 
 impl Store {
-    /// Opens the store in a directory with default [`Options`]; creates it, migrates it, and removes left-over files.
+    /// Opens the store in a directory with default [`Options`]; makes it if there is none, migrates it, and removes left-over files.
     ///
     /// Several processes may open one directory; files in use by another running process are not touched.
     ///
@@ -215,27 +224,89 @@ impl Store {
     /// # Errors
     /// If the directory or its database cannot be used.
     pub async fn open_with(directory: &Path, options: Options) -> Result<Self, StoreError> {
+        let options = Options {
+            create: true,
+            ..options
+        };
         Self::open_at(&directory.into(), options).await
     }
 
-    /// Opens the store at a location; creates it, migrates it, and removes left-over files.
+    /// Opens the store at a location, migrates it, and removes left-over files; makes it if there is none and [`Options::create`] is set.
     ///
     /// # Errors
-    /// If the folder, the database or the objects cannot be used.
+    /// [`StoreError::NoStore`] if there is none, [`StoreError::Mismatch`] if the rows and the objects are not those of one store; nothing is
+    /// changed then. Or if the folder, the database or the objects cannot be used.
     pub async fn open_at(location: &Location, options: Options) -> Result<Self, StoreError> {
-        let has_own_rows = location.database.is_none();
-        let forget_dead_holders = async |root: &Path| {
-            if has_own_rows {
-                let rows = Rows::sqlite(&rows_file(root)).await?;
-                rows.forget_holders().await?;
-                rows.close().await;
+        let opening = match options.create {
+            true => Opening::OrMake,
+            false => Opening::Existing,
+        };
+        Self::open_by(location, options, opening).await
+    }
+
+    /// As [`Store::open_at`], and gives the store another id, because it is the copy of one that is still used.
+    ///
+    /// # Errors
+    /// As [`Store::open_at`].
+    pub async fn open_with_new_id(location: &Location) -> Result<Self, StoreError> {
+        Self::open_by(location, Options::default(), Opening::WithNewId).await
+    }
+
+    async fn open_by(
+        location: &Location,
+        options: Options,
+        opening: Opening,
+    ) -> Result<Self, StoreError> {
+        let may_make = opening == Opening::OrMake;
+        let has_rows = location.has_rows().await?;
+        if !has_rows && !may_make {
+            return Err(location.no_rows());
+        }
+        if let Some(folder) = location.objects_folder()
+            && !folder.is_dir()
+            && !may_make
+        {
+            let missing = "the folder of the objects does not exist";
+            return Err(StoreError::NoStore(missing));
+        }
+        let objects = open_objects(location)?;
+        if !has_rows {
+            let label = objects.label().await?;
+            if label != identity::Label::Missing {
+                return Err(StoreError::Mismatch(Mismatch {
+                    rows: None,
+                    objects: label,
+                }));
             }
+        }
+        let mut opened = None;
+        let has_own_rows = location.database.is_none();
+        let prepare = async |is_alone| {
+            let rows = open_rows(location).await?;
+            if is_alone && has_own_rows {
+                rows.check_file().await?;
+            }
+            let identified = match opening {
+                Opening::Existing => identity::compare(&rows, &objects).await,
+                Opening::OrMake => identity::compare_or_make(&rows, &objects).await,
+                Opening::WithNewId => identity::change(&rows, &objects).await,
+            };
+            if let Err(error) = identified {
+                rows.close().await;
+                return Err(error);
+            }
+            rows.complete_store_id().await?;
+            if is_alone && has_own_rows {
+                rows.forget_holders().await?;
+            }
+            opened = Some(rows);
             Ok(())
         };
-        let folder = &location.folder;
-        let place = Directory::open::<StoreError>(folder, forget_dead_holders).await?;
-        let rows = open_rows(location).await?;
-        let objects = open_objects(location)?;
+        let place = Directory::open::<StoreError>(&location.folder, prepare).await?;
+        let rows = opened.ok_or_else(|| location.no_rows())?;
+        if let Some(ObjectsAddress::Folder(folder)) = &location.objects {
+            directory::sweep_shared(folder)?;
+        }
         let sweeps = options.sweeps_at_start;
         let store = Self::new(rows, objects, Place::Directory(place), options);
         if sweeps {
@@ -244,9 +315,10 @@ impl Store {
         Ok(store)
     }
 
-    /// A store on any rows and objects; uploads are spooled in the system's temporary directory.
-    fn on(rows: Rows, objects: Objects, options: Options) -> Result<Self, StoreError> {
+    /// A new store on any rows and objects; uploads are spooled in the system's temporary directory.
+    async fn on(rows: Rows, objects: Objects, options: Options) -> Result<Self, StoreError> {
         let uploads = tempfile::Builder::new().prefix("isocortex-").tempdir()?;
+        identity::compare_or_make(&rows, &objects).await?;
         Ok(Self::new(rows, objects, Place::Temporary(uploads), options))
     }
 
@@ -256,7 +328,7 @@ impl Store {
     /// If there is no memory or no temporary directory for it.
     pub async fn in_memory(options: Options) -> Result<Self, StoreError> {
         let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
-        Self::on(Rows::in_memory().await?, objects, options)
+        Self::on(Rows::in_memory().await?, objects, options).await
     }
 
     fn new(rows: Rows, objects: Objects, place: Place, options: Options) -> Self {
@@ -278,57 +350,13 @@ impl Store {
         Self {
             inner,
             client: "".into(),
-            scope: Some(Project::DEFAULT),
         }
     }
 
-    /// The same store for a project: what is new belongs to it, and what is listed or searched does. Whatever is named by a
-    /// [`CaseId`] belongs to the project of that id, for any store. A store that is opened is one for the default project.
+    /// The same store for a client: the preparations that it queues take turns with those of other clients. An empty text means this
+    /// program itself.
     #[must_use]
-    pub fn in_project(&self, project: Project) -> Self {
-        Self {
-            scope: Some(project),
-            ..self.clone()
-        }
-    }
-
-    /// The same store, for maintenance: what is listed or searched belongs to any project. Nothing for a client may use it.
-    #[must_use]
-    pub fn of_all_projects(&self) -> Self {
-        Self {
-            scope: None,
-            ..self.clone()
-        }
-    }
-
-    /// The project to which what is new belongs.
-    pub fn project(&self) -> Project {
-        self.scope.unwrap_or_default()
-    }
-
-    fn scope(&self) -> Option<Project> {
-        self.scope
-    }
-
-    /// Whether this store is for a project.
-    fn covers(&self, project: Project) -> bool {
-        self.scope.is_none_or(|scope| scope == project)
-    }
-
-    /// The same store for a client, by its address and a digest of its name: the preparations that it queues take turns with those of other
-    /// clients. Neither means this program itself.
-    #[must_use]
-    pub fn for_client(&self, address: Option<IpAddr>, name: Option<[u8; 8]>) -> Self {
-        let of_address = address.map(|address| blake3::hash(address.to_string().as_bytes()));
-        let client = match (of_address, name) {
-            (None, None) => String::new(),
-            (address, name) => {
-                let address = address.map(|digest| digest.to_hex()[..ADDRESS_DIGITS].to_owned());
-                let name = name.map(|name| format!("{:016x}", u64::from_be_bytes(name)));
-                let nowhere = || "-".repeat(ADDRESS_DIGITS);
-                address.unwrap_or_else(nowhere) + &name.unwrap_or_default()
-            }
-        };
+    pub fn for_client(&self, client: &str) -> Self {
         Self {
             client: client.into(),
             ..self.clone()
@@ -406,6 +434,7 @@ impl Store {
     }
 
     async fn delete_now(&self, id: &CaseId) -> Result<bool, StoreError> {
+        self.check_id().await?;
         let deleted = self.delete_case(id).await?;
         if deleted {
             self.inner.is_deleted(id);
@@ -435,24 +464,16 @@ impl Store {
         self.inner.signals.counters()
     }
 
-    /// Checks that the rows and the objects are reachable and that the disk has room, for `/readyz`.
+    /// Checks that the rows and the objects are reachable and belong to one store, and that the disk has room, for `/readyz`.
     ///
     /// # Errors
-    /// If they are unreachable, or the disk is full ([`StoreError::is_full`]).
+    /// If they are unreachable, or do not belong together ([`StoreError::Mismatch`]), or the disk is full ([`StoreError::is_full`]).
     pub async fn check(&self) -> Result<(), StoreError> {
         self.rows().check().await?;
-        self.inner.objects.check().await?;
+        self.check_id().await?;
         let (scratch, wanted) = (self.scratch(), self.options().min_free_bytes);
         tokio::task::spawn_blocking(move || check_disk(&scratch, wanted)).await??;
         Ok(())
-    }
-
-    /// Checks that the objects are reachable.
-    ///
-    /// # Errors
-    /// If they are not.
-    pub async fn check_objects(&self) -> Result<(), StoreError> {
-        Ok(self.inner.objects.check().await?)
     }
 
     /// Finishes all work before the process ends. The rows must not be used afterwards.
@@ -482,6 +503,7 @@ impl Store {
     /// Removes the unneeded ones of the objects. Objects that are not removed are found again after the lease of the
     /// sweep.
     async fn remove_unneeded(&self, candidates: &[ObjectName]) -> Result<(), StoreError> {
+        self.check_id().await?;
         let sweep = Sweep {
             holder: pinned::unique_holder(),
             lease: SWEEP_LEASE,
@@ -610,7 +632,6 @@ fn open_objects(location: &Location) -> Result<Objects, StoreError> {
         Some(ObjectsAddress::Folder(folder)) => {
             let objects = Objects::in_directory(folder)?;
             directory::check_owner_of_objects::<StoreError>(folder)?;
-            directory::sweep_shared(folder)?;
             objects
         }
         Some(ObjectsAddress::Bucket { bucket, prefix }) => Objects::in_bucket(bucket, prefix)?,

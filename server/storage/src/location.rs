@@ -5,12 +5,11 @@ use std::path::{Path, PathBuf};
 
 use sqlx::postgres::{PgConnectOptions, PgSslMode};
 
-use super::environment::variable;
 use super::sql::Rows;
 use super::{StoreError, rows_file};
 
 /// The accepted parameters of the address of a PostgreSQL database. Others are rejected, because sqlx would log them.
-const POSTGRES_PARAMETERS: [&str; 12] = [
+const POSTGRES_PARAMETERS: [&str; 11] = [
     "sslmode",
     "sslrootcert",
     "sslcert",
@@ -21,8 +20,27 @@ const POSTGRES_PARAMETERS: [&str; 12] = [
     "port",
     "dbname",
     "user",
-    "password",
     "application_name",
+];
+
+/// The variables with secrets that a database of PostgreSQL would use, and what to use instead.
+const POSTGRES_SECRETS: [(&str, &str); 1] = [(
+    "PGPASSWORD",
+    "write it into the file that `ISOCORTEX_DATABASE_PASSWORD_FILE` (`storage.database_password_file`) names, or into `~/.pgpass`",
+)];
+
+const INTO_CREDENTIALS: &str = "write it into the file that `AWS_SHARED_CREDENTIALS_FILE` names";
+
+/// The variables with secrets that a bucket would use, and what to use instead.
+const BUCKET_SECRETS: [(&str, &str); 5] = [
+    ("AWS_ACCESS_KEY_ID", INTO_CREDENTIALS),
+    ("AWS_SECRET_ACCESS_KEY", INTO_CREDENTIALS),
+    ("AWS_SESSION_TOKEN", INTO_CREDENTIALS),
+    ("AWS_TOKEN", INTO_CREDENTIALS),
+    (
+        "AWS_SSE_CUSTOMER_KEY_BASE64",
+        "let the bucket encrypt with a key of its own (`AWS_SSE_KMS_KEY_ID`)",
+    ),
 ];
 
 /// The location of a store.
@@ -48,36 +66,35 @@ impl From<&Path> for Location {
 }
 
 impl Location {
-    /// Checks that there is a store, before it is opened by somebody who must not create one. Whether the objects of a
-    /// bucket are there is only seen when they are read.
+    /// Whether there are rows. Nothing is changed.
     ///
     /// # Errors
-    /// [`StoreError::NoStore`] if there is none, or if a database cannot be reached.
-    pub async fn must_exist(&self) -> Result<(), StoreError> {
-        let rows = match &self.database {
-            None => is_written(&rows_file(&self.folder)),
-            Some(DatabaseAddress::Sqlite(file)) => is_written(file),
+    /// If a database cannot be reached.
+    pub(crate) async fn has_rows(&self) -> Result<bool, StoreError> {
+        match &self.database {
+            None => Ok(is_written(&rows_file(&self.folder))),
+            Some(DatabaseAddress::Sqlite(file)) => Ok(is_written(file)),
             Some(DatabaseAddress::Postgres(options)) => {
-                Rows::is_in_postgres((**options).clone()).await?
+                Rows::is_in_postgres((**options).clone()).await
             }
-        };
-        if !rows {
-            return Err(StoreError::NoStore(match &self.database {
-                None => "the folder has no `rows.sqlite`",
-                Some(DatabaseAddress::Sqlite(_)) => "the file of the database does not exist",
-                Some(DatabaseAddress::Postgres(_)) => "the database has no cases",
-            }));
         }
-        let objects = match &self.objects {
-            None => self.folder.join("objects").is_dir(),
-            Some(ObjectsAddress::Folder(folder)) => folder.is_dir(),
-            Some(ObjectsAddress::Bucket { .. }) => true,
-        };
-        match objects {
-            true => Ok(()),
-            false => Err(StoreError::NoStore(
-                "the folder of the objects does not exist",
-            )),
+    }
+
+    /// The error of whoever finds no rows and must not make any.
+    pub(crate) fn no_rows(&self) -> StoreError {
+        StoreError::NoStore(match &self.database {
+            None => "the folder has no `rows.sqlite`",
+            Some(DatabaseAddress::Sqlite(_)) => "the file of the database does not exist",
+            Some(DatabaseAddress::Postgres(_)) => "the database has no tables of a store",
+        })
+    }
+
+    /// The folder of the objects, unless they are in a bucket.
+    pub(crate) fn objects_folder(&self) -> Option<PathBuf> {
+        match &self.objects {
+            None => Some(self.folder.join("objects")),
+            Some(ObjectsAddress::Folder(folder)) => Some(folder.clone()),
+            Some(ObjectsAddress::Bucket { .. }) => None,
         }
     }
 }
@@ -99,6 +116,19 @@ pub enum BadAddress {
     /// An unknown parameter in the address of PostgreSQL.
     #[error("the parameter `{0}` is not accepted in the address of a PostgreSQL database")]
     Parameter(String),
+    /// A password in the address of PostgreSQL, which is shown in lists of processes and in logs.
+    #[error(
+        "the address of a database must not have a password; write it into the file that `ISOCORTEX_DATABASE_PASSWORD_FILE` (`storage.database_password_file`) names, or into `~/.pgpass`"
+    )]
+    Password,
+    /// A secret in a variable, which others of the same user can read.
+    #[error("the variable `{name}` has a secret; remove it, and {instead}")]
+    SecretInVariable {
+        /// The variable.
+        name: &'static str,
+        /// What to do instead.
+        instead: &'static str,
+    },
     /// An unreadable address of PostgreSQL.
     #[error(
         "the address of the PostgreSQL database cannot be read; percent-encode special characters in it"
@@ -121,7 +151,7 @@ impl DatabaseAddress {
     /// Any host but this machine must present a certificate for its name, unless `sslmode` sets another mode.
     ///
     /// # Errors
-    /// If it is neither.
+    /// If it is neither, or if a password is in it or in a variable.
     pub fn parse(text: &str) -> Result<Self, BadAddress> {
         if let Some(file) = text.strip_prefix("sqlite://") {
             return match file.starts_with('/') {
@@ -139,6 +169,10 @@ impl DatabaseAddress {
         let names: Vec<_> = names
             .map(|one| one.split_once('=').map_or(one, |(name, _)| name))
             .collect();
+        if has_password(text, &names) {
+            return Err(BadAddress::Password);
+        }
+        refuse_secrets(&POSTGRES_SECRETS, is_set)?;
         if let Some(unknown) = names
             .iter()
             .find(|name| !POSTGRES_PARAMETERS.contains(name))
@@ -149,15 +183,10 @@ impl DatabaseAddress {
         let is_plain = names.contains(&"sslmode")
             || std::env::var_os("PGSSLMODE").is_some()
             || is_this_machine(&options);
-        let address = Self::Postgres(Box::new(match is_plain {
+        Ok(Self::Postgres(Box::new(match is_plain {
             true => options,
             false => options.ssl_mode(PgSslMode::VerifyFull),
-        }));
-        let password = variable("PGPASSWORD").filter(|_| !has_password(text, &names));
-        Ok(match password {
-            Some(password) => address.with_password(&password),
-            None => address,
-        })
+        })))
     }
 
     /// Sets the password, if it is PostgreSQL.
@@ -170,7 +199,23 @@ impl DatabaseAddress {
     }
 }
 
-/// Whether an address of PostgreSQL contains a password, which takes precedence over that of the environment.
+/// Refuses variables with secrets: whoever has the user of a process reads its environment in `/proc`.
+fn refuse_secrets(
+    secrets: &[(&'static str, &'static str)],
+    is_set: impl Fn(&str) -> bool,
+) -> Result<(), BadAddress> {
+    match secrets.iter().find(|(name, _)| is_set(name)) {
+        Some(&(name, instead)) => Err(BadAddress::SecretInVariable { name, instead }),
+        None => Ok(()),
+    }
+}
+
+/// Whether a variable has a value.
+fn is_set(name: &str) -> bool {
+    std::env::var_os(name).is_some_and(|value| !value.is_empty())
+}
+
+/// Whether an address of PostgreSQL contains a password.
 fn has_password(address: &str, parameters: &[&str]) -> bool {
     let authority = address.split_once("//").map_or("", |(_, rest)| rest);
     let authority = authority.split(['/', '?']).next().unwrap_or_default();
@@ -224,7 +269,7 @@ impl ObjectsAddress {
     /// Parses `s3://bucket/prefix` or `file:///folder`.
     ///
     /// # Errors
-    /// If it is neither.
+    /// If it is neither, or if a secret of a bucket is in a variable.
     pub fn parse(text: &str) -> Result<Self, BadAddress> {
         if let Some(folder) = text
             .strip_prefix("file://")
@@ -237,6 +282,7 @@ impl ObjectsAddress {
         if bucket.is_empty() || bucket.contains(['@', ':', '?']) || prefix.contains('?') {
             return Err(BadAddress::Objects);
         }
+        refuse_secrets(&BUCKET_SECRETS, is_set)?;
         Ok(Self::Bucket {
             bucket: bucket.to_owned(),
             prefix: prefix.trim_matches('/').to_owned(),
@@ -268,6 +314,54 @@ mod tests {
         ));
         assert!(has_password(plain, &["sslmode", "password"]));
         assert!(has_password("postgres://a:b@db.example/isocortex", &[]));
+        for address in [
+            "postgres://a:b@db/isocortex",
+            "postgres://db/isocortex?password=b",
+        ] {
+            let refused = DatabaseAddress::parse(address).unwrap_err();
+            assert_eq!(refused, BadAddress::Password, "{address}");
+        }
+    }
+
+    #[test]
+    fn a_secret_in_a_variable_is_refused_by_its_name_with_the_file_to_use_instead() {
+        for (secrets, set, instead) in [
+            (
+                &POSTGRES_SECRETS[..],
+                "PGPASSWORD",
+                "`ISOCORTEX_DATABASE_PASSWORD_FILE`",
+            ),
+            (
+                &BUCKET_SECRETS,
+                "AWS_ACCESS_KEY_ID",
+                "`AWS_SHARED_CREDENTIALS_FILE`",
+            ),
+            (
+                &BUCKET_SECRETS,
+                "AWS_SECRET_ACCESS_KEY",
+                "`AWS_SHARED_CREDENTIALS_FILE`",
+            ),
+            (
+                &BUCKET_SECRETS,
+                "AWS_SESSION_TOKEN",
+                "`AWS_SHARED_CREDENTIALS_FILE`",
+            ),
+        ] {
+            let refused = refuse_secrets(secrets, |name| name == set).unwrap_err();
+            let said = refused.to_string();
+            assert!(said.contains(set) && said.contains(instead), "{said}");
+        }
+        let files = [
+            "AWS_SHARED_CREDENTIALS_FILE",
+            "AWS_WEB_IDENTITY_TOKEN_FILE",
+            "PGHOST",
+        ];
+        for secrets in [&POSTGRES_SECRETS[..], &BUCKET_SECRETS] {
+            assert_eq!(
+                refuse_secrets(secrets, |name| files.contains(&name)),
+                Ok(())
+            );
+        }
     }
 
     fn ssl_mode(text: &str) -> String {
@@ -296,8 +390,7 @@ mod tests {
 
     #[test]
     fn no_password_is_shown() {
-        let address = "postgres://user:CANARY@db:5433/cases?password=CANARY";
-        let database = DatabaseAddress::parse(address).unwrap();
+        let database = DatabaseAddress::parse("postgres://user@db:5433/cases").unwrap();
         assert_eq!(
             format!("{database} {database:?}")
                 .matches("db:5433/cases")
@@ -307,6 +400,9 @@ mod tests {
         let shown = [
             format!("{database} {:?}", database.clone().with_password("CANARY")),
             DatabaseAddress::parse("postgres://u:CANARY@[bad/x")
+                .unwrap_err()
+                .to_string(),
+            DatabaseAddress::parse("postgres://x/y?password=CANARY")
                 .unwrap_err()
                 .to_string(),
             DatabaseAddress::parse("mysql://u:CANARY@x/y")
@@ -353,30 +449,6 @@ mod tests {
 
     fn parameter(name: &str) -> BadAddress {
         BadAddress::Parameter(name.to_owned())
-    }
-
-    #[tokio::test]
-    async fn a_folder_without_a_store_is_told_and_not_changed() {
-        let folder = tempfile::tempdir().unwrap();
-        let missing = Location::from(&*folder.path().join("nope"));
-        let empty = Location::from(folder.path());
-        let elsewhere = Location {
-            database: Some(DatabaseAddress::Sqlite(folder.path().join("rows.sqlite"))),
-            ..empty.clone()
-        };
-        for location in [&missing, &empty, &elsewhere] {
-            let error = location.must_exist().await.unwrap_err();
-            assert!(matches!(error, StoreError::NoStore(_)), "{error:?}");
-        }
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
-        let store = crate::Store::open(folder.path()).await.unwrap();
-        empty.must_exist().await.unwrap();
-        elsewhere.must_exist().await.unwrap();
-        store.close().await;
-        empty.must_exist().await.unwrap();
-        std::fs::remove_dir(folder.path().join("objects")).unwrap();
-        let error = empty.must_exist().await.unwrap_err();
-        assert!(error.to_string().contains("folder of the objects"));
     }
 
     #[test]

@@ -166,7 +166,7 @@ impl Store {
             return Ok(false);
         };
         let new = NewCase {
-            id: manifest.case.in_project(self.project()),
+            id: manifest.case,
             parameters,
             previous: *previous,
             sources: held(name, manifest),
@@ -195,7 +195,7 @@ impl Store {
             return Ok(false);
         };
         let new = NewLayer {
-            case: manifest.case.in_project(self.project()),
+            case: manifest.case,
             id: *id,
             name: LayerName::Usual(layer_name.clone()),
             parameters: parameters.clone(),

@@ -1,10 +1,27 @@
-//! Pages of the list of cases.
+//! Pages of the list of cases, and searches for cases.
 
 use std::fmt;
 
 use jiff::Timestamp;
 
-use case::{Case, CaseId, Project};
+use case::arrivals::{AccessionNumber, PatientDigest, Uid};
+use case::{Case, CaseId, CaseState};
+
+/// Which cases to list: those that fulfil each condition that is given; without one, all.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct CaseQuery {
+    /// A part of the label, whether in upper or lower case.
+    pub label: Option<String>,
+    pub state: Option<CaseState>,
+    /// They came at this time or later.
+    pub since: Option<Timestamp>,
+    /// They came before this time.
+    pub until: Option<Timestamp>,
+    pub study: Option<Uid>,
+    pub series: Option<Uid>,
+    pub accession_number: Option<AccessionNumber>,
+    pub patient: Option<PatientDigest>,
+}
 
 /// The position in a list after a case, given by its time and id.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -19,15 +36,6 @@ impl Cursor {
         Self {
             created_at: case.created_at,
             id: case.id,
-        }
-    }
-
-    /// The same place in the list of one project. The text of a cursor lacks its project, as that of an id.
-    pub(super) fn within(self, scope: Option<Project>) -> Self {
-        let project = scope.unwrap_or_else(|| self.id.project());
-        Self {
-            id: self.id.in_project(project),
-            ..self
         }
     }
 

@@ -97,6 +97,7 @@ impl Store {
             holder: unique_holder(),
             names: names.into_iter().collect(),
         };
+        self.check_id().await?;
         let begun = Instant::now();
         while !self.try_pin(&pinned, PIN_FOR).await? {
             if begun.elapsed() > REMOVAL_PATIENCE {

@@ -68,7 +68,7 @@ impl Store {
 mod tests {
     use super::*;
     use crate::arrivals::{SeriesQuery, SeriesUids, Uid};
-    use crate::testing::files_below;
+    use crate::testing::{files_below, objects_below};
 
     fn uid(text: &str) -> Uid {
         Uid::parse(text).unwrap()
@@ -105,7 +105,7 @@ mod tests {
         assert_eq!(store.receive(again, source).await.unwrap().new, 1);
         let objects = directory.path().join("objects");
         assert_eq!(
-            files_below(&objects).len(),
+            objects_below(&objects).len(),
             2,
             "the other contents are gone"
         );
@@ -115,6 +115,6 @@ mod tests {
         let query = SeriesQuery::Study(uid("1.2"), None);
         let arrivals = store.arrivals_of(&query).await.unwrap();
         assert_eq!(arrivals[0].instances, 3);
-        assert_eq!(files_below(&objects).len(), 2);
+        assert_eq!(objects_below(&objects).len(), 2);
     }
 }

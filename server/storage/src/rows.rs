@@ -12,7 +12,7 @@
 use std::time::Duration;
 
 use case::arrivals::{SeriesUids, Taken, Uid};
-use case::{CaseId, Contrast, LayerId, LayerParameters, Parameters, Project};
+use case::{CaseId, Contrast, LayerId, LayerParameters, Parameters};
 use jiff::Timestamp;
 
 use super::ObjectName;
@@ -66,7 +66,6 @@ pub(crate) struct NewLayer {
 /// An instance that was withdrawn.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Withdrawn {
-    pub project: Project,
     /// The series in which it was withdrawn; none for results, which are the same in every series.
     pub uids: Option<SeriesUids>,
     pub instance: Uid,
@@ -144,7 +143,6 @@ pub enum Published {
 /// A series that a job is to read.
 #[derive(Debug, Clone)]
 pub struct DueSeries {
-    pub project: Project,
     pub uids: SeriesUids,
     /// The case that it became before its last images came.
     pub previous: Option<CaseId>,

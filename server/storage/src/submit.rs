@@ -70,8 +70,7 @@ impl Version {
 
     /// Its name with other parameters.
     pub fn id_with(&self, of: &[ObjectName], parameters: &Parameters) -> Option<CaseId> {
-        let id = id_of(&self.sources(of), parameters)?;
-        Some(id.in_project(self.of.project()))
+        id_of(&self.sources(of), parameters)
     }
 }
 
@@ -94,8 +93,8 @@ fn id_of(sources: &[(ObjectName, Option<&Spooled>)], parameters: &Parameters) ->
 }
 
 impl Upload {
-    /// The id of the case of this upload in the default project.
-    pub(crate) fn case_id(&self, parameters: &Parameters) -> CaseId {
+    /// The id of the case of this upload.
+    pub fn case_id(&self, parameters: &Parameters) -> CaseId {
         id_of(&source_files(self), parameters).expect("an upload has a volume")
     }
 }
@@ -110,11 +109,6 @@ struct Inputs<'a> {
 }
 
 impl Store {
-    /// The id of the case of an upload in the project of this store.
-    pub fn id_of(&self, upload: &Upload, parameters: &Parameters) -> CaseId {
-        upload.case_id(parameters).in_project(self.project())
-    }
-
     /// Makes a case from spooled files and queues its preparation.
     ///
     /// An existing case is unchanged, but a failed one is queued again. The operation completes even if the caller
@@ -145,7 +139,7 @@ impl Store {
         let store = self.clone();
         let submit = async move {
             let inputs = Inputs {
-                id: store.id_of(&upload, &parameters),
+                id: upload.case_id(&parameters),
                 sources: source_files(&upload),
                 previous,
                 parameters,
@@ -181,7 +175,7 @@ impl Store {
                 return Ok(None);
             };
             let inputs = Inputs {
-                id: id.in_project(version.of.project()),
+                id,
                 sources,
                 previous: Some(version.of),
                 parameters,

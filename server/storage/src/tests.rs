@@ -1,6 +1,7 @@
 //! The store as a whole, without anything that prepares: uploads, versions, derived objects, deletions.
 
 mod attempts;
+mod identity;
 mod inspect;
 mod publish;
 mod sweep;
@@ -13,7 +14,7 @@ use bytes::Bytes;
 use case::{CaseFacts, CaseId, CaseState, JobKind, ObjectKind, Parameters};
 use tempfile::TempDir;
 
-use super::testing::{assert_nothing_left_over, claim, facts, failure, files_below};
+use super::testing::{assert_nothing_left_over, claim, facts, failure, files_below, objects_below};
 use super::*;
 
 async fn store(directory: &TempDir) -> Store {
@@ -235,7 +236,7 @@ async fn deletions_tell_whoever_remembers_and_keep_what_others_need() {
     let masked = upload(&store, "volume", Some("mask")).await;
     let masked = store.submit_upload(masked, Parameters::default()).await;
     let masked = masked.unwrap().case.id;
-    let stored = |root: &Path| files_below(&root.join("objects")).len();
+    let stored = |root: &Path| objects_below(&root.join("objects")).len();
     assert_eq!(stored(directory.path()), 4, "both have one volume");
     assert!(store.delete(&plain).await.unwrap());
     assert!(!store.delete(&plain).await.unwrap(), "it is gone");

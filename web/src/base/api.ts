@@ -99,11 +99,10 @@ async function tokenEntered(problem: unknown, sent: string): Promise<boolean> {
   return token !== "";
 }
 
-/** Whose token it is, what it permits, and in which project, if that has a name. */
+/** Whose token it is, and what it permits. */
 export interface Holder {
   readonly name: string;
   readonly scopes: readonly string[];
-  readonly project?: string;
   /** Where the proxy signs out whom it has signed in. */
   readonly sign_out?: string;
 }

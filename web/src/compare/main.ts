@@ -9,8 +9,8 @@ import type { Case } from "../model/case.ts";
 import { linked } from "../model/linked.ts";
 import { type Affine, inverted, subtract, transform } from "../model/space.ts";
 import { askToken } from "../page/dialogs.ts";
-import { angleOf } from "../page/nudge.ts";
-import { loadPreferences } from "../page/preferences.ts";
+import { angleOf } from "../model/nudge.ts";
+import { preferences } from "../store/preferences.ts";
 import { Side } from "./side.ts";
 
 /** The cases are asked for again after so long. */
@@ -187,7 +187,7 @@ async function build(): Promise<void> {
   const asked = (location.hash || String(sessionStorage.left ?? "")).replace(/^#/, "");
   // Whoever must sign in comes back to this address.
   if (asked) history.replaceState(null, "", `#${asked}`);
-  const { language, theme } = loadPreferences();
+  const { language, theme } = preferences.peek();
   document.documentElement.dataset.theme = theme;
   await learn(language);
   document.documentElement.lang = language;

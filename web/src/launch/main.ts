@@ -9,7 +9,7 @@ import { wait } from "../base/patience.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
 import { dateWords } from "../pacs/neighbour.ts";
 import { askToken } from "../page/dialogs.ts";
-import { loadPreferences } from "../page/preferences.ts";
+import { preferences } from "../store/preferences.ts";
 
 const LOOK_AGAIN_MS = 2000;
 
@@ -188,7 +188,7 @@ class Launch {
 }
 
 async function build(): Promise<void> {
-  const { language, theme } = loadPreferences();
+  const { language, theme } = preferences.peek();
   document.documentElement.dataset.theme = theme;
   await learn(language);
   document.documentElement.lang = language;

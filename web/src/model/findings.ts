@@ -96,8 +96,8 @@ export const areSame = (one: readonly Finding[], other: readonly Finding[]): boo
 /** Two lists as one. */
 export interface Merged {
   readonly list: readonly Finding[];
-  /** How many findings both readers had changed: each is there twice. */
-  readonly doubled: number;
+  /** The findings that both readers had changed, each of which is there twice: the id of both, and the new one of this reader's. */
+  readonly moved: readonly (readonly [string, string])[];
 }
 
 /**
@@ -108,7 +108,7 @@ export function merged(base: readonly Finding[], mine: readonly Finding[], their
   const by = (list: readonly Finding[]) => new Map(list.map((finding) => [finding.id, finding]));
   const [before, own, other] = [by(base), by(mine), by(theirs)];
   const list: Finding[] = [];
-  let doubled = 0;
+  const moved: [string, string][] = [];
   for (const id of new Set([...other.keys(), ...own.keys()])) {
     const [was, here, there] = [before.get(id), own.get(id), other.get(id)];
     if (isSame(here, was) || isSame(here, there)) {
@@ -118,11 +118,12 @@ export function merged(base: readonly Finding[], mine: readonly Finding[], their
     } else {
       list.push(there);
       if (!here) continue;
-      list.push({ ...here, id: crypto.randomUUID() });
-      doubled += 1;
+      const own = { ...here, id: crypto.randomUUID() };
+      list.push(own);
+      moved.push([id, own.id]);
     }
   }
-  return { list, doubled };
+  return { list, moved };
 }
 
 /** So near are the points of a finding that has been in a file of DICOM, in mm: there they have 24 bits. */
@@ -139,7 +140,10 @@ const isRounded = (one: Finding, other: Finding): boolean =>
  * A list with those of a file behind it. What is there already is not added. What is there but says something else is kept as
  * both say it, that of the file behind the one that was there.
  */
-export function joined(own: readonly Finding[], given: readonly Finding[]): Merged {
+export function joined(
+  own: readonly Finding[],
+  given: readonly Finding[],
+): { readonly list: readonly Finding[]; readonly doubled: number } {
   const ids = new Set(own.map(({ id }) => id));
   const added = given.filter(({ id }) => !ids.has(id));
   const others = new Map(given.map((finding) => [finding.id, finding]));

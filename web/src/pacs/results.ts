@@ -11,19 +11,9 @@ import type { Finding } from "../model/findings.ts";
 /** The picture on the screen in so many pixels, as a body of the server's interface. */
 export type Render = (side: number) => Readonly<Record<string, unknown>>;
 
-const KINDS = [
-  "view",
-  "sheet",
-  "turn",
-  "depths",
-  "envelope",
-  "mask",
-  "findings",
-  "finding-segments",
-  "report",
-] as const;
+const KINDS = ["view", "sheet", "envelope", "mask", "findings", "finding-segments", "report"] as const;
 type Kind = (typeof KINDS)[number];
-const PICTURES: readonly Kind[] = ["view", "sheet", "turn", "depths"];
+const PICTURES: readonly Kind[] = ["view", "sheet"];
 
 /** What a reader has marked. */
 export interface Marks {
@@ -41,8 +31,6 @@ function kindsOf({ list }: Marks): readonly Kind[] {
 }
 const LOOK_AGAIN_MS = 500;
 const PIXELS = 512;
-/** Depths of a way through them, in mm. */
-const WAY_MM = [2, 24];
 /** How long a browser may take to read what is saved. */
 const SAVING_MS = 60_000;
 
@@ -72,19 +60,14 @@ function sendingWords({ node, state, attempts, reason, not_valid = "" }: Sending
 
 /** The body of a request for a result of a kind. */
 function bodyOf(kind: Kind, render: Readonly<Record<string, unknown>>): Readonly<Record<string, unknown>> {
-  const { depth_mm, slab_mm, ...look } = render;
   switch (kind) {
     case "view":
       return { what: "view", render };
     case "sheet": {
-      // Each cell has a direction of its own, and shows the whole head.
-      const { orientation, view, zoom, pan, ...plain } = look;
+      // Each cell has a depth and a direction of its own, and shows the whole head.
+      const { depth_mm, slab_mm, orientation, view, zoom, pan, ...plain } = render;
       return { what: "sheet", render: { ...plain, width: PIXELS / 2, height: PIXELS / 2 }, sheet: {} };
     }
-    case "turn":
-      return { what: "cine", render, cine: {} };
-    case "depths":
-      return { what: "cine", render: look, cine: { depths_mm: WAY_MM } };
     case "report":
       return { what: "report", report: { language: spoken() } };
     default:

@@ -6,7 +6,7 @@ import { type Key, known, moment, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
 import { closing, open } from "./dialogs.ts";
-import { button, choice, row } from "./fields.ts";
+import { button, choice, row } from "./elements.ts";
 
 const STATES = ["receiving", "case", "layer", "nothing"] as const;
 type State = (typeof STATES)[number];

@@ -10,7 +10,7 @@ import type { Case } from "../model/case.ts";
 import { qualityOf } from "../model/quality.ts";
 import { ROW_PIXELS, isCovered, rowsInSight, scrolledTo } from "../model/rows.ts";
 import { Row } from "./case-row.ts";
-import { choice } from "./fields.ts";
+import { choice } from "./elements.ts";
 
 const IDLE_MS = 8000;
 /** While more cases are being prepared than are followed. */

@@ -7,7 +7,7 @@ import { decoded } from "../base/picture.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { DRAG_DIRECTIONS, WHEEL_USES } from "../model/controls.ts";
 import type { OnScreen } from "./export.ts";
-import type { Preferences } from "./preferences.ts";
+import type { Preferences } from "../store/preferences.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
 import { isHalved } from "../model/state.ts";
 
@@ -153,9 +153,9 @@ async function askForProxy({ problem, hadToken }: Refusal): Promise<string | nul
   return (await closed) === "again" ? null : input.value.trim();
 }
 
-/** Says who is signed in, what they may do and where, and lets them sign out. */
+/** Says who is signed in and what they may do, and lets them sign out. */
 export function holderDialog(name: string, holder: Holder): void {
-  const { scopes, project, sign_out } = holder;
+  const { scopes, sign_out } = holder;
   // Loading the page again forgets a token.
   const leave = (): void => location.assign(sign_out ?? "./");
   open(
@@ -163,7 +163,6 @@ export function holderDialog(name: string, holder: Holder): void {
     "holder",
     h("p", { id: "holder" }, t("who.as", { name })),
     quiet(scopes.length > 0 ? t("who.may", { scopes: scopes.join(", ") }) : t("problem.missing-scope")),
-    project === undefined ? "" : quiet(t("who.project", { project })),
     h(
       "div",
       { class: "row end" },

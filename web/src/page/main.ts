@@ -10,7 +10,10 @@ import {
   onTokenWanted,
   plainName,
 } from "../base/api.ts";
+import { computed, effect } from "@preact/signals";
+
 import { AcquiredSlices } from "./acquired.ts";
+import { arrivalsDialog } from "./arrivals.ts";
 import type { Case } from "../model/case.ts";
 import { caseIdentity, caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
 import { CaseList } from "./cases.ts";
@@ -18,21 +21,23 @@ import { commandOf, recallOf } from "../model/controls.ts";
 import { h, iconButton, setText, tell } from "../base/dom.ts";
 import { leaveChoice, takeLaunch } from "../base/launched.ts";
 import { readAddress } from "../model/fragment.ts";
-import { LANGUAGES, isLanguage, learn, number, t } from "../base/i18n.ts";
-import { choice, choiceOfButtons, press } from "./fields.ts";
-import { later } from "./later.ts";
-import type { Surface } from "../panes/surface.ts";
+import { LANGUAGES, type Language, isLanguage, learn, number, t } from "../base/i18n.ts";
+import { choice, choiceOfButtons, press } from "./elements.ts";
+import type { Surface } from "../store/surface.ts";
+import { announce, announced } from "../store/announce.ts";
+import { perform, setLayout } from "../store/commands.ts";
+import { choose, preferences } from "../store/preferences.ts";
+import { askToken, confirmDelete, helpDialog, holderDialog, maskDialog } from "./dialogs.ts";
 import { resizer } from "./resizer.ts";
-import { type Preferences, loadPreferences, savePreferences } from "./preferences.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { doubtsOf, qualityOf } from "../model/quality.ts";
 import { ViewMemory } from "../model/memory.ts";
 import { LAYOUTS, hasSlices } from "../model/state.ts";
-import { UploadSlot, hearDrops } from "./upload-slot.ts";
-import { Viewer } from "./viewer.ts";
+import { hearDrops } from "./drops.ts";
+import { Upload } from "./upload.tsx";
+import { Viewer } from "./viewer.tsx";
 
 const serverOnly = new URLSearchParams(location.search).get("renderer") === "server";
-let preferences = loadPreferences();
 /** What a study was opened by, if other heads of it are here too; null once that was read and dismissed. */
 let launched = takeLaunch();
 /** How each case was left; kept while the page is open. */
@@ -73,7 +78,8 @@ class App {
   readonly #main: HTMLElement;
   readonly #sidebar: HTMLElement;
   readonly #list: CaseList;
-  readonly #upload: UploadSlot;
+  readonly #upload: Upload;
+  readonly #uploaded = h("p", { id: "upload-done", class: "quiet", role: "status" });
   readonly #root: HTMLElement;
   /** Shows what came from a PACS, if anything has. */
   readonly #arrivals = h(
@@ -84,10 +90,12 @@ class App {
   /** Who is signed in; hidden where nobody is. */
   readonly #who = h("button", { id: "who", hidden: true });
   readonly #fold = iconButton("panel", t("panel.toggle"), () => {
-    choose({ panel: !preferences.panel });
-    this.#showPanel();
+    choose({ panel: !preferences.peek().panel });
   });
   #viewer: Viewer | null = null;
+  /** The layout is not followed any more. */
+  #unlaid = (): void => {};
+  readonly #ends: readonly (() => void)[];
   #kept: Kept | null;
   #chosen: Case | null = null;
   /** Why the case of the address cannot be shown; empty where it can. */
@@ -103,11 +111,11 @@ class App {
       changed: () => void this.route(),
       remove: (one) => void this.#remove(one),
       ready: (one) => {
-        this.#announce(t("case.now-ready", { title: caseTitle(one) }));
+        announce(t("case.now-ready", { title: caseTitle(one) }));
         void this.#lookForArrivals();
       },
     });
-    this.#upload = new UploadSlot(async ({ id }, wasThere) => {
+    this.#upload = new Upload(async ({ id }, wasThere) => {
       this.#list.flag(id, t(wasThere ? "case.was-there" : "case.fresh"));
       await this.#list.refresh();
     });
@@ -115,7 +123,9 @@ class App {
       t("layout.label"),
       LAYOUTS,
       (layout) => t(`layout.${layout}`),
-      (layout) => this.#viewer?.setLayout(layout),
+      (layout) => {
+        if (this.#viewer) setLayout(this.#viewer.store, layout);
+      },
     );
     this.#layouts.className = "layouts";
     this.#stage = h(
@@ -134,14 +144,14 @@ class App {
       { class: "sidebar", id: "sidebar", "aria-label": t("cases.title") },
       h("h2", {}, t("cases.title")),
       this.#upload.element,
-      this.#upload.done,
+      this.#uploaded,
       this.#arrivals,
       this.#list.element,
     );
     this.#main = h("main", { class: "page" }, this.#sidebar, this.#stage);
     this.#sidebar.append(
       resizer(
-        preferences.list_width,
+        preferences.peek().list_width,
         (width) => this.#main.style.setProperty("--list-width", `${width}px`),
         (list_width) => choose({ list_width }),
       ),
@@ -159,11 +169,20 @@ class App {
     );
     document.querySelector(".app")?.remove();
     document.body.append(this.#root);
+    this.#ends = [
+      effect(() => setText(this.#live, announced.value)),
+      effect(() => setText(this.#uploaded, this.#upload.done.value)),
+      effect(() => {
+        const { panel } = preferences.value;
+        this.#main.classList.toggle("no-panel", !panel);
+        this.#fold.setAttribute("aria-expanded", String(panel));
+      }),
+    ];
     // Where the window is narrow, the picture comes first.
     this.#showSidebar(window.innerWidth >= 1200);
     hearDrops(document.body, (files) => {
       this.#showSidebar(true);
-      void this.#upload.drop(files);
+      this.#upload.drop(files);
     });
   }
 
@@ -189,7 +208,7 @@ class App {
     this.#who.textContent = name;
     this.#who.title = t("who.as", { name });
     this.#who.hidden = false;
-    this.#who.onclick = () => this.#open(({ holderDialog }) => holderDialog(name, holder));
+    this.#who.onclick = () => holderDialog(name, holder);
   }
 
   /** Offers the list of what came from a PACS once anything has: of what was refused there is no case. */
@@ -199,28 +218,27 @@ class App {
 
   #chooseFiles(): void {
     this.#showSidebar(true);
-    void this.#upload.choose();
+    this.#upload.choose();
   }
 
   #showArrivals(): void {
-    import("./arrivals.ts").then(
-      ({ arrivalsDialog }) => arrivalsDialog((id) => (this.#list.chosen = id)),
-      () => tell(this.#note, t("problem.page-part-missing")),
-    );
+    arrivalsDialog((id) => (this.#list.chosen = id));
   }
 
   /** Leaves what draws the case to the page that comes after this one. */
   dispose(): Kept | null {
     this.#viewer?.settle();
     this.#list.dispose();
-    const kept = this.#viewer && { id: this.#viewer.shown.id, surface: this.#viewer.release() };
+    for (const end of this.#ends) end();
+    const kept = this.#viewer && { id: this.#viewer.store.shown.id, surface: this.#viewer.release() };
     this.#leave();
     return kept;
   }
 
   /** Takes the case that is shown away, and remembers how it was left. */
   #leave(): void {
-    if (this.#viewer) memory.keep(this.#viewer.shown, this.#viewer.left);
+    if (this.#viewer) memory.keep(this.#viewer.store.shown, this.#viewer.store.view.left);
+    this.#unlaid();
     this.#viewer?.dispose();
     this.#viewer = null;
   }
@@ -254,14 +272,20 @@ class App {
     const before = this.#viewer;
     await this.route();
     const address = readAddress(location.hash);
-    const isSame = address.kind === "case" && address.id === before?.shown.id;
+    const isSame = address.kind === "case" && address.id === before?.store.shown.id;
     if (isSame && before === this.#viewer) before.restore(address.rest);
     // Back and Forward also lead to other patients.
     const viewer = this.#viewer;
-    if (!before || !viewer || viewer.shown.id === before.shown.id || viewer.shown.id === this.#list.chosen) return;
-    const words = t("address.other", { title: caseIdentity(viewer.shown) });
-    viewer.remark(words);
-    this.#announce(words);
+    if (
+      !before ||
+      !viewer ||
+      viewer.store.shown.id === before.store.shown.id ||
+      viewer.store.shown.id === this.#list.chosen
+    )
+      return;
+    const words = t("address.other", { title: caseIdentity(viewer.store.shown) });
+    viewer.store.remark.value = words;
+    announce(words);
   }
 
   #show(chosen: Case | null, rest: string): void {
@@ -282,10 +306,10 @@ class App {
     // It may come while the case is open.
     this.#showSuperseded();
     void this.#acquired.show(ready ? "" : (chosen?.id ?? ""));
-    if (ready?.id === this.#viewer?.shown.id) return;
+    if (ready?.id === this.#viewer?.store.shown.id) return;
     this.#leave();
     // What was said of the case before is not of this one.
-    setText(this.#live, "");
+    announced.value = "";
     this.#showQuality(ready);
     if (ready) void this.#followApart(ready);
     this.#showOthers(ready?.id);
@@ -293,22 +317,21 @@ class App {
     if (this.#kept && !surface) this.#kept.surface.dispose();
     this.#kept = null;
     if (!ready) return;
-    const viewer = new Viewer(ready, rest, {
-      preferences: () => preferences,
-      announce: (words) => this.#announce(words),
-      help: () => this.#help(),
-      choose,
+    const viewer = new Viewer(ready, {
+      rest,
+      left: memory.of(ready),
+      serverOnly,
+      surface,
       made: (one, wasThere) => {
         this.#list.flag(one.id, t(wasThere ? "case.was-there" : "case.fresh"));
         void this.#list.refresh();
       },
-      laid: (state) => {
-        press(this.#layouts, state.layout);
-        Object.assign(document.body.dataset, { layout: state.layout, slices: hasSlices(state) });
-      },
-      serverOnly,
-      surface,
-      left: memory.of(ready),
+    });
+    this.#unlaid();
+    this.#unlaid = effect(() => {
+      const { layout } = viewer.store.view.state.value;
+      press(this.#layouts, layout);
+      Object.assign(document.body.dataset, { layout, slices: hasSlices({ layout }) });
     });
     this.#viewer = viewer;
     // Where the list lies over the picture, it has been chosen from.
@@ -317,7 +340,6 @@ class App {
     // Keys are the picture's from now on: in the list, Enter would open another patient.
     if (document.activeElement?.closest("#case-list")) document.getElementById("surface")?.focus();
     this.#main.append(viewer.panel.element);
-    this.#showPanel();
     void viewer.load();
   }
 
@@ -374,7 +396,7 @@ class App {
         h("strong", { class: "quality-badge", "data-verdict": quality.state }, t(`quality.${doubt}`)),
         h("span", {}, t(`quality.${doubt}.text`)),
       ]),
-      h("button", { click: () => this.#open(({ maskDialog }) => maskDialog(ready.id)) }, t("quality.look")),
+      h("button", { click: () => maskDialog(ready.id) }, t("quality.look")),
       h("ul", {}, ...reasonWords(quality).map((reason) => h("li", {}, reason))),
     );
   }
@@ -387,7 +409,7 @@ class App {
       (one) => LANGUAGES[one],
       (one) => choose({ language: one }),
     );
-    language.value = preferences.language;
+    language.value = preferences.peek().language;
     for (const option of language.options) option.lang = option.value;
     return h(
       "header",
@@ -400,19 +422,14 @@ class App {
       h("a", { href: "compare", click: handOver }, t("compare.open")),
       h("p", { class: "research", role: "note" }, t("notice.long")),
       language,
-      iconButton("theme", t("theme.toggle"), () => choose({ theme: preferences.theme === "dark" ? "light" : "dark" })),
+      iconButton("theme", t("theme.toggle"), () =>
+        choose({ theme: preferences.peek().theme === "dark" ? "light" : "dark" }),
+      ),
       ...(document.fullscreenEnabled ? [iconButton("full", t("full-screen"), () => void toggleFullScreen())] : []),
       this.#who,
       this.#fold,
       iconButton("help", t("help.title"), () => this.#help()),
     );
-  }
-
-  #showPanel(): void {
-    const { panel: shown } = preferences;
-    this.#main.classList.toggle("no-panel", !shown);
-    if (this.#viewer) this.#viewer.panel.element.hidden = !shown;
-    this.#fold.setAttribute("aria-expanded", String(shown));
   }
 
   #showSidebar(shown: boolean): void {
@@ -428,19 +445,7 @@ class App {
   }
 
   #help(): void {
-    this.#open(({ helpDialog }) => helpDialog(preferences, choose));
-  }
-
-  /** Opens what is fetched when it is first wanted. */
-  #open(work: (parts: Awaited<ReturnType<typeof later>>) => void): void {
-    later().then(work, (problem: unknown) => {
-      tell(this.#note, problemWords(problem));
-    });
-  }
-
-  #announce(words: string): void {
-    // The same words twice are two messages.
-    setText(this.#live, this.#live.textContent === words ? `${words}\u00a0` : words);
+    helpDialog(preferences.peek(), choose);
   }
 
   /** A case that the list does not hold (yet): null where there is none. */
@@ -455,14 +460,13 @@ class App {
 
   async #remove(one: Case): Promise<void> {
     try {
-      if (!(await (await later()).confirmDelete(t("delete.title"), t("delete.text", { title: caseIdentity(one) }))))
-        return;
+      if (!(await confirmDelete(t("delete.title"), t("delete.text", { title: caseIdentity(one) })))) return;
       await deleteCase(one.id);
       memory.forget(one.id);
       if (this.#chosen?.id === one.id) history.replaceState(null, "", location.pathname + location.search);
       this.#list.forget(one.id);
       await this.#list.refresh();
-      this.#announce(t("delete.done"));
+      announce(t("delete.done"));
       // The button that had the focus is gone.
       if (document.activeElement === document.body) this.#stage.focus();
     } catch (problem) {
@@ -472,7 +476,7 @@ class App {
 
   /** What a key did while it was held is over. */
   release(): void {
-    this.#viewer?.command({ kind: "release" });
+    if (this.#viewer) perform(this.#viewer.store, { kind: "release" });
   }
 
   /** A key that is no one else's. */
@@ -485,7 +489,7 @@ class App {
     // Where text is typed, undoing is the text's.
     const typed = "input:not([type=range], [type=checkbox]), textarea";
     const ofField = event.target.closest(hasModifier ? typed : `${typed}, select`);
-    if (!onPicture && (ofField || !(hasModifier || preferences.shortcuts))) return;
+    if (!onPicture && (ofField || !(hasModifier || preferences.peek().shortcuts))) return;
     const command = (this.#awaitsNumber && recallOf(event)) || commandOf(event);
     // A key that is held with another one is not the one that was awaited.
     if (event.key !== "Shift") this.#awaitsNumber = command?.kind === "layouts";
@@ -499,42 +503,32 @@ class App {
     if (command.kind !== "help" && !this.#viewer) return;
     event.preventDefault();
     if (command.kind === "help") this.#help();
-    else this.#viewer?.command(command);
+    else if (this.#viewer) perform(this.#viewer.store, command);
   }
 }
 
 let app: App | null = null;
 
-/** Takes a preference over: a new language builds the page again, its state being in the address. */
-function choose(change: Partial<Preferences>): void {
-  const { language } = preferences;
-  preferences = { ...preferences, ...change };
-  // In a frame beside another case they are those of the frame alone.
-  if (parent === window) savePreferences(preferences);
-  dress();
-  if (preferences.language === language) return;
-  void build().then(() => document.getElementById("language")?.focus());
-}
-
 function toggleFullScreen(): Promise<void> {
   return document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen();
 }
 
-function dress(): void {
-  document.documentElement.dataset.theme = preferences.theme;
-}
+const language = computed(() => preferences.value.language);
 
-async function build(): Promise<void> {
-  await learn(preferences.language);
-  document.documentElement.lang = preferences.language;
+/** Builds the page, again for each language: its state is in the address. */
+async function build(spoken: Language): Promise<void> {
+  await learn(spoken);
+  document.documentElement.lang = spoken;
+  const isFirst = app === null;
   app = new App(app?.dispose() ?? null);
+  if (!isFirst) document.getElementById("language")?.focus();
   void app.start();
 }
 
-dress();
-onTokenWanted(async (refusal) => (await later()).askToken(refusal));
+effect(() => void (document.documentElement.dataset.theme = preferences.value.theme));
+onTokenWanted(askToken);
 onReach((reachable) => app?.reach(reachable));
 window.addEventListener("popstate", () => void app?.addressChanged());
 window.addEventListener("keydown", (event) => app?.key(event));
 for (const name of ["keyup", "blur"]) window.addEventListener(name, () => app?.release());
-void build();
+effect(() => void build(language.value));

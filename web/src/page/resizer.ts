@@ -2,13 +2,11 @@
 
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
+import { LIST_WIDTHS, boundWidth } from "../store/preferences.ts";
 
 /** In CSS pixels. */
-const LEAST = 200;
-const MOST = 520;
 const STEP = 16;
-
-export const boundWidth = (width: number): number => Math.min(Math.max(Math.round(width), LEAST), MOST);
+const [LEAST, MOST] = LIST_WIDTHS;
 
 /** `show` gets every width during a drag, `keep` the last one. */
 export function resizer(first: number, show: (width: number) => void, keep: (width: number) => void): HTMLElement {

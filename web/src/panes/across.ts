@@ -25,11 +25,13 @@ import { acrossQuery, pictureSize } from "../model/query.ts";
 import { CENTRED, type Placing, withinReach } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
+import { showAcross } from "../store/commands.ts";
+import type { Store } from "../store/store.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { Overlay, overlayWords, titleWords } from "./overlay.ts";
 import type { Placed } from "./screenshot.ts";
-import { MOST_PIXELS, MOST_SAVED_PIXELS, type SliceListener } from "./slice-parts.ts";
+import { MOST_PIXELS, MOST_SAVED_PIXELS, type Zoomed, dragTheWindow } from "./slice-parts.ts";
 import { isBesideAnother } from "./slice-words.ts";
 
 /** How much of the head is seen at first, along the smaller side of the pane. */
@@ -37,13 +39,6 @@ const FIRST_MM = 90;
 /** What a step of the wheel and of the arrows turns, in degrees; with the shift key, a fine one. */
 const STEP_DEG = 5;
 const FINE_STEP_DEG = 1;
-
-export interface AcrossListener extends SliceListener {
-  /** The plane lies like this now; null: that is not known yet. */
-  lies(plane: AcrossPlane | null): void;
-  /** The slice is not wanted any more. */
-  close(): void;
-}
 
 /** What a picture shows. */
 interface Seen {
@@ -61,9 +56,12 @@ interface Drawn {
 
 export class AcrossPane {
   readonly element: HTMLElement;
-  readonly plane = "across";
+  readonly name = "across";
   readonly #shown: ReadyCase;
-  readonly #listener: AcrossListener;
+  readonly #store: Store;
+  readonly #zoomed: Zoomed;
+  /** Hears how the plane lies; null: that is not known. */
+  readonly #lies: (plane: AcrossPlane | null) => void;
   readonly #overlay: Overlay;
   readonly #picture: FollowingPicture<Seen, Drawn>;
   readonly #image = h("div", { class: "slice-image" });
@@ -81,9 +79,12 @@ export class AcrossPane {
   #marked: readonly Marked[] = [];
   #pointer: Vec2 | null = null;
 
-  constructor(shown: ReadyCase, listener: AcrossListener) {
+  constructor(store: Store, zoomed: Zoomed, lies: (plane: AcrossPlane | null) => void) {
+    const { shown } = store;
     this.#shown = shown;
-    this.#listener = listener;
+    this.#store = store;
+    this.#zoomed = zoomed;
+    this.#lies = lies;
     this.#home = { ...CENTRED, zoom: (2 * shown.envelope_sphere.radius_mm) / FIRST_MM };
     this.#placing = this.#home;
     const label = t("across.label");
@@ -102,10 +103,10 @@ export class AcrossPane {
       max: 90,
       step: 1,
       "aria-label": t("across.turn"),
-      input: () => listener.turned(this.#range.valueAsNumber),
+      input: () => store.view.change({ across_deg: this.#range.valueAsNumber }),
     });
-    const enlarge = iconButton("enlarge", t("slice.enlarge", { plane: label }), () => listener.enlarge("across"));
-    const close = iconButton("close", t("across.close"), () => listener.close());
+    const enlarge = iconButton("enlarge", t("slice.enlarge", { plane: label }), () => store.enlarge(this.name));
+    const close = iconButton("close", t("across.close"), () => showAcross(store, null));
     this.element.append(h("div", { class: "slice-bar" }, this.#overlay.line, this.#range, enlarge, close), this.#words);
     if (isBesideAnother()) this.#overlay.identity(caseIdentity(shown));
     this.#picture = new FollowingPicture<Seen, Drawn>(
@@ -113,7 +114,7 @@ export class AcrossPane {
         put: (drawn, seen) => this.#put(drawn, seen),
         complain: (problem) => {
           this.element.classList.toggle("troubled", problem !== null);
-          listener.complain(problem);
+          store.complain(problem);
         },
       },
       (wish) => this.#load(wish),
@@ -143,6 +144,7 @@ export class AcrossPane {
 
   /** Whether it is as large as all panes; then it names the case itself. */
   enlarge(isLarge: boolean): void {
+    if (isLarge === this.isLarge) return;
     this.element.classList.toggle("large", isLarge);
     if (isLarge) this.element.focus();
     this.#overlay.identity(isLarge || isBesideAnother() ? caseIdentity(this.#shown) : "");
@@ -181,7 +183,8 @@ export class AcrossPane {
 
   dispose(): void {
     this.#picture.stop();
-    this.#listener.lies(null);
+    if (this.isLarge) this.#store.large.value = null;
+    this.#lies(null);
     this.element.remove();
   }
 
@@ -228,7 +231,7 @@ export class AcrossPane {
     const { plane } = drawn ?? {};
     // Its traces follow the hand at once.
     const isOfMark = plane && wanted && plane.mark.join() === wanted.mark.join();
-    this.#listener.lies(isOfMark ? turnedPlane(plane, wanted.turn_deg) : null);
+    this.#lies(isOfMark ? turnedPlane(plane, wanted.turn_deg) : null);
     const layer = drawn?.state.layer && titleWords(drawn.state.layer.about);
     const over = drawn?.state.overlay ? overlayWords(drawn.state.overlay) : "";
     const more = [layer, over].filter(Boolean).join(" · ");
@@ -277,7 +280,7 @@ export class AcrossPane {
   #place(placing: Placing): void {
     const isZoomed = placing.zoom !== this.#placing.zoom;
     this.#setPlacing(placing);
-    if (isZoomed) this.#listener.zoomed("across", placing.zoom);
+    if (isZoomed) this.#zoomed(this.name, placing.zoom);
   }
 
   #setPlacing(placing: Placing): void {
@@ -287,13 +290,14 @@ export class AcrossPane {
 
   #turn(steps: number, isFine: boolean): void {
     const turn_deg = this.#state?.across_deg ?? 0;
-    this.#listener.turned(boundTurn(turn_deg + steps * (isFine ? FINE_STEP_DEG : STEP_DEG)));
+    const step_deg = isFine ? FINE_STEP_DEG : STEP_DEG;
+    this.#store.view.change({ across_deg: boundTurn(turn_deg + steps * step_deg) });
   }
 
   #hover(event: PointerEvent | null): void {
     const box = this.#frame.getBoundingClientRect();
     this.#pointer = event && [event.clientX - box.left, event.clientY - box.top];
-    this.#listener.tool()?.hover(this.#pointer && this.#positionAt(this.#pointer));
+    this.#store.tool?.hover(this.#pointer && this.#positionAt(this.#pointer));
     this.#sayHovered();
   }
 
@@ -301,8 +305,8 @@ export class AcrossPane {
     const position = this.#pointer && this.#positionAt(this.#pointer);
     this.#hovered.hidden = !position;
     if (!position) return;
-    const depth = depthAtWords(this.#listener.surface().probe(position)?.depth_mm);
-    const values = this.#listener.values(position);
+    const depth = depthAtWords(this.#store.surface?.probe(position)?.depth_mm);
+    const values = this.#store.point.valuesAt(position);
     setText(this.#hovered, t("slice.hovered", { place: positionWords(position), depth, values }));
   }
 
@@ -310,10 +314,10 @@ export class AcrossPane {
   #tap(place: Vec2): void {
     const position = this.#positionAt(place);
     if (!position) return;
-    const tool = this.#listener.tool();
+    const tool = this.#store.tool;
     if (tool) tool.add(position, "slice");
-    else if (this.#listener.surface().isInHead(position)) this.#listener.move(position, true);
-    else this.#listener.missed();
+    else if (this.#store.surface?.isInHead(position)) this.#store.moveCross(position, true);
+    else this.#store.miss(t("point.beside"));
   }
 
   #listen(): void {
@@ -321,8 +325,8 @@ export class AcrossPane {
     listen(this.#frame, {
       tap: (place) => this.#tap(place),
       drag: (kind, move) => {
-        if (kind === "window") return this.#listener.window(move);
-        if (kind === "turn" && this.#listener.tool()) return;
+        if (kind === "window") return dragTheWindow(this.#store, move);
+        if (kind === "turn" && this.#store.tool) return;
         this.#place({ zoom: this.#placing.zoom, ...pan(view(), this.#shown, move, this.#size) });
       },
       pinch: (fingers) => this.#place(pinch(view(), this.#shown, fingers, this.#size)),
@@ -332,7 +336,7 @@ export class AcrossPane {
         else if (notches !== 0) this.#turn(-notches, event.shiftKey);
       },
       pick: () => {
-        if (!this.#listener.tool()) this.#listener.enlarge("across", true);
+        if (!this.#store.tool) this.#store.enlarge(this.name, true);
       },
       busy: () => {},
     });

@@ -3,7 +3,7 @@
 import { send } from "../base/api.ts";
 import { MESH_PATHS, MESH_QUERY, PAGE_MESH } from "../model/query.ts";
 import type { SurfaceName } from "../model/surfaces.ts";
-import type { LoadProgress } from "./surface.ts";
+import type { LoadProgress } from "../store/surface.ts";
 import {
   byteLength,
   decodeDistance,

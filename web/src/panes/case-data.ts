@@ -7,7 +7,7 @@ import { unfenced, voxelCount, type Block, type PathsTable } from "../model/wire
 import { patiently } from "../base/patience.ts";
 import type { FieldMaps } from "../gl/scene.ts";
 import { Assets, ByteCount, COARSE_STEP } from "./assets.ts";
-import type { LoadProgress } from "./surface.ts";
+import type { LoadProgress } from "../store/surface.ts";
 
 /** The most bytes of a whole volume that the page holds; slices of a larger one are the server's. */
 const MOST_WHOLE_BYTES = 96 << 20;

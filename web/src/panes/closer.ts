@@ -1,26 +1,26 @@
 // The close-up of the marked place: three slices of it beside those of the other side, flipped; with a layer, the case
 // itself and the layer side by side.
 
+import { effect } from "@preact/signals";
+
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import type { ReadyCase } from "../model/case.ts";
+import { dragWindow } from "../model/controls.ts";
 import { mirrorPlane, reflected, sideOf } from "../model/midsagittal.ts";
 import type { Marked } from "../model/marks.ts";
 import { PLANE_NAMES, type Plane } from "../model/query.ts";
 import { otherConvention } from "../model/slice-geometry.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, leftOf } from "../model/state.ts";
+import { preferences } from "../store/preferences.ts";
+import type { Store } from "../store/store.ts";
 import type { Placed } from "./screenshot.ts";
-import type { SliceListener } from "./slice-parts.ts";
+import { dragTheWindow } from "./slice-parts.ts";
 import { SlicePane } from "./slices.ts";
 
 /** How much of the head is seen at first, along the smaller side of a pane. */
 const CLOSE_MM = 60;
-
-interface CloserListener extends Omit<SliceListener, "enlarge" | "zoomed" | "window"> {
-  /** A drag with the right button in the case itself, or in the layer. */
-  window(move: Vec2, isLayer: boolean): void;
-}
 
 interface ClosePane {
   readonly pane: SlicePane;
@@ -31,18 +31,23 @@ interface ClosePane {
 export class Closer {
   readonly element = h("div", { class: "closer" });
   readonly #shown: ReadyCase;
-  readonly #listener: CloserListener;
+  readonly #store: Store;
   #panes: readonly ClosePane[] = [];
   /** The mark and its mirror image: the same as long as the mark is the same. */
   #pair: readonly [Vec3, Vec3] | null = null;
   /** The mark, while a hand holds it on the other side: the sides change places when the hand has left. */
   #held: Vec3 | null = null;
   #isOutlined = true;
+  readonly #end: () => void;
   #marked: readonly Marked[] = [];
 
-  constructor(shown: ReadyCase, listener: CloserListener) {
-    this.#shown = shown;
-    this.#listener = listener;
+  constructor(store: Store) {
+    this.#shown = store.shown;
+    this.#store = store;
+    this.#end = effect(() => {
+      const large = store.large.value;
+      for (const { pane } of this.#panes) pane.enlarge(pane.name === large);
+    });
   }
 
   /** Shows the place that is marked; the layers of the state beside the case itself. */
@@ -83,6 +88,8 @@ export class Closer {
 
   /** The panes are gone; the next ones show 60 mm again. */
   dispose(): void {
+    this.#end();
+    if (this.#panes.some(({ pane }) => pane.isLarge)) this.#store.large.value = null;
     for (const { pane } of this.#panes) pane.dispose();
     this.#panes = [];
     this.element.replaceChildren();
@@ -127,27 +134,34 @@ export class Closer {
   }
 
   #made(plane: Plane, { isLayer, isOpposite }: Omit<ClosePane, "pane">): ClosePane {
-    const listener: SliceListener = {
-      ...this.#listener,
-      window: (move) => this.#listener.window(move, isLayer),
-      move: (position, done) => {
-        this.#held = isOpposite && !done ? position : null;
-        this.#listener.move(position, done);
-      },
-      scroll: (position) => this.#scroll(position, isOpposite),
-      zoomed: (_, wanted) => {
-        if (this.#listener.hasOneZoom()) for (const { pane } of this.#panes) pane.zoomTo(wanted);
-      },
-      enlarge: (_, isDoubleClick) => this.#enlarge(pane, isDoubleClick),
-    };
-    const pane = new SlicePane(plane, this.#shown, listener, {
+    const store = this.#store;
+    const pane = new SlicePane(plane, store, (_, zoom) => this.#zoom(zoom), {
       name: `${isOpposite ? "opposite" : "here"}${isLayer ? "-layer" : ""}`,
       isOpposite,
       isLayer,
       zoom: (2 * this.#shown.envelope_sphere.radius_mm) / CLOSE_MM,
       words: (mark) => this.#sideWords(mark, isOpposite),
+      window: (move) => this.#window(move, isLayer),
+      move: (position, isDone) => {
+        this.#held = isOpposite && !isDone ? position : null;
+        store.moveCross(position, isDone);
+      },
+      scroll: (position) => this.#scroll(position, isOpposite),
     });
     return { pane, isLayer, isOpposite };
+  }
+
+  #zoom(zoom: number): void {
+    if (preferences.peek().linked_zoom) for (const { pane } of this.#panes) pane.zoomTo(zoom);
+  }
+
+  /** A drag changes the window of the half that it is in: of the case itself, or of the layer. */
+  #window(move: Vec2, isLayer: boolean): void {
+    const { view } = this.#store;
+    const { beside } = view.now;
+    if (isLayer || !beside) return dragTheWindow(this.#store, move);
+    const { window = beside.window } = dragWindow(leftOf(view.now), this.#shown, move, preferences.peek().drag);
+    view.change({ beside: { ...beside, window } });
   }
 
   /** Which side a pane shows: of the other side it is flipped. */
@@ -159,13 +173,7 @@ export class Closer {
 
   /** The slices of both sides go together: on the other side the mark stays on its own. */
   #scroll(position: Vec3, isOpposite: boolean): void {
-    if (!isOpposite) return this.#listener.scroll(position);
-    this.#pair = [reflected(position, mirrorPlane(this.#shown)), position];
-    this.#listener.scroll(this.#pair[0]);
-  }
-
-  #enlarge(one: SlicePane, isDoubleClick = false): void {
-    for (const { pane } of this.#panes) pane.enlarge(pane === one && !pane.isLarge);
-    this.#listener.resized(isDoubleClick);
+    if (isOpposite) this.#pair = [reflected(position, mirrorPlane(this.#shown)), position];
+    this.#store.moveCross(isOpposite && this.#pair ? this.#pair[0] : position, false);
   }
 }

@@ -24,7 +24,7 @@ import { Device, fitsMemory, handOver } from "./device.ts";
 import { mapLooks, panesOf, slicePicture, withLayers } from "./looks.ts";
 import { Pace } from "./pace.ts";
 import { StandIn } from "./stand-in.ts";
-import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions } from "./surface.ts";
+import type { CreateSurface, Fallback, LoadProgress, Surface, SurfaceOptions } from "../store/surface.ts";
 
 /** The most device pixels for a CSS pixel: where software draws, and where a device does. */
 const SOFTWARE_RATIO = 1;

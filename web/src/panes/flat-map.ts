@@ -9,16 +9,7 @@ import { problemWords } from "../base/problem-words.ts";
 import { depthWords } from "../base/readout.ts";
 import { towardsViewer } from "../model/camera.ts";
 import type { ReadyCase } from "../model/case.ts";
-import {
-  type Change,
-  type Command,
-  type DragDirection,
-  type WheelUse,
-  dragWindow,
-  panMap,
-  wheelZoom,
-  zoomMap,
-} from "../model/controls.ts";
+import { panMap, wheelZoom, zoomMap } from "../model/controls.ts";
 import {
   type Centres,
   type DiscProjection,
@@ -46,12 +37,14 @@ import { mirrorPlane } from "../model/midsagittal.ts";
 import { PLANES, PLANE_NAMES, mapQuery, pictureSize } from "../model/query.ts";
 import { type Vec2, type Vec3, add, dot, length, scale, subtract } from "../model/space.ts";
 import type { ViewState } from "../model/state.ts";
+import { perform } from "../store/commands.ts";
+import { preferences } from "../store/preferences.ts";
+import type { Store } from "../store/store.ts";
 import { listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { Overlay } from "./overlay.ts";
-import type { PointTool } from "./point-tool.ts";
 import type { Placed } from "./screenshot.ts";
-import type { Surface } from "./surface.ts";
+import { dragTheWindow } from "./slice-parts.ts";
 
 /** CSS pixels from one known position to the next. */
 const STEP = 2;
@@ -91,25 +84,10 @@ function letterOf(direction: Vec3): string {
   return LETTERS[axis]?.[(direction[axis] ?? 0) > 0 ? 0 : 1] ?? "";
 }
 
-export interface MapPaneListener {
-  surface(): Surface;
-  hands(): { readonly drag: DragDirection; readonly wheel: WheelUse };
-  change(change: Change): void;
-  command(command: Command): void;
-  /** A place of the surface is marked. */
-  mark(position_in_patient: Vec3): void;
-  missed(): void;
-  tool(): PointTool | null;
-  busy(busy: boolean): void;
-  /** Something to know, which can be dismissed. */
-  remark(words: string): void;
-  complain(problem: unknown): void;
-}
-
 export class MapPane {
   readonly element: HTMLElement;
   readonly #shown: ReadyCase;
-  readonly #listener: MapPaneListener;
+  readonly #store: Store;
   readonly #image = h("div", { class: "map-image" });
   readonly #lines = svg("svg", { class: "map-lines", "aria-hidden": "true" });
   readonly #curves = svg("g");
@@ -133,9 +111,10 @@ export class MapPane {
   #timer = 0;
   #pointer: Vec2 | null = null;
 
-  constructor(shown: ReadyCase, listener: MapPaneListener) {
+  constructor(store: Store) {
+    const { shown } = store;
     this.#shown = shown;
-    this.#listener = listener;
+    this.#store = store;
     this.element = h(
       "section",
       {
@@ -168,10 +147,10 @@ export class MapPane {
     this.#state = state;
     const size = this.#size;
     if (size[0] < STEP || size[1] < STEP) return;
-    const { surface } = this.#listener;
+    const { surface } = this.#store;
     const { moved } = state.layer ?? state.overlay ?? {};
     this.#picture.show(
-      `${this.#path(state, this.#pixels(devicePixelRatio, MOST_PIXELS))}#${[moved, surface().canMap(state)].join()}`,
+      `${this.#path(state, this.#pixels(devicePixelRatio, MOST_PIXELS))}#${[moved, surface?.canMap(state) ?? false].join()}`,
       state,
     );
     this.#picture.again();
@@ -234,7 +213,7 @@ export class MapPane {
   }
 
   async #draw(state: ViewState, size: Vec2): Promise<HTMLCanvasElement | null> {
-    const drawn = await this.#listener.surface().map(state, size);
+    const drawn = (await this.#store.surface?.map(state, size)) ?? null;
     if (!drawn) return null;
     const canvas = h("canvas", {
       width: drawn.width,
@@ -272,11 +251,11 @@ export class MapPane {
     const state = this.#state;
     // Without surfaces of its halves, a head has no inner sides.
     if (problem instanceof Problem && problem.kind === "no-surfaces" && state?.map.has_inner) {
-      this.#listener.change({ map: { ...state.map, has_inner: false } });
-      return this.#listener.remark(problemWords(problem));
+      this.#store.view.change({ map: { ...state.map, has_inner: false } });
+      return void (this.#store.remark.value = problemWords(problem));
     }
     this.element.classList.toggle("troubled", problem !== null);
-    this.#listener.complain(problem);
+    this.#store.complain(problem);
   }
 
   // -- What it shows where
@@ -313,7 +292,7 @@ export class MapPane {
   /** The middles of the hemispheres; until the page knows them, that of the head, with which the discs have their places. */
   get #centres(): Centres {
     const { center_in_patient: middle } = this.#shown.envelope_sphere;
-    return this.#listener.surface().centres ?? { left: middle, right: middle };
+    return this.#store.surface?.centres ?? { left: middle, right: middle };
   }
 
   #discs(state: ViewState): readonly DiscProjection[] {
@@ -324,8 +303,8 @@ export class MapPane {
   /** The position that is shown at a place: exactly, where the page knows the surface. */
   #positionAt(state: ViewState, place: Vec2): Vec3 | null {
     const disc = discAt(this.#discs(state), place);
-    const surface = this.#listener.surface();
-    const points = disc && surface.centres && surface.pointsOf(surfaceOf(disc.disc));
+    const { surface } = this.#store;
+    const points = disc && surface?.centres && surface.pointsOf(surfaceOf(disc.disc));
     const direction = disc?.directionAt(place);
     if (!points || !direction) return this.#positions && shownAt(this.#positions, place);
     const from = add(disc.disc.center_in_patient, scale(direction, REACH_MM));
@@ -343,7 +322,7 @@ export class MapPane {
     this.#letters.replaceChildren(...discs.flatMap((disc) => this.#lettersOf(disc, size)));
     this.#drawCurves(state, discs);
     this.#showLooking(state, discs);
-    const isKnown = this.#listener.surface().centres !== null;
+    const isKnown = (this.#store.surface?.centres ?? null) !== null;
     const marks = (isKnown ? discs : []).flatMap((disc) =>
       surfaceMarks(this.#marked, state.depth_mm, { pixelOf: onDisc(disc, discs, this.#shown) }),
     );
@@ -451,7 +430,7 @@ export class MapPane {
   /** Changes what the map shows, at once: the next key may come before the next frame. */
   #change(change: Pick<ViewState, "map">): void {
     if (this.#state) this.#state = { ...this.#state, ...change };
-    this.#listener.change(change);
+    this.#store.view.change(change);
   }
 
   /** Pixels of the radius of the sphere. */
@@ -472,17 +451,17 @@ export class MapPane {
   #pick(place: Vec2): void {
     const state = this.#state;
     const position = state && this.#positionAt(state, place);
-    if (!position) return this.#listener.missed();
-    const tool = this.#listener.tool();
+    if (!position) return this.#store.miss(t("point.none"));
+    const tool = this.#store.tool;
     if (tool) tool.add(position, "surface");
-    else this.#listener.mark(position);
+    else this.#store.moveCross(position, true);
   }
 
   #listen(): void {
-    const { hands, change, command, busy } = this.#listener;
+    const store = this.#store;
     listen(this.element, {
       drag: (kind, move) => {
-        if (kind === "window" && this.#state) change(dragWindow(this.#state, this.#shown, move, hands().drag));
+        if (kind === "window") dragTheWindow(store, move);
         else this.#pan(move);
       },
       pinch: ({ from, to }) => {
@@ -493,13 +472,15 @@ export class MapPane {
         this.#pan([after[0] - before[0], after[1] - before[1]]);
       },
       wheel: (pixels, notches, place, event) => {
-        const isDepth = !event.ctrlKey && event.altKey !== (hands().wheel === "depth");
+        const isDepth = !event.ctrlKey && event.altKey !== (preferences.peek().wheel === "depth");
         if (!isDepth) this.#zoom(wheelZoom(event.ctrlKey ? pixels * 5 : pixels), place);
-        else if (notches !== 0) command({ kind: "depth", steps: notches, fine: event.shiftKey });
+        else if (notches !== 0) perform(store, { kind: "depth", steps: notches, fine: event.shiftKey });
       },
       tap: (place) => this.#pick(place),
       pick: () => {},
-      busy,
+      busy: (isBusy) => {
+        store.isMoving.value = isBusy;
+      },
     });
     this.element.addEventListener("pointermove", (event) => this.#hover(event));
     this.element.addEventListener("pointerleave", () => this.#hover(null));
@@ -508,7 +489,7 @@ export class MapPane {
   #hover(event: PointerEvent | null): void {
     const { left, top } = this.element.getBoundingClientRect();
     this.#pointer = event && event.buttons === 0 ? [event.clientX - left, event.clientY - top] : null;
-    const tool = this.#listener.tool();
+    const tool = this.#store.tool;
     if (tool && this.#state) tool.hover(this.#pointer && this.#positionAt(this.#state, this.#pointer));
     this.#showDisc();
   }

@@ -6,7 +6,8 @@ import { Notches, type Pinch, wheelPixels } from "../model/controls.ts";
 /** What a drag does, by its button and modifier. */
 type DragKind = "turn" | "pan" | "window";
 
-export interface GestureListener {
+/** What hands do on a pane. */
+export interface Gestures {
   /** A hand came down; a finger may also be about to scroll the page. */
   press?(kind: DragKind, place: Vec2, isFinger: boolean): void;
   /** The system took the gesture away, to scroll the page for one. */
@@ -31,7 +32,7 @@ const kindOf = (event: PointerEvent): DragKind => {
 export const STILL_PIXELS = 4;
 
 /** Listens to a pane; its places are CSS pixels from the pane's top left corner. */
-export function listen(pane: HTMLElement, listener: GestureListener): void {
+export function listen(pane: HTMLElement, gestures: Gestures): void {
   const touches = new Map<number, Vec2>();
   const notches = new Notches();
   let kind: DragKind = "turn";
@@ -44,10 +45,10 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
   };
   const end = (event: PointerEvent): void => {
     if (!touches.delete(event.pointerId)) return;
-    if (event.type === "pointercancel") listener.cancel?.();
+    if (event.type === "pointercancel") gestures.cancel?.();
     if (touches.size > 0) return;
-    if (still && event.type === "pointerup" && kind === "turn") listener.tap?.(still);
-    listener.busy(false);
+    if (still && event.type === "pointerup" && kind === "turn") gestures.tap?.(still);
+    gestures.busy(false);
   };
 
   pane.addEventListener("pointerdown", (event) => {
@@ -58,8 +59,8 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
     if (touches.size === 0) {
       kind = kindOf(event);
       still = placeOf(event);
-      listener.busy(true);
-      listener.press?.(kind, placeOf(event), event.pointerType === "touch");
+      gestures.busy(true);
+      gestures.press?.(kind, placeOf(event), event.pointerType === "touch");
     }
     touches.set(event.pointerId, placeOf(event));
     if (touches.size > 1) still = null;
@@ -74,14 +75,14 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
     if (still && Math.hypot(now[0] - still[0], now[1] - still[1]) > STILL_PIXELS) still = null;
     touches.set(event.pointerId, now);
     const other = [...touches].find(([id]) => id !== event.pointerId)?.[1];
-    if (other) listener.pinch({ from: [before, other], to: [now, other] });
-    else listener.drag(kind, [now[0] - before[0], now[1] - before[1]], now);
+    if (other) gestures.pinch({ from: [before, other], to: [now, other] });
+    else gestures.drag(kind, [now[0] - before[0], now[1] - before[1]], now);
   });
   // A touch that the system takes away (a call, a palm) ends the gesture where it is.
   for (const name of ["pointerup", "pointercancel", "lostpointercapture"] as const) pane.addEventListener(name, end);
   pane.addEventListener("dblclick", (event) => {
     if (event.target instanceof Element && event.target.closest("button, input")) return;
-    listener.pick(placeOf(event));
+    gestures.pick(placeOf(event));
   });
   pane.addEventListener("contextmenu", (event) => event.preventDefault());
   pane.addEventListener(
@@ -89,7 +90,7 @@ export function listen(pane: HTMLElement, listener: GestureListener): void {
     (event) => {
       event.preventDefault();
       const pixels = wheelPixels(event);
-      listener.wheel(pixels, notches.take(pixels), placeOf(event), event);
+      gestures.wheel(pixels, notches.take(pixels), placeOf(event), event);
     },
     { passive: false },
   );

@@ -32,9 +32,17 @@ import {
 } from "../model/slice-geometry.ts";
 import { type Vec2, type Vec3, add, subtract } from "../model/space.ts";
 import { type ViewState, edgesLayer, isMirrored } from "../model/state.ts";
+import type { Store } from "../store/store.ts";
 import { type AcrossPlane, traceOf, turnTo } from "../model/across.ts";
 import type { Placed } from "./screenshot.ts";
-import { MOST_PIXELS, MOST_SAVED_PIXELS, type SliceLayer, type SliceListener, type SliceRole } from "./slice-parts.ts";
+import {
+  MOST_PIXELS,
+  MOST_SAVED_PIXELS,
+  type SliceLayer,
+  type SliceRole,
+  type Zoomed,
+  dragTheWindow,
+} from "./slice-parts.ts";
 import { edgesWords, imageWords, isBesideAnother } from "./slice-words.ts";
 import { Trace } from "./trace.ts";
 
@@ -52,8 +60,11 @@ interface Seen {
 export class SlicePane {
   readonly element: HTMLElement;
   readonly plane: Plane;
+  /** Distinguishes it from all other slices that are shown. */
+  readonly name: string;
   readonly #shown: ReadyCase;
-  readonly #listener: SliceListener;
+  readonly #store: Store;
+  readonly #zoomed: Zoomed;
   readonly #overlay: Overlay;
   readonly #picture: FollowingPicture<Seen, HTMLElement>;
   readonly #image = h("div", { class: "slice-image" });
@@ -83,13 +94,16 @@ export class SlicePane {
   #laid: { readonly marked: readonly Marked[]; readonly where: string } | null = null;
   #pointer: Vec2 | null = null;
 
-  constructor(plane: Plane, shown: ReadyCase, listener: SliceListener, role: SliceRole | null = null) {
+  constructor(plane: Plane, store: Store, zoomed: Zoomed, role: SliceRole | null = null) {
+    const { shown } = store;
     this.#role = role;
+    this.name = role ? `${plane}-${role.name}` : plane;
     this.#home = { ...CENTRED, zoom: role?.zoom ?? CENTRED.zoom };
     this.#placing = this.#home;
     this.plane = plane;
     this.#shown = shown;
-    this.#listener = listener;
+    this.#store = store;
+    this.#zoomed = zoomed;
     const label = t(`plane.${plane}`);
     this.element = h(
       "section",
@@ -108,11 +122,10 @@ export class SlicePane {
       "aria-label": t("slice.position", { plane: label }),
       input: () => this.#goTo(this.#range.valueAsNumber),
     });
-    const suffix = role ? `-${role.name}` : "";
     if (role) this.element.classList.add(role.name);
-    this.#words = h("p", { id: `slice-${plane}${suffix}-words`, class: "visually-hidden" });
+    this.#words = h("p", { id: `slice-${this.name}-words`, class: "visually-hidden" });
     this.element.setAttribute("aria-describedby", this.#words.id);
-    const enlarge = iconButton("enlarge", t("slice.enlarge", { plane: label }), () => listener.enlarge(plane));
+    const enlarge = iconButton("enlarge", t("slice.enlarge", { plane: label }), () => store.enlarge(this.name));
     this.element.append(h("div", { class: "slice-bar" }, this.#overlay.line, this.#range, enlarge), this.#words);
     if (isBesideAnother()) this.#overlay.identity(caseIdentity(shown));
     this.#picture = new FollowingPicture<Seen, HTMLElement>(
@@ -120,7 +133,7 @@ export class SlicePane {
         put: (image, { state, view }) => this.#put(image, state, view),
         complain: (problem) => {
           this.element.classList.toggle("troubled", problem !== null);
-          listener.complain(problem);
+          store.complain(problem);
         },
       },
       (wish) => this.#load(wish),
@@ -136,7 +149,7 @@ export class SlicePane {
     const path = this.#path(state, pictureSize(view.size, devicePixelRatio, MOST_PIXELS));
     // The server is not asked for what follows a "#"; what it drew is drawn again once the page can, also divided.
     const { moved } = state.layer ?? state.overlay ?? {};
-    const own = [state.swipe?.share, state.has_edges, moved, this.#listener.surface().canSlice(state)];
+    const own = [state.swipe?.share, state.has_edges, moved, this.#store.surface?.canSlice(state) ?? false];
     this.#picture.show(`${path}#${own.join()}`, { state, view });
     this.#picture.again();
     setValue(this.#range, view.position_mm);
@@ -159,7 +172,7 @@ export class SlicePane {
   }
 
   async #draw(state: ViewState, view: SliceView): Promise<HTMLCanvasElement | null> {
-    const drawn = await this.#listener.surface().slice(state, view, this.#outlined ? outlinesOf(state) : []);
+    const drawn = await this.#store.surface?.slice(state, view, this.#outlined ? outlinesOf(state) : []);
     if (!drawn) return null;
     const { width, height } = drawn;
     const canvas = h("canvas", { width, height, role: "img" });
@@ -200,6 +213,7 @@ export class SlicePane {
 
   /** Whether the slice is as large as all panes; then it names the case itself. */
   enlarge(isLarge: boolean): void {
+    if (isLarge === this.isLarge) return;
     this.element.classList.toggle("large", isLarge);
     // So that Escape is its own.
     if (isLarge) this.element.focus();
@@ -352,7 +366,7 @@ export class SlicePane {
     if (!plane || !state) return;
     const position = slicePosition(this.#view(state), this.#shown.envelope_sphere, place);
     const turn_deg = turnTo(plane, subtract(position, plane.mark));
-    if (turn_deg !== null) this.#listener.turned(turn_deg);
+    if (turn_deg !== null) this.#store.view.change({ across_deg: turn_deg });
   }
 
   /** Lists the depths of the outlines with their colours, if there are several. */
@@ -371,13 +385,15 @@ export class SlicePane {
       axis === PLANES[this.plane].axis ? position_mm : value,
     );
     this.#followed = withinReach(this.#shown, position as unknown as Vec3);
-    this.#listener.scroll(this.#followed);
+    if (this.#role) this.#role.scroll(this.#followed);
+    else this.#store.moveCross(this.#followed, false);
   }
 
   /** A hand puts the mark here: the slice stays as it lies. */
   #move(position: Vec3, done: boolean): void {
     this.#followed = position;
-    this.#listener.move(position, done);
+    if (this.#role) this.#role.move(position, done);
+    else this.#store.moveCross(position, done);
   }
 
   #step(steps: number): void {
@@ -425,7 +441,7 @@ export class SlicePane {
   #place(placing: Placing): void {
     const isZoomed = placing.zoom !== this.#placing.zoom;
     this.#setPlacing(placing);
-    if (isZoomed) this.#listener.zoomed(this.plane, placing.zoom);
+    if (isZoomed) this.#zoomed(this.name, placing.zoom);
   }
 
   #setPlacing(placing: Placing): void {
@@ -441,7 +457,7 @@ export class SlicePane {
   #hover(event: PointerEvent | null): void {
     const box = this.#frame.getBoundingClientRect();
     this.#pointer = event && [event.clientX - box.left, event.clientY - box.top];
-    this.#listener.tool()?.hover(this.#pointer && this.#positionAt(this.#pointer));
+    this.#store.tool?.hover(this.#pointer && this.#positionAt(this.#pointer));
     this.#sayHovered();
   }
 
@@ -450,9 +466,9 @@ export class SlicePane {
     const position = this.#pointer && this.#positionAt(this.#pointer);
     this.#hovered.hidden = !position;
     if (!position) return;
-    const probed = this.#listener.surface().probe(position);
+    const probed = this.#store.surface?.probe(position);
     const depth = depthAtWords(probed?.depth_mm);
-    const values = this.#listener.values(position);
+    const values = this.#store.point.valuesAt(position);
     setText(this.#hovered, t("slice.hovered", { place: positionWords(position), depth, values }));
   }
 
@@ -463,13 +479,13 @@ export class SlicePane {
     // A hand that leaves the head leaves the cross where it was last.
     const cross = (place: Vec2, done: boolean): void => {
       const position = this.#positionAt(place);
-      if (position && this.#listener.surface().isInHead(position)) marked = position;
+      if (position && this.#store.surface?.isInHead(position)) marked = position;
       if (marked) this.#move(marked, done);
-      else if (done) this.#listener.missed();
+      else if (done) this.#store.miss(t("point.beside"));
     };
     /** Points are set where a mouse comes down, and where it or a finger leaves after a drag: fingers also scroll. */
     const set = (place: Vec2): boolean => {
-      const tool = this.#listener.tool();
+      const tool = this.#store.tool;
       const position = tool && this.#positionAt(place);
       if (position) tool.add(position, "slice");
       return tool !== null;
@@ -480,7 +496,7 @@ export class SlicePane {
       press: (kind, place, isFinger) => {
         pressed = place;
         pulled = null;
-        if (kind === "turn" && this.#listener.tool()) {
+        if (kind === "turn" && this.#store.tool) {
           if (isFinger) pulled = place;
           else set(place);
           return;
@@ -492,12 +508,12 @@ export class SlicePane {
       },
       cancel: () => (at = pulled = null),
       drag: (kind, move, place) => {
-        if (kind === "window") return this.#listener.window(move);
+        if (kind === "window") return this.#role ? this.#role.window(move) : dragTheWindow(this.#store, move);
         if (kind === "pan") {
           if (this.#state) this.#place(movedSlice(this.#view(this.#state), this.#shown, move));
           return;
         }
-        const tool = this.#listener.tool();
+        const tool = this.#store.tool;
         if (tool) {
           // A hand that clicks may tremble.
           if (Math.hypot(place[0] - pressed[0], place[1] - pressed[1]) > STILL_PIXELS) pulled = place;
@@ -522,7 +538,7 @@ export class SlicePane {
         }
       },
       pick: () => {
-        if (!this.#listener.tool()) this.#listener.enlarge(this.plane, true);
+        if (!this.#store.tool) this.#store.enlarge(this.name, true);
       },
       busy: (busy) => {
         if (!busy && pulled) set(pulled);
@@ -538,7 +554,7 @@ export class SlicePane {
     this.#frame.addEventListener("pointerleave", () => this.#hover(null));
     this.element.addEventListener("keydown", (event) => {
       if (event.target !== this.element || event.ctrlKey || event.metaKey || event.altKey) return;
-      const tool = this.#listener.tool();
+      const tool = this.#store.tool;
       if (event.key === "Enter" && tool && this.#state) {
         tool.add(this.#center(this.#state), "slice");
         event.preventDefault();
@@ -546,7 +562,7 @@ export class SlicePane {
       }
       if (event.key === "Home") {
         this.center();
-        this.#listener.zoomed(this.plane, this.#placing.zoom);
+        this.#zoomed(this.name, this.#placing.zoom);
         event.preventDefault();
         return;
       }

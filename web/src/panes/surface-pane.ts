@@ -1,73 +1,42 @@
 // The pane of the surface: the picture, what stands on it, and the hands on it.
 
+import { effect } from "@preact/signals";
+
 import { type View, edgesOf, mirrored, project, towardsViewer, viewName } from "../model/camera.ts";
 import type { MirrorPlane, ReadyCase } from "../model/case.ts";
-import {
-  type Change,
-  type Command,
-  type DragDirection,
-  type WheelUse,
-  dragWindow,
-  pan,
-  pinch,
-  turn,
-  wheelZoom,
-  zoomAt,
-} from "../model/controls.ts";
+import { dragWindow, pan, pinch, turn, wheelZoom, zoomAt } from "../model/controls.ts";
 import { type Mark, type Marked, surfaceMarks } from "../model/marks.ts";
 import { type SideSeen, mirrorPlane, plainPlane, reflected, sideOf, sideSeen } from "../model/midsagittal.ts";
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
 import { type SurfaceName, isHalf, mirroredSurface } from "../model/surfaces.ts";
-import type { Block } from "../model/wire.ts";
 import { caseIdentity } from "../base/case-words.ts";
 import { h, iconButton, setText } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { depthWords } from "../base/readout.ts";
+import { leavePart } from "../store/bring.ts";
+import { perform, pick } from "../store/commands.ts";
+import { preferences } from "../store/preferences.ts";
+import type { Store } from "../store/store.ts";
 import { createSurface } from "./cortex.ts";
 import { Cube } from "./cube.ts";
-import { type GestureListener, listen } from "./gestures.ts";
+import { type Gestures, listen } from "./gestures.ts";
 import { MapBar } from "./map-bar.ts";
 import { ColourBar, Overlay, SIDES, lookWords } from "./overlay.ts";
-import type { PointTool } from "./point-tool.ts";
-import type { Surface, SurfaceOptions, SurfaceStatus } from "./surface.ts";
+import type { Surface, SurfaceOptions, SurfaceStatus } from "../store/surface.ts";
 
 /** A marked point that lies farther than this behind what is seen of the surface, or before it, is not on it. */
 const HIDDEN_MM = 3;
 
 const OPPOSITE = { left: "right", right: "left", middle: "middle" } as const;
 
-/** What hands do by themselves. */
-interface HandUses {
-  readonly drag: DragDirection;
-  readonly wheel: WheelUse;
-}
-
-export interface SurfacePaneListener {
-  /** What the state is now. */
-  state(): ViewState;
-  hands(): HandUses;
-  change(change: Change): void;
-  command(command: Command): void;
-  pick(place: Vec2): void;
-  /** What sets points, while a reader measures. */
-  tool(): PointTool | null;
-  /** The voxels of a layer. */
-  layer(name: string): Promise<Block>;
-  /** The surface of a part of the brain cannot be shown, and why. */
-  noPart(problem: unknown): void;
-  /** A hand rests on the pane, or has left it. */
-  busy(busy: boolean): void;
-  status(status: SurfaceStatus): void;
-}
-
 export class SurfacePane {
   readonly element: HTMLElement;
   /** What the picture is in. */
   readonly host = h("div", { class: "surface-host" });
   readonly #shown: ReadyCase;
-  readonly #listener: SurfacePaneListener;
+  readonly #store: Store;
   readonly #overlay: Overlay;
   readonly #otherOverlay: Overlay;
   /** Those of the right half, or of the whole, then those of the left half. */
@@ -76,7 +45,7 @@ export class SurfacePane {
     [new ColourBar(), new MapBar()],
   ] as const;
   readonly #leftBars = h("div", { class: "of-left" });
-  readonly #cube = new Cube((name) => this.#listener.command({ kind: "view", name }));
+  readonly #cube = new Cube((name) => perform(this.#store, { kind: "view", name }));
   readonly #keys = h("p", { id: "surface-keys", class: "visually-hidden" }, t("surface.keys"));
   /** Who draws it, and knows its points. */
   readonly surface: Surface;
@@ -87,9 +56,10 @@ export class SurfacePane {
   #ghost: Vec2 | null = null;
 
   /** `kept` draws the case already. */
-  constructor(shown: ReadyCase, serverOnly: boolean, listener: SurfacePaneListener, kept: Surface | null = null) {
+  constructor(store: Store, serverOnly: boolean, kept: Surface | null) {
+    const { shown } = store;
     this.#shown = shown;
-    this.#listener = listener;
+    this.#store = store;
     this.element = h(
       "section",
       {
@@ -112,18 +82,21 @@ export class SurfacePane {
     this.element.append(colours.element, map.element);
     this.#leftBars.append(...left.map(({ element }) => element));
     // As large as all panes, where there are others.
-    const enlarge = iconButton("enlarge", t("surface.enlarge"), () => this.element.classList.toggle("large"));
+    const enlarge = iconButton("enlarge", t("surface.enlarge"), () => store.enlarge("surface"));
     const note = h("p", { class: "bare-note" }, t("outline.off"));
     this.element.append(this.#cube.element, this.#keys, enlarge, note);
     const options: SurfaceOptions = {
       onDrawn: (state) => this.#onDrawn(state),
       onStatus: (status) => this.#onStatus(status),
-      layer: listener.layer,
-      noPart: listener.noPart,
+      layer: (name) => store.caseLayers.voxels(name),
+      noPart: (problem) => leavePart(store, problem),
       serverOnly,
     };
     this.surface = kept ?? createSurface(this.host, shown, options);
     kept?.adopt(this.host, options);
+    store.paneSize = () => this.#whole;
+    store.meet(this.surface);
+    effect(() => void this.element.classList.toggle("large", store.large.value === "surface"));
     listen(this.element, this.#gestures());
     this.element.addEventListener("pointermove", (event) => this.#hover(event));
     this.element.addEventListener("pointerleave", () => this.#hover(null));
@@ -135,7 +108,7 @@ export class SurfacePane {
   }
 
   /** The size of the picture of one view: beside the mirrored one a half of the pane. */
-  size(state: ViewState = this.#listener.state()): Vec2 {
+  size(state: ViewState = this.#store.view.now): Vec2 {
     return viewSize(state, this.#whole);
   }
 
@@ -144,7 +117,7 @@ export class SurfacePane {
   }
 
   /** What is seen at a place of the pane, or was in another state. */
-  pick(place: Vec2, state: ViewState = this.#listener.state()): Picked | null {
+  pick(place: Vec2, state: ViewState = this.#store.view.now): Picked | null {
     return this.surface.pick(state, ...place);
   }
 
@@ -160,7 +133,7 @@ export class SurfacePane {
   /** The surface and the layers that are seen, which can be fewer than those of a state, and the window that belongs to them. */
   get layers(): Pick<ViewState, "surface" | "layer" | "overlay" | "window" | "beside"> {
     const none = { surface: "whole", layer: null, overlay: null, beside: null } as const;
-    const { surface, layer, overlay, window, beside } = this.#drawn ?? { ...this.#listener.state(), ...none };
+    const { surface, layer, overlay, window, beside } = this.#drawn ?? { ...this.#store.view.now, ...none };
     return { surface, layer, overlay, window, beside };
   }
 
@@ -170,7 +143,7 @@ export class SurfacePane {
   }
 
   picture(ratio: number): Promise<CanvasImageSource> {
-    return this.surface.picture({ ...this.#listener.state(), ...this.layers, swipe: null }, ratio);
+    return this.surface.picture({ ...this.#store.view.now, ...this.layers, swipe: null }, ratio);
   }
 
   // -- What stands on the picture
@@ -228,7 +201,10 @@ export class SurfacePane {
 
   #onStatus(status: SurfaceStatus): void {
     this.element.classList.toggle("troubled", status.trouble !== "");
-    this.#listener.status(status);
+    this.#store.trouble.value = status.trouble;
+    this.#store.status.value = status;
+    // It tells of itself while it is being made.
+    if (this.surface) this.#store.meet(this.surface);
   }
 
   /** Shows marks on the surface. */
@@ -273,7 +249,7 @@ export class SurfacePane {
     this.#marks(state);
     const size = this.size(state);
     const mirror = isMirrored(state);
-    const position = this.#listener.state().crosshair_mm;
+    const position = this.#store.view.now.crosshair_mm;
     if (!position) {
       this.#overlay.cursor(isHalved(state) ? this.#ghost : null, size, { kind: "ghost" });
       return this.#otherOverlay.cursor(this.#ghost, size, { kind: "ghost" });
@@ -316,8 +292,8 @@ export class SurfacePane {
   // -- Hands
 
   #hover(event: PointerEvent | null): void {
-    const state = this.#listener.state();
-    const tool = this.#listener.tool();
+    const state = this.#store.view.now;
+    const tool = this.#store.tool;
     if (tool) tool.hover(event && event.buttons === 0 ? (this.#at(event)?.position_in_patient ?? null) : null);
     if (!isHalved(state)) return;
     const box = this.element.getBoundingClientRect();
@@ -334,37 +310,40 @@ export class SurfacePane {
   /** A place of the pane within its half. */
   #inHalf(place: Vec2): Vec2 {
     const [width, height] = this.size();
-    const state = this.#listener.state();
+    const state = this.#store.view.now;
     if (!isHalved(state)) return place;
     const [x, y] = place;
     if (isStacked(state, this.#whole)) return [x, y >= height ? y - height : y];
     return [x >= width ? x - width : x, y];
   }
 
-  #gestures(): GestureListener {
-    const { state, hands, change, command, pick, tool, busy } = this.#listener;
+  #gestures(): Gestures {
+    const store = this.#store;
+    const { view } = store;
     return {
       drag: (kind, move) => {
-        if (kind === "turn") change(turn(state(), move, this.size()));
-        else if (kind === "pan") change(pan(state(), this.#shown, move, this.size()));
-        else change(dragWindow(state(), this.#shown, move, hands().drag));
+        if (kind === "turn") view.change(turn(view.now, move, this.size()));
+        else if (kind === "pan") view.change(pan(view.now, this.#shown, move, this.size()));
+        else view.change(dragWindow(view.now, this.#shown, move, preferences.peek().drag));
       },
-      pinch: (fingers) => change(pinch(state(), this.#shown, fingers, this.size())),
+      pinch: (fingers) => view.change(pinch(view.now, this.#shown, fingers, this.size())),
       wheel: (pixels, notches, place, event) => {
         // A pinch on a touchpad comes as a wheel with the control key.
-        const isDepth = !event.ctrlKey && event.altKey !== (hands().wheel === "depth");
+        const isDepth = !event.ctrlKey && event.altKey !== (preferences.peek().wheel === "depth");
         const zoom = wheelZoom(event.ctrlKey ? pixels * 5 : pixels);
-        if (!isDepth) change(zoomAt(state(), this.#shown, zoom, this.#inHalf(place), this.size()));
-        else if (notches !== 0) command({ kind: "depth", steps: notches, fine: event.shiftKey });
+        if (!isDepth) view.change(zoomAt(view.now, this.#shown, zoom, this.#inHalf(place), this.size()));
+        else if (notches !== 0) perform(store, { kind: "depth", steps: notches, fine: event.shiftKey });
       },
       tap: (place) => {
-        const position = tool() && this.pick(place)?.position_in_patient;
-        if (position) tool()?.add(position, "surface");
+        const position = store.tool && this.pick(place)?.position_in_patient;
+        if (position) store.tool?.add(position, "surface");
       },
       pick: (place) => {
-        if (!tool()) pick(place);
+        if (!store.tool) pick(store, place);
       },
-      busy,
+      busy: (isBusy) => {
+        store.isMoving.value = isBusy;
+      },
     };
   }
 }

@@ -150,20 +150,6 @@ impl Lattice {
     }
 }
 
-/// The axes of a head, and the standard deviation of its tissue along each, in mm; `None` if it has none.
-#[cfg(any(test, feature = "study"))]
-pub(crate) fn spread_axes(head: Head<'_>, block: &Block) -> Option<(DAffine3, DVec3)> {
-    let places: Vec<DVec3> = tissue(block).collect();
-    let patient_from_head = patient_from_head(head, &places)?;
-    let head_from_patient = patient_from_head.inverse();
-    let squared = |place: &DVec3| {
-        let place = head_from_patient.transform_point3(*place);
-        place * place
-    };
-    let variance = places.iter().map(squared).sum::<DVec3>() / places.len() as f64;
-    Some((patient_from_head, variance.to_array().map(f64::sqrt).into()))
-}
-
 /// The volume of a cell, in ml.
 pub(super) const CELL_ML: f64 = STEP_MM * STEP_MM * STEP_MM / 1000.0;
 

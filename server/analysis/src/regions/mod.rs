@@ -18,7 +18,7 @@ mod doubt;
 mod falx;
 mod lattice;
 mod parts;
-#[cfg(any(test, feature = "study"))]
+#[cfg(any(test, feature = "testing"))]
 pub mod phantom;
 #[cfg(test)]
 mod real;
@@ -33,8 +33,6 @@ pub use self::division::{Division, NoDivision, SurfacePart};
 pub use self::doubt::{RegionDoubt, RegionNumbers};
 pub use self::falx::Sheet;
 use self::lattice::Lattice;
-#[cfg(any(test, feature = "study"))]
-pub(crate) use self::lattice::spread_axes;
 use self::parts::{CEREBELLUM, CEREBRUM, OPEN, OUTSIDE, Parts, STEM};
 use crate::Head;
 use crate::block::Block;

@@ -182,6 +182,7 @@ mod tests {
                     series: uid(series),
                 },
                 accession_number: None,
+                patient: None,
                 superseded: None,
                 is_received: true,
             },

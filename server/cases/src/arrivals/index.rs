@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use case::CaseId;
 use imaging::dicom::Attributes;
-use storage::arrivals::{AccessionNumber, CaseSeries, SeriesUids, Superseded, Uid};
+use storage::arrivals::{AccessionNumber, CaseSeries, PatientDigest, SeriesUids, Superseded, Uid};
 use storage::{StoreError, Upload};
 
 use super::Patient;
@@ -16,6 +16,7 @@ use crate::error::Error;
 pub(crate) struct SeriesOfUpload {
     uids: SeriesUids,
     accession_number: Option<AccessionNumber>,
+    patient: Option<PatientDigest>,
     images: Vec<Uid>,
 }
 
@@ -39,6 +40,7 @@ impl SeriesOfUpload {
             accession_number: stored
                 .value("AccessionNumber")
                 .and_then(AccessionNumber::parse),
+            patient: stored.value("PatientID").and_then(PatientDigest::of),
         }))
     }
 }
@@ -93,6 +95,7 @@ impl Cases {
             case,
             uids: series.uids,
             accession_number: series.accession_number,
+            patient: series.patient,
             superseded: is_rejected.then_some(Superseded::Rejected),
             is_received: false,
         };

@@ -11,7 +11,7 @@ use pipeline::atlas::AtlasChoice;
 use pipeline::testing::{phantom, upload as phantom_upload};
 use pipeline::{HeadLimits, Pipeline};
 use storage::Store;
-use storage::testing::{assert_nothing_left_over, files_below};
+use storage::testing::{assert_nothing_left_over, files_below, objects_below};
 use tempfile::TempDir;
 
 use super::*;
@@ -192,7 +192,7 @@ async fn what_was_handed_over_is_prepared_as_what_is_read_from_the_store() {
         (vec![true], vec![false])
     );
     let objects = |setup: &Setup| {
-        let files = files_below(&setup.directory.path().join("objects"));
+        let files = objects_below(&setup.directory.path().join("objects"));
         let contents = files.iter().map(|file| std::fs::read(file).unwrap());
         contents.collect::<Vec<_>>()
     };
@@ -301,7 +301,7 @@ async fn what_cannot_be_prepared_leaves_nothing() {
             other => panic!("{name}: {other:?}"),
         }
         assert_nothing_left_over(setup.cases.store(), setup.directory.path()).await;
-        assert!(files_below(&setup.directory.path().join("objects")).is_empty());
+        assert!(objects_below(&setup.directory.path().join("objects")).is_empty());
     }
     assert!(setup.was_read().is_empty());
 }

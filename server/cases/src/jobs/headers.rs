@@ -21,7 +21,7 @@ pub(super) async fn contradicts_header(
         return Ok(false);
     };
     let same = store
-        .cases_with_voxels(id.project(), &voxels.values, MOST_COMPARED)
+        .cases_with_voxels(&voxels.values, MOST_COMPARED)
         .await?;
     let mut is_doubtful = false;
     for case in same.iter().filter(|case| case.id != *id) {

@@ -51,8 +51,7 @@ impl Work for ReadSeries {
         let Some(due) = store.series_to_read(&job.claim).await? else {
             return Ok(End::Done);
         };
-        let cases = self.cases.in_project(due.project);
-        let outcome = cases.read_series(&due, &self.options).await?;
+        let outcome = self.cases.read_series(&due, &self.options).await?;
         match &outcome {
             Outcome::Case(case) => {
                 tracing::info!(arrival, case = case.short(), "a series became a case");

@@ -273,7 +273,11 @@ async fn what_was_seen_is_served_for_a_while_without_the_database() {
         database: Some(DatabaseAddress::parse(&postgres.database().await).unwrap()),
         ..directory.path().into()
     };
-    let store = Store::open_at(&location, Options::default()).await.unwrap();
+    let options = Options {
+        create: true,
+        ..Options::default()
+    };
+    let store = Store::open_at(&location, options).await.unwrap();
     let ready = ready_in(store, directory).await;
     let mut cases = application(ready.library.store().clone(), "");
     cases.ready(&ready.id).await.unwrap();

@@ -135,7 +135,7 @@ pub struct PictureRequest {
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(inline))]
     pub colormap: ColorMap,
-    /// Intensities are averaged over this depth to either side, in mm.
+    /// Intensities are averaged over this depth to either side, in mm. `width` × `height` × (1 + `slab_mm`) is at most 67,108,864.
     #[serde(default)]
     #[cfg_attr(feature = "openapi", param(minimum = 0, maximum = 20, default = 0))]
     pub slab_mm: f64,
@@ -230,6 +230,10 @@ impl Default for PictureRequest {
     }
 }
 
+/// The most pixels of a picture, times 1 + its `slab_mm`: about a second of one CPU core. A picture of 4096 × 4096 pixels may average over
+/// 3 mm to either side, one of 1024 × 1024 over all 20.
+const MAX_SLAB_SAMPLES: f64 = 67_108_864.0;
+
 /// The version of the flat map; part of the entity tags of everything that shows it.
 const FLAT_MAP_FORMAT: u32 = 3;
 
@@ -253,7 +257,7 @@ impl PictureRequest {
         let window = self.window()?;
         let size = picture_size(self.width, self.height)?;
         let light = Light::new(self.ambient)?;
-        RenderRequest::check_slab(self.slab_mm)?;
+        self.check_slab()?;
         Ok(CheckedPicture {
             asked: self.clone(),
             depth,
@@ -263,6 +267,20 @@ impl PictureRequest {
             window,
             light,
         })
+    }
+
+    /// Whether one picture costs no more than the others: an average takes about as many samples a pixel as it is deep in mm.
+    fn check_slab(&self) -> Result<(), Error> {
+        RenderRequest::check_slab(self.slab_mm)?;
+        let pixels = f64::from(self.width) * f64::from(self.height);
+        if self.slab_mm > 0.0 && pixels * (1.0 + self.slab_mm) > MAX_SLAB_SAMPLES {
+            let most = MAX_SLAB_SAMPLES;
+            let detail = format!(
+                "must be so small that `width` × `height` × (1 + `slab_mm`) is at most {most}"
+            );
+            return Err(Error::out_of_range("slab_mm", detail));
+        }
+        Ok(())
     }
 
     fn window(&self) -> Result<Option<Window>, Error> {
@@ -529,4 +547,29 @@ pub(super) fn window_of_numbers(Numbers([centre, width]): Numbers<2>) -> Result<
 pub fn window_of(facts: &CaseFacts) -> Window {
     let half = facts.window.width / 2.0;
     Window::between(facts.window.center - half, facts.window.center + half)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_large_picture_averages_over_little_depth() {
+        let is_accepted = |side: u32, slab_mm: f64| {
+            let (width, height) = (side, side);
+            let asked = PictureRequest {
+                width,
+                height,
+                slab_mm,
+                ..PictureRequest::default()
+            };
+            asked.checked().is_ok()
+        };
+        for (side, slab_mm) in [(4096, 0.0), (4096, 3.0), (2048, 15.0), (1024, 20.0)] {
+            assert!(is_accepted(side, slab_mm), "{side} {slab_mm}");
+        }
+        for (side, slab_mm) in [(4096, 3.1), (2048, 15.1), (64, 20.1)] {
+            assert!(!is_accepted(side, slab_mm), "{side} {slab_mm}");
+        }
+    }
 }

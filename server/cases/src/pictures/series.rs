@@ -127,13 +127,6 @@ impl PictureSeries {
         (!versions.is_empty()).then_some(versions)
     }
 
-    /// The same series with its first picture alone.
-    #[must_use]
-    pub fn first(mut self) -> Self {
-        self.pictures.truncate(1);
-        self
-    }
-
     /// The same series of a case that nobody can ask for later: its pictures do not name it.
     #[must_use]
     pub fn unnamed(self) -> Self {

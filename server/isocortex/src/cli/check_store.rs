@@ -175,6 +175,7 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let mut config = args.store.config()?;
     set_some(&mut config.prepare.network, args.network.as_ref());
+    config.storage.create = false;
     super::block_on(async {
         let cases = open(&config).await?;
         let store = cases.store();
@@ -217,7 +218,6 @@ async fn open(config: &Config) -> Result<Cases, CliError> {
         graphics: GraphicsOptions::of_one(GpuUse::Off),
         ..config.cases()?
     };
-    options.location.must_exist().await?;
     options.store.sweeps_at_start = false;
     options.store.queue_limit = usize::MAX;
     let library = cases::open_library(&options).await;

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 use pipeline::atlas::AtlasChoice;
-use storage::environment::variable;
 
 use super::choices;
 use super::status::CliError;
@@ -25,7 +24,7 @@ pub(super) struct StoreArgs {
         hide_env_values = true
     )]
     pub(super) database: Option<String>,
-    /// A file with the password for PostgreSQL. [otherwise: PGPASSWORD, ~/.pgpass]
+    /// A file with the password for PostgreSQL. [otherwise: ~/.pgpass]
     #[arg(long, value_name = "FILE", env = "ISOCORTEX_DATABASE_PASSWORD_FILE")]
     pub(super) database_password_file: Option<PathBuf>,
     /// The objects, unless they are in the directory: s3://bucket[/prefix], with the settings of the AWS_ variables, or
@@ -46,11 +45,7 @@ impl StoreArgs {
         };
         let storage = &mut config.storage;
         set(&mut storage.data, self.data.as_ref());
-        // It may have been taken out of the environment, because it may contain a password.
-        let database = self.database.clone();
-        let database = database
-            .or_else(|| variable("ISOCORTEX_DATABASE"))
-            .map(Secret);
+        let database = self.database.clone().map(Secret);
         set_some(&mut storage.database, database.as_ref());
         let password_file = &mut storage.database_password_file;
         set_some(password_file, self.database_password_file.as_ref());
@@ -64,6 +59,9 @@ impl StoreArgs {
 pub(super) struct CommonArgs {
     #[command(flatten)]
     pub(super) store: StoreArgs,
+    /// Make a new store if there is none. [default: that is an error; `isocortex init-store` makes one]
+    #[arg(long, env = "ISOCORTEX_CREATE")]
+    pub(super) create: bool,
     /// The age in days at which ready and failed cases are removed, unless they are kept. [default: none is removed]
     #[arg(long, value_name = "DAYS", env = "ISOCORTEX_KEEP_DAYS")]
     pub(super) keep_days: Option<u64>,
@@ -97,6 +95,7 @@ impl CommonArgs {
                 logs::start(format, "info");
             }
         })?;
+        config.storage.create |= self.create;
         set_some(&mut config.storage.keep_days, self.keep_days.as_ref());
         set(&mut config.prepare.workers, self.workers.as_ref());
         set_some(&mut config.prepare.network, self.network.as_ref());

@@ -66,6 +66,7 @@ impl DemoArgs {
         ServeArgs {
             common: CommonArgs {
                 store,
+                create: true,
                 network: self.network.clone(),
                 log: Some("warn".to_owned()),
                 ..CommonArgs::default()
@@ -97,6 +98,9 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
         let server = match Server::start(&config).await {
             Err(_) if args.listen.is_none() => Server::start(&on_any_port(config)).await?,
             started => started?,
+        };
+        let Some(server) = server else {
+            return Ok(());
         };
         let sample = sample(args, server.state.cases.library.has_network())?;
         let parameters = Parameters {

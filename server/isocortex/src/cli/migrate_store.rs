@@ -16,14 +16,14 @@ use super::status::{CliError, ExitStatus};
 /// Name a store by its directory, or by its database and its objects with a comma between them:
 /// `postgres://isocortex@db/isocortex,s3://heads`. Intact objects that the target already has are read but not copied,
 /// so run the command again after an interruption, or to copy new cases. Nothing is removed from either store. Stop the
-/// servers and workers of the source before the last run. Passwords come from PGPASSWORD or ~/.pgpass, the keys of a
-/// bucket from the AWS_ variables.
+/// servers and workers of the source before the last run. Passwords come from ~/.pgpass, the keys of a bucket from
+/// the file that AWS_SHARED_CREDENTIALS_FILE names.
 #[derive(Debug, Clone, Args)]
 pub(super) struct MigrateStoreArgs {
     /// The store to read.
     #[arg(long, value_name = "STORE")]
     from: String,
-    /// The store to write; created if missing.
+    /// The store to write. If it is missing, it is made, with an id of its own.
     #[arg(long, value_name = "STORE")]
     to: String,
     /// Leave out the images that came from a PACS and the results that go to one, and count them.
@@ -60,8 +60,12 @@ impl Named {
         })
     }
 
-    async fn open(&self) -> Result<Store, CliError> {
-        Ok(Store::open_at(&self.location, Options::default()).await?)
+    async fn open(&self, create: bool) -> Result<Store, CliError> {
+        let options = Options {
+            create,
+            ..Options::default()
+        };
+        Ok(Store::open_at(&self.location, options).await?)
     }
 }
 
@@ -98,8 +102,7 @@ pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
     super::block_on(async {
         let [from, to] = [&args.from, &args.to].map(|store| Named::parse(store));
         let (from, to) = (from?, to?);
-        from.location.must_exist().await?;
-        let (source, target) = (from.open().await?, to.open().await?);
+        let (source, target) = (from.open(false).await?, to.open(true).await?);
         let mut copied = source.copy_into(&target, &mut report).await?;
         let left = match args.without_images {
             true => source.count_for_pacs().await?,

@@ -6,6 +6,7 @@ mod check_store;
 mod choices;
 mod common;
 mod demo;
+mod init_store;
 mod layers;
 mod migrate_store;
 mod prepare;
@@ -16,6 +17,7 @@ mod serve;
 mod status;
 mod test_node;
 mod token;
+mod waiting;
 mod work;
 
 use std::fs::File;
@@ -39,6 +41,7 @@ const MAX_DICOM_BYTES: u64 = 16 << 30;
 const EXAMPLES: &str = "\
 Examples:
   isocortex demo                                    serve a sample head and print the address to open
+  isocortex init-store --data /srv/isocortex        make a store, once
   isocortex serve --data /srv/isocortex             serve the cases of a directory on 127.0.0.1:8640
   isocortex serve --workers 0 --database postgres://isocortex@db/isocortex --objects s3://heads
   isocortex work --database postgres://isocortex@db/isocortex --objects s3://heads
@@ -56,7 +59,7 @@ Exit status:
   70  internal error
   73  the output cannot be written
   74  the store or its disk failed
-  78  invalid configuration";
+  78  invalid configuration, or there is no store at the address, or the objects of another one";
 
 /// The cortex of the brain as curved cuts at any depth below the dura.
 ///
@@ -85,6 +88,10 @@ enum Command {
     Audit(audit::AuditArgs),
     /// Ask a node of the PACS whether it answers.
     TestNode(test_node::TestNodeArgs),
+    /// Make a new store.
+    InitStore(init_store::InitStoreArgs),
+    /// Give the copy of a store an id of its own.
+    NewStoreId(init_store::NewStoreIdArgs),
     /// Read everything in a store, and report or repair what is wrong.
     CheckStore(check_store::CheckStoreArgs),
     /// Remove the cases that are older than a number of days, or list them.
@@ -95,12 +102,6 @@ enum Command {
     Prepare(prepare::PrepareArgs),
     /// Draw the cut of a case or a volume as PNG.
     Render(render::RenderArgs),
-    /// Replaced by the program `isocortex-bench`.
-    #[command(hide = true, disable_help_flag = true)]
-    Bench {
-        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
-        arguments: Vec<String>,
-    },
 }
 
 /// A volume and the options of its preparation.
@@ -179,18 +180,7 @@ pub fn main() -> ExitCode {
     {
         return cases::dicom::run_child();
     }
-    if let Err(error) = crate::again::take_secrets() {
-        return refuse(&error);
-    }
-    let cli = Cli::parse();
-    let is_long = matches!(
-        cli.command,
-        Command::Serve(_) | Command::Work(_) | Command::Demo(_)
-    );
-    if let Err(error) = crate::again::start_again(is_long) {
-        return refuse(&error);
-    }
-    match run(cli.command) {
+    match run(Cli::parse().command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             match crate::logs::are_json() {
@@ -202,14 +192,6 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// The secrets cannot leave the environment.
-fn refuse(error: &std::io::Error) -> ExitCode {
-    eprintln!(
-        "isocortex: the program cannot start itself again without the secrets in its environment: {error}"
-    );
-    ExitStatus::Internal.into()
-}
-
 fn run(command: Command) -> Result<(), CliError> {
     match command {
         Command::Serve(args) => serve::run(&args),
@@ -218,26 +200,19 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Token(args) => token::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::TestNode(args) => test_node::run(&args),
+        Command::InitStore(args) => init_store::init(&args),
+        Command::NewStoreId(args) => init_store::new_id(&args),
         Command::CheckStore(args) => check_store::run(&args),
         Command::RemoveExpired(args) => remove_expired::run(&args),
         Command::MigrateStore(args) => migrate_store::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Prepare(args) => prepare::run(&args),
         Command::Render(args) => render::run(&args),
-        Command::Bench { .. } => Err(CliError::new(
-            ExitStatus::Usage,
-            "`bench` is a separate program now; run `isocortex-bench paper`",
-        )),
     }
 }
 
 /// The variables that no option reads.
-const OTHER_VARIABLES: [&str; 4] = [
-    "ISOCORTEX_TOKEN",
-    "ISOCORTEX_DEMO_VOLUME",
-    "ISOCORTEX_DEMO_MASK",
-    "ISOCORTEX_SECRETS_ON_STDIN",
-];
+const OTHER_VARIABLES: [&str; 2] = ["ISOCORTEX_DEMO_VOLUME", "ISOCORTEX_DEMO_MASK"];
 
 /// Warnings of variables that begin like ours and that the program does not know: most likely a typing error, so that a setting does not hold.
 fn unknown_variables(variables: impl IntoIterator<Item = String>) -> Vec<String> {
@@ -350,7 +325,6 @@ mod tests {
         let names = [
             "ISOCORTEX_TOKENFILE",
             "ISOCORTEX_TOKEN_FILE",
-            "ISOCORTEX_TOKEN",
             "ISOCORTEX_WORK_LISTEN",
             "ISOCORTEX_SERVICE_HOST",
             "ISOCORTEX_PORT_8640_TCP",
@@ -361,14 +335,6 @@ mod tests {
             panic!("{warnings:?}")
         };
         assert!(warning.contains("ISOCORTEX_TOKENFILE"), "{warning}");
-    }
-
-    #[test]
-    fn the_old_bench_names_the_program_that_took_its_place() {
-        let old = ["isocortex", "bench", "--growth", "--plot", "plots"];
-        let error = run(Cli::try_parse_from(old).unwrap().command).unwrap_err();
-        assert_eq!(error.status, ExitStatus::Usage);
-        assert!(error.message.contains("isocortex-bench paper"));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
 use super::{MAX_DICOM_BYTES, VolumeOptions, head_of, read_input};
-use case::{CaseId, CaseState, Parameters, Project};
+use case::{CaseId, CaseState, Parameters};
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::start_workers;
 use cases::{Library, LibraryOptions};
@@ -30,9 +30,6 @@ pub(super) struct PrepareArgs {
     /// The directory of the store. [default: isocortex-data]
     #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
     data: Option<PathBuf>,
-    /// The project to which the case belongs; without one, the project without a name.
-    #[arg(long, value_name = "PROJECT")]
-    project: Option<Project>,
     /// A label for lists; not the patient's name.
     #[arg(long)]
     name: Option<String>,
@@ -49,11 +46,10 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
-    let project = args.project.unwrap_or_default();
     super::block_on(async {
         let store = Store::open(&data).await?;
         let library = Library::new(store, pipeline.into(), LibraryOptions::default());
-        into_store(library, project, source, parameters, layers).await
+        into_store(library, source, parameters, layers).await
     })
 }
 
@@ -127,17 +123,13 @@ pub(super) async fn warn_of_doubts(store: &Store, id: &CaseId) -> Result<(), Cli
 
 async fn into_store(
     library: Library,
-    project: Project,
     source: Source,
     parameters: Parameters,
     layers: Vec<LayerFile>,
 ) -> Result<(), CliError> {
     let store = library.store().clone();
     let workers = start_workers(library.clone(), 1);
-    let submitted = library
-        .in_project(project)
-        .submit(source, parameters)
-        .await?;
+    let submitted = library.submit(source, parameters).await?;
     let id = submitted.case.id;
     let prepare = async {
         wait_until_ready(&store, &id).await?;

@@ -38,6 +38,7 @@ pub(super) fn run(args: &RemoveExpiredArgs) -> Result<(), CliError> {
     let mut config = args.store.config()?;
     set_some(&mut config.storage.keep_days, args.keep_days.as_ref());
     set_some(&mut config.audit.folder, args.audit.as_ref());
+    config.storage.create = false;
     config.check()?;
     let options = config.cases()?;
     let Some(keep) = options.store.keep else {
@@ -45,7 +46,6 @@ pub(super) fn run(args: &RemoveExpiredArgs) -> Result<(), CliError> {
         return Err(CliError::new(ExitStatus::Usage, message));
     };
     super::block_on(async {
-        options.location.must_exist().await?;
         let store = Store::open_at(&options.location, options.store).await?;
         let expired = store.expired(keep, usize::MAX).await?;
         for id in &expired {

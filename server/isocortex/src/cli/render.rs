@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-use case::{CaseId, Project};
+use case::CaseId;
 use cases::jobs::start_workers;
 use cases::pictures::{GpuUse, GraphicsOptions, PictureRequest, PictureSeries, SeriesPicture};
 use cases::{Cases, Error, Library, LibraryOptions, Preparation};
@@ -30,9 +30,6 @@ pub(super) struct RenderArgs {
     /// The directory of the store, for a case. [default: isocortex-data]
     #[arg(long, value_name = "DIR", env = "ISOCORTEX_DATA")]
     data: Option<PathBuf>,
-    /// The project of the case; without one, the project without a name.
-    #[arg(long, value_name = "PROJECT")]
-    project: Option<Project>,
     /// The PNG file to write.
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
@@ -118,10 +115,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), CliError> {
         let layers = picture.asked.layers();
         let named = case_id(&args.input);
         let (store, id) = match named {
-            Some(id) => {
-                let id = id.in_project(args.project.unwrap_or_default());
-                (open(args).await?, id)
-            }
+            Some(id) => (open(args).await?, id),
             None => prepared(args).await?,
         };
         let library_options = LibraryOptions {
@@ -162,8 +156,7 @@ fn case_id(input: &Path) -> Option<CaseId> {
 async fn open(args: &RenderArgs) -> Result<Store, CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| Config::default().storage.data);
-    Location::from(&*data).must_exist().await?;
-    Ok(Store::open(&data).await?)
+    Ok(Store::open_at(&Location::from(&*data), storage::Options::default()).await?)
 }
 
 /// The case of a volume, in a store in memory.

@@ -12,7 +12,8 @@ use tokio::net::TcpListener;
 use super::choices;
 use super::common::{CommonArgs, set, set_some};
 use super::status::{CliError, ExitStatus};
-use crate::config::{Config, ConfigError, Network, Secret};
+use super::waiting;
+use crate::config::{Config, ConfigError, Network};
 use crate::{figures, logs, start};
 use cases::dicom::DicomReader;
 use cases::jobs::{start_series_reader, start_workers};
@@ -25,13 +26,10 @@ use pacs::dimse::{self, ReloadedTls};
 use pacs::start_transfers;
 use service::state::AppState;
 
-/// The variable for the token. There is no flag, because everyone on a machine can see command lines.
-const TOKEN_VARIABLE: &str = "ISOCORTEX_TOKEN";
-
 /// Serve the cases of a store over HTTP
 ///
 /// The command line takes precedence over the environment, and the environment over the file. Without a bearer token
-/// (--tokens-file, --token-file or ISOCORTEX_TOKEN), the server listens on this machine only and refuses any other address.
+/// (--tokens-file or --token-file), the server listens on this machine only and refuses any other address.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct ServeArgs {
     #[command(flatten)]
@@ -84,13 +82,10 @@ impl ServeArgs {
             self.trusted_proxies.as_ref(),
         );
         set(&mut config.render.gpu, self.gpu.as_ref());
-        if let Some(token) = storage::environment::variable(TOKEN_VARIABLE)
-            && !token.is_empty()
-        {
-            // A token file in addition is rejected: neither takes precedence.
-            config.http.token = Some(Secret(token));
-            config.http.token_file = self.token_file.clone();
-        } else if let Some(path) = &self.token_file {
+        if std::env::var_os("ISOCORTEX_TOKEN").is_some_and(|token| !token.is_empty()) {
+            return Err(ConfigError::TokenInVariable.into());
+        }
+        if let Some(path) = &self.token_file {
             config.http.token = None;
             config.http.token_file = Some(path.clone());
         }
@@ -113,7 +108,9 @@ pub(super) fn run(args: &ServeArgs) -> Result<(), CliError> {
         tracing::warn!("{warning}");
     }
     super::block_on(async {
-        let server = Server::start(&config).await?;
+        let Some(server) = Server::start(&config).await? else {
+            return Ok(());
+        };
         // Of JSON, the log has the same line.
         if !logs::are_json() {
             println!(
@@ -341,12 +338,17 @@ pub(super) struct Server {
 }
 
 impl Server {
-    /// Opens the store, binds the address, and starts workers and the server.
-    pub(super) async fn start(config: &Config) -> Result<Self, CliError> {
+    /// Opens the store, binds the address, and starts workers and the server; `None` if the process is told to stop while it waits for the store.
+    pub(super) async fn start(config: &Config) -> Result<Option<Self>, CliError> {
         let watched = Part::ALL.map(|part| Watched::new(part, config));
         config.keep_secrets();
         warn_of_certificates(config);
-        let state = start::open(config).await?;
+        let tls = config.tls()?.map(ReloadedTls::new);
+        let address = Some(config.http.listen);
+        let opening = || start::open(config);
+        let Some(state) = waiting::opened(config, address, tls.clone(), opening).await? else {
+            return Ok(None);
+        };
         let pacs = start::pacs(config, &state.cases)?;
         let (listener, address) = bind(config.http.listen).await?;
         let workers = start_workers(state.cases.library.clone(), config.prepare.workers);
@@ -357,12 +359,11 @@ impl Server {
         figures::add_audit(state.metrics(), state.cases.audit());
         let mut reload = Reload {
             access: state.access().clone(),
-            tls: config.tls()?.map(ReloadedTls::new),
+            tls: tls.clone(),
             dimse_tls: None,
             config: config.clone(),
             watched,
         };
-        let tls = reload.tls.clone();
         let dimse = match config.pacs.dimse()? {
             Some((listen, options)) => {
                 let (listener, address) = bind(listen).await?;
@@ -402,7 +403,7 @@ impl Server {
         tracing::info!(%address, "listening");
         let reader = Arc::clone(&state.cases.dicom);
         tokio::spawn(tell_confinement(reader, "reads DICOM files"));
-        Ok(Self {
+        Ok(Some(Self {
             arrivals: start_series_reader(state.cases.clone(), config.pacs.arrivals()),
             transfers: start_transfers(pacs),
             state,
@@ -412,7 +413,7 @@ impl Server {
             dimse,
             reload,
             grace,
-        })
+        }))
     }
 
     /// Runs until the process receives a signal to stop; then finishes running requests and work within one grace, or puts work back

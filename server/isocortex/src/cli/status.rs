@@ -26,7 +26,7 @@ pub(super) enum ExitStatus {
     CannotCreate = 73,
     /// The store or its disk failed.
     InputOutput = 74,
-    /// The configuration is invalid.
+    /// The configuration is invalid, or leads to no store.
     Config = 78,
 }
 
@@ -75,8 +75,9 @@ impl From<StoreError> for CliError {
     fn from(error: StoreError) -> Self {
         let status = match error {
             StoreError::QueueFull(_) => ExitStatus::Unavailable,
-            StoreError::NoStore(_) => ExitStatus::NoInput,
-            StoreError::OtherUser(_) => ExitStatus::Config,
+            StoreError::NoStore(_) | StoreError::Mismatch(_) | StoreError::OtherUser(_) => {
+                ExitStatus::Config
+            }
             _ => ExitStatus::InputOutput,
         };
         let cause = std::error::Error::source(&error).map(|cause| format!(": {cause}"));
@@ -122,6 +123,7 @@ impl From<Error> for CliError {
             Error::Store(_) | Error::StorageFailed(_) | Error::SourceMissing => {
                 ExitStatus::InputOutput
             }
+            Error::Mismatch(_) => ExitStatus::Config,
             Error::Unavailable | Error::StorageFull | Error::Internal => ExitStatus::Internal,
         };
         Self::new(status, error)

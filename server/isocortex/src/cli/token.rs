@@ -5,7 +5,6 @@ use std::io::Write as _;
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
-use case::Project;
 use clap::builder::PossibleValuesParser;
 use clap::builder::TypedValueParser as _;
 use clap::{Args, Subcommand};
@@ -57,9 +56,6 @@ struct NewArgs {
         conflicts_with = "role"
     )]
     scopes: Vec<Scope>,
-    /// The project whose cases it opens, and no others; without one, the project without a name.
-    #[arg(long, value_name = "PROJECT")]
-    project: Option<Project>,
     /// The last day on which it opens, in UTC, such as 2027-06-30.
     #[arg(long, value_name = "DATE")]
     until: Option<Date>,
@@ -110,13 +106,11 @@ fn entry(args: &NewArgs, token: &str) -> String {
         None => &args.scopes,
     };
     let scopes: Vec<_> = scopes.iter().map(|scope| format!("\"{scope}\"")).collect();
-    let project = args.project.map(|name| format!("project = \"{name}\"\n"));
     let until = args.until.map(|day| format!("until = \"{day}\"\n"));
     format!(
-        "\n[[tokens]]\nname = \"{}\"\nscopes = [{}]\n{}{}blake3 = \"{}\"\n",
+        "\n[[tokens]]\nname = \"{}\"\nscopes = [{}]\n{}blake3 = \"{}\"\n",
         args.name,
         scopes.join(", "),
-        project.unwrap_or_default(),
         until.unwrap_or_default(),
         blake3::hash(token.as_bytes())
     )

@@ -13,6 +13,7 @@ use pipeline::Limits;
 use super::common::{CommonArgs, set_some};
 use super::serve::{bind, tell_confinement, told_to_stop};
 use super::status::CliError;
+use super::waiting;
 use crate::config::ConfigError;
 use crate::{health, logs, start};
 
@@ -46,7 +47,11 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
     }
     config.keep_secrets();
     super::block_on(async {
-        let library = start::open_library(&config).await?;
+        let opening = || start::open_library(&config);
+        let Some(library) = waiting::opened(&config, config.prepare.listen, None, opening).await?
+        else {
+            return Ok(());
+        };
         let workers = start_workers(library.clone(), config.prepare.workers);
         tracing::info!("preparing cases");
         let program = config.dicom_program.clone();

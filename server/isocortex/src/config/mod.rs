@@ -12,14 +12,13 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use audit::Audit;
-use case::NotAProject;
 use cases::ChildBudget;
 use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
 use http_support::auth::{Access, BadToken, unnamed};
+use http_support::forwarded::TrustedProxies;
 use http_support::listen::ConnectionLimits;
 use http_support::origins::{NotAnOrigin, Origins};
-use http_support::pace::LeastRate;
 use http_support::proxy::{BadProxy, SignInProxy};
 use http_support::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
 use http_support::tokens::NamedToken;
@@ -68,9 +67,6 @@ pub struct Config {
     /// The file that this was read from, if it was.
     #[serde(skip)]
     pub file: Option<PathBuf>,
-    /// Whether that file has a token or a password.
-    #[serde(skip)]
-    pub has_secret: bool,
     /// Whether each preparation runs in a process of its own: in long-running commands, which the commands set.
     #[serde(skip)]
     pub prepares_apart: bool,
@@ -94,7 +90,6 @@ impl Default for Config {
             render: Render::default(),
             storage: Storage::default(),
             file: None,
-            has_secret: false,
             prepares_apart: false,
             dicom_program: Program::default(),
         }
@@ -144,6 +139,11 @@ pub enum ConfigError {
         folder: PathBuf,
         source: std::io::Error,
     },
+    /// A token in a variable, which others of the same user can read.
+    #[error(
+        "the variable `ISOCORTEX_TOKEN` has a secret; remove it, and write the token into the file that `ISOCORTEX_TOKEN_FILE` (`http.token_file`) names"
+    )]
+    TokenInVariable,
     /// A token in two places.
     #[error("set the token in `http.token` or in `http.token_file`, not in both")]
     TwoTokens,
@@ -160,9 +160,6 @@ pub enum ConfigError {
         "`http.trusted_proxies` has {network}, so that everybody could name anybody in the headers of `proxy`; list the addresses of the proxies alone"
     )]
     ProxyOfEverybody { network: ipnet::IpNet },
-    /// A project of `[proxy]` is not one.
-    #[error("`proxy.projects`: {0}")]
-    ProxyProject(NotAProject),
     /// Everyone on the network could read everything.
     #[error(
         "refusing to listen on {listen} without a bearer token: set `http.tokens_file` (`isocortex token new`), `http.token_file` or `proxy`, or listen on 127.0.0.1"
@@ -172,7 +169,7 @@ pub enum ConfigError {
         listen: SocketAddr,
     },
     /// An address of the store is invalid.
-    #[error("`{key}` is invalid: {source}")]
+    #[error("`{key}`: {source}")]
     Address {
         key: &'static str,
         source: BadAddress,
@@ -208,21 +205,6 @@ pub enum ConfigError {
     )]
     PeerAddress {
         /// Its title.
-        aet: String,
-    },
-    /// The project of a peer is not one.
-    #[error("the `project` of the peer `{aet}` in `pacs.dimse.peers`: {source}")]
-    PeerProject {
-        /// Its title.
-        aet: String,
-        source: NotAProject,
-    },
-    /// Peers with one title have several projects.
-    #[error(
-        "the peers with the title `{aet}` in `pacs.dimse.peers` must have one `project`; give the peer of another project another title"
-    )]
-    PeerProjects {
-        /// Their title.
         aet: String,
     },
     /// TLS of DIMSE is configured incompletely.
@@ -276,20 +258,7 @@ impl Config {
         };
         let mut config: Self = toml::from_str(&text).map_err(malformed)?;
         config.file = Some(path.to_owned());
-        config.note_secrets();
         Ok(config)
-    }
-
-    /// Notes whether it has a token or a password, before the environment adds to it.
-    fn note_secrets(&mut self) {
-        let has_password = |address: &str| {
-            let (_, rest) = address.split_once("://").unwrap_or_default();
-            let user = rest.rsplit_once('@').map_or("", |(user, _)| user);
-            user.contains(':') || rest.contains("password=")
-        };
-        let database = self.storage.database.as_ref();
-        self.has_secret =
-            self.http.token.is_some() || database.is_some_and(|address| has_password(&address.0));
     }
 
     /// The access rules.
@@ -328,8 +297,7 @@ impl Config {
         if let Some(Network(network)) = trusted.iter().find(|it| it.0.prefix_len() == 0) {
             return Err(ConfigError::ProxyOfEverybody { network: *network });
         }
-        let options = proxy.options().map_err(ConfigError::ProxyProject)?;
-        Ok(Some(SignInProxy::new(options)?))
+        Ok(Some(SignInProxy::new(proxy.options())?))
     }
 
     /// The origins whose pages may read answers, and those in whose frames the page may stand.
@@ -493,16 +461,7 @@ impl Config {
                 self.limits.max_queued_renders as u64,
             ),
             ("http.max_connections", self.http.max_connections as u64),
-            (
-                "http.max_connections_per_address",
-                self.http.max_connections_per_address as u64,
-            ),
             ("http.max_uploads", self.http.max_uploads as u64),
-            (
-                "http.least_bytes_per_second",
-                self.http.least_bytes_per_second,
-            ),
-            ("http.slow_start_secs", self.http.slow_start_secs),
             ("http.header_timeout_secs", self.http.header_timeout_secs),
             ("http.answer_timeout_secs", self.http.answer_timeout_secs),
             ("http.upload_idle_secs", self.http.upload_idle_secs),
@@ -632,6 +591,7 @@ impl Config {
         Ok(cases::Options {
             location: self.location()?,
             store: storage::Options {
+                create: self.storage.create,
                 queue_limit: self.limits.max_queued_cases,
                 min_free_bytes: self.storage.min_free_bytes,
                 longest_preparation: Duration::from_secs(self.prepare.max_secs),
@@ -671,19 +631,12 @@ impl Config {
     pub fn connection_limits(&self) -> ConnectionLimits {
         ConnectionLimits {
             connections: self.http.max_connections,
-            connections_per_address: self.http.max_connections_per_address,
-            trusted_proxies: self
-                .http
-                .trusted_proxies
-                .iter()
-                .map(|network| network.0)
-                .collect(),
+            trusted_proxies: TrustedProxies(
+                (self.http.trusted_proxies.iter().map(|network| network.0)).collect(),
+            ),
             header_timeout: Duration::from_secs(self.http.header_timeout_secs),
-            least_rate: LeastRate {
-                bytes_per_second: self.http.least_bytes_per_second,
-                grace: Duration::from_secs(self.http.slow_start_secs),
-                pause: Duration::from_secs(self.http.upload_idle_secs),
-            },
+            idle: Duration::from_secs(self.http.upload_idle_secs),
+            whole: Duration::from_secs(self.http.upload_timeout_secs),
             shutdown_grace: Duration::from_secs(self.http.shutdown_grace_secs),
         }
     }
@@ -842,7 +795,7 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), "CANARY\n").unwrap();
         let config = parsed(&format!(
-            "[storage]\ndatabase = \"postgres://u:CANARY@db/cases\"\nobjects = \"s3://heads/a\"\n\
+            "[storage]\ndatabase = \"postgres://u@db/cases\"\nobjects = \"s3://heads/a\"\n\
              database_password_file = \"{}\"",
             file.path().display()
         ));
@@ -853,10 +806,14 @@ mod tests {
             shown.contains("db:5432/cases") && !shown.contains("CANARY"),
             "{shown}"
         );
-        for (key, value) in [("database", "u:CANARY@db"), ("objects", "http://CANARY")] {
+        for (key, value) in [
+            ("database", "u:CANARY@db"),
+            ("database", "postgres://u:CANARY@db/cases"),
+            ("objects", "http://CANARY"),
+        ] {
             let config = parsed(&format!("[storage]\n{key} = \"{value}\"")).unwrap();
             let error = config.location().unwrap_err().to_string();
-            let named = format!("`storage.{key}` is invalid");
+            let named = format!("`storage.{key}`: ");
             assert!(
                 error.contains(&named) && !error.contains("CANARY"),
                 "{error}"

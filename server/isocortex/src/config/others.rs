@@ -39,7 +39,7 @@ impl Config {
         for (file, what) in self.secret_files() {
             storage::keep_private(file, what);
         }
-        let credentials = storage::environment::variable("AWS_SHARED_CREDENTIALS_FILE");
+        let credentials = std::env::var_os("AWS_SHARED_CREDENTIALS_FILE");
         if let (Some(file), Some(_)) = (credentials, &self.storage.objects) {
             storage::keep_private(Path::new(&file), "the file of the credentials");
         }
@@ -80,12 +80,12 @@ impl Config {
     /// What the program does not mend itself: a configuration with a secret that others can read, and what everybody can change and should not.
     fn risky_files(&self) -> Vec<String> {
         let mut found = Vec::new();
-        if let Some(file) = self.file.as_deref().filter(|_| self.has_secret)
+        if let Some(file) = self.file.as_deref().filter(|_| self.http.token.is_some())
             && let Some(mode) = storage::open_to_others(file)
         {
             found.push(format!(
-                "others on this machine can read the configuration {}, which has a token or a password; its mode is {mode:04o}: \
-                 write the secret into a file of its own (`http.token_file`, `storage.database_password_file`)",
+                "others on this machine can read the configuration {}, which has a token; its mode is {mode:04o}: \
+                 write it into a file of its own (`http.token_file`)",
                 file.display()
             ));
         }
@@ -162,18 +162,7 @@ mod tests {
         };
         assert!(config.open_files().is_empty());
         config.http.token = Some(Secret("0123456789abcdef".to_owned()));
-        config.note_secrets();
         let found = config.open_files().concat();
         assert!(found.contains("isocortex.toml"), "{found}");
-        config.http.token = None;
-        for (address, expected) in [
-            ("postgres://isocortex@db.example/isocortex", false),
-            ("postgres://isocortex:password@db.example/isocortex", true),
-            ("postgres://db.example/isocortex?password=x", true),
-        ] {
-            config.storage.database = Some(Secret(address.to_owned()));
-            config.note_secrets();
-            assert_eq!(config.has_secret, expected, "{address}");
-        }
     }
 }

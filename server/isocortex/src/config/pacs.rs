@@ -80,8 +80,6 @@ pub struct Dimse {
     pub max_associations: usize,
     /// How long a peer may send nothing, in seconds.
     pub idle_secs: u64,
-    /// The least rate at which a peer must send a message, in bytes per second; ten times as much if all associations are taken.
-    pub least_bytes_per_second: u64,
     /// A file with our certificate, for TLS.
     pub tls_certificate: Option<PathBuf>,
     /// A file with its key.
@@ -99,7 +97,6 @@ impl Default for Dimse {
             peers: Vec::new(),
             max_associations: usual.max_associations,
             idle_secs: usual.idle.as_secs(),
-            least_bytes_per_second: usual.least_bytes_per_second,
             tls_certificate: None,
             tls_key: None,
             tls_authority: None,
@@ -112,8 +109,6 @@ impl Default for Dimse {
 pub struct Peer {
     /// Its application entity title.
     pub aet: String,
-    /// The project to which its images go; the one without a name if there is none.
-    pub project: Option<String>,
     /// Where it connects from: an address, a network such as `10.0.0.0/8`, or the name of a host.
     pub address: String,
 }
@@ -259,34 +254,17 @@ impl Pacs {
         let peer = |peer: &Peer| {
             let address = PeerAddress::parse(&peer.address);
             let aet = peer.aet.clone();
-            let project = peer.project.as_deref().map(str::parse).transpose();
-            match (address, project) {
-                (Some(address), Ok(project)) => Ok(dimse::Peer {
-                    aet,
-                    address,
-                    project: project.unwrap_or_default(),
-                }),
-                (None, _) => Err(ConfigError::PeerAddress { aet }),
-                (_, Err(source)) => Err(ConfigError::PeerProject { aet, source }),
+            match address {
+                Some(address) => Ok(dimse::Peer { aet, address }),
+                None => Err(ConfigError::PeerAddress { aet }),
             }
         };
-        let peers: Result<Vec<_>, _> = self.dimse.peers.iter().map(peer).collect();
-        let peers = peers?;
-        // A title is what images are sorted by.
-        let differs = |peer: &&dimse::Peer| {
-            let mut others = peers.iter();
-            others.any(|other| other.aet == peer.aet && other.project != peer.project)
-        };
-        if let Some(peer) = peers.iter().find(differs) {
-            let aet = peer.aet.clone();
-            return Err(ConfigError::PeerProjects { aet });
-        }
+        let peers: Result<_, _> = self.dimse.peers.iter().map(peer).collect();
         let options = DimseOptions {
             aet: self.dimse.aet.clone(),
-            peers,
+            peers: peers?,
             max_associations: self.dimse.max_associations,
             idle: Duration::from_secs(self.dimse.idle_secs),
-            least_bytes_per_second: self.dimse.least_bytes_per_second,
             tls: tls.map(ReloadedTls::new),
             ignores_other_objects: self.ignore_other_objects,
             ..DimseOptions::default()
@@ -295,7 +273,7 @@ impl Pacs {
     }
 
     /// The numbers that must be at least 1.
-    pub(super) fn counts(&self) -> [(&'static str, u64); 5] {
+    pub(super) fn counts(&self) -> [(&'static str, u64); 4] {
         [
             ("pacs.stable_seconds", self.stable_seconds),
             ("pacs.keep_days", self.keep_days),
@@ -304,10 +282,6 @@ impl Pacs {
                 self.dimse.max_associations as u64,
             ),
             ("pacs.dimse.idle_secs", self.dimse.idle_secs),
-            (
-                "pacs.dimse.least_bytes_per_second",
-                self.dimse.least_bytes_per_second,
-            ),
         ]
     }
 }

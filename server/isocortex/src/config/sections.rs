@@ -5,7 +5,6 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use case::{NotAProject, Project};
 use cases::pictures::GpuUse;
 use http_support::proxy::ProxyOptions;
 use http_support::scopes::Role;
@@ -39,25 +38,19 @@ pub struct Http {
     pub allowed_origins: Vec<String>,
     /// The origins in whose frames the page may stand, such as a PACS.
     pub frame_ancestors: Vec<String>,
-    /// Connections of clients with the right token at a time. Others have 256 connections of their own.
+    /// Connections at a time, of which one address that is not a trusted proxy has at most a quarter.
     pub max_connections: usize,
-    /// Of these, connections from one address that is not a trusted proxy.
-    pub max_connections_per_address: usize,
     /// The addresses or networks of the proxies that name the client in `X-Forwarded-For`.
     pub trusted_proxies: Vec<Network>,
     /// Uploads at a time.
     pub max_uploads: usize,
-    /// The minimum average rate at which a client must send a body and receive an answer, in bytes per second.
-    pub least_bytes_per_second: u64,
-    /// How long a client may be slower at the start, in seconds.
-    pub slow_start_secs: u64,
     /// Time for the headers of a request, in seconds; also how long a connection may be idle.
     pub header_timeout_secs: u64,
     /// Time for an answer, in seconds.
     pub answer_timeout_secs: u64,
     /// Time within which the next bytes of an upload must arrive, or of an answer be received, in seconds.
     pub upload_idle_secs: u64,
-    /// Time for a whole upload, in seconds.
+    /// Time for a whole upload, and for a client to receive an answer, in seconds.
     pub upload_timeout_secs: u64,
     /// Time for running requests when the server stops, in seconds.
     pub shutdown_grace_secs: u64,
@@ -76,11 +69,8 @@ impl Default for Http {
             allowed_origins: Vec::new(),
             frame_ancestors: Vec::new(),
             max_connections: 512,
-            max_connections_per_address: 256,
             trusted_proxies: Vec::new(),
             max_uploads: 64,
-            least_bytes_per_second: 10_000,
-            slow_start_secs: 10,
             header_timeout_secs: 10,
             answer_timeout_secs: 60,
             upload_idle_secs: 30,
@@ -148,7 +138,7 @@ impl Default for AuditFiles {
 pub struct Proxy {
     /// The header with the name of the user.
     pub user_header: String,
-    /// The header with the groups of the user. Without one, `roles` and `projects` are of users.
+    /// The header with the groups of the user. Without one, `roles` are of users.
     pub groups_header: Option<String>,
     /// What is between two groups.
     #[serde(default = "default_separator")]
@@ -156,9 +146,6 @@ pub struct Proxy {
     /// The role of each group. Without one, the groups are the names of roles.
     #[serde(default)]
     pub roles: BTreeMap<String, Role>,
-    /// The project of each group; empty for the project without a name. Without a table, everybody belongs to that one.
-    #[serde(default)]
-    pub projects: BTreeMap<String, String>,
     /// Where the proxy signs people out: a path, or an address.
     pub sign_out: Option<String>,
     /// A socket in the file system for the proxy, beside the address. Whoever may open it may name anybody.
@@ -170,27 +157,15 @@ fn default_separator() -> char {
 }
 
 impl Proxy {
-    pub(super) fn options(&self) -> Result<ProxyOptions, NotAProject> {
-        Ok(ProxyOptions {
+    pub(super) fn options(&self) -> ProxyOptions {
+        ProxyOptions {
             user_header: self.user_header.clone(),
             groups_header: self.groups_header.clone(),
             separator: self.separator,
             roles: self.roles.clone(),
-            projects: named_projects(&self.projects)?,
             sign_out: self.sign_out.clone(),
-        })
+        }
     }
-}
-
-/// The projects of a table.
-fn named_projects(
-    table: &BTreeMap<String, String>,
-) -> Result<BTreeMap<String, Project>, NotAProject> {
-    let named = table.iter().map(|(value, name)| {
-        let project = Project::with_name(name).ok_or(NotAProject)?;
-        Ok((value.clone(), project))
-    });
-    named.collect()
 }
 
 /// `[limits]`: limits on uploads, preparations and queues.
@@ -335,6 +310,8 @@ pub struct Storage {
     pub database_password_file: Option<PathBuf>,
     /// The objects, unless they are in the directory: `s3://bucket/prefix` or `file:///folder`.
     pub objects: Option<String>,
+    /// Whether `serve` and `work` make a store if there is none.
+    pub create: bool,
     /// The age in days at which ready and failed cases are removed, unless they are kept; by default none is.
     pub keep_days: Option<u64>,
     /// Free bytes on the disk of the store below which `/readyz` reports a full disk.
@@ -348,6 +325,7 @@ impl Default for Storage {
             database: None,
             database_password_file: None,
             objects: None,
+            create: false,
             keep_days: None,
             min_free_bytes: 64 << 20,
         }

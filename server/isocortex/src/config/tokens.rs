@@ -3,7 +3,6 @@
 use std::collections::HashSet;
 use std::time::SystemTime;
 
-use case::Project;
 use http_support::scopes::Scope;
 use http_support::tokens::{ANYBODY, Holder, NamedToken, UNNAMED};
 use jiff::civil::Date;
@@ -27,8 +26,6 @@ struct File {
 struct Entry {
     name: String,
     scopes: Vec<String>,
-    /// The project whose cases it opens; the one without a name if there is none.
-    project: Option<String>,
     /// The last day on which it opens, in UTC.
     until: Option<Date>,
     /// The digest of the token, 64 hexadecimal digits.
@@ -62,8 +59,6 @@ pub(super) fn parse(text: &str) -> Result<Vec<NamedToken>, String> {
         }
         let scopes = (entry.scopes.iter()).map(|word| word.parse::<Scope>());
         let scopes = scopes.collect::<Result<_, _>>().map_err(of)?;
-        let project = entry.project.as_deref().map(str::parse::<Project>);
-        let project = project.transpose().map_err(|why| of(why.to_string()))?;
         let digest = blake3::Hash::from_hex(&entry.blake3);
         let digest =
             digest.map_err(|_| of("`blake3` must have 64 hexadecimal digits".to_owned()))?;
@@ -75,7 +70,6 @@ pub(super) fn parse(text: &str) -> Result<Vec<NamedToken>, String> {
             holder: Holder {
                 name: entry.name.as_str().into(),
                 scopes,
-                project: project.unwrap_or_default(),
             },
             digest,
             ends: entry.until.map(end_of).transpose().map_err(of)?,
@@ -149,10 +143,6 @@ mod tests {
             (entry("token", "\"read\"", &good), "choose another name"),
             (entry("a", "", &good), "it has no scope"),
             (entry("a", "\"all\"", &good), "`all` is no scope"),
-            (
-                entry("a", "\"read\"", &format!("project = \"A b\"\n{good}")),
-                "the token `a`: the name of a project is",
-            ),
             (
                 entry("a", "\"read\"", "blake3 = \"secret\""),
                 "64 hexadecimal digits",

@@ -2,14 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::net::IpAddr;
-use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use audit::{Action, Event, EventKind, Outcome, digest_of_uid, project_named};
+use audit::{Action, Event, EventKind, Outcome, digest_of_uid};
 use cases::arrivals::Reception;
 use cases::{Cases, Error, MAX_INSTANCE_BYTES};
 use dicom_ul::pdu::{AbortRQServiceProviderReason, AbortRQSource, PDataValue, PDataValueType, Pdu};
-use http_support::door::Connection;
 use imaging::dicom::IMAGE_CLASSES;
 use storage::arrivals::ArrivalSource;
 use storage::{Spool, Spooled};
@@ -20,7 +18,6 @@ use crate::dimse::counts::{AssociationCounts, Rejection};
 use crate::dimse::head::file_head;
 use crate::dimse::negotiate::{Accepted, Context, negotiate, rejection};
 use crate::dimse::options::{DimseOptions, is_aet};
-use crate::dimse::pace::Pace;
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
 
 /// What the name of a peer begins with in the audit record, so that none is the name of a token, or of somebody who has signed in.
@@ -42,8 +39,6 @@ pub(crate) enum Abort {
     BadCommand,
     #[error("an image is larger than the limit of {MAX_INSTANCE_BYTES} bytes")]
     TooLarge,
-    #[error("the peer sends a message too slowly")]
-    TooSlow,
     #[error("the peer aborted it")]
     ByPeer,
     #[error("the association was rejected")]
@@ -55,7 +50,7 @@ impl Abort {
     fn reason(&self) -> Option<AbortRQServiceProviderReason> {
         match self {
             Self::Wire(WireError::Lost(_)) | Self::ByPeer | Self::Rejected => None,
-            Self::Wire(WireError::Silent) | Self::TooLarge | Self::TooSlow => {
+            Self::Wire(WireError::Silent) | Self::TooLarge => {
                 Some(AbortRQServiceProviderReason::ReasonNotSpecified)
             }
             Self::Unexpected => Some(AbortRQServiceProviderReason::UnexpectedPdu),
@@ -72,8 +67,8 @@ pub(crate) struct Caller {
     pub(crate) address: IpAddr,
     /// The titles that are listed with the address.
     pub(crate) titles: Vec<String>,
-    /// The connection, which needs a place for an association.
-    pub(crate) connection: Arc<Connection>,
+    /// Whether there are as many associations as there may be, of all or of the address.
+    pub(crate) is_beyond_limit: bool,
     /// The time for the request of an association.
     pub(crate) patience: Duration,
 }
@@ -134,7 +129,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
             return Err(Abort::Rejected);
         }
     };
-    if caller.connection.admit(None).is_err() {
+    if caller.is_beyond_limit {
         let why = Rejection::Limit;
         if let Some(count) = options.counts.reject(why) {
             tracing::warn!(address = %caller.address, reason = why.name(), count, "associations were rejected");
@@ -143,8 +138,6 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         return Err(Abort::Rejected);
     }
     let _running = options.counts.begin();
-    let project = options.project_of(&request.calling_ae_title);
-    let cases = &cases.in_project(project);
     wire.send(&Pdu::AssociationAC(answer)).await?;
     let mut messages = Messages {
         cases,
@@ -153,10 +146,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         state: State::Command(Vec::new()),
         studies: BTreeMap::new(),
         ignores_other_objects: options.ignores_other_objects,
-        event: Event {
-            project: project_named(project.name()),
-            ..event_of(caller, &request.calling_ae_title)
-        },
+        event: event_of(caller, &request.calling_ae_title),
         is_announced: false,
     };
     let peer_max_length = peer_max_length(&request.user_variables);
@@ -190,25 +180,8 @@ async fn exchange<S: AsyncRead + AsyncWrite + Unpin>(
     peer_max_length: usize,
     options: &DimseOptions,
 ) -> Result<usize, Abort> {
-    let mut pace = Pace::new(options.least_bytes_per_second);
     loop {
-        let is_amid = messages.is_amid();
-        if !is_amid {
-            pace = Pace::new(options.least_bytes_per_second);
-        }
-        let patience = match is_amid {
-            true => options.idle.min(pace.patience()),
-            false => options.idle,
-        };
-        let asked = Instant::now();
-        let pdu = wire.receive_within(patience).await?;
-        if let (true, Pdu::PData { data }) = (is_amid, &pdu) {
-            let bytes = data.iter().map(|value| value.data.len()).sum();
-            let taken = options.counts.running() as f64 / options.max_associations.max(1) as f64;
-            if !pace.is_kept(bytes, asked.elapsed(), taken) {
-                return Err(Abort::TooSlow);
-            }
-        }
+        let pdu = wire.receive_within(options.idle).await?;
         match pdu {
             // Otherwise a peer could keep its association for ever without sending anything.
             Pdu::PData { data }
@@ -273,11 +246,6 @@ enum State {
 }
 
 impl Messages<'_> {
-    /// Whether a message has begun and not ended.
-    fn is_amid(&self) -> bool {
-        !matches!(&self.state, State::Command(bytes) if bytes.is_empty())
-    }
-
     /// Takes a fragment; after the last one of a message its context and its response.
     async fn take(&mut self, value: PDataValue) -> Result<Option<(u8, Vec<u8>)>, Abort> {
         let id = value.presentation_context_id;
@@ -531,7 +499,9 @@ fn is_list(request: &Request) -> bool {
 /// The status for an error of the application.
 fn status_of(error: &Error) -> Status {
     match error {
-        Error::StorageFull | Error::Busy | Error::Unavailable => Status::OutOfResources,
+        Error::StorageFull | Error::Busy | Error::Unavailable | Error::Mismatch(_) => {
+            Status::OutOfResources
+        }
         Error::StorageFailed(cause) => {
             tracing::error!(
                 error = cause as &dyn std::error::Error,

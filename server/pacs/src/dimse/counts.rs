@@ -1,11 +1,8 @@
 //! What happened at the listener since it was started, for metrics.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
 
-/// Rejections for one reason have one line in the log in this time.
-const LOGGED_EVERY: Duration = Duration::from_secs(60);
+use http_support::logs::LogRateLimit;
 
 /// Why an association or a connection was rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,8 +46,7 @@ pub struct AssociationCounts {
     running: AtomicU64,
     accepted: AtomicU64,
     rejected: [AtomicU64; Rejection::ALL.len()],
-    /// When a rejection for each reason was last logged, and how many there were then. Held for moments.
-    logged: Mutex<[Option<(Instant, u64)>; Rejection::ALL.len()]>,
+    logged: [LogRateLimit; Rejection::ALL.len()],
     stored: AtomicU64,
     not_stored: AtomicU64,
 }
@@ -73,19 +69,8 @@ impl AssociationCounts {
 
     /// Counts a rejection. If it is to be logged, which one of a minute is, returns how many there were since the last that was.
     pub(crate) fn reject(&self, why: Rejection) -> Option<u64> {
-        self.reject_at(why, Instant::now())
-    }
-
-    fn reject_at(&self, why: Rejection, now: Instant) -> Option<u64> {
-        let all = self.rejected[why as usize].fetch_add(1, Ordering::Relaxed) + 1;
-        let mut logged = self.logged.lock().unwrap_or_else(PoisonError::into_inner);
-        let before = match logged[why as usize] {
-            Some((last, _)) if now.duration_since(last) < LOGGED_EVERY => return None,
-            Some((_, before)) => before,
-            None => 0,
-        };
-        logged[why as usize] = Some((now, all));
-        Some(all.saturating_sub(before))
+        self.rejected[why as usize].fetch_add(1, Ordering::Relaxed);
+        self.logged[why as usize].count()
     }
 
     pub(crate) fn answered(&self, is_stored: bool) {
@@ -114,22 +99,5 @@ impl AssociationCounts {
     /// Images that were answered with success, and with anything else.
     pub fn images(&self) -> [u64; 2] {
         [&self.stored, &self.not_stored].map(|count| count.load(Ordering::Relaxed))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rejections_have_a_line_a_minute_with_their_count() {
-        let counts = AssociationCounts::default();
-        let start = Instant::now();
-        let logged = [0, 1, 59, 60, 61, 200].map(|second| {
-            counts.reject_at(Rejection::Address, start + Duration::from_secs(second))
-        });
-        assert_eq!(logged, [Some(1), None, None, Some(3), None, Some(2)]);
-        assert_eq!(counts.reject_at(Rejection::Limit, start), Some(1));
-        assert_eq!(counts.rejected(Rejection::Address), 6);
     }
 }

@@ -3,8 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use cases::Cases;
-use http_support::door::Door;
+use cases::{Cases, Client, ClientLimit};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
@@ -15,8 +14,11 @@ use crate::dimse::options::DimseOptions;
 use crate::dimse::peers::Peers;
 use crate::dimse::wire::{Connection, WireError};
 
-/// Time for the request of an association while many connections have not asked yet.
-const CROWDED_REQUEST_TIMEOUT: Duration = Duration::from_secs(3);
+/// Connections beyond the associations that there may be, which are told so, if they ask soon.
+const REJECTED_AT_A_TIME: usize = 16;
+
+/// Time for the request of an association that is rejected.
+const REJECTED_REQUEST_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// How long to wait after the system could not accept a connection.
 const PAUSE: Duration = Duration::from_millis(100);
@@ -34,9 +36,8 @@ pub async fn serve(
     }
     let peers = Peers::new(options.peers.clone());
     let options = Arc::new(options);
-    let most = options.max_associations;
-    // Connections without an association have places of their own.
-    let door = Door::new(most, most.div_ceil(4), Arc::default());
+    let accepting = ClientLimit::new(options.max_associations);
+    let rejecting = ClientLimit::new(REJECTED_AT_A_TIME);
     let mut associations = JoinSet::new();
     let mut stop = std::pin::pin!(stop);
     loop {
@@ -63,22 +64,28 @@ pub async fn serve(
             continue;
         }
         let (cases, options) = (cases.clone(), Arc::clone(&options));
-        let open = door.enter(Some(address));
-        let patience = match door.is_crowded() {
-            true => options.idle.min(CROWDED_REQUEST_TIMEOUT),
-            false => options.idle,
+        let client = Client::at(address);
+        let accepted = accepting.try_acquire(client);
+        let is_beyond_limit = accepted.is_none();
+        let Some(permit) = accepted.or_else(|| rejecting.try_acquire(client)) else {
+            let why = Rejection::Limit;
+            if let Some(count) = options.counts.reject(why) {
+                tracing::warn!(%address, reason = why.name(), count, "connections for DIMSE were closed");
+            }
+            continue;
         };
         associations.spawn(async move {
+            let _permit = permit;
             let caller = Caller {
                 address,
                 titles,
-                connection: Arc::clone(&open.0),
-                patience,
+                is_beyond_limit,
+                patience: match is_beyond_limit {
+                    true => options.idle.min(REJECTED_REQUEST_TIMEOUT),
+                    false => options.idle,
+                },
             };
-            tokio::select! {
-                () = open.0.evicted() => {}
-                () = serve_one(stream, &caller, &cases, &options) => {}
-            }
+            serve_one(stream, &caller, &cases, &options).await;
         });
     }
     drop(listener);

@@ -12,7 +12,6 @@ mod negotiate;
 mod node;
 mod options;
 mod outcome;
-mod pace;
 mod peers;
 mod wire;
 

@@ -289,7 +289,7 @@ mod tests {
         PresentationContextResult, UserVariableItem,
     };
     use imaging::dicom::Attributes;
-    use imaging::dicom::write::{Head, Laterality, Pictures, pictures};
+    use imaging::dicom::write::{Head, Laterality, Picture, picture};
     use tokio::io::DuplexStream;
 
     const MAX_LENGTH: u32 = 256;
@@ -324,15 +324,14 @@ mod tests {
             is_annotated: false,
             is_recognizable: None,
         };
-        let picture = Pictures {
+        let pixels = Picture {
             width: 20,
             height: 10,
             rgb: (0..600_u32).map(|value| value as u8).collect(),
-            cine: None,
             orientation: None,
             laterality: Laterality::Both,
         };
-        pictures(&head, picture).unwrap().into()
+        picture(&head, pixels).unwrap().into()
     }
 
     /// What a node of the test does.

@@ -3,8 +3,6 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use case::Project;
-
 use crate::dimse::counts::AssociationCounts;
 use crate::dimse::peers::Peer;
 use http_support::tls::ReloadedTls;
@@ -26,8 +24,6 @@ pub struct DimseOptions {
     pub max_associations: usize,
     /// How long a peer may send nothing, and how long it may take for a PDU.
     pub idle: Duration,
-    /// The least rate of a message, in bytes per second; ten times as much if all associations are taken.
-    pub least_bytes_per_second: u64,
     /// How long an association may last.
     pub whole: Duration,
     /// TLS; without it, nothing is encrypted.
@@ -38,14 +34,6 @@ pub struct DimseOptions {
     pub counts: Arc<AssociationCounts>,
 }
 
-impl DimseOptions {
-    /// The project to which the images of a peer with a title go.
-    pub(crate) fn project_of(&self, aet: &str) -> Project {
-        let peer = self.peers.iter().find(|peer| peer.aet == aet);
-        peer.map_or(Project::DEFAULT, |peer| peer.project)
-    }
-}
-
 impl Default for DimseOptions {
     fn default() -> Self {
         Self {
@@ -53,7 +41,6 @@ impl Default for DimseOptions {
             peers: Vec::new(),
             max_associations: 20,
             idle: Duration::from_secs(30),
-            least_bytes_per_second: 10_000,
             whole: Duration::from_secs(3600),
             tls: None,
             ignores_other_objects: true,

@@ -5,7 +5,6 @@ use std::fmt;
 use std::net::IpAddr;
 use std::time::Duration;
 
-use case::Project;
 use ipnet::IpNet;
 use tokio::sync::Mutex;
 use tokio::time::Instant;
@@ -21,8 +20,6 @@ const RESOLVE: Duration = Duration::from_secs(2);
 pub struct Peer {
     /// Its application entity title.
     pub aet: String,
-    /// To which project its images go. All peers with one title have one project.
-    pub project: Project,
     /// Where it connects from.
     pub address: PeerAddress,
 }
@@ -159,7 +156,6 @@ mod tests {
     async fn the_titles_of_an_address_are_those_of_its_peers() {
         let peer = |aet: &str, address: &str| Peer {
             aet: aet.to_owned(),
-            project: Project::DEFAULT,
             address: PeerAddress::parse(address).unwrap(),
         };
         let peers = Peers::new(vec![

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::rejection::QueryRejection;
-use axum::extract::{Path, Query};
+use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseFacts, CaseId, CaseState, SurfaceName};
@@ -20,7 +20,7 @@ use storage::arrivals::{SeriesQuery, Uid};
 use self::media::{Answer, Kind, accepted};
 use self::query::{RenderedParams, RenderedQuery, Shown};
 use crate::address::{Named, SeriesPath, StudyPath};
-use crate::state::{InProject, Pacs};
+use crate::state::Pacs;
 use http_support::problem::AppError;
 
 type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
@@ -47,7 +47,7 @@ type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
     )
 )]
 pub(crate) async fn of_study(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<StudyPath>,
     keys: Keys,
     headers: HeaderMap,
@@ -71,7 +71,7 @@ pub(crate) async fn of_study(
     )
 )]
 pub(crate) async fn of_series(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(path): Path<SeriesPath>,
     keys: Keys,
     headers: HeaderMap,
@@ -134,7 +134,7 @@ async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, AppError> {
     let query = SeriesQuery::Study(uid(&named.study)?, series.transpose()?);
     let fitting = pacs.cases().fitting(&query).await?;
     if fitting.is_ambiguous() {
-        let detail = "there are cases of several patients; request a picture of the right one by its id, which `POST /v1/launch` lists";
+        let detail = "there are cases of several patients; request a picture of the right one by its id, which `POST /v1/cases/search` lists with its patient";
         return Err(AppError::new(
             StatusCode::CONFLICT,
             "several-patients",

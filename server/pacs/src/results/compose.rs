@@ -85,7 +85,7 @@ impl Composer {
         let case = cases.case(&id).await?;
         let series = cases.store().series_of(&id).await?;
         // What was sent of a wrong patient must still be withdrawn.
-        let is_rejection = matches!(&plan, Plan::KeyObject(plan) if plan.title.is_rejection());
+        let is_rejection = matches!(plan, Plan::KeyObject(_));
         let superseded = series.as_ref().and_then(|series| series.superseded);
         if let Some(why) = superseded.filter(|why| why.is_final() && !is_rejection) {
             return Err(no_longer_valid(why));
@@ -110,7 +110,7 @@ impl Composer {
             }
         }
         let withdrawn = match &plan {
-            Plan::KeyObject(plan) if is_rejection => plan.instances.clone(),
+            Plan::KeyObject(plan) => plan.instances.clone(),
             _ => Vec::new(),
         };
         // Known before they are drawn: one that is withdrawn meanwhile is noticed.
@@ -122,7 +122,7 @@ impl Composer {
                 Content::Mask(mask)
             }
             Plan::KeyObject(plan) => {
-                let listed = listed(cases, &source, &study, &plan).await?;
+                let listed = listed(cases, &study, &plan).await?;
                 Content::KeyObject(key_object_title(plan.title), listed)
             }
             Plan::Findings(plan) => {
@@ -204,10 +204,7 @@ impl Composer {
             Content::Findings(FindingsPlan::Report, _) => write::MEASUREMENT_REPORT,
             Content::KeyObject(..) => write::KEY_OBJECT,
             Content::Report(..) => write::REPORT,
-            Content::Pictures(drawing) => match drawing.plan().layout {
-                Layout::Animation { .. } => write::CINE,
-                Layout::Separate | Layout::Sheet { .. } => write::PICTURE,
-            },
+            Content::Pictures(_) => write::PICTURE,
         };
         ResultSeries {
             sop_class_uid: uid(class),
@@ -220,7 +217,7 @@ impl Composer {
         uid_of(&blake3::hash(&series))
     }
 
-    /// The first picture of the result, as PNG.
+    /// The picture of the result, as PNG.
     ///
     /// # Errors
     /// `not-acceptable`, if it has none.
@@ -229,10 +226,10 @@ impl Composer {
             return Err(AppError::new(
                 StatusCode::NOT_ACCEPTABLE,
                 "not-acceptable",
-                "only a `view`, a `sheet` and a `cine` have a picture; available type: application/dicom",
+                "only a `view` and a `sheet` have a picture; available type: application/dicom",
             ));
         };
-        let picture = drawing.first().draw(cases).await?;
+        let picture = drawing.draw(cases).await?;
         let work = move || -> Result<Vec<u8>, Error> {
             let size = FrameSize::new(picture.width.into(), picture.height.into());
             let size = size.map_err(|_| Error::Internal)?;
@@ -260,7 +257,7 @@ impl Composer {
         let pixels = match content {
             Content::Pictures(drawing) => {
                 let is_annotated = drawing.is_annotated();
-                Pixels::Pictures(drawing.draw(cases).await?, is_annotated)
+                Pixels::Picture(drawing.draw(cases).await?, is_annotated)
             }
             Content::Mask(plan) => Pixels::Mask(mask(cases, &id, plan).await?, plan),
             Content::KeyObject(title, listed) => Pixels::None(title, listed),
@@ -284,11 +281,11 @@ impl Composer {
                 date: &moment.date,
                 time: &moment.time,
                 offset: moment.offset.as_deref(),
-                is_annotated: matches!(pixels, Pixels::Pictures(_, true)),
+                is_annotated: matches!(pixels, Pixels::Picture(_, true)),
                 is_recognizable: is_sound.then_some(false),
             };
             match pixels {
-                Pixels::Pictures(pictures, _) => write::pictures(&head, pictures),
+                Pixels::Picture(picture, _) => write::picture(&head, picture),
                 Pixels::None(title, listed) => write::key_object(&head, title, &listed),
                 Pixels::Mask(mask, plan) => segmentation(&head, mask, plan, &facts, method),
                 Pixels::Findings(FindingsPlan::Report, findings) => {
@@ -310,10 +307,10 @@ impl Composer {
 }
 
 enum Pixels {
-    /// Pictures, and whether they are annotated.
-    Pictures(write::Pictures, bool),
+    /// A picture, and whether it is annotated.
+    Picture(write::Picture, bool),
     Mask(Mask, MaskPlan),
-    /// A list of objects has none.
+    /// A rejection note has none.
     None(KeyObjectTitle, Vec<Listed>),
     /// They are drawn when they are written.
     Findings(FindingsPlan, Vec<Finding>),
@@ -414,10 +411,6 @@ fn segments(
 
 fn key_object_title(title: Title) -> KeyObjectTitle {
     match title {
-        Title::OfInterest => KeyObjectTitle::OfInterest,
-        Title::ForSurgery => KeyObjectTitle::ForSurgery,
-        Title::ForConference => KeyObjectTitle::ForConference,
-        Title::ForResearch => KeyObjectTitle::ForResearch,
         Title::RejectedForQuality => KeyObjectTitle::RejectedForQuality,
         Title::RejectedForSafety => KeyObjectTitle::RejectedForSafety,
         Title::IncorrectWorklistEntry => KeyObjectTitle::IncorrectWorklistEntry,
@@ -425,24 +418,9 @@ fn key_object_title(title: Title) -> KeyObjectTitle {
     }
 }
 
-/// Classes and series of the objects of a list.
-async fn listed(
-    cases: &Cases,
-    source: &Attributes,
-    study: &Uid,
-    plan: &KeyObjectPlan,
-) -> Result<Vec<Listed>, AppError> {
-    let is_rejection = plan.title.is_rejection();
+/// Classes and series of the results that a note withdraws, also of those that do not count any more. Images of a PACS are not ours to withdraw.
+async fn listed(cases: &Cases, study: &Uid, plan: &KeyObjectPlan) -> Result<Vec<Listed>, AppError> {
     let results = cases.store().results_of(study).await?;
-    let of_source = |uid: &Uid| {
-        let mut images = source.instances.iter();
-        let image = images.find(|image| image.sop_instance_uid == uid.as_str())?;
-        Some(Listed {
-            series_uid: value(source, "SeriesInstanceUID")?.to_owned(),
-            sop_class_uid: image.sop_class_uid.clone(),
-            sop_instance_uid: image.sop_instance_uid.clone(),
-        })
-    };
     let of_result = |uid: &Uid| {
         let (_, series) = results.iter().find(|(result, _)| result == uid)?;
         Some(Listed {
@@ -451,17 +429,11 @@ async fn listed(
             sop_instance_uid: uid.as_str().to_owned(),
         })
     };
-    let known = plan.instances.iter();
-    // Images of a PACS are not ours to withdraw.
-    let known = known.map(|uid| match is_rejection {
-        true => of_result(uid),
-        false => of_source(uid).or_else(|| of_result(uid)),
-    });
-    let known: Option<Vec<_>> = known.collect();
+    let known: Option<Vec<_>> = plan.instances.iter().map(of_result).collect();
     known.ok_or_else(|| {
         refuse(
             "no-such-instance",
-            "an instance of `key_object` is neither an image of the source nor a result that was sent and is still known; a rejection names results alone",
+            "an instance of `key_object` is no result that was sent and is still known",
         )
     })
 }
@@ -485,7 +457,7 @@ fn no_patient() -> AppError {
 fn no_frame_of_reference() -> AppError {
     refuse(
         "no-frame-of-reference",
-        "the source of the case has no Frame of Reference UID, so segments and findings have no place; request a `view`, a `sheet` or a `cine`",
+        "the source of the case has no Frame of Reference UID, so segments and findings have no place; request a `view` or a `sheet`",
     )
 }
 
@@ -552,7 +524,7 @@ fn digest(case: &Case, asked: &ResultRequest, source: &Attributes, made_by: &str
     hash_of(&[
         FORMAT,
         env!("CARGO_PKG_VERSION"),
-        &case.id.key(),
+        &case.id.to_string(),
         &case.created_at.to_string(),
         made_by,
         &serde_json::to_string(asked).unwrap_or_default(),
@@ -590,7 +562,6 @@ fn title(content: &Content, what: What) -> String {
             match what {
                 What::View if view.is_empty() => format!("view at {depths}"),
                 What::View => format!("{view} view at {depths}"),
-                What::Cine if from == to => format!("turn at {depths}"),
                 _ => format!("{} at {depths}", what.name()),
             }
         }
@@ -625,7 +596,7 @@ fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
         );
     }
     let Content::Pictures(drawing) = content else {
-        // Lists and reports have no derivation.
+        // Rejection notes and reports have no derivation.
         return format!(
             "Mask of the brain, sampled at the centres of the voxels of the source. Closing radius of the envelope: {radius} mm. {}",
             *COMMENT
@@ -647,9 +618,8 @@ fn derivation(content: &Content, case: &Case, facts: &CaseFacts) -> String {
         drawing.renderer(),
     );
     text += &match &drawing.plan().layout {
-        Layout::Separate => format!("view {}, ", first.direction()),
         Layout::Sheet { .. } => "a row for each depth and a column for each view, ".to_owned(),
-        Layout::Animation { .. } => format!("first view {}, ", first.direction()),
+        Layout::Separate | Layout::Animation { .. } => format!("view {}, ", first.direction()),
     };
     text += &match first.window {
         Some(cases::pictures::Numbers([centre, width])) => {

@@ -3,7 +3,7 @@
 use case::{CaseId, LayerId};
 use cases::pictures::{CheckedPicture, Layout, PicturePlan, PictureSeries, SeriesPicture, marked};
 use cases::{Cases, Error};
-use imaging::dicom::write::{Cine, Pictures};
+use imaging::dicom::write::Picture;
 use render::{Frame, PixelFormat, Sheet};
 
 use super::directions;
@@ -26,15 +26,6 @@ impl Drawing {
 
     pub(crate) fn plan(&self) -> &PicturePlan {
         &self.plan
-    }
-
-    /// The same, of a cine only the first picture.
-    pub(crate) fn first(mut self) -> Self {
-        if let Layout::Animation { .. } = self.plan.layout {
-            self.plan.pictures.truncate(1);
-            self.series = self.series.first();
-        }
-        self
     }
 
     /// The uploaded layers that it shows, also as the source of a map.
@@ -60,8 +51,8 @@ impl Drawing {
         format!("{backends}; {versions}; {identity}")
     }
 
-    /// The pictures, as the pixels of an object.
-    pub(crate) async fn draw(self, cases: &Cases) -> Result<Pictures, Error> {
+    /// The picture, or all of a sheet, as the pixels of an object.
+    pub(crate) async fn draw(self, cases: &Cases) -> Result<Picture, Error> {
         let page = Page::new(&self.plan);
         let add = |page: &mut Page, picture: SeriesPicture| {
             let number = picture.number;
@@ -107,7 +98,7 @@ impl Page {
         }
     }
 
-    fn finish(mut self, first: &CheckedPicture, plan: &PicturePlan) -> Result<Pictures, Error> {
+    fn finish(mut self, first: &CheckedPicture, plan: &PicturePlan) -> Result<Picture, Error> {
         let mut size = [first.asked.width, first.asked.height];
         if let Some(sheet) = self.sheet {
             let frame = sheet.finish();
@@ -115,19 +106,12 @@ impl Page {
             extend_with_rgb(&mut self.rgb, &frame);
         }
         let side = |pixels: u32| u16::try_from(pixels).map_err(|_| Error::Internal);
-        Ok(Pictures {
+        Ok(Picture {
             width: side(size[0])?,
             height: side(size[1])?,
             rgb: self.rgb,
             orientation: directions::of_rows_and_columns(&plan.pictures),
             laterality: directions::laterality(&plan.pictures),
-            cine: match &plan.layout {
-                Layout::Animation { frame_time_ms } => Some(Cine {
-                    frames: plan.pictures.len(),
-                    frame_time_ms: *frame_time_ms,
-                }),
-                _ => None,
-            },
         })
     }
 }

@@ -7,8 +7,8 @@ mod moment;
 pub(crate) mod request;
 
 use axum::body::{Body, Bytes};
-use axum::extract::Path;
 use axum::extract::rejection::BytesRejection;
+use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseId, JobState};
@@ -22,7 +22,7 @@ use self::request::ResultRequest;
 use crate::error::ReasonView;
 use crate::rendered::media::accepted_ranges;
 use crate::send::SEND;
-use crate::state::{InProject, Pacs};
+use crate::state::Pacs;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
 use http_support::sent::json_body;
@@ -84,17 +84,16 @@ impl From<SentResult> for ResultView {
 
 /// A result as DICOM
 ///
-/// Makes a DICOM object of a picture (Secondary Capture), a sheet of pictures (the same), a cine (Multi-frame True Color
-/// Secondary Capture), the envelope or the brain mask (Segmentation on the slices of the source), what readers have marked
-/// (Comprehensive 3D SR, or a Segmentation with a segment for each finding), or the report of a reading (Encapsulated PDF). Patient and study
-/// are those of the source. Without `node`, the answer is the object, or its first picture for `Accept: image/png`; with `node`, the object is kept and sent there by
+/// Makes a DICOM object of a picture (Secondary Capture), a sheet of pictures (the same), the envelope or the brain mask (Segmentation on the slices of the source), what readers have marked
+/// (Comprehensive 3D SR, or a Segmentation with a segment for each finding), the report of a reading (Encapsulated PDF), or a rejection note of results that were sent (Key Object Selection). Patient and study
+/// are those of the source. Without `node`, the answer is the object, or its picture for `Accept: image/png`; with `node`, the object is kept and sent there by
 /// STOW-RS or C-STORE, again and again for about ten minutes if the node does not answer. Equal requests give one object.
 #[utoipa::path(
     post, path = "/v1/cases/{id}/dicom-results", tag = "pacs",
     params(("id" = String, Path, description = "The case")),
     request_body = ResultRequest,
     responses(
-        (status = 200, description = "The object, or its first picture", content(
+        (status = 200, description = "The object, or its picture", content(
             (Vec<u8> = "application/dicom"), (Vec<u8> = "image/png"),
         )),
         (status = 202, description = "It is queued for the node, or was already", body = ResultView, headers(
@@ -102,21 +101,20 @@ impl From<SentResult> for ResultView {
         )),
         (status = 400, description = "The body cannot be read, or a value is invalid"),
         (status = 404, description = "No such case, or no node has this name"),
-        (status = 406, description = "A segmentation, a list, findings and a report have no picture"),
+        (status = 406, description = "A segmentation, findings, a report and a rejection note have no picture"),
         (status = 409, description = "The case is not ready, its patient, study or place was corrected since or its images were rejected (`superseded`), it was uploaded and the PACS has sent another patient (`several-patients`) or place (`superseded`) with its UIDs, or the result was withdrawn (`withdrawn`)"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), nothing was marked (`no-findings`), or no frame of reference for a segmentation or findings"),
         (status = 503, description = "Too much work is waiting"),
     )
 )]
 pub(crate) async fn create_result(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(id): Path<String>,
     headers: HeaderMap,
     body: Result<Bytes, BytesRejection>,
 ) -> Result<Response, AppError> {
     let no_case = || AppError::from(cases::Error::NoSuchCase);
     let id = CaseId::parse(&id).ok_or_else(no_case)?;
-    let id = id.in_project(pacs.project());
     let is_preview = wants_picture(&headers)?;
     let asked: ResultRequest = json_body(body)?;
     pacs.needs_identity()?;
@@ -239,7 +237,7 @@ fn object(name: &str, file: Bytes) -> Response {
     )
 )]
 pub(crate) async fn get_result(
-    InProject(pacs): InProject,
+    State(pacs): State<Pacs>,
     Path(id): Path<String>,
 ) -> Result<Response, AppError> {
     let missing = || {

@@ -1,7 +1,7 @@
 //! The request for a result, and the checked plan.
 
 use cases::Error;
-use cases::pictures::{Frames, Part, PicturePlan, PictureRequest, PlanError, Sweep};
+use cases::pictures::{Part, PicturePlan, PictureRequest, PlanError};
 use cases::report::ReportQuery;
 use imaging::dicom::Attributes;
 use render::NamedView;
@@ -15,33 +15,31 @@ use http_support::problem::AppError;
 /// The most pixels of all pictures of an object, which then has 96 MiB.
 const MAX_TOTAL_PIXELS: usize = 1 << 25;
 
-/// The most objects of a list.
+/// The most results that one note withdraws.
 const MAX_LISTED: usize = 200;
 
-/// What a result shows.
+/// What a result shows, with the place of its kind among the numbers of series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum What {
     /// A picture.
-    View,
+    View = 0,
     /// Pictures at several depths from several sides, on one page.
-    Sheet,
-    /// A turn, or a way through the depths.
-    Cine,
+    Sheet = 1,
     /// The envelope.
-    Envelope,
+    Envelope = 3,
     /// The brain mask.
-    Mask,
-    /// A list of images of the source and of results.
+    Mask = 4,
+    /// A rejection note, which withdraws results that were sent.
     #[serde(rename = "key-object")]
-    KeyObject,
+    KeyObject = 5,
     /// What readers have marked and written, as a measurement report.
-    Findings,
+    Findings = 6,
     /// What readers have marked, as segments; what they have dismissed is left out.
     #[serde(rename = "finding-segments")]
-    FindingSegments,
+    FindingSegments = 7,
     /// The report of a reading, as PDF.
-    Report,
+    Report = 8,
 }
 
 impl What {
@@ -49,7 +47,6 @@ impl What {
         match self {
             Self::View => "view",
             Self::Sheet => "sheet",
-            Self::Cine => "cine",
             Self::Envelope => "envelope",
             Self::Mask => "mask",
             Self::KeyObject => "key-object",
@@ -67,17 +64,18 @@ pub(crate) struct ResultRequest {
     /// What it shows.
     #[schema(inline)]
     pub(crate) what: What,
-    /// The picture, with the keys of `GET /v1/cases/{id}/render`, but annotated unless `annotate` is false; for `view`,
-    /// `sheet` and `cine`.
+    /// The picture, with the keys of `GET /v1/cases/{id}/render`, but annotated unless `annotate` is false; for `view`
+    /// and `sheet`.
     #[serde(default, deserialize_with = "annotated_picture")]
     pub(crate) render: Option<PictureRequest>,
     /// The rows and columns of a sheet.
     #[serde(default)]
     pub(crate) sheet: Option<SheetRequest>,
-    /// The pictures of a cine.
-    #[serde(default)]
-    pub(crate) cine: Option<CineRequest>,
-    /// The list of a key object.
+    /// Nothing. It is a part of the text that UIDs are made of, so that equal requests keep theirs.
+    #[serde(skip_deserializing)]
+    #[schema(ignore)]
+    cine: (),
+    /// What a rejection note withdraws.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) key_object: Option<KeyObjectRequest>,
     /// The language of a report, and whether it names the patient on its pages.
@@ -104,52 +102,29 @@ fn annotated_picture<'de, D: Deserializer<'de>>(
     picture.map(Some).map_err(D::Error::custom)
 }
 
-/// A list of objects of the study.
+/// Results to withdraw.
 #[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct KeyObjectRequest {
-    /// SOP Instance UIDs of images of the source, and of results that were sent; 1 to 200. A rejection names results alone.
+    /// SOP Instance UIDs of results that were sent, 1 to 200.
     instances: Vec<String>,
-    /// What they are listed for. Default: `of-interest`.
-    #[serde(default)]
+    /// Why.
     #[schema(inline)]
     pub(crate) title: Title,
 }
 
-/// What objects are listed for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ToSchema)]
+/// Why results are withdrawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Title {
-    /// Of interest.
-    #[default]
-    OfInterest,
-    /// For surgery.
-    ForSurgery,
-    /// For a conference.
-    ForConference,
-    /// For research.
-    ForResearch,
-    /// Rejected for quality reasons: withdraws results.
+    /// For quality reasons.
     RejectedForQuality,
-    /// Rejected for patient safety reasons, such as a wrong patient or side: withdraws results.
+    /// For patient safety reasons, such as a wrong patient or side.
     RejectedForSafety,
-    /// An incorrect worklist entry: withdraws results.
+    /// An incorrect worklist entry.
     IncorrectWorklistEntry,
-    /// The data retention policy has expired: withdraws results.
+    /// The data retention policy has expired.
     RetentionExpired,
-}
-
-impl Title {
-    /// Whether the list withdraws what it names (IHE IOCM).
-    pub(crate) fn is_rejection(self) -> bool {
-        match self {
-            Self::OfInterest | Self::ForSurgery | Self::ForConference | Self::ForResearch => false,
-            Self::RejectedForQuality
-            | Self::RejectedForSafety
-            | Self::IncorrectWorklistEntry
-            | Self::RetentionExpired => true,
-        }
-    }
 }
 
 impl KeyObjectRequest {
@@ -199,46 +174,6 @@ impl Default for SheetRequest {
         Self {
             depths_mm: default_depths(),
             views: default_views(),
-        }
-    }
-}
-
-/// A cine.
-#[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct CineRequest {
-    /// Number of pictures, 2 to 256.
-    #[serde(default = "default_frames")]
-    #[schema(minimum = 2, maximum = 256, default = 36)]
-    frames: u32,
-    /// The time of each picture, in ms.
-    #[serde(default = "default_frame_time")]
-    #[schema(minimum = 10, maximum = 10000, default = 80)]
-    frame_time_ms: u16,
-    /// The first and the last depth, in mm. Without them, the cine is a full turn at the depth of `render`.
-    #[serde(default)]
-    depths_mm: Option<[f32; 2]>,
-    /// Whether intensities are averaged near the envelope unless `slab_mm` is given, as in a `sweep` of `renders`: for a cine
-    /// through the depths.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    average_shallow: bool,
-}
-
-fn default_frames() -> u32 {
-    36
-}
-
-fn default_frame_time() -> u16 {
-    80
-}
-
-impl Default for CineRequest {
-    fn default() -> Self {
-        Self {
-            frames: default_frames(),
-            frame_time_ms: default_frame_time(),
-            depths_mm: None,
-            average_shallow: false,
         }
     }
 }
@@ -341,7 +276,7 @@ pub(crate) enum Plan {
     Pictures(PicturePlan),
     /// A segmentation.
     Mask(MaskPlan),
-    /// A list.
+    /// A rejection note.
     KeyObject(KeyObjectPlan),
     /// What readers have marked.
     Findings(FindingsPlan),
@@ -356,7 +291,7 @@ pub(crate) enum FindingsPlan {
     Segments,
 }
 
-/// A checked list.
+/// What a checked rejection note names.
 #[derive(Debug, Clone)]
 pub(crate) struct KeyObjectPlan {
     /// Each once, at least one.
@@ -379,11 +314,9 @@ fn out_of_range(place: &str, detail: impl Into<String>) -> AppError {
 fn named(error: PlanError) -> Error {
     let name = |part| {
         let name = match part {
-            Part::Picture(_) | Part::Varied | Part::Pixels => "render",
             Part::Pictures | Part::Sheet => "sheet",
-            Part::Frames => "cine.frames",
-            Part::FrameTime => "cine.frame_time_ms",
-            Part::FirstDepth | Part::LastDepth => "cine.depths_mm",
+            // A result is no animation.
+            _ => "render",
         };
         name.to_owned()
     };
@@ -408,7 +341,6 @@ impl ResultRequest {
             false => Ok(()),
         };
         is_for(What::Sheet, "sheet", self.sheet.is_some())?;
-        is_for(What::Cine, "cine", self.cine.is_some())?;
         is_for(What::KeyObject, "key_object", self.key_object.is_some())?;
         is_for(What::Report, "report", self.report.is_some())?;
         let render = self.render.clone().unwrap_or_else(|| PictureRequest {
@@ -430,7 +362,7 @@ impl ResultRequest {
             {
                 return Err(out_of_range(
                     "render",
-                    "`render` is only accepted with `view`, `sheet` and `cine`",
+                    "`render` is only accepted with `view` and `sheet`",
                 ));
             }
             What::Envelope => return Ok(Plan::Mask(MaskPlan::Envelope)),
@@ -449,30 +381,9 @@ impl ResultRequest {
                 let SheetRequest { depths_mm, views } = self.sheet.clone().unwrap_or_default();
                 PicturePlan::grid(&render, &depths_mm, &views)
             }
-            What::Cine => self.cine.clone().unwrap_or_default().plan(&render),
         };
         let plan = plan.and_then(|plan| plan.within(MAX_TOTAL_PIXELS));
         Ok(Plan::Pictures(plan.map_err(named)?))
-    }
-}
-
-impl CineRequest {
-    fn plan(&self, render: &PictureRequest) -> Result<PicturePlan, PlanError> {
-        let frames = Frames {
-            count: self.frames,
-            time_ms: self.frame_time_ms,
-        };
-        let Some(depths_mm) = self.depths_mm else {
-            return PicturePlan::turn(render, frames);
-        };
-        let sweep = Sweep {
-            depths_mm,
-            frames,
-            // A viewer of the PACS plays it back and forth if the reader wants that.
-            there_and_back: false,
-            average_shallow: self.average_shallow,
-        };
-        PicturePlan::sweep(render, sweep)
     }
 }
 
@@ -494,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sheet_has_a_row_for_each_depth_and_a_cine_all_its_frames() {
+    fn a_sheet_has_a_row_for_each_depth() {
         let sheet = pictures(r#"{"what": "sheet", "render": {"width": 160, "height": 128}}"#);
         let cells: Vec<_> = sheet
             .pictures
@@ -503,16 +414,21 @@ mod tests {
             .collect();
         assert_eq!(cells.len(), 12);
         assert_eq!(cells[4], (8.0, Some(NamedView::Right)));
-        let way = pictures(r#"{"what": "cine", "cine": {"frames": 5, "depths_mm": [4, 12]}}"#);
-        let depths: Vec<_> = way
-            .pictures
-            .iter()
-            .map(|cell| cell.asked.depth_mm)
-            .collect();
-        assert_eq!(depths, [4.0, 6.0, 8.0, 10.0, 12.0]);
-        let turn = pictures(r#"{"what": "cine", "render": {"depth_mm": 7}}"#);
-        assert_eq!(turn.pictures.len(), 36);
-        assert!(turn.pictures.iter().all(|cell| cell.asked.depth_mm == 7.0));
+    }
+
+    #[test]
+    fn what_uids_are_made_of_stays_as_it_was() {
+        let text = |body: &str| {
+            let asked = serde_json::from_str::<ResultRequest>(body).unwrap();
+            serde_json::to_string(&asked).unwrap()
+        };
+        assert_eq!(
+            text(r#"{"what": "mask", "node": "pacs"}"#),
+            r#"{"what":"mask","render":null,"sheet":null,"cine":null}"#
+        );
+        assert!(
+            serde_json::from_str::<ResultRequest>(r#"{"what": "view", "cine": null}"#).is_err()
+        );
     }
 
     #[test]
@@ -520,7 +436,7 @@ mod tests {
         for (body, expected) in [
             (r#"{"what": "view"}"#, true),
             (r#"{"what": "view", "render": {"depth_mm": 8.2}}"#, true),
-            (r#"{"what": "cine", "render": {"annotate": true}}"#, true),
+            (r#"{"what": "view", "render": {"annotate": true}}"#, true),
             (
                 r#"{"what": "sheet", "render": {"annotate": false, "width": 64}}"#,
                 false,
@@ -547,15 +463,15 @@ mod tests {
             (r#"{"what": "mask", "render": {}}"#, "`render`"),
             (r#"{"what": "key-object"}"#, "`key_object`"),
             (
-                r#"{"what": "key-object", "key_object": {"instances": []}}"#,
+                r#"{"what": "key-object", "key_object": {"instances": [], "title": "rejected-for-safety"}}"#,
                 "1 to 200",
             ),
             (
-                r#"{"what": "key-object", "key_object": {"instances": ["Smith"]}}"#,
+                r#"{"what": "key-object", "key_object": {"instances": ["Smith"], "title": "rejected-for-safety"}}"#,
                 "UIDs",
             ),
             (
-                r#"{"what": "view", "key_object": {"instances": ["1.2"]}}"#,
+                r#"{"what": "view", "key_object": {"instances": ["1.2"], "title": "retention-expired"}}"#,
                 "`key_object`",
             ),
             (r#"{"what": "view", "sheet": {}}"#, "`sheet`"),
@@ -575,14 +491,9 @@ mod tests {
             ),
             (r#"{"what": "sheet", "sheet": {"views": []}}"#, "`sheet`"),
             (
-                r#"{"what": "cine", "cine": {"frames": 1}}"#,
-                "`cine.frames`",
+                r#"{"what": "sheet", "render": {"width": 4096, "height": 4096}}"#,
+                "pixels",
             ),
-            (
-                r#"{"what": "cine", "cine": {"depths_mm": [0, -1]}}"#,
-                "`cine.depths_mm`",
-            ),
-            (r#"{"what": "cine", "cine": {"frames": 256}}"#, "pixels"),
         ] {
             let refused = plan(body).unwrap_err().to_string();
             assert!(refused.contains(named), "{body}: {refused}");

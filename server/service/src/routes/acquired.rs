@@ -1,15 +1,15 @@
 //! Pictures of what was acquired, for which a case need not be ready.
 
-use axum::extract::RawPathParams;
+use axum::extract::{RawPathParams, State};
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
+use cases::Cases;
 use cases::pictures::AcquiredQuery;
 use render::SlicePlane;
 
 use super::render::PNG;
 use super::slices::plane_of;
-use crate::state::InProject;
 use http_support::conditional::{Format, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::AppError;
@@ -35,7 +35,7 @@ use http_support::query::{ApiQuery, CasePath};
     )
 )]
 pub async fn get_acquired(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
     ApiQuery { asked, values }: ApiQuery<AcquiredQuery>,

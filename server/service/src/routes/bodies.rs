@@ -81,14 +81,18 @@ impl Bodies {
         source: impl Future<Output = Result<S, E>>,
         encode: impl FnOnce(S) -> Bytes + Send + 'static,
     ) -> Result<Bytes, AppError> {
+        let part = || Part::Answer(format!("{kind:?}, {coding:?}"));
+        if let Some(body) = self.cache.get::<Bytes>(&id, part()) {
+            return Ok((*body).clone());
+        }
+        // Before others can wait for this one to be made, so that nobody waits for the turns of another client.
+        let turn = self.queue.turn().await?;
         let made = async {
-            let turn = self.queue.turn().await?;
             let source = source.await.map_err(Into::into)?;
             let encode = move || coding.compress(&encode(source));
             Ok::<_, AppError>(turn.run(encode).await?)
         };
-        let part = Part::Answer(format!("{kind:?}, {coding:?}"));
-        let body = self.cache.get_or_make(&id, part, made).await?;
+        let body = self.cache.get_or_make(&id, part(), made).await?;
         Ok((*body).clone())
     }
 }

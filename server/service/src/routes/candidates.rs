@@ -1,5 +1,6 @@
 //! The most blurred places of a case, and the profile through a point.
 
+use axum::extract::State;
 use std::fmt::Write as _;
 
 use axum::http::HeaderMap;
@@ -9,13 +10,12 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
-use crate::state::InProject;
 use case::{CandidateFacts, Gyrus, MapName, RegionFacts, SurfaceName, Unusual};
-use cases::Error;
 use cases::gyri::named;
 use cases::library::{LoadedMaps, MapsState};
 use cases::pictures::{ChosenLayer, MAPS_OFF, Numbers, check_count, ready, surface_version};
 use cases::profile::{PointProfile, Profile, profile};
+use cases::{Cases, Error};
 use http_support::conditional::{Format, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::AppError;
@@ -159,7 +159,7 @@ impl From<ScoreCaveat> for CaveatView {
     )
 )]
 pub async fn get_candidates(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery { asked: query, .. }: ApiQuery<CandidatesQuery>,
     request: HeaderMap,
@@ -295,7 +295,7 @@ impl Asked for ProfileQuery {
     )
 )]
 pub async fn get_profile(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery { asked: query, .. }: ApiQuery<ProfileQuery>,
     request: HeaderMap,

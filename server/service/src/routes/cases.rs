@@ -1,7 +1,7 @@
 //! Cases: list, get, delete.
 
-use crate::state::InProject;
 use axum::body::Bytes;
+use axum::extract::State;
 use axum::extract::rejection::BytesRejection;
 use axum::http::StatusCode;
 use axum::response::Response;
@@ -449,7 +449,7 @@ impl Asked for ListQuery {
     )
 )]
 pub async fn list_cases(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     query: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
     let ListValues { after, limit } = query.values;
@@ -490,7 +490,7 @@ impl Asked for CaseQuery {
     )
 )]
 pub async fn get_case(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery { asked, .. }: ApiQuery<CaseQuery>,
 ) -> Result<Response, AppError> {
@@ -542,7 +542,7 @@ pub struct CasePatch {
     )
 )]
 pub async fn patch_case(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
     body: Result<Bytes, BytesRejection>,
@@ -570,7 +570,7 @@ pub async fn patch_case(
     )
 )]
 pub async fn delete_case(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<StatusCode, AppError> {

@@ -1,8 +1,9 @@
 //! The patient attributes of a case, which have their own address.
 
+use axum::extract::State;
+use cases::Cases;
 use std::collections::BTreeMap;
 
-use crate::state::InProject;
 use axum::http::StatusCode;
 use axum::response::Response;
 use imaging::dicom::Instance;
@@ -58,7 +59,7 @@ impl From<Instance> for InstanceView {
     )
 )]
 pub async fn get_dicom(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {

@@ -1,5 +1,6 @@
 //! The progress of a case as server-sent events.
 
+use cases::Cases;
 use std::convert::Infallible;
 use std::time::Duration;
 
@@ -10,8 +11,8 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream::{self, Stream, StreamExt};
 
 use super::cases::CaseView;
-use crate::state::{EventStreams, InProject, Stopping};
-use cases::places::Place;
+use crate::state::{EventStreams, Stopping};
+use cases::ClientPermit;
 use http_support::listen::ThisClient;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
@@ -33,26 +34,26 @@ const KEEP_ALIVE: Duration = Duration::from_secs(15);
     )
 )]
 pub async fn get_events(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     State(streams): State<EventStreams>,
     ThisClient(client): ThisClient,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
     cases.case(&id).await?;
-    let place = streams.begin(client)?;
+    let permit = streams.begin(client)?;
     let events = events(cases.store().subscribe(&id));
-    Ok(stream_of(events, place, &streams.stopping))
+    Ok(stream_of(events, permit, &streams.stopping))
 }
 
-/// The answer with events, until they end or the server stops; it holds the place meanwhile.
+/// The answer with events, until they end or the server stops; it holds the permit meanwhile.
 pub(super) fn stream_of(
     events: impl Stream<Item = Result<Event, Infallible>> + Send + 'static,
-    place: Place,
+    permit: ClientPermit,
     stopping: &Stopping,
 ) -> Response {
     let events = events.take_until(stopping.begun());
-    let mut response = Sse::new(events.inspect(move |_| _ = &place))
+    let mut response = Sse::new(events.inspect(move |_| _ = &permit))
         .keep_alive(KeepAlive::new().interval(KEEP_ALIVE))
         .into_response();
     // Tells nginx, the usual proxy, to pass each event on at once.

@@ -1,15 +1,15 @@
 //! The findings of a case: what readers have marked and written.
 
+use axum::extract::State;
 use std::fmt::Write as _;
 
-use crate::state::InProject;
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
 use case::findings::{Certainty, Finding};
-use cases::Error;
 use cases::findings::{Findings, NotReplaced};
+use cases::{Cases, Error};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -59,7 +59,7 @@ pub struct FindingsChanged {
     )
 )]
 pub async fn get_findings(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
     request: HeaderMap,
@@ -110,7 +110,7 @@ pub async fn get_findings(
     )
 )]
 pub async fn put_findings(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
     request: HeaderMap,

@@ -89,11 +89,6 @@ fn guard(operation: &mut Operation, path: &str) {
     add(operation, "403", "The token lacks a scope");
     add(
         operation,
-        "429",
-        "Too many wrong tokens came from the address of the client",
-    );
-    add(
-        operation,
         "507",
         "The audit record of the server cannot be written",
     );

@@ -4,16 +4,15 @@ mod events;
 mod view;
 mod voxels;
 
-use crate::state::InProject;
 use axum::body::Bytes;
-use axum::extract::RawPathParams;
 use axum::extract::rejection::BytesRejection;
+use axum::extract::{RawPathParams, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse as _, Response};
 use case::{Contrast, JunctionBandFacts, Layer, MapName, QualityState};
-use cases::Error;
 use cases::library::{FlairState, MapsState};
 use cases::pictures::{LayerRef, NO_FLAIR};
+use cases::{Cases, Error};
 use serde::{Deserialize, Serialize};
 use storage::LayerChange;
 use utoipa::ToSchema;
@@ -57,7 +56,7 @@ pub struct LayerList {
     )
 )]
 pub async fn list_layers(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
@@ -107,7 +106,7 @@ pub async fn list_layers(
     )
 )]
 pub async fn get_layer(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
     _no_query: ApiQuery<NoQuery>,
@@ -164,7 +163,7 @@ pub struct LayerPatch {
     )
 )]
 pub async fn patch_layer(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
     _no_query: ApiQuery<NoQuery>,
@@ -196,7 +195,7 @@ pub async fn patch_layer(
     )
 )]
 pub async fn delete_layer(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
     _no_query: ApiQuery<NoQuery>,

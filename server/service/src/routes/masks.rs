@@ -15,7 +15,7 @@ use utoipa::IntoParams;
 use super::cases::CaseView;
 use super::render::PNG;
 use super::upload::{Incoming, is_form, refuse_too_large, submitted};
-use crate::state::{InProject, Uploads};
+use crate::state::Uploads;
 use case::{CaseFacts, CaseId, MaskKind, MaskSource, ObjectKind, Parameters};
 use cases::pictures::window_of;
 use http_support::conditional::{self, Content, Format, Question};
@@ -42,7 +42,7 @@ use storage::{NewMask, Spooled, Version};
     )
 )]
 pub async fn get_mask(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     query: ApiQuery<NoQuery>,
     request: HeaderMap,
@@ -71,7 +71,7 @@ pub async fn get_mask(
     )
 )]
 pub async fn get_envelope(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     query: ApiQuery<NoQuery>,
     request: HeaderMap,
@@ -227,7 +227,7 @@ impl VersionQuery {
     )
 )]
 pub async fn put_mask(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     State(uploads): State<Uploads>,
     CasePath(id): CasePath,
     query: ApiQuery<VersionQuery>,
@@ -264,7 +264,7 @@ pub async fn put_mask(
     )
 )]
 pub async fn get_quality(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     query: ApiQuery<NoQuery>,
     request: HeaderMap,

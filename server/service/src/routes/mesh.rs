@@ -1,5 +1,6 @@
 //! The mesh at a depth, its triangles, and all depths at once.
 
+use cases::Cases;
 use std::future::ready;
 use std::sync::Arc;
 
@@ -13,7 +14,6 @@ use utoipa::IntoParams;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::{depth_headers, of_surface};
-use crate::state::InProject;
 use crate::wire;
 use case::SurfaceName;
 use cases::models::PathKind;
@@ -164,7 +164,7 @@ impl Asked for PathsQuery {
     )
 )]
 pub async fn get_mesh(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery { asked, values }: ApiQuery<MeshQuery>,
     request: HeaderMap,
@@ -260,7 +260,7 @@ fn encode_file(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
     )
 )]
 pub async fn get_triangles(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     ApiQuery {
@@ -301,7 +301,7 @@ pub async fn get_triangles(
     )
 )]
 pub async fn get_paths(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     ApiQuery {

@@ -18,6 +18,7 @@ pub mod render;
 pub mod renders;
 pub mod report;
 pub mod scopes;
+pub mod search;
 pub mod sign_in;
 pub mod slices;
 pub mod textures;
@@ -43,7 +44,6 @@ use http_support::conditional::{self, Format};
 use http_support::problem::AppError;
 use http_support::scopes::{Row, ScopeTable};
 use http_support::sent::MAX_BODY_BYTES;
-use http_support::tokens::project_of;
 
 /// The header with the quality of the mask behind an answer.
 const QUALITY: HeaderName = HeaderName::from_static("x-isocortex-quality");
@@ -123,6 +123,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .merge(
             OpenApiRouter::new()
                 .routes(routes!(renders::create_renders))
+                .routes(routes!(search::search_cases))
                 .layer(DefaultBodyLimit::max(MAX_BODY_BYTES)),
         )
         .route_layer(middleware::from_fn_with_state(
@@ -205,7 +206,6 @@ async fn say_quality(
 ) -> Response {
     let id = path.iter().find(|(name, _)| *name == "id");
     let id = id.and_then(|(_, text)| CaseId::parse(text));
-    let id = id.map(|id| id.in_project(project_of(request.extensions())));
     let mut response = next.run(request).await;
     let shows = response.status().is_success() || response.status() == StatusCode::NOT_MODIFIED;
     if let Some(id) = id.filter(|_| shows)

@@ -1,15 +1,15 @@
 //! The registration of two cases.
 
+use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
-use crate::state::InProject;
 use case::CaseId;
-use cases::Error;
 use cases::registration::CaseRegistration;
+use cases::{Cases, Error};
 use http_support::conditional::{Format, Question};
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, Asked, CasePath};
@@ -50,13 +50,13 @@ impl Asked for RegistrationQuery {
     )
 )]
 pub async fn get_registration(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery { asked: query, .. }: ApiQuery<RegistrationQuery>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     // The answer may be known to the client although the other case is gone.
-    let with = query.with.in_project(id.project());
+    let with = query.with;
     cases.ready(&with).await?;
     let question = Question {
         id,

@@ -1,8 +1,8 @@
 //! Pictures of the isosurface.
 
+use axum::extract::State;
 use std::sync::Arc;
 
-use crate::state::InProject;
 use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
 use case::CaseFacts;
@@ -53,7 +53,7 @@ const MAX_POSITIONS: usize = 1 << 22;
     )
 )]
 pub async fn get_render(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery {
         asked,

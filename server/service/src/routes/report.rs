@@ -1,8 +1,9 @@
 //! The report of a reading.
 
-use crate::state::InProject;
+use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
+use cases::Cases;
 use cases::report::{POLICY, ReportFormat, ReportQuery, ReportSubject};
 
 use http_support::audited::NamesPatient;
@@ -32,7 +33,7 @@ const PDF: &str = "application/pdf";
     )
 )]
 pub async fn get_report(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery { asked, .. }: ApiQuery<ReportQuery>,
     request: HeaderMap,

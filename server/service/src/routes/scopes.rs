@@ -17,6 +17,13 @@ pub const SCOPES: &[Row] = &[
     read("/v1/session", Audited::No),
     read("/v1/cases", Audited::Query),
     write(Method::POST, "/v1/cases", Audited::Upload),
+    // What identifies a patient is in its body, not in an address. It shows patients.
+    (
+        Method::POST,
+        "/v1/cases/search",
+        Scope::Read,
+        Audited::Identity,
+    ),
     read("/v1/cases/{id}", Audited::View),
     write(Method::PATCH, "/v1/cases/{id}", Audited::Change),
     write(Method::DELETE, "/v1/cases/{id}", Audited::Delete),

@@ -22,9 +22,6 @@ pub struct Session {
     name: String,
     /// What the token permits.
     scopes: Vec<&'static str>,
-    /// The project whose cases it opens; none for the project without a name.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    project: Option<String>,
     /// Where the page goes so that the proxy signs the person out; none if nobody was signed in by a proxy, or it has no such place.
     #[serde(skip_serializing_if = "Option::is_none")]
     sign_out: Option<String>,
@@ -41,7 +38,6 @@ pub async fn get_session(
     let session = Session {
         name: holder.name.as_ref().to_owned(),
         scopes: holder.scopes.iter().map(|scope| scope.name()).collect(),
-        project: (!holder.project.is_default()).then(|| holder.project.to_string()),
         sign_out: proxy.and_then(|proxy| proxy.options().sign_out.clone()),
     };
     fresh_json(StatusCode::OK, &session)

@@ -1,14 +1,13 @@
 //! Pictures of slices with the contours of isosurfaces.
 
-use axum::extract::RawPathParams;
+use axum::extract::{RawPathParams, State};
 use axum::http::{HeaderMap, HeaderName};
 use axum::response::Response;
 use render::SlicePlane;
 
 use super::render::{PNG, format_with_layers};
-use crate::state::InProject;
-use cases::Error;
 use cases::pictures::{SliceKind, SlicePicture, SliceQuery};
+use cases::{Cases, Error};
 use http_support::conditional::{self, Content, Question};
 use http_support::negotiate::media_type;
 use http_support::problem::AppError;
@@ -39,7 +38,7 @@ const PLANE: HeaderName = HeaderName::from_static("x-isocortex-plane");
     )
 )]
 pub async fn get_slice(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
     ApiQuery { asked, values }: ApiQuery<SliceQuery>,

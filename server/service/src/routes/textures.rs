@@ -11,7 +11,6 @@ use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use super::bodies::{Bodies, BodyKey, BodyKind, Extent};
 use super::of_surface;
-use crate::state::InProject;
 use crate::wire::{self, Texture, Voxels};
 use case::SurfaceName;
 use cases::Cases;
@@ -116,7 +115,7 @@ impl Asked for DistanceQuery {
     )
 )]
 pub async fn get_volume(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     ApiQuery { values: query, .. }: ApiQuery<VolumeQuery>,
@@ -177,7 +176,7 @@ pub async fn get_volume(
     )
 )]
 pub async fn get_distance(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     ApiQuery { values: query, .. }: ApiQuery<DistanceQuery>,
@@ -233,7 +232,11 @@ async fn answer(
     let format = of_surface(format, MEDIA_TYPE, surface);
     let coding = format.coding();
     let work = async |_| {
-        let texture = texture().await?;
+        // What is not compressed has its turn here; the other turn is for the compression.
+        let texture = {
+            let _turn = cases.queue.turn().await?;
+            texture().await?
+        };
         let headers = layout(&texture);
         let body = match (texture.voxels, coding) {
             (Voxels::Shared(bytes), Coding::Identity) => bytes,

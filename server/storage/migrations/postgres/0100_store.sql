@@ -4,9 +4,15 @@
 -- Times are microseconds since 1970-01-01T00:00Z. Digests are 64 hexadecimal digits. The tables are those of SQLite
 -- (../sqlite), where their columns are explained.
 
+-- Which store this is: the object `store-id` has the same id. `complete` says that the pair was seen to be whole once.
+CREATE TABLE store (
+    one      INTEGER NOT NULL PRIMARY KEY CHECK (one = 1),
+    id       TEXT    NOT NULL,
+    complete BOOLEAN NOT NULL DEFAULT FALSE
+);
+
 CREATE TABLE cases (
     id                TEXT COLLATE "C" NOT NULL PRIMARY KEY,
-    project           TEXT COLLATE "C" NOT NULL DEFAULT '',
     closing_radius_mm DOUBLE PRECISION NOT NULL,
     parameters        TEXT             NOT NULL DEFAULT '{}',
     name              TEXT,
@@ -60,7 +66,6 @@ CREATE TABLE jobs (
     needs_ready  BOOLEAN          NOT NULL,
     payload      TEXT             NOT NULL,
     client       TEXT COLLATE "C" NOT NULL DEFAULT '',
-    project      TEXT COLLATE "C" NOT NULL DEFAULT '',
     state        TEXT COLLATE "C" NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
     progress     TEXT,
     failure      TEXT,
@@ -172,7 +177,6 @@ CREATE TABLE findings (
 -- requests name series by them; names and birth dates are not.
 CREATE TABLE arrivals (
     id               TEXT COLLATE "C" NOT NULL PRIMARY KEY,
-    project          TEXT COLLATE "C" NOT NULL DEFAULT '',
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     accession_number TEXT,
@@ -191,7 +195,7 @@ CREATE TABLE arrivals (
     expected         BIGINT, -- how many the sender says there are
     first_at         BIGINT NOT NULL,
     last_at          BIGINT NOT NULL,
-    UNIQUE (project, study_uid, series_uid)
+    UNIQUE (study_uid, series_uid)
 );
 
 CREATE INDEX arrivals_by_age ON arrivals (first_at, id);
@@ -213,13 +217,12 @@ CREATE INDEX arrival_instances_by_uid ON arrival_instances (sop_instance_uid);
 
 -- Instances that a rejection note has withdrawn: for a year, images that are not received again, and results of ours.
 CREATE TABLE rejections (
-    project          TEXT COLLATE "C" NOT NULL DEFAULT '',
     -- As the note states them; empty for results of ours, whose UIDs are in no other series.
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     sop_instance_uid TEXT COLLATE "C" NOT NULL,
     rejected_at      BIGINT NOT NULL,
-    PRIMARY KEY (sop_instance_uid, project, study_uid, series_uid)
+    PRIMARY KEY (sop_instance_uid, study_uid, series_uid)
 );
 
 CREATE INDEX rejections_by_age ON rejections (rejected_at);
@@ -227,22 +230,23 @@ CREATE INDEX rejections_by_age ON rejections (rejected_at);
 -- The series that cases were made of, for requests that name one.
 CREATE TABLE case_series (
     case_id          TEXT COLLATE "C" NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
-    project          TEXT COLLATE "C" NOT NULL DEFAULT '',
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     accession_number TEXT,
+    patient          TEXT COLLATE "C", -- a keyed digest of the Patient ID
     superseded       BIGINT NOT NULL DEFAULT 0, -- why it does not count any more: 1 newer version, 2 corrected, 3 moved, 4 rejected
     is_received      BIGINT NOT NULL DEFAULT 0  -- whether a PACS sent the images: what was uploaded takes the place of none of these
 );
 
 CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);
+CREATE INDEX case_series_by_series ON case_series (series_uid);
+CREATE INDEX case_series_by_patient ON case_series (patient);
 CREATE INDEX case_series_by_accession_number ON case_series (accession_number);
 
 -- Results that are sent to a node, or were. Each is an object of the kind `result`.
 CREATE TABLE results (
     id                TEXT COLLATE "C" NOT NULL PRIMARY KEY,
     case_id           TEXT COLLATE "C" NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
-    project           TEXT COLLATE "C" NOT NULL DEFAULT '',
     node              TEXT COLLATE "C" NOT NULL,
     sop_instance_uid  TEXT COLLATE "C" NOT NULL,
     study_uid         TEXT COLLATE "C" NOT NULL,
@@ -253,7 +257,7 @@ CREATE TABLE results (
     layers             TEXT             NOT NULL DEFAULT '', -- the ids of the layers that it shows or may show, separated by spaces
     layer_series       TEXT             NOT NULL DEFAULT '', -- the series that those layers are made of, each between spaces; outlives them
     layer_withdrawn    BIGINT           NOT NULL DEFAULT 0,  -- whether one of them was withdrawn since
-    UNIQUE (sop_instance_uid, node, project)
+    UNIQUE (sop_instance_uid, node)
 );
 
 CREATE INDEX results_by_case ON results (case_id);

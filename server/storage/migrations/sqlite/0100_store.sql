@@ -3,12 +3,15 @@
 --
 -- Times are microseconds since 1970-01-01T00:00Z. Digests are 64 hexadecimal digits.
 
--- The ids of cases, here and in other tables, are those that clients know, with the project before them if it has a name:
--- `epilepsy:c4a2…`. So what belongs to a case belongs to its project. `project` is in the tables that are searched without
--- the id of a case; it is empty for the project without a name.
+-- Which store this is: the object `store-id` has the same id. `complete` says that the pair was seen to be whole once.
+CREATE TABLE store (
+    one      INTEGER NOT NULL PRIMARY KEY CHECK (one = 1),
+    id       TEXT    NOT NULL,
+    complete INTEGER NOT NULL DEFAULT 0
+) STRICT;
+
 CREATE TABLE cases (
     id                TEXT    NOT NULL PRIMARY KEY,
-    project           TEXT    NOT NULL DEFAULT '',
     closing_radius_mm REAL    NOT NULL,
     parameters        TEXT    NOT NULL DEFAULT '{}', -- those without a column of their own: JSON, in which what is missing has its default
     name              TEXT,
@@ -60,7 +63,6 @@ CREATE TABLE jobs (
     needs_ready  INTEGER NOT NULL,   -- whether it waits until its case is ready
     payload      TEXT    NOT NULL,   -- JSON, for whoever does it
     client       TEXT    NOT NULL DEFAULT '',   -- a digest of who asked for it; clients take turns
-    project      TEXT    NOT NULL DEFAULT '',   -- of the case, or of whoever asked for it, if clients can list it
     state        TEXT    NOT NULL CHECK (state IN ('queued', 'running', 'done', 'failed')),
     progress     TEXT,               -- JSON, of the latest attempt
     failure      TEXT,               -- JSON: why it failed, or why the latest attempt did
@@ -146,7 +148,6 @@ CREATE TABLE findings (
 -- requests name series by them; names and birth dates are not.
 CREATE TABLE arrivals (
     id               TEXT    NOT NULL PRIMARY KEY,
-    project          TEXT    NOT NULL DEFAULT '',
     study_uid        TEXT    NOT NULL,
     series_uid       TEXT    NOT NULL,
     accession_number TEXT,
@@ -165,7 +166,7 @@ CREATE TABLE arrivals (
     expected         INTEGER, -- how many the sender says there are
     first_at         INTEGER NOT NULL,
     last_at          INTEGER NOT NULL,
-    UNIQUE (project, study_uid, series_uid)
+    UNIQUE (study_uid, series_uid)
 ) STRICT, WITHOUT ROWID;
 
 CREATE INDEX arrivals_by_age ON arrivals (first_at, id);
@@ -187,13 +188,12 @@ CREATE INDEX arrival_instances_by_uid ON arrival_instances (sop_instance_uid);
 
 -- Instances that a rejection note has withdrawn: for a year, images that are not received again, and results of ours.
 CREATE TABLE rejections (
-    project          TEXT NOT NULL DEFAULT '',
     -- As the note states them; empty for results of ours, whose UIDs are in no other series.
     study_uid        TEXT NOT NULL,
     series_uid       TEXT NOT NULL,
     sop_instance_uid TEXT NOT NULL,
     rejected_at      INTEGER NOT NULL,
-    PRIMARY KEY (sop_instance_uid, project, study_uid, series_uid)
+    PRIMARY KEY (sop_instance_uid, study_uid, series_uid)
 ) STRICT, WITHOUT ROWID;
 
 CREATE INDEX rejections_by_age ON rejections (rejected_at);
@@ -201,22 +201,23 @@ CREATE INDEX rejections_by_age ON rejections (rejected_at);
 -- The series that cases were made of, for requests that name one.
 CREATE TABLE case_series (
     case_id          TEXT NOT NULL PRIMARY KEY REFERENCES cases (id) ON DELETE CASCADE,
-    project          TEXT NOT NULL DEFAULT '',
     study_uid        TEXT NOT NULL,
     series_uid       TEXT NOT NULL,
     accession_number TEXT,
+    patient          TEXT, -- a keyed digest of the Patient ID
     superseded       INTEGER NOT NULL DEFAULT 0, -- why it does not count any more: 1 newer version, 2 corrected, 3 moved, 4 rejected
     is_received      INTEGER NOT NULL DEFAULT 0  -- whether a PACS sent the images: what was uploaded takes the place of none of these
 ) STRICT, WITHOUT ROWID;
 
 CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);
+CREATE INDEX case_series_by_series ON case_series (series_uid);
+CREATE INDEX case_series_by_patient ON case_series (patient);
 CREATE INDEX case_series_by_accession_number ON case_series (accession_number);
 
 -- Results that are sent to a node, or were. Each is an object of the kind `result`; sending it is a job with its id as the key.
 CREATE TABLE results (
     id                TEXT NOT NULL PRIMARY KEY,
     case_id           TEXT NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
-    project           TEXT NOT NULL DEFAULT '',
     node              TEXT NOT NULL,
     sop_instance_uid  TEXT NOT NULL,
     study_uid         TEXT NOT NULL,
@@ -228,7 +229,7 @@ CREATE TABLE results (
     layers             TEXT    NOT NULL DEFAULT '', -- the ids of the layers that it shows or may show, separated by spaces
     layer_series       TEXT    NOT NULL DEFAULT '', -- the series that those layers are made of, each between spaces; outlives them
     layer_withdrawn    INTEGER NOT NULL DEFAULT 0,  -- whether one of them was withdrawn since
-    UNIQUE (sop_instance_uid, node, project)
+    UNIQUE (sop_instance_uid, node)
 ) STRICT, WITHOUT ROWID;
 
 CREATE INDEX results_by_case ON results (case_id);

@@ -3,19 +3,19 @@
 use std::collections::HashSet;
 use std::time::Duration;
 
-use case::{CaseId, Failure, JobKind, JobState, ObjectKind};
+use case::{CaseId, CaseState, Failure, JobKind, JobState, ObjectKind};
 
 use super::Subject;
-use crate::ObjectName;
-use crate::Store;
 use crate::arrivals::{
     AccessionNumber, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState, BECAME_LAYER,
     CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome,
-    REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Superseded, Taken, TakenAs, Uid,
+    PatientDigest, REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Superseded, Taken,
+    TakenAs, Uid,
 };
 use crate::jobs::{Claim, Release};
 use crate::rows::{DueSeries, Known, NewCase, Referred, Sweep};
-use crate::testing::{failure, new_case, pinned};
+use crate::testing::{claim, failure, new_case, pinned};
+use crate::{CaseQuery, ObjectName, Store};
 
 const TERMS: DueTerms = DueTerms {
     stable: Duration::from_secs(20),
@@ -241,6 +241,7 @@ pub(crate) async fn a_version_whose_images_lie_elsewhere_hands_nothing_on(subjec
             case: new.id,
             uids: series(1),
             accession_number: None,
+            patient: None,
             superseded: None,
             is_received: true,
         };
@@ -704,6 +705,7 @@ pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
         case: second,
         uids: series(2),
         accession_number: AccessionNumber::parse("A2"),
+        patient: None,
         superseded: None,
         is_received: false,
     };
@@ -732,6 +734,110 @@ pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
     assert_eq!(found(number("A2")).await, []);
     let arrivals = store.arrivals_of(&number("A1")).await.unwrap();
     assert_eq!(arrivals.len(), 1);
+}
+
+pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subject) {
+    let store = &subject.store;
+    let mut cases = Vec::new();
+    for (number, label) in ["Left temporal", "100% right", "left FRONTAL"]
+        .into_iter()
+        .enumerate()
+    {
+        let case = a_case(store, label).await;
+        store.rename(&case, label).await.unwrap();
+        cases.push(store.case(&case).await.unwrap().unwrap());
+        subject.pass(60);
+        // The third is no DICOM.
+        let ids = ["P-1", "P-2"];
+        if let Some(id) = ids.get(number) {
+            let series = CaseSeries {
+                case,
+                uids: series(number as u32 + 1),
+                accession_number: AccessionNumber::parse("A7").filter(|_| number == 0),
+                patient: PatientDigest::of(id),
+                superseded: None,
+                is_received: false,
+            };
+            store.index_series(&series).await.unwrap();
+            assert_eq!(store.series_of(&case).await.unwrap(), Some(series));
+        }
+    }
+    let running = claim(store).await.unwrap();
+    let running = CaseId::parse(&running.key).unwrap();
+    let [first, second, third] = [0, 1, 2].map(|number: usize| cases[number].id);
+    assert_eq!(running, first, "the oldest is prepared first");
+    let found = async |query: CaseQuery| {
+        let page = store.search(&query, None, 9).await.unwrap();
+        assert_eq!(page.next, None);
+        page.cases.iter().map(|case| case.id).collect::<Vec<_>>()
+    };
+    let every = CaseQuery::default;
+    let label = |text: &str| CaseQuery {
+        label: Some(text.to_owned()),
+        ..every()
+    };
+    let state = |state| CaseQuery {
+        state: Some(state),
+        ..every()
+    };
+    let patient = |id| CaseQuery {
+        patient: PatientDigest::of(id),
+        ..every()
+    };
+    let study = |text| CaseQuery {
+        study: Some(uid(text)),
+        ..every()
+    };
+    let of_series = |number| CaseQuery {
+        series: Some(series(number).series),
+        ..every()
+    };
+    let number = |text| CaseQuery {
+        accession_number: AccessionNumber::parse(text),
+        ..every()
+    };
+    assert_eq!(found(every()).await, [third, second, first]);
+    assert_eq!(found(label("LEFT")).await, [third, first]);
+    assert_eq!(found(label("%")).await, [second], "no pattern");
+    assert_eq!(found(state(CaseState::Preparing)).await, [first]);
+    assert_eq!(found(state(CaseState::Queued)).await, [third, second]);
+    assert_eq!(found(state(CaseState::Ready)).await, []);
+    assert_eq!(found(patient("P-2")).await, [second]);
+    assert_eq!(found(patient("P-")).await, []);
+    assert_eq!(found(study("1.2.3")).await, [second, first]);
+    assert_eq!(found(study("1.2")).await, []);
+    assert_eq!(found(of_series(2)).await, [second]);
+    assert_eq!(found(number("A7")).await, [first]);
+    let since = |at: usize| CaseQuery {
+        since: Some(cases[at].created_at),
+        ..every()
+    };
+    let until = |at: usize| CaseQuery {
+        until: Some(cases[at].created_at),
+        ..every()
+    };
+    assert_eq!(found(since(1)).await, [third, second]);
+    assert_eq!(found(until(1)).await, [first]);
+    // Each condition must hold.
+    let both = |id| CaseQuery {
+        patient: PatientDigest::of(id),
+        ..number("A7")
+    };
+    assert_eq!(found(both("P-1")).await, [first]);
+    assert_eq!(found(both("P-2")).await, []);
+    let all = CaseQuery {
+        state: Some(CaseState::Queued),
+        until: Some(cases[2].created_at),
+        ..study("1.2.3")
+    };
+    assert_eq!(found(all).await, [second]);
+    // Pages are those of what is found.
+    let page = store.search(&study("1.2.3"), None, 1).await.unwrap();
+    assert_eq!(page.cases[0].id, second);
+    let page = store.search(&study("1.2.3"), page.next, 1).await.unwrap();
+    assert_eq!((page.cases[0].id, page.next), (first, None));
+    store.delete_case(&second).await.unwrap();
+    assert_eq!(found(patient("P-2")).await, []);
 }
 
 pub(crate) async fn series_are_listed_newest_first_in_pages(subject: &Subject) {

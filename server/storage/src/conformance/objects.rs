@@ -2,6 +2,7 @@
 
 use case::ObjectKind;
 
+use crate::identity::Label;
 use crate::objects::Objects;
 use crate::{ObjectName, Spool, Unreadable, frame};
 
@@ -27,7 +28,7 @@ async fn an_object_comes_back_and_goes(objects: &Objects) {
         objects.get(&framed.name).await,
         Err(Unreadable::Missing)
     ));
-    objects.check().await.unwrap();
+    assert_eq!(objects.label().await.unwrap(), Label::Missing);
 }
 
 async fn a_damaged_object_is_told_and_written_over(objects: &Objects) {
@@ -102,15 +103,17 @@ mod tests {
             objects_do_what_they_must(&objects.unwrap()).await;
         }
         // The error about a missing store names no secret.
-        variables[2].1 = "CANARY".to_owned();
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(&file, crate::testing::s3::credentials("CANARY")).unwrap();
+        variables[1].1 = file.path().to_str().unwrap().to_owned();
         let objects = Objects::in_bucket_with(BUCKET, "", &variables.into()).unwrap();
-        let refused = objects.check().await.unwrap_err();
+        let refused = objects.label().await.unwrap_err();
         assert!(
             !format!("{refused} {refused:?}").contains("CANARY"),
             "{refused:?}"
         );
         server.stop();
-        let away = crate::StoreError::from(objects.check().await.unwrap_err());
+        let away = crate::StoreError::from(objects.label().await.unwrap_err());
         assert!(away.is_away(), "{away:?}");
     }
 }

@@ -1,9 +1,10 @@
 //! Objects in a bucket of an S3-compatible store.
 //!
-//! The credentials come from the usual `AWS_…` variables, from a file (`AWS_SHARED_CREDENTIALS_FILE`), or from the
-//! machine. Conditional writes are not needed, because objects are named by their contents.
+//! The usual `AWS_…` variables configure it. The credentials come from a file (`AWS_SHARED_CREDENTIALS_FILE`) or from the
+//! machine, never from variables. Conditional writes are not needed, because objects are named by their contents.
 
 use std::collections::HashMap;
+use std::ffi::OsString;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -36,13 +37,20 @@ const SILENCE: Duration = Duration::from_secs(30);
 const IDLE: Duration = Duration::from_secs(30);
 
 impl Objects {
-    /// Objects in a bucket, below a prefix (which may be empty). The `AWS_…` variables give its address and
+    /// Objects in a bucket, below a prefix (which may be empty). The `AWS_…` variables name its address and the file of its
     /// credentials.
     ///
     /// # Errors
     /// If these variables are invalid.
     pub(crate) fn in_bucket(bucket: &str, prefix: &str) -> Result<Self, ObjectError> {
-        Self::in_bucket_with(bucket, prefix, &crate::environment::variables())
+        let as_text = |(name, value): (OsString, OsString)| {
+            Some((name.into_string().ok()?, value.into_string().ok()?))
+        };
+        Self::in_bucket_with(
+            bucket,
+            prefix,
+            &std::env::vars_os().filter_map(as_text).collect(),
+        )
     }
 
     /// As [`Objects::in_bucket`], with the given variables.
@@ -91,12 +99,11 @@ impl Objects {
     }
 }
 
-/// Key, secret and token from the file `AWS_SHARED_CREDENTIALS_FILE`, unless the variables contain them.
+/// Key, secret and token from the file `AWS_SHARED_CREDENTIALS_FILE`, if there is one.
 fn shared_credentials(
     variables: &HashMap<String, String>,
 ) -> Result<Option<[String; 3]>, ObjectError> {
-    let file = variables.get("AWS_SHARED_CREDENTIALS_FILE");
-    let Some(file) = file.filter(|_| !variables.contains_key("AWS_ACCESS_KEY_ID")) else {
+    let Some(file) = variables.get("AWS_SHARED_CREDENTIALS_FILE") else {
         return Ok(None);
     };
     let profile = variables
@@ -223,14 +230,20 @@ mod tests {
             let _request = asked.read(&mut [0; 4096]).await.unwrap();
             asked.write_all(answer.as_bytes()).await.unwrap();
         };
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(
+            &file,
+            "[default]\naws_access_key_id=A\naws_secret_access_key=B\n",
+        )
+        .unwrap();
+        let credentials = file.path().to_str().unwrap().to_owned();
         let variables = [
             ("AWS_ENDPOINT_URL", format!("http://{address}")),
-            ("AWS_ACCESS_KEY_ID", "A".to_owned()),
-            ("AWS_SECRET_ACCESS_KEY", "B".to_owned()),
+            ("AWS_SHARED_CREDENTIALS_FILE", credentials),
         ];
         let variables = variables.map(|(name, value)| (name.to_owned(), value));
         let objects = Objects::in_bucket_with("heads", "", &variables.into()).unwrap();
-        let (checked, ()) = tokio::join!(objects.check(), refuse);
+        let (checked, ()) = tokio::join!(objects.label(), refuse);
         let error = StoreError::from(checked.unwrap_err());
         assert!(matches!(error, StoreError::ClocksDiffer(_)), "{error:?}");
         assert!(error.is_away());
@@ -249,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn the_variables_go_before_the_file_and_a_file_without_the_profile_is_an_error() {
+    fn a_file_of_credentials_without_the_profile_is_an_error() {
         let directory = tempfile::tempdir().unwrap();
         let file = directory.path().join("credentials");
         std::fs::write(
@@ -265,7 +278,6 @@ mod tests {
             shared_credentials(&variables.iter().map(owned).collect())
         };
         assert_eq!(of(&[]).unwrap(), None);
-        assert_eq!(of(&[named, ("AWS_ACCESS_KEY_ID", "K")]).unwrap(), None);
         let found = of(&[named, ("AWS_PROFILE", "a")]).unwrap();
         assert_eq!(found.unwrap(), ["KEY", "SECRET", ""]);
         let other = of(&[named, ("AWS_PROFILE", "b")]).unwrap_err();

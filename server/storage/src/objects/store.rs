@@ -7,10 +7,14 @@ use std::sync::Arc;
 use bytes::Bytes;
 use futures_util::TryStreamExt as _;
 use object_store::local::LocalFileSystem;
-use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutPayload};
+use object_store::{MultipartUpload, ObjectStore, ObjectStoreExt, PutMode, PutPayload};
 
 use super::frame::{Framed, plain_header, unframe};
 use super::{ObjectError, ObjectName, Spooled, link};
+use crate::identity::Label;
+
+/// The object with the id of the store.
+const LABEL: &str = "store-id";
 
 /// The size of a part when a file is copied into the store; S3 accepts 5 MiB or more.
 const PART_LENGTH: usize = 8 << 20;
@@ -220,17 +224,55 @@ impl Objects {
         }
     }
 
-    /// Whether the object store answers.
+    /// The label of the store: what its `store-id` says.
+    ///
+    /// # Errors
+    /// If the object store does not answer.
+    pub(crate) async fn label(&self) -> Result<Label, ObjectError> {
+        let answer = match self.files.get(&LABEL.into()).await {
+            Ok(answer) => answer.bytes().await,
+            Err(error) => Err(error),
+        };
+        match answer {
+            Ok(bytes) => Ok(Label::parse(&bytes)),
+            Err(object_store::Error::NotFound { .. }) => Ok(Label::Missing),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Writes the label, unless there is one.
     ///
     /// # Errors
     /// If the object store fails.
-    pub(crate) async fn check(&self) -> Result<(), ObjectError> {
-        let nowhere = object_store::path::Path::from("check");
-        // An answer to HEAD has no body, and so no reason of a bucket.
-        match self.files.get(&nowhere).await {
-            Ok(_) | Err(object_store::Error::NotFound { .. }) => Ok(()),
-            Err(error) => Err(error.into()),
+    pub(crate) async fn create_label(&self, label: &Label) -> Result<(), ObjectError> {
+        let (path, text) = (LABEL.into(), label.text());
+        let made = self
+            .files
+            .put_opts(&path, text.into(), PutMode::Create.into());
+        match made.await {
+            Ok(_) | Err(object_store::Error::AlreadyExists { .. }) => Ok(()),
+            // Some buckets and file systems cannot do this in one step. Whoever wrote another label meanwhile finds it when it is compared.
+            Err(_) if self.label().await? == Label::Missing => self.put_label(label).await,
+            Err(_) => Ok(()),
         }
+    }
+
+    /// Writes the label, whatever there is.
+    ///
+    /// # Errors
+    /// If the object store fails.
+    pub(crate) async fn put_label(&self, label: &Label) -> Result<(), ObjectError> {
+        self.files.put(&LABEL.into(), label.text().into()).await?;
+        Ok(())
+    }
+
+    /// Whether there is no file at all.
+    ///
+    /// # Errors
+    /// If the object store fails.
+    pub(crate) async fn are_none(&self) -> Result<bool, ObjectError> {
+        let first = self.files.list(None).try_next().await?;
+        Ok(first.is_none())
     }
 }
 

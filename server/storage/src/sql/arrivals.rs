@@ -7,17 +7,17 @@ use super::{jobs, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
     BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, Outcome,
-    SeriesQuery, SeriesUids, Superseded, Taken, Uid,
+    PatientDigest, SeriesQuery, SeriesUids, Superseded, Taken, Uid,
 };
 use crate::rows::{DueSeries, Known, Withdrawn};
 use crate::{ObjectName, StoreError};
-use case::{CaseId, Failure, JobKind, ObjectKind, Project};
+use case::{CaseId, Failure, JobKind, ObjectKind};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_arrival {
     ($rest:literal) => {
         concat!(
-            "SELECT id, project, study_uid, series_uid, accession_number, source, label, state, reason, taken, refused, case_id, previous,
+            "SELECT id, study_uid, series_uid, accession_number, source, label, state, reason, taken, refused, case_id, previous,
                     instances, expected, superseded, ignored, first_at, last_at
              FROM arrivals ",
             $rest
@@ -27,24 +27,6 @@ macro_rules! select_arrival {
 
 pub(super) fn unreadable(what: &str) -> StoreError {
     StoreError::Rows(format!("a row of an arrival or a result has an unknown {what}").into())
-}
-
-/// The name of one project, or nothing for all: `coalesce($1, project) = project`.
-pub(super) fn name_of(scope: Option<Project>) -> Option<String> {
-    scope.map(|project| project.name().to_owned())
-}
-
-/// The project of a row.
-pub(super) fn read_project(row: &Row) -> Result<Project, StoreError> {
-    let name: String = row.get("project")?;
-    Project::with_name(&name).ok_or_else(|| unreadable("project"))
-}
-
-/// A series of a project.
-#[derive(Clone, Copy)]
-pub(super) struct SeriesOf<'a> {
-    pub(super) project: Project,
-    pub(super) uids: &'a SeriesUids,
 }
 
 /// What became of an image.
@@ -62,12 +44,11 @@ pub(super) enum Added {
 /// Adds an image. The pin of a file that is kept becomes a reference; that of another one expires.
 pub(super) async fn add(
     connection: &mut Connection,
-    project: Project,
     source: ArrivalSource,
     new: &NewInstance,
     now: i64,
 ) -> Result<Added, StoreError> {
-    let id = series(connection, project, source, new, now).await?;
+    let id = series(connection, source, new, now).await?;
     let added = connection
         .query(
             "INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
@@ -116,8 +97,6 @@ async fn leave_others(
     let rows = connection
         .query(
             "DELETE FROM arrival_instances WHERE sop_instance_uid = $1 AND arrival_id <> $2
-                AND arrival_id IN (SELECT id FROM arrivals
-                                   WHERE project = (SELECT own.project FROM arrivals AS own WHERE own.id = $2))
              RETURNING arrival_id, digest",
         )
         .bind(new.sop_instance_uid.as_str())
@@ -214,8 +193,8 @@ async fn supersede(
     connection
         .query(
             "UPDATE case_series SET superseded = $1
-             WHERE (project, study_uid, series_uid) =
-                   (SELECT project, study_uid, series_uid FROM arrivals WHERE id = $2)
+             WHERE (study_uid, series_uid) =
+                   (SELECT study_uid, series_uid FROM arrivals WHERE id = $2)
                AND superseded < $1",
         )
         .bind(superseded_code(Some(why)))
@@ -228,24 +207,23 @@ async fn supersede(
 /// Counts an object that is not kept in the arrival of its series, which is made if there is none.
 pub(super) async fn ignore(
     connection: &mut Connection,
-    series: SeriesOf<'_>,
+    uids: &SeriesUids,
     source: ArrivalSource,
     reason: &Failure,
     now: i64,
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored, project)
-             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, 1, $7)
-             ON CONFLICT (project, study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
+            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored)
+             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, 1)
+             ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
-        .bind(series.uids.study.as_str())
-        .bind(series.uids.series.as_str())
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
         .bind(source.name())
         .bind(serde_json::to_string(reason)?)
         .bind(now)
-        .bind(series.project.name())
         .execute()
         .await?;
     Ok(())
@@ -254,7 +232,7 @@ pub(super) async fn ignore(
 /// Withdraws instances of a series: its images are forgotten. What is left is read again. Returns how many were there.
 pub(super) async fn reject(
     connection: &mut Connection,
-    series: SeriesOf<'_>,
+    uids: &SeriesUids,
     source: ArrivalSource,
     instances: &[Uid],
     reason: &Failure,
@@ -263,18 +241,17 @@ pub(super) async fn reject(
     let reason = serde_json::to_string(reason)?;
     let row = connection
         .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, project)
-             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, $7)
-             ON CONFLICT (project, study_uid, series_uid) DO UPDATE SET last_at = $6
+            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at)
+             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6)
+             ON CONFLICT (study_uid, series_uid) DO UPDATE SET last_at = $6
              RETURNING id",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
-        .bind(series.uids.study.as_str())
-        .bind(series.uids.series.as_str())
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
         .bind(source.name())
         .bind(&reason)
         .bind(now)
-        .bind(series.project.name())
         .fetch_one()
         .await?;
     let id: String = row.get("id")?;
@@ -318,7 +295,7 @@ pub(super) async fn reject_case(
     connection
         .query("UPDATE case_series SET superseded = $1 WHERE case_id = $2")
         .bind(superseded_code(Some(Superseded::Rejected)))
-        .bind(case.key())
+        .bind(case.to_string())
         .execute()
         .await?;
     wake_layers(connection, case).await
@@ -331,7 +308,7 @@ async fn wake_layers(connection: &mut Connection, case: &CaseId) -> Result<(), S
             "UPDATE arrivals SET state = 'receiving', reason = NULL, case_id = NULL
              WHERE case_id = $1 AND instances > 0 AND state = 'layer'",
         )
-        .bind(case.key())
+        .bind(case.to_string())
         .execute()
         .await?;
     Ok(())
@@ -345,13 +322,12 @@ pub(super) async fn withdraw(
     let uids = withdrawn.uids.as_ref();
     connection
         .query(
-            "INSERT INTO rejections (sop_instance_uid, rejected_at, project, study_uid, series_uid) VALUES ($1, $2, $3, $4, $5)
-             ON CONFLICT (sop_instance_uid, project, study_uid, series_uid) DO UPDATE SET rejected_at = excluded.rejected_at
+            "INSERT INTO rejections (sop_instance_uid, rejected_at, study_uid, series_uid) VALUES ($1, $2, $3, $4)
+             ON CONFLICT (sop_instance_uid, study_uid, series_uid) DO UPDATE SET rejected_at = excluded.rejected_at
              WHERE rejections.rejected_at < excluded.rejected_at",
         )
         .bind(withdrawn.instance.as_str())
         .bind(withdrawn.at.as_microsecond())
-        .bind(withdrawn.project.name())
         .bind(uids.map_or("", |uids| uids.study.as_str()))
         .bind(uids.map_or("", |uids| uids.series.as_str()))
         .execute()
@@ -362,16 +338,11 @@ pub(super) async fn withdraw(
 /// Whether an instance was withdrawn, in whichever study.
 pub(super) async fn is_withdrawn(
     connection: &mut Connection,
-    scope: Option<Project>,
     instance: &Uid,
 ) -> Result<bool, StoreError> {
     let row = connection
-        .query(
-            "SELECT sop_instance_uid FROM rejections
-             WHERE sop_instance_uid = $1 AND coalesce($2, project) = project LIMIT 1",
-        )
+        .query("SELECT sop_instance_uid FROM rejections WHERE sop_instance_uid = $1 LIMIT 1")
         .bind(instance.as_str())
-        .bind(name_of(scope))
         .fetch_optional()
         .await?;
     Ok(row.is_some())
@@ -380,24 +351,23 @@ pub(super) async fn is_withdrawn(
 /// Whether an image of a series was withdrawn.
 pub(super) async fn is_rejected(
     connection: &mut Connection,
-    series: SeriesOf<'_>,
+    uids: &SeriesUids,
     instance: &Uid,
 ) -> Result<bool, StoreError> {
     let row = connection
         .query(
             "SELECT sop_instance_uid FROM rejections
-             WHERE sop_instance_uid = $1 AND project = $2 AND study_uid = $3 AND series_uid = $4",
+             WHERE sop_instance_uid = $1 AND study_uid = $2 AND series_uid = $3",
         )
         .bind(instance.as_str())
-        .bind(series.project.name())
-        .bind(series.uids.study.as_str())
-        .bind(series.uids.series.as_str())
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
         .fetch_optional()
         .await?;
     Ok(row.is_some())
 }
 
-/// The next instances that are withdrawn, by UID, project and series.
+/// The next instances that are withdrawn, by UID and series.
 pub(super) async fn withdrawn(
     connection: &mut Connection,
     after: Option<&Withdrawn>,
@@ -406,12 +376,11 @@ pub(super) async fn withdrawn(
     let uids = after.and_then(|after| after.uids.as_ref());
     let rows = connection
         .query(
-            "SELECT sop_instance_uid, project, study_uid, series_uid, rejected_at FROM rejections
-             WHERE (sop_instance_uid, project, study_uid, series_uid) > ($1, $2, $3, $4)
-             ORDER BY sop_instance_uid, project, study_uid, series_uid LIMIT $5",
+            "SELECT sop_instance_uid, study_uid, series_uid, rejected_at FROM rejections
+             WHERE (sop_instance_uid, study_uid, series_uid) > ($1, $2, $3)
+             ORDER BY sop_instance_uid, study_uid, series_uid LIMIT $4",
         )
         .bind(after.map_or("", |after| after.instance.as_str()))
-        .bind(after.map_or("", |after| after.project.name()))
         .bind(uids.map_or("", |uids| uids.study.as_str()))
         .bind(uids.map_or("", |uids| uids.series.as_str()))
         .bind(count(limit))
@@ -421,7 +390,6 @@ pub(super) async fn withdrawn(
         let uid: String = row.get("sop_instance_uid")?;
         let study: String = row.get("study_uid")?;
         Ok(Withdrawn {
-            project: read_project(row)?,
             uids: (!study.is_empty()).then(|| read_uids(row)).transpose()?,
             instance: Uid::parse(&uid).ok_or_else(|| unreadable("UID"))?,
             at: read_time(row, "rejected_at")?,
@@ -446,22 +414,21 @@ pub(super) async fn forget_withdrawn(
 /// The image that is there already.
 pub(super) async fn known(
     connection: &mut Connection,
-    series: SeriesOf<'_>,
+    uids: &SeriesUids,
     instance: &Uid,
 ) -> Result<Option<Known>, StoreError> {
     let rows = connection
         .query(
             "SELECT study_uid, series_uid, digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
-             WHERE sop_instance_uid = $1 AND project = $2",
+             WHERE sop_instance_uid = $1",
         )
         .bind(instance.as_str())
-        .bind(series.project.name())
         .fetch_all()
         .await?;
     let mut known = None;
     for row in &rows {
         let object = read_object(row)?;
-        let is_elsewhere = read_uids(row)? != *series.uids;
+        let is_elsewhere = read_uids(row)? != *uids;
         if !is_elsewhere {
             return Ok(Some(Known {
                 object,
@@ -479,17 +446,15 @@ pub(super) async fn known(
 /// The arrival of an image's series, which is made if there is none.
 async fn series(
     connection: &mut Connection,
-    project: Project,
     source: ArrivalSource,
     new: &NewInstance,
     now: i64,
 ) -> Result<String, StoreError> {
     connection
         .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, label, state, first_at, last_at,
-                                   project)
-             VALUES ($1, $2, $3, $4, $5, $6, 'receiving', $7, $7, $8)
-             ON CONFLICT (project, study_uid, series_uid) DO UPDATE SET label = coalesce(arrivals.label, excluded.label)",
+            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, label, state, first_at, last_at)
+             VALUES ($1, $2, $3, $4, $5, $6, 'receiving', $7, $7)
+             ON CONFLICT (study_uid, series_uid) DO UPDATE SET label = coalesce(arrivals.label, excluded.label)",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
         .bind(new.uids.study.as_str())
@@ -498,14 +463,12 @@ async fn series(
         .bind(source.name())
         .bind(&new.label)
         .bind(now)
-        .bind(project.name())
         .execute()
         .await?;
     let row = connection
-        .query("SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2 AND project = $3")
+        .query("SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2")
         .bind(new.uids.study.as_str())
         .bind(new.uids.series.as_str())
-        .bind(project.name())
         .fetch_one()
         .await?;
     row.get("id")
@@ -521,9 +484,9 @@ pub(super) async fn write_copied(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at, project)
-             VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6, $7)
-             ON CONFLICT (project, study_uid, series_uid) DO NOTHING",
+            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at)
+             VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6)
+             ON CONFLICT (study_uid, series_uid) DO NOTHING",
         )
         .bind(&arrival.id)
         .bind(arrival.uids.study.as_str())
@@ -531,11 +494,10 @@ pub(super) async fn write_copied(
         .bind(arrival.accession_number.as_ref().map(AccessionNumber::as_str))
         .bind(arrival.source.name())
         .bind(now)
-        .bind(arrival.project.name())
         .execute()
         .await?;
     for image in images {
-        add(connection, arrival.project, arrival.source, image, now).await?;
+        add(connection, arrival.source, image, now).await?;
     }
     // Without its case, it is read again.
     let case = held(connection, arrival.case).await?;
@@ -551,7 +513,7 @@ pub(super) async fn write_copied(
         .query(
             "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
                     label = $7, taken = $8, refused = $9, superseded = $10, ignored = $11, previous = $12
-             WHERE study_uid = $13 AND series_uid = $14 AND project = $15",
+             WHERE study_uid = $13 AND series_uid = $14",
         )
         .bind(state.name())
         .bind(reason.transpose()?)
@@ -567,19 +529,18 @@ pub(super) async fn write_copied(
         .bind(previous)
         .bind(arrival.uids.study.as_str())
         .bind(arrival.uids.series.as_str())
-        .bind(arrival.project.name())
         .execute()
         .await?;
     Ok(())
 }
 
-/// The key of a case, if it is here.
+/// The text of a case's id, if it is here.
 async fn held(
     connection: &mut Connection,
     case: Option<CaseId>,
 ) -> Result<Option<String>, StoreError> {
     match case {
-        Some(case) if connection.has_case(&case.key()).await? => Ok(Some(case.key())),
+        Some(case) if connection.has_case(&case.to_string()).await? => Ok(Some(case.to_string())),
         _ => Ok(None),
     }
 }
@@ -587,36 +548,34 @@ async fn held(
 /// Forgets the images of a series that are not among these.
 pub(super) async fn keep(
     connection: &mut Connection,
-    series: SeriesOf<'_>,
+    uids: &SeriesUids,
     kept: &[(Uid, ObjectName)],
     now: i64,
 ) -> Result<(), StoreError> {
     let mut forgotten = Vec::new();
-    for image in images_of(connection, series.uids, Some(series.project)).await? {
+    for image in images_of(connection, uids).await? {
         if kept.contains(&image) {
             continue;
         }
         connection
             .query(
                 "DELETE FROM arrival_instances WHERE sop_instance_uid = $1
-                 AND arrival_id = (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3 AND project = $4)",
+                 AND arrival_id = (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3)",
             )
             .bind(image.0.as_str())
-            .bind(series.uids.study.as_str())
-            .bind(series.uids.series.as_str())
-            .bind(series.project.name())
+            .bind(uids.study.as_str())
+            .bind(uids.series.as_str())
             .execute()
             .await?;
         forgotten.push(image.1);
     }
     connection
         .query(
-            "UPDATE arrivals SET instances = instances - $1 WHERE study_uid = $2 AND series_uid = $3 AND project = $4",
+            "UPDATE arrivals SET instances = instances - $1 WHERE study_uid = $2 AND series_uid = $3",
         )
         .bind(count(forgotten.len()))
-        .bind(series.uids.study.as_str())
-        .bind(series.uids.series.as_str())
-        .bind(series.project.name())
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
         .execute()
         .await?;
     pins::abandon(connection, forgotten, now).await
@@ -624,15 +583,14 @@ pub(super) async fn keep(
 
 pub(super) async fn expect(
     connection: &mut Connection,
-    series: SeriesOf<'_>,
+    uids: &SeriesUids,
     instances: usize,
 ) -> Result<(), StoreError> {
     connection
-        .query("UPDATE arrivals SET expected = $1 WHERE study_uid = $2 AND series_uid = $3 AND project = $4")
+        .query("UPDATE arrivals SET expected = $1 WHERE study_uid = $2 AND series_uid = $3")
         .bind(count(instances))
-        .bind(series.uids.study.as_str())
-        .bind(series.uids.series.as_str())
-        .bind(series.project.name())
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
         .execute()
         .await?;
     Ok(())
@@ -666,7 +624,7 @@ pub(super) async fn to_read(
     id: &str,
 ) -> Result<Option<DueSeries>, StoreError> {
     let row = connection
-        .query("SELECT project, study_uid, series_uid, previous, taken FROM arrivals WHERE id = $1")
+        .query("SELECT study_uid, series_uid, previous, taken FROM arrivals WHERE id = $1")
         .bind(id)
         .fetch_optional()
         .await?;
@@ -674,7 +632,6 @@ pub(super) async fn to_read(
         return Ok(None);
     };
     Ok(Some(DueSeries {
-        project: read_project(&row)?,
         uids: read_uids(&row)?,
         previous: read_case(&row, "previous")?,
         taken: read_taken(&row)?,
@@ -709,12 +666,12 @@ pub(super) async fn settle(
     outcome: &Outcome,
 ) -> Result<bool, StoreError> {
     let (state, case, reason) = match outcome {
-        Outcome::Case(case) => (ArrivalState::Case, case.key(), None),
+        Outcome::Case(case) => (ArrivalState::Case, case.to_string(), None),
         Outcome::Layer(case) => {
             let detail = "the series became a layer of the case of its study";
             let reason = Failure::unusable(BECAME_LAYER, detail);
             let reason = serde_json::to_string(&reason)?;
-            (ArrivalState::Layer, case.key(), Some(reason))
+            (ArrivalState::Layer, case.to_string(), Some(reason))
         }
         Outcome::Nothing(failure) => {
             make_nothing(connection, id, failure).await?;
@@ -738,8 +695,8 @@ pub(super) async fn settle(
         connection
             .query(
                 // A correction that is taken back leads to the first case again.
-                "INSERT INTO case_series (case_id, project, study_uid, series_uid, accession_number, is_received)
-                 SELECT $1, project, study_uid, series_uid, accession_number, 1 FROM arrivals WHERE id = $2
+                "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, is_received)
+                 SELECT $1, study_uid, series_uid, accession_number, 1 FROM arrivals WHERE id = $2
                  ON CONFLICT (case_id) DO UPDATE SET superseded = 0, is_received = 1",
             )
             .bind(&case)
@@ -767,8 +724,8 @@ async fn supersede_others(
                  WHERE own.case_id = $1 AND own.kind IN ($2, $5) AND other.case_id = case_series.case_id
              ) THEN 0 WHEN superseded = 0 AND is_received = 1 THEN $3 ELSE superseded END
              WHERE case_id <> $1
-               AND (project, study_uid, series_uid) =
-                   (SELECT project, study_uid, series_uid FROM arrivals WHERE id = $4)",
+               AND (study_uid, series_uid) =
+                   (SELECT study_uid, series_uid FROM arrivals WHERE id = $4)",
         )
         .bind(case)
         .bind(ObjectKind::SourceDicom.name())
@@ -793,15 +750,15 @@ pub(super) async fn move_case(
                  UNION SELECT cases.previous FROM cases JOIN line ON cases.id = line.id WHERE cases.previous IS NOT NULL)
              UPDATE case_series SET superseded = $3
              WHERE superseded < $3
-               AND (project, study_uid, series_uid) =
-                   (SELECT project, study_uid, series_uid FROM case_series WHERE case_id = $1)
+               AND (study_uid, series_uid) =
+                   (SELECT study_uid, series_uid FROM case_series WHERE case_id = $1)
                AND case_id IN (
                  SELECT other.case_id
                  FROM line JOIN case_objects AS own ON own.case_id = line.id
                            JOIN case_objects AS other ON other.kind = own.kind AND other.digest = own.digest
                  WHERE own.kind IN ($2, $4) GROUP BY own.case_id, other.case_id HAVING count(*) = 2)",
         )
-        .bind(case.key())
+        .bind(case.to_string())
         .bind(ObjectKind::SourceDicom.name())
         .bind(superseded_code(Some(Superseded::Moved)))
         .bind(ObjectKind::SourceVolume.name())
@@ -819,22 +776,22 @@ pub(super) async fn correct_series_of(
     connection
         .query(
             "UPDATE case_series SET superseded = $1
-             WHERE (project, study_uid, series_uid) =
-                   (SELECT project, study_uid, series_uid FROM case_series WHERE case_id = $2)
+             WHERE (study_uid, series_uid) =
+                   (SELECT study_uid, series_uid FROM case_series WHERE case_id = $2)
                AND is_received = 1 AND superseded < $1",
         )
         .bind(superseded_code(Some(Superseded::Corrected)))
-        .bind(case.key())
+        .bind(case.to_string())
         .execute()
         .await?;
     let rows = connection
         .query(
             "SELECT case_id FROM case_series
-             WHERE (project, study_uid, series_uid) =
-                   (SELECT project, study_uid, series_uid FROM case_series WHERE case_id = $1)
+             WHERE (study_uid, series_uid) =
+                   (SELECT study_uid, series_uid FROM case_series WHERE case_id = $1)
                AND is_received = 1",
         )
-        .bind(case.key())
+        .bind(case.to_string())
         .fetch_all()
         .await?;
     for row in &rows {
@@ -859,9 +816,9 @@ pub(super) async fn keeps_findings(
                                                           ON other.kind = own.kind AND other.digest = own.digest
                  WHERE own.case_id = $3 AND own.kind IN ($4, $5) AND other.case_id = $1)",
         )
-        .bind(previous.key())
+        .bind(previous.to_string())
         .bind(superseded_code(Some(Superseded::Moved)))
-        .bind(case.key())
+        .bind(case.to_string())
         .bind(ObjectKind::SourceDicom.name())
         .bind(ObjectKind::SourceVolume.name())
         .fetch_optional()
@@ -892,7 +849,7 @@ async fn wake_others(connection: &mut Connection, id: &str) -> Result<(), StoreE
         .query(
             "UPDATE arrivals SET state = 'receiving', reason = NULL
              WHERE id <> $1 AND state = 'nothing' AND (reason LIKE $2 OR reason LIKE $3)
-               AND (project, study_uid) = (SELECT project, study_uid FROM arrivals WHERE id = $1)",
+               AND study_uid = (SELECT study_uid FROM arrivals WHERE id = $1)",
         )
         .bind(id)
         .bind(format!("%\"{NOT_T1}\"%"))
@@ -924,7 +881,7 @@ pub(super) async fn take(
 }
 
 /// A pattern of LIKE that finds a text anywhere.
-fn containing(text: &str) -> String {
+pub(super) fn containing(text: &str) -> String {
     let mut pattern = String::from("%");
     for letter in text.chars() {
         if matches!(letter, '%' | '_' | '!') {
@@ -937,7 +894,6 @@ fn containing(text: &str) -> String {
 
 pub(super) async fn page(
     connection: &mut Connection,
-    scope: Option<Project>,
     query: &ArrivalQuery,
     after: Option<&ArrivalCursor>,
     limit: usize,
@@ -952,7 +908,6 @@ pub(super) async fn page(
                AND ($5 = '' OR $5 = state)
                AND ($6 = '' OR $6 = case_id)
                AND ($7 = '' OR lower(label) LIKE lower($7) ESCAPE '!')
-               AND coalesce($9, project) = project
              ORDER BY first_at DESC, id DESC LIMIT $8"
         ))
         .bind(at)
@@ -960,10 +915,9 @@ pub(super) async fn page(
         .bind(query.since.map_or(0, Timestamp::as_microsecond))
         .bind(query.until.map_or(i64::MAX, Timestamp::as_microsecond))
         .bind(query.state.map_or("", ArrivalState::name))
-        .bind(query.case.map_or_else(String::new, |case| case.key()))
+        .bind(query.case.map_or_else(String::new, |case| case.to_string()))
         .bind(query.text.as_deref().map_or_else(String::new, containing))
         .bind(count(limit.saturating_add(1)))
-        .bind(name_of(scope))
         .fetch_all()
         .await?;
     let mut arrivals = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
@@ -990,23 +944,19 @@ pub(super) async fn one(
 
 pub(super) async fn of(
     connection: &mut Connection,
-    scope: Option<Project>,
     query: &SeriesQuery,
 ) -> Result<Vec<Arrival>, StoreError> {
     let rows = match query {
         SeriesQuery::Study(study, series) => connection
             .query(select_arrival!(
-                "WHERE study_uid = $2 AND coalesce($3, series_uid) = series_uid AND coalesce($1, project) = project
-                 ORDER BY first_at, id"
+                "WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid ORDER BY first_at, id"
             ))
-            .bind(name_of(scope))
             .bind(study.as_str())
             .bind(series.as_ref().map(Uid::as_str)),
         SeriesQuery::AccessionNumber(number) => connection
             .query(select_arrival!(
-                "WHERE accession_number = $2 AND coalesce($1, project) = project ORDER BY first_at, id"
+                "WHERE accession_number = $1 ORDER BY first_at, id"
             ))
-            .bind(name_of(scope))
             .bind(number.as_str()),
     };
     rows.fetch_all().await?.iter().map(read).collect()
@@ -1015,16 +965,14 @@ pub(super) async fn of(
 pub(super) async fn images_of(
     connection: &mut Connection,
     uids: &SeriesUids,
-    scope: Option<Project>,
 ) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
     let rows = connection
         .query(
             "SELECT sop_instance_uid, digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
-             WHERE study_uid = $1 AND series_uid = $2 AND coalesce($3, project) = project ORDER BY sop_instance_uid",
+             WHERE study_uid = $1 AND series_uid = $2 ORDER BY sop_instance_uid",
         )
         .bind(uids.study.as_str())
         .bind(uids.series.as_str())
-        .bind(name_of(scope))
         .fetch_all()
         .await?;
     let read = |row: &Row| {
@@ -1061,7 +1009,7 @@ pub(super) async fn remove_of_case(
 ) -> Result<(), StoreError> {
     let rows = connection
         .query("SELECT id FROM arrivals WHERE case_id = $1 AND state IN ('case', 'layer')")
-        .bind(case.key())
+        .bind(case.to_string())
         .fetch_all()
         .await?;
     for row in &rows {
@@ -1089,11 +1037,11 @@ pub(super) async fn index(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO case_series (case_id, project, study_uid, series_uid, accession_number, superseded, is_received)
-             SELECT id, project, $2, $3, $4, $5, $6 FROM cases WHERE id = $1
+            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, superseded, is_received, patient)
+             SELECT id, $2, $3, $4, $5, $6, $7 FROM cases WHERE id = $1
              ON CONFLICT (case_id) DO NOTHING",
         )
-        .bind(series.case.key())
+        .bind(series.case.to_string())
         .bind(series.uids.study.as_str())
         .bind(series.uids.series.as_str())
         .bind(
@@ -1104,6 +1052,7 @@ pub(super) async fn index(
         )
         .bind(superseded_code(series.superseded))
         .bind(i64::from(series.is_received))
+        .bind(series.patient.map(PatientDigest::to_hex))
         .execute()
         .await?;
     Ok(())
@@ -1119,7 +1068,7 @@ pub(super) async fn write_copied_index(
         .query("UPDATE case_series SET superseded = $1, is_received = $2 WHERE case_id = $3")
         .bind(superseded_code(series.superseded))
         .bind(i64::from(series.is_received))
-        .bind(series.case.key())
+        .bind(series.case.to_string())
         .execute()
         .await?;
     Ok(())
@@ -1130,8 +1079,8 @@ pub(super) async fn series_of(
     case: &CaseId,
 ) -> Result<Option<CaseSeries>, StoreError> {
     let row = connection
-        .query("SELECT case_id, study_uid, series_uid, accession_number, superseded, is_received FROM case_series WHERE case_id = $1")
-        .bind(case.key())
+        .query("SELECT case_id, study_uid, series_uid, accession_number, patient, superseded, is_received FROM case_series WHERE case_id = $1")
+        .bind(case.to_string())
         .fetch_optional()
         .await?;
     row.as_ref().map(read_case_series).transpose()
@@ -1139,29 +1088,25 @@ pub(super) async fn series_of(
 
 pub(super) async fn cases_of(
     connection: &mut Connection,
-    scope: Option<Project>,
     query: &SeriesQuery,
 ) -> Result<Vec<CaseSeries>, StoreError> {
     let rows = match query {
         SeriesQuery::Study(study, series) => connection
             .query(
-                "SELECT case_id, study_uid, series_uid, accession_number, superseded, is_received
+                "SELECT case_id, study_uid, series_uid, accession_number, patient, superseded, is_received
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
-                 WHERE study_uid = $2 AND coalesce($3, series_uid) = series_uid
-                   AND coalesce($1, case_series.project) = case_series.project
+                 WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid
                  ORDER BY created_at DESC, id",
             )
-            .bind(name_of(scope))
             .bind(study.as_str())
             .bind(series.as_ref().map(Uid::as_str)),
         SeriesQuery::AccessionNumber(number) => connection
             .query(
-                "SELECT case_id, study_uid, series_uid, accession_number, superseded, is_received
+                "SELECT case_id, study_uid, series_uid, accession_number, patient, superseded, is_received
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
-                 WHERE accession_number = $2 AND coalesce($1, case_series.project) = case_series.project
+                 WHERE accession_number = $1
                  ORDER BY created_at DESC, id",
             )
-            .bind(name_of(scope))
             .bind(number.as_str()),
     };
     rows.fetch_all()
@@ -1176,6 +1121,7 @@ fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
         case: read_case(row, "case_id")?.ok_or_else(|| unreadable("case"))?,
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
+        patient: read_patient(row)?,
         superseded: read_superseded(Some(row.get("superseded")?)),
         is_received: row.get::<i64>("is_received")? != 0,
     })
@@ -1202,6 +1148,14 @@ pub(super) fn read_superseded(code: Option<i64>) -> Option<Superseded> {
         Some(3) => Some(Superseded::Moved),
         Some(_) => Some(Superseded::Rejected),
     }
+}
+
+fn read_patient(row: &Row) -> Result<Option<PatientDigest>, StoreError> {
+    let digest: Option<String> = row.get("patient")?;
+    let read = |digest: String| PatientDigest::from_hex(&digest);
+    digest
+        .map(|digest| read(digest).ok_or_else(|| unreadable("patient")))
+        .transpose()
 }
 
 fn read_accession_number(row: &Row) -> Result<Option<AccessionNumber>, StoreError> {
@@ -1232,7 +1186,7 @@ pub(super) fn read_uids(row: &Row) -> Result<SeriesUids, StoreError> {
 
 fn read_case(row: &Row, column: &str) -> Result<Option<CaseId>, StoreError> {
     let id: Option<String> = row.get(column)?;
-    id.map(|id| CaseId::from_key(&id).ok_or_else(|| unreadable("case")))
+    id.map(|id| CaseId::parse(&id).ok_or_else(|| unreadable("case")))
         .transpose()
 }
 
@@ -1259,7 +1213,6 @@ fn read(row: &Row) -> Result<Arrival, StoreError> {
     let expected: Option<i64> = row.get("expected")?;
     Ok(Arrival {
         id: row.get("id")?,
-        project: read_project(row)?,
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
         source: ArrivalSource::from_name(&source).ok_or_else(|| unreadable("source"))?,

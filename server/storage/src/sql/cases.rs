@@ -4,10 +4,11 @@ use jiff::Timestamp;
 
 use super::connection::{Connection, Row};
 use super::{arrivals, findings, jobs, layers, pins, results, upkeep};
+use crate::arrivals::{AccessionNumber, PatientDigest, Uid};
 use crate::jobs::NewJob;
 use crate::rows::{Inserted, NewCase, Pinned, Referred};
-use crate::{Cursor, ObjectName, Page, StoreError};
-use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters, Project};
+use crate::{CaseQuery, Cursor, ObjectName, Page, StoreError};
+use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
 
 /// A case with its job's progress, which `read` understands. A `WHERE` or `ORDER BY` may follow.
 macro_rules! select_case {
@@ -28,11 +29,40 @@ macro_rules! select_case {
     };
 }
 
+/// A page of cases. Further conditions may follow.
+macro_rules! select_listed {
+    ($($conditions:tt)*) => {
+        concat!(
+            select_case!(
+                "WHERE (created_at, id) < ($1, $2) AND created_at >= $4
+                   AND ($5 = '' OR lower(name) LIKE lower($5) ESCAPE '!')
+                   AND $6 IN ('', CASE WHEN state = 'queued' AND EXISTS (SELECT 1 FROM jobs WHERE jobs.kind = 'prepare'
+                                            AND jobs.key = cases.id AND jobs.state = 'running')
+                                       THEN 'preparing' ELSE state END) "
+            ),
+            $($conditions)*,
+            " ORDER BY created_at DESC, id DESC LIMIT $3"
+        )
+    };
+}
+
+/// A page of cases that were made of certain series.
+macro_rules! select_found {
+    ($by:literal) => {
+        select_listed!(concat!(
+            "AND id IN (SELECT case_id FROM case_series WHERE ",
+            $by,
+            " AND (study_uid = $7 OR $7 IS NULL) AND (series_uid = $8 OR $8 IS NULL)
+              AND (accession_number = $9 OR $9 IS NULL) AND (patient = $10 OR $10 IS NULL))"
+        ))
+    };
+}
+
 /// The state of a case as it is written; `None` if there is no such case.
 async fn state(connection: &mut Connection, id: &CaseId) -> Result<Option<String>, StoreError> {
     let row = connection
         .query("SELECT state FROM cases WHERE id = $1")
-        .bind(id.key())
+        .bind(id.to_string())
         .fetch_optional()
         .await?;
     row.map(|row| row.get("state")).transpose()
@@ -83,16 +113,15 @@ pub(super) async fn submit(
 /// Writes the row of a new case.
 async fn insert(connection: &mut Connection, new: &NewCase, now: i64) -> Result<(), StoreError> {
     connection.query(
-        "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous, project)
-         VALUES ($1, $2, $3, $4, 'queued', $5, (SELECT id FROM cases WHERE id = $6), $7)",
+        "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous)
+         VALUES ($1, $2, $3, $4, 'queued', $5, (SELECT id FROM cases WHERE id = $6))",
     )
-    .bind(new.id.key())
+    .bind(new.id.to_string())
     .bind(new.parameters.closing_radius_mm)
     .bind(without_columns(&new.parameters)?)
     .bind(&new.parameters.name)
     .bind(now)
-    .bind(new.previous.map(|id| id.key()))
-    .bind(new.id.project().name())
+    .bind(new.previous.map(|id| id.to_string()))
     .execute()
     .await?;
     Ok(())
@@ -120,7 +149,7 @@ pub(super) fn read_parameters(row: &Row) -> Result<Parameters, StoreError> {
 
 async fn queue_again(connection: &mut Connection, id: &CaseId) -> Result<(), StoreError> {
     connection.query("UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = $1")
-        .bind(id.key())
+        .bind(id.to_string())
         .execute()
         .await?;
     Ok(())
@@ -157,7 +186,7 @@ pub(super) async fn refer(
                 "INSERT INTO case_objects (case_id, kind, digest) VALUES ($1, $2, $3)
              ON CONFLICT (case_id, kind) DO UPDATE SET digest = excluded.digest",
             )
-            .bind(id.key())
+            .bind(id.to_string())
             .bind(name.kind.name())
             .bind(name.digest.to_string())
             .execute()
@@ -187,15 +216,15 @@ pub(super) async fn write_copied(
     let written = connection
         .query(
             "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, voxels, created_at,
-                                uploaded_at, kept, previous, project)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, (SELECT id FROM cases WHERE id = $13), $14)
+                                uploaded_at, kept, previous)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, (SELECT id FROM cases WHERE id = $13))
              ON CONFLICT (id) DO UPDATE SET name = excluded.name, state = excluded.state, failure = excluded.failure,
                                             facts = excluded.facts, facts_digest = excluded.facts_digest,
                                             voxels = excluded.voxels,
                                             uploaded_at = excluded.uploaded_at, kept = excluded.kept
              WHERE cases.state <> 'ready' OR excluded.state = 'ready'",
         )
-        .bind(case.id.key())
+        .bind(case.id.to_string())
         .bind(case.parameters.closing_radius_mm)
         .bind(without_columns(&case.parameters)?)
         .bind(&case.parameters.name)
@@ -207,8 +236,7 @@ pub(super) async fn write_copied(
         .bind(case.created_at.as_microsecond())
         .bind(case.uploaded_at.as_microsecond())
         .bind(case.kept)
-        .bind(case.previous.map(|id| id.key()))
-        .bind(case.id.project().name())
+        .bind(case.previous.map(|id| id.to_string()))
         .execute()
         .await?;
     Ok(written > 0)
@@ -217,7 +245,7 @@ pub(super) async fn write_copied(
 pub(super) async fn is_ready(connection: &mut Connection, id: &CaseId) -> Result<bool, StoreError> {
     let row = connection
         .query("SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1 AND state = 'ready') AS ready")
-        .bind(id.key())
+        .bind(id.to_string())
         .fetch_one()
         .await?;
     row.get("ready")
@@ -235,7 +263,7 @@ pub(super) async fn make_ready(
     .bind(&stored)
     .bind(upkeep::digest(&stored))
     .bind(values_of(facts))
-    .bind(id.key())
+    .bind(id.to_string())
     .execute()
     .await?;
     Ok(())
@@ -252,7 +280,7 @@ pub(super) async fn change_facts(
         .query("UPDATE cases SET facts = $1, facts_digest = $2 WHERE id = $3 AND state = 'ready'")
         .bind(&stored)
         .bind(upkeep::digest(&stored))
-        .bind(id.key())
+        .bind(id.to_string())
         .execute()
         .await?;
     Ok(())
@@ -273,7 +301,7 @@ pub(super) async fn make_failed(
     let failure = serde_json::to_string(failure)?;
     connection.query("UPDATE cases SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE id = $2")
         .bind(failure.clone())
-        .bind(id.key())
+        .bind(id.to_string())
         .execute()
         .await?;
     connection
@@ -282,7 +310,7 @@ pub(super) async fn make_failed(
              WHERE case_id = $2 AND state = 'queued'",
         )
         .bind(failure.clone())
-        .bind(id.key())
+        .bind(id.to_string())
         .execute()
         .await?;
     connection
@@ -292,7 +320,7 @@ pub(super) async fn make_failed(
         )
         .bind(failure)
         .bind(now)
-        .bind(id.key())
+        .bind(id.to_string())
         .execute()
         .await?;
     Ok(())
@@ -306,7 +334,7 @@ pub(super) async fn rename(
     connection
         .query("UPDATE cases SET name = $1 WHERE id = $2")
         .bind(name)
-        .bind(id.key())
+        .bind(id.to_string())
         .execute()
         .await?;
     Ok(())
@@ -321,7 +349,7 @@ pub(super) async fn uploaded_again(
     let changed = connection
         .query("UPDATE cases SET uploaded_at = $1 WHERE id = $2")
         .bind(now)
-        .bind(id.key())
+        .bind(id.to_string())
         .execute()
         .await?;
     Ok(changed > 0)
@@ -336,7 +364,7 @@ pub(super) async fn keep(
     let changed = connection
         .query("UPDATE cases SET kept = $1 WHERE id = $2")
         .bind(kept)
-        .bind(id.key())
+        .bind(id.to_string())
         .execute()
         .await?;
     Ok(changed > 0)
@@ -361,7 +389,7 @@ pub(super) async fn uploaded_before(
         .await?;
     let read = |row: &Row| {
         let id: String = row.get("id")?;
-        CaseId::from_key(&id).ok_or_else(|| StoreError::Rows("a case has no id".into()))
+        CaseId::parse(&id).ok_or_else(|| StoreError::Rows("a case has no id".into()))
     };
     rows.iter().map(read).collect()
 }
@@ -396,7 +424,7 @@ pub(super) async fn is_uploaded_before(
                             WHERE id = $1 AND COALESCE(uploaded_at, created_at) <= $2
                               AND NOT kept AND state IN ('ready', 'failed')) AS old",
         )
-        .bind(id.key())
+        .bind(id.to_string())
         .bind(time)
         .fetch_one()
         .await?;
@@ -415,13 +443,13 @@ pub(super) async fn delete(
     results::abandon_of_case(connection, id, now).await?;
     // Its versions become those of the case that it is itself a version of.
     connection.query("UPDATE cases SET previous = (SELECT previous FROM cases WHERE id = $1) WHERE previous = $1")
-        .bind(id.key())
+        .bind(id.to_string())
         .execute()
         .await?;
     // The jobs, the layers, the results and the references go with the case (ON DELETE CASCADE).
     let deleted = connection
         .query("DELETE FROM cases WHERE id = $1")
-        .bind(id.key())
+        .bind(id.to_string())
         .execute()
         .await?;
     Ok(deleted > 0)
@@ -433,7 +461,7 @@ pub(super) async fn objects(
 ) -> Result<Vec<ObjectName>, StoreError> {
     let rows = connection
         .query("SELECT kind, digest FROM case_objects WHERE case_id = $1 ORDER BY kind")
-        .bind(id.key())
+        .bind(id.to_string())
         .fetch_all()
         .await?;
     rows.iter().map(pins::read_name).collect()
@@ -445,7 +473,7 @@ pub(super) async fn one(
 ) -> Result<Option<Case>, StoreError> {
     let row = connection
         .query(select_case!("WHERE id = $1"))
-        .bind(id.key())
+        .bind(id.to_string())
         .fetch_optional()
         .await?;
     row.as_ref().map(read).transpose()
@@ -454,17 +482,15 @@ pub(super) async fn one(
 /// The ready cases with the same stored values, the newest first.
 pub(super) async fn with_voxels(
     connection: &mut Connection,
-    project: Project,
     values: &str,
     limit: usize,
 ) -> Result<Vec<Case>, StoreError> {
     let rows = connection
         .query(select_case!(
-            "WHERE voxels = $1 AND project = $3 AND cases.state = 'ready' ORDER BY created_at DESC, id DESC LIMIT $2"
+            "WHERE voxels = $1 AND cases.state = 'ready' ORDER BY created_at DESC, id DESC LIMIT $2"
         ))
         .bind(values)
         .bind(i64::try_from(limit).unwrap_or(i64::MAX))
-        .bind(project.name())
         .fetch_all()
         .await?;
     rows.iter().map(read).collect()
@@ -472,25 +498,46 @@ pub(super) async fn with_voxels(
 
 pub(super) async fn page(
     connection: &mut Connection,
-    scope: Option<Project>,
+    query: &CaseQuery,
     after: Option<&Cursor>,
     limit: usize,
 ) -> Result<Page, StoreError> {
+    let until = query.until.map_or(i64::MAX, Timestamp::as_microsecond);
     let (created_at, id) = match after {
-        Some(cursor) => (cursor.created_at.as_microsecond(), cursor.id.key()),
-        None => (i64::MAX, String::new()),
+        Some(cursor) if cursor.created_at.as_microsecond() < until => {
+            (cursor.created_at.as_microsecond(), cursor.id.to_string())
+        }
+        _ => (until, String::new()),
     };
-    let rows = connection
-        .query(select_case!(
-            "WHERE (created_at, id) < ($1, $2) AND coalesce($4, project) = project
-             ORDER BY created_at DESC, id DESC LIMIT $3"
-        ))
+    let study = query.study.as_ref().map(Uid::as_str);
+    let series = query.series.as_ref().map(Uid::as_str);
+    let number = query.accession_number.as_ref().map(AccessionNumber::as_str);
+    let patient = query.patient.map(PatientDigest::to_hex);
+    // Each statement begins with what has an index.
+    let statement = match (study, number, &patient, series) {
+        (Some(_), ..) => select_found!("study_uid = $7"),
+        (_, Some(_), ..) => select_found!("accession_number = $9"),
+        (_, _, Some(_), _) => select_found!("patient = $10"),
+        (.., Some(_)) => select_found!("series_uid = $8"),
+        (None, None, None, None) => select_listed!(""),
+    };
+    let label = query.label.as_deref();
+    let mut statement = connection
+        .query(statement)
         .bind(created_at)
         .bind(id)
         .bind(i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX))
-        .bind(arrivals::name_of(scope))
-        .fetch_all()
-        .await?;
+        .bind(query.since.map_or(i64::MIN, Timestamp::as_microsecond))
+        .bind(label.map_or_else(String::new, arrivals::containing))
+        .bind(query.state.map_or("", CaseState::name));
+    if study.is_some() || series.is_some() || number.is_some() || patient.is_some() {
+        statement = statement
+            .bind(study)
+            .bind(series)
+            .bind(number)
+            .bind(patient);
+    }
+    let rows = statement.fetch_all().await?;
     let mut cases = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let more = cases.len() > limit;
     cases.truncate(limit);
@@ -505,7 +552,7 @@ fn read(row: &Row) -> Result<Case, StoreError> {
     let progress: Option<String> = row.get("progress")?;
     let failure: Option<String> = row.get("failure")?;
     let facts: Option<String> = row.get("facts")?;
-    let id = CaseId::from_key(&id).ok_or_else(|| unreadable("id"))?;
+    let id = CaseId::parse(&id).ok_or_else(|| unreadable("id"))?;
     let digest: Option<String> = row.get("facts_digest")?;
     if facts.as_deref().map(upkeep::digest) != digest {
         return Err(StoreError::DamagedFacts(id));
@@ -514,7 +561,7 @@ fn read(row: &Row) -> Result<Case, StoreError> {
     let versions = |ids: Option<String>| {
         let ids = ids.unwrap_or_default();
         let ids = ids.split(',').filter(|id| !id.is_empty());
-        ids.map(|id| CaseId::from_key(id).ok_or_else(|| unreadable("version")))
+        ids.map(|id| CaseId::parse(id).ok_or_else(|| unreadable("version")))
             .collect::<Result<Vec<_>, _>>()
     };
     let time = |column: &str| {

@@ -45,7 +45,7 @@ impl Store {
     pub(crate) async fn damage_findings(&self, id: &CaseId) {
         let mut connection = self.rows().connect().await.unwrap();
         let damaged = connection.query("UPDATE findings SET document = '[0]' WHERE case_id = $1");
-        damaged.bind(id.key()).execute().await.unwrap();
+        damaged.bind(id.to_string()).execute().await.unwrap();
     }
 
     /// Gives a case the findings that it has in another store.
@@ -55,7 +55,7 @@ impl Store {
         findings: &StoredFindings,
     ) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        if transaction.has_case(&id.key()).await? {
+        if transaction.has_case(&id.to_string()).await? {
             put(&mut transaction, id, findings, now).await?;
             transaction.commit().await?;
         }
@@ -66,7 +66,7 @@ impl Store {
 async fn one(connection: &mut Connection, id: &CaseId) -> Result<StoredFindings, StoreError> {
     let row = connection
         .query("SELECT document, digest FROM findings WHERE case_id = $1")
-        .bind(id.key())
+        .bind(id.to_string())
         .fetch_optional()
         .await?;
     match row {
@@ -97,7 +97,7 @@ async fn put(
              ON CONFLICT (case_id) DO UPDATE SET document = excluded.document, digest = excluded.digest,
                                                  changed_at = excluded.changed_at",
         )
-        .bind(id.key())
+        .bind(id.to_string())
         .bind(findings.document.clone())
         .bind(findings.version.digest().to_string())
         .bind(now)
@@ -117,8 +117,8 @@ pub(super) async fn inherit(
             "INSERT INTO findings (case_id, document, digest, changed_at)
              SELECT $1, document, digest, changed_at FROM findings WHERE case_id = $2",
         )
-        .bind(case.key())
-        .bind(previous.key())
+        .bind(case.to_string())
+        .bind(previous.to_string())
         .execute()
         .await?;
     Ok(())

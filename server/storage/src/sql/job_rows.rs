@@ -19,7 +19,7 @@ impl Store {
     pub async fn enqueue(&self, new: &NewJob) -> Result<Option<Job>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         if let Some(case) = &new.case
-            && !transaction.has_case(&case.key()).await?
+            && !transaction.has_case(&case.to_string()).await?
         {
             return Ok(None);
         }
@@ -35,8 +35,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read.
     pub async fn job(&self, id: &str) -> Result<Option<Job>, StoreError> {
-        let job = jobs::one(&mut self.rows().connect().await?, id).await?;
-        Ok(job.filter(|job| self.covers(job.project)))
+        jobs::one(&mut self.rows().connect().await?, id).await
     }
 
     /// The latest job of a kind and a key.
@@ -58,7 +57,7 @@ impl Store {
         limit: usize,
     ) -> Result<(Vec<Job>, Option<ArrivalCursor>), StoreError> {
         let mut connection = self.rows().connect().await?;
-        jobs::page(&mut connection, self.scope(), query, after, limit).await
+        jobs::page(&mut connection, query, after, limit).await
     }
 
     /// Forgets jobs that ended this long ago, except those of results, which go with their results.
@@ -76,7 +75,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read.
     pub async fn waiting(&self, kind: JobKind) -> Result<usize, StoreError> {
-        jobs::waiting(&mut self.rows().connect().await?, kind, "").await
+        jobs::waiting(&mut self.rows().connect().await?, kind).await
     }
 
     /// Refuses one more job of a kind of the client of this store, before anything is done for it.
@@ -93,7 +92,7 @@ impl Store {
     /// Leases the oldest job of a kind. Those with as many attempts behind them fail on the way.
     ///
     /// # Errors
-    /// If the rows cannot be written.
+    /// If the rows cannot be written, or do not belong to the objects.
     pub async fn claim(
         &self,
         kind: JobKind,
@@ -108,6 +107,7 @@ impl Store {
         if found.is_none() {
             return Ok(None);
         }
+        self.check_id().await?;
         let (mut transaction, now) = self.rows().write().await?;
         let lease = self.options().lease;
         let claim = jobs::claim(&mut transaction, wanted, max_attempts, lease, now).await?;
@@ -179,7 +179,7 @@ impl Store {
     ) -> Result<Option<Claim>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         if let Some(case) = &new.case
-            && !transaction.has_case(&case.key()).await?
+            && !transaction.has_case(&case.to_string()).await?
         {
             return Ok(None);
         }

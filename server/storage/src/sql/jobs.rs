@@ -2,20 +2,20 @@
 
 use std::time::Duration;
 
-use case::{CaseId, Failure, JobKind, JobState, Project, STORE_FAILED};
+use case::{CaseId, Failure, JobKind, JobState, STORE_FAILED};
 use jiff::Timestamp;
 
 use super::connection::{Connection, Row, microseconds};
 use super::{arrivals, cases, fence, layers};
+use crate::StoreError;
 use crate::arrivals::ArrivalCursor;
 use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
-use crate::{ADDRESS_DIGITS, StoreError};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_job {
     ($rest:literal) => {
         concat!(
-            "SELECT id, kind, key, case_id, project, payload, state, progress, failure, attempts, created_at, ended_at FROM jobs ",
+            "SELECT id, kind, key, case_id, payload, state, progress, failure, attempts, created_at, ended_at FROM jobs ",
             $rest
         )
     };
@@ -43,19 +43,18 @@ pub(super) async fn enqueue_for(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, created_at, available_at, client, project)
-             VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7, $8, $9)
+            "INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, created_at, available_at, client)
+             VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7, $8)
              ON CONFLICT DO NOTHING",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
         .bind(new.kind.name())
         .bind(&new.key)
-        .bind(new.case.map(|case| case.key()))
+        .bind(new.case.map(|case| case.to_string()))
         .bind(new.needs_ready)
         .bind(&new.payload)
         .bind(now)
         .bind(client)
-        .bind(new.project().name())
         .execute()
         .await?;
     Ok(())
@@ -75,14 +74,14 @@ pub(super) async fn write_copied(
     connection
         .query(
             "INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, failure, attempts, created_at,
-                               available_at, ended_at, project)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, $13)
+                               available_at, ended_at)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12)
              ON CONFLICT DO NOTHING",
         )
         .bind(&job.id)
         .bind(&job.kind)
         .bind(&job.key)
-        .bind(job.case.map(|case| case.key()))
+        .bind(job.case.map(|case| case.to_string()))
         .bind(false)
         .bind(&job.payload)
         .bind(state.name())
@@ -91,7 +90,6 @@ pub(super) async fn write_copied(
         .bind(job.created_at.as_microsecond())
         .bind(now)
         .bind(job.ended_at.map(Timestamp::as_microsecond))
-        .bind(job.project.name())
         .execute()
         .await?;
     Ok(())
@@ -141,7 +139,6 @@ pub(super) async fn latest_of_key(
 /// At most `limit` jobs after a cursor, newest first, and the cursor of the next page.
 pub(super) async fn page(
     connection: &mut Connection,
-    scope: Option<Project>,
     query: &JobQuery,
     after: Option<&ArrivalCursor>,
     limit: usize,
@@ -153,7 +150,7 @@ pub(super) async fn page(
     let rows = connection
         .query(select_job!(
             "WHERE kind = $1 AND (created_at, id) < ($2, $3) AND coalesce($4, state) = state
-               AND substr(key, 1, length($5)) = $5 AND coalesce($7, project) = project
+               AND substr(key, 1, length($5)) = $5
              ORDER BY created_at DESC, id DESC LIMIT $6"
         ))
         .bind(query.kind.name())
@@ -162,7 +159,6 @@ pub(super) async fn page(
         .bind(query.state.map(JobState::name))
         .bind(&query.key_prefix)
         .bind(i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX))
-        .bind(arrivals::name_of(scope))
         .fetch_all()
         .await?;
     let mut jobs = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
@@ -196,28 +192,25 @@ pub(super) async fn oldest_of_each_kind(
     rows.iter().map(read).collect()
 }
 
-/// The number of jobs of a kind that wait for a lease, of the clients of a name or, if it is empty, of all.
+/// The number of jobs of a kind that wait for a lease.
 pub(super) async fn waiting(
     connection: &mut Connection,
     kind: JobKind,
-    name: &str,
 ) -> Result<usize, StoreError> {
     let row = connection
         .query(
             // SQLite uses the index of open jobs only for the words of its condition.
             "SELECT count(*) AS count FROM jobs
-             WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'
-               AND ($2 = '' OR substr(client, 17) = $2)",
+             WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'",
         )
         .bind(kind.name())
-        .bind(name)
         .fetch_one()
         .await?;
     let count: i64 = row.get("count")?;
     Ok(usize::try_from(count).unwrap_or(0))
 }
 
-/// Refuses one more job of a kind of a client if `most` wait, or a quarter of `most` of the client, or as many of its name as are free.
+/// Refuses one more job of a kind of a client if `most` wait, or a quarter of `most` of the client.
 /// Without a client, the program itself asks, which may take all.
 pub(super) async fn check_room(
     connection: &mut Connection,
@@ -226,13 +219,8 @@ pub(super) async fn check_room(
     client: &str,
     now: i64,
 ) -> Result<(), StoreError> {
-    let of_name = match client.get(ADDRESS_DIGITS..).unwrap_or_default() {
-        "" => 0,
-        name => waiting(connection, kind, name).await?,
-    };
-    let free = most.saturating_sub(of_name);
-    let mut wait = time_to_a_place(connection, kind, free, "", now).await?;
-    if !client.is_empty() && !client.starts_with('-') {
+    let mut wait = time_to_a_place(connection, kind, most, "", now).await?;
+    if !client.is_empty() {
         let share = most.div_ceil(4);
         wait = wait.max(time_to_a_place(connection, kind, share, client, now).await?);
     }
@@ -502,7 +490,7 @@ pub(super) async fn became(
 ) -> Result<(), StoreError> {
     connection
         .query("UPDATE jobs SET case_id = $1 WHERE id = $2")
-        .bind(case.key())
+        .bind(case.to_string())
         .bind(&claim.id)
         .execute()
         .await?;
@@ -521,7 +509,7 @@ pub(super) async fn fail_item(
         // A store that fails is no reason to give up a case that is ready.
         JobKind::REBUILD if failure.name == STORE_FAILED => Ok(()),
         JobKind::PREPARE | JobKind::REBUILD => {
-            let case = CaseId::from_key(key).ok_or_else(|| unreadable("case"))?;
+            let case = CaseId::parse(key).ok_or_else(|| unreadable("case"))?;
             cases::make_failed(connection, &case, failure, now).await
         }
         JobKind::LAYER => {
@@ -582,7 +570,7 @@ pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<
 
 fn read_case(row: &Row) -> Result<Option<CaseId>, StoreError> {
     let case: Option<String> = row.get("case_id")?;
-    case.map(|case| CaseId::from_key(&case).ok_or_else(|| unreadable("case")))
+    case.map(|case| CaseId::parse(&case).ok_or_else(|| unreadable("case")))
         .transpose()
 }
 
@@ -600,7 +588,6 @@ fn read(row: &Row) -> Result<Job, StoreError> {
         kind: row.get("kind")?,
         key: row.get("key")?,
         case: read_case(row)?,
-        project: arrivals::read_project(row)?,
         payload: row.get("payload")?,
         state: JobState::from_name(&state).ok_or_else(|| unreadable("state"))?,
         progress: row.get("progress")?,

@@ -162,7 +162,7 @@ impl Store {
         failure: &Failure,
     ) -> Result<usize, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        let shown = results::Shown::Series(self.project(), series);
+        let shown = results::Shown::Series(series);
         let sent = results::withdraw_showing(&mut transaction, shown, failure, now).await?;
         transaction.commit().await?;
         Ok(sent)
@@ -217,7 +217,7 @@ impl Store {
         transaction.commit().await
     }
 
-    /// The layers of the project that are made of a series, of whichever case and study.
+    /// The layers that are made of a series, of whichever case and study.
     ///
     /// # Errors
     /// If the rows cannot be read.
@@ -225,7 +225,7 @@ impl Store {
         &self,
         series: &Uid,
     ) -> Result<Vec<(CaseId, LayerId)>, StoreError> {
-        layers::of_series(&mut self.rows().connect().await?, self.project(), series).await
+        layers::of_series(&mut self.rows().connect().await?, series).await
     }
 
     /// The series that a layer is made of, if that is known.

@@ -2,7 +2,6 @@
 
 use case::{
     CaseId, CaseState, Failure, JobKind, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind,
-    Project,
 };
 use jiff::Timestamp;
 
@@ -30,7 +29,7 @@ macro_rules! select_layer {
 /// The key of the job of a layer, read.
 pub(crate) fn of_key(key: &str) -> Option<(CaseId, LayerId)> {
     let (case, layer) = key.split_once('/')?;
-    CaseId::from_key(case).zip(LayerId::parse(layer))
+    CaseId::parse(case).zip(LayerId::parse(layer))
 }
 
 /// Inserts a layer, and its job; or queues a failed one again.
@@ -39,7 +38,7 @@ pub(super) async fn submit(
     new: &NewLayer,
     now: i64,
 ) -> Result<Referred<Inserted>, StoreError> {
-    if !connection.has_case(&new.case.key()).await? {
+    if !connection.has_case(&new.case.to_string()).await? {
         return Err(StoreError::NoSuchCase);
     }
     let others = of_case(connection, &new.case).await?;
@@ -96,7 +95,7 @@ async fn insert_row(
             "INSERT INTO layers (case_id, id, name, place, parameters, state, created_at, series_uid)
              VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, 'queued', $5, $6)",
         )
-        .bind(new.case.key())
+        .bind(new.case.to_string())
         .bind(new.id.to_string())
         .bind(name)
         .bind(serde_json::to_string(&new.parameters)?)
@@ -117,7 +116,7 @@ pub(super) async fn queue_again(
 ) -> Result<(), StoreError> {
     connection
         .query("UPDATE layers SET state = 'queued', failure = NULL WHERE case_id = $1 AND id = $2")
-        .bind(case.key())
+        .bind(case.to_string())
         .bind(layer.to_string())
         .execute()
         .await?;
@@ -137,8 +136,8 @@ pub(super) async fn inherit(
              SELECT $1, id, name, place, parameters, 'queued', facts, facts_digest, created_at, series_uid FROM layers
              WHERE case_id = $2 AND state <> 'failed'",
         )
-        .bind(case.key())
-        .bind(previous.key())
+        .bind(case.to_string())
+        .bind(previous.to_string())
         .execute()
         .await?;
     for layer in of_case(connection, case).await? {
@@ -150,8 +149,8 @@ pub(super) async fn inherit(
              SELECT $1, layer_id, kind, digest FROM layer_objects JOIN layers ON layers.case_id = $1 AND layers.id = layer_id
              WHERE layer_objects.case_id = $2 AND kind NOT IN ('layer', 'maps')",
         )
-        .bind(case.key())
-        .bind(previous.key())
+        .bind(case.to_string())
+        .bind(previous.to_string())
         .execute()
         .await?;
     Ok(())
@@ -175,7 +174,7 @@ pub(super) async fn refer(
                 "INSERT INTO layer_objects (case_id, layer_id, kind, digest) VALUES ($1, $2, $3, $4)
                  ON CONFLICT (case_id, layer_id, kind) DO UPDATE SET digest = excluded.digest",
             )
-            .bind(case.key())
+            .bind(case.to_string())
             .bind(layer.to_string())
             .bind(name.kind.name())
             .bind(name.digest.to_string())
@@ -195,7 +194,7 @@ pub(super) async fn objects(
 ) -> Result<Vec<ObjectName>, StoreError> {
     let rows = connection
         .query("SELECT kind, digest FROM layer_objects WHERE case_id = $1 AND layer_id = $2 ORDER BY kind")
-        .bind(case.key())
+        .bind(case.to_string())
         .bind(layer.to_string())
         .fetch_all()
         .await?;
@@ -210,7 +209,7 @@ pub(super) async fn abandon_all(
 ) -> Result<(), StoreError> {
     let rows = connection
         .query("SELECT kind, digest FROM layer_objects WHERE case_id = $1")
-        .bind(case.key())
+        .bind(case.to_string())
         .fetch_all()
         .await?;
     let names = rows.iter().map(pins::read_name);
@@ -223,25 +222,20 @@ pub(super) async fn of_case(
 ) -> Result<Vec<Layer>, StoreError> {
     let rows = connection
         .query(select_layer!("WHERE case_id = $1 ORDER BY place, id"))
-        .bind(case.key())
+        .bind(case.to_string())
         .fetch_all()
         .await?;
     rows.iter().map(read).collect()
 }
 
-/// The layers of a project that are made of a series.
+/// The layers that are made of a series.
 pub(super) async fn of_series(
     connection: &mut Connection,
-    project: Project,
     series: &Uid,
 ) -> Result<Vec<(CaseId, LayerId)>, StoreError> {
     let rows = connection
-        .query(
-            "SELECT case_id, layers.id FROM layers JOIN cases ON cases.id = case_id
-             WHERE series_uid = $1 AND project = $2 ORDER BY case_id, place",
-        )
+        .query("SELECT case_id, id FROM layers WHERE series_uid = $1 ORDER BY case_id, place")
         .bind(series.as_str())
-        .bind(project.name())
         .fetch_all()
         .await?;
     rows.iter().map(read_ids).collect()
@@ -255,7 +249,7 @@ pub(super) async fn series_of(
 ) -> Result<Option<Uid>, StoreError> {
     let row = connection
         .query("SELECT series_uid FROM layers WHERE case_id = $1 AND id = $2")
-        .bind(case.key())
+        .bind(case.to_string())
         .bind(layer.to_string())
         .fetch_optional()
         .await?;
@@ -299,7 +293,7 @@ pub(super) async fn change(
         connection
             .query("UPDATE layers SET name = $1 WHERE case_id = $2 AND id = $3")
             .bind(name)
-            .bind(case.key())
+            .bind(case.to_string())
             .bind(layer.to_string())
             .execute()
             .await?;
@@ -312,7 +306,7 @@ pub(super) async fn change(
         connection
             .query("UPDATE layers SET parameters = $1 WHERE case_id = $2 AND id = $3")
             .bind(serde_json::to_string(&parameters)?)
-            .bind(case.key())
+            .bind(case.to_string())
             .bind(layer.to_string())
             .execute()
             .await?;
@@ -325,7 +319,7 @@ pub(super) async fn change(
             connection
                 .query("UPDATE layers SET place = $1 WHERE case_id = $2 AND id = $3")
                 .bind(place)
-                .bind(case.key())
+                .bind(case.to_string())
                 .bind(id.to_string())
                 .execute()
                 .await?;
@@ -345,7 +339,7 @@ pub(super) async fn delete(
     jobs::remove(connection, &layer_key(case, layer)).await?;
     let deleted = connection
         .query("DELETE FROM layers WHERE case_id = $1 AND id = $2")
-        .bind(case.key())
+        .bind(case.to_string())
         .bind(layer.to_string())
         .execute()
         .await?;
@@ -365,7 +359,7 @@ pub(super) async fn make_ready(
         )
         .bind(&facts)
         .bind(upkeep::digest(&facts))
-        .bind(case.key())
+        .bind(case.to_string())
         .bind(layer.to_string())
         .execute()
         .await?;
@@ -382,7 +376,7 @@ pub(super) async fn make_failed(
 ) -> Result<(), StoreError> {
     let needed = objects(connection, case, layer).await?;
     pins::abandon(connection, needed, now).await?;
-    let [case, layer] = [case.key(), layer.to_string()];
+    let [case, layer] = [case.to_string(), layer.to_string()];
     connection
         .query("DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2")
         .bind(&*case)
@@ -447,7 +441,7 @@ pub(super) async fn write_copied(
              ON CONFLICT (case_id, id) DO UPDATE SET state = excluded.state, failure = excluded.failure,
                                                      facts = excluded.facts, facts_digest = excluded.facts_digest",
         )
-        .bind(layer.case.key())
+        .bind(layer.case.to_string())
         .bind(layer.id.to_string())
         .bind(name.unwrap_or_default())
         .bind(serde_json::to_string(&layer.parameters)?)
@@ -485,13 +479,13 @@ pub(super) async fn forget_facts(
     pins::abandon(connection, maps, now).await?;
     connection
         .query("DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2 AND kind = 'maps'")
-        .bind(case.key())
+        .bind(case.to_string())
         .bind(layer.to_string())
         .execute()
         .await?;
     connection
         .query("UPDATE layers SET facts = NULL, facts_digest = NULL WHERE case_id = $1 AND id = $2")
-        .bind(case.key())
+        .bind(case.to_string())
         .bind(layer.to_string())
         .execute()
         .await?;
@@ -504,7 +498,7 @@ fn unreadable(what: &str) -> StoreError {
 
 fn read_ids(row: &Row) -> Result<(CaseId, LayerId), StoreError> {
     let [case, id]: [String; 2] = [row.get("case_id")?, row.get("id")?];
-    let case = CaseId::from_key(&case).ok_or_else(|| unreadable("case"))?;
+    let case = CaseId::parse(&case).ok_or_else(|| unreadable("case"))?;
     let id = LayerId::parse(&id).ok_or_else(|| unreadable("id"))?;
     Ok((case, id))
 }

@@ -20,6 +20,7 @@ mod postgres;
 mod result_rows;
 mod results;
 mod sqlite;
+mod store_id;
 mod tombstones;
 mod upkeep;
 
@@ -38,8 +39,8 @@ pub(crate) use self::connection::microseconds;
 use self::connection::{Connection, Database};
 use super::jobs::{Claim, NewJob};
 use super::rows::{Change, Inserted, NewCase, NewLayer, Pinned, Published, Referred, Sweep};
-use super::{Cursor, ObjectName, Page, Store, StoreError};
-use case::{Case, CaseFacts, CaseId, Failure, JobKind, LayerId, ObjectKind, Project};
+use super::{CaseQuery, Cursor, ObjectName, Page, Store, StoreError};
+use case::{Case, CaseFacts, CaseId, Failure, JobKind, LayerId, ObjectKind};
 
 /// The migrations of a database, oldest first: a number, a name and the statements of each. A database remembers the digests of those that
 /// it has had, so what stands here never changes.
@@ -139,7 +140,6 @@ impl Rows {
 
     /// Ends every lease and expires every pin, because no other process runs that could hold one.
     pub(crate) async fn forget_holders(&self) -> Result<(), StoreError> {
-        self.database.check_file().await?;
         let (mut transaction, now) = self.write().await?;
         jobs::end_leases(&mut transaction, now).await?;
         pins::expire_all(&mut transaction, now).await?;
@@ -147,6 +147,11 @@ impl Rows {
         transaction.commit().await?;
         self.database.empty_log().await;
         Ok(())
+    }
+
+    /// Checks the integrity of the database itself. Takes as long as reading it.
+    pub(crate) async fn check_file(&self) -> Result<(), StoreError> {
+        self.database.check_file().await
     }
 
     /// Finishes all work before the process ends. No other method may be called afterwards.
@@ -283,10 +288,22 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read.
     pub async fn cases(&self, after: Option<Cursor>, limit: usize) -> Result<Page, StoreError> {
-        let after = after.map(|cursor| cursor.within(self.scope()));
+        self.search(&CaseQuery::default(), after, limit).await
+    }
+
+    /// At most `limit` cases of a search after a cursor, newest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn search(
+        &self,
+        query: &CaseQuery,
+        after: Option<Cursor>,
+        limit: usize,
+    ) -> Result<Page, StoreError> {
         let mut page = loop {
             let mut connection = self.rows().connect().await?;
-            match cases::page(&mut connection, self.scope(), after.as_ref(), limit).await {
+            match cases::page(&mut connection, query, after.as_ref(), limit).await {
                 Err(StoreError::DamagedFacts(id)) => {
                     drop(connection);
                     upkeep::prepare_again(self.rows(), &id).await?;
@@ -299,18 +316,17 @@ impl Store {
         Ok(page)
     }
 
-    /// At most `limit` ready cases of a project whose volumes have the same stored values in any order
+    /// At most `limit` ready cases whose volumes have the same stored values in any order
     /// ([`VoxelFacts::values`](case::VoxelFacts::values)), newest first.
     ///
     /// # Errors
     /// If the rows cannot be read.
     pub async fn cases_with_voxels(
         &self,
-        project: Project,
         values: &str,
         limit: usize,
     ) -> Result<Vec<Case>, StoreError> {
-        cases::with_voxels(&mut self.rows().connect().await?, project, values, limit).await
+        cases::with_voxels(&mut self.rows().connect().await?, values, limit).await
     }
 
     /// The objects that a case needs; none if there is no such case.
@@ -543,7 +559,9 @@ impl Store {
     ) -> Result<Referred<()>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         let referred = match layer {
-            None if !transaction.has_case(&case.key()).await? => return Ok(Referred::Unneeded(())),
+            None if !transaction.has_case(&case.to_string()).await? => {
+                return Ok(Referred::Unneeded(()));
+            }
             None => cases::refer(&mut transaction, case, manifest, now).await?,
             Some(layer) if !layers::are_there(&mut transaction, case, &[*layer]).await? => {
                 return Ok(Referred::Unneeded(()));
@@ -599,7 +617,7 @@ impl Store {
         if !cases::refer(&mut transaction, &case.id, objects, now).await? {
             return Err(StoreError::Rows("a pin was lost".into()));
         }
-        jobs::cancel(&mut transaction, JobKind::PREPARE, &case.id.key()).await?;
+        jobs::cancel(&mut transaction, JobKind::PREPARE, &case.id.to_string()).await?;
         if !case.state.is_final() {
             jobs::enqueue(&mut transaction, &NewJob::prepare(&case.id), now).await?;
         }
@@ -609,6 +627,6 @@ impl Store {
 
     /// Checks the integrity of the database itself. Takes as long as reading it.
     pub(crate) async fn check_file(&self) -> Result<(), StoreError> {
-        self.rows().database.check_file().await
+        self.rows().check_file().await
     }
 }

@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use jiff::Timestamp;
 
-use super::arrivals::SeriesOf;
 use super::connection::{Connection, Row, microseconds};
 use super::{arrivals, jobs, pins, results};
 use crate::arrivals::{
@@ -57,14 +56,6 @@ pub(super) async fn objects(
 }
 
 impl Store {
-    /// A series of the project of this handle.
-    fn series<'a>(&self, uids: &'a SeriesUids) -> SeriesOf<'a> {
-        SeriesOf {
-            project: self.project(),
-            uids,
-        }
-    }
-
     /// Adds images, whose objects are durable and pinned, to their series. An image that is there already stays as it is,
     /// unless the new one replaces it.
     pub(crate) async fn insert_images(
@@ -79,7 +70,7 @@ impl Store {
         }
         let mut received = Received::default();
         for instance in instances {
-            match arrivals::add(&mut transaction, self.project(), source, instance, now).await? {
+            match arrivals::add(&mut transaction, source, instance, now).await? {
                 arrivals::Added::New => received.new += 1,
                 arrivals::Added::FirstReplaced(id) => received.corrected.push(id),
                 arrivals::Added::Known | arrivals::Added::Replaced => {}
@@ -100,8 +91,7 @@ impl Store {
         let mut connection = self.rows().connect().await?;
         let mut known = Vec::with_capacity(images.len());
         for (uids, instance) in images {
-            let series = self.series(uids);
-            known.push(arrivals::known(&mut connection, series, instance).await?);
+            known.push(arrivals::known(&mut connection, uids, instance).await?);
         }
         Ok(known)
     }
@@ -118,7 +108,7 @@ impl Store {
         reason: &Failure,
     ) -> Result<(), StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        arrivals::ignore(&mut transaction, self.series(uids), source, reason, now).await?;
+        arrivals::ignore(&mut transaction, uids, source, reason, now).await?;
         transaction.commit().await
     }
 
@@ -141,15 +131,12 @@ impl Store {
             arrivals::reject_case(&mut transaction, case).await?;
         }
         for (uids, instances) in &rejection.series {
-            let series = self.series(uids);
-            let removed =
-                arrivals::reject(&mut transaction, series, source, instances, reason, now);
+            let removed = arrivals::reject(&mut transaction, uids, source, instances, reason, now);
             forgotten += removed.await?;
             if !rejection.may_return {
                 let at = timestamp(now)?;
                 for instance in instances {
                     let withdrawn = Withdrawn {
-                        project: self.project(),
                         uids: Some(uids.clone()),
                         instance: instance.clone(),
                         at,
@@ -275,7 +262,6 @@ impl Store {
         let at = timestamp(now)?;
         for instance in instances {
             let withdrawn = Withdrawn {
-                project: self.project(),
                 uids: None,
                 instance: instance.clone(),
                 at,
@@ -317,8 +303,7 @@ impl Store {
         let mut connection = self.rows().connect().await?;
         let mut are = Vec::with_capacity(images.len());
         for (uids, instance) in images {
-            let series = self.series(uids);
-            are.push(arrivals::is_rejected(&mut connection, series, instance).await?);
+            are.push(arrivals::is_rejected(&mut connection, uids, instance).await?);
         }
         Ok(are)
     }
@@ -331,7 +316,7 @@ impl Store {
         let mut connection = self.rows().connect().await?;
         let mut are = Vec::with_capacity(instances.len());
         for instance in instances {
-            are.push(arrivals::is_withdrawn(&mut connection, self.scope(), instance).await?);
+            are.push(arrivals::is_withdrawn(&mut connection, instance).await?);
         }
         Ok(are)
     }
@@ -359,12 +344,8 @@ impl Store {
         arrival: &Arrival,
         kept: &[(Uid, ObjectName)],
     ) -> Result<(), StoreError> {
-        let series = SeriesOf {
-            project: arrival.project,
-            uids: &arrival.uids,
-        };
         let (mut transaction, now) = self.rows().write().await?;
-        arrivals::keep(&mut transaction, series, kept, now).await?;
+        arrivals::keep(&mut transaction, &arrival.uids, kept, now).await?;
         transaction.commit().await
     }
 
@@ -374,7 +355,7 @@ impl Store {
     /// If the rows cannot be read or written.
     pub async fn expect(&self, uids: &SeriesUids, instances: usize) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
-        arrivals::expect(&mut transaction, self.series(uids), instances).await?;
+        arrivals::expect(&mut transaction, uids, instances).await?;
         transaction.commit().await
     }
 
@@ -399,7 +380,7 @@ impl Store {
         limit: usize,
     ) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError> {
         let mut connection = self.rows().connect().await?;
-        arrivals::page(&mut connection, self.scope(), query, after, limit).await
+        arrivals::page(&mut connection, query, after, limit).await
     }
 
     /// A series that came.
@@ -407,8 +388,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn arrival(&self, id: &str) -> Result<Option<Arrival>, StoreError> {
-        let arrival = arrivals::one(&mut self.rows().connect().await?, id).await?;
-        Ok(arrival.filter(|arrival| self.covers(arrival.project)))
+        arrivals::one(&mut self.rows().connect().await?, id).await
     }
 
     /// The series that came and that a request names.
@@ -416,7 +396,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn arrivals_of(&self, query: &SeriesQuery) -> Result<Vec<Arrival>, StoreError> {
-        arrivals::of(&mut self.rows().connect().await?, self.scope(), query).await
+        arrivals::of(&mut self.rows().connect().await?, query).await
     }
 
     /// The images of a series that are here, by their UIDs.
@@ -424,7 +404,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
-        arrivals::images_of(&mut self.rows().connect().await?, uids, self.scope()).await
+        arrivals::images_of(&mut self.rows().connect().await?, uids).await
     }
 
     /// How many cases, series, results and jobs are in which state, and how long jobs have waited, for metrics.
@@ -509,6 +489,6 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn cases_of(&self, query: &SeriesQuery) -> Result<Vec<CaseSeries>, StoreError> {
-        arrivals::cases_of(&mut self.rows().connect().await?, self.scope(), query).await
+        arrivals::cases_of(&mut self.rows().connect().await?, query).await
     }
 }

@@ -3,6 +3,7 @@
 //! Writing transactions take one advisory lock and so run one after another, as in SQLite, so that both back ends
 //! behave alike. Each case needs about five, of a few milliseconds each.
 
+use std::io;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -52,7 +53,7 @@ pub(super) const NOW: &str =
 pub(super) async fn open(options: PgConnectOptions) -> Result<Connections, StoreError> {
     let options = options.options(SESSION).application_name("isocortex");
     // The pool would only say that it waited too long.
-    options.connect().await?.close().await?;
+    reach(&options).await?.close().await?;
     let pool = PgPoolOptions::new()
         .max_connections(CONNECTIONS)
         .acquire_timeout(ACQUIRE_TIMEOUT)
@@ -61,19 +62,29 @@ pub(super) async fn open(options: PgConnectOptions) -> Result<Connections, Store
         .await?;
     Ok(Connections {
         pool,
-        away_until: Arc::default(),
+        away: Arc::default(),
         reached_at: Arc::new(Mutex::new(Instant::now())),
     })
 }
 
 /// Whether a database has the table of cases.
 pub(super) async fn has_cases(options: PgConnectOptions) -> Result<bool, StoreError> {
-    let mut connection = options.application_name("isocortex").connect().await?;
+    let mut connection = reach(&options.application_name("isocortex")).await?;
     let has = sqlx::query_scalar("SELECT to_regclass('cases') IS NOT NULL")
         .fetch_one(&mut connection)
         .await?;
     connection.close().await?;
     Ok(has)
+}
+
+/// Connects within [`ACQUIRE_TIMEOUT`].
+async fn reach(options: &PgConnectOptions) -> Result<PgConnection, sqlx::Error> {
+    let silent = |_elapsed| {
+        let words = "the database does not answer";
+        sqlx::Error::Io(io::Error::new(io::ErrorKind::TimedOut, words))
+    };
+    let reached = tokio::time::timeout(ACQUIRE_TIMEOUT, options.connect());
+    reached.await.map_err(silent)?
 }
 
 /// A committed row must survive a loss of power, whatever the database is configured to.
@@ -93,10 +104,28 @@ async fn keep_commits(connection: &mut PgConnection) -> Result<(), sqlx::Error> 
 #[derive(Debug, Clone)]
 pub(super) struct Connections {
     pool: PgPool,
-    /// Until when nobody else tries. Held for moments.
-    away_until: Arc<Mutex<Option<Instant>>>,
+    /// Held for moments.
+    away: Arc<Mutex<Option<Away>>>,
     /// When it was reached last. Held for moments.
     reached_at: Arc<Mutex<Instant>>,
+}
+
+/// A database that cannot be reached.
+#[derive(Debug)]
+struct Away {
+    /// Until when nobody else tries.
+    until: Instant,
+    /// Why, as far as the latest attempt knows.
+    cause: Option<(io::ErrorKind, String)>,
+}
+
+impl Away {
+    fn error(&self) -> sqlx::Error {
+        match &self.cause {
+            Some((kind, words)) => sqlx::Error::Io(io::Error::new(*kind, words.clone())),
+            None => sqlx::Error::PoolTimedOut,
+        }
+    }
 }
 
 impl Connections {
@@ -139,19 +168,32 @@ impl Connections {
         attempt: impl Future<Output = Result<T, sqlx::Error>>,
     ) -> Result<T, sqlx::Error> {
         {
-            let mut away_until = lock(&self.away_until);
-            match *away_until {
-                Some(until) if Instant::now() < until => return Err(sqlx::Error::PoolTimedOut),
-                Some(_) => *away_until = Some(Instant::now() + ACQUIRE_TIMEOUT),
+            let mut away = lock(&self.away);
+            match &mut *away {
+                Some(away) if Instant::now() < away.until => return Err(away.error()),
+                Some(away) => away.until = Instant::now() + ACQUIRE_TIMEOUT,
                 None => {}
             }
         }
-        let reached = attempt.await;
+        let mut reached = attempt.await;
         if reached.is_ok() {
             *lock(&self.reached_at) = Instant::now();
         }
-        let is_away = matches!(reached, Err(sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut));
-        *lock(&self.away_until) = is_away.then(|| Instant::now() + AWAY_FOR);
+        if let Err(sqlx::Error::PoolTimedOut) = reached
+            && let options = self.pool.connect_options()
+            && let Ok(Err(cause)) = tokio::time::timeout(AWAY_FOR, options.connect()).await
+        {
+            reached = Err(cause);
+        }
+        let cause = match &reached {
+            Err(sqlx::Error::Io(error)) => Some((error.kind(), error.to_string())),
+            _ => None,
+        };
+        let is_away = cause.is_some() || matches!(reached, Err(sqlx::Error::PoolTimedOut));
+        *lock(&self.away) = is_away.then(|| Away {
+            until: Instant::now() + AWAY_FOR,
+            cause,
+        });
         reached
     }
 
@@ -196,8 +238,8 @@ impl Connections {
 
 fn read_change(payload: &str) -> Option<Change> {
     match payload.split_once(' ') {
-        Some(("changed", id)) => CaseId::from_key(id).map(Change::Changed),
-        Some(("deleted", id)) => CaseId::from_key(id).map(Change::Deleted),
+        Some(("changed", id)) => CaseId::parse(id).map(Change::Changed),
+        Some(("deleted", id)) => CaseId::parse(id).map(Change::Deleted),
         _ => (payload == "queued").then_some(Change::Queued),
     }
 }
@@ -221,7 +263,7 @@ mod tests {
 
     async fn store_at(address: &str) -> Store {
         let rows = Rows::postgres(address.parse().unwrap()).await;
-        Subject::new(rows.unwrap(), ()).store
+        Subject::new(rows.unwrap(), ()).await.store
     }
 
     fn pool(store: &Store) -> &PgPool {
@@ -239,7 +281,7 @@ mod tests {
         let subject = async || {
             let address = server.database().await;
             let rows = Rows::postgres(address.parse().unwrap()).await;
-            Subject::new(rows.unwrap(), ())
+            Subject::new(rows.unwrap(), ()).await
         };
         crate::conformance::conformance! { in_turn subject }
     }

@@ -33,7 +33,7 @@ impl Store {
         pinned: &Pinned,
     ) -> Result<bool, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        if !transaction.has_case(&result.case.key()).await?
+        if !transaction.has_case(&result.case.to_string()).await?
             || !pins::consume(&mut transaction, pinned).await?
         {
             return Ok(false);
@@ -54,7 +54,7 @@ impl Store {
         limit: usize,
     ) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError> {
         let mut connection = self.rows().connect().await?;
-        results::page(&mut connection, self.scope(), query, after, limit).await
+        results::page(&mut connection, query, after, limit).await
     }
 
     /// A result.
@@ -62,8 +62,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn result(&self, id: &str) -> Result<Option<SentResult>, StoreError> {
-        let result = results::one(&mut self.rows().connect().await?, id).await?;
-        Ok(result.filter(|result| self.covers(result.case.project())))
+        results::one(&mut self.rows().connect().await?, id).await
     }
 
     /// The object of a result that was queued before, for any node.
@@ -71,7 +70,7 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn object_of_result(&self, instance: &Uid) -> Result<Option<ObjectName>, StoreError> {
-        results::of_instance(&mut self.rows().connect().await?, self.scope(), instance).await
+        results::of_instance(&mut self.rows().connect().await?, instance).await
     }
 
     /// The results of a study and their series, each once, the first one first. Those that do not count any more are among them.
@@ -79,6 +78,6 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn results_of(&self, study: &Uid) -> Result<Vec<(Uid, ResultSeries)>, StoreError> {
-        results::of_study(&mut self.rows().connect().await?, self.scope(), study).await
+        results::of_study(&mut self.rows().connect().await?, study).await
     }
 }

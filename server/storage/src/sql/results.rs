@@ -1,13 +1,13 @@
 //! Results that are sent to a node.
 
-use super::arrivals::{count, name_of, read_count, read_time, superseded_code, unreadable};
+use super::arrivals::{count, read_count, read_time, superseded_code, unreadable};
 use super::connection::{Connection, Row};
 use super::{jobs, layers, pins};
 use crate::arrivals::{ArrivalCursor, Superseded, TransferQuery, Uid};
 use crate::jobs::{Job, NewJob};
 use crate::results::{NewResult, NotValid, ResultSeries, SentResult, object};
 use crate::{ObjectName, StoreError};
-use case::{CaseId, Failure, JobKind, JobState, LayerId, Project};
+use case::{CaseId, Failure, JobKind, JobState, LayerId};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_result {
@@ -16,8 +16,7 @@ macro_rules! select_result {
             "SELECT id, case_id, node, study_uid, sop_instance_uid, sop_class_uid, series_uid,
                     digest, created_at, layers, layer_series, layer_withdrawn,
                     (SELECT superseded FROM case_series WHERE case_series.case_id = results.case_id) AS superseded,
-                    (SELECT count(*) FROM rejections WHERE rejections.sop_instance_uid = results.sop_instance_uid
-                                                       AND rejections.project = results.project) AS rejected
+                    (SELECT count(*) FROM rejections WHERE rejections.sop_instance_uid = results.sop_instance_uid) AS rejected
              FROM results ",
             $rest
         )
@@ -59,12 +58,9 @@ async fn note_layers(
     is_withdrawn: bool,
 ) -> Result<(), StoreError> {
     connection
-        .query(
-            "UPDATE results SET layer_withdrawn = $1 WHERE sop_instance_uid = $2 AND project = $3",
-        )
+        .query("UPDATE results SET layer_withdrawn = $1 WHERE sop_instance_uid = $2")
         .bind(i64::from(is_withdrawn))
         .bind(result.instance.as_str())
-        .bind(result.case.project().name())
         .execute()
         .await?;
     Ok(())
@@ -76,7 +72,7 @@ pub(super) enum Shown<'a> {
     /// A layer of a case.
     Layer(&'a CaseId, &'a LayerId),
     /// Any layer that is or was made of a series.
-    Series(Project, &'a Uid),
+    Series(&'a Uid),
 }
 
 /// Notes that a layer was withdrawn, and ends the jobs that send results that may show it, with a reason. Returns how many have
@@ -88,19 +84,18 @@ pub(super) async fn withdraw_showing(
     now: i64,
 ) -> Result<usize, StoreError> {
     // Neither an id nor a UID is ever a part of the other column.
-    let (project, case, pattern) = match shown {
-        Shown::Layer(case, layer) => (case.project(), Some(case.key()), format!("%{layer}%")),
-        Shown::Series(project, series) => (project, None, format!("% {} %", series.as_str())),
+    let (case, pattern) = match shown {
+        Shown::Layer(case, layer) => (Some(case.to_string()), format!("%{layer}%")),
+        Shown::Series(series) => (None, format!("% {} %", series.as_str())),
     };
     let row = connection
         .query(
             "SELECT count(*) AS sent FROM results
-             WHERE project = $1 AND coalesce($2, case_id) = case_id AND (layers LIKE $3 OR layer_series LIKE $3)
+             WHERE coalesce($1, case_id) = case_id AND (layers LIKE $2 OR layer_series LIKE $2)
                AND layer_withdrawn = 0
                AND 'done' = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
                                       ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done')",
         )
-        .bind(project.name())
         .bind(case.clone())
         .bind(&pattern)
         .fetch_one()
@@ -109,9 +104,8 @@ pub(super) async fn withdraw_showing(
     connection
         .query(
             "UPDATE results SET layer_withdrawn = 1
-             WHERE project = $1 AND coalesce($2, case_id) = case_id AND (layers LIKE $3 OR layer_series LIKE $3)",
+             WHERE coalesce($1, case_id) = case_id AND (layers LIKE $2 OR layer_series LIKE $2)",
         )
-        .bind(project.name())
         .bind(case.clone())
         .bind(&pattern)
         .execute()
@@ -121,11 +115,10 @@ pub(super) async fn withdraw_showing(
             "UPDATE jobs SET state = 'failed', failure = $1, ended_at = $2, fence = 0, lease_until = NULL
              WHERE state IN ('queued', 'running') AND key IN (
                  SELECT id FROM results
-                 WHERE project = $3 AND coalesce($4, case_id) = case_id AND (layers LIKE $5 OR layer_series LIKE $5))",
+                 WHERE coalesce($3, case_id) = case_id AND (layers LIKE $4 OR layer_series LIKE $4))",
         )
         .bind(serde_json::to_string(failure)?)
         .bind(now)
-        .bind(project.name())
         .bind(case)
         .bind(&pattern)
         .execute()
@@ -143,12 +136,12 @@ async fn insert(
     connection
         .query(
             "INSERT INTO results (id, case_id, node, study_uid, sop_instance_uid, digest, created_at,
-                                  sop_class_uid, series_uid, project, layers, layer_series)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12)
-             ON CONFLICT (sop_instance_uid, node, project) DO NOTHING",
+                                  sop_class_uid, series_uid, layers, layer_series)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11)
+             ON CONFLICT (sop_instance_uid, node) DO NOTHING",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
-        .bind(new.case.key())
+        .bind(new.case.to_string())
         .bind(&new.node)
         .bind(new.study.as_str())
         .bind(new.instance.as_str())
@@ -156,16 +149,14 @@ async fn insert(
         .bind(now)
         .bind(new.series.sop_class_uid.as_str())
         .bind(new.series.series_uid.as_str())
-        .bind(new.case.project().name())
         .bind(written(&new.layers))
         .bind(written_series(series))
         .execute()
         .await?;
     let row = connection
-        .query("SELECT id FROM results WHERE sop_instance_uid = $1 AND node = $2 AND project = $3")
+        .query("SELECT id FROM results WHERE sop_instance_uid = $1 AND node = $2")
         .bind(new.instance.as_str())
         .bind(&new.node)
-        .bind(new.case.project().name())
         .fetch_one()
         .await?;
     row.get("id")
@@ -205,7 +196,6 @@ pub(super) async fn write_copied(
 
 pub(super) async fn page(
     connection: &mut Connection,
-    scope: Option<Project>,
     query: &TransferQuery,
     after: Option<&ArrivalCursor>,
     limit: usize,
@@ -217,17 +207,16 @@ pub(super) async fn page(
     let rows = connection
         .query(
             "SELECT id FROM results
-             WHERE (created_at, id) < ($1, $2) AND coalesce($3, case_id) = case_id AND coalesce($6, project) = project
+             WHERE (created_at, id) < ($1, $2) AND coalesce($3, case_id) = case_id
                AND ($4 IS NULL OR $4 = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
                                                  ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done'))
              ORDER BY created_at DESC, id DESC LIMIT $5",
         )
         .bind(at)
         .bind(id)
-        .bind(query.case.map(|case| case.key()))
+        .bind(query.case.map(|case| case.to_string()))
         .bind(query.state.map(JobState::name))
         .bind(count(limit.saturating_add(1)))
-        .bind(name_of(scope))
         .fetch_all()
         .await?;
     let mut results = Vec::with_capacity(rows.len());
@@ -263,16 +252,13 @@ pub(super) async fn one(
 /// Results for different nodes share one object.
 pub(super) async fn of_instance(
     connection: &mut Connection,
-    scope: Option<Project>,
     instance: &Uid,
 ) -> Result<Option<ObjectName>, StoreError> {
     let row = connection
         .query(
-            "SELECT digest FROM results WHERE sop_instance_uid = $1 AND coalesce($2, project) = project
-             ORDER BY created_at, id LIMIT 1",
+            "SELECT digest FROM results WHERE sop_instance_uid = $1 ORDER BY created_at, id LIMIT 1",
         )
         .bind(instance.as_str())
-        .bind(name_of(scope))
         .fetch_optional()
         .await?;
     row.as_ref().map(read_object).transpose()
@@ -281,17 +267,14 @@ pub(super) async fn of_instance(
 /// A result that was sent to several nodes is there once.
 pub(super) async fn of_study(
     connection: &mut Connection,
-    scope: Option<Project>,
     study: &Uid,
 ) -> Result<Vec<(Uid, ResultSeries)>, StoreError> {
     let rows = connection
         .query(
-            "SELECT sop_instance_uid, sop_class_uid, series_uid FROM results
-             WHERE study_uid = $1 AND coalesce($2, project) = project
+            "SELECT sop_instance_uid, sop_class_uid, series_uid FROM results WHERE study_uid = $1
              GROUP BY sop_instance_uid, sop_class_uid, series_uid ORDER BY min(created_at), sop_instance_uid",
         )
         .bind(study.as_str())
-        .bind(name_of(scope))
         .fetch_all()
         .await?;
     let read = |row: &Row| Ok((read_uid(row, "sop_instance_uid")?, read_series(row)?));
@@ -341,7 +324,7 @@ pub(super) async fn abandon_of_case(
 ) -> Result<(), StoreError> {
     let rows = connection
         .query("SELECT digest FROM results WHERE case_id = $1")
-        .bind(case.key())
+        .bind(case.to_string())
         .fetch_all()
         .await?;
     abandon(connection, &rows, now).await
@@ -360,7 +343,7 @@ fn read_object(row: &Row) -> Result<ObjectName, StoreError> {
 
 fn read_case(row: &Row) -> Result<CaseId, StoreError> {
     let case: String = row.get("case_id")?;
-    CaseId::from_key(&case).ok_or_else(|| unreadable("case"))
+    CaseId::parse(&case).ok_or_else(|| unreadable("case"))
 }
 
 /// The ids of layers, as a column has them.

@@ -227,12 +227,12 @@ mod tests {
     use crate::sql::connection::Database;
     use crate::{ObjectName, Pinned, Published, Store, testing};
 
-    fn on(rows: Rows) -> Store {
-        Subject::new(rows, ()).store
+    async fn on(rows: Rows) -> Store {
+        Subject::new(rows, ()).await.store
     }
 
     async fn at(file: &Path) -> Result<Store, StoreError> {
-        Rows::sqlite(file).await.map(on)
+        Ok(on(Rows::sqlite(file).await?).await)
     }
 
     const HOUR: Duration = Duration::from_secs(3600);
@@ -250,7 +250,7 @@ mod tests {
             .filename(directory.join("rows.sqlite"))
             .create_if_missing(true)
             .journal_mode(SqliteJournalMode::Wal);
-        let store = on(Rows::on_sqlite(options, 1).await.unwrap());
+        let store = on(Rows::on_sqlite(options, 1).await.unwrap()).await;
         // Less than there is: SQLite takes the size of the file for it.
         sqlx::query("PRAGMA max_page_count = 1")
             .execute(pool(&store))
@@ -395,7 +395,7 @@ mod tests {
         let log = directory.path().join("rows.sqlite-wal");
         let (store, id) = with_a_ready_case(&file).await;
         store.rename(&id, "CANARY-LABEL").await.unwrap();
-        let words = ["CANARY-LABEL".to_owned(), id.key()];
+        let words = ["CANARY-LABEL".to_owned(), id.to_string()];
         for word in &words {
             assert!(holds(&file, word) || holds(&log, word), "{word}");
         }
@@ -450,7 +450,7 @@ mod tests {
         drop(connection);
         store.rows().close().await;
         let store = at(&file).await.unwrap();
-        let error = store.rows().forget_holders().await.unwrap_err();
+        let error = store.rows().check_file().await.unwrap_err();
         assert!(matches!(error, StoreError::DamagedFile(_)), "{error:?}");
     }
 
@@ -523,7 +523,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_check_writes_nothing() {
-        let store = on(Rows::in_memory().await.unwrap());
+        let store = on(Rows::in_memory().await.unwrap()).await;
         store.rows().check().await.unwrap();
         let value: i64 = sqlx::query_scalar("SELECT value FROM fence")
             .fetch_one(pool(&store))

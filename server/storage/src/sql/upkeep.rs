@@ -20,7 +20,7 @@ pub(super) async fn prepare_again(rows: &Rows, id: &CaseId) -> Result<(), StoreE
     let (mut transaction, now) = rows.write().await?;
     let found = transaction
         .query("UPDATE cases SET state = 'queued', facts = NULL, facts_digest = NULL WHERE id = $1")
-        .bind(id.key())
+        .bind(id.to_string())
         .execute()
         .await?;
     if found > 0 {

@@ -26,6 +26,14 @@ pub const BUCKET: &str = "isocortex";
 const KEY: &str = "AK";
 const SECRET: &str = "SKSKSKSK";
 
+/// The file with the key and the secret.
+const CREDENTIALS: &str = "credentials";
+
+/// The text of a file with the key and this secret.
+pub(crate) fn credentials(secret: &str) -> String {
+    format!("[default]\naws_access_key_id = {KEY}\naws_secret_access_key = {secret}\n")
+}
+
 /// A store on this machine. Dropping it ends it.
 #[derive(Debug)]
 pub struct S3Server {
@@ -49,6 +57,7 @@ impl S3Server {
                 "actions":["Admin","Read","Write","List","Tagging"]}}]}}"#
         );
         std::fs::write(folder.path().join("s3.json"), identities).unwrap();
+        std::fs::write(folder.path().join(CREDENTIALS), credentials(SECRET)).unwrap();
         std::fs::create_dir(folder.path().join("data")).unwrap();
         let ports = free_ports();
         let [
@@ -103,14 +112,17 @@ impl S3Server {
     }
 
     /// The `AWS_…` variables of a process that is to use it.
-    pub fn variables(&self) -> [(&'static str, String); 3] {
+    pub fn variables(&self) -> [(&'static str, String); 2] {
+        let credentials = self.folder.path().join(CREDENTIALS);
         [
             (
                 "AWS_ENDPOINT_URL",
                 format!("http://127.0.0.1:{}", self.ports[0]),
             ),
-            ("AWS_ACCESS_KEY_ID", KEY.to_owned()),
-            ("AWS_SECRET_ACCESS_KEY", SECRET.to_owned()),
+            (
+                "AWS_SHARED_CREDENTIALS_FILE",
+                credentials.display().to_string(),
+            ),
         ]
     }
 

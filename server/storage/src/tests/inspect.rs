@@ -186,7 +186,7 @@ async fn a_copy_has_the_same_cases_and_the_next_one_writes_nothing() {
     assert!(matches!(found.await, Ok(Replaced::Done(_))));
     let (first, reported) = copied(&from, &to).await;
     assert_eq!(reported, ids.map(|id| (id, true)), "the oldest first");
-    let files = files_below(&there.path().join("objects"));
+    let files = objects_below(&there.path().join("objects"));
     let bytes = files.iter().map(|file| file.metadata().unwrap().len());
     let expected = Copied {
         cases: 3,

@@ -9,7 +9,7 @@ use crate::testing::{name, pinned};
 async fn movable(directory: &TempDir) -> Store {
     let rows = Rows::in_memory().await.unwrap();
     let objects = Objects::in_directory(directory.path()).unwrap();
-    Store::on(rows, objects, Options::default()).unwrap()
+    Store::on(rows, objects, Options::default()).await.unwrap()
 }
 
 async fn put(store: &Store, contents: &'static str) -> ObjectName {
@@ -103,7 +103,7 @@ async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
         keep: Some(day),
         ..Options::default()
     };
-    let store = Store::on(rows, objects, options).unwrap();
+    let store = Store::on(rows, objects, options).await.unwrap();
     let failure = crate::testing::failure();
     let mut ids = Vec::new();
     for name in ["one", "kept"] {
@@ -137,7 +137,7 @@ async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
     let left = store.cases(None, 10).await.unwrap().cases;
     assert_eq!(left.iter().map(|case| case.id).collect::<Vec<_>>(), [kept]);
     let needed = store.case_objects(&kept).await.unwrap().len();
-    assert_eq!(crate::testing::files_below(directory.path()).len(), needed);
+    assert_eq!(objects_below(directory.path()).len(), needed);
 }
 
 /// A store that keeps cases for ten days.
@@ -151,7 +151,7 @@ impl Kept {
     async fn new() -> Self {
         let rows = Rows::in_memory().await.unwrap();
         let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
-        let store = Self::store_on(&rows, &objects);
+        let store = Self::store_on(&rows, &objects).await;
         let kept = Self {
             rows,
             objects,
@@ -163,12 +163,14 @@ impl Kept {
         kept
     }
 
-    fn store_on(rows: &Rows, objects: &Objects) -> Store {
+    async fn store_on(rows: &Rows, objects: &Objects) -> Store {
         let options = Options {
             keep: Some(10 * DAY),
             ..Options::default()
         };
-        Store::on(rows.clone(), objects.clone(), options).unwrap()
+        Store::on(rows.clone(), objects.clone(), options)
+            .await
+            .unwrap()
     }
 
     fn pass(&self, time: Duration) {
@@ -221,7 +223,7 @@ async fn a_process_removes_nothing_by_itself_in_its_first_hour_and_a_person_may(
         assert_eq!(kept.removed(Removal::Automatic).await, (0, None));
         kept.pass(5 * DAY);
     }
-    let started = Kept::store_on(&kept.rows, &kept.objects);
+    let started = Kept::store_on(&kept.rows, &kept.objects).await;
     let waits = (0, Some(Waiting::FirstHour));
     assert_eq!(removed(&started, Removal::Automatic).await, waits);
     kept.pass(HOUR - Duration::from_secs(60));

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use case::{CaseState, Parameters};
-use storage::testing::{assert_nothing_left_over, files_below, steps};
+use storage::testing::{assert_nothing_left_over, objects_below, steps};
 
 use super::{GRACE, expected, load, open, ready};
 use crate::jobs::start_workers;
@@ -29,7 +29,7 @@ async fn deleting_a_case_removes_what_no_other_case_needs() {
     assert!(!library.store().delete(&id).await.unwrap());
     assert_eq!(library.store().case(&id).await.unwrap(), None);
     // The source and the other manifest.
-    assert_eq!(files_below(&directory.path().join("objects")).len(), 2);
+    assert_eq!(objects_below(&directory.path().join("objects")).len(), 2);
     let workers = start_workers(library.clone(), 1);
     assert_eq!(
         settled_state(&library, &other).await,
@@ -38,7 +38,7 @@ async fn deleting_a_case_removes_what_no_other_case_needs() {
     workers.shut_down(GRACE).await;
     assert_nothing_left_over(library.store(), directory.path()).await;
     assert!(library.store().delete(&other).await.unwrap());
-    assert_eq!(files_below(&directory.path().join("objects")).len(), 0);
+    assert_eq!(objects_below(&directory.path().join("objects")).len(), 0);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

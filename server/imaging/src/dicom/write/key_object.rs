@@ -1,4 +1,4 @@
-//! A Key Object Selection: a list of objects of one study, with a title.
+//! A rejection note: a Key Object Selection of objects of one study, with a reason as its title.
 
 use dicom_core::VR;
 use dicom_dictionary_std::{tags, uids};
@@ -6,17 +6,9 @@ use dicom_dictionary_std::{tags, uids};
 use super::common::{Head, WriteError, file};
 use super::item::{Code, Item};
 
-/// The title of a list (CID 7010), or the reason of a rejection note (CID 7011).
+/// The reason of a rejection note (CID 7011).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum KeyObjectTitle {
-    /// Of interest.
-    OfInterest,
-    /// For surgery.
-    ForSurgery,
-    /// For a conference.
-    ForConference,
-    /// For research.
-    ForResearch,
     /// The objects are rejected for their quality.
     RejectedForQuality,
     /// The objects are rejected because they may harm a patient, such as those of a wrong patient or side.
@@ -30,10 +22,6 @@ pub enum KeyObjectTitle {
 impl KeyObjectTitle {
     fn code(self) -> Code<'static> {
         let (value, meaning) = match self {
-            Self::OfInterest => ("113000", "Of Interest"),
-            Self::ForSurgery => ("113003", "For Surgery"),
-            Self::ForConference => ("113005", "For Conference"),
-            Self::ForResearch => ("113009", "For Research"),
             Self::RejectedForQuality => ("113001", "Rejected for Quality Reasons"),
             Self::RejectedForSafety => ("113037", "Rejected for Patient Safety Reasons"),
             Self::IncorrectWorklistEntry => ("113038", "Incorrect Modality Worklist Entry"),

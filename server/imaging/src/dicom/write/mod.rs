@@ -1,17 +1,17 @@
-//! Results as DICOM objects: Secondary Capture, Multi-frame True Color Secondary Capture, Segmentation, Key Object
-//! Selection, Comprehensive 3D SR, and Encapsulated PDF.
+//! Results as DICOM objects: Secondary Capture, Segmentation, Comprehensive 3D SR, Encapsulated PDF, and rejection notes
+//! (Key Object Selection).
 //!
 //! Patient and study are those of the source. Texts are written in UTF-8, the transfer syntax is Explicit VR Little
 //! Endian without compression, and the same values give the same bytes.
 //!
-//! Source: the DICOM standard, part 3, A.8.1, A.8.5, A.35.4, A.35.13, A.45.1 and A.51, at <https://www.dicomstandard.org>.
+//! Source: the DICOM standard, part 3, A.8.1, A.35.4, A.35.13, A.45.1 and A.51, at <https://www.dicomstandard.org>.
 
 mod common;
 mod encapsulated;
 mod item;
 mod key_object;
 mod measurement_report;
-mod pictures;
+mod picture;
 mod segmentation;
 mod syntax;
 mod uid;
@@ -22,17 +22,13 @@ pub use encapsulated::encapsulated_pdf;
 pub(in crate::dicom) use item::Code;
 pub use key_object::{KeyObjectTitle, Listed, key_object};
 pub use measurement_report::measurement_report;
-pub use pictures::{Cine, Laterality, Pictures, pictures};
+pub use picture::{Laterality, Picture, picture};
 pub use segmentation::{About, Algorithm, Property, Segment, segmentation};
 pub use syntax::implicit_file;
 pub use uid::uid_of;
 
 /// The class of a picture.
 pub const PICTURE: &str = dicom_dictionary_std::uids::SECONDARY_CAPTURE_IMAGE_STORAGE;
-
-/// The class of several pictures.
-pub const CINE: &str =
-    dicom_dictionary_std::uids::MULTI_FRAME_TRUE_COLOR_SECONDARY_CAPTURE_IMAGE_STORAGE;
 
 /// The class of a segmentation.
 pub const SEGMENTATION: &str = dicom_dictionary_std::uids::SEGMENTATION_STORAGE;
@@ -43,5 +39,5 @@ pub const MEASUREMENT_REPORT: &str = dicom_dictionary_std::uids::COMPREHENSIVE3_
 /// The class of a report as PDF.
 pub const REPORT: &str = dicom_dictionary_std::uids::ENCAPSULATED_PDF_STORAGE;
 
-/// The class of a list of objects.
+/// The class of a rejection note.
 pub const KEY_OBJECT: &str = dicom_dictionary_std::uids::KEY_OBJECT_SELECTION_DOCUMENT_STORAGE;

@@ -12,7 +12,7 @@ use storage::Watch;
 
 use super::{LayerView, layer_of};
 use crate::routes::events::stream_of;
-use crate::state::{EventStreams, InProject};
+use crate::state::EventStreams;
 use http_support::listen::ThisClient;
 use http_support::problem::AppError;
 use http_support::query::{ApiQuery, CasePath, NoQuery};
@@ -34,7 +34,7 @@ use http_support::query::{ApiQuery, CasePath, NoQuery};
     )
 )]
 pub async fn get_layer_events(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     State(streams): State<EventStreams>,
     ThisClient(client): ThisClient,
     CasePath(id): CasePath,

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use crate::state::InProject;
 use axum::extract::{RawPathParams, State};
 use axum::http::{HeaderMap, header};
 use axum::response::Response;
@@ -69,7 +68,7 @@ fn variant(layer: &ChosenLayer) -> String {
     )
 )]
 pub async fn get_layer_volume(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     State(bodies): State<Bodies>,
     CasePath(id): CasePath,
     path: RawPathParams,
@@ -137,7 +136,7 @@ pub async fn get_layer_volume(
     )
 )]
 pub async fn get_layer_nifti(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
     ApiQuery { asked: query, .. }: ApiQuery<NoQuery>,

@@ -3,11 +3,12 @@
 mod files;
 mod plan;
 
-use crate::state::InProject;
 use axum::body::Bytes;
+use axum::extract::State;
 use axum::extract::rejection::BytesRejection;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
+use cases::Cases;
 use cases::pictures::{Layout, PictureRequest, PictureSeries};
 
 use self::files::File;
@@ -44,7 +45,7 @@ const ZIP: &str = "application/zip";
     )
 )]
 pub async fn create_renders(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,
     request: HeaderMap,

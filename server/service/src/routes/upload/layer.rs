@@ -5,9 +5,9 @@ use axum::extract::{FromRequest as _, Request, State};
 use axum::http::{StatusCode, header};
 use axum::response::Response;
 use case::{Contrast, LayerKind, LayerParameters, Transform};
-use cases::VolumeFiles;
 use cases::dicom::{Options, Purpose};
 use cases::layers::ReceivedLayer;
+use cases::{Cases, VolumeFiles};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -15,7 +15,7 @@ use super::form::{only_one, read_parameters, set_once, take_options, unknown_par
 use super::parts::{DicomParts, Incoming};
 use super::{RETRY_SECONDS, refuse_early};
 use crate::routes::layers::{LayerView, address_of};
-use crate::state::{InProject, Uploads};
+use crate::state::Uploads;
 use http_support::conditional;
 use http_support::form_body::HeaderBudget;
 use http_support::fresh::fresh_json;
@@ -81,7 +81,7 @@ struct SentParameters {
     )
 )]
 pub async fn create_layer(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     State(uploads): State<Uploads>,
     CasePath(id): CasePath,
     _no_query: ApiQuery<NoQuery>,

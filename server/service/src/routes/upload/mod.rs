@@ -8,13 +8,14 @@ use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
+use cases::Cases;
 use cases::dicom::{Choice, Options};
 use storage::Submitted;
 use utoipa::ToSchema;
 
 use self::form::Form;
 use super::cases::{CaseView, address_of};
-use crate::state::{InProject, Uploads};
+use crate::state::Uploads;
 use http_support::conditional;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
@@ -69,7 +70,7 @@ pub struct UploadForm {
     )
 )]
 pub async fn create_case(
-    InProject(cases): InProject,
+    State(cases): State<Cases>,
     State(uploads): State<Uploads>,
     _no_query: ApiQuery<NoQuery>,
     request: Request,

@@ -13,7 +13,6 @@ use tokio::io::AsyncWriteExt as _;
 
 use crate::state::Uploads;
 use http_support::metrics::Metrics;
-use http_support::pace::is_too_slow;
 use http_support::problem::AppError;
 use http_support::uploads::UploadLimits;
 
@@ -94,7 +93,7 @@ impl<'a> Incoming<'a> {
     /// Waits for the next piece, within the time limits.
     ///
     /// # Errors
-    /// [`AppError::Upload`] if it comes too late or too slowly; [`PieceError::refusal`].
+    /// [`AppError::Upload`] if it comes too late; [`PieceError::refusal`].
     pub(super) async fn in_time<T, E: PieceError>(
         &self,
         piece: impl Future<Output = Result<T, E>>,
@@ -103,12 +102,7 @@ impl<'a> Incoming<'a> {
         let wait = self.limits.idle.min(left);
         let piece = tokio::time::timeout(wait, piece).await;
         let piece = piece.map_err(|_elapsed| stalled(self.too_late(wait)))?;
-        piece.map_err(|error| match is_too_slow(&error) {
-            true => stalled(
-                "the upload was too slow; send it again over a faster connection".to_owned(),
-            ),
-            false => error.refusal(&self.limits),
-        })
+        piece.map_err(|error| error.refusal(&self.limits))
     }
 
     fn too_late(&self, wait: Duration) -> String {

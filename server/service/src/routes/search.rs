@@ -1,0 +1,186 @@
+//! Cases by label, state, day, study, series, accession number and Patient ID. The request is in a body, because addresses are
+//! logged.
+
+use axum::body::Bytes;
+use axum::extract::State;
+use axum::extract::rejection::BytesRejection;
+use axum::http::StatusCode;
+use axum::response::Response;
+use case::CaseState;
+use case::arrivals::{AccessionNumber, PatientDigest, Uid};
+use cases::Cases;
+use cases::search::Found;
+use http_support::fresh::fresh_json;
+use http_support::problem::AppError;
+use http_support::query::{ApiQuery, MAX_PAGE, NoQuery, usual_page};
+use http_support::sent::json_body;
+use jiff::Timestamp;
+use jiff::civil::Date;
+use jiff::tz::TimeZone;
+use serde::{Deserialize, Serialize};
+use storage::{CaseQuery, Cursor};
+use utoipa::ToSchema;
+
+use super::cases::CaseView;
+
+/// The longest part of a label to look for, in characters.
+const MAX_LABEL: usize = 100;
+
+/// Which cases to find. Conditions are combined: a case must fulfil each of them.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CaseSearch {
+    /// A part of the label, 1 to 100 characters, whether in upper or lower case.
+    label: Option<String>,
+    /// `queued`, `preparing`, `ready` or `failed`.
+    state: Option<String>,
+    /// The first day on which they came, in UTC, such as `2026-11-01`.
+    from: Option<String>,
+    /// The last day on which they came, in UTC; the same as `from` for one day.
+    to: Option<String>,
+    /// The Study Instance UID.
+    study: Option<String>,
+    /// The Series Instance UID.
+    series: Option<String>,
+    /// The accession number, exactly.
+    accession_number: Option<String>,
+    /// The Patient ID, exactly.
+    patient_id: Option<String>,
+    /// The number of cases.
+    #[serde(default = "usual_page")]
+    #[schema(minimum = 1, maximum = 200, default = 50)]
+    limit: usize,
+    /// `next` of the page before.
+    after: Option<String>,
+}
+
+/// A case that was found. It leads to a patient.
+#[derive(Serialize, ToSchema)]
+#[schema(as = FoundCase)]
+struct FoundView {
+    #[serde(flatten)]
+    case: CaseView,
+    /// The Study Instance UID, for a case from DICOM.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    study: Option<String>,
+    /// The Series Instance UID, for a case from DICOM.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    series: Option<String>,
+    /// The accession number of the study.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    accession_number: Option<String>,
+    /// Name, id with its issuer, and date of birth: `Müller, Änne · P-77 (HOSPITAL) · * 1967-03-12`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    patient: Option<String>,
+}
+
+impl From<Found> for FoundView {
+    fn from(found: Found) -> Self {
+        let series = found.series.as_ref();
+        let number = series.and_then(|series| series.accession_number.as_ref());
+        let patient = found.patient.map(|patient| patient.words());
+        Self {
+            study: series.map(|series| series.uids.study.as_str().to_owned()),
+            series: series.map(|series| series.uids.series.as_str().to_owned()),
+            accession_number: number.map(|number| number.as_str().to_owned()),
+            patient: patient.filter(|words| !words.is_empty()),
+            case: found.case.into(),
+        }
+    }
+}
+
+/// A page of cases that were found.
+#[derive(Serialize, ToSchema)]
+struct FoundPage {
+    /// Newest first.
+    cases: Vec<FoundView>,
+    /// The value of `after` for the next page; absent on the last page.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    next: Option<String>,
+}
+
+/// The value of a key, if it is given. What the client wrote may be patient data, so it is not repeated.
+fn value<T>(
+    key: &str,
+    text: Option<&String>,
+    rule: &str,
+    parse: impl Fn(&str) -> Option<T>,
+) -> Result<Option<T>, AppError> {
+    let parsed = text.map(|text| parse(text).ok_or_else(|| AppError::wrong_in_body(key, rule)));
+    parsed.transpose()
+}
+
+/// When a day begins in UTC.
+fn begin(day: Date) -> Option<Timestamp> {
+    Some(day.to_zoned(TimeZone::UTC).ok()?.timestamp())
+}
+
+impl CaseSearch {
+    fn query(&self) -> Result<CaseQuery, AppError> {
+        let a_uid = "a UID: digits and points, at most 64";
+        let a_day = "a day such as `2026-11-01`";
+        let label = |text: &str| {
+            let length = text.chars().count();
+            (1..=MAX_LABEL).contains(&length).then(|| text.to_owned())
+        };
+        let day = |text: &str| text.parse::<Date>().ok();
+        Ok(CaseQuery {
+            label: value("label", self.label.as_ref(), "1 to 100 characters", label)?,
+            state: value(
+                "state",
+                self.state.as_ref(),
+                "`queued`, `preparing`, `ready` or `failed`",
+                CaseState::from_name,
+            )?,
+            since: value("from", self.from.as_ref(), a_day, |text| begin(day(text)?))?,
+            until: value("to", self.to.as_ref(), a_day, |text| {
+                begin(day(text)?.tomorrow().ok()?)
+            })?,
+            study: value("study", self.study.as_ref(), a_uid, Uid::parse)?,
+            series: value("series", self.series.as_ref(), a_uid, Uid::parse)?,
+            accession_number: value(
+                "accession_number",
+                self.accession_number.as_ref(),
+                "1 to 16 characters",
+                AccessionNumber::parse,
+            )?,
+            patient: value(
+                "patient_id",
+                self.patient_id.as_ref(),
+                "at least one character",
+                PatientDigest::of,
+            )?,
+        })
+    }
+}
+
+/// Find cases
+///
+/// The cases that fulfil all conditions of the body, newest first; without a condition, all. The answer shows patients, which is
+/// recorded in the audit record; no cache may store it.
+#[utoipa::path(
+    post, path = "/v1/cases/search", tag = "cases",
+    request_body = CaseSearch,
+    responses(
+        (status = 200, description = "A page of the cases that were found", body = FoundPage),
+        (status = 400, description = "The body cannot be read, or a value is invalid"),
+    )
+)]
+pub async fn search_cases(
+    State(cases): State<Cases>,
+    _no_query: ApiQuery<NoQuery>,
+    body: Result<Bytes, BytesRejection>,
+) -> Result<Response, AppError> {
+    let asked: CaseSearch = json_body(body)?;
+    if !(1..=MAX_PAGE).contains(&asked.limit) {
+        return Err(AppError::wrong_in_body("limit", "1 to 200"));
+    }
+    let cursor = "`next` of the page before";
+    let after = value("after", asked.after.as_ref(), cursor, Cursor::parse)?;
+    let (found, next) = cases.search(&asked.query()?, after, asked.limit).await?;
+    let page = FoundPage {
+        cases: found.into_iter().map(FoundView::from).collect(),
+        next: next.map(|cursor| cursor.to_string()),
+    };
+    Ok(fresh_json(StatusCode::OK, &page))
+}

@@ -1,0 +1,50 @@
+// Files that are dropped on the page.
+
+/** Calls `hear` with files that are dropped anywhere on the page, including the files of dropped folders. */
+export function hearDrops(target: HTMLElement, hear: (files: readonly File[]) => void): void {
+  const hasFiles = (event: DragEvent): boolean => event.dataTransfer?.types.includes("Files") ?? false;
+  target.addEventListener("dragover", (event) => {
+    if (!hasFiles(event)) return;
+    event.preventDefault();
+    target.classList.add("dropping");
+  });
+  target.addEventListener("dragleave", (event) => {
+    if (!(event.relatedTarget instanceof Node)) target.classList.remove("dropping");
+  });
+  target.addEventListener("drop", (event) => {
+    target.classList.remove("dropping");
+    if (!hasFiles(event) || !event.dataTransfer) return;
+    event.preventDefault();
+    // The items are gone when the event is over: their entries are taken now.
+    const entries = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry?.() ?? null);
+    const plain = [...event.dataTransfer.files];
+    void (entries.some((entry) => entry?.isDirectory) ? filesOf(entries) : Promise.resolve(plain)).then(hear, () =>
+      hear(plain),
+    );
+  });
+}
+
+/** The most files of a dropped folder; a series has some hundreds. */
+const MOST_FILES = 20_000;
+
+async function filesOf(entries: readonly (FileSystemEntry | null)[]): Promise<File[]> {
+  const files: File[] = [];
+  const waiting = entries.filter((entry) => entry !== null);
+  for (let entry = waiting.pop(); entry && files.length < MOST_FILES; entry = waiting.pop()) {
+    if (entry.isFile)
+      files.push(await new Promise<File>((resolve, reject) => (entry as FileSystemFileEntry).file(resolve, reject)));
+    else waiting.push(...(await entriesOf(entry as FileSystemDirectoryEntry)));
+  }
+  return files;
+}
+
+async function entriesOf(folder: FileSystemDirectoryEntry): Promise<FileSystemEntry[]> {
+  const reader = folder.createReader();
+  const all: FileSystemEntry[] = [];
+  for (;;) {
+    // It gives a hundred at a time, and none at the end.
+    const some = await new Promise<FileSystemEntry[]>((resolve, reject) => reader.readEntries(resolve, reject));
+    if (some.length === 0) return all;
+    all.push(...some);
+  }
+}

@@ -1,0 +1,296 @@
+// The parts that panels are made of.
+
+import type { ComponentChildren } from "preact";
+import { useLayoutEffect, useRef } from "preact/hooks";
+
+import type { Icon as IconName } from "../base/dom.ts";
+import type { Store } from "../store/store.ts";
+
+/** What every section is given. */
+export interface OfStore {
+  readonly store: Store;
+}
+
+/** What else can be said of an element. */
+interface Attributes {
+  readonly id?: string;
+  readonly class?: string;
+  readonly title?: string;
+  readonly hidden?: boolean;
+  readonly disabled?: boolean;
+  readonly [name: `data-${string}` | `aria-${string}`]: string | boolean | undefined;
+}
+interface ButtonAttributes extends Attributes {
+  readonly value?: string;
+  readonly dir?: "auto";
+  readonly tabIndex?: number;
+  onClick?(): void;
+}
+interface TypedAttributes extends Attributes {
+  readonly maxLength?: number;
+  readonly dir?: "auto";
+  readonly autocomplete?: "off";
+  readonly placeholder?: string;
+  readonly inputMode?: "decimal";
+  readonly step?: string;
+}
+interface FileAttributes extends Attributes {
+  readonly accept?: string;
+  readonly multiple?: boolean;
+  readonly webkitdirectory?: boolean;
+}
+interface Children {
+  readonly children?: ComponentChildren;
+}
+
+export const Icon = ({ name }: { readonly name: IconName }) => (
+  <svg class="icon" aria-hidden="true" focusable="false">
+    <use href={`#icon-${name}`} />
+  </svg>
+);
+
+/** A button with an icon alone; its label is read out, and shown when the pointer rests on it. */
+export const IconButton = ({
+  icon,
+  label,
+  ...rest
+}: { readonly icon: IconName; readonly label: string } & ButtonAttributes) => (
+  <button type="button" class="icon-button" aria-label={label} title={label} {...rest}>
+    <Icon name={icon} />
+  </button>
+);
+
+export const Button = (attributes: ButtonAttributes & Children) => <button type="button" {...attributes} />;
+
+/** A part of the panel, under its title. */
+export const Section = ({
+  title,
+  name = "",
+  isOpen = false,
+  children,
+  ...rest
+}: { readonly title: string; readonly name?: string; readonly isOpen?: boolean } & Children &
+  Attributes & { onToggle?(event: { readonly currentTarget: HTMLDetailsElement }): void }) => (
+  <details class={`group ${name}`.trimEnd()} open={isOpen} {...rest}>
+    <summary>{title}</summary>
+    <div class="group-body">{children}</div>
+  </details>
+);
+
+/** Words of little weight; nothing where there are none. */
+export const Quiet = ({ children, ...rest }: Attributes & Children) =>
+  children === "" ? null : (
+    <p class="quiet" {...rest}>
+      {children}
+    </p>
+  );
+
+/** Where something is reported, also to those who do not see it. */
+export const Status = ({ words, ...rest }: { readonly words: string } & Attributes) => (
+  <p class="quiet" role="status" hidden={words === ""} {...rest}>
+    {words}
+  </p>
+);
+
+/** A labelled line: the label, then its controls. */
+export const Line = ({
+  label,
+  isTall = false,
+  children,
+  ...rest
+}: { readonly label: string; readonly isTall?: boolean } & Children & Attributes) => (
+  <div class={isTall ? "line tall" : "line"} {...rest}>
+    <span class="line-label" aria-hidden="true">
+      {label}
+    </span>
+    {children}
+  </div>
+);
+
+/** Buttons side by side. */
+export const Row = ({ children }: Children) => <div class="row">{children}</div>;
+
+/** A box to tick, with words behind it. */
+export const Ticked = ({
+  words,
+  checked,
+  onTick,
+  ...rest
+}: { readonly words: string; readonly checked: boolean; onTick(isTicked: boolean): void } & Attributes) => (
+  <label class="inline">
+    <input
+      type="checkbox"
+      checked={checked}
+      onChange={({ currentTarget }) => onTick(currentTarget.checked)}
+      {...rest}
+    />
+    {words}
+  </label>
+);
+
+/** A choice among values in words. */
+export const Choice = <Value extends string | number>({
+  label,
+  values,
+  value,
+  words,
+  onChoose,
+  ...rest
+}: {
+  readonly label: string;
+  readonly values: readonly Value[];
+  readonly value: Value;
+  words(value: Value): string;
+  onChoose(value: Value): void;
+} & Attributes) => (
+  <select
+    aria-label={label}
+    value={value}
+    onChange={({ currentTarget }) => onChoose(values[currentTarget.selectedIndex] as Value)}
+    {...rest}
+  >
+    {values.map((one) => (
+      <option key={one} value={one}>
+        {words(one)}
+      </option>
+    ))}
+  </select>
+);
+
+/** A choice with a button for each value. */
+export const Buttons = <Value extends string>({
+  label,
+  values,
+  value,
+  words,
+  onChoose,
+  name = "",
+  about = () => ({}),
+}: {
+  readonly label: string;
+  readonly values: readonly Value[];
+  /** The one that is chosen, if any. */
+  readonly value: Value | null;
+  words(value: Value): string;
+  onChoose(value: Value): void;
+  readonly name?: string;
+  about?(value: Value): ButtonAttributes;
+}) => (
+  <div class={`buttons ${name}`.trimEnd()} role="group" aria-label={label}>
+    {values.map((one) => (
+      <button
+        key={one}
+        type="button"
+        value={one}
+        aria-pressed={one === value ? "true" : "false"}
+        onClick={() => onChoose(one)}
+        {...about(one)}
+      >
+        {words(one)}
+      </button>
+    ))}
+  </div>
+);
+
+/** A slider with its label and, beside it, what its place means. */
+export const Slider = ({
+  id,
+  label,
+  range: [min = 0, max = 1, step = 1],
+  value,
+  words,
+  onSlide,
+}: {
+  readonly id: string;
+  readonly label: string;
+  /** The least, the greatest, a step. */
+  readonly range: readonly number[];
+  readonly value: number;
+  readonly words: string;
+  onSlide(value: number): void;
+}) => (
+  <Line label={label}>
+    <input
+      type="range"
+      id={id}
+      aria-label={label}
+      aria-valuetext={words}
+      min={min}
+      max={max}
+      step={step}
+      value={value}
+      onInput={({ currentTarget }) => onSlide(currentTarget.valueAsNumber)}
+    />
+    <span class="value quiet" aria-hidden="true">
+      {words}
+    </span>
+  </Line>
+);
+
+type Keyed = KeyboardEvent & { readonly currentTarget: HTMLInputElement };
+
+/** An input that keeps what is typed until it is left, and shows `value` again then; `same` says whether it shows that already. */
+export const Typed = ({
+  type = "text",
+  value,
+  same = (typed) => typed === value,
+  onType,
+  onLeave,
+  ...rest
+}: {
+  readonly value: string;
+  same?(typed: string): boolean;
+  onType?(typed: string): void;
+  /** The field is left with this in it; what it returns, if anything, takes its place. */
+  onLeave?(typed: string): string | void;
+} & TypedAttributes & {
+    readonly type?: "text" | "number";
+    onKeyDown?(event: Keyed): void;
+    onBlur?(event: { readonly currentTarget: HTMLInputElement }): void;
+  }) => {
+  const field = useRef<HTMLInputElement>(null);
+  const isTyping = useRef(false);
+  useLayoutEffect(() => {
+    const input = field.current;
+    if (input && !isTyping.current && !same(input.value)) input.value = value;
+  });
+  return (
+    <input
+      type={type as "text"}
+      ref={field}
+      onInput={({ currentTarget }) => {
+        isTyping.current = !onType;
+        onType?.(currentTarget.value);
+      }}
+      onChange={({ currentTarget }) => {
+        isTyping.current = false;
+        const left = onLeave?.(currentTarget.value);
+        currentTarget.value = typeof left === "string" ? left : value;
+      }}
+      {...rest}
+    />
+  );
+};
+
+/** What is clicked in the place of a file input. */
+export const FileInput = ({
+  words,
+  onFiles,
+  ...rest
+}: { readonly words: string; onFiles(files: readonly File[]): void } & FileAttributes) => (
+  <label class="file">
+    <span class="visually-hidden">{words}</span>
+    <input
+      type="file"
+      onChange={({ currentTarget }) => {
+        onFiles([...(currentTarget.files ?? [])]);
+        // The same file may be chosen again.
+        currentTarget.value = "";
+      }}
+      {...rest}
+    />
+    <span class="file-button" aria-hidden="true">
+      {words}
+    </span>
+  </label>
+);

@@ -1,0 +1,131 @@
+// Findings as files: the report of a reading, tables and DICOM objects that are saved, and lists that are added.
+
+import { useState } from "preact/hooks";
+
+import { getFile, postForFile } from "../base/api.ts";
+import { number, spoken, t } from "../base/i18n.ts";
+import { problemWords } from "../base/problem-words.ts";
+import type { ReadyCase } from "../model/case.ts";
+import { joined, readFindings } from "../model/findings.ts";
+import type { Store } from "../store/store.ts";
+import { fileStem } from "./export.ts";
+import { Button, Choice, FileInput, type OfStore, Quiet, Row, Ticked } from "./fields.tsx";
+import { saveFile } from "./picture-file.ts";
+
+/** As what findings can be saved; those of DICOM if the case was made of it. */
+const FORMATS = ["csv", "json", "labels", "report", "segments"] as const;
+type Format = (typeof FORMATS)[number];
+
+const DICOM = "application/dicom";
+
+/** Whether a file has the name of one that was saved from another case, and not from a version of this one. */
+export function isOfOther(name: string, { id, previous, next = [] }: ReadyCase): boolean {
+  const from = /^isocortex-([0-9a-f]{8})-/.exec(name)?.[1];
+  return from !== undefined && ![id, previous, ...next].some((one) => one?.startsWith(from));
+}
+
+/** How each kind of file is called, and made by the server. */
+function filesOf({ shown }: Store): Readonly<Record<Format, readonly [string, () => Promise<Blob>]>> {
+  const path = `${shown.id}/findings`;
+  const results = (what: string): Promise<Blob> => postForFile(`v1/cases/${shown.id}/dicom-results`, { what });
+  return {
+    csv: ["findings.csv", () => getFile(path, "text/csv")],
+    json: ["findings.json", () => getFile(path, "application/json")],
+    labels: ["findings.nii.gz", () => getFile(path, "application/gzip")],
+    report: ["findings.dcm", () => results("findings")],
+    segments: ["finding-segments.dcm", () => results("finding-segments")],
+  };
+}
+
+/** Saves what the server makes of the findings, once it has them. */
+async function save({ findings, shown }: Store, name: string, make: () => Promise<Blob>): Promise<void> {
+  const { status, sync } = findings;
+  status.value = t("export.working");
+  try {
+    // A file without the last sentence would look as if it were complete: then there is none.
+    await sync.flush();
+  } catch (problem) {
+    return void (status.value = t("findings.unsaved", { why: problemWords(problem) }));
+  }
+  try {
+    saveFile(await make(), `${fileStem(shown)}-${name}`);
+    status.value = t("findings.saved");
+  } catch (problem) {
+    status.value = problemWords(problem);
+  }
+}
+
+/** Adds the findings of a file; all of it goes to the server, which takes all or nothing. */
+async function add({ findings, shown }: Store, file: File): Promise<void> {
+  const { status, sync } = findings;
+  status.value = t("export.working");
+  const before = sync.list.peek();
+  let all: ReturnType<typeof joined> = { list: before, doubled: 0 };
+  try {
+    if ((await file.slice(128, 132).text()) === "DICM")
+      await sync.take(file, DICOM, (given) => (all = joined(before, given)).list);
+    else {
+      const given = readFindings(await file.text());
+      if (!given) return void (status.value = t("findings.unreadable"));
+      all = joined(before, given);
+      await sync.take(JSON.stringify({ findings: all.list }), "application/json", (stored) => stored);
+    }
+  } catch (problem) {
+    return void (status.value = problemWords(problem));
+  }
+  // What others have added meanwhile is not taken back with the file.
+  const known = new Set(before.map(({ id }) => id));
+  const ids = new Set(all.list.map(({ id }) => id).filter((id) => !known.has(id)));
+  const taken = sync.list.peek().filter(({ id }) => ids.has(id));
+  findings.did(before, [...before, ...taken]);
+  if (all.doubled > 0) findings.doubled.value = t("findings.otherwise", { count: number(all.doubled) });
+  const count = number(taken.length);
+  status.value = t(isOfOther(file.name, shown) ? "findings.added-of-other" : "findings.added", { count });
+}
+
+export function FindingFiles({ store }: OfStore) {
+  const { shown } = store;
+  const isOfPatient = shown.links?.dicom !== undefined;
+  const offered = FORMATS.filter((one) => isOfPatient || (one !== "report" && one !== "segments"));
+  const [format, setFormat] = useState<Format>("csv");
+  const [isNamed, setNamed] = useState(false);
+  const report = (ending: "html" | "pdf", kind: string): void => {
+    const query = new URLSearchParams({ language: spoken(), ...(isNamed && { patient: "true" }) });
+    void save(store, `report.${ending}`, () => getFile(`${shown.id}/report?${query}`, kind));
+  };
+  return (
+    <>
+      <Row>
+        <Button onClick={() => report("html", "text/html")}>{t("findings.report")}</Button>
+        <Button title={t("findings.pdf-title")} onClick={() => report("pdf", "application/pdf")}>
+          {t("findings.pdf")}
+        </Button>
+        {isOfPatient && (
+          <Ticked id="report-patient" words={t("findings.patient")} checked={isNamed} onTick={setNamed} />
+        )}
+      </Row>
+      <Row>
+        <Choice
+          id="findings-format"
+          label={t("findings.format")}
+          values={offered}
+          value={format}
+          words={(one) => t(`findings.as-${one}`)}
+          onChoose={(one) => setFormat(one)}
+        />
+        <Button onClick={() => void save(store, ...filesOf(store)[format])}>{t("findings.save")}</Button>
+      </Row>
+      {!isOfPatient && <Quiet>{t("findings.no-dicom")}</Quiet>}
+      <Row>
+        <FileInput
+          id="findings-file"
+          words={t("findings.add-file")}
+          accept={isOfPatient ? ".json,.dcm" : ".json"}
+          onFiles={([file]) => {
+            if (file) void add(store, file);
+          }}
+        />
+      </Row>
+    </>
+  );
+}

@@ -1,0 +1,243 @@
+// The section of the panel for the added layers: what they are and how they are placed, which of them are shown, and
+// how another one is added.
+
+import { useRef, useState } from "preact/hooks";
+
+import { changeLayer, deleteLayer } from "../base/api.ts";
+import { failureWords } from "../base/case-words.ts";
+import { spoken, t } from "../base/i18n.ts";
+import { problemWords, sentence } from "../base/problem-words.ts";
+import { CONTRASTS, LAYER_KINDS, type Layer, TRANSFORMS, greyOf, isAdded, isReady } from "../model/layers.ts";
+import { isLayerId } from "../model/maps.ts";
+import { layersOf } from "../model/state.ts";
+import { announce } from "../store/announce.ts";
+import { Comparison } from "./comparison.tsx";
+import { askText, confirmDelete } from "./dialogs.ts";
+import { Button, Choice, FileInput, IconButton, Line, type OfStore, Quiet, Row, Section } from "./fields.tsx";
+import { sendLayer, wishOf } from "./layer-form.ts";
+import { Nudge } from "./nudge.tsx";
+import { OverlayControls } from "./overlay-controls.tsx";
+import { Transfer, useTransfer } from "./transfer.tsx";
+import { freeName, sortLayers } from "./upload-files.ts";
+
+/** Changes something of the layers, and lists them again. */
+type Do = (work: () => Promise<unknown>) => void;
+
+export function LayersSection({ store }: OfStore) {
+  const { layers, caseLayers, view } = store;
+  const list = caseLayers.list.value;
+  const added = list?.layers.filter(isAdded) ?? [];
+  const isShown = layersOf(view.state.value).some(isLayerId);
+  const change: Do = async (work) => {
+    layers.said.value = "";
+    const focused = document.activeElement;
+    try {
+      await work();
+      await caseLayers.again();
+      // The button of a layer that has changed its place has lost the focus on its way.
+      if (focused instanceof HTMLElement && document.activeElement === document.body) focused.focus();
+    } catch (problem) {
+      layers.said.value = problemWords(problem);
+    }
+  };
+  return (
+    <Section title={t("panel.layers")} name="added" isOpen data-task="layers">
+      {list ? (
+        <>
+          {added.length === 0 && <Quiet>{t("layers.none")}</Quiet>}
+          <ul class="layers" aria-label={t("panel.layers")}>
+            {added.map((layer, at) => (
+              <Item key={layer.id} store={store} layer={layer} at={at} count={added.length} change={change} />
+            ))}
+          </ul>
+          {isShown && <Comparison store={store} />}
+          <OverlayControls store={store} isOfMap={false} />
+          <Nudge store={store} />
+          <AddLayer store={store} />
+          <p class="quiet layers-note" role="status">
+            {layers.said.value}
+          </p>
+        </>
+      ) : (
+        <Quiet>{t("panel.loading")}</Quiet>
+      )}
+    </Section>
+  );
+}
+
+function Item({
+  store,
+  layer,
+  at,
+  count,
+  change,
+}: OfStore & { readonly layer: Layer; readonly at: number; readonly count: number; readonly change: Do }) {
+  const { shown, layers, view } = store;
+  const { id, name, kind, unit, state, quality, contrast } = layer;
+  const isGrey = view.state.value.layer?.id === id;
+  const isColoured = view.state.value.overlay?.name === id;
+  const move = (place: number): void => change(() => changeLayer(shown.id, id, { place }));
+  const rename = async (): Promise<void> => {
+    const wanted = await askText(t("layer.rename", { name }), t("layer.name"), name);
+    if (wanted && wanted !== name) await changeLayer(shown.id, id, { name: wanted });
+  };
+  const remove = async (): Promise<void> => {
+    if (!(await confirmDelete(t("layer.delete-title"), t("layer.delete-text", { name })))) return;
+    await deleteLayer(shown.id, id);
+    announce(t("layer.deleted", { name }));
+    if (isGrey) layers.grey(null);
+    if (isColoured) layers.colours(id);
+  };
+  const show = (how: "grey" | "colours", isOn: boolean, onClick: () => void) => (
+    <Button value={how} aria-pressed={isOn} aria-label={t(`layer.${how}.of`, { name })} data-do={how} onClick={onClick}>
+      {t(`layer.${how}`)}
+    </Button>
+  );
+  return (
+    <li data-id={id} data-state={state}>
+      <p class="layer-name">
+        <strong>{name}</strong>
+        <span class="quiet">{[t(`layer.kind.${kind}`), unit].filter(Boolean).join(" · ")}</span>
+        {/* The newest FLAIR has a map. */}
+        {kind === "mr" && (
+          <Choice
+            id={`layer-contrast-${id}`}
+            data-do="contrast"
+            label={t("layer.contrast.of", { name })}
+            values={contrast ? CONTRASTS : (["unknown", ...CONTRASTS] as const)}
+            value={contrast ?? "unknown"}
+            words={(one) => t(`layer.contrast.${one}`)}
+            onChoose={(one) => {
+              if (one !== "unknown") change(() => changeLayer(shown.id, id, { contrast: one }));
+            }}
+          />
+        )}
+      </p>
+      <p class={`quiet status${quality === "review" ? " doubtful" : ""}`}>{statusWords(layer)}</p>
+      <Row>
+        {isReady(layer) && greyOf(layer) && show("grey", isGrey, () => layers.grey(isGrey ? null : id))}
+        {isReady(layer) && show("colours", isColoured, () => layers.colours(id))}
+        <IconButton
+          icon="up"
+          data-do="up"
+          label={t("layer.up", { name })}
+          disabled={at === 0}
+          onClick={() => move(at - 1)}
+        />
+        <IconButton
+          icon="down"
+          data-do="down"
+          label={t("layer.down", { name })}
+          disabled={at + 1 === count}
+          onClick={() => move(at + 1)}
+        />
+        <IconButton icon="edit" data-do="rename" label={t("layer.rename", { name })} onClick={() => change(rename)} />
+        <IconButton icon="trash" data-do="delete" label={t("layer.delete", { name })} onClick={() => change(remove)} />
+      </Row>
+    </li>
+  );
+}
+
+/** The form for another layer. */
+function AddLayer({ store }: OfStore) {
+  const { shown, layers, caseLayers } = store;
+  const [chosen, setChosen] = useState<readonly File[]>([]);
+  const form = useRef<HTMLFormElement>(null);
+  const transfer = useTransfer();
+  const { volumes, labels } = sortLayers(chosen);
+  const chosenWords = chosen.length === 0 ? "" : t("layer.chosen", { count: volumes.length });
+
+  const send = async (data: FormData): Promise<void> => {
+    if (volumes.length === 0) return void (layers.said.value = t("upload.nothing"));
+    layers.said.value = "";
+    const name = String(data.get("name")).trim();
+    const kind = LAYER_KINDS.find((one) => one === data.get("kind"));
+    const transform = String(data.get("transform"));
+    try {
+      await transfer.run(async (signal, observe) => {
+        for (const files of volumes) {
+          const wish = wishOf(files, { ...(name && { name }), ...(kind && { kind }), transform });
+          const names = caseLayers.list.peek()?.layers.map((one) => one.name) ?? [];
+          const named = wish.name && !(name && volumes.length === 1) ? { name: freeName(wish.name, names) } : {};
+          const { created, wasThere } = await sendLayer(
+            shown.id,
+            files,
+            { ...wish, ...named },
+            wish.kind === "labels" ? labels : null,
+            [signal, observe()],
+          );
+          layers.said.value = t(wasThere ? "layer.was-there" : "layer.sent", { name: created.name });
+          void caseLayers.again().catch(() => {});
+        }
+      });
+      form.current?.reset();
+      setChosen([]);
+    } catch (problem) {
+      layers.said.value = transfer.isCancelled ? t("upload.cancelled") : problemWords(problem);
+    }
+  };
+
+  return (
+    <details class="add-layer">
+      <summary>{t("layer.add")}</summary>
+      <form
+        class="layer-form"
+        ref={form}
+        onSubmit={(event) => {
+          event.preventDefault();
+          void send(new FormData(event.currentTarget));
+        }}
+      >
+        <Quiet>{t("layer.hint")}</Quiet>
+        <Row>
+          <FileInput id="layer-files" words={t("upload.choose-files")} multiple onFiles={setChosen} />
+          <FileInput id="layer-folder" words={t("upload.choose-folder")} webkitdirectory onFiles={setChosen} />
+        </Row>
+        <p class="quiet" role="status">
+          {labels ? `${chosenWords} ${t("layer.chosen-labels")}` : chosenWords}
+        </p>
+        <Line label={t("layer.name")}>
+          <input
+            type="text"
+            id="layer-name"
+            name="name"
+            maxLength={64}
+            autocomplete="off"
+            aria-label={t("layer.name")}
+          />
+        </Line>
+        <Line label={t("layer.kind")}>
+          <select id="layer-kind" name="kind" aria-label={t("layer.kind")}>
+            {["", ...LAYER_KINDS].map((kind) => (
+              <option key={kind} value={kind}>
+                {t(`layer.kind.${(kind || "auto") as "auto"}`)}
+              </option>
+            ))}
+          </select>
+        </Line>
+        <Line label={t("layer.transform")}>
+          <select id="layer-transform" name="transform" aria-label={t("layer.transform")}>
+            {TRANSFORMS.map((one) => (
+              <option key={one} value={one}>
+                {t(`layer.transform.${one}`)}
+              </option>
+            ))}
+          </select>
+        </Line>
+        <Transfer transfer={transfer} words={t("layer.send")} />
+      </form>
+    </details>
+  );
+}
+
+/** How far a layer is, and how it is placed. */
+function statusWords(layer: Layer): string {
+  const { state, origin, verdict, quality, reason, error } = layer;
+  if (state === "failed") return failureWords(error);
+  if (state !== "ready") return t(state === "queued" ? "layer.queued" : "layer.preparing");
+  const placed = t(verdict === "unchanged" ? "origin.unchanged" : `origin.${origin ?? "header"}`);
+  if (quality !== "review") return sentence(placed);
+  // The reason is in the server's language.
+  const why = reason && spoken() === "en" ? ` ${sentence(reason)}` : "";
+  return sentence(t("origin.review", { origin: placed })) + why;
+}

@@ -1,0 +1,57 @@
+// The section of the panel with the layouts that a reader has saved, in this browser.
+
+import { useRef, useState } from "preact/hooks";
+
+import { number, t } from "../base/i18n.ts";
+import { LONGEST_NAME } from "../model/saved-layouts.ts";
+import { recallLayout, removeLayout, saveLayout, savedLayouts } from "../store/saved-layouts.ts";
+import { Button, IconButton, type OfStore, Quiet, Row, Section, Status } from "./fields.tsx";
+
+export function LayoutsSection({ store }: OfStore) {
+  const name = useRef<HTMLInputElement>(null);
+  const [said, say] = useState("");
+  const layouts = savedLayouts.value;
+  const save = (): void => {
+    if (!name.current) return;
+    say(saveLayout(store, name.current.value));
+    if (savedLayouts.peek() !== layouts) name.current.value = "";
+  };
+  return (
+    <Section title={t("panel.layouts")} data-task="read">
+      <ol class="saved-layouts">
+        {layouts.map((saved, at) => (
+          <li key={saved.name}>
+            <kbd>{`g ${number(at + 1)}`}</kbd>
+            <Button dir="auto" aria-keyshortcuts={`g ${at + 1}`} onClick={() => recallLayout(store, at + 1)}>
+              {saved.name}
+            </Button>
+            <IconButton
+              icon="trash"
+              label={t("findings.remove", { name: saved.name })}
+              onClick={() => removeLayout(at)}
+            />
+          </li>
+        ))}
+      </ol>
+      <Row>
+        <input
+          type="text"
+          id="layout-name"
+          ref={name}
+          maxLength={LONGEST_NAME}
+          dir="auto"
+          autocomplete="off"
+          placeholder={t("layouts.name")}
+          aria-label={t("layouts.name")}
+          onKeyDown={({ key }) => {
+            if (key === "Enter") save();
+          }}
+        />
+        <Button onClick={save}>{t("layouts.save")}</Button>
+      </Row>
+      <Status words={said} />
+      <Quiet>{t("layouts.about")}</Quiet>
+      <p class="quiet keys">{t("layouts.keys")}</p>
+    </Section>
+  );
+}

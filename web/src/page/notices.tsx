@@ -1,0 +1,71 @@
+// The lines above the picture: what went wrong, who draws, and how far the loading is.
+
+import { useEffect, useRef } from "preact/hooks";
+
+import { number, t } from "../base/i18n.ts";
+import { type OfStore, IconButton } from "./fields.tsx";
+
+/** So many parts of an address are named, and so much of each. */
+const MOST_UNREAD = 5;
+const LONGEST_UNREAD = 40;
+
+/** Names the parts of an address that could not be used; empty: all could. */
+export function unreadWords(parts: readonly string[]): string {
+  const named = parts.slice(0, MOST_UNREAD).map((part) => `“${part.slice(0, LONGEST_UNREAD)}”`);
+  return named.length > 0 ? t("address.unread", { parts: named.join(", ") }) : "";
+}
+
+export function Notices({ store }: OfStore) {
+  const trouble = store.trouble.value;
+  const fallback = store.status.value?.fallback;
+  const remark = store.remark.value;
+  return (
+    <div class="notices">
+      <p class="notice-line bad" role="alert" hidden={trouble === ""}>
+        {trouble}
+      </p>
+      <p class="notice-line" role="status" hidden={!fallback}>
+        {fallback && t(`fallback.${fallback}`)}
+      </p>
+      <div class="notice-line remark" role="status" hidden={remark === ""}>
+        <span>{remark}</span>
+        <IconButton icon="close" label={t("notice.dismiss")} onClick={() => (store.remark.value = "")} />
+      </div>
+    </div>
+  );
+}
+
+/** How far the loading is: over the picture, which it does not move. */
+export function LoadingLine({ store, cancel, again }: OfStore & { cancel(): void; again(): void }) {
+  const loading = store.loading.value;
+  const button = useRef<HTMLButtonElement>(null);
+  const isCancelled = loading === "cancelled";
+  // The focus was on the button that is gone.
+  useEffect(() => {
+    if (isCancelled && document.activeElement === document.body) button.current?.focus();
+  }, [isCancelled]);
+  if (loading === null || loading === "begun") return <div class="loading-line" hidden />;
+  if (loading === "cancelled")
+    return (
+      <div class="loading-line">
+        <span>{t("load.cancelled")}</span>
+        <button type="button" class="load-again" ref={button} onClick={again}>
+          {t("load.again")}
+        </button>
+      </div>
+    );
+  const { stage, loaded, total } = loading;
+  // A full bar that waits would say that it is over.
+  const isWaiting = stage === "ready" || total === 0;
+  const megabytes = (bytes: number): string => number(bytes / 1e6, 1);
+  const bytes = isWaiting ? "" : t("load.bytes", { loaded: megabytes(loaded), total: megabytes(total) });
+  return (
+    <div class="loading-line">
+      <span>{t(`load.${stage}`) + bytes}</span>
+      <progress max={1} aria-label={t("load.label")} {...(!isWaiting && { value: Math.min(loaded / total, 0.99) })} />
+      <button type="button" class="cancel-load" onClick={cancel}>
+        {t("load.cancel")}
+      </button>
+    </div>
+  );
+}

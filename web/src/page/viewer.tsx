@@ -1,0 +1,322 @@
+// The chosen case: the panes that draw its store, and the controls around them.
+
+import { effect, untracked } from "@preact/signals";
+import { type ComponentChildren, render } from "preact";
+
+import type { ReadyCase } from "../model/case.ts";
+import type { Change } from "../model/controls.ts";
+import { readState, writeAddress } from "../model/fragment.ts";
+import type { Left } from "../model/memory.ts";
+import { pictureBody } from "../model/series.ts";
+import { hasSlices } from "../model/state.ts";
+import { h } from "../base/dom.ts";
+import { t } from "../base/i18n.ts";
+import { meetNeighbour } from "../pacs/neighbour.ts";
+import { Closer } from "../panes/closer.ts";
+import { MapPane } from "../panes/flat-map.ts";
+import { SliceGroup } from "../panes/slice-group.ts";
+import { SurfacePane } from "../panes/surface-pane.ts";
+import { announce } from "../store/announce.ts";
+import { settle } from "../store/bring.ts";
+import { catchUp, leaveCloser } from "../store/commands.ts";
+import { Store } from "../store/store.ts";
+import type { Surface } from "../store/surface.ts";
+import type { Made } from "./case-section.tsx";
+import { DepthBar, Explanation } from "./depth-bar.tsx";
+import type { OnScreen } from "./export.ts";
+import { LoadingLine, Notices, unreadWords } from "./notices.tsx";
+import { Panel } from "./panel.tsx";
+import { spokenWords } from "./spoken.ts";
+
+/** How long the state rests before the address follows it and the depth is read out. */
+const REST_MS = 350;
+
+/** What a case is opened with. */
+export interface Opening {
+  /** What the address says besides the case. */
+  readonly rest: string;
+  /** The case as it was left. */
+  readonly left: Left;
+  /** Whether the server alone draws. */
+  readonly serverOnly: boolean;
+  /** What draws the case already: the page was built again, in another language. */
+  readonly surface: Surface | null;
+  /** A version of the case was made, or was there. */
+  readonly made: Made;
+}
+
+export class Viewer {
+  readonly element: HTMLElement;
+  readonly panel: Panel;
+  readonly store: Store;
+  readonly #panes: HTMLElement;
+  readonly #surface: SurfacePane;
+  readonly #slices: SliceGroup;
+  /** The close-up and the flat map, while they are shown. */
+  #closer: Closer | null = null;
+  #map: MapPane | null = null;
+  readonly #observer = new ResizeObserver(() => this.#schedule());
+  readonly #hosts: HTMLElement[] = [];
+  readonly #ends: readonly (() => void)[];
+  #loadAbort = new AbortController();
+  #frame = 0;
+  #rest = 0;
+  /** What was read out last; null before the first picture. */
+  #said: string | null = null;
+  #isDisposed = false;
+  /** Whether somebody else has the surface now. */
+  #isReleased = false;
+
+  constructor(shown: ReadyCase, { rest, left, serverOnly, surface, made }: Opening) {
+    // An address that says something says all; one that names the case alone leaves it as it was.
+    const isAsLeft = rest === "" || `#${shown.id}&${rest}` === writeAddress(left.state, shown);
+    const { state, unread } = isAsLeft ? { state: left.state, unread: [] } : readState(rest, shown);
+    const store = (this.store = new Store(shown, state, left.history));
+    store.remark.value = unreadWords(unread);
+    this.#surface = new SurfacePane(store, serverOnly, surface);
+    this.#slices = new SliceGroup(store, () => this.#schedule());
+    this.#panes = h(
+      "div",
+      {
+        class: "panes",
+        swipe: ({ detail }: CustomEvent<number>) => store.view.change({ swipe: { share: detail } }),
+        follow: ({ detail }: CustomEvent<Change>) => store.change(detail),
+        keydown: ({ key }: KeyboardEvent) => {
+          if (key !== "Escape") return;
+          if (store.large.peek() !== null || store.view.now.layout !== "closer") store.large.value = null;
+          else leaveCloser(store);
+        },
+      },
+      h("div", { class: "flat-map" }),
+      this.#surface.element,
+      this.#slices.element,
+      h("div", { class: "closer" }),
+      this.#mounted(
+        <LoadingLine store={store} cancel={() => this.#loadAbort.abort()} again={() => void this.load()} />,
+      ),
+    );
+    this.element = h(
+      "div",
+      { class: "viewer" },
+      this.#mounted(<Notices store={store} />),
+      this.#panes,
+      this.#mounted(<Explanation />),
+      this.#mounted(<DepthBar store={store} />),
+    );
+    this.panel = new Panel({ store, made, onScreen: () => this.#onScreen });
+    for (const { element } of [this.#surface, this.#slices]) this.#observer.observe(element);
+    this.#ends = this.#follow();
+  }
+
+  /** Begins to fetch what the surface draws with; the element is in the page by now. */
+  async load(): Promise<void> {
+    const { store } = this;
+    this.#loadAbort = new AbortController();
+    store.loading.value = "begun";
+    // No picture is seen before its patient.
+    this.#meetNeighbour();
+    try {
+      await this.#surface.surface.load(this.#loadAbort.signal, (progress) => (store.loading.value = progress));
+      store.loading.value = null;
+    } catch (error) {
+      store.loading.value = null;
+      if (this.#isDisposed) return;
+      if (this.#loadAbort.signal.aborted) {
+        store.loading.value = "cancelled";
+        announce(t("load.cancelled"));
+      } else store.complain(error);
+    }
+    if (this.#isDisposed) return;
+    this.element.dataset.loaded = "true";
+    store.isLoaded.value = true;
+    store.meet(this.#surface.surface);
+    void store.findings.load();
+    store.caseLayers.ask().catch(() => {});
+    catchUp(store);
+    this.#schedule();
+  }
+
+  /** Shows what the address says, which Back has changed. */
+  restore(rest: string): void {
+    const { state, unread } = readState(rest, this.store.shown);
+    this.store.take(state);
+    this.store.remark.value = unreadWords(unread);
+  }
+
+  /** Failed requests are repeated. */
+  again(): void {
+    this.store.trouble.value = "";
+    this.#schedule();
+  }
+
+  /** Brings the address to where a sweep is, before the page is built again from it. */
+  settle(): void {
+    this.store.sweep.stop();
+    this.store.view.rest();
+  }
+
+  /** Hands over what draws the case; the viewer itself is done with. */
+  release(): Surface {
+    this.#isReleased = true;
+    return this.#surface.surface;
+  }
+
+  dispose(): void {
+    this.#isDisposed = true;
+    for (const end of this.#ends) end();
+    for (const host of this.#hosts) render(null, host);
+    clearTimeout(this.#rest);
+    cancelAnimationFrame(this.#frame);
+    this.#loadAbort.abort();
+    this.#observer.disconnect();
+    this.store.dispose();
+    for (const part of [this.#slices, this.#closer, this.#map, this.panel]) part?.dispose();
+    if (!this.#isReleased) this.#surface.surface.dispose();
+    this.element.remove();
+  }
+
+  /** The panes draw what the store says. */
+  #follow(): readonly (() => void)[] {
+    const { store } = this;
+    const { view } = store;
+    return [
+      effect(() => {
+        this.#panes.dispatchEvent(new CustomEvent("view", { detail: view.state.value }));
+        // What a sweep has come to rests when it is stopped.
+        void store.sweep.isRunning.value;
+        store.isResting.value = false;
+        this.#stir();
+      }),
+      effect(() => void (this.element.dataset.rested = String(store.isResting.value))),
+      effect(() => {
+        // Whatever of these changes, the panes draw again.
+        void [store.drawn.value, view.state.value, store.isMoving.value, store.sweep.isRunning.value];
+        void [store.status.value, store.large.value];
+        this.#schedule();
+      }),
+      effect(() => {
+        this.#surface.surface.showTimer(store.hasTimer.value);
+        this.#schedule();
+      }),
+      effect(() => {
+        const { way, fallback } = store.status.value ?? {};
+        Object.assign(this.element.dataset, { way, fallback: fallback ?? "" });
+        untracked(() => settle(store));
+      }),
+      effect(() => {
+        for (const pane of this.#all) pane.mark(store.marked.value);
+      }),
+      effect(() => {
+        const isBare = store.isBare.value;
+        for (const pane of [this.#slices, this.#closer]) pane?.outline(!isBare);
+        this.#panes.dataset.bare = String(isBare);
+      }),
+      effect(() => {
+        if (store.centred.value > 0) for (const pane of [this.#slices, this.#closer]) pane?.center();
+      }),
+      effect(() => {
+        // Where the controls lie below the panes, scrolls to the panes.
+        if (store.looks.value > 0) this.element.scrollIntoView({ block: "start" });
+      }),
+    ];
+  }
+
+  /** Components among the elements of the viewer. */
+  #mounted(components: ComponentChildren): HTMLElement {
+    const host = h("div", { class: "mounted" });
+    render(components, host);
+    this.#hosts.push(host);
+    return host;
+  }
+
+  get #all() {
+    return [this.#surface, this.#slices, this.#closer, this.#map].filter((pane) => pane !== null);
+  }
+
+  #schedule(): void {
+    this.#frame ||= requestAnimationFrame(() => {
+      this.#frame = 0;
+      if (!this.#isDisposed) this.#draw();
+    });
+  }
+
+  #draw(): void {
+    const { store } = this;
+    const state = store.drawn.peek();
+    this.#surface.draw(state, store.isMoving.peek() || store.sweep.isRunning.peek());
+    if (hasSlices(state)) this.#slices.show(state);
+    if (state.layout !== "closer") {
+      this.#closer?.dispose();
+      this.#closer = null;
+    } else {
+      this.#closer ??= this.#join(new Closer(store), ".closer");
+      this.#closer.show(state);
+    }
+    if (state.layout !== "map") {
+      this.#map?.element.replaceWith(h("div", { class: "flat-map" }));
+      this.#map?.dispose();
+      this.#map = null;
+    } else {
+      this.#map ??= this.#join(new MapPane(store), ".flat-map");
+      this.#map.show(state);
+    }
+  }
+
+  /** Puts a new pane into its place. */
+  #join<Pane extends Closer | MapPane>(pane: Pane, place: string): Pane {
+    pane.mark(this.store.marked.peek());
+    if (pane instanceof Closer) pane.outline(!this.store.isBare.peek());
+    this.#panes.querySelector(place)?.replaceWith(pane.element);
+    this.#observer.observe(pane.element);
+    return pane;
+  }
+
+  #stir(): void {
+    clearTimeout(this.#rest);
+    this.#rest = window.setTimeout(() => this.#onRest(), REST_MS);
+  }
+
+  #onRest(): void {
+    const { store } = this;
+    if (store.sweep.isRunning.peek()) return;
+    // A hand that pauses on its way through a slice makes no step of it.
+    if (this.#panes.querySelector(":is(.slices, .closer):active")) return this.#stir();
+    store.rest();
+    const words = spokenWords(store);
+    // What is new is read out; at first the page has enough to say.
+    if (this.#said !== null && this.#said !== words) announce(words);
+    this.#said = words;
+    for (const pane of this.#all) pane.describe(words);
+  }
+
+  get #onScreen(): OnScreen {
+    const { store } = this;
+    // A layer that is being fetched is not on the screen; in a close-up the surface is not.
+    const state = this.#closer ? store.drawn.peek() : { ...store.view.now, ...this.#surface.layers };
+    return {
+      shown: store.shown,
+      state,
+      panes: this.#panes,
+      surface: this.#surface,
+      slices: this.#slices,
+      closer: this.#closer,
+      map: this.#map,
+    };
+  }
+
+  /** Adds once what there is for a case from DICOM; a server without a PACS has nothing. Until then, pictures are hidden. */
+  #meetNeighbour(): void {
+    const { shown, findings } = this.store;
+    const { dataset } = this.element;
+    if (!shown.links?.dicom || dataset.patient) return;
+    dataset.patient = "awaited";
+    const picture = (side: number) => {
+      const { state, surface } = this.#onScreen;
+      return pictureBody(surface.surface.served(state), [side, side]);
+    };
+    const marks = () => ({ list: findings.list.peek(), flush: () => findings.sync.flush() });
+    meetNeighbour(shown.id, this.element, picture, marks)
+      .catch(() => {})
+      .finally(() => (dataset.patient = "met"));
+  }
+}

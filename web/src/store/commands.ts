@@ -1,0 +1,171 @@
+// What keys and buttons ask for, done to the store: one table for all of them.
+
+import { t } from "../base/i18n.ts";
+import { positionWords } from "../base/readout.ts";
+import { changeOf, laidOut, otherSide } from "../model/commands.ts";
+import type { ChangingCommand, Command, LayerCommand } from "../model/controls.ts";
+import type { Vec2 } from "../model/space.ts";
+import { type Layout, type ViewState, hasSlices } from "../model/state.ts";
+import { announce } from "./announce.ts";
+import { bring } from "./bring.ts";
+import { recallLayout } from "./saved-layouts.ts";
+import type { Store } from "./store.ts";
+
+/** What a command does. */
+type Work<Kind extends Command["kind"]> = (store: Store, command: Command & { readonly kind: Kind }) => unknown;
+
+const ofLayers = ({ layers }: Store, command: LayerCommand): void => layers.command(command);
+
+const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
+  play: ({ sweep }) => (sweep.isRunning.peek() ? sweep.stop() : sweep.start()),
+  timer: ({ hasTimer }) => (hasTimer.value = !hasTimer.peek()),
+  outline: ({ isBare }) => {
+    isBare.value = !isBare.peek();
+    announce(t(isBare.peek() ? "outline.hidden" : "outline.shown"));
+  },
+  closer: (store) => (store.view.now.layout === "closer" ? leaveCloser(store) : lookCloser(store)),
+  across: (store) => {
+    const { across_deg, layout } = store.view.now;
+    showAcross(store, across_deg === null || !hasSlices({ layout }) ? (across_deg ?? 0) : null);
+  },
+  "flat-map": (store) => {
+    const { layout, map } = store.view.now;
+    if (layout !== "map") return setLayout(store, "map");
+    store.view.change({ map: { ...map, has_inner: !map.has_inner } }, true);
+    announce(t(map.has_inner ? "flat-map.outer-shown" : "flat-map.inner-shown"));
+  },
+  place: async (store, { steps }) => {
+    const place = await store.places.next(steps);
+    if (typeof place === "string") announce(place);
+    else bring(store, place.position_in_patient, place.depth_mm);
+  },
+  patient: () => document.body.classList.toggle("no-patient"),
+  layouts: () => announce(t("layouts.await")),
+  recall: (store, { number }) => recallLayout(store, number),
+  ruler: (store) => {
+    reach(store, "read");
+    store.measures.toggle();
+  },
+  mark: (store) => {
+    const [width, height] = store.size;
+    const middle: Vec2 = [width / 2, height / 2];
+    if (!store.tool) return pick(store, middle);
+    const picked = store.surface?.pick(store.view.now, ...middle);
+    if (picked) store.tool.add(picked.position_in_patient, "surface");
+    else store.miss(t("point.none"));
+  },
+  depth: change,
+  turn: change,
+  pan: change,
+  zoom: change,
+  view: change,
+  window: change,
+  map: change,
+  surface: change,
+  invert: change,
+  reset: change,
+  grey: ofLayers,
+  colours: ofLayers,
+  hold: ofLayers,
+  release: ofLayers,
+  swipe: ofLayers,
+  edges: ofLayers,
+  beside: ofLayers,
+  swap: ofLayers,
+  nudge: (store, command) => {
+    reach(store, "layers");
+    ofLayers(store, command);
+  },
+  // The page's own.
+  help: () => {},
+  undo: (store) => announce(t(store.goTo("undo") ? "done.undo" : "none.undo")),
+  redo: (store) => announce(t(store.goTo("redo") ? "done.redo" : "none.redo")),
+};
+
+/** Does again what was asked for before the case was loaded. */
+export function catchUp(store: Store): void {
+  const { wanted } = store;
+  store.wanted = null;
+  if (wanted) pick(store, wanted.place, wanted.state);
+}
+
+/** Does what a key that no control has taken asks for, or a button. */
+export function perform(store: Store, command: Command): void {
+  (COMMANDS[command.kind] as Work<Command["kind"]>)(store, command);
+}
+
+/** Changes the view, and nothing else. */
+function change(store: Store, command: ChangingCommand): void {
+  const { view } = store;
+  if (command.kind === "depth" || command.kind === "reset") store.sweep.stop();
+  if (command.kind === "reset") {
+    store.point.picked = null;
+    store.centred.value += 1;
+  }
+  const { change: made, isStep } = changeOf(command, view.now, store.shown, store.size);
+  view.change(made, isStep);
+  if (command.kind === "surface") announce(t(`surface.${view.now.surface}-said`));
+  if (command.kind === "view") announce(t(`view.${command.name}`));
+  if (command.kind === "window") announce(t("window.said", { name: t(`window.${command.preset}`) }));
+}
+
+/** Shows the sections of a task, where not those of all are shown. */
+function reach({ task }: Store, wanted: "read" | "layers"): void {
+  if (task.peek() !== "all") task.value = wanted;
+}
+
+export function setLayout(store: Store, layout: Layout): void {
+  store.large.value = null;
+  if (layout === "closer") return lookCloser(store);
+  store.view.change(laidOut(layout, store.view.now, store.shown), true);
+  announce(t(`layout.${layout}`));
+  store.looks.value += 1;
+}
+
+/** Shows the close-up of the marked place. */
+function lookCloser(store: Store): void {
+  const { layout, beside, crosshair_mm } = store.view.now;
+  if (layout === "closer") return;
+  if (!crosshair_mm) return store.miss(t("closer.unmarked"));
+  store.beforeCloser = { layout, beside };
+  store.view.change({ layout: "closer" }, true);
+  announce(t("layout.closer"));
+  store.looks.value += 1;
+}
+
+/** Shows what was shown before the close-up. */
+export function leaveCloser({ view, beforeCloser }: Store): void {
+  view.change(beforeCloser, true);
+  announce(t(`layout.${beforeCloser.layout}`));
+}
+
+/** Shows the slice across the sulcus at the mark, turned by so much, or takes it away. */
+export function showAcross(store: Store, across_deg: number | null): void {
+  const { layout, crosshair_mm } = store.view.now;
+  if (across_deg !== null && !crosshair_mm) return store.miss(t("across.unmarked"));
+  store.large.value = null;
+  const others = hasSlices({ layout })
+    ? {}
+    : laidOut(layout === "mirror" ? "both" : "slices", store.view.now, store.shown);
+  store.view.change({ across_deg, ...(across_deg !== null && others) }, true);
+  announce(t(across_deg === null ? "across.hidden" : "across.shown"));
+  if (across_deg !== null) store.looks.value += 1;
+}
+
+/** Puts the cross where the surface is seen at a place of the pane. */
+export function pick(store: Store, place: Vec2, state: ViewState = store.view.now): void {
+  const { surface, point } = store;
+  const picked = surface?.pick(state, ...place);
+  if (!picked) {
+    const isKnown = (surface?.probe(store.shown.envelope_sphere.center_in_patient) ?? null) !== null;
+    // Until the depths are here nothing knows where the surface is.
+    const isLoading = !store.isLoaded.peek();
+    if (isLoading && !isKnown) store.wanted = { place, state };
+    return store.miss(t(isKnown ? "point.none" : isLoading ? "point.loading" : "point.unknown"));
+  }
+  point.picked = picked;
+  // The marked hemisphere is the one that is shown as it was acquired.
+  const turned = picked.isFlipped ? otherSide(state, store.shown) : {};
+  store.view.change({ ...turned, crosshair_mm: picked.position_in_patient }, true);
+  announce(t("point.said", { position: positionWords(picked.position_in_patient) }));
+}

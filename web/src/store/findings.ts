@@ -1,0 +1,327 @@
+// The findings of a case: what a reader marks and writes, step by step, and how they are drawn.
+
+import { type ReadonlySignal, type Signal, computed, effect, signal, untracked } from "@preact/signals";
+
+import { Problem } from "../base/api.ts";
+import { number, t } from "../base/i18n.ts";
+import { problemWords } from "../base/problem-words.ts";
+import {
+  type Finding,
+  type NewFinding,
+  areSame,
+  findingOfPlace,
+  isOff,
+  markedFindings,
+  merged,
+  newFinding,
+  numbered,
+  plainFinding,
+  signed,
+} from "../model/findings.ts";
+import { Flows } from "../model/flow.ts";
+import type { Depths } from "../model/isosurface.ts";
+import { type Candidate, type ListingMap, isMap } from "../model/maps.ts";
+import type { Marked } from "../model/marks.ts";
+import type { Vec3 } from "../model/space.ts";
+import type { ViewState } from "../model/state.ts";
+import { announce } from "./announce.ts";
+import { FindingsSync } from "./findings-sync.ts";
+import { preferences } from "./preferences.ts";
+import type { View } from "./view.ts";
+
+/** A change of the list. */
+interface Step {
+  readonly before: readonly Finding[];
+  readonly after: readonly Finding[];
+  /** When it was taken. */
+  readonly at_ms: number;
+}
+
+/** What a reader decides about a place of a list. */
+export type Judgement = "kept" | "dismissed";
+
+/** What the server has not got yet of cases that were left, by case: it is sent again and again, and shown again. */
+const UNSENT = new Map<string, FindingsSync>();
+
+/** So long ways through findings are walked at once, in ms. */
+const WALK_MS = 8;
+/** They are not walked until the picture has been the same for so long, in ms. */
+const MOVED_MS = 100;
+
+export class Findings {
+  readonly sync: FindingsSync;
+  readonly list: ReadonlySignal<readonly Finding[]>;
+  /** Where the findings are, or what became of a file. */
+  readonly status = signal("");
+  /** That two readers changed the same: it stands until one of the findings is taken out. */
+  readonly doubled = signal("");
+  /** The finding whose name is to be written now. */
+  readonly written = signal<string | null>(null);
+  /** Whether any is drawn, and what those that are not are known by, as long as the page is open. */
+  readonly areDrawn = signal(true);
+  readonly hidden = signal<ReadonlySet<string>>(new Set());
+  /** As they are drawn. */
+  readonly marked = signal<readonly Marked[]>([]);
+  readonly #view: View;
+  readonly #depths: ReadonlySignal<Depths | null>;
+  /** The depth of a place below the envelope, if it is known. */
+  readonly #depthAt: (position: Vec3) => number | null;
+  /** The steps of this reader: those that can be undone, and those that were. */
+  readonly #done: Signal<readonly Step[]> = signal([]);
+  readonly #undone: Signal<readonly Step[]> = signal([]);
+  readonly canUndo = computed(() => this.#done.value.length > 0);
+  readonly canRedo = computed(() => this.#undone.value.length > 0);
+  /** The field that is being typed into, and the step that it makes. */
+  #writing: { readonly field: string; readonly step: Step } | null = null;
+  #flows: Flows | null = null;
+  #walking = 0;
+  /** Whether what is stored could not be read, which is said. */
+  #isUnread = false;
+  readonly #ends: readonly (() => void)[];
+
+  constructor(view: View, depths: ReadonlySignal<Depths | null>, depthAt: (position: Vec3) => number | null) {
+    this.#view = view;
+    this.#depths = depths;
+    this.#depthAt = depthAt;
+    const { id } = view.shown;
+    this.sync = UNSENT.get(id) ?? new FindingsSync(id);
+    this.list = this.sync.list;
+    const { kept, doubled } = this.sync;
+    this.#ends = [
+      effect(() => {
+        if (kept.value) this.#tell(kept.value.kept, kept.value.problem);
+      }),
+      effect(() => {
+        if (doubled.value) this.doubled.value = t("findings.doubled", { count: number(doubled.value.count) });
+      }),
+      effect(() => this.#draw()),
+    ];
+    addEventListener("beforeunload", this.#leave);
+    document.addEventListener("visibilitychange", this.#turn);
+  }
+
+  /** Reads what is stored. */
+  async load(): Promise<void> {
+    try {
+      await this.sync.load();
+      if (this.#isUnread) this.status.value = "";
+      this.#isUnread = false;
+    } catch (problem) {
+      this.#isUnread = true;
+      this.status.value = problemWords(problem);
+    }
+  }
+
+  dispose(): void {
+    clearTimeout(this.#walking);
+    for (const end of this.#ends) end();
+    const { id } = this.#view.shown;
+    UNSENT.set(id, this.sync);
+    const forget = (): void => {
+      UNSENT.delete(id);
+      removeEventListener("beforeunload", this.#leave);
+    };
+    // Whoever closes the page is warned as long as the server has not got all of it; of a case that is deleted nothing is left.
+    this.sync.flush().then(forget, (problem: unknown) => {
+      if (problem instanceof Problem && problem.status === 404) forget();
+    });
+    document.removeEventListener("visibilitychange", this.#turn);
+  }
+
+  readonly #leave = (event: Event): void => {
+    if (this.sync.isKept) return;
+    event.preventDefault();
+    // It may be there before the reader has answered.
+    this.sync.flush().catch(() => {});
+  };
+
+  readonly #turn = (): void => {
+    if (!document.hidden) void this.load();
+    // Nothing may be left of a page in the background.
+    else this.sync.flush().catch(() => {});
+  };
+
+  #tell(kept: string, problem: unknown): void {
+    if (kept === "kept") this.status.value = t("findings.kept");
+    else if (kept !== "sending")
+      this.status.value = t(kept === "refused" ? "findings.refused" : "findings.unsent", {
+        why: problemWords(problem),
+      });
+  }
+
+  // -- What a reader does
+
+  /** Marks the cross as a finding. */
+  add(): void {
+    const { crosshair_mm, overlay } = this.#view.now;
+    if (!crosshair_mm) return void (this.status.value = t("findings.no-point"));
+    const from_map = overlay && isMap(overlay.name) ? { from_map: overlay.name } : {};
+    this.take({ points_in_patient: [crosshair_mm], depth_mm: this.#depthOf(crosshair_mm), ...from_map });
+  }
+
+  /** Adds a finding, to be written about; its id. */
+  take(given: NewFinding): string {
+    const finding = newFinding(given);
+    this.#step([...this.#list, finding]);
+    announce(t("findings.taken"));
+    this.written.value = finding.id;
+    return finding.id;
+  }
+
+  remove(id: string): void {
+    this.#step(this.#list.filter((one) => one.id !== id));
+    announce(t("findings.removed"));
+  }
+
+  change(id: string, change: Partial<Finding>): void {
+    this.#step(this.#list.map((one) => (one.id === id ? { ...one, ...change } : one)));
+  }
+
+  rate(id: string, certainty: Finding["certainty"]): void {
+    this.#step(
+      this.#list.map((one) => {
+        const { certainty: _before, ...others } = one;
+        return one.id === id ? { ...others, ...(certainty && { certainty }) } : one;
+      }),
+    );
+  }
+
+  /** What is typed is in the list at once, so that it is sent, or missed, as all of it is; what one field hears is one step. */
+  write(id: string, text: Partial<Pick<Finding, "label" | "note">>): void {
+    const written = (list: readonly Finding[]): readonly Finding[] =>
+      list.map((one) => (one.id === id ? own({ ...one, ...text }) : one));
+    const field = [id, ...Object.keys(text)].join();
+    const step = this.#done.peek().at(-1);
+    const after = written(this.#list);
+    if (step && this.#writing?.field === field && this.#writing.step === step) {
+      const longer = { ...step, after: written(step.after), at_ms: performance.now() };
+      this.#done.value = this.#done.peek().with(-1, longer);
+      this.#writing = { field, step: longer };
+    } else {
+      // A space at the end says nothing yet.
+      if (areSame(after, this.#list)) return;
+      this.did(this.#list, after);
+      this.#writing = { field, step: this.#done.peek().at(-1) as Step };
+    }
+    this.sync.change(after);
+  }
+
+  /** The field that was typed into is left. */
+  leaveField(): void {
+    this.#writing = null;
+  }
+
+  /** Draws a finding in the panes, or not. */
+  show(finding: Finding, isDrawn: boolean): void {
+    const hidden = new Set(this.hidden.peek());
+    if (isDrawn) hidden.delete(this.sync.keyOf(finding));
+    else hidden.add(this.sync.keyOf(finding));
+    this.hidden.value = hidden;
+  }
+
+  /** Adds a place of a list, or says whether it is dismissed; `null`: it is no finding any more. */
+  judge(
+    { position_in_patient, depth_mm: known_mm }: Candidate,
+    judgement: Judgement | null,
+    from_map: ListingMap,
+  ): void {
+    const before = findingOfPlace(this.#list, position_in_patient);
+    const is_dismissed = judgement === "dismissed";
+    if (judgement === null) this.#step(this.#list.filter((one) => one !== before));
+    else if (before) this.change(before.id, { is_dismissed });
+    else {
+      const depth_mm = known_mm ?? this.#depthOf(position_in_patient);
+      const given = { points_in_patient: [position_in_patient], depth_mm, from_map, is_dismissed } as const;
+      this.#step([...this.#list, newFinding(given)]);
+    }
+    announce(t(judgement ? `places.${judgement}` : "findings.removed"));
+    const finding = findingOfPlace(this.#list, position_in_patient);
+    if (finding && judgement === "kept") this.written.value = finding.id;
+  }
+
+  get #list(): readonly Finding[] {
+    return this.list.peek();
+  }
+
+  #depthOf(position: Vec3): number {
+    return this.#depthAt(position) ?? this.#view.now.depth_mm;
+  }
+
+  // -- Steps
+
+  /** When the step was taken that can be undone; null: there is none. */
+  get done_ms(): number | null {
+    return this.#done.peek().at(-1)?.at_ms ?? null;
+  }
+
+  undo(): void {
+    this.#go(this.#done, this.#undone);
+  }
+
+  redo(): void {
+    this.#go(this.#undone, this.#done);
+  }
+
+  /** The list was changed in a step that can be undone. */
+  did(before: readonly Finding[], after: readonly Finding[]): void {
+    if (areSame(before, after)) return;
+    this.#done.value = [...this.#done.peek(), { before, after, at_ms: performance.now() }];
+    this.#undone.value = [];
+    // Whoever takes one of the doubled findings out has seen them.
+    if (numbered(after).length < numbered(before).length) this.doubled.value = "";
+  }
+
+  #step(list: readonly Finding[]): void {
+    const before = new Set(this.#list);
+    const after = list.map((one) => (before.has(one) ? one : own(one)));
+    this.did(this.#list, after);
+    this.sync.change(after);
+  }
+
+  /** Takes the last step of a way back; what others have changed meanwhile stays. */
+  #go(way: Signal<readonly Step[]>, back: Signal<readonly Step[]>): void {
+    const step = way.peek().at(-1);
+    if (!step) return;
+    way.value = way.peek().slice(0, -1);
+    back.value = [...back.peek(), { before: step.after, after: step.before, at_ms: step.at_ms }];
+    this.sync.change(merged(step.after, step.before, this.#list).list);
+  }
+
+  // -- What is drawn
+
+  /** Draws the findings; their ways to other depths are walked a few at a time, and drawn when all are known. */
+  #draw(): void {
+    const list = this.list.value;
+    const depths = this.#depths.value;
+    const isHidden = (one: Finding): boolean => !this.areDrawn.value || this.hidden.value.has(this.sync.keyOf(one));
+    const hidden = new Set(list.filter(isHidden).map(({ id }) => id));
+    const slide = (position: Vec3, depth_mm: number): Vec3 =>
+      this.#flows?.has(position) ? this.#flows.at(position, depth_mm) : position;
+    untracked(() => {
+      this.marked.value = markedFindings(list, hidden, slide, (one) => depths !== null && isOff(depths, one));
+      if (depths) this.#walk(list, depths);
+    });
+  }
+
+  #walk(list: readonly Finding[], depths: Depths): void {
+    clearTimeout(this.#walking);
+    if (this.#flows?.depths !== depths) this.#flows = new Flows(depths, this.#view.shown.max_depth_mm);
+    const flows = this.#flows;
+    const unknown = list.flatMap((one) => one.points_in_patient).filter((point) => !flows.has(point));
+    if (unknown.length === 0) return;
+    const walkFrom = (start: number, seen: ViewState): void => {
+      let at = start;
+      const { now } = this.#view;
+      // Who turns the head meanwhile is not kept waiting.
+      const isMoving = now !== seen;
+      const end = performance.now() + (isMoving ? 0 : WALK_MS);
+      for (let point = unknown[at]; point && performance.now() < end; point = unknown[(at += 1)]) flows.at(point, 0);
+      const next = (): void => (at < unknown.length ? walkFrom(at, now) : this.#draw());
+      this.#walking = setTimeout(next, isMoving ? MOVED_MS : 0) as unknown as number;
+    };
+    walkFrom(0, this.#view.now);
+  }
+}
+
+/** What this reader has made or changed. */
+const own = (finding: Finding): Finding => plainFinding(signed(finding, preferences.peek().reader));

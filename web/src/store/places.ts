@@ -1,0 +1,187 @@
+// The places to look at that the maps list: asked for, gone through, and which of them a reader has seen.
+
+import { type ReadonlySignal, type Signal, computed, effect, signal, untracked } from "@preact/signals";
+
+import { reasonIn } from "../base/case-words.ts";
+import { t } from "../base/i18n.ts";
+import { problemWords } from "../base/problem-words.ts";
+import { type Candidate, type CandidateList, LISTING_MAPS, type ListingMap, standsOut } from "../model/maps.ts";
+import type { ViewState } from "../model/state.ts";
+import type { CaseLayers } from "./case-layers.ts";
+import type { View } from "./view.ts";
+
+/** The words of each list. */
+export const LIST_WORDS = {
+  blur: { ask: "candidates.ask", nothing: "candidates.nothing", warning: "candidates.warning" },
+  thickness: { ask: "thick.ask", nothing: "thick.nothing", warning: "thick.warning" },
+  flair: { ask: "flair.ask", nothing: null, warning: "flair.warning" },
+} as const;
+
+/** The lists that were asked for, by case and map, as long as the page is open: another language builds the page again. */
+const ASKED = new Set<string>();
+/** The places that were looked at, by case, as long as the page is open. */
+const SEEN = new Map<string, Signal<ReadonlySet<string>>>();
+
+const nameOf = (position: readonly number[]): string => position.map((part) => part.toFixed(1)).join();
+
+/** The places of a map. */
+export class PlacesOfMap {
+  readonly map: ListingMap;
+  readonly list = signal<CandidateList | null>(null);
+  readonly isAsking = signal(false);
+  /** Whether it was asked for in this page. */
+  isAsked = false;
+  readonly isUnfolded = signal(false);
+  /** The listed place at the marked point. */
+  readonly open: ReadonlySignal<Candidate | null>;
+
+  constructor(map: ListingMap, { state }: View) {
+    this.map = map;
+    this.open = computed(() => {
+      const { crosshair_mm } = state.value;
+      const name = crosshair_mm && nameOf(crosshair_mm);
+      return name ? (this.candidates.find((one) => nameOf(one.position_in_patient) === name) ?? null) : null;
+    });
+  }
+
+  get candidates(): readonly Candidate[] {
+    return this.list.value?.candidates ?? [];
+  }
+
+  /** Those that are in sight: the others are folded away until they are wanted. */
+  get inSight(): readonly Candidate[] {
+    return this.isUnfolded.value ? this.candidates : this.candidates.filter(standsOut);
+  }
+
+  /** That nothing stands out, and what is to be known about the scores. */
+  get nothingWords(): string {
+    const { nothing_stands_out, caveat } = this.list.value ?? {};
+    const { nothing } = LIST_WORDS[this.map];
+    return [nothing_stands_out && nothing ? t(nothing) : "", caveat ? reasonIn(caveat.reason, caveat.reason_code) : ""]
+      .filter((words) => words !== "")
+      .join(" ");
+  }
+}
+
+export class Places {
+  /** The places of blur, then those of thick cortex, then those of the FLAIR: never mixed. */
+  readonly lists: readonly PlacesOfMap[];
+  /** What is to be said about all of them. */
+  readonly said = signal("");
+  /** The place that keys have gone to. */
+  readonly reached = signal<Candidate | null>(null);
+  readonly #id: string;
+  readonly #layers: CaseLayers;
+  readonly #seen: Signal<ReadonlySet<string>>;
+  /** Where keys step: the list that was asked for, unfolded or gone through last. */
+  #stepped: PlacesOfMap;
+  /** The layer whose map lists the places of the FLAIR. */
+  #flairOf: string | undefined;
+  readonly #ends: (() => void)[] = [];
+
+  constructor(view: View, layers: CaseLayers) {
+    this.#id = view.shown.id;
+    this.#layers = layers;
+    const seen = SEEN.get(this.#id) ?? signal(new Set());
+    SEEN.set(this.#id, seen);
+    this.#seen = seen;
+    this.lists = LISTING_MAPS.map((map) => new PlacesOfMap(map, view));
+    [this.#stepped] = this.lists as [PlacesOfMap];
+    for (const list of this.lists) {
+      this.#ends.push(
+        effect(() => {
+          const place = list.open.value;
+          if (place) untracked(() => this.#look(list, place));
+        }),
+      );
+    }
+    this.#ends.push(effect(() => this.#hear()));
+  }
+
+  dispose(): void {
+    for (const end of this.#ends) end();
+  }
+
+  /** Whether a place was looked at. */
+  isSeen({ position_in_patient }: Candidate): boolean {
+    return this.#seen.value.has(nameOf(position_in_patient));
+  }
+
+  /** Keys step through a list from now on. */
+  use(list: PlacesOfMap): void {
+    this.#stepped = list;
+  }
+
+  /** Shows the places that do not stand out, or folds them again. */
+  unfold(list: PlacesOfMap): void {
+    list.isUnfolded.value = !list.isUnfolded.peek();
+    if (list.isUnfolded.peek()) this.#stepped = list;
+  }
+
+  /**
+   * The place so many rows further in the list that is in use; the first time, its first one. Where there is none, what there is to
+   * say about that.
+   */
+  async next(steps: number): Promise<Candidate | string> {
+    if (this.#stepped.candidates.length === 0) await this.ask(this.#stepped);
+    const { inSight, open, nothingWords } = this.#stepped;
+    const at = open.peek() ? inSight.indexOf(open.peek() as Candidate) + steps : 0;
+    const place = inSight[Math.min(Math.max(at, 0), inSight.length - 1)];
+    this.reached.value = place ?? null;
+    return place ?? nothingWords;
+  }
+
+  /** Asks the server for the places of a map. */
+  async ask(list: PlacesOfMap): Promise<void> {
+    ASKED.add(`${this.#id} ${list.map}`);
+    list.isAsked = true;
+    list.isAsking.value = true;
+    this.said.value = t("maps.asking");
+    try {
+      await this.#layers.ask();
+      if (this.#layers.ready(list.map)) {
+        const places = await this.#layers.candidates(list.map);
+        this.said.value = places.candidates.length === 0 ? t("candidates.none") : "";
+        list.isUnfolded.value = false;
+        list.list.value = places;
+        this.#stepped = list;
+      }
+    } catch (problem) {
+      this.said.value = problemWords(problem);
+    }
+    list.isAsking.value = false;
+  }
+
+  /** A state with the outline of the marked place, if that is too weak for the map's colours. */
+  outlined(state: ViewState): ViewState {
+    const { overlay } = state;
+    const place = overlay && this.lists.find(({ map }) => map === overlay.name)?.open.value;
+    const isColoured = place && place.score > Number(overlay.threshold);
+    return place && !isColoured ? { ...state, place_mm: place.size_mm } : state;
+  }
+
+  /** What is gone to is shown. */
+  #look(list: PlacesOfMap, place: Candidate): void {
+    if (!list.inSight.includes(place)) list.isUnfolded.value = true;
+    this.#seen.value = new Set(this.#seen.peek()).add(nameOf(place.position_in_patient));
+  }
+
+  /** The maps have been listed: their state is the same of all, but for that of the newest FLAIR. */
+  #hear(): void {
+    const layers = this.#layers.list.value?.layers;
+    const [first] = layers ?? [];
+    if (!layers || !first) return;
+    const flair = layers.find(({ id }) => id === "flair");
+    untracked(() => {
+      // Places of another layer.
+      if (flair?.of_layer !== this.#flairOf)
+        for (const one of this.lists) if (one.map === "flair") one.list.value = null;
+      this.#flairOf = flair?.of_layer;
+      const { state, reason = "", reason_code } = first;
+      if (state === "undefined") this.said.value = t("maps.undefined", { reason: reasonIn(reason, reason_code) });
+      else this.said.value = state === "ready" ? "" : t(state === "off" ? "maps.off" : "maps.making");
+      if (state !== "ready") return;
+      for (const one of this.lists) if (!one.isAsked && ASKED.has(`${this.#id} ${one.map}`)) void this.ask(one);
+    });
+  }
+}

@@ -1,0 +1,88 @@
+// What a user chose once: of the page alone, never of a case.
+
+import { signal } from "@preact/signals";
+
+import { type Language, isLanguage, languageFor } from "../base/i18n.ts";
+import { LONGEST_LABEL } from "../model/findings.ts";
+import { clamp } from "../model/state.ts";
+import { plainLine } from "../model/text.ts";
+import { DRAG_DIRECTIONS, type DragDirection, WHEEL_USES, type WheelUse } from "../model/controls.ts";
+
+/** What the panel has sections for; `all` shows those of every task. */
+export const TASKS = ["read", "layers", "case", "all"] as const;
+export type Task = (typeof TASKS)[number];
+
+/** The width of the list, in CSS pixels. */
+export const LIST_WIDTHS = [200, 520] as const;
+export const boundWidth = (width: number): number => clamp(Math.round(width), ...LIST_WIDTHS);
+
+export interface Preferences {
+  readonly language: Language;
+  readonly theme: "dark" | "light";
+  readonly drag: DragDirection;
+  readonly wheel: WheelUse;
+  /** Whether single letters are commands. */
+  readonly shortcuts: boolean;
+  /** Whether the line that explains the depth slider was dismissed, or the depth was changed. */
+  readonly knows_depth: boolean;
+  /** Whether the slices of a case have one zoom. */
+  readonly linked_zoom: boolean;
+  /** Whether the panel beside the picture is shown. */
+  readonly panel: boolean;
+  /** Whose sections the panel shows. */
+  readonly task: Task;
+  /** Who reads: the author of new findings; empty: nobody has said. */
+  readonly reader: string;
+  /** Of the list, in CSS pixels. */
+  readonly list_width: number;
+}
+
+const KEY = "isocortex";
+const LIST_WIDTH = 260;
+
+/** The stored text as preferences; whatever is not understood is as at first. */
+export function readPreferences(text: string | null, preferred: readonly string[]): Preferences {
+  let stored: Partial<Record<keyof Preferences, unknown>> = {};
+  try {
+    const parsed: unknown = JSON.parse(text ?? "{}");
+    if (typeof parsed === "object" && parsed !== null) stored = parsed;
+  } catch {
+    // Another program's text, or a damaged one.
+  }
+  return {
+    language: isLanguage(stored.language) ? stored.language : languageFor(preferred),
+    theme: stored.theme === "light" ? "light" : "dark",
+    drag: DRAG_DIRECTIONS.find((one) => one === stored.drag) ?? "up-darker",
+    wheel: WHEEL_USES.find((one) => one === stored.wheel) ?? "zoom",
+    shortcuts: stored.shortcuts !== false,
+    knows_depth: stored.knows_depth === true,
+    linked_zoom: stored.linked_zoom !== false,
+    panel: stored.panel !== false,
+    task: TASKS.find((one) => one === stored.task) ?? "read",
+    reader: typeof stored.reader === "string" ? plainLine(stored.reader, LONGEST_LABEL) : "",
+    list_width: boundWidth(typeof stored.list_width === "number" ? stored.list_width : LIST_WIDTH),
+  };
+}
+
+function loadPreferences(): Preferences {
+  let text: string | null = null;
+  try {
+    text = localStorage.getItem(KEY);
+  } catch {
+    // A browser may forbid it.
+  }
+  return readPreferences(text, globalThis.navigator?.languages ?? []);
+}
+
+export const preferences = signal(loadPreferences());
+
+/** Takes a preference over; in a frame beside another case it is one of the frame alone. */
+export function choose(change: Partial<Preferences>): void {
+  preferences.value = { ...preferences.peek(), ...change };
+  if (parent !== window) return;
+  try {
+    localStorage.setItem(KEY, JSON.stringify(preferences.peek()));
+  } catch {
+    // They last until the page is closed, then.
+  }
+}

@@ -1,0 +1,61 @@
+// The layouts that a reader has saved, in this browser.
+
+import { signal } from "@preact/signals";
+
+import { number, t } from "../base/i18n.ts";
+import { MOST_LAYOUTS, type SavedLayout, boundName, readLayouts, recalled, savedAs } from "../model/saved-layouts.ts";
+import { announce } from "./announce.ts";
+import type { Store } from "./store.ts";
+
+const KEY = "isocortex-layouts";
+
+/** A browser may forbid to store anything: then layouts last as long as the page is open. */
+function stored(): readonly SavedLayout[] {
+  try {
+    return readLayouts(localStorage.getItem(KEY));
+  } catch {
+    return [];
+  }
+}
+
+export const savedLayouts = signal(stored());
+
+// Another window has saved one.
+globalThis.addEventListener?.("storage", ({ key }: StorageEvent) => {
+  if (key === KEY) savedLayouts.value = stored();
+});
+
+function keep(layouts: readonly SavedLayout[]): void {
+  savedLayouts.value = layouts;
+  try {
+    localStorage.setItem(KEY, JSON.stringify(layouts));
+  } catch {
+    // They last until the page is closed, then.
+  }
+}
+
+/** Shows the layout of a number from 1. */
+export function recallLayout(store: Store, at: number): void {
+  const saved = savedLayouts.peek()[at - 1];
+  if (!saved) return announce(t("layouts.none", { number: number(at) }));
+  const { now } = store.view;
+  // A close-up needs a mark, and comes with the panes as they are before it.
+  if (saved.layout === "closer" && !now.crosshair_mm) return announce(t("closer.unmarked"));
+  store.change(recalled(saved, now, store.shown), true);
+  announce(t("layouts.shown", { name: saved.name }));
+}
+
+/** Saves the layout that is shown under a name; what there is to say about it. */
+export function saveLayout(store: Store, typed: string): string {
+  const name = boundName(typed);
+  const layouts = savedLayouts.peek();
+  const before = layouts.findIndex((one) => one.name === name);
+  if (name === "") return t("layouts.unnamed");
+  if (before < 0 && layouts.length >= MOST_LAYOUTS) return t("layouts.full");
+  const saved = savedAs(name, store.view.now);
+  // Of the same name, in the same place.
+  keep(before < 0 ? [...layouts, saved] : layouts.with(before, saved));
+  return t("layouts.saved", { name });
+}
+
+export const removeLayout = (at: number): void => keep(savedLayouts.peek().toSpliced(at, 1));

@@ -1,0 +1,272 @@
+// Which layers are shown, what is known of them, and how the picture with them is compared with the picture without.
+
+import { type ReadonlySignal, computed, effect, signal, untracked } from "@preact/signals";
+
+import type { NamedValue } from "../base/readout.ts";
+import { t } from "../base/i18n.ts";
+import type { LayerCommand } from "../model/controls.ts";
+import {
+  type Layer,
+  type LayerList,
+  greyOf,
+  isAdded,
+  isReady,
+  nextOf,
+  overlayOf,
+  styleOfLayer,
+} from "../model/layers.ts";
+import { type LayerOverlay, isLayerId, isMap, styleOfMap, toggled } from "../model/maps.ts";
+import { type HalfLook, type ViewState, bareOf, halfOf, hasSlices, isMirrored, layersOf } from "../model/state.ts";
+import type { Affine, Vec3 } from "../model/space.ts";
+import { announce } from "./announce.ts";
+import type { CaseLayers } from "./case-layers.ts";
+import type { View } from "./view.ts";
+
+/** Twice a second there, twice away. */
+const BLINK_MS = 250;
+
+export class ShownLayers {
+  /** The state as it is drawn: without what is hidden for now or not ready, and with what is known of the rest. */
+  readonly drawn: ReadonlySignal<ViewState>;
+  /** Whether the layers are hidden for now. */
+  readonly isHidden = signal(false);
+  readonly isBlinking = signal(false);
+  /** The added layer that is shown, which can be moved by hand. */
+  readonly shownId: ReadonlySignal<string | null>;
+  /** How the layer was moved by hand, as long as it is not added as another one. */
+  readonly moved = signal<Affine | null>(null);
+  /** Counts how often a key asked to move the layer by hand. */
+  readonly nudges = signal(0);
+  /** What became of a layer. */
+  readonly said = signal("");
+  readonly #view: View;
+  readonly #layers: CaseLayers;
+  readonly #complain: (problem: unknown) => void;
+  /** What a key wanted to see before the layers were listed. */
+  #wanted: "grey" | "colours" | null = null;
+  #movedId: string | null = null;
+  #timer = 0;
+  readonly #ends: readonly (() => void)[];
+
+  constructor(view: View, layers: CaseLayers, complain: (problem: unknown) => void) {
+    this.#view = view;
+    this.#layers = layers;
+    this.#complain = complain;
+    this.drawn = computed(() => this.#drawnOf(view.state.value));
+    this.shownId = computed(() => {
+      const { layer, overlay } = view.state.value;
+      return layer?.id ?? (overlay && isLayerId(overlay.name) ? overlay.name : null);
+    });
+    const names = computed(() => layersOf(view.state.value).join());
+    const isShown = computed(() => {
+      const { layer, overlay, beside } = view.state.value;
+      return layer !== null || overlay !== null || beside !== null;
+    });
+    this.#ends = [
+      effect(() => {
+        if (names.value !== "" && !layers.list.value) untracked(() => this.#ask());
+      }),
+      effect(() => this.#settle(view.state.value, layers.list.value)),
+      effect(() => {
+        if (!isShown.value) untracked(() => this.stopBlinking());
+      }),
+      // Another layer lies where the server has it.
+      effect(() => {
+        if (this.shownId.value !== this.#movedId) this.moved.value = null;
+        this.#movedId = this.shownId.value;
+      }),
+    ];
+  }
+
+  dispose(): void {
+    this.stopBlinking();
+    for (const end of this.#ends) end();
+  }
+
+  /** Shows a layer that is ready as the texture; null: the case's own intensities. */
+  grey(id: string | null): void {
+    const found = id === null ? null : this.#layers.ready(id);
+    const layer = (found && greyOf(found)) ?? null;
+    if (id !== null && !layer) return;
+    const { now, windows, shown } = this.#view;
+    windows.set(now.layer?.id ?? "", now.window);
+    this.#view.change({ layer, window: windows.get(id ?? "") ?? (layer ?? shown).intensity.window }, true);
+  }
+
+  /** Shows a layer that is ready in colours, alone, or hides it again; null: none. */
+  colours(id: string | null): void {
+    const found = id === null ? null : this.#layers.ready(id);
+    if (id !== null && !found) return;
+    this.#view.change({ overlay: found ? toggled(this.#view.now.overlay, overlayOf(found)) : null }, true);
+  }
+
+  /** The values at a position of the layers that are shown, as far as their voxels are here. */
+  valuesAt(position: Vec3): readonly NamedValue[] {
+    const { layer, overlay } = this.drawn.value;
+    const isHere = this.#layers.here.value;
+    const shown = [
+      layer && { id: layer.id, name: layer.about?.title ?? "", moved: layer.moved },
+      overlay && { id: overlay.name, name: overlayName(overlay), moved: overlay.moved },
+    ];
+    return shown.flatMap((one) => {
+      const value = one && !one.moved && isHere.has(one.id) ? this.#layers.valueAt(one.id, position) : undefined;
+      return one && value !== undefined ? [{ name: one.name, value }] : [];
+    });
+  }
+
+  /** Follows a command about layers. */
+  command({ kind }: LayerCommand): void {
+    const { now } = this.#view;
+    const isCloser = now.layout === "closer";
+    if (kind === "grey" || kind === "colours") return this.#next(kind);
+    if (kind === "release") return void (this.isHidden.value = false);
+    if (!now.layer && !now.overlay && !now.beside) return announce(t("layers.none-shown"));
+    switch (kind) {
+      case "hold":
+        return void (this.isHidden.value = true);
+      case "nudge":
+        return void (this.nudges.value += 1);
+      case "swipe":
+        // A close-up has its halves already.
+        if (!isCloser) this.#view.change({ swipe: now.swipe ? null : { share: 0.5 }, beside: null }, true);
+        return;
+      case "edges": {
+        const layout = isMirrored(now) ? "both" : "slices";
+        const needsSlices = !now.has_edges && !hasSlices(now) && !isCloser;
+        return this.#view.change({ has_edges: !now.has_edges, ...(needsSlices && { layout }) }, true);
+      }
+      case "beside": {
+        if (isCloser) return;
+        if (now.beside) return this.#view.change({ beside: null }, true);
+        const layout = hasSlices(now) ? "slices" : "single";
+        return this.#view.change({ beside: this.#view.own(now), layout, swipe: null }, true);
+      }
+      case "swap":
+        // What is chosen is of the right half.
+        if (now.beside && !isCloser) this.#view.change({ ...now.beside, beside: halfOf(now) }, true);
+        return;
+    }
+  }
+
+  /** Shows and hides the layers in turn, or no more. */
+  blink(): void {
+    if (this.isBlinking.peek()) return this.stopBlinking();
+    this.isBlinking.value = true;
+    this.#timer = window.setInterval(() => (this.isHidden.value = !this.isHidden.peek()), BLINK_MS);
+  }
+
+  stopBlinking(): void {
+    clearInterval(this.#timer);
+    this.isBlinking.value = false;
+    this.isHidden.value = false;
+  }
+
+  /** Shows the next of the added layers, or none after the last, once they are listed. */
+  #next(how: "grey" | "colours"): void {
+    const list = this.#layers.list.peek();
+    if (!list) {
+      this.#wanted = how;
+      return this.#ask();
+    }
+    const { now } = this.#view;
+    const ready = list.layers.filter((layer) => isAdded(layer) && isReady(layer));
+    const usable = how === "grey" ? ready.filter((layer) => greyOf(layer)) : ready;
+    if (usable.length === 0) return announce(t("layers.none-ready"));
+    const shown = how === "grey" ? now.layer?.id : now.overlay?.name;
+    const ids = usable.map(({ id }) => id);
+    const id = nextOf(ids, shown !== undefined && ids.includes(shown) ? shown : null);
+    if (how === "grey") this.grey(id);
+    else this.colours(id);
+  }
+
+  #ask(): void {
+    this.#layers.ask().catch(this.#complain);
+  }
+
+  // -- What is drawn
+
+  #drawnOf(state: ViewState): ViewState {
+    const { beside } = state;
+    const right = this.#known(state);
+    const drawn = this.#placed(beside ? { ...right, beside: this.#known(beside), swipe: null } : right);
+    if (!drawn.layer && !drawn.overlay)
+      return drawn.swipe || drawn.has_edges ? { ...drawn, swipe: null, has_edges: false } : drawn;
+    const isHidden = this.isHidden.value;
+    if (!isHidden && !drawn.swipe && !drawn.has_edges) return drawn;
+    const both = { ...drawn, bare_window: this.#view.own(drawn).window };
+    return isHidden ? bareOf(both) : both;
+  }
+
+  /** Without a layer that is not ready, and with what is known of the others. */
+  #known<State extends HalfLook>(state: State): State {
+    if (!state.overlay && !state.layer) return state;
+    const overlay = state.overlay && this.#overlayOf(state.overlay);
+    const found = state.layer && this.#layers.ready(state.layer.id);
+    const grey = found && greyOf(found);
+    if (!state.layer) return { ...state, overlay };
+    if (found && grey) return { ...state, overlay, layer: { ...grey, ...aboutOf(found) } };
+    return { ...state, overlay, layer: null, window: this.#view.shown.intensity.window };
+  }
+
+  #overlayOf(overlay: LayerOverlay): LayerOverlay | null {
+    const found = this.#layers.ready(overlay.name);
+    if (!found) return null;
+    return isMap(overlay.name) ? overlay : { ...overlay, about: { ...styleOfLayer(found), ...aboutOf(found).about } };
+  }
+
+  /** A state with its layer where it was moved to. */
+  #placed(state: ViewState): ViewState {
+    const moved = this.moved.value;
+    const { layer, overlay } = state;
+    if (!moved) return state;
+    const origin = t("nudge.origin");
+    if (layer) return { ...state, layer: { ...layer, moved, about: { title: "", ...layer.about, origin } } };
+    return overlay?.about ? { ...state, overlay: { ...overlay, moved, about: { ...overlay.about, origin } } } : state;
+  }
+
+  // -- What the list says
+
+  /** Takes over what the list says of the layers of the state; those that are gone are not shown. */
+  #settle(state: ViewState, list: LayerList | null): void {
+    if (!list) return;
+    untracked(() => {
+      const right = this.#settled(state, list);
+      const left = state.beside && this.#settled(state.beside, list);
+      if (right || left) this.#view.change({ ...right, ...(left && { beside: left }) });
+      const wanted = this.#wanted;
+      this.#wanted = null;
+      if (wanted) this.#next(wanted);
+    });
+  }
+
+  /** What a half shows by the list; null: it stays as it is. */
+  #settled(half: HalfLook, { layers }: LayerList): HalfLook | null {
+    const isGone = (id: string | undefined): boolean =>
+      id !== undefined && (isLayerId(id) || id === "flair") && !layers.some((one) => one.id === id);
+    const { window } = this.#view.shown.intensity;
+    const [isBare, isPlain] = [isGone(half.layer?.id), isGone(half.overlay?.name)];
+    if (isBare || isPlain) {
+      this.said.value = t("problem.no-such-layer");
+      return { ...halfOf(half), ...(isBare && { layer: null, window }), ...(isPlain && { overlay: null }) };
+    }
+    const found = half.layer && !half.layer.intensity && this.#layers.ready(half.layer.id);
+    const layer = found && greyOf(found);
+    if (!layer) return null;
+    // An address that names a layer and no window means the layer's own.
+    const isUnsaid = half.window.center === window.center && half.window.width === window.width;
+    return { ...halfOf(half), layer, ...(isUnsaid && { window: layer.intensity.window }) };
+  }
+}
+
+/** What a layer over the picture is called beside its values. */
+const overlayName = ({ name, about }: LayerOverlay): string => {
+  if (!isMap(name)) return about?.title ?? "";
+  // A place of the list has a score of its own.
+  return styleOfMap(name).unit === "z" ? t("value.map", { name: t(`map.${name}`) }) : t(`map.${name}`);
+};
+
+/** What stands on a picture about a layer that is ready. */
+const aboutOf = ({ name, origin, quality }: Layer) => {
+  const placed = origin ? t(`origin.${origin}`) : "";
+  return { about: { title: name, origin: quality === "review" ? t("origin.review", { origin: placed }) : placed } };
+};

@@ -1,0 +1,109 @@
+// How a case is seen, and what was seen before: one state, which everything else follows.
+
+import { type ReadonlySignal, type Signal, batch, computed, signal } from "@preact/signals";
+
+import type { ReadyCase, Window } from "../model/case.ts";
+import type { Change } from "../model/controls.ts";
+import type { Left } from "../model/memory.ts";
+import type { StateHistory } from "../model/history.ts";
+import { type HalfLook, type ViewState, clampDepth } from "../model/state.ts";
+import { pushAddress, replaceAddress } from "./address.ts";
+
+export class View {
+  readonly shown: ReadyCase;
+  readonly state: Signal<ViewState>;
+  readonly depth_mm: ReadonlySignal<number>;
+  readonly canUndo = signal(false);
+  readonly canRedo = signal(false);
+  /** The window that each texture was left with, by the id of its layer; that of the case itself has none. */
+  readonly windows = new Map<string, Window>();
+  readonly #history: StateHistory;
+  /** When the view changed last. */
+  #changed_ms = 0;
+
+  constructor(shown: ReadyCase, first: ViewState, history: StateHistory) {
+    this.shown = shown;
+    this.#history = history;
+    this.state = signal(this.#paired(first));
+    this.depth_mm = computed(() => this.state.value.depth_mm);
+    this.#record(first);
+  }
+
+  /** The state; who calls this does not follow it. */
+  get now(): ViewState {
+    return this.state.peek();
+  }
+
+  /** How the case is left. */
+  get left(): Left {
+    return { state: this.now, history: this.#history };
+  }
+
+  /** A change; `step` is one that Back undoes. */
+  change(change: Change, step = false): void {
+    batch(() => {
+      if (step) {
+        this.#record(this.now);
+        pushAddress(this.now, this.shown);
+      }
+      this.#changed_ms = performance.now();
+      this.state.value = this.#paired({ ...this.now, ...change });
+      if (!step) return;
+      this.#record(this.now);
+      replaceAddress(this.now, this.shown);
+    });
+  }
+
+  /** Shows a whole state, which is no step of the way that is being gone. */
+  take(state: ViewState): void {
+    this.state.value = this.#paired(state);
+  }
+
+  goToDepth(depth_mm: number): void {
+    this.change({ depth_mm: clampDepth(depth_mm, this.shown) }, true);
+  }
+
+  /** Nothing changes any more: the address says what is shown, and what was shown before can be undone. */
+  rest(): void {
+    replaceAddress(this.now, this.shown);
+    this.#record(this.now);
+  }
+
+  /** When what can be undone was done; null: there is nothing. */
+  get done_ms(): number | null {
+    return this.#history.done_ms(this.now, this.#changed_ms);
+  }
+
+  /** Undoes the last step, or does it again; whether there was one. */
+  goTo(which: "undo" | "redo"): boolean {
+    const state = this.#history[which](this.now);
+    if (state) this.take(state);
+    this.#tellWays();
+    replaceAddress(this.now, this.shown);
+    return state !== null;
+  }
+
+  /** What is seen of a state without its layers. */
+  own({ layer, window, colormap }: ViewState): HalfLook {
+    const own = layer ? (this.windows.get("") ?? this.shown.intensity.window) : window;
+    return { layer: null, overlay: null, window: own, colormap };
+  }
+
+  /** A close-up with layers has the case itself beside them, each with its own window. */
+  #paired(state: ViewState): ViewState {
+    if (state.layout !== "closer") return state;
+    const hasLayers = state.layer !== null || state.overlay !== null;
+    if (hasLayers === (state.beside !== null) && !state.swipe) return state;
+    return { ...state, beside: hasLayers ? (state.beside ?? this.own(state)) : null, swipe: null };
+  }
+
+  #record(state: ViewState): void {
+    this.#history.record(state, this.#changed_ms);
+    this.#tellWays();
+  }
+
+  #tellWays(): void {
+    this.canUndo.value = this.#history.canUndo;
+    this.canRedo.value = this.#history.canRedo;
+  }
+}
