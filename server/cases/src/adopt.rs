@@ -3,11 +3,9 @@
 
 use std::collections::HashMap;
 
-use case::{CaseId, LayerId, ObjectKind};
-use storage::arrivals::{ArrivalSource, Uid};
-use storage::{
-    LayerName, LayerUpload, Manifest, Manifested, ObjectName, Spooled, StoreError, Upload,
-};
+use case::{CaseId, LayerId, ObjectKind, Parameters};
+use storage::arrivals::ArrivalSource;
+use storage::{Manifest, Manifested, ObjectName, Spooled, StoreError, Upload};
 
 use crate::application::Cases;
 use crate::arrivals::{Reception, SeriesOfUpload};
@@ -44,7 +42,7 @@ impl Cases {
         in_order(&mut manifests);
         for (name, manifest) in manifests {
             let case = manifest.case;
-            match self.submit_again(manifest).await? {
+            match self.submit_again(&name, &manifest).await? {
                 Again::Case => adopted.cases.push(case),
                 Again::Layer(layer) => adopted.layers.push((case, layer)),
                 Again::Known => {}
@@ -60,7 +58,11 @@ impl Cases {
         Ok(adopted)
     }
 
-    async fn submit_again(&self, manifest: Manifest) -> Result<Again, Error> {
+    async fn submit_again(
+        &self,
+        manifest_name: &ObjectName,
+        manifest: &Manifest,
+    ) -> Result<Again, Error> {
         let (store, case) = (self.store(), manifest.case);
         let mut files = HashMap::new();
         for name in manifest.sources().into_iter().flatten() {
@@ -68,11 +70,8 @@ impl Cases {
                 files.insert(name.kind, file);
             }
         }
-        match manifest.upload {
-            Manifested::Case {
-                mut parameters,
-                previous,
-            } => {
+        match &manifest.upload {
+            Manifested::Case { parameters, .. } => {
                 let Some(volume) = files.remove(&ObjectKind::SourceVolume) else {
                     return Ok(Again::Impossible);
                 };
@@ -82,42 +81,34 @@ impl Cases {
                     dicom: files.remove(&ObjectKind::SourceDicom),
                 };
                 // Without its mask, or somebody's attributes, it would be another case.
-                if upload.case_id(&parameters) != case {
+                if upload.case_id(parameters) != case {
                     return Ok(Again::Impossible);
                 }
-                parameters.name = self.label_of(&upload).await?;
+                let parameters = Parameters {
+                    name: self.label_of(&upload).await?,
+                    ..parameters.clone()
+                };
                 let series = SeriesOfUpload::read(&upload).await?;
-                let submitted = store.submit_after(upload, parameters, previous).await?;
+                if !store
+                    .adopt_case(manifest_name, manifest, parameters)
+                    .await?
+                {
+                    return Ok(Again::Known);
+                }
                 self.index(case, series).await?;
-                Ok(match submitted.created {
-                    true => Again::Case,
-                    false => Again::Known,
-                })
+                Ok(Again::Case)
             }
-            Manifested::Layer {
-                id,
-                parameters,
-                name,
-                series,
-            } => {
-                let Some(volume) = files.remove(&ObjectKind::SourceLayer) else {
+            Manifested::Layer { id, parameters, .. } => {
+                let dicom = files.get(&ObjectKind::SourceDicom).map(Spooled::digest);
+                let Some(volume) = files.get(&ObjectKind::SourceLayer) else {
                     return Ok(Again::Impossible);
                 };
-                let upload = LayerUpload {
-                    case,
-                    volume,
-                    dicom: files.remove(&ObjectKind::SourceDicom),
-                    series: series.as_deref().and_then(Uid::parse),
-                    name: LayerName::Usual(name),
-                    parameters,
-                    most: usize::MAX,
-                };
-                if upload.id() != id {
+                if LayerId::of(volume.digest(), dicom, parameters) != *id {
                     return Ok(Again::Impossible);
                 }
-                match store.submit_layer(upload).await {
-                    Ok(submitted) if submitted.created => Ok(Again::Layer(id)),
-                    Ok(_) => Ok(Again::Known),
+                match store.adopt_layer(manifest_name, manifest).await {
+                    Ok(true) => Ok(Again::Layer(*id)),
+                    Ok(false) => Ok(Again::Known),
                     Err(StoreError::NoSuchCase) => Ok(Again::Impossible),
                     Err(error) => Err(error.into()),
                 }
@@ -175,10 +166,10 @@ fn in_order(manifests: &mut [(ObjectName, Manifest)]) {
 
 #[cfg(test)]
 mod tests {
-    use case::{CaseState, LayerParameters, Parameters};
+    use case::{CaseState, LayerParameters};
     use pipeline::Source;
     use storage::testing::{assert_nothing_left_over, files_below};
-    use storage::{Location, NewMask, ObjectsAddress, Store, Version};
+    use storage::{LayerName, LayerUpload, Location, NewMask, ObjectsAddress, Store, Version};
     use tempfile::TempDir;
 
     use super::*;

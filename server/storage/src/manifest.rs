@@ -10,7 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use super::arrivals::Uid;
 use super::pinned::Writing;
-use super::rows::Pinned;
+use super::pinned::unique_holder;
+use super::rows::{LayerName, NewCase, NewLayer, Pinned};
 use super::{Framed, ObjectName, Spooled, Store, StoreError, Unreadable, frame};
 
 /// What was uploaded.
@@ -150,6 +151,63 @@ impl Store {
         }
     }
 
+    /// Makes a case of the sources of a manifest that no row names, and queues it; `false` if it is there. The sources must have been
+    /// read. Nothing is written but rows, and by one transaction, so that nothing is removed if it fails.
+    ///
+    /// # Errors
+    /// If the rows cannot be written, or one of the objects is being removed.
+    pub async fn adopt_case(
+        &self,
+        name: &ObjectName,
+        manifest: &Manifest,
+        parameters: Parameters,
+    ) -> Result<bool, StoreError> {
+        let Manifested::Case { previous, .. } = &manifest.upload else {
+            return Ok(false);
+        };
+        let new = NewCase {
+            id: manifest.case,
+            parameters,
+            previous: *previous,
+            sources: held(name, manifest),
+            queue_limit: usize::MAX,
+            client: String::new(),
+        };
+        self.insert_adopted_case(&new).await
+    }
+
+    /// The same for a layer of a case.
+    ///
+    /// # Errors
+    /// As [`Store::adopt_case`], and [`StoreError::NoSuchCase`].
+    pub async fn adopt_layer(
+        &self,
+        name: &ObjectName,
+        manifest: &Manifest,
+    ) -> Result<bool, StoreError> {
+        let Manifested::Layer {
+            id,
+            parameters,
+            name: layer_name,
+            series,
+        } = &manifest.upload
+        else {
+            return Ok(false);
+        };
+        let new = NewLayer {
+            case: manifest.case,
+            id: *id,
+            name: LayerName::Usual(layer_name.clone()),
+            parameters: parameters.clone(),
+            series: series.as_deref().and_then(Uid::parse),
+            sources: held(name, manifest),
+            most: usize::MAX,
+            queue_limit: usize::MAX,
+            client: String::new(),
+        };
+        self.insert_adopted_layer(&new).await
+    }
+
     /// Writes the manifests of a case and its layers again that are missing or damaged.
     ///
     /// # Errors
@@ -200,5 +258,14 @@ impl Store {
         let refer =
             |pinned: Pinned| async move { self.refer_to_manifest(case, layer, &pinned).await };
         self.with_pinned(&[Writing::Framed(&framed)], refer).await
+    }
+}
+
+/// The objects of an upload, to be pinned in the transaction that refers to them.
+fn held(name: &ObjectName, manifest: &Manifest) -> Pinned {
+    let sources = manifest.sources().unwrap_or_default();
+    Pinned {
+        holder: unique_holder(),
+        names: sources.into_iter().chain([*name]).collect(),
     }
 }

@@ -38,7 +38,7 @@ use sqlx::{Pool, SqlSafeStr as _};
 pub(crate) use self::connection::microseconds;
 use self::connection::{Connection, Database};
 use super::jobs::{Claim, NewJob};
-use super::rows::{Change, Inserted, NewCase, Pinned, Published, Referred, Sweep};
+use super::rows::{Change, Inserted, NewCase, NewLayer, Pinned, Published, Referred, Sweep};
 use super::{CaseQuery, Cursor, ObjectName, Page, Store, StoreError};
 use case::{Case, CaseFacts, CaseId, Failure, JobKind, LayerId, ObjectKind};
 
@@ -196,6 +196,14 @@ impl Rows {
         }
         Ok(deleted)
     }
+}
+
+/// Pins objects that are there until the end of the transaction.
+async fn hold(transaction: &mut Connection, objects: &Pinned, now: i64) -> Result<(), StoreError> {
+    if tombstones::any_of(transaction, &objects.names).await? {
+        return Err(StoreError::Rows("an object is being removed".into()));
+    }
+    pins::insert(transaction, objects, now).await
 }
 
 /// Migrates the tables. Tables of a newer version, and of one before 0.1.0, are not changed.
@@ -514,6 +522,32 @@ impl Store {
         let (mut transaction, _) = self.rows().write().await?;
         pins::forget_writers(&mut transaction).await?;
         transaction.commit().await
+    }
+
+    /// As [`Store::insert_case`], of objects that are there and that nothing refers to; whether it was inserted.
+    pub(crate) async fn insert_adopted_case(&self, new: &NewCase) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        hold(&mut transaction, &new.sources, now).await?;
+        let inserted = cases::submit(&mut transaction, new, now).await?;
+        let is_inserted = matches!(inserted, Referred::Done(_));
+        if is_inserted {
+            transaction.commit().await?;
+            self.signals().queued();
+        }
+        Ok(is_inserted)
+    }
+
+    /// The same for a layer.
+    pub(crate) async fn insert_adopted_layer(&self, new: &NewLayer) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        hold(&mut transaction, &new.sources, now).await?;
+        let inserted = layers::submit(&mut transaction, new, now).await?;
+        let is_inserted = matches!(inserted, Referred::Done(_));
+        if is_inserted {
+            transaction.commit().await?;
+            self.signals().queued();
+        }
+        Ok(is_inserted)
     }
 
     /// Makes a pinned manifest that of a case or of one of its layers, if that is there.

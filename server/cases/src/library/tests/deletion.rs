@@ -28,7 +28,8 @@ async fn deleting_a_case_removes_what_no_other_case_needs() {
     assert!(library.store().delete(&id).await.unwrap());
     assert!(!library.store().delete(&id).await.unwrap());
     assert_eq!(library.store().case(&id).await.unwrap(), None);
-    assert_eq!(objects_below(&directory.path().join("objects")).len(), 1);
+    // The source and the other manifest.
+    assert_eq!(objects_below(&directory.path().join("objects")).len(), 2);
     let workers = start_workers(library.clone(), 1);
     assert_eq!(
         settled_state(&library, &other).await,

@@ -9,7 +9,7 @@ use storage::testing::{assert_nothing_left_over, facts, steps};
 use storage::{ObjectName, Publisher, frame_all};
 use tempfile::TempDir;
 
-use super::{GRACE, expected, load, open, ready};
+use super::{GRACE, expected, load, open};
 use crate::jobs::start_workers;
 use crate::testing::{Fake, fake_objects, settled_state, submit};
 
@@ -126,20 +126,4 @@ async fn a_kill_at_any_step_leaves_nothing_half_there() {
         assert_eq!(fake.run_count(), usize::from(step != 7), "step {step}");
         assert_nothing_left_over(library.store(), directory.path()).await;
     }
-}
-
-#[tokio::test]
-async fn an_object_that_no_row_knows_is_removed_at_the_next_start() {
-    let (directory, fake) = (tempfile::tempdir().unwrap(), Arc::default());
-    let (library, id) = ready(&directory, &fake).await;
-    let unknown = frame_all(fake_objects(b"a removal that the disk forgot"))
-        .await
-        .unwrap();
-    for framed in &unknown {
-        steps::write(library.store(), framed).await.unwrap();
-    }
-    drop(library);
-    let library = open(&directory, &fake).await;
-    assert_nothing_left_over(library.store(), directory.path()).await;
-    assert_eq!(load(&library, &id).await, Some(expected("volume")));
 }
