@@ -23,10 +23,12 @@ ROUTES += ["layers/blur/volume", "layers/other/volume", "render?depth_mm=5&width
 
 
 def objects_of(data):
-    """The files of the objects by their kind."""
+    """The files of the objects by their kind, without the id of the store: with a damaged one no server starts."""
     found = {}
     root = os.path.join(data, "objects")
     for folder, _, names in os.walk(root):
+        if folder == root:
+            continue
         kind = os.path.relpath(folder, root).split(os.sep)[0]
         for name in names:
             found.setdefault(kind, []).append(os.path.join(folder, name))

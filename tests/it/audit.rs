@@ -134,6 +134,9 @@ async fn who_did_what_with_which_case_is_on_record_and_nothing_of_a_patient() {
     for query in [CANARY, "other"] {
         recorded.get(&format!("/v1/cases?text={query}")).await;
     }
+    for _ in 0..2 {
+        assert_eq!(recorded.get("/v1/cases").await.status, 200);
+    }
     let other = recorded.ask(Method::GET, &address, "read").await;
     assert_eq!(other.status, 200);
     let export = recorded.get(&format!("{address}/mask")).await;

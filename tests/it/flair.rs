@@ -232,8 +232,8 @@ async fn the_newest_flair_has_a_map_that_is_listed_drawn_and_reported_and_goes_w
     assert_eq!(listed(&server, &case).await, None);
     assert_eq!(
         server.stored_files().len(),
-        stored - 3,
-        "source, voxels and map"
+        stored - 4,
+        "source, manifest, voxels and map"
     );
     let gone = server.get(&slice).await;
     assert_eq!(gone.problem(), "maps-undefined");

@@ -190,6 +190,14 @@ fn children_and_caches_fit_into_the_memory_of_the_shipped_containers() {
     ] {
         let text = read(file);
         for container in text.split("image: isocortex\n").skip(1) {
+            // One that makes the store and ends has no children and no caches.
+            if container
+                .lines()
+                .take(3)
+                .any(|line| line.contains("init-store"))
+            {
+                continue;
+            }
             let limits = ["mem_limit: ", "limits: { memory: "];
             let places = limits.map(|limit| Some(container.find(limit)? + limit.len()));
             let at = places.into_iter().flatten().min().expect(file);

@@ -166,9 +166,11 @@ fn in_order(manifests: &mut [(ObjectName, Manifest)]) {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use case::{CaseState, LayerParameters};
     use pipeline::Source;
-    use storage::testing::{assert_nothing_left_over, files_below};
+    use storage::testing::{assert_nothing_left_over, files_below, objects_below};
     use storage::{LayerName, LayerUpload, Location, NewMask, ObjectsAddress, Store, Version};
     use tempfile::TempDir;
 
@@ -176,15 +178,44 @@ mod tests {
     use crate::arrivals::tests::application;
     use crate::testing::{options, source};
 
-    /// An application on a folder of objects, whose rows are lost each time that it is opened.
-    async fn opened(objects: &TempDir) -> (TempDir, Cases) {
-        let folder = tempfile::tempdir().unwrap();
-        let location = Location {
-            objects: Some(ObjectsAddress::Folder(objects.path().to_owned())),
-            ..folder.path().into()
-        };
-        let store = Store::open_at(&location, options()).await.unwrap();
-        (folder, application(store, ""))
+    /// A store whose rows are those of its first day each time that it is opened.
+    struct Restored {
+        objects: TempDir,
+        backup: TempDir,
+    }
+
+    impl Restored {
+        async fn new() -> Self {
+            let [objects, backup] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+            let restored = Self { objects, backup };
+            let store = restored.store(&restored.backup, true).await;
+            store.close().await;
+            restored
+        }
+
+        async fn store(&self, folder: &TempDir, create: bool) -> Store {
+            let location = Location {
+                objects: Some(ObjectsAddress::Folder(self.objects.path().to_owned())),
+                ..folder.path().into()
+            };
+            let options = storage::Options {
+                create,
+                ..options()
+            };
+            Store::open_at(&location, options).await.unwrap()
+        }
+
+        async fn open(&self) -> (TempDir, Cases) {
+            let folder = tempfile::tempdir().unwrap();
+            let rows = |of: &TempDir| of.path().join("rows.sqlite");
+            std::fs::copy(rows(&self.backup), rows(&folder)).unwrap();
+            let store = self.store(&folder, false).await;
+            (folder, application(store, ""))
+        }
+
+        fn objects(&self) -> &Path {
+            self.objects.path()
+        }
     }
 
     async fn submitted(cases: &Cases, source: Source) -> CaseId {
@@ -228,8 +259,8 @@ mod tests {
 
     #[tokio::test]
     async fn cases_versions_and_layers_come_back_with_their_ids_and_what_was_deleted_does_not() {
-        let objects = tempfile::tempdir().unwrap();
-        let (_folder, cases) = opened(&objects).await;
+        let restored = Restored::new().await;
+        let (_folder, cases) = restored.open().await;
         let first = submitted(&cases, with_mask_and_attributes()).await;
         let t2 = layer(&cases, first, "T2").await;
         // A radius that no binary number is.
@@ -240,7 +271,7 @@ mod tests {
         layer(&cases, deleted, "PET").await;
         assert!(cases.store().delete(&deleted).await.unwrap());
 
-        let (_folder, cases) = opened(&objects).await;
+        let (_folder, cases) = restored.open().await;
         let adopted = cases.adopt().await.unwrap();
         assert_eq!(
             adopted.cases,
@@ -280,36 +311,36 @@ mod tests {
     async fn what_is_damaged_or_incomplete_stays_as_it_is() {
         for kind in ["manifest", "source-volume", "source-mask", "source-dicom"] {
             for is_missing in [true, false] {
-                let objects = tempfile::tempdir().unwrap();
-                let (_folder, cases) = opened(&objects).await;
+                let restored = Restored::new().await;
+                let (_folder, cases) = restored.open().await;
                 let case = submitted(&cases, with_mask_and_attributes()).await;
-                let file = files_below(&objects.path().join(kind)).remove(0);
+                let file = files_below(&restored.objects().join(kind)).remove(0);
                 match is_missing {
                     true => std::fs::remove_file(file).unwrap(),
                     false => std::fs::write(file, b"damaged").unwrap(),
                 }
-                let (_folder, cases) = opened(&objects).await;
-                let files = files_below(objects.path()).len();
+                let (_folder, cases) = restored.open().await;
+                let files = objects_below(restored.objects()).len();
                 let adopted = cases.adopt().await.unwrap();
                 assert_eq!(adopted.cases, []);
                 let is_named = kind != "manifest" || !is_missing;
                 assert_eq!(adopted.left.len(), usize::from(is_named), "{kind}");
                 assert_eq!(cases.store().case(&case).await.unwrap(), None);
-                assert_eq!(files_below(objects.path()).len(), files);
+                assert_eq!(objects_below(restored.objects()).len(), files);
             }
         }
     }
 
     #[tokio::test]
     async fn a_layer_of_a_lost_case_stays_and_comes_back_with_it() {
-        let objects = tempfile::tempdir().unwrap();
-        let (_folder, cases) = opened(&objects).await;
+        let restored = Restored::new().await;
+        let (_folder, cases) = restored.open().await;
         let case = submitted(&cases, source("volume")).await;
         let t2 = layer(&cases, case, "T2").await;
-        let file = files_below(&objects.path().join("source-volume")).remove(0);
-        let away = objects.path().join("away");
+        let file = files_below(&restored.objects().join("source-volume")).remove(0);
+        let away = restored.objects().join("away");
         std::fs::rename(&file, &away).unwrap();
-        let (folder, cases) = opened(&objects).await;
+        let (folder, cases) = restored.open().await;
         assert_eq!(cases.adopt().await.unwrap().left.len(), 2);
         std::fs::rename(&away, &file).unwrap();
         let adopted = cases.adopt().await.unwrap();
@@ -318,7 +349,7 @@ mod tests {
             (vec![case], vec![(case, t2)])
         );
         cases.store().delete(&case).await.unwrap();
-        assert_eq!(files_below(objects.path()).len(), 0);
+        assert_eq!(objects_below(restored.objects()).len(), 0);
         assert_eq!(files_below(&folder.path().join("uploads")).len(), 0);
     }
 

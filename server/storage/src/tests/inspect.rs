@@ -429,7 +429,7 @@ async fn what_nothing_refers_to_is_told_by_its_age_and_by_that_of_the_rows() {
     assert!(!found.is_newer_than_rows && found.is_much());
     assert_eq!(found.names, [old]);
     assert_eq!((found.old.objects, found.young.objects), (1, 1));
-    let files = files_below(&directory.path().join("objects"));
+    let files = objects_below(&directory.path().join("objects"));
     assert_eq!(
         found.all.objects,
         files.len() as u64,
