@@ -130,9 +130,9 @@ class Server:
         self.stop()
         self.start()
 
-    def check(self):
+    def check(self, *arguments):
         """The status of `isocortex check-store` on the store of a server in one folder, and what it says."""
-        command = [program(), "check-store", "--data", self.data]
+        command = [program(), "check-store", "--data", self.data, *arguments]
         environment = {"PATH": os.environ.get("PATH", ""), **self.environment}
         done = subprocess.run(command, env=environment, capture_output=True, text=True)
         return done.returncode, done.stdout + done.stderr

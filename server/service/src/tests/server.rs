@@ -244,7 +244,7 @@ impl Server {
 
     /// The files of the store beside its database.
     pub(super) fn stored_files(&self) -> Vec<String> {
-        let below = |folder| storage::testing::files_below(&self.directory.path().join(folder));
+        let below = |folder| storage::testing::objects_below(&self.directory.path().join(folder));
         let files = ["objects", "uploads"].into_iter().flat_map(below);
         files.map(|file| file.display().to_string()).collect()
     }
