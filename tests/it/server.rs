@@ -146,7 +146,9 @@ impl Server {
     }
 
     async fn on(directory: TempDir, config: Config) -> Self {
-        let state = start::open(&config).await.unwrap();
+        let state = start::open(&config, &config.audit().unwrap())
+            .await
+            .unwrap();
         let pacs = start::pacs(&config, &state.cases).unwrap();
         Self {
             router: start::router(&state, &pacs),

@@ -127,7 +127,7 @@ impl Cases {
             Err(error) => return Err(error),
         };
         // The file has lost the identity of its patient before it was stored, if it was to.
-        let received = self.receive_as_is(vec![(identity, file)], ArrivalSource::Retrieval);
+        let received = self.receive_as_is(vec![(identity, file)], ArrivalSource::Retrieval, true);
         let kept = [Reception::Stored, Reception::Corrected];
         Ok(received.await?.iter().all(|became| kept.contains(became)))
     }

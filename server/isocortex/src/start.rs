@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};
 
+use audit::Audit;
 use axum::Router;
 use cases::{Cases, Library};
 use http_support::proxy::SignInProxy;
@@ -218,11 +219,12 @@ fn warn_of_memory(config: &Config) -> Result<(), ConfigError> {
     Ok(())
 }
 
-/// Opens the store for serving. Cases are prepared only after workers are started on the library.
+/// Opens the store for serving. Cases are prepared only after workers are started on the library. Who does what is recorded in `audit`
+/// ([`Config::audit`]), which is begun once, however often the store must be opened until it answers.
 ///
 /// # Errors
 /// If the configuration is invalid or the store cannot be opened.
-pub async fn open(config: &Config) -> Result<AppState, StartError> {
+pub async fn open(config: &Config, audit: &Audit) -> Result<AppState, StartError> {
     config.check()?;
     warn_of_memory(config)?;
     let [_, frame_ancestors] = config.origins()?;
@@ -239,7 +241,7 @@ pub async fn open(config: &Config) -> Result<AppState, StartError> {
         guard_all: config.http.guard_all,
     };
     let cases = cases::Options {
-        audit: config.audit()?,
+        audit: audit.clone(),
         ..config.cases()?
     };
     Ok(AppState::new(Cases::open(cases).await?, options))
@@ -279,15 +281,15 @@ pub fn router(state: &AppState, pacs: &Pacs) -> Router {
     app_beside(state.clone(), beside)
 }
 
-/// Opens the store for preparing cases only.
+/// Opens the store for preparing cases only; `audit` as for [`open`].
 ///
 /// # Errors
 /// If the configuration is invalid or the store cannot be opened.
-pub async fn open_library(config: &Config) -> Result<Library, StartError> {
+pub async fn open_library(config: &Config, audit: &Audit) -> Result<Library, StartError> {
     config.check()?;
     warn_of_memory(config)?;
     let options = cases::Options {
-        audit: config.audit()?,
+        audit: audit.clone(),
         ..config.cases()?
     };
     Ok(cases::open_library(&options).await?)

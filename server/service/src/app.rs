@@ -13,7 +13,7 @@ use tower_http::request_id::{PropagateRequestIdLayer, SetRequestIdLayer};
 use utoipa::openapi::OpenApi;
 
 use crate::routes;
-use crate::state::{AppState, FrameAncestors, GuardAll};
+use crate::state::{AnswerTimeout, AppState, FrameAncestors, GuardAll};
 use http_support::auth::{self, Access};
 use http_support::logs::{self, MakeId, REQUEST_ID};
 use http_support::metrics::Metrics;
@@ -65,7 +65,11 @@ pub fn app_beside(state: AppState, beside: Beside) -> Router {
     routes::guarded::describe(&mut description);
     let guard = routes::guard(&state, beside.scopes);
     let guard = middleware::from_fn_with_state(guard, auth::require_token);
-    let guarded = beside.guarded.route_layer(guard);
+    let in_time = middleware::from_fn_with_state(
+        AnswerTimeout::from_ref(&state),
+        routes::answer_in_time_or_store,
+    );
+    let guarded = beside.guarded.route_layer(in_time).route_layer(guard);
     let routes = routes.merge(guarded.with_state(()));
     finish(state, routes, &openapi.merge_from(description))
 }

@@ -43,15 +43,18 @@ impl Directory {
             .write(true)
             .open(root.join("lock"))?;
         check_owner(&lock.metadata()?, &root.join("uploads"))?;
-        let is_alone = lock.try_lock().is_ok();
-        prepare(is_alone).await?;
-        if is_alone {
+        let lock = if lock.try_lock().is_ok() {
+            prepare(true).await?;
             sweep(root, Duration::ZERO)?;
             lock.unlock()?;
+            take_shared(lock).await?
         } else {
+            // Whoever is alone may be making the tables.
+            let lock = take_shared(lock).await?;
+            prepare(false).await?;
             sweep(root, STALE_AFTER)?;
-        }
-        let lock = take_shared(lock).await?;
+            lock
+        };
         Ok(Self {
             root: root.to_owned(),
             _shared_lock: lock,
@@ -91,12 +94,10 @@ pub(super) fn check_owner_of_objects<E>(objects: &Path) -> Result<(), E>
 where
     E: From<io::Error> + From<OtherUser>,
 {
-    let there = match std::fs::metadata(objects.join("store-id")) {
-        Ok(label) => Some(label),
-        Err(_) => match subdirectories(objects)?.first() {
-            Some(kind) => Some(std::fs::metadata(kind)?),
-            None => None,
-        },
+    // The id may have been written by hand.
+    let there = match subdirectories(objects)?.first() {
+        Some(kind) => Some(std::fs::metadata(kind)?),
+        None => std::fs::metadata(objects.join("store-id")).ok(),
     };
     Ok(there.map_or(Ok(()), |there| check_owner(&there, objects))?)
 }

@@ -137,6 +137,8 @@ pub(crate) async fn compare_or_make(rows: &Rows, objects: &Objects) -> Result<St
             if found.objects == Label::Missing
                 && rows.are_new().await?
                 && objects.are_none().await? => {}
+        // Another process may have made the pair between the two looks.
+        Err(StoreError::Mismatch(_)) => return compare(rows, objects).await,
         compared => return compared,
     }
     let id = rows.make_store_id(StoreId::new()).await?;

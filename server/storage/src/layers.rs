@@ -128,6 +128,7 @@ impl Store {
     pub async fn delete_layer(&self, case: &CaseId, id: &LayerId) -> Result<bool, StoreError> {
         let (store, case, id) = (self.clone(), *case, *id);
         let delete = async move {
+            store.check_id().await?;
             let deleted = store.delete_layer_row(&case, &id).await?;
             if deleted {
                 store.signals().changed(&case);

@@ -249,7 +249,12 @@ impl Store {
     /// # Errors
     /// As [`Store::open_at`].
     pub async fn open_with_new_id(location: &Location) -> Result<Self, StoreError> {
-        Self::open_by(location, Options::default(), Opening::WithNewId).await
+        let options = Options {
+            // Before `--adopt`, nothing of the copy may go.
+            sweeps_at_start: false,
+            ..Options::default()
+        };
+        Self::open_by(location, options, Opening::WithNewId).await
     }
 
     async fn open_by(
@@ -272,7 +277,8 @@ impl Store {
         let objects = open_objects(location)?;
         if !has_rows {
             let label = objects.label().await?;
-            if label != identity::Label::Missing {
+            // Another process may have made both meanwhile.
+            if label != identity::Label::Missing && !location.has_rows().await? {
                 return Err(StoreError::Mismatch(Mismatch {
                     rows: None,
                     objects: label,

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::arrivals::{ArrivalSource, NewInstance, Received};
-use super::pinned::Writing;
+use super::pinned::{Writing, unique_holder};
 use super::rows::Pinned;
 use super::{ImageStatus, ObjectName, Spooled, Store, StoreError};
 
@@ -34,6 +34,23 @@ impl Store {
             Err(_) => signals.images_came(source, ImageStatus::Failed, count),
         }
         received
+    }
+
+    /// Makes arrivals of images whose objects are there, and which no row names. Nothing is written but rows, and by one transaction, so
+    /// that nothing is removed if it fails.
+    ///
+    /// # Errors
+    /// If the rows cannot be written, or one of the objects is being removed.
+    pub async fn adopt_images(
+        &self,
+        images: &[NewInstance],
+        source: ArrivalSource,
+    ) -> Result<Received, StoreError> {
+        let pinned = Pinned {
+            holder: unique_holder(),
+            names: images.iter().map(ObjectName::from).collect(),
+        };
+        self.insert_adopted_images(images, &pinned, source).await
     }
 
     async fn receive_now(

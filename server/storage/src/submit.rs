@@ -191,6 +191,7 @@ impl Store {
         for _ in 0..ATTEMPTS {
             if let Some(case) = self.case(id).await?
                 && case.state != CaseState::Failed
+                && self.has_files(&inputs).await?
                 && self.uploaded_again(id).await?
             {
                 let case = self.case(id).await?.unwrap_or(case);
@@ -214,6 +215,16 @@ impl Store {
         Err(StoreError::Rows(
             "a case was deleted repeatedly while it was uploaded".into(),
         ))
+    }
+
+    /// Whether the files that are uploaded are stored: one that is lost is written again.
+    async fn has_files(&self, inputs: &Inputs<'_>) -> Result<bool, StoreError> {
+        for (name, file) in &inputs.sources {
+            if file.is_some() && !self.objects().has(name).await? {
+                return Ok(false);
+            }
+        }
+        Ok(true)
     }
 
     /// Writes the sources and the manifest, and inserts the case. `None` if a stored source has gone.

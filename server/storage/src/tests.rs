@@ -106,6 +106,32 @@ async fn a_full_queue_refuses_and_keeps_nothing_of_it() {
 }
 
 #[tokio::test]
+async fn what_is_uploaded_again_takes_the_place_of_a_file_that_is_missing() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = store(&directory).await;
+    for is_claimed in [false, true] {
+        for kind in [ObjectKind::SourceVolume, ObjectKind::SourceMask] {
+            let masked = upload(&store, "volume", Some("mask")).await;
+            store
+                .submit_upload(masked, Parameters::default())
+                .await
+                .unwrap();
+            let folder = directory.path().join("objects").join(kind.name());
+            let [file] = &objects_below(&folder)[..] else {
+                panic!("one {}", kind.name());
+            };
+            std::fs::remove_file(file).unwrap();
+            let again = upload(&store, "volume", Some("mask")).await;
+            let again = store.submit_upload(again, Parameters::default()).await;
+            assert!(!again.unwrap().created);
+            assert!(file.is_file(), "{}", kind.name());
+        }
+        assert!(is_claimed || claim(&store).await.is_some());
+    }
+    assert_nothing_left_over(&store, directory.path()).await;
+}
+
+#[tokio::test]
 async fn the_same_files_and_parameters_have_one_name() {
     let store = Store::in_memory(Options::default()).await.unwrap();
     let of = async |volume, mask, parameters: &Parameters| {

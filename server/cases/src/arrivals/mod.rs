@@ -92,14 +92,16 @@ impl Cases {
             true => self.without_identity(images).await?,
             false => images,
         };
-        self.receive_as_is(images, source).await
+        self.receive_as_is(images, source, false).await
     }
 
-    /// As [`Cases::receive`], whether or not the identity of the patient is removed.
+    /// As [`Cases::receive`], whether or not the identity of the patient is removed. `is_stored` for images whose objects are there, and
+    /// which no row names.
     pub(crate) async fn receive_as_is(
         &self,
         images: Vec<(InstanceIdentity, Spooled)>,
         source: ArrivalSource,
+        is_stored: bool,
     ) -> Result<Vec<Reception>, Error> {
         let new = |(identity, file): (InstanceIdentity, Spooled)| {
             let instance = NewInstance {
@@ -114,7 +116,12 @@ impl Cases {
         };
         let images = images.into_iter().map(new).collect();
         let (images, receptions) = self.compare(images, source).await?;
-        let received = self.store().receive(images, source).await?;
+        let received = if is_stored {
+            let images: Vec<_> = images.into_iter().map(|(new, _)| new).collect();
+            self.store().adopt_images(&images, source).await?
+        } else {
+            self.store().receive(images, source).await?
+        };
         for arrival in received.corrected {
             if let Some(corrected) = self.store().arrival(&arrival).await? {
                 self.remove_layers_of(&corrected.uids).await?;

@@ -192,6 +192,13 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
             defects.repair(&cases.library).await?;
         }
         match (defects.unreferenced, args.remove_unreferenced) {
+            // What could still be adopted must not go because nobody thought of it.
+            (_, true) if defects.to_adopt > 0 && !args.yes => {
+                println!(
+                    "nothing removed: {} uploads or images are named by no row; bring them back by `--adopt`, or remove them by `--yes`",
+                    defects.to_adopt
+                );
+            }
             (_, true) => remove_unreferenced(store, args.yes).await?,
             (0, false) => {}
             (count, false) => println!(

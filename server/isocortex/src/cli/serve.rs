@@ -345,7 +345,8 @@ impl Server {
         warn_of_certificates(config);
         let tls = config.tls()?.map(ReloadedTls::new);
         let address = Some(config.http.listen);
-        let opening = || start::open(config);
+        let audit = config.audit()?;
+        let opening = || start::open(config, &audit);
         let Some(state) = waiting::opened(config, address, tls.clone(), opening).await? else {
             return Ok(None);
         };

@@ -47,7 +47,8 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
     }
     config.keep_secrets();
     super::block_on(async {
-        let opening = || start::open_library(&config);
+        let audit = config.audit()?;
+        let opening = || start::open_library(&config, &audit);
         let Some(library) = waiting::opened(&config, config.prepare.listen, None, opening).await?
         else {
             return Ok(());

@@ -183,8 +183,7 @@ async fn answer_in_time(
     request: Request,
     next: Next,
 ) -> Result<Response, AppError> {
-    // `POST …/renders` is the only POST under this limit.
-    let is_of_many = request.method() == Method::POST;
+    let is_of_many = request.uri().path().ends_with("/renders");
     tokio::time::timeout(limit, next.run(request))
         .await
         .map_err(|_elapsed| {
@@ -195,6 +194,20 @@ async fn answer_in_time(
                 AppError::TimedOut
             }
         })
+}
+
+/// The same, for the routes of a PACS: images that are stored (STOW-RS) have the time of an upload.
+pub(crate) async fn answer_in_time_or_store(
+    timeout: State<AnswerTimeout>,
+    request: Request,
+    next: Next,
+) -> Result<Response, AppError> {
+    let stores =
+        request.method() == Method::POST && request.uri().path().starts_with("/dicomweb/studies");
+    match stores {
+        true => Ok(next.run(request).await),
+        false => answer_in_time(timeout, request, next).await,
+    }
 }
 
 /// Adds the quality of the mask as a header to all answers that show a case.

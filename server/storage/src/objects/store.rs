@@ -213,6 +213,18 @@ impl Objects {
         Ok(written?.last_modified.timestamp_micros())
     }
 
+    /// Whether an object is there, whole or damaged.
+    ///
+    /// # Errors
+    /// If the object store does not answer.
+    pub(crate) async fn has(&self, name: &ObjectName) -> Result<bool, ObjectError> {
+        match self.files.head(&name.path()).await {
+            Ok(_) => Ok(true),
+            Err(object_store::Error::NotFound { .. }) => Ok(false),
+            Err(error) => Err(error.into()),
+        }
+    }
+
     /// Removes an object, if it exists.
     ///
     /// # Errors

@@ -55,6 +55,23 @@ pub(super) async fn objects(
     rows.iter().map(read).collect()
 }
 
+async fn add_images(
+    transaction: &mut Connection,
+    instances: &[NewInstance],
+    source: ArrivalSource,
+    now: i64,
+) -> Result<Received, StoreError> {
+    let mut received = Received::default();
+    for instance in instances {
+        match arrivals::add(transaction, source, instance, now).await? {
+            arrivals::Added::New => received.new += 1,
+            arrivals::Added::FirstReplaced(id) => received.corrected.push(id),
+            arrivals::Added::Known | arrivals::Added::Replaced => {}
+        }
+    }
+    Ok(received)
+}
+
 impl Store {
     /// Adds images, whose objects are durable and pinned, to their series. An image that is there already stays as it is,
     /// unless the new one replaces it.
@@ -68,16 +85,26 @@ impl Store {
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(Referred::PinLost);
         }
-        let mut received = Received::default();
-        for instance in instances {
-            match arrivals::add(&mut transaction, source, instance, now).await? {
-                arrivals::Added::New => received.new += 1,
-                arrivals::Added::FirstReplaced(id) => received.corrected.push(id),
-                arrivals::Added::Known | arrivals::Added::Replaced => {}
-            }
-        }
+        let received = add_images(&mut transaction, instances, source, now).await?;
         transaction.commit().await?;
         Ok(Referred::Done(received))
+    }
+
+    /// The same for images whose objects are there, and are pinned by the same transaction: if it fails, nothing of them is removed.
+    pub(crate) async fn insert_adopted_images(
+        &self,
+        instances: &[NewInstance],
+        pinned: &Pinned,
+        source: ArrivalSource,
+    ) -> Result<Received, StoreError> {
+        let (mut transaction, now) = self.rows().write().await?;
+        super::hold(&mut transaction, pinned, now).await?;
+        if !pins::consume(&mut transaction, pinned).await? {
+            return Err(StoreError::Rows("an image is being removed".into()));
+        }
+        let received = add_images(&mut transaction, instances, source, now).await?;
+        transaction.commit().await?;
+        Ok(received)
     }
 
     /// Those images that are there already, in the same order.
