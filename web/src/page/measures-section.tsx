@@ -1,6 +1,6 @@
 // The section of the panel with the ruler: what is measured in the panes, until it is removed.
 
-import { useEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 
 import { number, t } from "../base/i18n.ts";
 import { type Column, TOOLS, type Values } from "../model/measure.ts";
@@ -11,7 +11,7 @@ export function MeasuresSection({ store }: OfStore) {
   const { measures } = store;
   const tool = measures.tool.value;
   const section = useRef<HTMLParagraphElement>(null);
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (tool) section.current?.closest("details")?.setAttribute("open", "");
   }, [tool]);
   return (

@@ -1,6 +1,6 @@
 // The lines above the picture: what went wrong, who draws, and how far the loading is.
 
-import { useEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 
 import { number, t } from "../base/i18n.ts";
 import { type OfStore, IconButton } from "./fields.tsx";
@@ -41,7 +41,7 @@ export function LoadingLine({ store, cancel, again }: OfStore & { cancel(): void
   const button = useRef<HTMLButtonElement>(null);
   const isCancelled = loading === "cancelled";
   // The focus was on the button that is gone.
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (isCancelled && document.activeElement === document.body) button.current?.focus();
   }, [isCancelled]);
   if (loading === null || loading === "begun") return <div class="loading-line" hidden />;

@@ -1,6 +1,6 @@
 // Moving a layer by hand: in steps, in the page alone, until it is added as another layer.
 
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useLayoutEffect, useRef, useState } from "preact/hooks";
 
 import { getFile } from "../base/api.ts";
 import { number, t } from "../base/i18n.ts";
@@ -35,7 +35,7 @@ export function Nudge({ store }: OfStore) {
   const moved = layers.moved.value;
   const center = shown.envelope_sphere.center_in_patient;
   // A key opens the part, so that further keys move the layer.
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (nudges === 0) return;
     summary.current?.closest("details")?.setAttribute("open", "");
     summary.current?.focus();

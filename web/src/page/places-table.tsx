@@ -1,6 +1,6 @@
 // The places of a list as a table: a row for each, and below the open one what is known of it.
 
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 
 import { gyrusWords, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
@@ -87,7 +87,7 @@ function Place({
   const { places } = store;
   const row = useRef<HTMLTableRowElement>(null);
   const reached = places.reached.value;
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (reached === place) row.current?.scrollIntoView({ block: "nearest" });
   }, [reached]);
   const { side, depth_mm, score, unusual } = place;
