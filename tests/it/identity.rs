@@ -37,7 +37,7 @@ impl Place {
     }
 }
 
-/// Whether a file belongs to the objects or the database; the log of SQLite comes and goes.
+/// The files of a folder but for the database.
 fn state(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let files = files_below(folder).into_iter();
     let kept = files.filter(|file| {
@@ -180,7 +180,10 @@ fn the_objects_of_another_store_are_not_touched() {
         let (status, said) = run(&["migrate-store", "--from", from, "--to", to]);
         assert_eq!(status, Some(78), "{said}");
     }
-    assert!(state(&place.path("good")) == before, "an object has changed");
+    assert!(
+        state(&place.path("good")) == before,
+        "an object has changed"
+    );
     let picture = place.text("picture.png");
     done(&[
         "render",
