@@ -14,7 +14,7 @@ folder=$(mktemp -d)
 server=
 trap '[ -z "$server" ] || kill "$server"; rm -rf "$folder"' EXIT
 "${PYTHON:-python3}" scripts/example-layers.py "$volume" "$mask" "$folder"
-target/debug/isocortex serve --data "$folder/data" --listen 127.0.0.1:0 >"$folder/server.log" 2>&1 &
+target/debug/isocortex serve --create --data "$folder/data" --listen 127.0.0.1:0 >"$folder/server.log" 2>&1 &
 server=$!
 until address=$(grep -om1 'http://127[^ ]*' "$folder/server.log"); do sleep 0.2; done
 case=$address/v1/cases/$(curl -fsS -F "volume=@$volume" -F "mask=@$mask" "$address/v1/cases" | jq -r .id)

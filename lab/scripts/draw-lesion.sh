@@ -20,7 +20,7 @@ number=$(jq '[.trials[] | .sign == "blur" and .area == "frontal" and .position_i
     and .depth_mm >= 12 and .depth_mm <= 16] | index(true)' "$results")
 place=$(jq -c ".trials[$number].position_in_patient | map(round)" "$results")
 echo "The lesion is at $place (LPS mm)."
-target/debug/isocortex serve --data "$folder/data" --listen 127.0.0.1:0 >"$folder/server.log" 2>&1 &
+target/debug/isocortex serve --create --data "$folder/data" --listen 127.0.0.1:0 >"$folder/server.log" 2>&1 &
 server=$!
 until address=$(grep -om1 'http://127[^ ]*' "$folder/server.log"); do sleep 0.2; done
 case=$(curl -fsS -F "volume=@$folder/heads/displaced/colin27-$number.nii.gz" -F "mask=@$mask" "$address/v1/cases" | jq -r .id)
