@@ -1,6 +1,6 @@
 // The section of the panel with the findings of a case: what a reader marks, writes down and hands on.
 
-import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
+import { useLayoutEffect, useRef, useState } from "preact/hooks";
 
 import { gyrusWords, number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
@@ -173,7 +173,7 @@ function Note({ store, finding, label }: OfStore & { readonly finding: Finding; 
   const field = useRef<HTMLTextAreaElement>(null);
   const [excess, setExcess] = useState(0);
   const plain = (typed: string): string => plainText(typed, LONGEST_NOTE);
-  useEffect(() => {
+  useLayoutEffect(() => {
     const area = field.current;
     // What is being typed says the same, but for a space at its end.
     if (!area || plain(area.value) === note) return;
