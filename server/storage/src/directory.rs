@@ -25,12 +25,12 @@ impl Directory {
     /// Creates missing folders, removes left-over files, and takes the shared lock. Fails with [`OtherUser`] if this process has another user than the
     /// one that made the directory, who could not read what it writes.
     ///
-    /// `prepare` runs before anything is removed. It learns whether no other process uses the directory; then no other one can start before it
+    /// `prepare` runs before anything is removed; what it makes is returned. It learns whether no other process uses the directory; then no other one can start before it
     /// has ended.
-    pub(super) async fn open<E>(
+    pub(super) async fn open<T, E>(
         root: &Path,
-        prepare: impl AsyncFnOnce(bool) -> Result<(), E>,
-    ) -> Result<Self, E>
+        prepare: impl AsyncFnOnce(bool) -> Result<T, E>,
+    ) -> Result<(Self, T), E>
     where
         E: From<io::Error> + From<OtherUser>,
     {
@@ -43,22 +43,23 @@ impl Directory {
             .write(true)
             .open(root.join("lock"))?;
         check_owner(&lock.metadata()?, &root.join("uploads"))?;
-        let lock = if lock.try_lock().is_ok() {
-            prepare(true).await?;
+        let (lock, prepared) = if lock.try_lock().is_ok() {
+            let prepared = prepare(true).await?;
             sweep(root, Duration::ZERO)?;
             lock.unlock()?;
-            take_shared(lock).await?
+            (take_shared(lock).await?, prepared)
         } else {
             // Whoever is alone may be making the tables.
             let lock = take_shared(lock).await?;
-            prepare(false).await?;
+            let prepared = prepare(false).await?;
             sweep(root, STALE_AFTER)?;
-            lock
+            (lock, prepared)
         };
-        Ok(Self {
+        let directory = Self {
             root: root.to_owned(),
             _shared_lock: lock,
-        })
+        };
+        Ok((directory, prepared))
     }
 
     pub(super) fn uploads(&self) -> PathBuf {
@@ -201,12 +202,8 @@ mod tests {
     use crate::StoreError;
 
     async fn open(root: &Path) -> (Directory, bool) {
-        let mut alone = false;
-        let directory = Directory::open::<StoreError>(root, async |is_alone| {
-            alone = is_alone;
-            Ok(())
-        });
-        (directory.await.unwrap(), alone)
+        let opened = Directory::open::<_, StoreError>(root, async |is_alone| Ok(is_alone));
+        opened.await.unwrap()
     }
 
     fn leftovers(root: &Path) -> [PathBuf; 2] {
@@ -258,7 +255,7 @@ mod tests {
         drop(open(root.path()).await);
         std::os::unix::fs::chown(root.path().join("lock"), Some(4321), None).unwrap();
         let [left, _] = leftovers(root.path());
-        let refused = Directory::open::<StoreError>(root.path(), async |_| Ok(())).await;
+        let refused = Directory::open::<_, StoreError>(root.path(), async |_| Ok(())).await;
         match refused {
             Err(StoreError::OtherUser(user)) => assert_eq!(user, 4321),
             other => panic!("{other:?}"),

@@ -37,8 +37,8 @@ impl LayerUpload {
     fn manifest(&self, sources: &[Writing<'_>]) -> Manifest {
         let (LayerName::Given(name) | LayerName::Usual(name)) = &self.name;
         let sources = sources.iter().map(Writing::name);
-        let about = (name.as_str(), &self.parameters);
-        Manifest::of_layer(self.case, self.id(), sources, about, self.series.as_ref())
+        let (parameters, series) = (&self.parameters, self.series.as_ref());
+        Manifest::of_layer(self.case, self.id(), sources, name, parameters, series)
     }
 
     fn sources(&self) -> Vec<Writing<'_>> {

@@ -285,7 +285,6 @@ impl Store {
                 }));
             }
         }
-        let mut opened = None;
         let has_own_rows = location.database.is_none();
         let prepare = async |is_alone| {
             let rows = open_rows(location).await?;
@@ -305,11 +304,9 @@ impl Store {
             if is_alone && has_own_rows {
                 rows.forget_holders().await?;
             }
-            opened = Some(rows);
-            Ok(())
+            Ok(rows)
         };
-        let place = Directory::open::<StoreError>(&location.folder, prepare).await?;
-        let rows = opened.ok_or_else(|| location.no_rows())?;
+        let (place, rows) = Directory::open::<_, StoreError>(&location.folder, prepare).await?;
         if let Some(ObjectsAddress::Folder(folder)) = &location.objects {
             directory::sweep_shared(folder)?;
         }

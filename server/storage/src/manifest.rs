@@ -9,8 +9,7 @@ use case::{CaseId, Layer, LayerId, LayerParameters, ObjectKind, Parameters};
 use serde::{Deserialize, Serialize};
 
 use super::arrivals::Uid;
-use super::pinned::Writing;
-use super::pinned::unique_holder;
+use super::pinned::{Writing, unique_holder};
 use super::rows::{LayerName, NewCase, NewLayer, Pinned};
 use super::{Framed, ObjectName, Spooled, Store, StoreError, Unreadable, frame};
 
@@ -69,7 +68,8 @@ impl Manifest {
         case: CaseId,
         id: LayerId,
         objects: impl IntoIterator<Item = ObjectName>,
-        (name, parameters): (&str, &LayerParameters),
+        name: &str,
+        parameters: &LayerParameters,
         series: Option<&Uid>,
     ) -> Self {
         let upload = Manifested::Layer {
@@ -233,8 +233,8 @@ impl Store {
                 continue;
             }
             let series = self.series_of_layer(id, &layer).await?;
-            let about = (name.as_str(), &parameters);
-            let manifest = Manifest::of_layer(*id, layer, objects, about, series.as_ref());
+            let manifest =
+                Manifest::of_layer(*id, layer, objects, &name, &parameters, series.as_ref());
             self.put_manifest(id, Some(&layer), &manifest).await?;
         }
         Ok(())

@@ -529,12 +529,7 @@ impl Store {
         let (mut transaction, now) = self.rows().write().await?;
         hold(&mut transaction, &new.sources, now).await?;
         let inserted = cases::submit(&mut transaction, new, now).await?;
-        let is_inserted = matches!(inserted, Referred::Done(_));
-        if is_inserted {
-            transaction.commit().await?;
-            self.signals().queued();
-        }
-        Ok(is_inserted)
+        self.commit_adopted(transaction, &inserted).await
     }
 
     /// The same for a layer.
@@ -542,6 +537,15 @@ impl Store {
         let (mut transaction, now) = self.rows().write().await?;
         hold(&mut transaction, &new.sources, now).await?;
         let inserted = layers::submit(&mut transaction, new, now).await?;
+        self.commit_adopted(transaction, &inserted).await
+    }
+
+    /// Commits what was inserted and queued; whether anything was.
+    async fn commit_adopted<T>(
+        &self,
+        transaction: Connection,
+        inserted: &Referred<T>,
+    ) -> Result<bool, StoreError> {
         let is_inserted = matches!(inserted, Referred::Done(_));
         if is_inserted {
             transaction.commit().await?;
