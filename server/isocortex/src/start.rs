@@ -272,9 +272,14 @@ pub fn pacs(config: &Config, cases: &Cases) -> Result<Pacs, ConfigError> {
 
 /// Everything that is served over HTTP.
 pub fn router(state: &AppState, pacs: &Pacs) -> Router {
-    let (guarded, description) = pacs::guarded_routes(pacs);
+    let pacs::Guarded {
+        uploads,
+        answers,
+        description,
+    } = pacs::guarded_routes(pacs);
     let beside = Beside {
-        guarded,
+        uploads,
+        answers,
         scopes: pacs::SCOPES,
         description,
     };

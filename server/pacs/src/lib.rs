@@ -91,11 +91,22 @@ pub const SCOPES: &[Row] = &[
     ),
 ];
 
+/// The routes that need a token.
+pub struct Guarded {
+    /// Those that take images, which have the time of an upload.
+    pub uploads: Router,
+    /// The others, which have the time of an answer.
+    pub answers: Router,
+    pub description: utoipa::openapi::OpenApi,
+}
+
 /// The routes that need a token, and their description.
-pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
-    let (routes, description) = OpenApiRouter::new()
+pub fn guarded_routes(pacs: &Pacs) -> Guarded {
+    let (uploads, description) = OpenApiRouter::new()
         .routes(routes!(stow::store_study))
         .routes(routes!(stow::store_in_study))
+        .split_for_parts();
+    let (answers, others) = OpenApiRouter::new()
         .routes(routes!(arrivals::list_arrivals))
         .routes(routes!(arrivals::get_arrival, arrivals::take_arrival))
         .routes(routes!(
@@ -114,7 +125,7 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
         .routes(routes!(node_tests::test_node))
         .split_for_parts();
     // The standard spells the word in two ways.
-    let routes = routes
+    let answers = answers
         .route(
             "/dicomweb/studies/{study}/rendered3d",
             get(rendered::of_study),
@@ -123,6 +134,13 @@ pub fn guarded_routes(pacs: &Pacs) -> (Router, utoipa::openapi::OpenApi) {
             "/dicomweb/studies/{study}/series/{series}/rendered3d",
             get(rendered::of_series),
         );
-    let routes = routes.layer(DefaultBodyLimit::max(MAX_BODY_BYTES));
-    (routes.with_state(pacs.clone()), description)
+    let [uploads, answers] = [uploads, answers].map(|routes| {
+        let routes = routes.layer(DefaultBodyLimit::max(MAX_BODY_BYTES));
+        routes.with_state(pacs.clone())
+    });
+    Guarded {
+        uploads,
+        answers,
+        description: description.merge_from(others),
+    }
 }

@@ -45,8 +45,10 @@ const SECURITY_HEADERS: [(HeaderName, &str); 5] = [
 
 /// Routes of another protocol, which stand beside those of the service and behind the same guards.
 pub struct Beside {
-    /// Those that need a token.
-    pub guarded: Router,
+    /// Those that need a token and take files, which have the time of an upload.
+    pub uploads: Router,
+    /// The others that need a token, which have the time of an answer.
+    pub answers: Router,
     /// What the token must permit, and what is recorded.
     pub scopes: &'static [Row],
     pub description: OpenApi,
@@ -65,11 +67,10 @@ pub fn app_beside(state: AppState, beside: Beside) -> Router {
     routes::guarded::describe(&mut description);
     let guard = routes::guard(&state, beside.scopes);
     let guard = middleware::from_fn_with_state(guard, auth::require_token);
-    let in_time = middleware::from_fn_with_state(
-        AnswerTimeout::from_ref(&state),
-        routes::answer_in_time_or_store,
-    );
-    let guarded = beside.guarded.route_layer(in_time).route_layer(guard);
+    let in_time =
+        middleware::from_fn_with_state(AnswerTimeout::from_ref(&state), routes::answer_in_time);
+    let answers = beside.answers.route_layer(in_time);
+    let guarded = beside.uploads.merge(answers).route_layer(guard);
     let routes = routes.merge(guarded.with_state(()));
     finish(state, routes, &openapi.merge_from(description))
 }

@@ -26,7 +26,7 @@ pub mod upload;
 
 use axum::Router;
 use axum::extract::{DefaultBodyLimit, FromRef as _, RawPathParams, Request, State};
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::middleware::{self, Next};
 use axum::response::Response;
 use utoipa::OpenApi;
@@ -178,7 +178,7 @@ pub(crate) fn guard(state: &AppState, rows: &'static [Row]) -> Guard {
 }
 
 /// Abandons an answer that takes too long. Work that is still waiting is cancelled.
-async fn answer_in_time(
+pub(crate) async fn answer_in_time(
     State(AnswerTimeout(limit)): State<AnswerTimeout>,
     request: Request,
     next: Next,
@@ -194,20 +194,6 @@ async fn answer_in_time(
                 AppError::TimedOut
             }
         })
-}
-
-/// The same, for the routes of a PACS: images that are stored (STOW-RS) have the time of an upload.
-pub(crate) async fn answer_in_time_or_store(
-    timeout: State<AnswerTimeout>,
-    request: Request,
-    next: Next,
-) -> Result<Response, AppError> {
-    let stores =
-        request.method() == Method::POST && request.uri().path().starts_with("/dicomweb/studies");
-    match stores {
-        true => Ok(next.run(request).await),
-        false => answer_in_time(timeout, request, next).await,
-    }
 }
 
 /// Adds the quality of the mask as a header to all answers that show a case.
