@@ -6,22 +6,20 @@ import { number, t } from "../base/i18n.ts";
 import { readDepths } from "../model/query.ts";
 import { CONVENTIONS, SLAB_LIMIT_MM, WAYS, boundOutlines, clampDepth } from "../model/state.ts";
 import { choose, preferences } from "../store/preferences.ts";
-import { Choice, Line, type OfStore, Section, Slider, Ticked, Typed } from "./fields.tsx";
+import { ChoiceLine, Line, type OfStore, Section, Slider, Ticked, Typed } from "./fields.tsx";
 
 export function DrawingSection({ store }: OfStore) {
   const { way, ambient, slab_mm, averages_shallow, convention } = store.view.state.value;
   return (
     <Section title={t("panel.drawing")} data-task="layers">
-      <Line label={t("way.label")}>
-        <Choice
-          id="way"
-          label={t("way.label")}
-          values={WAYS}
-          value={way}
-          words={(name) => t(`way.${name}`)}
-          onChoose={(name) => store.change({ way: name }, true)}
-        />
-      </Line>
+      <ChoiceLine
+        id="way"
+        label={t("way.label")}
+        values={WAYS}
+        value={way}
+        words={(name) => t(`way.${name}`)}
+        onChoose={(name) => store.change({ way: name }, true)}
+      />
       <Slider
         id="light"
         label={t("light.label")}
@@ -44,16 +42,15 @@ export function DrawingSection({ store }: OfStore) {
         checked={averages_shallow}
         onTick={(isTicked) => store.change({ averages_shallow: isTicked }, true)}
       />
-      <Line label={t("convention.label")} isTall>
-        <Choice
-          id="convention"
-          label={t("convention.label")}
-          values={CONVENTIONS}
-          value={convention}
-          words={(name) => t(`convention.${name}`)}
-          onChoose={(name) => store.change({ convention: name }, true)}
-        />
-      </Line>
+      <ChoiceLine
+        isTall
+        id="convention"
+        label={t("convention.label")}
+        values={CONVENTIONS}
+        value={convention}
+        words={(name) => t(`convention.${name}`)}
+        onChoose={(name) => store.change({ convention: name }, true)}
+      />
       {/* Whether the slices have one zoom. */}
       <Ticked
         id="linked-zoom"

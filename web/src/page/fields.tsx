@@ -128,6 +128,14 @@ export const Ticked = ({
   </label>
 );
 
+interface Choosing<Value> extends Attributes {
+  readonly label: string;
+  readonly values: readonly Value[];
+  readonly value: Value;
+  words(value: Value): string;
+  onChoose(value: Value): void;
+}
+
 /** A choice among values in words. */
 export const Choice = <Value extends string | number>({
   label,
@@ -136,13 +144,7 @@ export const Choice = <Value extends string | number>({
   words,
   onChoose,
   ...rest
-}: {
-  readonly label: string;
-  readonly values: readonly Value[];
-  readonly value: Value;
-  words(value: Value): string;
-  onChoose(value: Value): void;
-} & Attributes) => (
+}: Choosing<Value>) => (
   <select
     aria-label={label}
     value={value}
@@ -155,6 +157,18 @@ export const Choice = <Value extends string | number>({
       </option>
     ))}
   </select>
+);
+
+/** A labelled line with a choice, and what else it has. */
+export const ChoiceLine = <Value extends string | number>({
+  isTall = false,
+  children,
+  ...choosing
+}: Choosing<Value> & { readonly isTall?: boolean } & Children) => (
+  <Line label={choosing.label} isTall={isTall}>
+    <Choice {...choosing} />
+    {children}
+  </Line>
 );
 
 /** A choice with a button for each value. */

@@ -3,7 +3,7 @@
 import { number, readNumber, t } from "../base/i18n.ts";
 import { type LayerOverlay, OVERLAY_COLORMAPS, THRESHOLD_RANGE, isDiverging, isMap, styleOf } from "../model/maps.ts";
 import { writer } from "../panes/map-bar.ts";
-import { Choice, Line, type OfStore, Slider, Typed } from "./fields.tsx";
+import { ChoiceLine, Line, type OfStore, Slider, Typed } from "./fields.tsx";
 
 const NONE = { colormap: "hot" } as const;
 
@@ -63,16 +63,14 @@ export function OverlayControls({ store, isOfMap }: OfStore & { readonly isOfMap
             <span class="quiet">–</span>
             {end(1)}
           </Line>
-          <Line label={t("colormap.label")}>
-            <Choice
-              id="map-colours"
-              label={t("colormap.label")}
-              values={OVERLAY_COLORMAPS}
-              value={style.colormap}
-              words={(name) => t(`colormap.${name}`)}
-              onChoose={(colormap) => set({ colormap })}
-            />
-          </Line>
+          <ChoiceLine
+            id="map-colours"
+            label={t("colormap.label")}
+            values={OVERLAY_COLORMAPS}
+            value={style.colormap}
+            words={(name) => t(`colormap.${name}`)}
+            onChoose={(colormap) => set({ colormap })}
+          />
         </>
       )}
     </div>

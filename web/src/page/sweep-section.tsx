@@ -2,7 +2,7 @@
 
 import { number, t } from "../base/i18n.ts";
 import { SWEEP_SPEEDS, type SweepChoice } from "../model/sweep.ts";
-import { Choice, Line, type OfStore, Section, Ticked } from "./fields.tsx";
+import { ChoiceLine, Line, type OfStore, Section, Ticked } from "./fields.tsx";
 
 export function SweepSection({ store: { sweep } }: OfStore) {
   const choice = sweep.choice.value;
@@ -30,16 +30,14 @@ export function SweepSection({ store: { sweep } }: OfStore) {
         {end("sweep-to", t("sweep.to"), "to_mm")}
         <span class="quiet">mm</span>
       </Line>
-      <Line label={t("sweep.speed")}>
-        <Choice
-          id="sweep-speed"
-          label={t("sweep.speed")}
-          values={SWEEP_SPEEDS}
-          value={choice.mm_per_s}
-          words={(speed) => `${number(speed)} mm/s`}
-          onChoose={(mm_per_s) => set({ mm_per_s })}
-        />
-      </Line>
+      <ChoiceLine
+        id="sweep-speed"
+        label={t("sweep.speed")}
+        values={SWEEP_SPEEDS}
+        value={choice.mm_per_s}
+        words={(speed) => `${number(speed)} mm/s`}
+        onChoose={(mm_per_s) => set({ mm_per_s })}
+      />
       <Ticked words={t("sweep.turns")} checked={choice.turns} onTick={(turns) => set({ turns })} />
     </Section>
   );

@@ -5,7 +5,7 @@ import type { Window } from "../model/case.ts";
 import { boundWindow } from "../model/controls.ts";
 import { COLORMAPS, WINDOW_PRESETS, presetWindow, textureOf } from "../model/state.ts";
 import { perform } from "../store/commands.ts";
-import { Button, Buttons, Choice, Line, type OfStore, Section, Typed } from "./fields.tsx";
+import { Button, Buttons, ChoiceLine, Line, type OfStore, Section, Typed } from "./fields.tsx";
 
 export function WindowSection({ store }: OfStore) {
   const { state } = store.view;
@@ -25,17 +25,16 @@ export function WindowSection({ store }: OfStore) {
       />
       <WindowPart store={store} part="center" />
       <WindowPart store={store} part="width" />
-      <Line label={t("colormap.label")}>
-        <Choice
-          id="colormap"
-          label={t("colormap.label")}
-          values={COLORMAPS}
-          value={colormap}
-          words={(name) => t(`colormap.${name}`)}
-          onChoose={(name) => store.change({ colormap: name }, true)}
-        />
+      <ChoiceLine
+        id="colormap"
+        label={t("colormap.label")}
+        values={COLORMAPS}
+        value={colormap}
+        words={(name) => t(`colormap.${name}`)}
+        onChoose={(name) => store.change({ colormap: name }, true)}
+      >
         <Button onClick={() => perform(store, { kind: "invert" })}>{t("invert")}</Button>
-      </Line>
+      </ChoiceLine>
     </Section>
   );
 }
