@@ -57,7 +57,7 @@ pub use tissue::TissueScale;
 pub use undefined::MapsUndefined;
 pub use width::{JunctionWidth, WidthTable};
 
-/// Heads whose parts are known, for tests.
+/// Heads with known parts, for tests.
 #[cfg(any(test, feature = "testing"))]
 pub mod testing {
     pub use crate::phantom::*;

@@ -257,7 +257,7 @@ impl Writer {
         }
     }
 
-    /// Writes what waits. If the disk is full, it is tried again with each call; whoever waits is told, and does nothing.
+    /// Writes what waits. If the disk is full, each call tries again, and those who wait get an error.
     fn flush(&mut self) {
         let waiting = std::mem::take(&mut self.waiting);
         if self.is_full.load(Ordering::Relaxed) {

@@ -178,7 +178,7 @@ mod tests {
     use crate::arrivals::tests::application;
     use crate::testing::{options, source};
 
-    /// A store whose rows are those of its first day each time that it is opened.
+    /// A store that has the rows of its first day each time that it is opened.
     struct Restored {
         objects: TempDir,
         backup: TempDir,

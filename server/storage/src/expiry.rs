@@ -30,7 +30,7 @@ pub enum Removal {
     Confirmed,
 }
 
-/// Why cases that are too old stay for now.
+/// Why cases that are too old stay.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Waiting {
     /// The process has not run for an hour.
@@ -60,7 +60,7 @@ impl Waiting {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Expired {
     pub removed: usize,
-    /// Why others stay for now.
+    /// Why others stay.
     pub waiting: Option<Waiting>,
 }
 

@@ -95,8 +95,8 @@ impl Cases {
         self.receive_as_is(images, source, false).await
     }
 
-    /// As [`Cases::receive`], whether or not the identity of the patient is removed. `is_stored` for images whose objects are there, and
-    /// which no row names.
+    /// As [`Cases::receive`], whether or not the identity of the patient is removed. With `is_stored`, the objects of the
+    /// images are there, and no row names them.
     pub(crate) async fn receive_as_is(
         &self,
         images: Vec<(InstanceIdentity, Spooled)>,
