@@ -7,6 +7,7 @@
 use std::fmt;
 use std::time::Duration;
 
+use crate::images::Fingerprint;
 use crate::{CaseId, Failure, JobState};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -41,6 +42,19 @@ impl Uid {
     /// Its text.
     pub fn as_str(&self) -> &str {
         &self.0
+    }
+}
+
+impl Serialize for Uid {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(&self.0)
+    }
+}
+
+impl<'de> Deserialize<'de> for Uid {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        Self::parse(&text).ok_or_else(|| serde::de::Error::custom("it is no UID"))
     }
 }
 
@@ -152,46 +166,6 @@ words! {
     }
 }
 
-words! {
-    /// Why a case is not the one that counts any more.
-    Superseded {
-        /// The patient or the study of its images was corrected since.
-        Corrected = "corrected",
-        /// The PACS has rejected its images.
-        Rejected = "rejected",
-        /// Other images of its series came later; they may have become a newer case.
-        NewerVersion = "newer-version",
-        /// The place or the orientation of its images was corrected since: left and right may be exchanged.
-        Moved = "moved",
-    }
-}
-
-impl Serialize for Superseded {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(self.name())
-    }
-}
-
-impl Superseded {
-    /// Whether nothing may be made of the case any more: its images are another patient's or study's, lie elsewhere, or are
-    /// withdrawn.
-    pub fn is_final(self) -> bool {
-        self != Self::NewerVersion
-    }
-
-    /// The reason as a sentence without its end.
-    pub fn sentence(self) -> &'static str {
-        match self {
-            Self::Corrected => "the patient or the study of these images was corrected since",
-            Self::Rejected => "the PACS has rejected these images",
-            Self::NewerVersion => "other images of this series came later",
-            Self::Moved => {
-                "the place or the orientation of these images was corrected since, so that left and right may be exchanged"
-            }
-        }
-    }
-}
-
 /// How somebody took a series, whatever the rules for series make of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -225,36 +199,46 @@ pub struct NewInstance {
     pub digest: blake3::Hash,
     /// The label of its series, if it may be kept.
     pub label: Option<String>,
-    /// Whether it takes the place of an image with the same UID; otherwise the first one stays.
-    pub replaces: Option<Change>,
-}
-
-/// What is different about an image that takes the place of another one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Change {
-    Pixels,
-    /// The place in the patient: nothing is made of the cases of the series from now on.
-    Place,
-    /// The patient or the study, likewise.
-    Owner,
+    /// What it states and shows; none if it cannot be decoded.
+    pub fingerprint: Option<Fingerprint>,
 }
 
 /// What a rejection note withdraws.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Rejection {
-    /// Whether the instances may come again.
+    /// Whether an instance counts again when it comes again.
     pub may_return: bool,
     /// The instances of each series.
     pub series: Vec<(SeriesUids, Vec<Uid>)>,
 }
 
-/// What became of images.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Received {
-    /// How many are new.
-    pub new: usize,
-    /// The arrivals of which an image was replaced for the first time since they were read.
-    pub corrected: Vec<String>,
+/// What a rejection note has rejected of a series, until it is lifted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rejected {
+    /// Its name in addresses: 32 hexadecimal digits without a meaning.
+    pub id: String,
+    pub uids: SeriesUids,
+    /// How many instances of the series.
+    pub instances: usize,
+    /// Whether an instance counts again when it comes again.
+    pub may_return: bool,
+    /// Who has sent the note, as far as that is known.
+    pub by: String,
+    /// When the note came.
+    pub at: Timestamp,
+}
+
+/// What became of an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reception {
+    /// It is new.
+    New,
+    /// It was there, and stays as it is.
+    Known,
+    /// It is another one than the last with its UID, and counts from now on.
+    Corrected,
+    /// It has the UID of an image that can be decoded and placed, and cannot be itself: that one stays.
+    Refused,
 }
 
 /// A series that came.
@@ -280,14 +264,12 @@ pub struct Arrival {
     /// The case that it is, or of which it is a layer; also while late images are coming, but not if images were corrected or
     /// rejected since.
     pub case: Option<CaseId>,
-    /// The case that it became last. The next one is a version of it.
-    pub previous: Option<CaseId>,
     /// Images so far.
     pub instances: usize,
     /// How many the sender says there are.
     pub expected: Option<usize>,
     /// Images that took the place of others with the same UID since it was read before.
-    pub superseded: usize,
+    pub corrected: usize,
     /// Objects that are no images and were not kept.
     pub ignored: usize,
     /// When its first image came.
@@ -334,6 +316,9 @@ pub const REJECTED: &str = "rejected";
 
 /// The reason of a series whose images have come again under another study or series.
 pub const MOVED: &str = "moved";
+
+/// The reason of a corrected series of which not all images have come again.
+pub const INCOMPLETE_CORRECTION: &str = "incomplete-correction";
 
 /// The reason of a series without any image.
 pub const OTHER_OBJECTS: &str = "other-objects";
@@ -398,17 +383,6 @@ pub struct CaseSeries {
     pub accession_number: Option<AccessionNumber>,
     /// The patient, if the images state a Patient ID.
     pub patient: Option<PatientDigest>,
-    /// Why it is not the one that counts any more, if so.
-    pub superseded: Option<Superseded>,
-    /// Whether a PACS has sent the images; otherwise they were uploaded.
-    pub is_received: bool,
-}
-
-impl CaseSeries {
-    /// Whether the patient, the study or the place was corrected since it was made, or its images were rejected.
-    pub fn is_superseded(&self) -> bool {
-        self.superseded.is_some_and(Superseded::is_final)
-    }
 }
 
 /// What a request for a case names.

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
-use crate::arrivals::Superseded;
+use crate::images::Closed;
 use crate::{CaseId, CaseState, Failure, Parameters, Progress, Quality, Stage};
 
 /// A DICOM window: the intensities from `center - width / 2` to `center + width / 2` span the grey levels.
@@ -203,8 +203,8 @@ pub struct Case {
     pub created_at: Timestamp,
     /// The time of the latest upload of the same input. Its age counts from then.
     pub uploaded_at: Timestamp,
-    /// Why it is not the one that counts any more, if so.
-    pub superseded: Option<Superseded>,
+    /// Why it is closed, if it is.
+    pub closed: Option<Closed>,
     /// Whether it is never removed because of its age.
     pub kept: bool,
     /// When it will be removed because of its age; `None` if never. A store sets this, not its rows.
@@ -288,7 +288,7 @@ mod tests {
             next: Vec::new(),
             created_at: "2026-03-01T23:59:59Z".parse().unwrap(),
             uploaded_at: "2026-03-02T00:00:00Z".parse().unwrap(),
-            superseded: None,
+            closed: None,
             kept: false,
             expires_at: None,
         };

@@ -6,6 +6,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use crate::id::{half, id_as_text};
+use crate::images::Closed;
 use crate::{CaseId, CaseState, Failure, MapName, QualityState, is_control};
 
 /// A part of every [`LayerId`]. It changes if the same input must give another layer.
@@ -517,13 +518,21 @@ pub struct Layer {
     pub facts: Option<LayerFacts>,
     /// The time of the upload.
     pub created_at: Timestamp,
+    /// Why it is closed, if it is. It is listed then, and not drawn.
+    pub closed: Option<Closed>,
 }
 
 impl Layer {
+    /// Whether it can be drawn.
+    pub fn is_shown(&self) -> bool {
+        self.state == CaseState::Ready && self.closed.is_none()
+    }
+
     /// The newest FLAIR that is ready, to which the map `flair` belongs.
     pub fn newest_flair(layers: &[Self]) -> Option<&Self> {
-        let is_ready = |layer: &&Self| layer.is_flair() && layer.state == CaseState::Ready;
-        let flairs = layers.iter().filter(is_ready);
+        let flairs = layers
+            .iter()
+            .filter(|layer| layer.is_flair() && layer.is_shown());
         flairs.max_by_key(|layer| (layer.created_at, layer.id))
     }
 

@@ -9,6 +9,7 @@ mod failure;
 pub mod findings;
 mod gyrus;
 mod id;
+pub mod images;
 mod job;
 mod layer;
 mod maps;
@@ -25,6 +26,7 @@ pub use facts::{
 pub use failure::{Failure, FailureKind, SOURCE_DAMAGED, SOURCE_MISSING};
 pub use gyrus::{Gyrus, Lobe};
 pub use id::{CaseId, NotACaseId};
+pub use images::Closed;
 pub use job::{JobKind, JobState, STORE_FAILED};
 pub use layer::{
     Contrast, LabelFacts, Layer, LayerFacts, LayerId, LayerKind, LayerParameters, MatrixOrigin,

@@ -79,6 +79,7 @@ impl Cases {
                     volume,
                     mask: files.remove(&ObjectKind::SourceMask),
                     dicom: files.remove(&ObjectKind::SourceDicom),
+                    images: Vec::new(),
                 };
                 // Without its mask, or somebody's attributes, it would be another case.
                 if upload.case_id(parameters) != case {
@@ -128,8 +129,7 @@ impl Cases {
         };
         // The file has lost the identity of its patient before it was stored, if it was to.
         let received = self.receive_as_is(vec![(identity, file)], ArrivalSource::Retrieval, true);
-        let kept = [Reception::Stored, Reception::Corrected];
-        Ok(received.await?.iter().all(|became| kept.contains(became)))
+        Ok(!received.await?.contains(&Reception::Refused))
     }
 }
 

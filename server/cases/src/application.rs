@@ -264,8 +264,8 @@ impl Cases {
         }
     }
 
-    /// The line about a case in an annotated picture: see [`Case::identity`](case::Case::identity). It also states that the patient or the
-    /// place of the images was corrected since, or that they were rejected. `None` without annotation.
+    /// The line about a case in an annotated picture: see [`Case::identity`](case::Case::identity). It also states that the case is closed, and
+    /// why. `None` without annotation.
     ///
     /// # Errors
     /// If the case does not exist.
@@ -275,8 +275,8 @@ impl Cases {
         }
         let case = self.store().case(id).await?.ok_or(Error::NoSuchCase)?;
         let line = case.identity();
-        Ok(Some(match case.superseded.filter(|why| why.is_final()) {
-            Some(why) => format!("{line} · superseded: {}", why.name()),
+        Ok(Some(match case.closed {
+            Some(why) => format!("{line} · closed: {}", why.name()),
             None => line,
         }))
     }

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::time::Duration;
 
-use case::{CaseState, Failure};
+use case::{CaseState, Closed, Failure};
 use geometry::GeometryError;
 use pipeline::maps::NoMaps;
 use pipeline::surfaces::NoSurfaces;
@@ -24,6 +24,9 @@ pub enum Error {
     /// The maps of the case are being computed, or the layer is being prepared.
     #[error("the layer is being computed; try again in a moment")]
     LayerNotReady,
+    /// The layer is closed, and is not drawn.
+    #[error("the layer is closed and is not drawn: {}", .0.sentence())]
+    LayerClosed(Closed),
     /// No such layer.
     #[error("the case has no layer with this name; `/v1/cases/{{id}}/layers` lists its layers")]
     NoSuchLayer,

@@ -1,6 +1,6 @@
 //! The findings of a case: what readers have marked and written.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 
 use bytes::Bytes;
 use case::findings::{Finding, FindingRefused, check};
@@ -198,13 +198,10 @@ impl Cases {
                      of this case lie; mark them again",
                 ));
             };
-            if self.store().are_apart(id, &marked_in).await?
-                || (self.share_images(id, &marked_in).await?
-                    && self.is_moved_from(id, &other).await?)
-            {
+            if other.closed.is_some() || self.differ(id, &marked_in).await? {
                 return Err(NotReplaced::Elsewhere(
-                    "the findings of the file were marked in images that have been rejected since, or whose place or orientation differs from \
-                     that of this case, so that left and right may be exchanged; mark them again",
+                    "the findings of the file were marked in images that the PACS has corrected or rejected since, or that differ from those of \
+                     this case, so that left and right may be exchanged; mark them again, or take them over from that case",
                 ));
             }
         }
@@ -225,25 +222,17 @@ impl Cases {
 }
 
 impl Cases {
-    /// Whether two cases are of one series, or of images with the same UIDs, which may have come under another series since.
-    async fn share_images(&self, one: &CaseId, other: &CaseId) -> Result<bool, StoreError> {
+    /// Whether two cases were made of different images with the same UID.
+    async fn differ(&self, one: &CaseId, other: &CaseId) -> Result<bool, StoreError> {
         let [images, others] = [
-            self.attributes_of(one).await?,
-            self.attributes_of(other).await?,
-        ]
-        .map(|source| source.map_or_else(Vec::new, |source| source.instances));
-        let mut others = others.iter().map(|image| &image.sop_instance_uid);
-        let uids: HashSet<_> = images.iter().map(|image| &image.sop_instance_uid).collect();
-        if others.any(|uid| uids.contains(uid)) {
-            return Ok(true);
-        }
-        let [one, other] = [
-            self.store().series_of(one).await?,
-            self.store().series_of(other).await?,
+            self.store().images_of_case(one).await?,
+            self.store().images_of_case(other).await?,
         ];
-        Ok(one
-            .zip(other)
-            .is_some_and(|(one, other)| one.uids == other.uids))
+        let others: HashMap<_, _> = others.iter().map(|image| (&image.uid, image)).collect();
+        Ok(images.iter().any(|image| {
+            let other = others.get(&image.uid);
+            other.is_some_and(|other| !other.fingerprint.is_same(&image.fingerprint))
+        }))
     }
 }
 

@@ -56,7 +56,11 @@ impl Cases {
         is_identity_removed: bool,
     ) -> Result<(Upload, Option<Choice>), Error> {
         let (store, scratch) = (self.store(), self.store().scratch());
-        let read = async |input| self.dicom.read(input, options, &scratch).await;
+        let options = Options {
+            deidentifies: is_identity_removed,
+            ..options.clone()
+        };
+        let read = async |input| self.dicom.read(input, &options, &scratch).await;
         let reading = match volume {
             VolumeFiles::Dicom(directory) => read(Input::Directory(&directory)).await?,
             VolumeFiles::One(volume) => {
@@ -65,6 +69,7 @@ impl Cases {
                         volume,
                         mask,
                         dicom: None,
+                        images: Vec::new(),
                     };
                     return Ok((upload, None));
                 }
@@ -79,6 +84,7 @@ impl Cases {
             volume: store.spool_file(reading.file()).await?,
             mask,
             dicom: Some(store.spool_all(attributes).await?),
+            images: reading.images,
         };
         Ok((upload, Some(reading.choice)))
     }

@@ -65,22 +65,6 @@ fn of_another_patient() -> Failure {
     )
 }
 
-/// What the PACS has withdrawn is not shown over another head either.
-fn images_rejected() -> Failure {
-    Failure::unusable(
-        "images-rejected",
-        "the PACS has rejected images of the series; add the series that the PACS has sent in its place",
-    )
-}
-
-/// Files from before a correction state the patient from before it.
-fn images_corrected() -> Failure {
-    Failure::unusable(
-        "layer-of-another-patient",
-        "the PACS has sent images of this series as those of another patient; add the series as the PACS has it now",
-    )
-}
-
 impl Cases {
     /// Checks a layer and queues it; returns also the choice among DICOM files. One that is there already is answered as it is.
     ///
@@ -117,16 +101,6 @@ impl Cases {
             return Err(of_another_patient().into());
         }
         let of_series = SeriesOfUpload::read(&files).await?;
-        if let Some(series) = &of_series
-            && self.is_rejected(series).await?
-        {
-            return Err(images_rejected().into());
-        }
-        if let Some(series) = &of_series
-            && self.is_corrected(series, &files).await?
-        {
-            return Err(images_corrected().into());
-        }
         let has_options = new.options.series.is_some() || new.options.allow_gaps;
         if choice.is_none() && has_options {
             return Err(Error::Parameter {
@@ -147,6 +121,7 @@ impl Cases {
             volume: files.volume,
             dicom: files.dicom,
             series: of_series.map(|of_series| of_series.series().clone()),
+            images: files.images,
             name: new
                 .name
                 .map_or_else(|| LayerName::Usual(usual()), LayerName::Given),

@@ -250,6 +250,7 @@ impl Library {
             volume,
             mask,
             dicom,
+            images: Vec::new(),
         };
         let id = upload.case_id(&parameters);
         let offer = read.map_or_else(OfferedUpload::default, |read| {

@@ -17,7 +17,7 @@ const REQUEST_HEADERS: HeaderValue =
 /// What a page may read of an answer beside its body.
 const ANSWER_HEADERS: HeaderValue = HeaderValue::from_static(
     "content-location, content-range, etag, location, retry-after, x-isocortex-depth-clamped, \
-     x-isocortex-depth-mm, x-isocortex-quality, x-request-id",
+     x-isocortex-closed, x-isocortex-depth-mm, x-isocortex-quality, x-request-id",
 );
 
 /// For how long a browser need not ask again, in seconds.

@@ -363,6 +363,7 @@ fn of_cases(error: &Error) -> (StatusCode, Cow<'static, str>) {
         Error::NoSuchCase => (StatusCode::NOT_FOUND, "no-such-case"),
         Error::NotReady { .. } => (StatusCode::CONFLICT, "case-not-ready"),
         Error::LayerNotReady => (StatusCode::CONFLICT, "layer-not-ready"),
+        Error::LayerClosed(_) => (StatusCode::CONFLICT, "closed"),
         Error::NoSuchLayer => (StatusCode::NOT_FOUND, "no-such-layer"),
         Error::TooManyLayers { .. } => (StatusCode::CONFLICT, "too-many-layers"),
         Error::LayerNameTaken => (StatusCode::CONFLICT, "layer-name-taken"),

@@ -167,6 +167,12 @@ async fn rows(store: &Store) -> Vec<Figure> {
             "Series from a PACS by what became of them",
         ),
         (
+            "closed",
+            "",
+            "isocortex_closed_cases",
+            "Cases that are closed, by whether their images were corrected or rejected",
+        ),
+        (
             "jobs",
             "kind",
             "isocortex_jobs",

@@ -57,7 +57,7 @@ pub(crate) struct ArrivalView {
     /// Images so far.
     instances: usize,
     /// Images that took the place of others with the same UID since the series was read before.
-    superseded: usize,
+    corrected: usize,
     /// Objects that are no images and were not kept.
     ignored: usize,
     /// How many there are, if the sender has stated it.
@@ -131,7 +131,7 @@ impl From<Arrival> for ArrivalView {
             refused: arrival.refused.map(Into::into),
             case: arrival.case,
             instances: arrival.instances,
-            superseded: arrival.superseded,
+            corrected: arrival.corrected,
             ignored: arrival.ignored,
             expected: arrival.expected,
             first_at: arrival.first_at.to_string(),

@@ -18,6 +18,7 @@ pub mod node;
 mod node_tests;
 mod page;
 mod parts;
+mod rejections;
 mod rendered;
 mod results;
 mod retrievals;
@@ -71,6 +72,13 @@ pub const SCOPES: &[Row] = &[
     read("/v1/arrivals", Audited::Query),
     read("/v1/arrivals/{id}", Audited::Query),
     post("/v1/arrivals/{id}", Scope::Write, Audited::Upload),
+    read("/v1/rejections", Audited::Query),
+    (
+        Method::DELETE,
+        "/v1/rejections/{id}",
+        Scope::Admin,
+        Audited::Operation,
+    ),
     read("/v1/retrievals", Audited::Query),
     post("/v1/retrievals", Scope::Write, Audited::Fetch),
     read("/v1/retrievals/{id}", Audited::Query),
@@ -109,6 +117,8 @@ pub fn guarded_routes(pacs: &Pacs) -> Guarded {
     let (answers, others) = OpenApiRouter::new()
         .routes(routes!(arrivals::list_arrivals))
         .routes(routes!(arrivals::get_arrival, arrivals::take_arrival))
+        .routes(routes!(rejections::list_rejections))
+        .routes(routes!(rejections::lift_rejection))
         .routes(routes!(
             retrievals::create_retrieval,
             transfers::list_retrievals

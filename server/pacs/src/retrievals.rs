@@ -61,7 +61,7 @@ pub(crate) struct RetrievalView {
     #[serde(skip_serializing_if = "Option::is_none")]
     arrival: Option<String>,
     /// The case that the series became, or of which it became a layer, once it was fetched and read. Absent while the series is
-    /// still read, if nothing became of it, and if the case is superseded.
+    /// still read, if nothing became of it, and if the case is closed.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
     case: Option<CaseId>,
@@ -184,7 +184,7 @@ pub(crate) async fn view(pacs: &Pacs, job: Job) -> Result<RetrievalView, AppErro
         Some(id) => pacs.cases().store().case(&id).await?,
         None => None,
     };
-    let case = case.filter(|case| case.superseded.is_none());
+    let case = case.filter(|case| case.closed.is_none());
     let nothing = ended.filter(|arrival| arrival.state == ArrivalState::Nothing);
     let nothing = nothing.and_then(|arrival| arrival.reason.clone());
     let progress = job.progress.as_deref();

@@ -9,8 +9,7 @@ use case::{Failure, JobKind};
 use cases::arrivals::Contradiction;
 use cases::runner::{End, Failed, Running, Terms, Work};
 use storage::Unreadable;
-use storage::arrivals::Superseded;
-use storage::results::{NotValid, SentResult};
+use storage::results::SentResult;
 
 use crate::background::{TransferError, end};
 use crate::node::NodeError;
@@ -67,14 +66,8 @@ enum SendError {
     Lost,
     #[error("the store cannot be read at the moment")]
     Store,
-    #[error("it was made of images that do not count any more: {}", .0.sentence())]
-    Superseded(Superseded),
     #[error("{}", .0.sentence())]
     Contradicted(Contradiction),
-    #[error("a layer of its case was removed since, and it may show it; request it again")]
-    LayerWithdrawn,
-    #[error("it was withdrawn by a rejection note")]
-    Withdrawn,
     #[error("the audit record of the server cannot be written")]
     NotRecorded,
 }
@@ -90,12 +83,7 @@ impl TransferError for SendError {
     fn may_pass(&self) -> bool {
         match self {
             Self::Node(error) => error.may_pass(),
-            Self::NoSuchNode
-            | Self::Lost
-            | Self::Superseded(_)
-            | Self::Contradicted(_)
-            | Self::LayerWithdrawn
-            | Self::Withdrawn => false,
+            Self::NoSuchNode | Self::Lost | Self::Contradicted(_) => false,
             Self::Store | Self::NotRecorded => true,
         }
     }
@@ -105,10 +93,7 @@ impl TransferError for SendError {
             Self::NoSuchNode => "no-such-node",
             Self::Node(error) => error.kind(),
             Self::Lost => "result-lost",
-            Self::Superseded(_) => "superseded",
             Self::Contradicted(why) => why.name(),
-            Self::LayerWithdrawn => "layer-withdrawn",
-            Self::Withdrawn => "withdrawn",
             Self::Store => "store-failed",
             Self::NotRecorded => "audit-full",
         };
@@ -176,23 +161,13 @@ fn contradicted(
     Ok(found.map(SendError::Contradicted))
 }
 
-/// Refuses a result of a case that was corrected since it was requested, and one that was withdrawn. A rejection note
-/// may leave all the same: it withdraws what was sent of the wrong patient.
+/// Refuses a result of a case whose series or study the PACS has as another patient's. A rejection note may leave all the same: it withdraws
+/// what was sent of the wrong patient. What is closed or withdrawn was refused when the job was claimed.
 async fn may_leave(pacs: &Pacs, result: &SentResult, file: &Bytes) -> Result<(), SendError> {
     let store = pacs.cases().store();
     let of_store = |_| SendError::Store;
-    let instance = std::slice::from_ref(&result.instance);
-    if store.are_withdrawn(instance).await.map_err(of_store)? == [true] {
-        return Err(SendError::Withdrawn);
-    }
-    if result.not_valid == Some(NotValid::LayerWithdrawn) {
-        return Err(SendError::LayerWithdrawn);
-    }
     let why = match store.series_of(&result.case).await.map_err(of_store)? {
-        Some(series) => match series.superseded.filter(|why| why.is_final()) {
-            Some(why) => Some(SendError::Superseded(why)),
-            None => contradicted(pacs.cases().contradiction(&series).await)?,
-        },
+        Some(series) => contradicted(pacs.cases().contradiction(&series).await)?,
         None => contradicted(of_study(pacs, result).await)?,
     };
     let Some(why) = why else {

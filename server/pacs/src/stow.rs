@@ -217,7 +217,7 @@ impl Images<'_> {
             Some(FailureReason::ClassNotSupported) if is_ignored => {
                 let source = ArrivalSource::Stow;
                 let reference = identity.clone();
-                let is_known = self.pacs.cases().ignore(identity, source).await?;
+                let is_known = self.pacs.cases().ignore(identity, source, "").await?;
                 self.report
                     .ignored(&reference, is_known.then_some(CORRECTED));
                 return Ok(());
@@ -244,13 +244,12 @@ impl Images<'_> {
         let source = ArrivalSource::Stow;
         let receptions = self.pacs.cases().receive(batch, source).await?;
         for (identity, reception) in identities.iter().zip(receptions) {
-            if matches!(reception, Reception::Stored | Reception::Corrected) {
+            if reception != Reception::Refused {
                 let study = identity.uids.study.as_str().to_owned();
                 *self.stored.0.entry(study).or_default() += 1;
             }
             match reception {
-                Reception::Stored => self.report.stored(identity, None),
-                Reception::Rejected => self.report.ignored(identity, None),
+                Reception::New | Reception::Known => self.report.stored(identity, None),
                 Reception::Corrected => self.report.stored(identity, Some(CORRECTED)),
                 Reception::Refused => {
                     let reason = FailureReason::CannotUnderstand;

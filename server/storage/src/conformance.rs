@@ -114,11 +114,12 @@ macro_rules! conformance {
                 what_nobody_needs_is_told
                 holders_that_are_dead_hold_nothing
                 an_image_is_received_once
-                an_image_that_replaces_another_supersedes_the_cases_of_its_series
-                a_version_whose_images_lie_elsewhere_hands_nothing_on
+                a_case_is_closed_while_the_last_image_is_another_one
+                what_replaces_a_closed_case_inherits_nothing
                 objects_that_are_not_kept_are_counted
                 an_image_that_comes_under_another_series_leaves_its_own
-                images_that_are_rejected_are_forgotten_and_their_cases_superseded
+                what_is_made_of_rejected_images_is_closed_until_that_is_lifted
+                what_a_pacs_has_sent_is_known_for_a_year_and_while_something_is_made_of_it
                 a_series_is_due_when_nothing_came_for_a_while
                 a_corrected_or_grown_series_waits_as_if_no_number_were_known
                 a_series_with_all_announced_images_waits_no_longer
@@ -134,7 +135,7 @@ macro_rules! conformance {
                 a_result_is_queued_once_for_a_node_and_sent_until_it_is_there
                 a_result_is_kept_until_it_is_forgotten_or_its_case_deleted
                 results_are_listed_by_case_and_state_in_pages
-                a_result_does_not_count_once_its_layer_is_withdrawn
+                a_result_does_not_count_while_what_it_shows_is_closed
                 a_layer_is_inserted_once_and_as_many_as_may
                 layers_are_named_and_ordered
                 a_layer_is_leased_once_its_case_is_ready
@@ -608,7 +609,7 @@ pub(crate) async fn a_case_expires_unless_it_is_kept_or_uploaded_again(subject: 
         store.insert_case(&new).await.unwrap(),
         Referred::Unneeded(Inserted::Exists)
     );
-    assert!(store.uploaded_again(&again).await.unwrap());
+    assert!(store.uploaded_again(&again, &[]).await.unwrap());
     let case = store.case(&again).await.unwrap().unwrap();
     assert!(case.uploaded_at > case.created_at);
     subject.pass(120);

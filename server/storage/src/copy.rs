@@ -73,6 +73,9 @@ impl Store {
         while let Some(cases) = self.next_cases(&mut walk).await? {
             ids.extend(cases.into_iter().map(|case| case.id));
         }
+        // What is made of images is judged by them.
+        self.copy_images(other).await?;
+        self.copy_withdrawn(other).await?;
         let mut copied = Copied::default();
         // A case comes before its versions.
         for id in ids.iter().rev() {
@@ -82,8 +85,20 @@ impl Store {
             };
             report(step, &copied);
         }
-        self.copy_withdrawn(other).await?;
         Ok(copied)
+    }
+
+    /// Copies what a PACS has sent last under each UID, also of what is not kept any more.
+    async fn copy_images(&self, other: &Self) -> Result<(), StoreError> {
+        let mut last = None;
+        loop {
+            let page = self.last_images(last.as_ref(), ROWS_AT_ONCE).await?;
+            let Some(latest) = page.last() else {
+                return Ok(());
+            };
+            last = Some(latest.clone());
+            other.write_copied_images(&page).await?;
+        }
     }
 
     /// Copies what was withdrawn, which must not come back.
@@ -170,7 +185,7 @@ impl Store {
                         sop_instance_uid: uid.clone(),
                         digest: name.digest,
                         label: arrival.label.clone(),
-                        replaces: None,
+                        fingerprint: None,
                     });
                 } else {
                     lost.push(*name);
@@ -246,8 +261,11 @@ impl Store {
         if let Some(series) = self.series_of(id).await?
             && other.series_of(id).await?.as_ref() != Some(&series)
         {
-            other.write_copied_index(&series).await?;
+            other.index_series(&series).await?;
         }
+        other
+            .make_copied(id, None, &self.images_of_case(id).await?)
+            .await?;
         let findings = self.findings(id).await?;
         if findings != other.findings(id).await? {
             other.write_copied_findings(id, &findings).await?;
@@ -298,6 +316,10 @@ impl Store {
         let series = self.series_of_layer(&layer.case, &layer.id).await?;
         other
             .write_copied_layer(&layer, series.as_ref(), &pinned)
+            .await?;
+        let images = self.images_of_layer(&layer.case, &layer.id).await?;
+        other
+            .make_copied(&layer.case, Some(&layer.id), &images)
             .await?;
         other.abandon(&pinned).await;
         Ok(true)

@@ -1,6 +1,7 @@
 //! Layers: from an upload to objects and rows, and back.
 
 use bytes::Bytes;
+use case::images::Image;
 use case::{CaseId, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
 
 use super::arrivals::Uid;
@@ -21,6 +22,8 @@ pub struct LayerUpload {
     pub dicom: Option<Spooled>,
     /// The series that it is made of, if that is known.
     pub series: Option<Uid>,
+    /// The images that it is made of, if it comes from DICOM.
+    pub images: Vec<Image>,
     pub name: LayerName,
     pub parameters: LayerParameters,
     /// How many layers a case may have.
@@ -38,7 +41,16 @@ impl LayerUpload {
         let (LayerName::Given(name) | LayerName::Usual(name)) = &self.name;
         let sources = sources.iter().map(Writing::name);
         let (parameters, series) = (&self.parameters, self.series.as_ref());
-        Manifest::of_layer(self.case, self.id(), sources, name, parameters, series)
+        let images = self.images.clone();
+        Manifest::of_layer(
+            self.case,
+            self.id(),
+            sources,
+            name,
+            parameters,
+            series,
+            images,
+        )
     }
 
     fn sources(&self) -> Vec<Writing<'_>> {
@@ -87,6 +99,7 @@ impl Store {
                 name: upload.name.clone(),
                 parameters: upload.parameters.clone(),
                 series: upload.series.clone(),
+                images: upload.images.clone(),
                 sources,
                 most: upload.most,
                 queue_limit: self.options().queue_limit,

@@ -5,6 +5,7 @@
 //! other objects of its case or layer; a deletion removes it before the sources, so that nothing brings back what was deleted.
 
 use bytes::Bytes;
+use case::images::Image;
 use case::{CaseId, Layer, LayerId, LayerParameters, ObjectKind, Parameters};
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +34,7 @@ pub enum Manifested {
         parameters: Parameters,
         /// The case of which it is a version.
         previous: Option<CaseId>,
+        images: Vec<Image>,
     },
     Layer {
         id: LayerId,
@@ -41,6 +43,7 @@ pub enum Manifested {
         name: String,
         /// The series that it is made of, if that is known.
         series: Option<String>,
+        images: Vec<Image>,
     },
 }
 
@@ -51,6 +54,7 @@ impl Manifest {
         objects: impl IntoIterator<Item = ObjectName>,
         parameters: &Parameters,
         previous: Option<CaseId>,
+        images: Vec<Image>,
     ) -> Self {
         let parameters = Parameters {
             name: None,
@@ -59,6 +63,7 @@ impl Manifest {
         let upload = Manifested::Case {
             parameters,
             previous,
+            images,
         };
         Self::new(case, objects, upload)
     }
@@ -71,12 +76,14 @@ impl Manifest {
         name: &str,
         parameters: &LayerParameters,
         series: Option<&Uid>,
+        images: Vec<Image>,
     ) -> Self {
         let upload = Manifested::Layer {
             id,
             parameters: parameters.clone(),
             name: name.to_owned(),
             series: series.map(|series| series.as_str().to_owned()),
+            images,
         };
         Self::new(case, objects, upload)
     }
@@ -162,13 +169,17 @@ impl Store {
         manifest: &Manifest,
         parameters: Parameters,
     ) -> Result<bool, StoreError> {
-        let Manifested::Case { previous, .. } = &manifest.upload else {
+        let Manifested::Case {
+            previous, images, ..
+        } = &manifest.upload
+        else {
             return Ok(false);
         };
         let new = NewCase {
             id: manifest.case,
             parameters,
             previous: *previous,
+            images: Some(images.clone()),
             sources: held(name, manifest),
             queue_limit: usize::MAX,
             client: String::new(),
@@ -190,6 +201,7 @@ impl Store {
             parameters,
             name: layer_name,
             series,
+            images,
         } = &manifest.upload
         else {
             return Ok(false);
@@ -200,6 +212,7 @@ impl Store {
             name: LayerName::Usual(layer_name.clone()),
             parameters: parameters.clone(),
             series: series.as_deref().and_then(Uid::parse),
+            images: images.clone(),
             sources: held(name, manifest),
             most: usize::MAX,
             queue_limit: usize::MAX,
@@ -218,7 +231,8 @@ impl Store {
         };
         let objects = self.case_objects(id).await?;
         if !self.has_manifest(&objects).await? {
-            let manifest = Manifest::of_case(*id, objects, &case.parameters, case.previous);
+            let images = self.images_of_case(id).await?;
+            let manifest = Manifest::of_case(*id, objects, &case.parameters, case.previous, images);
             self.put_manifest(id, None, &manifest).await?;
         }
         for Layer {
@@ -233,8 +247,16 @@ impl Store {
                 continue;
             }
             let series = self.series_of_layer(id, &layer).await?;
-            let manifest =
-                Manifest::of_layer(*id, layer, objects, &name, &parameters, series.as_ref());
+            let images = self.images_of_layer(id, &layer).await?;
+            let manifest = Manifest::of_layer(
+                *id,
+                layer,
+                objects,
+                &name,
+                &parameters,
+                series.as_ref(),
+                images,
+            );
             self.put_manifest(id, Some(&layer), &manifest).await?;
         }
         Ok(())

@@ -2,14 +2,14 @@
 
 use std::collections::HashMap;
 
-use super::arrivals::{ArrivalSource, NewInstance, Received};
+use super::arrivals::{ArrivalSource, NewInstance, Reception};
 use super::pinned::{Writing, unique_holder};
 use super::rows::Pinned;
 use super::{ImageStatus, ObjectName, Spooled, Store, StoreError};
 
 impl Store {
-    /// Adds images with their files to their series. Afterwards they are durable. The operation completes even if the
-    /// caller drops the future.
+    /// Adds images with their files to their series, and returns what became of each. Afterwards they are durable. The operation completes
+    /// even if the caller drops the future.
     ///
     /// # Errors
     /// If the rows or the objects cannot be written. Nothing is acknowledged then, and nothing is left behind.
@@ -17,19 +17,27 @@ impl Store {
         &self,
         images: Vec<(NewInstance, Spooled)>,
         source: ArrivalSource,
-    ) -> Result<Received, StoreError> {
+    ) -> Result<Vec<Reception>, StoreError> {
         let (store, count) = (self.clone(), images.len());
-        let corrections = images.iter().filter(|(new, _)| new.replaces.is_some());
-        let corrected = corrections.count();
         let received = tokio::spawn(async move { store.receive_now(&images, source).await });
         let received = received.await?;
         let signals = self.signals();
         match &received {
-            Ok(Received { new, .. }) => {
-                signals.images_came(source, ImageStatus::Stored, *new);
-                signals.images_came(source, ImageStatus::Corrected, corrected);
-                let known = count.saturating_sub(*new + corrected);
-                signals.images_came(source, ImageStatus::Known, known);
+            Ok(receptions) => {
+                for (reception, status) in [
+                    (Reception::New, ImageStatus::Stored),
+                    (Reception::Corrected, ImageStatus::Corrected),
+                    (Reception::Known, ImageStatus::Known),
+                    (Reception::Refused, ImageStatus::Refused),
+                ] {
+                    let of_status = receptions.iter().filter(|became| **became == reception);
+                    signals.images_came(source, status, of_status.count());
+                }
+                if receptions.contains(&Reception::Corrected) {
+                    tracing::warn!(
+                        "images that are known have come with other contents, which count from now on"
+                    );
+                }
             }
             Err(_) => signals.images_came(source, ImageStatus::Failed, count),
         }
@@ -45,7 +53,7 @@ impl Store {
         &self,
         images: &[NewInstance],
         source: ArrivalSource,
-    ) -> Result<Received, StoreError> {
+    ) -> Result<Vec<Reception>, StoreError> {
         let pinned = Pinned {
             holder: unique_holder(),
             names: images.iter().map(ObjectName::from).collect(),
@@ -57,7 +65,7 @@ impl Store {
         &self,
         images: &[(NewInstance, Spooled)],
         source: ArrivalSource,
-    ) -> Result<Received, StoreError> {
+    ) -> Result<Vec<Reception>, StoreError> {
         let files: HashMap<ObjectName, &Spooled> = images
             .iter()
             .map(|(instance, file)| (ObjectName::from(instance), file))
@@ -72,7 +80,7 @@ impl Store {
             |pinned: Pinned| async move { self.insert_images(some, &pinned, source).await };
         let received = self.with_pinned(&files, insert).await?;
         // Files of images that were there already, or that were replaced, are not needed.
-        if received.new < instances.len()
+        if received.iter().any(|became| *became != Reception::New)
             && let Err(error) = self.collect().await
         {
             tracing::warn!(%error, "abandoned objects will be removed later");
@@ -102,7 +110,7 @@ mod tests {
             sop_instance_uid: uid(&format!("1.2.3.{number}")),
             digest: *file.digest(),
             label: None,
-            replaces: None,
+            fingerprint: None,
         };
         (new, file)
     }
@@ -113,13 +121,18 @@ mod tests {
         let store = Store::open(directory.path()).await.unwrap();
         let images = vec![image(&store, 1, "one").await, image(&store, 2, "two").await];
         let source = ArrivalSource::CStore;
-        assert_eq!(store.receive(images, source).await.unwrap().new, 2);
+        let received = store.receive(images, source).await.unwrap();
+        assert_eq!(received, [Reception::New; 2]);
         let again = vec![
             image(&store, 1, "one").await,
             image(&store, 1, "another").await,
             image(&store, 3, "two").await,
         ];
-        assert_eq!(store.receive(again, source).await.unwrap().new, 1);
+        let received = store.receive(again, source).await.unwrap();
+        assert_eq!(
+            received,
+            [Reception::Known, Reception::Known, Reception::New]
+        );
         let objects = directory.path().join("objects");
         assert_eq!(
             objects_below(&objects).len(),

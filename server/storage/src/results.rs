@@ -2,6 +2,7 @@
 //! acknowledged, so every attempt sends the same bytes.
 
 use bytes::Bytes;
+use case::images::Closed;
 use case::{CaseId, JobKind, LayerId, ObjectKind};
 use jiff::Timestamp;
 
@@ -55,10 +56,8 @@ pub(super) fn object(digest: blake3::Hash) -> ObjectName {
 pub enum NotValid {
     /// A rejection note of ours has withdrawn it.
     Withdrawn,
-    /// The patient, the study or the place of its case was corrected since, or the PACS has rejected its images.
-    Superseded,
-    /// A layer that it shows or may show was removed, because its images were corrected or rejected.
-    LayerWithdrawn,
+    /// Its case, or a layer that it shows or may show, is closed.
+    Closed(Closed),
 }
 
 impl NotValid {
@@ -66,8 +65,18 @@ impl NotValid {
     pub fn name(self) -> &'static str {
         match self {
             Self::Withdrawn => "withdrawn",
-            Self::Superseded => "superseded",
-            Self::LayerWithdrawn => "layer-withdrawn",
+            Self::Closed(_) => "closed",
+        }
+    }
+
+    /// The reason as a sentence without its end.
+    pub fn sentence(self) -> String {
+        match self {
+            Self::Withdrawn => "it was withdrawn by a rejection note".to_owned(),
+            Self::Closed(why) => format!(
+                "it is closed: {}; request it again of what the PACS has now",
+                why.sentence()
+            ),
         }
     }
 }
@@ -89,8 +98,6 @@ pub struct SentResult {
     pub object: ObjectName,
     /// The layers of the case that it shows, or may show.
     pub layers: Vec<LayerId>,
-    /// The series that those layers are made of, which are known also when the layers are gone.
-    pub layer_series: Vec<Uid>,
     /// When it was first requested.
     pub created_at: Timestamp,
     /// Why it does not count any more.

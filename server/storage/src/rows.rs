@@ -11,19 +11,43 @@
 
 use std::time::Duration;
 
-use case::arrivals::{SeriesUids, Taken, Uid};
-use case::{CaseId, Contrast, LayerId, LayerParameters, Parameters};
+use case::arrivals::{ArrivalSource, SeriesUids, Taken, Uid};
+use case::images::{Closed, Fingerprint, Image};
+use case::{CaseId, CaseState, Contrast, LayerId, LayerParameters, Parameters};
 use jiff::Timestamp;
 
 use super::ObjectName;
 
-/// An image with a UID that is known already.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Known {
-    /// Its file.
-    pub object: ObjectName,
-    /// Whether it came under another study or series.
-    pub is_elsewhere: bool,
+/// The last image that a PACS has sent with a UID.
+#[derive(Debug, Clone)]
+pub(crate) struct LastImage {
+    pub uid: Uid,
+    pub uids: SeriesUids,
+    /// What it states and shows; none if it cannot be decoded.
+    pub fingerprint: Option<Fingerprint>,
+    /// How often it was sent.
+    pub times: i64,
+    pub sender: ArrivalSource,
+    /// Microseconds since 1970.
+    pub last_at: i64,
+}
+
+/// A case and the images that it was made of.
+#[derive(Debug, Clone)]
+pub struct MadeCase {
+    pub case: CaseId,
+    pub state: CaseState,
+    pub closed: Option<Closed>,
+    pub images: Vec<MadeImage>,
+}
+
+/// An image that a case was made of.
+#[derive(Debug, Clone)]
+pub struct MadeImage {
+    pub uid: Uid,
+    pub fingerprint: Fingerprint,
+    /// Whether the PACS has sent it again since then, wherever, or has rejected it.
+    pub has_come_again: bool,
 }
 
 /// A case to be inserted.
@@ -35,6 +59,8 @@ pub(crate) struct NewCase {
     pub parameters: Parameters,
     /// The case of which it is a version.
     pub previous: Option<CaseId>,
+    /// The images that it is made of; those of `previous` if there is nothing here.
+    pub images: Option<Vec<Image>>,
     /// Its source objects and its manifest: durable, and pinned.
     pub sources: Pinned,
     /// How many jobs may wait.
@@ -53,6 +79,8 @@ pub(crate) struct NewLayer {
     pub parameters: LayerParameters,
     /// The series that it is made of, if that is known.
     pub series: Option<Uid>,
+    /// The images that it is made of.
+    pub images: Vec<Image>,
     /// Its source objects and its manifest: durable, and pinned.
     pub sources: Pinned,
     /// How many layers a case may have.
@@ -71,6 +99,12 @@ pub(crate) struct Withdrawn {
     pub instance: Uid,
     /// When the latest note of it came.
     pub at: Timestamp,
+    /// Names what one note rejects of one series; empty for results.
+    pub id: String,
+    /// Who has sent the note.
+    pub by: String,
+    /// Whether it counts again when it comes again.
+    pub may_return: bool,
 }
 
 /// The name of a new layer.
@@ -144,12 +178,19 @@ pub enum Published {
 #[derive(Debug, Clone)]
 pub struct DueSeries {
     pub uids: SeriesUids,
-    /// The case that it became before its last images came.
-    pub previous: Option<CaseId>,
     /// How somebody took it.
     pub taken: Option<Taken>,
-    /// Its images, in the order of their UIDs.
-    pub instances: Vec<ObjectName>,
+    /// Its images that are not rejected, in the order of their UIDs.
+    pub images: Vec<DueImage>,
+}
+
+/// An image of a series that a job is to read.
+#[derive(Debug, Clone)]
+pub struct DueImage {
+    pub uid: Uid,
+    pub object: ObjectName,
+    /// How often it was sent.
+    pub times: u64,
 }
 
 /// The holder of tombstones, and their lease.

@@ -41,8 +41,6 @@ pub enum ImageStatus {
     Refused,
     /// They are of a class of which nothing is kept.
     Ignored,
-    /// The PACS has rejected them before.
-    Rejected,
     /// They could not be stored.
     Failed,
 }
@@ -56,7 +54,6 @@ impl ImageStatus {
             Self::Corrected => "corrected",
             Self::Refused => "refused",
             Self::Ignored => "ignored",
-            Self::Rejected => "rejected",
             Self::Failed => "failed",
         }
     }
@@ -208,7 +205,7 @@ mod tests {
             created_at: Timestamp::UNIX_EPOCH,
             uploaded_at: Timestamp::UNIX_EPOCH,
             kept: false,
-            superseded: None,
+            closed: None,
             expires_at: None,
         }
     }

@@ -3,6 +3,7 @@
 use super::pinned::Writing;
 use super::rows::{Inserted, NewCase, Pinned, Referred};
 use super::{Manifest, ObjectName, Spooled, Store, StoreError};
+use case::images::Image;
 use case::{Case, CaseId, CaseState, JobKind, ObjectKind, Parameters};
 
 /// How often to insert a case again that others delete meanwhile.
@@ -16,6 +17,8 @@ pub struct Upload {
     pub mask: Option<Spooled>,
     /// The identifying attributes, if the volume comes from DICOM.
     pub dicom: Option<Spooled>,
+    /// The images that the volume is made of, if it comes from DICOM.
+    pub images: Vec<Image>,
 }
 
 /// The result of an upload.
@@ -105,6 +108,8 @@ struct Inputs<'a> {
     /// The files; files that are stored already, as objects of `previous`, have no path.
     sources: Vec<(ObjectName, Option<&'a Spooled>)>,
     previous: Option<CaseId>,
+    /// The images; those of `previous` if there is nothing here.
+    images: Option<Vec<Image>>,
     parameters: Parameters,
 }
 
@@ -142,6 +147,7 @@ impl Store {
                 id: upload.case_id(&parameters),
                 sources: source_files(&upload),
                 previous,
+                images: Some(upload.images.clone()),
                 parameters,
             };
             if let Some(name) = &inputs.parameters.name {
@@ -178,6 +184,7 @@ impl Store {
                 id,
                 sources,
                 previous: Some(version.of),
+                images: None,
                 parameters,
             };
             store.submit_now(inputs).await
@@ -192,7 +199,9 @@ impl Store {
             if let Some(case) = self.case(id).await?
                 && case.state != CaseState::Failed
                 && self.has_files(&inputs).await?
-                && self.uploaded_again(id).await?
+                && self
+                    .uploaded_again(id, inputs.images.as_deref().unwrap_or_default())
+                    .await?
             {
                 let case = self.case(id).await?.unwrap_or(case);
                 return Ok(Some(Submitted {
@@ -227,10 +236,27 @@ impl Store {
         Ok(true)
     }
 
+    async fn images_of_previous(&self, previous: Option<CaseId>) -> Result<Vec<Image>, StoreError> {
+        match previous {
+            Some(previous) => self.images_of_case(&previous).await,
+            None => Ok(Vec::new()),
+        }
+    }
+
     /// Writes the sources and the manifest, and inserts the case. `None` if a stored source has gone.
     async fn insert(&self, inputs: &Inputs<'_>) -> Result<Option<Inserted>, StoreError> {
         let names = inputs.sources.iter().map(|(name, _)| *name);
-        let manifest = Manifest::of_case(inputs.id, names, &inputs.parameters, inputs.previous);
+        let images = match &inputs.images {
+            Some(images) => images.clone(),
+            None => self.images_of_previous(inputs.previous).await?,
+        };
+        let manifest = Manifest::of_case(
+            inputs.id,
+            names,
+            &inputs.parameters,
+            inputs.previous,
+            images,
+        );
         let manifest = manifest.framed()?;
         let sources = inputs.sources.iter().map(|(name, file)| match file {
             Some(file) => Writing::File(*name, file),
@@ -253,6 +279,7 @@ impl Store {
                 id: inputs.id,
                 parameters: inputs.parameters.clone(),
                 previous: inputs.previous,
+                images: inputs.images.clone(),
                 sources,
                 queue_limit: self.options().queue_limit,
                 client: self.client.to_string(),

@@ -35,6 +35,7 @@ async fn upload(store: &Store, volume: &'static str, mask: Option<&'static str>)
             None => None,
         },
         dicom: None,
+        images: Vec::new(),
     }
 }
 

@@ -1,5 +1,7 @@
 //! The heads of a study: of each series one version for each of its patients, in the order in which a link to the study prefers them.
 
+use std::cmp::Reverse;
+
 use case::{Case, CaseState};
 use storage::StoreError;
 use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids};
@@ -16,6 +18,8 @@ pub struct Head {
     pub case: Case,
     /// Its series and study.
     pub series: CaseSeries,
+    /// How many slices it was made of.
+    pub images: usize,
     /// The attributes of the source by keyword, which are patient data; none if they are damaged.
     pub attributes: Vec<(String, String)>,
 }
@@ -96,14 +100,12 @@ impl Head {
     }
 }
 
-/// The version of each series and patient that counts. They come newest first, and within a state, the newest stays first.
-/// If a correction is still prepared, or failed, the picture from before it is not shown in its place. Neither is an upload shown in the
-/// place of what a PACS has sent, unless that failed. A damaged source states no patient, so it is a version of nothing else.
+/// The version of each series and patient that counts: the one with most images, then the newest, and those that failed last. They come
+/// newest first; of the same images, what can be seen is preferred. A damaged source states no patient, so it is a version of nothing else.
 fn one_of_each_series(mut versions: Vec<Head>) -> Vec<Head> {
     let is_failed = |head: &Head| head.case.state == CaseState::Failed;
     let is_ready = |head: &Head| head.case.state == CaseState::Ready;
-    versions.retain(|head| head.series.superseded.is_none());
-    versions.sort_by_key(|head| (is_failed(head), !head.series.is_received, !is_ready(head)));
+    versions.sort_by_key(|head| (is_failed(head), Reverse(head.images), !is_ready(head)));
     let mut seen: Vec<(SeriesUids, Option<Patient>)> = Vec::new();
     versions.retain(|head| {
         let version_of = (head.series.uids.clone(), head.patient());
@@ -117,25 +119,25 @@ fn one_of_each_series(mut versions: Vec<Head>) -> Vec<Head> {
 }
 
 impl Cases {
-    /// The heads that a query finds, the preferred one first, those that failed last. Of each series and patient this is the
-    /// newest version that is ready, or else the newest that has not failed; what a PACS has sent comes before an upload. Superseded versions
-    /// do not count, even if nothing else is left.
+    /// The heads that a query finds, the preferred one first, those that failed last. Of each series and patient this is the open case with
+    /// most images, then the newest. Closed ones do not count, even if nothing else is left.
     ///
     /// # Errors
     /// If the store cannot be reached.
     pub async fn heads(&self, query: &SeriesQuery) -> Result<Vec<Head>, StoreError> {
         let mut versions = Vec::new();
         let all = self.store().cases_of(query).await?;
-        for series in all.into_iter().filter(|series| series.superseded.is_none()) {
-            let Some(case) = self.store().case(&series.case).await? else {
+        for series in all {
+            let case = self.store().case(&series.case).await?;
+            let Some(case) = case.filter(|case| case.closed.is_none()) else {
                 continue;
             };
-            let stored = self.attributes_of(&case.id).await?;
-            let attributes = stored.map(|stored| stored.attributes).unwrap_or_default();
+            let stored = self.attributes_of(&case.id).await?.unwrap_or_default();
             versions.push(Head {
                 case,
                 series,
-                attributes,
+                images: stored.instances.len(),
+                attributes: stored.attributes,
             });
         }
         let mut heads = one_of_each_series(versions);
@@ -146,7 +148,6 @@ impl Cases {
 
 #[cfg(test)]
 mod tests {
-    use case::arrivals::Superseded;
     use case::{CaseId, Parameters};
     use storage::arrivals::Uid;
     use storage::testing::facts;
@@ -171,7 +172,7 @@ mod tests {
                 next: Vec::new(),
                 created_at: time,
                 uploaded_at: time,
-                superseded: None,
+                closed: None,
                 kept: false,
                 expires_at: None,
             },
@@ -183,9 +184,8 @@ mod tests {
                 },
                 accession_number: None,
                 patient: None,
-                superseded: None,
-                is_received: true,
             },
+            images: 10,
             attributes: attributes
                 .iter()
                 .map(|&(name, value)| (name.to_owned(), value.to_owned()))
@@ -226,69 +226,33 @@ mod tests {
     }
 
     #[test]
-    fn a_correction_that_is_still_prepared_comes_before_the_version_that_it_replaces() {
-        use CaseState::{Failed, Preparing, Queued, Ready};
-        let version = |number: u8, state, superseded| {
-            let mut head = head("1.1", 1.0, &[]);
+    fn the_version_with_most_images_counts_then_the_newest_that_can_be_seen() {
+        use CaseState::{Failed, Preparing, Ready};
+        let version = |number: u8, state, images| {
+            let mut head = head("1.1", 1.0, &[("PatientID", "A")]);
             head.case.id = CaseId::parse(&format!("{number:032}")).unwrap();
             head.case.state = state;
-            head.series.case = head.case.id;
-            head.series.superseded = superseded;
+            head.images = images;
             head
         };
-        let counts = |newest_first: &[(u8, CaseState, Option<Superseded>)]| {
+        let counts = |newest_first: &[(u8, CaseState, usize)]| {
             let versions = newest_first.iter();
-            let versions = versions.map(|&(number, state, why)| version(number, state, why));
+            let versions = versions.map(|&(number, state, images)| version(number, state, images));
             let [head] = &one_of_each_series(versions.collect())[..] else {
                 panic!("one series has one version that counts");
             };
-            (head.case.id)
-                .to_string()
-                .trim_start_matches('0')
-                .parse::<u8>()
-                .unwrap()
+            let id = head.case.id.to_string();
+            id.trim_start_matches('0').parse::<u8>().unwrap()
         };
-        let replaced = Some(Superseded::NewerVersion);
-        for state in [Queued, Preparing, Ready, Failed] {
-            let versions = [(2, state, None), (1, Ready, replaced)];
-            assert_eq!(counts(&versions), 2, "{state:?}");
-        }
-        // The correction was taken back.
-        assert_eq!(counts(&[(2, Ready, replaced), (1, Preparing, None)]), 1);
-        // A version with another mask replaces nothing: what can be seen comes first, then the newest.
-        assert_eq!(counts(&[(2, Preparing, None), (1, Ready, None)]), 1);
-        assert_eq!(counts(&[(2, Ready, None), (1, Ready, None)]), 2);
-        assert_eq!(counts(&[(2, Failed, None), (1, Preparing, None)]), 1);
-        // The correction was deleted: what it replaced does not come back.
-        let left = vec![version(1, Ready, replaced)];
-        assert!(one_of_each_series(left).is_empty());
-    }
-
-    #[test]
-    fn an_upload_takes_the_place_of_no_image_from_a_pacs_and_no_patient_that_of_another() {
-        let of = |patient, is_received, state| {
-            let mut head = head("1.1", 1.0, &[("PatientID", patient)]);
-            head.series.is_received = is_received;
-            head.case.state = state;
-            head
-        };
-        let counts = |newest_first: Vec<Head>| -> Vec<(String, bool)> {
-            let heads = one_of_each_series(newest_first).into_iter();
-            let patient = |head: &Head| head.value("PatientID").unwrap_or_default().to_owned();
-            heads
-                .map(|head| (patient(&head), head.series.is_received))
-                .collect()
-        };
-        use CaseState::{Failed, Preparing, Ready};
-        let received = |patient: &str| (patient.to_owned(), true);
-        let uploaded = |patient: &str| (patient.to_owned(), false);
-        for state in [Preparing, Ready] {
-            let one = counts(vec![of("A", false, Ready), of("A", true, state)]);
-            assert_eq!(one, [received("A")], "{state:?}");
-        }
-        let failed = counts(vec![of("A", false, Ready), of("A", true, Failed)]);
-        assert_eq!(failed, [uploaded("A")]);
-        let two = counts(vec![of("B", false, Ready), of("A", true, Ready)]);
-        assert_eq!(two, [received("A"), uploaded("B")]);
+        assert_eq!(counts(&[(2, Preparing, 12), (1, Ready, 10)]), 2);
+        assert_eq!(counts(&[(2, Ready, 10), (1, Ready, 12)]), 1);
+        assert_eq!(counts(&[(2, Ready, 10), (1, Ready, 10)]), 2);
+        // Another mask of the same images.
+        assert_eq!(counts(&[(2, Preparing, 10), (1, Ready, 10)]), 1);
+        assert_eq!(counts(&[(2, Failed, 12), (1, Preparing, 10)]), 1);
+        let mut of_another = version(2, Ready, 10);
+        of_another.attributes[0].1 = "B".to_owned();
+        let both = one_of_each_series(vec![of_another, version(1, Ready, 10)]);
+        assert_eq!(both.len(), 2);
     }
 }

@@ -1,13 +1,9 @@
 //! Enters the series of cases into the index, by which viewers of a PACS find them.
 
-use std::collections::BTreeSet;
-
 use case::CaseId;
-use imaging::dicom::Attributes;
-use storage::arrivals::{AccessionNumber, CaseSeries, PatientDigest, SeriesUids, Superseded, Uid};
+use storage::arrivals::{AccessionNumber, CaseSeries, PatientDigest, SeriesUids, Uid};
 use storage::{StoreError, Upload};
 
-use super::Patient;
 use crate::application::Cases;
 use crate::error::Error;
 
@@ -17,7 +13,6 @@ pub(crate) struct SeriesOfUpload {
     uids: SeriesUids,
     accession_number: Option<AccessionNumber>,
     patient: Option<PatientDigest>,
-    images: Vec<Uid>,
 }
 
 impl SeriesOfUpload {
@@ -35,7 +30,6 @@ impl SeriesOfUpload {
         let uid = |keyword| stored.value(keyword).and_then(Uid::parse);
         let uids = uid("StudyInstanceUID").zip(uid("SeriesInstanceUID"));
         Ok(uids.map(|(study, series)| Self {
-            images: images_of(&stored),
             uids: SeriesUids { study, series },
             accession_number: stored
                 .value("AccessionNumber")
@@ -45,13 +39,6 @@ impl SeriesOfUpload {
     }
 }
 
-/// The UIDs of the images of a volume.
-pub(super) fn images_of(source: &Attributes) -> Vec<Uid> {
-    let images = source.instances.iter();
-    let uids: BTreeSet<_> = images.map(|image| &image.sop_instance_uid).collect();
-    uids.into_iter().filter_map(|uid| Uid::parse(uid)).collect()
-}
-
 impl SeriesOfUpload {
     pub(crate) fn series(&self) -> &Uid {
         &self.uids.series
@@ -59,29 +46,7 @@ impl SeriesOfUpload {
 }
 
 impl Cases {
-    /// Whether the PACS has rejected any image of an upload.
-    pub(crate) async fn is_rejected(&self, series: &SeriesOfUpload) -> Result<bool, StoreError> {
-        let images = series.images.iter();
-        let images: Vec<_> = images
-            .map(|image| (series.uids.clone(), image.clone()))
-            .collect();
-        Ok(self.store().are_rejected(&images).await?.contains(&true))
-    }
-
-    /// Whether the PACS has sent the images of an upload, or others of its series, as those of another patient.
-    pub(crate) async fn is_corrected(
-        &self,
-        series: &SeriesOfUpload,
-        upload: &Upload,
-    ) -> Result<bool, Error> {
-        let Some(patient) = Patient::of_upload(upload).await? else {
-            return Ok(false);
-        };
-        self.are_sent_of_another(&series.uids, &series.images, &patient)
-            .await
-    }
-
-    /// Enters the series of a case. What the PACS has rejected does not count when a user uploads it.
+    /// Enters the series of a case.
     pub(crate) async fn index(
         &self,
         case: CaseId,
@@ -90,14 +55,11 @@ impl Cases {
         let Some(series) = series else {
             return Ok(());
         };
-        let is_rejected = self.is_rejected(&series).await?;
         let series = CaseSeries {
             case,
             uids: series.uids,
             accession_number: series.accession_number,
             patient: series.patient,
-            superseded: is_rejected.then_some(Superseded::Rejected),
-            is_received: false,
         };
         self.store().index_series(&series).await
     }

@@ -1,13 +1,11 @@
 //! What a query finds besides the heads: series that make no case (yet). They can belong to another patient.
 
-use std::collections::HashSet;
-
-use case::{CaseId, CaseState, Failure};
+use case::{CaseState, Closed, Failure};
 use serde_json::Value;
 use storage::ObjectName;
 use storage::arrivals::{
     AccessionNumber, Arrival, ArrivalState, MOVED, OTHER_OBJECTS, REJECTED, SeriesQuery,
-    SeriesUids, Superseded, Uid,
+    SeriesUids, Uid,
 };
 
 use super::{Head, Patient};
@@ -108,9 +106,7 @@ impl Cases {
                 && patient.is_none_or(|own| heads.any(|head| head.patient().as_ref() == Some(own)))
         };
         let mut telling = Vec::new();
-        let mut last: Vec<(SeriesUids, CaseId)> = Vec::new();
         for arrival in self.store().arrivals_of(query).await? {
-            last.extend(arrival.previous.map(|case| (arrival.uids.clone(), case)));
             let is_layer_of_head = arrival.state == ArrivalState::Layer
                 && heads.iter().any(|head| Some(head.case.id) == arrival.case);
             let is_case_of_head = arrival.state == ArrivalState::Case
@@ -124,18 +120,11 @@ impl Cases {
         let others = others.flat_map(|(arrival, patients)| others_of(arrival, patients));
         let is_other = |other: &Other| !is_head(&other.uids, other.patient.as_ref());
         let mut others: Vec<_> = others.filter(is_other).collect();
-        // Arrivals are forgotten before their cases.
+        // Arrivals are forgotten before their cases. What was corrected says nothing any more.
         for series in self.store().cases_of(query).await? {
-            if series.superseded != Some(Superseded::Rejected) {
+            let case = self.store().case(&series.case).await?;
+            if case.and_then(|case| case.closed) != Some(Closed::Rejected) {
                 continue;
-            }
-            // What the PACS has sent before it corrected that says nothing any more. The newest case comes first.
-            if series.is_received {
-                match last.iter().find(|(uids, _)| *uids == series.uids) {
-                    Some((_, case)) if *case != series.case => continue,
-                    Some(_) => {}
-                    None => last.push((series.uids.clone(), series.case)),
-                }
             }
             let source = self.attributes_of(&series.case).await?;
             let patient = source.map(|source| Patient::of(|keyword| source.value(keyword)));
@@ -150,7 +139,7 @@ impl Cases {
                     accession_number: series.accession_number,
                     label: None,
                     state: ArrivalState::Nothing,
-                    reason: Some(super::rejection::reason()),
+                    reason: Some(Failure::unusable(REJECTED, Closed::Rejected.sentence())),
                     patient,
                 }),
             }
@@ -194,7 +183,8 @@ impl Cases {
         let patients = self.patients_of_series(&telling).await?;
         let mut patients: Vec<_> = patients.into_iter().flatten().collect();
         for series in self.store().cases_of(&query).await? {
-            if !series.is_superseded()
+            let case = self.store().case(&series.case).await?;
+            if case.is_some_and(|case| case.closed.is_none())
                 && let Some(source) = self.attributes_of(&series.case).await?
             {
                 patients.push(Patient::of(|keyword| source.value(keyword)));
@@ -203,29 +193,19 @@ impl Cases {
         Ok(patients)
     }
 
-    /// Whether the PACS has sent a series, or images with these UIDs under any series, as those of another patient than this one.
+    /// Whether the PACS has sent images of a series as those of another patient than this one.
     pub(super) async fn are_sent_of_another(
         &self,
         uids: &SeriesUids,
-        images: &[Uid],
         patient: &Patient,
     ) -> Result<bool, Error> {
-        let named: Vec<_> = images
-            .iter()
-            .map(|uid| (uids.clone(), uid.clone()))
-            .collect();
-        let known = self.store().known(&named).await?.into_iter().flatten();
         let of_series = self.store().images_of(uids).await?.into_iter();
-        let stored: HashSet<_> = of_series
-            .map(|(_, image)| image)
-            .chain(known.map(|known| known.object))
-            .collect();
-        let stored: Vec<_> = stored.into_iter().collect();
+        let stored: Vec<_> = of_series.map(|(_, image)| image).collect();
         self.states_another(&stored, patient).await
     }
 
     /// Whether any of these stored images states another patient than this one, if it is stated.
-    pub(crate) async fn states_another(
+    async fn states_another(
         &self,
         images: &[ObjectName],
         patient: &Patient,
@@ -323,11 +303,10 @@ fn distinct(patients: impl IntoIterator<Item = Option<Patient>>) -> Vec<Patient>
     distinct
 }
 
-/// Whether the images of a series may be of several patients: those that came late, or that were refused for it.
+/// Whether the images of a series may be of several patients: those that are still coming, or that were refused for it.
 fn may_be_of_several(arrival: &Arrival) -> bool {
     let is_mixed = |reason: &Failure| reason.name == MIXED_PATIENTS;
-    let is_late = arrival.state == ArrivalState::Receiving && arrival.previous.is_some();
-    is_late || arrival.reason.as_ref().is_some_and(is_mixed)
+    arrival.state == ArrivalState::Receiving || arrival.reason.as_ref().is_some_and(is_mixed)
 }
 
 /// Whether a series that makes no case says that its patient is there. One without images was moved, or never had any.

@@ -4,7 +4,7 @@ use crate::application::Cases;
 use crate::error::Error;
 use case::{CaseId, ObjectKind};
 use imaging::dicom::Attributes;
-use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids, Uid};
+use storage::arrivals::{CaseSeries, Uid};
 use storage::{ObjectName, StoreError, Upload, unless_missing};
 
 /// A patient, as a source states them. This is patient data.
@@ -121,8 +121,6 @@ impl PartialEq for Patient {
 pub enum Contradiction {
     /// They are of another patient.
     Patient,
-    /// They lie elsewhere, so that left and right may be exchanged.
-    Place,
     /// They are of another patient, and the case is not DICOM: whoever requested a result named the study.
     Study,
 }
@@ -130,23 +128,17 @@ pub enum Contradiction {
 impl Contradiction {
     /// The kind of the problem.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Patient | Self::Study => "several-patients",
-            Self::Place => "superseded",
-        }
+        "several-patients"
     }
 
     /// What has happened.
     pub fn sentence(self) -> &'static str {
         match self {
             Self::Patient => {
-                "the case was uploaded, and the PACS has sent its images, or others of its series, as those of another patient"
+                "the PACS has sent images of the series of the case as those of another patient"
             }
             Self::Study => {
                 "the study that was named for the result is here, and images of it are of another patient"
-            }
-            Self::Place => {
-                "the case was uploaded, and the PACS has sent images with the same UIDs and another position or orientation, so that left and right may be exchanged"
             }
         }
     }
@@ -184,48 +176,17 @@ impl Cases {
         }))
     }
 
-    /// What the PACS has sent with the UIDs of a series that was uploaded or of its images, if that contradicts the upload. Of another patient
-    /// counts also what made no case.
+    /// Whether the PACS has sent images of the series of a case as those of another patient, also if they made no case.
     ///
     /// # Errors
     /// If the store cannot be reached.
-    pub async fn contradiction(
-        &self,
-        uploaded: &CaseSeries,
-    ) -> Result<Option<Contradiction>, Error> {
-        if uploaded.is_received {
-            return Ok(None);
-        }
-        let patient = |source: &Attributes| Patient::of(|keyword| source.value(keyword));
-        let Some(own) = self.attributes_of(&uploaded.case).await? else {
+    pub async fn contradiction(&self, of: &CaseSeries) -> Result<Option<Contradiction>, Error> {
+        let Some(source) = self.attributes_of(&of.case).await? else {
             return Ok(None);
         };
-        let images = super::index::images_of(&own);
-        if self
-            .are_sent_of_another(&uploaded.uids, &images, &patient(&own))
-            .await?
-        {
-            return Ok(Some(Contradiction::Patient));
-        }
-        let mut found = None;
-        let SeriesUids { study, series } = uploaded.uids.clone();
-        let query = SeriesQuery::Study(study, Some(series));
-        for held in self.store().cases_of(&query).await? {
-            if !held.is_received || held.is_superseded() {
-                continue;
-            }
-            let Some(sent) = self.attributes_of(&held.case).await? else {
-                continue;
-            };
-            if patient(&sent) != patient(&own) {
-                return Ok(Some(Contradiction::Patient));
-            }
-            let (own, sent) = ((&uploaded.case, &own), (&held.case, &sent));
-            if self.lie_apart(own, sent).await? {
-                found = Some(Contradiction::Place);
-            }
-        }
-        Ok(found)
+        let own = Patient::of(|keyword| source.value(keyword));
+        let is_another = self.are_sent_of_another(&of.uids, &own).await?;
+        Ok(is_another.then_some(Contradiction::Patient))
     }
 
     /// Whether images of a study are of another patient than the one who was named for a result of a case that is not DICOM.

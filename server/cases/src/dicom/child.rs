@@ -7,13 +7,15 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use imaging::Limits;
-use imaging::dicom::{self, DicomError, Identity, Options, Purpose, SeriesName, convert, identify};
+use imaging::dicom::{
+    self, DicomError, Identity, Options, Purpose, SeriesName, convert, fingerprint, identify,
+};
 use rustix::process::{Resource, Rlimit, setrlimit};
 
 use super::files::{FilesBelow, Place};
 use super::message::{
-    HeaderOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder, StoredOutcome,
-    StoredTask, Summary, VOLUME,
+    HeaderOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder, StoredOutcome, Summary,
+    VOLUME,
 };
 use crate::confine::{Confinement, Directory, Needs, confine};
 use case::{Failure, FailureKind};
@@ -153,13 +155,20 @@ fn read_header<T>(
 }
 
 fn header(file: &[u8], room: u64, output: Option<&mut File>) -> Result<Identity, DicomError> {
-    let identity = identify(file)?;
-    if let Some(output) = output {
-        let without = dicom::deidentified_file(file)?;
-        let written = io::copy(&mut io::repeat(0).take(room), output);
-        written.map_err(unreadable)?;
-        output.write_all(&without).map_err(unreadable)?;
-    }
+    let mut identity = identify(file)?;
+    let print = |file: &[u8]| match identity.is_image {
+        true => fingerprint(file).ok(),
+        false => None,
+    };
+    let Some(output) = output else {
+        identity.fingerprint = print(file);
+        return Ok(identity);
+    };
+    let without = dicom::deidentified_file(file)?;
+    identity.fingerprint = print(&without);
+    let written = io::copy(&mut io::repeat(0).take(room), output);
+    written.map_err(unreadable)?;
+    output.write_all(&without).map_err(unreadable)?;
     Ok(identity)
 }
 
@@ -205,16 +214,8 @@ fn stored(order: &StoredOrder) -> Result<StoredOutcome, DicomError> {
         let file = File::open(Path::new(".").join(number.to_string())).map_err(unreadable)?;
         read_file(file, order.max_file_bytes)
     };
-    match &order.task {
-        StoredTask::Metadata => {
-            let each = (0..order.count).map(|number| dicom::metadata(&read(number)?));
-            Ok(StoredOutcome::Metadata(each.collect::<Result<_, _>>()?))
-        }
-        StoredTask::Compare => {
-            let difference = dicom::difference(&read(0)?, &read(1)?)?;
-            Ok(StoredOutcome::Compared(difference))
-        }
-    }
+    let each = (0..order.count).map(|number| dicom::metadata(&read(number)?));
+    Ok(StoredOutcome::Metadata(each.collect::<Result<_, _>>()?))
 }
 
 /// From here on, the kernel ends this process if it exceeds its limits.
@@ -247,6 +248,7 @@ fn read(order: &SeriesOrder, place: Place) -> Result<(Vec<u8>, Summary), DicomEr
             true => Purpose::Layer,
             false => Purpose::Case,
         },
+        deidentifies: order.deidentifies,
     };
     let limits = Limits {
         max_voxels: order.max_voxels,
@@ -259,6 +261,7 @@ fn read(order: &SeriesOrder, place: Place) -> Result<(Vec<u8>, Summary), DicomEr
         is_t1: converted.is_t1,
         others: converted.others,
         ignored_files: converted.ignored_files,
+        images: converted.images,
     };
     Ok((converted.nifti, summary))
 }

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
 
+use case::images::Fingerprint;
 use case::{Failure, Parameters};
 use imaging::dicom::{Identity, MarkedPatient};
 use serde::de::DeserializeOwned;
@@ -18,8 +19,11 @@ use crate::children::ChildMemory;
 use crate::error::Error;
 use crate::limit::ConcurrencyLimit;
 
-/// The time limit for a file.
+/// The time limit for a file, and for each further 4 MiB: its pixels are decoded.
 const LONGEST: Duration = Duration::from_secs(20);
+
+/// The bytes of a file for which it may take as long again.
+const BYTES_AT_ONCE: u64 = 4 << 20;
 
 /// Memory for the program itself.
 const PROGRAM_BYTES: u64 = 512 << 20;
@@ -46,6 +50,8 @@ pub struct InstanceIdentity {
     pub is_image: bool,
     /// What it rejects, if it is a rejection note.
     pub rejection: Option<Rejection>,
+    /// What it states and shows, if it is an image whose pixels can be decoded.
+    pub fingerprint: Option<Fingerprint>,
 }
 
 impl InstanceIdentity {
@@ -101,8 +107,17 @@ impl InstanceIdentity {
                 Some(rejection) => Some(checked_rejection(rejection)?),
                 None => None,
             },
+            fingerprint: match identity.fingerprint {
+                Some(fingerprint) => Some(checked_fingerprint(fingerprint)?),
+                None => None,
+            },
         })
     }
+}
+
+/// A fingerprint of the child; `None` if it is none.
+pub(super) fn checked_fingerprint(print: imaging::dicom::Fingerprint) -> Option<Fingerprint> {
+    Fingerprint::new(&print.contents, print.is_lossy, print.corners_mm)
 }
 
 fn checked_rejection(rejection: &imaging::dicom::Rejection) -> Option<Rejection> {
@@ -162,15 +177,20 @@ impl HeaderReader {
         self.ask(file, None, Order::Marks).await
     }
 
-    /// Writes a file without the identity of the patient, as an upload is spooled.
+    /// Writes a file without the identity of the patient, as an upload is spooled; what it states and shows then.
     ///
     /// # Errors
     /// As [`HeaderReader::read`].
-    pub(crate) async fn deidentify(&self, file: &Spooled, output: &Path) -> Result<(), Error> {
-        self.identity(file, Some(output)).await?;
+    pub(crate) async fn deidentify(
+        &self,
+        file: &Spooled,
+        output: &Path,
+    ) -> Result<Option<Fingerprint>, Error> {
+        let identity = self.identity(file, Some(output)).await?;
         // Pixels that were compressed may be larger than before.
         let largest = self.max_file_bytes.saturating_mul(UNPACKING);
-        Ok(check_file(output, Spooled::START + largest)?)
+        check_file(output, Spooled::START + largest)?;
+        Ok(identity.fingerprint)
     }
 
     async fn identity(
@@ -191,6 +211,7 @@ impl HeaderReader {
         let _turn = self.limit.turn().await?;
         let memory_bytes = PROGRAM_BYTES + (UNPACKING + 4) * file.len();
         let _memory = self.memory.take(memory_bytes).await;
+        let longest = self.longest * (1 + u32::try_from(file.len() / BYTES_AT_ONCE).unwrap_or(0));
         let absolute = |path: &Path| std::path::absolute(path).map_err(cannot_run);
         let order = order(HeaderOrder {
             file: absolute(file.path())?,
@@ -198,10 +219,10 @@ impl HeaderReader {
             output: output.map(absolute).transpose()?,
             max_file_bytes: self.max_file_bytes,
             memory_bytes,
-            seconds: self.longest.as_secs().max(1),
+            seconds: longest.as_secs().max(1),
         });
         let mut process = self.program.start(Stdio::piped()).map_err(cannot_run)?;
-        let answer = tokio::time::timeout(self.longest, process.ask(&order)).await;
+        let answer = tokio::time::timeout(longest, process.ask(&order)).await;
         // A process that is too slow is ended with its handle.
         let Some(stated) = answer.ok().flatten() else {
             return Err(died().into());

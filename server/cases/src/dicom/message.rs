@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use imaging::dicom::{Attributes, Difference, SeriesSummary};
+use imaging::dicom::{Attributes, Fingerprint, SeriesSummary};
 use serde::{Deserialize, Serialize};
 
 use case::Failure;
@@ -25,7 +25,7 @@ pub(super) enum Order {
     Header(HeaderOrder),
     /// Read the findings of a measurement report; a [`Stated`] on the standard output answers it.
     Marks(HeaderOrder),
-    /// Read stored files.
+    /// Read the attributes of stored files.
     Stored(StoredOrder),
     /// Prepare a case.
     Prepare(Box<PrepareOrder>),
@@ -42,7 +42,6 @@ pub(super) struct StoredOrder {
     pub(super) count: usize,
     /// An empty directory.
     pub(super) output: PathBuf,
-    pub(super) task: StoredTask,
     /// The limit for memory.
     pub(super) memory_bytes: u64,
     /// The limit for a file.
@@ -51,22 +50,11 @@ pub(super) struct StoredOrder {
     pub(super) seconds: u64,
 }
 
-/// What to read.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub(super) enum StoredTask {
-    /// The attributes of each file.
-    Metadata,
-    /// What is different about the second of two files of one instance.
-    Compare,
-}
-
 /// What was read of stored files.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub(super) enum StoredOutcome {
     Metadata(Vec<serde_json::Value>),
-    Compared(Difference),
     Refused(Failure),
 }
 
@@ -112,6 +100,8 @@ pub(super) struct SeriesOrder {
     pub(super) series: Option<String>,
     pub(super) allow_gaps: bool,
     pub(super) is_layer: bool,
+    /// Whether the images are named as they are without the identity of the patient.
+    pub(super) deidentifies: bool,
     pub(super) max_voxels: usize,
     /// The limit for memory.
     pub(super) memory_bytes: u64,
@@ -138,4 +128,7 @@ pub(super) struct Summary {
     pub(super) is_t1: bool,
     pub(super) others: Vec<SeriesSummary>,
     pub(super) ignored_files: usize,
+    /// The images of the series, by their UIDs.
+    #[serde(default)]
+    pub(super) images: Vec<(String, Fingerprint)>,
 }

@@ -16,6 +16,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
+use case::images::Image;
 use serde::Serialize;
 use storage::Spooled;
 use tempfile::TempDir;
@@ -61,6 +62,8 @@ pub struct Reading {
     output: TempDir,
     /// The identifying attributes, as the stored JSON.
     pub attributes: Bytes,
+    /// The images that it was made of.
+    pub images: Vec<Image>,
     /// The choice among the files.
     pub choice: Choice,
 }

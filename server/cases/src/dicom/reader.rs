@@ -16,12 +16,15 @@ use tempfile::TempDir;
 use tokio::io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader};
 use tokio::process::{Child, ChildStdin, ChildStdout};
 
+use super::headers::checked_fingerprint;
 use super::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
 use super::{Choice, Input, Reading, SUBCOMMAND};
 use crate::children::ChildMemory;
 use crate::confine::Confinement;
 use crate::error::Error;
 use crate::limit::ConcurrencyLimit;
+use case::arrivals::Uid;
+use case::images::Image;
 use case::{Failure, FailureKind};
 
 /// The time limit for a series. The largest ones take seconds.
@@ -223,6 +226,7 @@ impl DicomReader {
             series: options.series.as_ref().map(|name| name.as_str().to_owned()),
             allow_gaps: options.allow_gaps,
             is_layer: options.purpose == Purpose::Layer,
+            deidentifies: options.deidentifies,
             max_voxels: self.limits.max_voxels,
             memory_bytes,
             max_input_bytes: self.max_input_bytes,
@@ -375,14 +379,24 @@ fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
         is_t1,
         others,
         ignored_files,
+        images,
     } = summary;
     let all = std::iter::once(&series).chain(&others);
     if !all.clone().all(is_plain) || !are_texts(&attributes) {
         return Err(died());
     }
+    let image = |(uid, print): (String, imaging::dicom::Fingerprint)| {
+        Some(Image {
+            uid: Uid::parse(&uid)?,
+            fingerprint: checked_fingerprint(print)?,
+            times: None,
+        })
+    };
+    let images = images.into_iter().map(image).collect::<Option<_>>();
     let stored = serde_json::to_vec(&attributes).map_err(|_| died())?;
     Ok(Reading {
         output,
+        images: images.ok_or_else(died)?,
         choice: Choice {
             series: series.into(),
             others: others.into_iter().map(Into::into).collect(),

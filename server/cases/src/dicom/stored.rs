@@ -1,14 +1,13 @@
-//! Reads stored images: their attributes, and what is different about two of one UID.
+//! Reads the attributes of stored images.
 
 use std::process::ExitStatus;
 
 use case::Failure;
-use imaging::dicom::Difference;
 use serde_json::Value;
-use storage::{ObjectName, Spooled, Store, StoreError, Unreadable};
+use storage::{ObjectName, Store, StoreError, Unreadable};
 use tempfile::TempDir;
 
-use super::message::{OUTCOME, Order, StoredOrder, StoredOutcome, StoredTask};
+use super::message::{OUTCOME, Order, StoredOrder, StoredOutcome};
 use super::reader::{BASE_BYTES, cannot_run, checked_failure, died, read_json_of};
 use crate::application::Cases;
 use crate::error::Error;
@@ -31,41 +30,14 @@ impl Cases {
             return Ok(None);
         }
         let count = names.len();
-        match self.read_files(input, count, StoredTask::Metadata).await? {
+        match self.read_files(input, count).await? {
             StoredOutcome::Metadata(all) if all.len() == count => Ok(Some(all)),
             _ => Err(died().into()),
         }
     }
 
-    /// What is different about a new file of an image that is stored already. One that is lost differs.
-    ///
-    /// # Errors
-    /// A [`Failure`] that states why the new file cannot be decoded, or as [`Cases::stored_metadata`].
-    pub(crate) async fn difference(
-        &self,
-        stored: ObjectName,
-        new: &Spooled,
-    ) -> Result<Difference, Error> {
-        let new = new.read().await.map_err(StoreError::from)?;
-        let input = self.store().spool_directory().await?;
-        let written = tokio::fs::write(input.path().join("1"), new).await;
-        written.map_err(StoreError::Disk)?;
-        if !copy_objects(self.store(), &[stored], &input).await? {
-            return Ok(Difference::Pixels);
-        }
-        match self.read_files(input, 2, StoredTask::Compare).await? {
-            StoredOutcome::Compared(difference) => Ok(difference),
-            _ => Err(died().into()),
-        }
-    }
-
     /// Reads so many files of a directory, named by their numbers from 0.
-    async fn read_files(
-        &self,
-        input: TempDir,
-        count: usize,
-        task: StoredTask,
-    ) -> Result<StoredOutcome, Error> {
+    async fn read_files(&self, input: TempDir, count: usize) -> Result<StoredOutcome, Error> {
         let _turn = self.dicom.limit.turn().await?;
         let output = self.store().spool_directory().await?;
         let absolute = |folder: &TempDir| std::path::absolute(folder.path()).map_err(cannot_run);
@@ -74,7 +46,6 @@ impl Cases {
             input: absolute(&input)?,
             count,
             output: absolute(&output)?,
-            task,
             memory_bytes: BASE_BYTES,
             max_file_bytes: self.dicom.max_input_bytes,
             seconds: self.dicom.longest.as_secs().max(1),

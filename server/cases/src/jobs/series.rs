@@ -1,19 +1,22 @@
 //! Reads series that are due, and makes cases or layers of them.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
 use std::time::Duration;
 
 use async_trait::async_trait;
 use case::{
-    Case, CaseId, CaseState, Failure, FailureKind, JobKind, LayerParameters, MaskSource,
-    ObjectKind, Parameters,
+    CaseId, CaseState, Failure, FailureKind, JobKind, LayerId, LayerParameters, MaskSource,
+    Parameters,
 };
-use storage::arrivals::{DueTerms, NO_CASE, NOT_T1, Outcome, SeriesQuery, TakenAs};
+use storage::arrivals::{
+    DueTerms, INCOMPLETE_CORRECTION, NO_CASE, NOT_T1, Outcome, REJECTED, SeriesQuery, SeriesUids,
+    TakenAs,
+};
 use storage::{Count, DueSeries, Store, StoreError, Unreadable, Upload};
 use tempfile::TempDir;
 
 use crate::application::Cases;
-use crate::arrivals::{ArrivalOptions, Patient, SeriesRule};
+use crate::arrivals::{ArrivalOptions, Becomes, SeriesRule, becomes};
 use crate::dicom::{Options, Purpose, copy_objects};
 use crate::error::Error;
 use crate::intake::VolumeFiles;
@@ -108,24 +111,25 @@ impl Cases {
     }
 
     async fn make_case(&self, due: &DueSeries, options: &ArrivalOptions) -> Result<Outcome, Error> {
+        if due.images.is_empty() {
+            return Ok(Outcome::Nothing(images_rejected()));
+        }
         let directory = self.store().spool_directory().await?;
         if !self.copy_images(due, &directory).await? {
             return Ok(Outcome::Nothing(images_damaged()));
         }
-        let previous = self.previous(due).await?;
-        if let Some(before) = &previous
-            && due.previous.is_none()
-        {
-            self.compare_patients(due, &before.id).await?;
-        }
-        // Nor may a layer stay under the name of another patient, even if these images make no volume.
-        self.remove_layers_of_others(&due.uids, &due.instances)
-            .await?;
         let files = VolumeFiles::Dicom(directory);
-        let (upload, choice) = self
+        let (mut upload, choice) = self
             // Images have lost the identity of the patient when they came, if it is not to be kept.
             .read_upload(files, None, &reading(due), false)
             .await?;
+        // What comes meanwhile has come again.
+        let times: HashMap<_, _> = (due.images.iter())
+            .map(|image| (&image.uid, image.times))
+            .collect();
+        for image in &mut upload.images {
+            image.times = times.get(&image.uid).copied();
+        }
         let is_t1 = choice.is_some_and(|choice| choice.is_t1);
         let (is_case, otherwise) = match due.taken.map(|taken| taken.kind) {
             Some(TakenAs::Case) => (true, not_t1()),
@@ -136,42 +140,20 @@ impl Cases {
             let layer = self.make_layer(due, &upload).await?;
             return Ok(layer.unwrap_or(Outcome::Nothing(otherwise)));
         }
-        // A version uses the parameters of its original.
-        let previous = match previous {
-            Some(case) => Some((self.is_of_patient(&upload, &case.id).await?, case)),
-            None => None,
-        };
-        let (of, parameters) = match previous {
-            // Layers, findings and the label stay with the patient whom they are about.
-            Some((is_same, case)) if is_same != Some(true) => {
-                // Known since the images came, unless those before them are not kept any more.
-                if is_same == Some(false) {
-                    self.store().correct_series_of(&case.id).await?;
-                }
-                let parameters = Parameters {
-                    name: None,
-                    ..case.parameters
-                };
-                (None, parameters)
+        let made = self.store().made_of_any(&upload.images).await?;
+        let (of, parameters) = match becomes(&upload.images, &made, due.taken.is_some()) {
+            Becomes::Known(case) => return Ok(Outcome::Case(case)),
+            Becomes::Incomplete { again, of } => {
+                return Ok(Outcome::Nothing(incomplete_correction(again, of)));
             }
-            Some((_, case)) => {
-                // Neither may findings and layers stay where they lay, if the images lie elsewhere now.
-                if self.is_moved_since(&upload, &case).await? {
-                    self.store().move_case(&case.id).await?;
-                }
-                (
-                    Some(self.newest_of_same_images(&case.id, due).await?),
-                    case.parameters,
-                )
+            Becomes::New(None) => (None, Parameters::default()),
+            // A version uses the parameters of its original.
+            Becomes::New(Some(of)) => {
+                let parameters = self.case(&of).await?.parameters;
+                (Some(of), self.of_whole_series(parameters))
             }
-            None => (None, Parameters::default()),
         };
-        let parameters = self.of_whole_series(parameters);
         let submitted = self.submit_after(upload, parameters, of).await?;
-        // A correction that came while the images were read has found no case to supersede.
-        if self.is_changed(due).await? {
-            self.store().move_case(&submitted.case.id).await?;
-        }
         Ok(Outcome::Case(submitted.case.id))
     }
 
@@ -180,62 +162,17 @@ impl Cases {
     /// # Errors
     /// [`Error::SourceMissing`] if one is missing, or an error of the store.
     async fn copy_images(&self, due: &DueSeries, directory: &TempDir) -> Result<bool, Error> {
-        if copy_objects(self.store(), &due.instances, directory).await? {
+        let images: Vec<_> = due.images.iter().map(|image| image.object).collect();
+        if copy_objects(self.store(), &images, directory).await? {
             return Ok(true);
         }
-        for image in &due.instances {
+        for image in &images {
             if let Err(Unreadable::Missing) = self.store().object(image).await {
                 self.store().signals().count(Count::MissingSource);
                 return Err(Error::SourceMissing);
             }
         }
         Ok(false)
-    }
-
-    /// Whether any image of a series was corrected or rejected since it was copied.
-    async fn is_changed(&self, due: &DueSeries) -> Result<bool, StoreError> {
-        let images = self.store().images_of(&due.uids).await?.into_iter();
-        let images: HashSet<_> = images.map(|(_, image)| image.digest).collect();
-        let mut copied = due.instances.iter();
-        Ok(copied.any(|image| !images.contains(&image.digest)))
-    }
-}
-
-impl Cases {
-    /// The case that a series became before, also if it was forgotten since that it did. A case of which it became a layer is of another
-    /// series.
-    async fn previous(&self, due: &DueSeries) -> Result<Option<Case>, StoreError> {
-        let series = SeriesQuery::Study(due.uids.study.clone(), Some(due.uids.series.clone()));
-        let mut before = self.store().cases_of(&series).await?.into_iter();
-        let before = match &due.previous {
-            Some(id) => before.find(|before| before.case == *id),
-            None => before.find(|before| before.is_received),
-        };
-        match before {
-            Some(before) => self.store().case(&before.case).await,
-            None => Ok(None),
-        }
-    }
-
-    /// Notes that a series is of another patient than the case that it became before it was forgotten, if an image of that case has come
-    /// again and states another one. All others may still be missing.
-    async fn compare_patients(&self, due: &DueSeries, before: &CaseId) -> Result<(), Error> {
-        let Some(source) = self.attributes_of(before).await? else {
-            return Ok(());
-        };
-        let known: HashSet<_> = (source.instances.iter())
-            .map(|image| image.sop_instance_uid.as_str())
-            .collect();
-        let images = self.store().images_of(&due.uids).await?.into_iter();
-        let again: Vec<_> = images
-            .filter(|(uid, _)| known.contains(uid.as_str()))
-            .map(|(_, image)| image)
-            .collect();
-        let held = Patient::of(|keyword| source.value(keyword));
-        if self.states_another(&again, &held).await? {
-            self.store().correct_series_of(before).await?;
-        }
-        Ok(())
     }
 
     /// The parameters of a version. Without a network, `pruning` is what became of `auto`, and the whole series may be skull-stripped although
@@ -246,31 +183,6 @@ impl Cases {
             mask => mask,
         };
         Parameters { mask, ..parameters }
-    }
-
-    /// The newest ready version of the images of a case, which readers see: it may have another mask, and what they marked there.
-    async fn newest_of_same_images(
-        &self,
-        of: &CaseId,
-        due: &DueSeries,
-    ) -> Result<CaseId, StoreError> {
-        let images = async |case: &CaseId| {
-            let names = self.store().case_objects(case).await?.into_iter();
-            let kinds = [ObjectKind::SourceVolume, ObjectKind::SourceDicom];
-            let mut images: Vec<_> = names.filter(|name| kinds.contains(&name.kind)).collect();
-            images.sort_by_key(|name| name.kind.name());
-            Ok::<_, StoreError>(images)
-        };
-        let own = images(of).await?;
-        let series = SeriesQuery::Study(due.uids.study.clone(), Some(due.uids.series.clone()));
-        for version in self.store().cases_of(&series).await? {
-            let case = self.store().case(&version.case).await?;
-            let is_ready = case.is_some_and(|case| case.state == CaseState::Ready);
-            if is_ready && images(&version.case).await? == own {
-                return Ok(version.case);
-            }
-        }
-        Ok(*of)
     }
 
     /// Makes a layer of a series; `None` if there is no case of its study and its patient that could have it.
@@ -310,12 +222,8 @@ impl Cases {
         let outcome = match self.add_layer_of(new, false).await {
             Ok((added, _)) => {
                 // Of fewer images than have come since.
-                self.remove_other_layers_of(&due.uids, &case, &added.layer.id)
+                self.remove_smaller_layers_of(&due.uids, &case, &added.layer.id)
                     .await?;
-                // A correction that came while the images were read has found no layer to remove.
-                if self.is_changed(due).await? {
-                    self.remove_layers_of(&due.uids).await?;
-                }
                 Outcome::Layer(case)
             }
             Err(Error::TooManyLayers { .. }) => Outcome::Nothing(Failure::unusable(
@@ -325,6 +233,27 @@ impl Cases {
             Err(error) => return Err(error),
         };
         Ok(Some(outcome))
+    }
+}
+
+impl Cases {
+    /// Removes the open layers of a case that are made of fewer images of a series than another one, but for that. What shows them stays
+    /// valid.
+    async fn remove_smaller_layers_of(
+        &self,
+        uids: &SeriesUids,
+        case: &CaseId,
+        kept: &LayerId,
+    ) -> Result<(), StoreError> {
+        let open = self.store().layers(case).await?.into_iter();
+        let open: Vec<_> = open.filter(|layer| layer.closed.is_none()).collect();
+        for (of, layer) in self.store().layers_of_series(&uids.series).await? {
+            let is_open = open.iter().any(|open| open.id == layer);
+            if of == *case && layer != *kept && is_open {
+                self.store().delete_layer(case, &layer).await?;
+            }
+        }
+        Ok(())
     }
 }
 
@@ -342,6 +271,18 @@ fn is_about_the_series(failure: &Failure) -> bool {
         failure.kind,
         FailureKind::Cancelled | FailureKind::Internal | FailureKind::OutOfMemory
     )
+}
+
+fn images_rejected() -> Failure {
+    Failure::unusable(REJECTED, "the PACS has rejected images of the series")
+}
+
+fn incomplete_correction(again: usize, of: usize) -> Failure {
+    let detail = format!(
+        "the PACS has corrected or rejected images of a case of this series, and {again} of its {of} images came again since; send the whole \
+         series, or take what is here"
+    );
+    Failure::unusable(INCOMPLETE_CORRECTION, detail)
 }
 
 fn images_damaged() -> Failure {

@@ -44,7 +44,8 @@ impl Library {
                 state: self.maps_of((*id, Some(newest.id))).await?,
             }));
         }
-        let mut flairs = layers.iter().filter(|layer| layer.is_flair()).peekable();
+        let open = layers.iter().filter(|layer| layer.closed.is_none());
+        let mut flairs = open.filter(|layer| layer.is_flair()).peekable();
         if flairs.peek().is_none() {
             return Ok(None);
         }
@@ -154,7 +155,7 @@ impl Library {
         layer: &LayerId,
     ) -> Result<Option<(Layer, Volume)>, StoreError> {
         let row = self.store().layer(id, layer).await?;
-        let Some(row) = row.filter(|row| row.is_flair() && row.state == CaseState::Ready) else {
+        let Some(row) = row.filter(|row| row.is_flair() && row.is_shown()) else {
             return Ok(None);
         };
         let voxels = self.stored_voxels(&row).await?;

@@ -159,11 +159,14 @@ impl ChosenLayer {
     }
 }
 
-/// The facts of a layer that is ready.
+/// The facts of a layer that is ready and open.
 ///
 /// # Errors
-/// [`Error::LayerNotReady`], or the failure of a failed layer.
+/// [`Error::LayerNotReady`], [`Error::LayerClosed`], or the failure of a failed layer.
 pub fn ready(layer: &Layer) -> Result<&LayerFacts, Error> {
+    if let Some(why) = layer.closed {
+        return Err(Error::LayerClosed(why));
+    }
     match (layer.state, &layer.facts, &layer.failure) {
         (case::CaseState::Ready, Some(facts), _) => Ok(facts),
         (_, _, Some(failure)) => Err(failure.clone().into()),

@@ -193,16 +193,15 @@ impl Report {
         }
     }
 
-    /// That the case is not the one that counts any more, that its sides are in doubt, and the verdict on a mask that is not sound.
+    /// That the case is closed, that its sides are in doubt, and the verdict on a mask that is not sound.
     fn doubt(&self, words: &Words) -> Option<String> {
-        let superseded = self.case.superseded.map(|why| words.superseded(why));
-        let superseded = superseded.or(self.apart.map(|why| words.apart(why)));
+        let closed = self.case.closed.map(|why| words.closed(why));
         let sides = self.has_sides_in_doubt().then(|| words.sides_in_doubt());
         let mask = self
             .state_of_mask()
             .filter(|state| *state != QualityState::Ok)
             .map(|state| format!("{}: {}", words.mask, words.state(state)));
-        let doubts: Vec<_> = superseded
+        let doubts: Vec<_> = closed
             .into_iter()
             .chain(sides)
             .map(str::to_owned)
@@ -797,9 +796,8 @@ mod tests {
                 uploaded_at: Timestamp::UNIX_EPOCH,
                 kept: false,
                 expires_at: None,
-                superseded: None,
+                closed: None,
             },
-            apart: None,
             facts: Arc::new(facts),
             query: ReportQuery {
                 language,

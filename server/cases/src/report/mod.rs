@@ -10,7 +10,6 @@ mod words;
 use std::sync::Arc;
 
 use bytes::Bytes;
-use case::arrivals::Superseded;
 use case::findings::Finding;
 use case::{Case, CaseFacts, CaseId, Layer, LayerKind, MapName, QualityState};
 use glam::DVec3;
@@ -64,8 +63,6 @@ pub enum ReportSubject<'a> {
 /// Everything that a report shows.
 struct Report {
     case: Case,
-    /// Why it has inherited nothing from the version before.
-    apart: Option<Superseded>,
     facts: Arc<CaseFacts>,
     query: ReportQuery,
     /// Attributes of the patient and the study, for people; `None` unless requested.
@@ -173,7 +170,6 @@ impl Cases {
             (true, ReportSubject::Named(attributes)) => Some(named(attributes)),
         };
         let report = Report {
-            apart: self.apart_from_previous(&case).await?,
             case,
             facts,
             query,

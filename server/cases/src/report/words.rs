@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::LazyLock;
 
 use super::shots::Through;
-use case::arrivals::Superseded;
+use case::Closed;
 use case::findings::{Certainty, FindingKind};
 use case::{BrainRegion, Case, Gyrus, MapName, PatientSide, QualityState, Unusual};
 use render::NamedView;
@@ -70,9 +70,8 @@ pub(super) struct Words {
     /// The name of what the letters of directions mean.
     pub(super) letters: &'static str,
     states: [&'static str; 3],
-    superseded: [&'static str; 4],
-    /// Why nothing was inherited: moved, rejected.
-    apart: [&'static str; 2],
+    /// Why the case is closed: corrected, rejected.
+    closed: [&'static str; 2],
     pub(super) findings: &'static str,
     pub(super) finding: &'static str,
     pub(super) no_findings: &'static str,
@@ -131,12 +130,8 @@ impl Words {
         self.states[state as usize]
     }
 
-    pub(super) fn superseded(&self, why: Superseded) -> &'static str {
-        self.superseded[why as usize]
-    }
-
-    pub(super) fn apart(&self, why: Superseded) -> &'static str {
-        self.apart[usize::from(why == Superseded::Rejected)]
+    pub(super) fn closed(&self, why: Closed) -> &'static str {
+        self.closed[why as usize]
     }
 
     pub(super) fn side(&self, side: PatientSide) -> &'static str {
@@ -266,15 +261,9 @@ const ENGLISH: Words = Words {
     mask: "Brain mask",
     letters: "Letters in pictures",
     states: ["nothing unusual", "CHECK IT", "NOT A BRAIN"],
-    superseded: [
-        "SUPERSEDED: the patient or the study of these images was corrected since",
-        "REJECTED: these images were withdrawn in the archive",
-        "Other images of this series came later",
-        "MOVED: the place or the orientation of these images was corrected since; left and right may be exchanged",
-    ],
-    apart: [
-        "CORRECTED: the place or the orientation of these images differs from the version before, whose findings and layers stay with it",
-        "The archive has rejected images of the version before, whose findings and layers stay with it",
+    closed: [
+        "CLOSED: the archive has sent other images in place of these: another patient, another place, or other pixels",
+        "CLOSED: the archive has rejected these images",
     ],
     findings: "Findings",
     finding: "Finding",
@@ -353,15 +342,9 @@ const PORTUGUESE: Words = Words {
     mask: "Máscara do encéfalo",
     letters: "Letras nas imagens",
     states: ["nada incomum", "VERIFIQUE", "NÃO É UM ENCÉFALO"],
-    superseded: [
-        "SUBSTITUÍDO: o paciente ou o estudo destas imagens foi corrigido depois",
-        "REJEITADO: estas imagens foram retiradas no arquivo",
-        "Outras imagens desta série chegaram depois",
-        "DESLOCADO: a posição ou a orientação destas imagens foi corrigida depois; esquerda e direita podem estar trocadas",
-    ],
-    apart: [
-        "CORRIGIDO: a posição ou a orientação destas imagens difere da versão anterior, com a qual ficam seus achados e camadas",
-        "O arquivo rejeitou imagens da versão anterior, com a qual ficam seus achados e camadas",
+    closed: [
+        "ENCERRADO: o arquivo enviou outras imagens no lugar destas: outro paciente, outra posição ou outros pixels",
+        "ENCERRADO: o arquivo rejeitou estas imagens",
     ],
     findings: "Achados",
     finding: "Achado",

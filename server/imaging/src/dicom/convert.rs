@@ -1,5 +1,7 @@
 //! From files to a volume and its attributes.
 
+use std::collections::BTreeMap;
+
 use dicom_core::{Tag, VR};
 use dicom_dictionary_std::tags;
 use dicom_object::InMemDicomObject;
@@ -7,6 +9,8 @@ use geometry::{Grid, Rescale};
 
 use super::attributes::{kept, wanted};
 use super::choose::{Purpose, Series, choose, group};
+use super::deidentify::deidentified_file;
+use super::fingerprint::{Fingerprint, Unfinished};
 use super::header::{Image, parse, read_image};
 use super::numbers::integer;
 use super::pixels::for_each_frame;
@@ -47,6 +51,8 @@ pub struct Options {
     pub allow_gaps: bool,
     /// What the series is read for.
     pub purpose: Purpose,
+    /// Whether the images are named as they are without the identity of the patient.
+    pub deidentifies: bool,
 }
 
 /// A series as a volume.
@@ -65,6 +71,8 @@ pub struct Converted {
     pub others: Vec<SeriesSummary>,
     /// Number of files that are not MR, CT or PET images.
     pub ignored_files: usize,
+    /// The UIDs of the images of the series, each once, and what they state and show.
+    pub images: Vec<(String, Fingerprint)>,
 }
 
 /// Makes a volume of one of the series in `files`.
@@ -86,7 +94,7 @@ pub fn convert(
             what: "a PET series as a case: upload the T1, and the PET as a layer of it",
         });
     }
-    let (nifti, mut attributes) = read_series(files, &series, options.allow_gaps, limits)
+    let (nifti, mut attributes, images) = read_series(files, &series, options, limits)
         .map_err(|error| error.of_series(series.summary(), &others))?;
     if options.purpose == Purpose::Layer {
         // No answer about a layer states them, and what is stored is part of its id.
@@ -101,24 +109,29 @@ pub fn convert(
         is_t1: series.is_t1(),
         others,
         ignored_files,
+        images,
     })
 }
 
-/// The volume of a series, as packed NIfTI-1, and whose it is.
+/// The fingerprint of each image, by its UID.
+type Images = Vec<(String, Fingerprint)>;
+
+/// The volume of a series, as packed NIfTI-1, whose it is, and its images.
 fn read_series(
     files: &mut dyn Files,
     series: &Series,
-    allow_gaps: bool,
+    options: &Options,
     limits: &Limits,
-) -> Result<(Vec<u8>, Attributes), DicomError> {
+) -> Result<(Vec<u8>, Attributes, Images), DicomError> {
     check_series(series)?;
-    let stack = stack(series, allow_gaps)?;
+    let stack = stack(series, options.allow_gaps)?;
     check_limits(&stack, limits)?;
     let grid = Grid::new(stack.size, stack.patient_from_voxel)?;
     let factor = series.unit().map_or(1.0, |(_, factor)| factor);
     let rescale = common_rescale(series, factor)?;
     let rescaled = rescale.is_none().then_some(factor);
-    let mut samples = read_samples(files, series, &stack, rescaled)?;
+    let (mut samples, images) =
+        read_samples(files, series, &stack, rescaled, options.deidentifies)?;
     let interpolated_slices = fill_gaps(&mut samples, &stack, rescale.is_some());
     let unscaled = Rescale {
         slope: 1.0,
@@ -130,7 +143,7 @@ fn read_series(
         interpolated_slices,
     };
     let nifti = write_samples(&grid, &samples, rescale.unwrap_or(unscaled))?;
-    Ok((nifti, attributes))
+    Ok((nifti, attributes, images))
 }
 
 /// The headers of all images, and the number of other files.
@@ -214,23 +227,33 @@ fn common_rescale(series: &Series, factor: f64) -> Result<Option<Rescale>, Dicom
     }))
 }
 
-/// All samples in the order of the stack, stored, or rescaled and multiplied by a factor. Single precision represents
+/// All samples in the order of the stack, stored, or rescaled and multiplied by a factor, and the images. Single precision represents
 /// 16 bits exactly.
 fn read_samples(
     files: &mut dyn Files,
     series: &Series,
     stack: &Stack,
     rescaled: Option<f64>,
-) -> Result<Vec<f32>, DicomError> {
+    deidentifies: bool,
+) -> Result<(Vec<f32>, Images), DicomError> {
     let plane = stack.size[0] * stack.size[1];
     let mut samples = zeros(plane * stack.size[2])?;
+    let mut images: BTreeMap<String, Fingerprint> = BTreeMap::new();
     for (number, image) in series.images.iter().enumerate() {
         let bytes = files.read(image.file)?;
-        let scanned = scan(&bytes, &[])?;
+        let scanned = scan(&bytes, &wanted())?;
+        let (uid, mut print) = match deidentifies {
+            true => without_identity(&bytes)?,
+            false => {
+                let print = Unfinished::of(&bytes, &scanned, image)?;
+                (image.sop_instance_uid.clone(), print)
+            }
+        };
         let pixels = scanned.pixels().ok_or(DicomError::Damaged {
             what: "an image has no pixels",
         })?;
         for_each_frame(image, &pixels, |frame, header, values| {
+            print.add(values);
             let index = FrameIndex {
                 image: number,
                 frame,
@@ -247,8 +270,18 @@ fn read_samples(
                 *sample = (slope * f64::from(value) + intercept) as f32;
             }
         })?;
+        images.entry(uid).or_insert_with(|| print.finish());
     }
-    Ok(samples)
+    Ok((samples, images.into_iter().collect()))
+}
+
+/// The UID of an image without the identity of its patient, and what its header tells then.
+fn without_identity(file: &[u8]) -> Result<(String, Unfinished), DicomError> {
+    let without = deidentified_file(file)?;
+    let scanned = scan(&without, &wanted())?;
+    let image = read_image(0, &without, &scanned)?.ok_or(DicomError::NoImages { files: 1 })?;
+    let print = Unfinished::of(&without, &scanned, &image)?;
+    Ok((image.sop_instance_uid, print))
 }
 
 fn zeros(count: usize) -> Result<Vec<f32>, DicomError> {

@@ -88,11 +88,6 @@ impl Layout {
         })
     }
 
-    /// Bytes of all frames, without a byte that makes their number even.
-    fn bytes(&self) -> Option<usize> {
-        Some(self.bits.checked_mul(self.frames)?.div_ceil(8))
-    }
-
     fn frame(&self, bytes: &[u8], number: usize) -> Option<Vec<u8>> {
         let start = (number < self.frames).then(|| number.checked_mul(self.bits))??;
         let range = start / 8..start.checked_add(self.bits)?.div_ceil(8);
@@ -144,25 +139,6 @@ pub(super) fn pixel_bytes(
         bytes.push(0);
     }
     Ok(bytes)
-}
-
-/// All pixels of a file, as [`pixel_bytes`].
-///
-/// # Errors
-/// As [`pixel_bytes`], and if there are fewer than the image states.
-pub(super) fn whole_pixel_bytes(
-    file: &[u8],
-    scanned: &Scanned,
-    object: &InMemDicomObject,
-) -> Result<Vec<u8>, DicomError> {
-    let layout = Layout::read(object, scanned.syntax.encoding)?;
-    let bytes = pixel_bytes(file, scanned, object)?;
-    match layout.bytes() {
-        Some(stated) if stated <= bytes.len() => Ok(bytes),
-        _ => Err(DicomError::Damaged {
-            what: "an image has fewer pixels than it states",
-        }),
-    }
 }
 
 /// A file in Explicit VR Little Endian.

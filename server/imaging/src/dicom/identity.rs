@@ -5,6 +5,7 @@ use dicom_dictionary_std::{tags, uids};
 use serde::{Deserialize, Serialize};
 
 use super::DicomError;
+use super::fingerprint::Fingerprint;
 use super::header::{IMAGE_CLASSES, parse};
 use super::label::series_label;
 use super::numbers::text;
@@ -29,7 +30,7 @@ const WANTED: [Tag; 13] = [
 ];
 
 /// The UIDs of a file. They lead to a patient: they must not reach a log, an error, an address or a file name.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Identity {
     /// What it is.
@@ -50,6 +51,9 @@ pub struct Identity {
     /// What it rejects, if it is a rejection note.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rejection: Option<Rejection>,
+    /// What it states and shows, if it is an image whose pixels can be decoded, and that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fingerprint: Option<Fingerprint>,
 }
 
 /// The tag of an attribute that a label is made of.
@@ -91,5 +95,6 @@ pub fn identify(file: &[u8]) -> Result<Identity, DicomError> {
         series_uid: uid(tags::SERIES_INSTANCE_UID)?,
         accession_number: text(&object, tags::ACCESSION_NUMBER).filter(|text| !text.is_empty()),
         label: series_label(|keyword| text(&object, tag_of(keyword))),
+        fingerprint: None,
     })
 }

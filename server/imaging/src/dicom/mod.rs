@@ -19,10 +19,10 @@
 mod attributes;
 mod characters;
 mod choose;
-mod compare;
 mod convert;
 mod deidentify;
 mod error;
+mod fingerprint;
 mod frames;
 mod header;
 mod identity;
@@ -46,10 +46,10 @@ pub mod write;
 
 pub use attributes::{Attributes, Instance};
 pub use choose::{Purpose, SeriesName, sequence_name};
-pub use compare::{Difference, ROUNDING_MM, difference};
 pub use convert::{Converted, Files, Options, convert};
 pub use deidentify::{deidentified_file, kind_of_series, replaced_uid};
 pub use error::DicomError;
+pub use fingerprint::{Fingerprint, fingerprint};
 pub use header::IMAGE_CLASSES;
 pub use identity::{Identity, identify};
 pub use json::{metadata, tag_of};

@@ -458,7 +458,7 @@ impl Messages<'_> {
             if !self.ignores_other_objects {
                 return Status::ClassNotSupported;
             }
-            return match self.cases.ignore(identity, source).await {
+            return match self.cases.ignore(identity, source, &self.event.who).await {
                 Ok(true) => Status::Corrected,
                 Ok(false) => Status::Success,
                 Err(error) => status_of(&error),
@@ -471,13 +471,13 @@ impl Messages<'_> {
             Err(error) => return status_of(&error),
         };
         let received = received.first();
-        if matches!(received, Some(Reception::Stored | Reception::Corrected)) {
+        if received != Some(&Reception::Refused) {
             *self.studies.entry(study).or_default() += 1;
         }
         match received {
             Some(Reception::Corrected) => Status::Corrected,
             Some(Reception::Refused) => Status::CannotUnderstand,
-            Some(Reception::Stored | Reception::Rejected) | None => Status::Success,
+            Some(Reception::New | Reception::Known) | None => Status::Success,
         }
     }
 

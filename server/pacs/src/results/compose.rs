@@ -5,7 +5,9 @@ use std::sync::{Arc, LazyLock};
 use axum::body::Bytes;
 use axum::http::StatusCode;
 use case::findings::Finding;
-use case::{Case, CaseFacts, CaseId, LayerId, MaskMethod, ObjectKind, PatientSide, QualityState};
+use case::{
+    Case, CaseFacts, CaseId, Closed, LayerId, MaskMethod, ObjectKind, PatientSide, QualityState,
+};
 use cases::arrivals::Patient;
 use cases::pictures::{Layout, PictureRequest, window_of};
 use cases::report::{ReportFormat, ReportSubject};
@@ -21,7 +23,7 @@ use pipeline::findings::voxels_of;
 use render::{
     Frame, FrameSize, PixelFormat, RESEARCH_USE_NOTICE, SHORT_NOTICE, WindowFunction, encode_png,
 };
-use storage::arrivals::{Superseded, Uid};
+use storage::arrivals::Uid;
 use storage::results::ResultSeries;
 
 use super::draw::Drawing;
@@ -73,7 +75,7 @@ impl Composer {
     /// Finds the patient, the study and the source of a result.
     ///
     /// # Errors
-    /// `superseded`, `several-patients`, `no-patient`, `study-known`, `no-frame-of-reference`, and those of [`Cases::ready`].
+    /// `closed`, `several-patients`, `no-patient`, `study-known`, `no-frame-of-reference`, and those of [`Cases::ready`].
     pub(crate) async fn begin(
         pacs: &Pacs,
         id: CaseId,
@@ -86,9 +88,8 @@ impl Composer {
         let series = cases.store().series_of(&id).await?;
         // What was sent of a wrong patient must still be withdrawn.
         let is_rejection = matches!(plan, Plan::KeyObject(_));
-        let superseded = series.as_ref().and_then(|series| series.superseded);
-        if let Some(why) = superseded.filter(|why| why.is_final() && !is_rejection) {
-            return Err(no_longer_valid(why));
+        if let Some(why) = case.closed.filter(|_| !is_rejection) {
+            return Err(closed(why));
         }
         let source = source(cases, &id, asked).await?;
         if let Some(series) = series.filter(|_| !is_rejection)
@@ -442,9 +443,12 @@ fn refuse(kind: &'static str, detail: &str) -> AppError {
     AppError::new(StatusCode::UNPROCESSABLE_ENTITY, kind, detail)
 }
 
-fn no_longer_valid(why: Superseded) -> AppError {
-    let detail = format!("{}; use the case of the corrected images", why.sentence());
-    AppError::new(StatusCode::CONFLICT, "superseded", detail)
+fn closed(why: Closed) -> AppError {
+    let detail = format!(
+        "the case is closed: {}; use the case of what the PACS has now",
+        why.sentence()
+    );
+    AppError::new(StatusCode::CONFLICT, "closed", detail)
 }
 
 fn no_patient() -> AppError {

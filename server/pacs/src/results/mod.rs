@@ -47,7 +47,8 @@ pub(crate) struct ResultView {
     instance: String,
     /// `queued`, `running`, `done` or `failed`.
     state: &'static str,
-    /// `withdrawn`, `superseded` or `layer-withdrawn`, if it does not count any more. It can be withdrawn by a rejection note, unless it was.
+    /// `withdrawn`, or `closed` if its case or a layer that it shows is, if it does not count any more. It can be withdrawn by a rejection note,
+    /// unless it was.
     #[serde(skip_serializing_if = "Option::is_none")]
     not_valid: Option<&'static str>,
     /// The reason, if it failed.
@@ -102,7 +103,7 @@ impl From<SentResult> for ResultView {
         (status = 400, description = "The body cannot be read, or a value is invalid"),
         (status = 404, description = "No such case, or no node has this name"),
         (status = 406, description = "A segmentation, findings, a report and a rejection note have no picture"),
-        (status = 409, description = "The case is not ready, its patient, study or place was corrected since or its images were rejected (`superseded`), it was uploaded and the PACS has sent another patient (`several-patients`) or place (`superseded`) with its UIDs, or the result was withdrawn (`withdrawn`)"),
+        (status = 409, description = "The case is not ready, it is closed (`closed`), the PACS has images of its series or study as another patient's (`several-patients`), or the result was withdrawn (`withdrawn`)"),
         (status = 422, description = "The case has no patient (`no-patient`), the server keeps no identity (`deidentified`), nothing was marked (`no-findings`), or no frame of reference for a segmentation or findings"),
         (status = 503, description = "Too much work is waiting"),
     )

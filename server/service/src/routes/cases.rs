@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::layers::MapsView;
+use case::Closed;
 use case::Quality;
-use case::arrivals::Superseded;
 use case::{
     Case, CaseFacts, CaseId, CaseState, CutFacts, ImageRun, MaskKind, Parameters, SurfaceName,
 };
@@ -39,13 +39,12 @@ pub struct CaseView {
     created_at: String,
     /// Whether it is never removed because of its age.
     kept: bool,
-    /// Why it is not the one that counts any more; absent if it is. `corrected`: the patient or the study of its images
-    /// was corrected in the PACS since; `rejected`: the PACS has rejected its images; `newer-version`: other images of its
-    /// series came later, and may have become a newer case; `moved`: the place or the orientation of its images was corrected since, so
-    /// that left and right may be exchanged, and the newer case has not inherited its findings and layers.
+    /// Why it is closed; absent if it is open. `corrected`: the PACS has sent another image under the UID of one that it was made of: another
+    /// patient, another place, or other pixels; `rejected`: the PACS has rejected an image that it was made of. Nothing of a closed case is sent
+    /// to a node. All answers that show the case have the reason in `X-Isocortex-Closed`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>)]
-    superseded: Option<&'static str>,
+    closed: Option<&'static str>,
     /// When the server will remove it because of its age (RFC 3339); absent if it will not.
     #[serde(skip_serializing_if = "Option::is_none")]
     expires_at: Option<String>,
@@ -323,7 +322,7 @@ impl From<Case> for CaseView {
             next: case.next,
             state: case.state,
             created_at: case.created_at.to_string(),
-            superseded: case.superseded.map(Superseded::name),
+            closed: case.closed.map(Closed::name),
             kept: case.kept,
             expires_at: case.expires_at.map(|time| time.to_string()),
             progress: case.progress.map(|progress| ProgressView {

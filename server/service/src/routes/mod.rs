@@ -28,7 +28,7 @@ use axum::Router;
 use axum::extract::{DefaultBodyLimit, FromRef as _, RawPathParams, Request, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::middleware::{self, Next};
-use axum::response::Response;
+use axum::response::{IntoResponse as _, Response};
 use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
@@ -44,6 +44,9 @@ use http_support::conditional::{self, Format};
 use http_support::problem::AppError;
 use http_support::scopes::{Row, ScopeTable};
 use http_support::sent::MAX_BODY_BYTES;
+
+/// The header that says why the case behind an answer is closed.
+const CLOSED: HeaderName = HeaderName::from_static("x-isocortex-closed");
 
 /// The header with the quality of the mask behind an answer.
 const QUALITY: HeaderName = HeaderName::from_static("x-isocortex-quality");
@@ -128,7 +131,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         )
         .route_layer(middleware::from_fn_with_state(
             state.cases.clone(),
-            say_quality,
+            say_what_counts,
         ))
         .route_layer(middleware::from_fn_with_state(
             AnswerTimeout::from_ref(state),
@@ -196,8 +199,8 @@ pub(crate) async fn answer_in_time(
         })
 }
 
-/// Adds the quality of the mask as a header to all answers that show a case.
-async fn say_quality(
+/// Adds the quality of the mask, and why the case is closed, as headers to all answers that show a case.
+async fn say_what_counts(
     State(cases): State<Cases>,
     path: RawPathParams,
     request: Request,
@@ -213,6 +216,17 @@ async fn say_quality(
         response
             .headers_mut()
             .insert(QUALITY, HeaderValue::from_static(quality.name()));
+    }
+    if let Some(id) = id.filter(|_| shows) {
+        match cases.store().closed(&id).await {
+            Ok(Some(why)) => {
+                let why = HeaderValue::from_static(why.name());
+                response.headers_mut().insert(CLOSED, why);
+            }
+            Ok(None) => {}
+            // An answer that does not say it must not be shown.
+            Err(error) => return AppError::from(error).into_response(),
+        }
     }
     response
 }

@@ -24,7 +24,8 @@ CREATE TABLE cases (
     created_at        BIGINT           NOT NULL,
     uploaded_at       BIGINT,
     kept              BOOLEAN          NOT NULL DEFAULT FALSE,
-    previous          TEXT COLLATE "C" REFERENCES cases (id)
+    previous          TEXT COLLATE "C" REFERENCES cases (id),
+    closed            BIGINT           NOT NULL DEFAULT 0 -- why it is closed: 1 rejected, 2 corrected; written with `images`, `rejections` and `made_of`
 );
 
 CREATE INDEX cases_by_age ON cases (created_at, id);
@@ -134,7 +135,8 @@ CREATE TABLE layers (
     facts        TEXT,
     facts_digest TEXT,
     created_at   BIGINT           NOT NULL,
-    series_uid   TEXT COLLATE "C",   -- of the images that it is made of, which a PACS may reject or correct
+    series_uid   TEXT COLLATE "C",   -- of the images that it is made of
+    closed       BIGINT           NOT NULL DEFAULT 0, -- as of `cases`
     PRIMARY KEY (case_id, id),
     UNIQUE (case_id, name)
 );
@@ -186,11 +188,10 @@ CREATE TABLE arrivals (
     reason           TEXT,    -- JSON, when it became nothing
     taken            TEXT,    -- JSON, when somebody took it although it was refused
     refused          TEXT,    -- JSON: the reason for which it was refused before
-    -- The case that it is or of which it is a layer, until its images are corrected or rejected; and the one that it became last.
+    -- The case that it is or of which it is a layer, until its images are corrected or rejected.
     case_id          TEXT COLLATE "C" REFERENCES cases (id) ON DELETE SET NULL,
-    previous         TEXT COLLATE "C" REFERENCES cases (id) ON DELETE SET NULL,
     instances        BIGINT NOT NULL DEFAULT 0,
-    superseded       BIGINT NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
+    corrected        BIGINT NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
     ignored          BIGINT NOT NULL DEFAULT 0, -- objects that were not kept
     expected         BIGINT, -- how many the sender says there are
     first_at         BIGINT NOT NULL,
@@ -200,7 +201,6 @@ CREATE TABLE arrivals (
 
 CREATE INDEX arrivals_by_age ON arrivals (first_at, id);
 CREATE INDEX arrivals_by_case ON arrivals (case_id);
-CREATE INDEX arrivals_by_previous ON arrivals (previous);
 CREATE INDEX arrivals_by_accession_number ON arrivals (accession_number);
 
 -- Their images: objects of the kind `instance`.
@@ -215,17 +215,61 @@ CREATE INDEX arrival_instances_by_digest ON arrival_instances (digest);
 -- An image that is known may come again under another study or series.
 CREATE INDEX arrival_instances_by_uid ON arrival_instances (sop_instance_uid);
 
--- Instances that a rejection note has withdrawn: for a year, images that are not received again, and results of ours.
+-- Images as a PACS has sent them last, one for each SOP Instance UID. A row outlives its file and its series: it stays while something
+-- is made of its image, and for a year.
+CREATE TABLE images (
+    sop_instance_uid TEXT COLLATE "C" NOT NULL PRIMARY KEY,
+    study_uid        TEXT COLLATE "C" NOT NULL,
+    series_uid       TEXT COLLATE "C" NOT NULL,
+    fingerprint      TEXT COLLATE "C" NOT NULL, -- what it states and shows, as a keyed digest, and its corners; empty if it cannot be decoded
+    times            BIGINT  NOT NULL, -- how often it was sent
+    sender           TEXT COLLATE "C" NOT NULL CHECK (sender IN ('stow', 'c-store', 'retrieval')),
+    last_at          BIGINT  NOT NULL
+);
+
+CREATE INDEX images_by_age ON images (last_at);
+
+-- Which images a case, a layer or the layers of a result were made of, whoever brought them.
+CREATE TABLE made_of (
+    case_id          TEXT COLLATE "C" NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
+    layer_id         TEXT COLLATE "C" NOT NULL DEFAULT '', -- empty for those of a case or a result
+    result_id        TEXT COLLATE "C" NOT NULL DEFAULT '', -- empty for those of a case or a layer
+    sop_instance_uid TEXT COLLATE "C" NOT NULL,
+    fingerprint      TEXT COLLATE "C" NOT NULL,
+    times            BIGINT  NOT NULL, -- how often it had been sent when it was read
+    PRIMARY KEY (case_id, layer_id, result_id, sop_instance_uid)
+);
+
+CREATE INDEX made_of_by_image ON made_of (sop_instance_uid);
+
+-- Instances that rejection notes have rejected, until that is lifted; and results of ours that a note of ours has withdrawn.
 CREATE TABLE rejections (
     -- As the note states them; empty for results of ours, whose UIDs are in no other series.
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     sop_instance_uid TEXT COLLATE "C" NOT NULL,
-    rejected_at      BIGINT NOT NULL,
+    rejected_at      BIGINT  NOT NULL,
+    id               TEXT COLLATE "C" NOT NULL, -- of what one note rejects of one series
+    rejected_by      TEXT COLLATE "C" NOT NULL,
+    may_return       BIGINT  NOT NULL, -- whether an image counts again when it comes again
     PRIMARY KEY (sop_instance_uid, study_uid, series_uid)
 );
 
 CREATE INDEX rejections_by_age ON rejections (rejected_at);
+CREATE INDEX rejections_by_id ON rejections (id);
+
+-- Why what is made of images is closed; 0 if it is open. An image that moved to another study is not rejected by a note about the former
+-- one.
+CREATE VIEW closed_by AS
+SELECT made_of.case_id, made_of.layer_id, made_of.result_id,
+       max(CASE WHEN images.fingerprint <> '' AND images.fingerprint <> made_of.fingerprint THEN 2
+                WHEN EXISTS (SELECT 1 FROM rejections
+                             WHERE rejections.sop_instance_uid = made_of.sop_instance_uid AND rejections.study_uid <> ''
+                               AND (images.sop_instance_uid IS NULL
+                                    OR rejections.study_uid = images.study_uid AND rejections.series_uid = images.series_uid))
+                THEN 1 ELSE 0 END) AS why
+FROM made_of LEFT JOIN images ON images.sop_instance_uid = made_of.sop_instance_uid
+GROUP BY made_of.case_id, made_of.layer_id, made_of.result_id;
 
 -- The series that cases were made of, for requests that name one.
 CREATE TABLE case_series (
@@ -233,9 +277,7 @@ CREATE TABLE case_series (
     study_uid        TEXT COLLATE "C" NOT NULL,
     series_uid       TEXT COLLATE "C" NOT NULL,
     accession_number TEXT,
-    patient          TEXT COLLATE "C", -- a keyed digest of the Patient ID
-    superseded       BIGINT NOT NULL DEFAULT 0, -- why it does not count any more: 1 newer version, 2 corrected, 3 moved, 4 rejected
-    is_received      BIGINT NOT NULL DEFAULT 0  -- whether a PACS sent the images: what was uploaded takes the place of none of these
+    patient          TEXT COLLATE "C" -- a keyed digest of the Patient ID
 );
 
 CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);
@@ -255,8 +297,7 @@ CREATE TABLE results (
     sop_class_uid      TEXT COLLATE "C" NOT NULL,
     series_uid         TEXT COLLATE "C" NOT NULL,
     layers             TEXT             NOT NULL DEFAULT '', -- the ids of the layers that it shows or may show, separated by spaces
-    layer_series       TEXT             NOT NULL DEFAULT '', -- the series that those layers are made of, each between spaces; outlives them
-    layer_withdrawn    BIGINT           NOT NULL DEFAULT 0,  -- whether one of them was withdrawn since
+    closed             BIGINT           NOT NULL DEFAULT 0, -- as of `cases`, for those layers
     UNIQUE (sop_instance_uid, node)
 );
 

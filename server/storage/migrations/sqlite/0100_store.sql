@@ -23,7 +23,8 @@ CREATE TABLE cases (
     created_at        INTEGER NOT NULL,
     uploaded_at       INTEGER, -- the latest upload of the same input, from which the age counts; NULL if there was only one
     kept              INTEGER NOT NULL DEFAULT 0, -- whether it is never removed because of its age
-    previous          TEXT    REFERENCES cases (id) -- the case of which this is a version, with another mask or other parameters
+    previous          TEXT    REFERENCES cases (id), -- the case of which this is a version, with another mask or other parameters
+    closed            INTEGER NOT NULL DEFAULT 0 -- why it is closed: 1 rejected, 2 corrected; written with `images`, `rejections` and `made_of`
 ) STRICT;
 
 CREATE INDEX cases_by_age ON cases (created_at, id);
@@ -116,7 +117,8 @@ CREATE TABLE layers (
     facts        TEXT,   -- JSON, when ready; when queued again, those before, whose placement stays
     facts_digest TEXT,   -- BLAKE3 of `facts`
     created_at   INTEGER NOT NULL,
-    series_uid   TEXT,   -- of the images that it is made of, which a PACS may reject or correct
+    series_uid   TEXT,   -- of the images that it is made of
+    closed       INTEGER NOT NULL DEFAULT 0, -- as of `cases`
     PRIMARY KEY (case_id, id),
     UNIQUE (case_id, name)
 ) STRICT;
@@ -157,11 +159,10 @@ CREATE TABLE arrivals (
     reason           TEXT,    -- JSON, when it became nothing
     taken            TEXT,    -- JSON, when somebody took it although it was refused
     refused          TEXT,    -- JSON: the reason for which it was refused before
-    -- The case that it is or of which it is a layer, until its images are corrected or rejected; and the one that it became last.
+    -- The case that it is or of which it is a layer, until its images are corrected or rejected.
     case_id          TEXT    REFERENCES cases (id) ON DELETE SET NULL,
-    previous         TEXT    REFERENCES cases (id) ON DELETE SET NULL,
     instances        INTEGER NOT NULL DEFAULT 0,
-    superseded       INTEGER NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
+    corrected        INTEGER NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
     ignored          INTEGER NOT NULL DEFAULT 0, -- objects that were not kept
     expected         INTEGER, -- how many the sender says there are
     first_at         INTEGER NOT NULL,
@@ -171,7 +172,6 @@ CREATE TABLE arrivals (
 
 CREATE INDEX arrivals_by_age ON arrivals (first_at, id);
 CREATE INDEX arrivals_by_case ON arrivals (case_id);
-CREATE INDEX arrivals_by_previous ON arrivals (previous);
 CREATE INDEX arrivals_by_accession_number ON arrivals (accession_number);
 
 -- Their images: objects of the kind `instance`.
@@ -186,17 +186,61 @@ CREATE INDEX arrival_instances_by_digest ON arrival_instances (digest);
 -- An image that is known may come again under another study or series.
 CREATE INDEX arrival_instances_by_uid ON arrival_instances (sop_instance_uid);
 
--- Instances that a rejection note has withdrawn: for a year, images that are not received again, and results of ours.
+-- Images as a PACS has sent them last, one for each SOP Instance UID. A row outlives its file and its series: it stays while something
+-- is made of its image, and for a year.
+CREATE TABLE images (
+    sop_instance_uid TEXT   NOT NULL PRIMARY KEY,
+    study_uid        TEXT   NOT NULL,
+    series_uid       TEXT   NOT NULL,
+    fingerprint      TEXT   NOT NULL, -- what it states and shows, as a keyed digest, and its corners; empty if it cannot be decoded
+    times            INTEGER NOT NULL, -- how often it was sent
+    sender           TEXT   NOT NULL CHECK (sender IN ('stow', 'c-store', 'retrieval')),
+    last_at          INTEGER NOT NULL
+) STRICT, WITHOUT ROWID;
+
+CREATE INDEX images_by_age ON images (last_at);
+
+-- Which images a case, a layer or the layers of a result were made of, whoever brought them.
+CREATE TABLE made_of (
+    case_id          TEXT   NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
+    layer_id         TEXT   NOT NULL DEFAULT '', -- empty for those of a case or a result
+    result_id        TEXT   NOT NULL DEFAULT '', -- empty for those of a case or a layer
+    sop_instance_uid TEXT   NOT NULL,
+    fingerprint      TEXT   NOT NULL,
+    times            INTEGER NOT NULL, -- how often it had been sent when it was read
+    PRIMARY KEY (case_id, layer_id, result_id, sop_instance_uid)
+) STRICT, WITHOUT ROWID;
+
+CREATE INDEX made_of_by_image ON made_of (sop_instance_uid);
+
+-- Instances that rejection notes have rejected, until that is lifted; and results of ours that a note of ours has withdrawn.
 CREATE TABLE rejections (
     -- As the note states them; empty for results of ours, whose UIDs are in no other series.
-    study_uid        TEXT NOT NULL,
-    series_uid       TEXT NOT NULL,
-    sop_instance_uid TEXT NOT NULL,
+    study_uid        TEXT   NOT NULL,
+    series_uid       TEXT   NOT NULL,
+    sop_instance_uid TEXT   NOT NULL,
     rejected_at      INTEGER NOT NULL,
+    id               TEXT   NOT NULL, -- of what one note rejects of one series
+    rejected_by      TEXT   NOT NULL,
+    may_return       INTEGER NOT NULL, -- whether an image counts again when it comes again
     PRIMARY KEY (sop_instance_uid, study_uid, series_uid)
 ) STRICT, WITHOUT ROWID;
 
 CREATE INDEX rejections_by_age ON rejections (rejected_at);
+CREATE INDEX rejections_by_id ON rejections (id);
+
+-- Why what is made of images is closed; 0 if it is open. An image that moved to another study is not rejected by a note about the former
+-- one.
+CREATE VIEW closed_by AS
+SELECT made_of.case_id, made_of.layer_id, made_of.result_id,
+       max(CASE WHEN images.fingerprint <> '' AND images.fingerprint <> made_of.fingerprint THEN 2
+                WHEN EXISTS (SELECT 1 FROM rejections
+                             WHERE rejections.sop_instance_uid = made_of.sop_instance_uid AND rejections.study_uid <> ''
+                               AND (images.sop_instance_uid IS NULL
+                                    OR rejections.study_uid = images.study_uid AND rejections.series_uid = images.series_uid))
+                THEN 1 ELSE 0 END) AS why
+FROM made_of LEFT JOIN images ON images.sop_instance_uid = made_of.sop_instance_uid
+GROUP BY made_of.case_id, made_of.layer_id, made_of.result_id;
 
 -- The series that cases were made of, for requests that name one.
 CREATE TABLE case_series (
@@ -204,9 +248,7 @@ CREATE TABLE case_series (
     study_uid        TEXT NOT NULL,
     series_uid       TEXT NOT NULL,
     accession_number TEXT,
-    patient          TEXT, -- a keyed digest of the Patient ID
-    superseded       INTEGER NOT NULL DEFAULT 0, -- why it does not count any more: 1 newer version, 2 corrected, 3 moved, 4 rejected
-    is_received      INTEGER NOT NULL DEFAULT 0  -- whether a PACS sent the images: what was uploaded takes the place of none of these
+    patient          TEXT -- a keyed digest of the Patient ID
 ) STRICT, WITHOUT ROWID;
 
 CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);
@@ -227,8 +269,7 @@ CREATE TABLE results (
     sop_class_uid      TEXT    NOT NULL,
     series_uid         TEXT    NOT NULL,
     layers             TEXT    NOT NULL DEFAULT '', -- the ids of the layers that it shows or may show, separated by spaces
-    layer_series       TEXT    NOT NULL DEFAULT '', -- the series that those layers are made of, each between spaces; outlives them
-    layer_withdrawn    INTEGER NOT NULL DEFAULT 0,  -- whether one of them was withdrawn since
+    closed             INTEGER NOT NULL DEFAULT 0,  -- as of `cases`, for those layers
     UNIQUE (sop_instance_uid, node)
 ) STRICT, WITHOUT ROWID;
 

@@ -3,17 +3,17 @@
 use std::collections::HashSet;
 use std::time::Duration;
 
-use case::{CaseId, CaseState, Failure, JobKind, JobState, ObjectKind};
+use case::images::{Fingerprint, Image};
+use case::{CaseId, CaseState, Closed, Failure, JobKind, ObjectKind};
 
 use super::Subject;
 use crate::arrivals::{
     AccessionNumber, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState, BECAME_LAYER,
-    CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome,
-    PatientDigest, REJECTED, Received, Rejection, SeriesQuery, SeriesUids, Superseded, Taken,
-    TakenAs, Uid,
+    CaseSeries, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome,
+    PatientDigest, REJECTED, Reception, Rejection, SeriesQuery, SeriesUids, Taken, TakenAs, Uid,
 };
 use crate::jobs::{Claim, Release};
-use crate::rows::{DueSeries, Known, NewCase, Referred, Sweep};
+use crate::rows::{DueSeries, NewCase, Referred, Sweep};
 use crate::testing::{claim, failure, new_case, pinned};
 use crate::{CaseQuery, ObjectName, Store};
 
@@ -44,15 +44,41 @@ fn image(number: u32, image: u32) -> NewInstance {
         digest: blake3::hash(name.as_bytes()),
         sop_instance_uid: uid(&name),
         label: Some(format!("T1 {number}% · 2026-01-02")),
-        replaces: None,
+        fingerprint: print(&name),
     }
 }
 
-async fn receive(store: &Store, images: &[NewInstance]) -> usize {
-    received(store, images).await.new
+/// The fingerprint of an image with these contents.
+fn print(contents: &str) -> Option<Fingerprint> {
+    let digest = blake3::hash(contents.as_bytes()).to_hex();
+    Fingerprint::new(&digest[..32], false, vec![0.0; 9])
 }
 
-async fn received(store: &Store, images: &[NewInstance]) -> Received {
+/// The same image with other contents.
+fn corrected(of: NewInstance, contents: &str) -> NewInstance {
+    NewInstance {
+        digest: blake3::hash(contents.as_bytes()),
+        fingerprint: print(contents),
+        ..of
+    }
+}
+
+/// What is made of images.
+fn made_of(images: &[NewInstance]) -> Vec<Image> {
+    let made = images.iter().map(|image| Image {
+        uid: image.sop_instance_uid.clone(),
+        fingerprint: image.fingerprint.clone().unwrap(),
+        times: None,
+    });
+    made.collect()
+}
+
+async fn receive(store: &Store, images: &[NewInstance]) -> usize {
+    let received = received(store, images).await.into_iter();
+    received.filter(|became| *became == Reception::New).count()
+}
+
+async fn received(store: &Store, images: &[NewInstance]) -> Vec<Reception> {
     let names: Vec<_> = images.iter().map(ObjectName::from).collect();
     let pinned = pinned(store, &names).await;
     let source = ArrivalSource::Stow;
@@ -71,9 +97,31 @@ async fn due(store: &Store) -> Option<(Claim, DueSeries)> {
 }
 
 async fn a_case(store: &Store, contents: &str) -> CaseId {
-    let new = new_case(store, contents).await;
+    a_case_of(store, contents, &[]).await
+}
+
+/// A case that is made of these images.
+async fn a_case_of(store: &Store, contents: &str, images: &[NewInstance]) -> CaseId {
+    a_version_of(store, contents, images, None).await
+}
+
+async fn a_version_of(
+    store: &Store,
+    contents: &str,
+    images: &[NewInstance],
+    previous: Option<CaseId>,
+) -> CaseId {
+    let new = NewCase {
+        images: Some(made_of(images)),
+        previous,
+        ..new_case(store, contents).await
+    };
     store.insert_case(&new).await.unwrap();
     new.id
+}
+
+async fn closed(store: &Store, case: CaseId) -> Option<Closed> {
+    store.case(&case).await.unwrap().unwrap().closed
 }
 
 /// The objects of all images, read one by one.
@@ -106,7 +154,7 @@ pub(crate) async fn an_image_is_received_once(subject: &Subject) {
             .map(ObjectName::from)
             .collect()
     );
-    // The same image with other contents stays as it came first.
+    // The same image in another file stays as it came first.
     let other = NewInstance {
         digest: blake3::hash(b"another"),
         ..image(1, 1)
@@ -137,149 +185,97 @@ pub(crate) async fn an_image_is_received_once(subject: &Subject) {
     assert_eq!(store.arrivals_of(&study()).await.unwrap().len(), 2);
 }
 
-pub(crate) async fn an_image_that_replaces_another_supersedes_the_cases_of_its_series(
-    subject: &Subject,
-) {
+pub(crate) async fn a_case_is_closed_while_the_last_image_is_another_one(subject: &Subject) {
     let store = &subject.store;
-    receive(store, &[image(1, 1), image(1, 2)]).await;
+    let images = [image(1, 1), image(1, 2)];
+    let uploaded = a_case_of(store, "uploaded", &[image(5, 1)]).await;
+    receive(store, &images).await;
     subject.pass(21);
-    let first = a_case(store, "a").await;
+    let first = a_case_of(store, "a", &images).await;
     let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
-    let corrected = |number: u32, change| NewInstance {
-        digest: blake3::hash(format!("corrected {number}").as_bytes()),
-        replaces: Some(change),
-        ..image(1, number)
-    };
-    let known = [image(1, 1), image(1, 3)].map(|new| (new.uids, new.sop_instance_uid));
-    let known = store.known(&known).await.unwrap();
-    let here = Known {
-        object: ObjectName::from(&image(1, 1)),
-        is_elsewhere: false,
-    };
-    assert_eq!(known, [Some(here), None]);
-    // Other pixels are no reason to distrust the patient of the case.
-    let pixels = received(store, &[corrected(1, Change::Pixels)]).await;
-    let arrival = store.arrivals_of(&study()).await.unwrap().remove(0);
-    assert_eq!(pixels.corrected, [arrival.id.as_str()]);
+    let other = corrected(image(1, 2), "corrected");
     assert_eq!(
-        (arrival.state, arrival.superseded, arrival.instances),
-        (ArrivalState::Receiving, 1, 2)
+        received(store, std::slice::from_ref(&other)).await,
+        [Reception::Corrected]
     );
-    assert!(
-        !store
-            .series_of(&first)
-            .await
-            .unwrap()
-            .unwrap()
-            .is_superseded()
+    let arrival = store.arrivals_of(&study()).await.unwrap().remove(0);
+    assert_eq!(
+        (
+            arrival.state,
+            arrival.corrected,
+            arrival.instances,
+            arrival.case
+        ),
+        (ArrivalState::Receiving, 1, 2, None)
     );
-    // Of each series, only the first image is reported.
-    let owner = received(store, &[corrected(2, Change::Owner)]).await;
-    assert_eq!((owner.new, owner.corrected.len()), (0, 0));
-    assert!(
-        store
-            .series_of(&first)
-            .await
-            .unwrap()
-            .unwrap()
-            .is_superseded()
-    );
-    let old = [image(1, 1), image(1, 2)].map(|image| ObjectName::from(&image));
-    let abandoned = store.abandoned(10).await.unwrap();
-    assert!(old.iter().all(|name| abandoned.contains(name)));
-    let why = async |case: CaseId| store.case(&case).await.unwrap().unwrap().superseded;
-    assert_eq!(why(first).await, Some(Superseded::Corrected));
-    // The new case is not superseded, and a correction that is taken back leads to the first one again.
-    subject.pass(21);
-    let second = a_case(store, "b").await;
-    let (leased, series) = due(store).await.unwrap();
-    assert_eq!(series.previous, Some(first));
-    assert!(store.settle(&leased, &Outcome::Case(second)).await.unwrap());
-    let job = store.job(&leased.id).await.unwrap().unwrap();
-    assert_eq!((job.state, job.case), (JobState::Done, Some(second)));
-    assert!(
-        !store
-            .series_of(&second)
-            .await
-            .unwrap()
-            .unwrap()
-            .is_superseded()
-    );
-    let back = NewInstance {
-        replaces: Some(Change::Owner),
+    assert_eq!(closed(store, first).await, Some(Closed::Corrected));
+    // What no PACS has sent closes nothing, and an upload of the former images is closed at once.
+    assert_eq!(closed(store, uploaded).await, None);
+    let again = a_case_of(store, "again", &images).await;
+    assert_eq!(closed(store, again).await, Some(Closed::Corrected));
+    // Rounding and loss make no other image, and what cannot be decoded takes nobody's place.
+    let made = store.made_of_any(&made_of(&images)).await.unwrap();
+    let come_again = |case| {
+        let made = made.iter().find(|made| made.case == case).unwrap();
+        made.images
+            .iter()
+            .map(|image| image.has_come_again)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(come_again(first), [false, true]);
+    assert_eq!(come_again(again), [false, false], "it was read after that");
+    let undecodable = NewInstance {
+        digest: blake3::hash(b"rubbish"),
+        fingerprint: None,
         ..image(1, 2)
     };
-    assert_eq!(received(store, &[back]).await.corrected.len(), 1);
-    subject.pass(21);
-    let (leased, _) = due(store).await.unwrap();
-    assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
-    let is_superseded = async |case| {
-        store
-            .series_of(case)
-            .await
-            .unwrap()
-            .unwrap()
-            .is_superseded()
-    };
-    assert!(!is_superseded(&first).await && is_superseded(&second).await);
+    assert_eq!(received(store, &[undecodable]).await, [Reception::Refused]);
+    // It is corrected back.
+    assert_eq!(
+        received(store, &[image(1, 2)]).await,
+        [Reception::Corrected]
+    );
+    for case in [first, again] {
+        assert_eq!(closed(store, case).await, None);
+    }
+    // A case that was closed and is made again of what came last is open.
+    received(store, std::slice::from_ref(&other)).await;
+    assert_eq!(closed(store, first).await, Some(Closed::Corrected));
+    a_case_of(store, "a", &[image(1, 1), other]).await;
+    assert_eq!(closed(store, first).await, None);
 }
 
-pub(crate) async fn a_version_whose_images_lie_elsewhere_hands_nothing_on(subject: &Subject) {
+pub(crate) async fn what_replaces_a_closed_case_inherits_nothing(subject: &Subject) {
     let store = &subject.store;
-    let version = async |id: &str, images: &str, previous: Option<CaseId>| {
-        let digest = blake3::hash(images.as_bytes());
-        let kinds = [ObjectKind::SourceVolume, ObjectKind::SourceDicom];
-        let images = kinds.map(|kind| ObjectName { kind, digest });
-        let new = NewCase {
-            previous,
-            sources: pinned(store, &images).await,
-            ..new_case(store, id).await
-        };
-        store.insert_case(&new).await.unwrap();
-        let of_series = CaseSeries {
-            case: new.id,
-            uids: series(1),
-            accession_number: None,
-            patient: None,
-            superseded: None,
-            is_received: true,
-        };
-        store.index_series(&of_series).await.unwrap();
-        new.id
-    };
-    let findings = async |case: CaseId| store.findings(&case).await.unwrap();
-    let why = async |case: CaseId| store.case(&case).await.unwrap().unwrap().superseded;
-    let first = version("a", "images", None).await;
-    let none = findings(first).await.version;
+    let findings = async |case: CaseId| store.findings(&case).await.unwrap().document;
+    let images = [image(1, 1), image(1, 2)];
+    let first = a_case_of(store, "a", &images[..1]).await;
+    let none = store.findings(&first).await.unwrap().version;
     let marked = store.replace_findings(&first, none, "[1]".to_owned());
     marked.await.unwrap();
-    let other_mask = version("b", "images", Some(first)).await;
-    let second = version("c", "darker images", Some(other_mask)).await;
-    assert_eq!(findings(second).await.document, "[1]");
-    store.move_case(&second).await.unwrap();
-    let third = version("d", "images elsewhere", Some(second)).await;
-    assert_eq!(findings(third).await.document, "[]");
-    for older in [first, other_mask, second] {
-        assert_eq!(why(older).await, Some(Superseded::Moved));
-        assert!(store.are_apart(&third, &older).await.unwrap());
-        assert!(store.are_apart(&older, &third).await.unwrap());
-    }
-    assert_eq!(why(third).await, None);
-    // A version with another mask is of the same images.
-    assert!(!store.are_apart(&first, &other_mask).await.unwrap());
-    let again = version("e", "images", Some(other_mask)).await;
-    assert_eq!(findings(again).await.document, "[1]");
-    // The correction is taken back: they count again.
+    let grown = a_version_of(store, "b", &images, Some(first)).await;
+    assert_eq!(findings(grown).await, "[1]");
+    let other = corrected(image(1, 1), "corrected");
     receive(store, &[image(1, 1)]).await;
-    subject.pass(21);
-    let (leased, _) = due(store).await.unwrap();
-    assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
-    for same in [first, other_mask, again] {
-        assert_eq!(why(same).await, None);
+    received(store, std::slice::from_ref(&other)).await;
+    for case in [first, grown] {
+        assert_eq!(closed(store, case).await, Some(Closed::Corrected));
     }
-    assert_eq!(why(second).await, Some(Superseded::Moved));
-    assert_eq!(why(third).await, Some(Superseded::NewerVersion));
+    let corrected = a_version_of(store, "c", &[other, image(1, 2)], Some(first)).await;
+    assert_eq!(
+        (closed(store, corrected).await, findings(corrected).await),
+        (None, "[]".to_owned())
+    );
+    // A version with another mask is of the same images, and closed with them.
+    let masked = NewCase {
+        images: None,
+        previous: Some(first),
+        ..new_case(store, "d").await
+    };
+    store.insert_case(&masked).await.unwrap();
+    assert_eq!(closed(store, masked.id).await, Some(Closed::Corrected));
+    assert_eq!(findings(masked.id).await, "[1]");
 }
 
 pub(crate) async fn objects_that_are_not_kept_are_counted(subject: &Subject) {
@@ -311,30 +307,15 @@ pub(crate) async fn an_image_that_comes_under_another_series_leaves_its_own(subj
     let store = &subject.store;
     receive(store, &[image(1, 1), image(1, 2)]).await;
     subject.pass(21);
-    let case = a_case(store, "a").await;
+    let case = a_case_of(store, "a", &[image(1, 1), image(1, 2)]).await;
     let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(case)).await.unwrap());
     let moved = |number| NewInstance {
         uids: series(2),
-        digest: blake3::hash(format!("moved {number}").as_bytes()),
-        replaces: Some(Change::Owner),
-        ..image(1, number)
+        ..corrected(image(1, number), &format!("moved {number}"))
     };
-    let known = [(moved(1).uids, moved(1).sop_instance_uid)];
-    let known = store.known(&known).await.unwrap().remove(0).unwrap();
-    assert!(known.is_elsewhere);
-    assert_eq!(known.object, ObjectName::from(&image(1, 1)));
-    let first = store.arrivals_of(&study()).await.unwrap().remove(0);
-    let corrected = received(store, &[moved(1)]).await.corrected;
-    assert_eq!(corrected, [first.id]);
-    assert!(
-        store
-            .series_of(&case)
-            .await
-            .unwrap()
-            .unwrap()
-            .is_superseded()
-    );
+    assert_eq!(received(store, &[moved(1)]).await, [Reception::Corrected]);
+    assert_eq!(closed(store, case).await, Some(Closed::Corrected));
     let counts = async || {
         let arrivals = store.arrivals_of(&study()).await.unwrap();
         let counts = arrivals.iter().map(|each| (each.state, each.instances));
@@ -342,86 +323,115 @@ pub(crate) async fn an_image_that_comes_under_another_series_leaves_its_own(subj
     };
     let receiving = ArrivalState::Receiving;
     assert_eq!(counts().await, [(receiving, 1), (receiving, 1)]);
-    assert_eq!(received(store, &[moved(2)]).await.corrected.len(), 0);
+    assert_eq!(received(store, &[moved(2)]).await, [Reception::Corrected]);
     assert_eq!(counts().await, [(ArrivalState::Nothing, 0), (receiving, 2)]);
     let left = store.arrivals_of(&study()).await.unwrap().remove(0);
     assert_eq!(left.reason.unwrap().name, MOVED);
 }
 
-pub(crate) async fn images_that_are_rejected_are_forgotten_and_their_cases_superseded(
+pub(crate) async fn what_is_made_of_rejected_images_is_closed_until_that_is_lifted(
     subject: &Subject,
 ) {
     let store = &subject.store;
-    receive(store, &[image(1, 1), image(1, 2)]).await;
+    let images = [image(1, 1), image(1, 2)];
+    receive(store, &images).await;
     subject.pass(21);
-    let case = a_case(store, "a").await;
+    let case = a_case_of(store, "a", &images).await;
     let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(case)).await.unwrap());
     receive(store, &[image(3, 1)]).await;
     subject.pass(21);
     let (layer, _) = due(store).await.unwrap();
     assert!(store.settle(&layer, &Outcome::Layer(case)).await.unwrap());
-    let reason = Failure::unusable(REJECTED, "it was rejected");
     let instance = |number, instance| image(number, instance).sop_instance_uid;
     let reject = async |may_return, number, instances: &[Uid]| {
         let rejection = Rejection {
             may_return,
             series: vec![(series(number), instances.to_vec())],
         };
-        let cases = if number == 1 { &[case][..] } else { &[] };
-        let rejected = store.reject(&rejection, ArrivalSource::Stow, &reason, cases);
+        let rejected = store.reject(&rejection, ArrivalSource::Stow, "a peer");
         rejected.await.unwrap();
         let one = SeriesQuery::Study(uid("1.2.3"), Some(series(number).series));
         store.arrivals_of(&one).await.unwrap().remove(0)
     };
-    // What is left is read again.
+    // What is left is read again; the file of the other one stays.
     let left = reject(true, 1, &[instance(1, 1)]).await;
-    assert_eq!((left.state, left.instances), (ArrivalState::Receiving, 1));
-    assert!(
-        store
-            .series_of(&case)
-            .await
-            .unwrap()
-            .unwrap()
-            .is_superseded()
-    );
+    assert_eq!((left.state, left.instances), (ArrivalState::Receiving, 2));
+    assert_eq!(closed(store, case).await, Some(Closed::Rejected));
+    subject.pass(21);
+    let (leased, read) = due(store).await.unwrap();
+    let read: Vec<_> = read.images.into_iter().map(|image| image.uid).collect();
+    assert_eq!(read, [instance(1, 2)]);
+    let nothing = Outcome::Nothing(failure());
+    assert!(store.settle(&leased, &nothing).await.unwrap());
     // Another head of the study may have its layers.
     let of_layer = SeriesQuery::Study(uid("1.2.3"), Some(series(3).series));
     let layer = store.arrivals_of(&of_layer).await.unwrap().remove(0);
     assert_eq!((layer.state, layer.reason), (ArrivalState::Receiving, None));
-    let none = reject(false, 1, &[instance(1, 2), instance(1, 9)]).await;
-    assert_eq!((none.state, none.instances), (ArrivalState::Nothing, 0));
-    assert_eq!(none.reason.as_ref(), Some(&reason));
-    assert_eq!(store.images_of(&series(1)).await.unwrap(), []);
-    // A note may come before the images.
+    // What was kept long enough counts when it comes again.
+    assert_eq!(received(store, &[image(1, 1)]).await, [Reception::Known]);
+    assert_eq!(closed(store, case).await, None);
+    // A note may come before the images, and names them in its own study and series alone.
     let early = reject(false, 2, &[instance(2, 1), instance(3, 1)]).await;
-    let named = [2, 3].map(|number| (series(number), instance(3, 1)));
-    let are = store.are_rejected(&named).await.unwrap();
-    assert_eq!(are, [true, false], "it is an image of another series");
     assert_eq!(
-        (early.state, early.reason),
-        (ArrivalState::Nothing, Some(reason.clone()))
+        (early.state, early.reason.unwrap().name.as_str()),
+        (ArrivalState::Nothing, REJECTED)
     );
-    let asked = [instance(1, 1), instance(1, 2), instance(2, 1)];
-    let are = store.are_withdrawn(&asked).await.unwrap();
-    assert_eq!(are, [false, true, true], "what may return is not held back");
-    // It is remembered for a year from the latest note.
-    subject.pass(200 * DAY);
-    reject(false, 2, &[instance(2, 1)]).await;
-    store.forget(TERMS.stable).await.unwrap();
-    let are = store.are_withdrawn(&asked).await.unwrap();
-    assert_eq!(are, [false, true, true]);
-    subject.pass(200 * DAY);
-    store.forget(TERMS.stable).await.unwrap();
-    let are = store.are_withdrawn(&asked).await.unwrap();
-    assert_eq!(are, [false, false, true]);
-    // A note of others changes nothing but that.
-    receive(store, &[image(3, 1)]).await;
-    let others = reject(false, 3, &[instance(3, 2)]).await;
+    let of_others = a_case_of(store, "b", &[image(3, 1)]).await;
+    assert_eq!(closed(store, of_others).await, None);
+    let of_early = a_case_of(store, "c", &[image(2, 1)]).await;
+    assert_eq!(closed(store, of_early).await, Some(Closed::Rejected));
+    received(store, &[image(2, 1)]).await;
+    assert_eq!(closed(store, of_early).await, Some(Closed::Rejected));
+    let listed = store.rejections(9).await.unwrap();
+    let [rejected] = &listed[..] else {
+        panic!("{listed:?}");
+    };
     assert_eq!(
-        (others.state, others.instances),
-        (ArrivalState::Receiving, 1)
+        (
+            &rejected.uids,
+            rejected.instances,
+            rejected.may_return,
+            rejected.by.as_str()
+        ),
+        (&series(2), 2, false, "a peer")
     );
+    // It is remembered for as long as something is made of it.
+    subject.pass(400 * DAY);
+    store.forget(TERMS.stable).await.unwrap();
+    assert_eq!(closed(store, of_early).await, Some(Closed::Rejected));
+    let id = store.rejections(9).await.unwrap().remove(0).id;
+    assert!(store.lift(&id).await.unwrap());
+    assert_eq!(closed(store, of_early).await, None);
+    assert!(!store.lift(&id).await.unwrap());
+    assert_eq!(store.rejections(9).await.unwrap(), []);
+}
+
+pub(crate) async fn what_a_pacs_has_sent_is_known_for_a_year_and_while_something_is_made_of_it(
+    subject: &Subject,
+) {
+    let store = &subject.store;
+    let images = [image(1, 1), image(2, 1)];
+    receive(store, &images).await;
+    let case = a_case_of(store, "a", &images[..1]).await;
+    subject.pass(21);
+    while let Some((leased, _)) = due(store).await {
+        let nothing = Outcome::Nothing(failure());
+        assert!(store.settle(&leased, &nothing).await.unwrap());
+    }
+    let knows = async |image: &NewInstance| store.has_come(&image.sop_instance_uid).await.unwrap();
+    subject.pass(30 * DAY);
+    store.forget(TERMS.stable).await.unwrap();
+    assert_eq!(store.arrivals_of(&study()).await.unwrap(), []);
+    assert!(knows(&images[0]).await && knows(&images[1]).await);
+    subject.pass(400 * DAY);
+    store.forget(TERMS.stable).await.unwrap();
+    assert!(knows(&images[0]).await && !knows(&images[1]).await);
+    // A correction counts although the images before it are forgotten.
+    received(store, &[corrected(image(1, 1), "corrected")]).await;
+    assert_eq!(closed(store, case).await, Some(Closed::Corrected));
+    assert!(store.delete_case(&case).await.unwrap());
+    assert!(knows(&images[0]).await);
 }
 
 pub(crate) async fn a_series_is_due_when_nothing_came_for_a_while(subject: &Subject) {
@@ -434,8 +444,9 @@ pub(crate) async fn a_series_is_due_when_nothing_came_for_a_while(subject: &Subj
     subject.pass(6);
     let (leased, read) = due(store).await.expect("it is due");
     assert_eq!(read.uids, series(1));
+    let objects: Vec<_> = read.images.iter().map(|image| image.object).collect();
     assert_eq!(
-        read.instances,
+        objects,
         [
             ObjectName::from(&image(1, 1)),
             ObjectName::from(&image(1, 2))
@@ -489,12 +500,7 @@ pub(crate) async fn a_corrected_or_grown_series_waits_as_if_no_number_were_known
     let (read, of) = due(store).await.expect("all are there");
     assert_eq!(of.uids, series(1));
     assert!(store.settle(&read, &Outcome::Case(case)).await.unwrap());
-    let corrected = NewInstance {
-        digest: blake3::hash(b"corrected"),
-        replaces: Some(Change::Pixels),
-        ..image(1, 1)
-    };
-    receive(store, &[corrected]).await;
+    received(store, &[corrected(image(1, 1), "corrected")]).await;
     assert!(due(store).await.is_none());
     subject.pass(21);
     let (read, of) = due(store).await.expect("nothing came for a while");
@@ -520,13 +526,11 @@ pub(crate) async fn a_late_image_fences_the_reader_off_and_makes_the_series_due_
     assert!(!store.settle(&leased, &Outcome::Case(case)).await.unwrap());
     subject.pass(21);
     let (leased, read) = due(store).await.unwrap();
-    assert_eq!(read.instances.len(), 2);
-    assert_eq!(read.previous, None);
+    assert_eq!(read.images.len(), 2);
     assert!(store.settle(&leased, &Outcome::Case(case)).await.unwrap());
     receive(store, &[image(1, 3)]).await;
     subject.pass(21);
-    let (leased, read) = due(store).await.expect("a late image came");
-    assert_eq!(read.previous, Some(case));
+    let (leased, _) = due(store).await.expect("a late image came");
     let nothing = Outcome::Nothing(failure());
     assert!(store.settle(&leased, &nothing).await.unwrap());
     let arrival = &store.arrivals_of(&study()).await.unwrap()[0];
@@ -574,9 +578,6 @@ pub(crate) async fn a_series_that_is_not_t1_waits_for_a_case_of_its_study(subjec
     let layer = layer.unwrap();
     assert_eq!(layer.case, Some(case));
     assert_eq!(layer.reason.as_ref().unwrap().name, BECAME_LAYER);
-    // The series of the case is still the one that it was made of.
-    let indexed = store.series_of(&case).await.unwrap().unwrap();
-    assert_eq!(indexed.uids, series(2));
 }
 
 pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_deleted(
@@ -655,43 +656,30 @@ pub(crate) async fn images_that_have_changed_do_not_go_with_the_case_that_was_ma
         assert!(store.settle(&leased, &outcome).await.unwrap());
         assert_eq!(of(number).await.case, Some(case));
     }
-    let corrected = |number, change| NewInstance {
-        digest: blake3::hash(format!("corrected {number}").as_bytes()),
-        replaces: Some(change),
-        ..image(number, 1)
-    };
-    received(store, &[corrected(1, Change::Pixels)]).await;
-    received(store, &[corrected(2, Change::Owner)]).await;
+    let changed = |number| corrected(image(number, 1), &format!("corrected {number}"));
+    received(store, &[changed(1)]).await;
+    received(store, &[changed(2)]).await;
     let moved = NewInstance {
         uids: series(9),
-        ..corrected(3, Change::Owner)
+        ..changed(3)
     };
     received(store, &[moved]).await;
     let rejection = Rejection {
         may_return: false,
         series: vec![(series(4), vec![image(4, 1).sop_instance_uid])],
     };
-    let reason = Failure::unusable(REJECTED, "it was rejected");
-    let source = ArrivalSource::Stow;
-    let rejected = store.reject(&rejection, source, &reason, &[]);
+    let rejected = store.reject(&rejection, ArrivalSource::Stow, "a peer");
     assert_eq!(rejected.await.unwrap(), 1);
     for number in 1..=4 {
         assert_eq!(of(number).await.case, None, "{number}");
     }
-    // The series is still read as the next version of its case.
-    subject.pass(21);
-    let (leased, read) = due(store).await.unwrap();
-    assert_eq!((read.uids, read.previous), (series(1), Some(case)));
-    let nothing = Outcome::Nothing(failure());
-    assert!(store.settle(&leased, &nothing).await.unwrap());
     assert!(store.delete_case(&case).await.unwrap());
-    for (number, instances) in [(1, 2), (2, 2), (3, 1), (4, 1), (9, 1)] {
+    for (number, instances) in [(1, 2), (2, 2), (3, 1), (4, 2), (9, 1)] {
         assert_eq!(of(number).await.instances, instances, "{number}");
     }
     // What has not changed goes with its case.
     let left = SeriesQuery::Study(uid("1.2.3"), Some(series(5).series));
     assert_eq!(store.arrivals_of(&left).await.unwrap(), []);
-    assert_eq!(of(1).await.previous, None);
 }
 
 pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
@@ -701,19 +689,23 @@ pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
     subject.pass(21);
     let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
+    let of_first = CaseSeries {
+        case: first,
+        uids: series(1),
+        accession_number: AccessionNumber::parse("A1"),
+        patient: None,
+    };
+    store.index_series(&of_first).await.unwrap();
     let of_second = CaseSeries {
         case: second,
         uids: series(2),
         accession_number: AccessionNumber::parse("A2"),
         patient: None,
-        superseded: None,
-        is_received: false,
     };
     for _ in 0..2 {
         store.index_series(&of_second).await.unwrap();
     }
     assert_eq!(store.series_of(&second).await.unwrap(), Some(of_second));
-    assert!(store.series_of(&first).await.unwrap().unwrap().is_received);
     let found = async |query| {
         let found = store.cases_of(&query).await.unwrap();
         found
@@ -755,8 +747,6 @@ pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subj
                 uids: series(number as u32 + 1),
                 accession_number: AccessionNumber::parse("A7").filter(|_| number == 0),
                 patient: PatientDigest::of(id),
-                superseded: None,
-                is_received: false,
             };
             store.index_series(&series).await.unwrap();
             assert_eq!(store.series_of(&case).await.unwrap(), Some(series));

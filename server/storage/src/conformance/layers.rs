@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use case::images::Image;
 use case::{
     CaseId, CaseState, Contrast, JobKind, Layer, LayerId, LayerKind, LayerParameters, ObjectKind,
 };
@@ -41,6 +42,7 @@ async fn new_layer(store: &Store, case: &CaseId, contents: &str) -> NewLayer {
         name: LayerName::Usual("pet".to_owned()),
         parameters,
         series: Uid::parse("1.2.3"),
+        images: Vec::new(),
         sources: pinned(store, &[source]).await,
         most: 20,
         queue_limit: 100,
@@ -49,7 +51,20 @@ async fn new_layer(store: &Store, case: &CaseId, contents: &str) -> NewLayer {
 }
 
 pub(super) async fn insert_layer(store: &Store, case: &CaseId, contents: &str) -> NewLayer {
-    let new = new_layer(store, case, contents).await;
+    insert_layer_of(store, case, contents, &[]).await
+}
+
+/// A layer that is made of these images.
+pub(super) async fn insert_layer_of(
+    store: &Store,
+    case: &CaseId,
+    contents: &str,
+    images: &[Image],
+) -> NewLayer {
+    let new = NewLayer {
+        images: images.to_vec(),
+        ..new_layer(store, case, contents).await
+    };
     let inserted = store.insert_layer(&new).await.unwrap();
     assert_eq!(inserted, Referred::Done(Inserted::Created));
     new

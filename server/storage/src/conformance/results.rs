@@ -2,16 +2,17 @@
 
 use std::time::Duration;
 
-use case::{CaseId, JobKind, JobState, ObjectKind};
+use case::images::{Fingerprint, Image};
+use case::{CaseId, Closed, JobKind, JobState, ObjectKind};
 
 use super::Subject;
-use super::layers::insert_layer;
-use crate::Store;
-use crate::arrivals::{ArrivalCursor, TransferQuery, Uid};
+use super::layers::insert_layer_of;
+use crate::arrivals::{ArrivalCursor, ArrivalSource, NewInstance, SeriesUids, TransferQuery, Uid};
 use crate::jobs::Claim;
-use crate::results::{NewResult, SentResult};
+use crate::results::{NewResult, ResultSeries, SentResult};
 use crate::rows::{Referred, Sweep};
 use crate::testing::{failure, new_case, new_result, pinned};
+use crate::{ObjectName, Store};
 
 const LEASE: Duration = Duration::from_secs(30);
 
@@ -168,10 +169,12 @@ pub(crate) async fn results_are_listed_by_case_and_state_in_pages(subject: &Subj
     assert!(other.is_some() && list(&of(other, None), None, 9).await.0.is_empty());
 }
 
-pub(crate) async fn a_result_does_not_count_once_its_layer_is_withdrawn(subject: &Subject) {
+pub(crate) async fn a_result_does_not_count_while_what_it_shows_is_closed(subject: &Subject) {
     let store = &subject.store;
     let case = a_case(store).await;
-    let layer = insert_layer(store, &case, "a layer").await.id;
+    let layer = insert_layer_of(store, &case, "a layer", &[image("one")])
+        .await
+        .id;
     let of = |node, layers| NewResult {
         layers,
         ..new_result(case, node, "one")
@@ -187,22 +190,76 @@ pub(crate) async fn a_result_does_not_count_once_its_layer_is_withdrawn(subject:
         assert!(store.finish(&leased).await.unwrap());
     }
     let waiting = queue(store, &of("other", vec![layer])).await;
+    let note = NewResult {
+        series: ResultSeries {
+            sop_class_uid: uid("1.2.840.10008.5.1.4.1.1.88.59"),
+            series_uid: uid("2.25.8"),
+        },
+        instance: uid("2.25.10"),
+        ..of("pacs", vec![layer])
+    };
+    let note = queue(store, &note).await;
     let is_valid = async |result: &SentResult| {
         let result = store.result(&result.id).await.unwrap().unwrap();
         result.not_valid.is_none()
     };
     assert!(is_valid(&sent).await);
-    let withdrawn = store.withdraw_layer(&case, &layer, &failure()).await;
-    assert_eq!(withdrawn.unwrap(), 1, "one was sent");
-    assert_eq!(store.layers(&case).await.unwrap(), []);
-    assert_eq!(state(store, &waiting).await, JobState::Failed);
-    assert_eq!(state(store, &sent).await, JobState::Done);
+    come(store, &image("one")).await;
+    assert!(is_valid(&sent).await, "it is the same image");
+    come(store, &image("another")).await;
     assert!(is_valid(&plain).await && !is_valid(&sent).await && !is_valid(&waiting).await);
-    // It was drawn before the layer went, and is queued after that.
-    let late = queue(store, &of("late", vec![layer])).await;
-    assert!(!is_valid(&late).await);
-    // The layer comes back: its images were corrected back.
-    insert_layer(store, &case, "a layer").await;
-    let again = queue(store, &of("pacs", vec![layer])).await;
-    assert!(is_valid(&again).await);
+    assert_eq!(
+        store.layers(&case).await.unwrap()[0].closed,
+        Some(Closed::Corrected)
+    );
+    // It has failed for good when it would be sent; a rejection note leaves all the same.
+    let leased = claim(store).await.unwrap();
+    assert_eq!(leased.key, note.id);
+    assert!(store.finish(&leased).await.unwrap());
+    assert!(claim(store).await.is_none());
+    let failed = store
+        .result(&waiting.id)
+        .await
+        .unwrap()
+        .unwrap()
+        .job
+        .unwrap();
+    assert_eq!(
+        (failed.state, failed.failure.unwrap().name.as_str()),
+        (JobState::Failed, "closed")
+    );
+    // It is known of which images the layer was made, also when that is gone.
+    assert!(store.delete_layer(&case, &layer).await.unwrap());
+    assert!(!is_valid(&sent).await);
+    come(store, &image("one")).await;
+    assert!(is_valid(&sent).await && is_valid(&waiting).await);
+}
+
+/// An image with these contents.
+fn image(contents: &str) -> Image {
+    let digest = blake3::hash(contents.as_bytes()).to_hex();
+    Image {
+        uid: uid("1.2.3.4"),
+        fingerprint: Fingerprint::new(&digest[..32], false, Vec::new()).unwrap(),
+        times: None,
+    }
+}
+
+/// Lets a PACS send an image.
+async fn come(store: &Store, image: &Image) {
+    let new = NewInstance {
+        uids: SeriesUids {
+            study: uid("1.2"),
+            series: uid("1.2.3"),
+        },
+        accession_number: None,
+        sop_instance_uid: image.uid.clone(),
+        digest: blake3::hash(image.fingerprint.to_string().as_bytes()),
+        label: None,
+        fingerprint: Some(image.fingerprint.clone()),
+    };
+    let pinned = pinned(store, &[ObjectName::from(&new)]).await;
+    let images = [new];
+    let received = store.insert_images(&images, &pinned, ArrivalSource::CStore);
+    received.await.unwrap();
 }

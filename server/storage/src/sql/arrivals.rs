@@ -3,22 +3,24 @@
 use jiff::Timestamp;
 
 use super::connection::{Connection, Row, microseconds};
+use super::images::{self, Arrived};
 use super::{jobs, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
-    BECAME_LAYER, CaseSeries, Change, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, Outcome,
-    PatientDigest, SeriesQuery, SeriesUids, Superseded, Taken, Uid,
+    BECAME_LAYER, CaseSeries, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, Outcome,
+    PatientDigest, REJECTED, Reception, Rejection, SeriesQuery, SeriesUids, Taken, Uid,
 };
-use crate::rows::{DueSeries, Known, Withdrawn};
+use crate::rows::{DueImage, DueSeries};
 use crate::{ObjectName, StoreError};
+use case::images::Following;
 use case::{CaseId, Failure, JobKind, ObjectKind};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_arrival {
     ($rest:literal) => {
         concat!(
-            "SELECT id, study_uid, series_uid, accession_number, source, label, state, reason, taken, refused, case_id, previous,
-                    instances, expected, superseded, ignored, first_at, last_at
+            "SELECT id, study_uid, series_uid, accession_number, source, label, state, reason, taken, refused, case_id,
+                    instances, expected, corrected, ignored, first_at, last_at
              FROM arrivals ",
             $rest
         )
@@ -29,25 +31,24 @@ pub(super) fn unreadable(what: &str) -> StoreError {
     StoreError::Rows(format!("a row of an arrival or a result has an unknown {what}").into())
 }
 
-/// What became of an image.
-pub(super) enum Added {
-    /// It is new.
-    New,
-    /// It was there, and stays as it is.
-    Known,
-    /// It took the place of another one in this arrival, the first since that was read.
-    FirstReplaced(String),
-    /// As before, a further one.
-    Replaced,
-}
-
-/// Adds an image. The pin of a file that is kept becomes a reference; that of another one expires.
+/// Adds an image, and the cases that may have closed or opened by it. The pin of a file that is kept becomes a reference; that of another
+/// one expires.
 pub(super) async fn add(
     connection: &mut Connection,
     source: ArrivalSource,
     new: &NewInstance,
     now: i64,
-) -> Result<Added, StoreError> {
+    changed: &mut Vec<CaseId>,
+) -> Result<Reception, StoreError> {
+    let arrived = images::arrive(connection, new, source, now, changed).await?;
+    if arrived == Arrived::Following(Following::Unusable) {
+        pins::abandon(connection, vec![ObjectName::from(new)], now).await?;
+        return Ok(Reception::Refused);
+    }
+    let is_another = arrived == Arrived::Following(Following::Another);
+    if is_another {
+        leave_others(connection, new, now).await?;
+    }
     let id = series(connection, source, new, now).await?;
     let added = connection
         .query(
@@ -59,88 +60,90 @@ pub(super) async fn add(
         .bind(new.digest.to_string())
         .execute()
         .await?;
-    if added == 0 {
-        if let Some(change) = new.replaces {
-            return replace(connection, &id, new, change, now).await;
-        }
+    if added == 0 && !is_another {
         pins::abandon(connection, vec![ObjectName::from(new)], now).await?;
-        return Ok(Added::Known);
+        return Ok(Reception::Known);
     }
-    let left = match new.replaces {
-        Some(_) => leave_others(connection, &id, new, now).await?,
-        None => None,
-    };
+    if added == 0 {
+        replace(connection, &id, new, now).await?;
+    }
     // Whoever reads the series at this moment does not know this image.
-    connection
-        .query(
-            // A series that was complete has more images than its sender has stated.
+    jobs::cancel(connection, JobKind::SERIES, &id).await?;
+    let sql = match is_another {
+        // A series that was complete has more images than its sender has stated.
+        false => {
             "UPDATE arrivals SET expected = CASE WHEN instances >= expected THEN NULL ELSE expected END,
-                    instances = instances + 1, state = 'receiving', reason = NULL, last_at = $1
-             WHERE id = $2",
-        )
+                    instances = instances + $1, state = 'receiving', reason = NULL, last_at = $2
+             WHERE id = $3"
+        }
+        // The number of images does not tell when the last one of them is corrected.
+        true => {
+            "UPDATE arrivals SET corrected = CASE WHEN state = 'receiving' THEN corrected + 1 ELSE 1 END, expected = NULL,
+                    instances = instances + $1, state = 'receiving', reason = NULL, case_id = NULL, last_at = $2
+             WHERE id = $3"
+        }
+    };
+    connection
+        .query(sql)
+        .bind(i64::from(added > 0))
         .bind(now)
         .bind(&id)
         .execute()
         .await?;
-    jobs::cancel(connection, JobKind::SERIES, &id).await?;
-    Ok(left.unwrap_or(Added::New))
+    Ok(match is_another {
+        true => Reception::Corrected,
+        false => Reception::New,
+    })
 }
 
-/// Removes an image from other series, in which it was known before its study or series was corrected, and supersedes
-/// their cases. What is left of them is read again.
+/// Removes an image from other series, in which it was known before its study or series was corrected. What is left of them is read
+/// again.
 async fn leave_others(
     connection: &mut Connection,
-    id: &str,
     new: &NewInstance,
     now: i64,
-) -> Result<Option<Added>, StoreError> {
+) -> Result<(), StoreError> {
     let rows = connection
         .query(
-            "DELETE FROM arrival_instances WHERE sop_instance_uid = $1 AND arrival_id <> $2
+            "DELETE FROM arrival_instances WHERE sop_instance_uid = $1 AND arrival_id NOT IN
+                 (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3)
              RETURNING arrival_id, digest",
         )
         .bind(new.sop_instance_uid.as_str())
-        .bind(id)
+        .bind(new.uids.study.as_str())
+        .bind(new.uids.series.as_str())
         .fetch_all()
         .await?;
-    let mut added = None;
     for row in &rows {
         let other: String = row.get("arrival_id")?;
         pins::abandon(connection, vec![read_object(row)?], now).await?;
         let detail = "the images of the series have come again under another study or series";
         let moved = serde_json::to_string(&Failure::unusable(MOVED, detail))?;
-        let row = connection
+        connection
             .query(
-                "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END,
+                "UPDATE arrivals SET corrected = CASE WHEN state = 'receiving' THEN corrected + 1 ELSE 1 END,
                         instances = instances - 1, expected = NULL, last_at = $1, case_id = NULL,
                         state = CASE WHEN instances > 1 THEN 'receiving' ELSE 'nothing' END,
                         reason = CASE WHEN instances > 1 THEN NULL ELSE $2 END
-                 WHERE id = $3 RETURNING superseded",
+                 WHERE id = $3",
             )
             .bind(now)
             .bind(moved)
             .bind(&other)
-            .fetch_one()
+            .execute()
             .await?;
         jobs::cancel(connection, JobKind::SERIES, &other).await?;
-        supersede(connection, &other, Superseded::Corrected).await?;
-        added = Some(match row.get::<i64>("superseded")? {
-            1 => Added::FirstReplaced(other),
-            _ => Added::Replaced,
-        });
     }
-    Ok(added)
+    Ok(())
 }
 
-/// Puts an image in the place of another one, so that the series is read again. The cases of the series are superseded at once,
-/// before there is a new one.
+/// Puts the file of an image in the place of that of another one, with what its series is called by now.
 async fn replace(
     connection: &mut Connection,
     id: &str,
     new: &NewInstance,
-    change: Change,
     now: i64,
-) -> Result<Added, StoreError> {
+) -> Result<(), StoreError> {
     let row = connection
         .query(
             "SELECT digest FROM arrival_instances WHERE arrival_id = $1 AND sop_instance_uid = $2",
@@ -158,47 +161,11 @@ async fn replace(
         .execute()
         .await?;
     pins::abandon(connection, vec![old], now).await?;
-    let row = connection
-        .query(
-            // The number of images does not tell when the last one of them is corrected.
-            "UPDATE arrivals SET superseded = CASE WHEN state = 'receiving' THEN superseded + 1 ELSE 1 END, expected = NULL,
-                    accession_number = $1, label = $2, state = 'receiving', reason = NULL, case_id = NULL, last_at = $3
-             WHERE id = $4 RETURNING superseded",
-        )
+    connection
+        .query("UPDATE arrivals SET accession_number = $1, label = $2 WHERE id = $3")
         .bind(new.accession_number.as_ref().map(AccessionNumber::as_str))
         .bind(&new.label)
-        .bind(now)
         .bind(id)
-        .fetch_one()
-        .await?;
-    jobs::cancel(connection, JobKind::SERIES, id).await?;
-    let why = match change {
-        Change::Owner => Superseded::Corrected,
-        Change::Place => Superseded::Moved,
-        Change::Pixels => Superseded::NewerVersion,
-    };
-    supersede(connection, id, why).await?;
-    Ok(match row.get::<i64>("superseded")? {
-        1 => Added::FirstReplaced(id.to_owned()),
-        _ => Added::Replaced,
-    })
-}
-
-/// Notes why the cases of a series are not the ones that count any more. A graver reason stays.
-async fn supersede(
-    connection: &mut Connection,
-    arrival: &str,
-    why: Superseded,
-) -> Result<(), StoreError> {
-    connection
-        .query(
-            "UPDATE case_series SET superseded = $1
-             WHERE (study_uid, series_uid) =
-                   (SELECT study_uid, series_uid FROM arrivals WHERE id = $2)
-               AND superseded < $1",
-        )
-        .bind(superseded_code(Some(why)))
-        .bind(arrival)
         .execute()
         .await?;
     Ok(())
@@ -229,218 +196,109 @@ pub(super) async fn ignore(
     Ok(())
 }
 
-/// Withdraws instances of a series: its images are forgotten. What is left is read again. Returns how many were there.
+/// Notes what a note rejects, and lets the series be read again without it. Their images stay, in case that it is lifted. Returns how many
+/// of them are here.
 pub(super) async fn reject(
     connection: &mut Connection,
-    uids: &SeriesUids,
+    rejection: &Rejection,
     source: ArrivalSource,
-    instances: &[Uid],
-    reason: &Failure,
+    by: &str,
     now: i64,
+    changed: &mut Vec<CaseId>,
 ) -> Result<usize, StoreError> {
-    let reason = serde_json::to_string(reason)?;
+    changed.extend(images::reject(connection, rejection, by, now).await?);
+    let mut here = 0;
+    for (uids, instances) in &rejection.series {
+        let row = connection
+            .query(
+                "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at)
+                 VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6)
+                 ON CONFLICT (study_uid, series_uid) DO UPDATE SET last_at = $6
+                 RETURNING id",
+            )
+            .bind(uuid::Uuid::now_v7().simple().to_string())
+            .bind(uids.study.as_str())
+            .bind(uids.series.as_str())
+            .bind(source.name())
+            .bind(serde_json::to_string(&rejected())?)
+            .bind(now)
+            .fetch_one()
+            .await?;
+        here += read_again(connection, &row.get::<String>("id")?, instances).await?;
+    }
+    Ok(here)
+}
+
+/// Why a series becomes nothing whose images are rejected.
+pub(super) fn rejected() -> Failure {
+    Failure::unusable(REJECTED, "the PACS has rejected images of the series")
+}
+
+/// Lifts a rejection, and lets its series be read again; whether there was one.
+pub(super) async fn lift(
+    connection: &mut Connection,
+    id: &str,
+    changed: &mut Vec<CaseId>,
+) -> Result<bool, StoreError> {
+    let Some((uids, instances)) = images::lift(connection, id, changed).await? else {
+        return Ok(false);
+    };
     let row = connection
-        .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at)
-             VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6)
-             ON CONFLICT (study_uid, series_uid) DO UPDATE SET last_at = $6
-             RETURNING id",
-        )
-        .bind(uuid::Uuid::now_v7().simple().to_string())
+        .query("SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2")
         .bind(uids.study.as_str())
         .bind(uids.series.as_str())
-        .bind(source.name())
-        .bind(&reason)
-        .bind(now)
-        .fetch_one()
+        .fetch_optional()
         .await?;
-    let id: String = row.get("id")?;
-    let mut removed = Vec::new();
+    if let Some(row) = row {
+        read_again(connection, &row.get::<String>("id")?, &instances).await?;
+    }
+    Ok(true)
+}
+
+/// Lets a series be read again that has any of these images; how many of them it has.
+async fn read_again(
+    connection: &mut Connection,
+    id: &str,
+    instances: &[Uid],
+) -> Result<usize, StoreError> {
+    let mut here = 0;
     for instance in instances {
         let row = connection
-            .query("DELETE FROM arrival_instances WHERE arrival_id = $1 AND sop_instance_uid = $2 RETURNING digest")
-            .bind(&id)
+            .query(
+                "SELECT 1 FROM arrival_instances WHERE arrival_id = $1 AND sop_instance_uid = $2",
+            )
+            .bind(id)
             .bind(instance.as_str())
             .fetch_optional()
             .await?;
-        removed.extend(row.as_ref().map(read_object).transpose()?);
+        here += usize::from(row.is_some());
     }
-    let removed_here = removed.len();
-    let count_removed = count(removed_here);
-    pins::abandon(connection, removed, now).await?;
-    connection
-        .query(
-            "UPDATE arrivals SET instances = instances - $1, expected = NULL, case_id = NULL,
-                    state = CASE WHEN instances > $1 THEN 'receiving' ELSE 'nothing' END,
-                    reason = CASE WHEN instances > $1 THEN NULL ELSE $2 END
-             WHERE id = $3 AND (instances = 0 OR $1 > 0)",
-        )
-        .bind(count_removed)
-        .bind(reason)
-        .bind(&id)
-        .execute()
-        .await?;
-    if count_removed > 0 {
-        jobs::cancel(connection, JobKind::SERIES, &id).await?;
+    if here > 0 {
+        connection
+            .query("UPDATE arrivals SET expected = NULL, case_id = NULL, state = 'receiving', reason = NULL WHERE id = $1")
+            .bind(id)
+            .execute()
+            .await?;
+        jobs::cancel(connection, JobKind::SERIES, id).await?;
     }
-    Ok(removed_here)
+    Ok(here)
 }
 
-/// Supersedes a case whose images were rejected, and lets the series be read again that became layers of it: another head of the
-/// study may have them.
-pub(super) async fn reject_case(
+/// Lets the series be read again that became layers of a case, if it is closed: another head of the study may have them.
+pub(super) async fn wake_layers_of_closed(
     connection: &mut Connection,
-    case: &CaseId,
+    case: &str,
 ) -> Result<(), StoreError> {
-    connection
-        .query("UPDATE case_series SET superseded = $1 WHERE case_id = $2")
-        .bind(superseded_code(Some(Superseded::Rejected)))
-        .bind(case.to_string())
-        .execute()
-        .await?;
-    wake_layers(connection, case).await
-}
-
-/// Lets the series be read again that became layers of a case.
-async fn wake_layers(connection: &mut Connection, case: &CaseId) -> Result<(), StoreError> {
     connection
         .query(
             "UPDATE arrivals SET state = 'receiving', reason = NULL, case_id = NULL
-             WHERE case_id = $1 AND instances > 0 AND state = 'layer'",
+             WHERE case_id = $1 AND instances > 0 AND state = 'layer'
+               AND (SELECT closed FROM cases WHERE cases.id = $1) > 0",
         )
-        .bind(case.to_string())
+        .bind(case)
         .execute()
         .await?;
     Ok(())
-}
-
-/// Notes that instances are withdrawn. One that was withdrawn before keeps the later time.
-pub(super) async fn withdraw(
-    connection: &mut Connection,
-    withdrawn: &Withdrawn,
-) -> Result<(), StoreError> {
-    let uids = withdrawn.uids.as_ref();
-    connection
-        .query(
-            "INSERT INTO rejections (sop_instance_uid, rejected_at, study_uid, series_uid) VALUES ($1, $2, $3, $4)
-             ON CONFLICT (sop_instance_uid, study_uid, series_uid) DO UPDATE SET rejected_at = excluded.rejected_at
-             WHERE rejections.rejected_at < excluded.rejected_at",
-        )
-        .bind(withdrawn.instance.as_str())
-        .bind(withdrawn.at.as_microsecond())
-        .bind(uids.map_or("", |uids| uids.study.as_str()))
-        .bind(uids.map_or("", |uids| uids.series.as_str()))
-        .execute()
-        .await?;
-    Ok(())
-}
-
-/// Whether an instance was withdrawn, in whichever study.
-pub(super) async fn is_withdrawn(
-    connection: &mut Connection,
-    instance: &Uid,
-) -> Result<bool, StoreError> {
-    let row = connection
-        .query("SELECT sop_instance_uid FROM rejections WHERE sop_instance_uid = $1 LIMIT 1")
-        .bind(instance.as_str())
-        .fetch_optional()
-        .await?;
-    Ok(row.is_some())
-}
-
-/// Whether an image of a series was withdrawn.
-pub(super) async fn is_rejected(
-    connection: &mut Connection,
-    uids: &SeriesUids,
-    instance: &Uid,
-) -> Result<bool, StoreError> {
-    let row = connection
-        .query(
-            "SELECT sop_instance_uid FROM rejections
-             WHERE sop_instance_uid = $1 AND study_uid = $2 AND series_uid = $3",
-        )
-        .bind(instance.as_str())
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
-        .fetch_optional()
-        .await?;
-    Ok(row.is_some())
-}
-
-/// The next instances that are withdrawn, by UID and series.
-pub(super) async fn withdrawn(
-    connection: &mut Connection,
-    after: Option<&Withdrawn>,
-    limit: usize,
-) -> Result<Vec<Withdrawn>, StoreError> {
-    let uids = after.and_then(|after| after.uids.as_ref());
-    let rows = connection
-        .query(
-            "SELECT sop_instance_uid, study_uid, series_uid, rejected_at FROM rejections
-             WHERE (sop_instance_uid, study_uid, series_uid) > ($1, $2, $3)
-             ORDER BY sop_instance_uid, study_uid, series_uid LIMIT $4",
-        )
-        .bind(after.map_or("", |after| after.instance.as_str()))
-        .bind(uids.map_or("", |uids| uids.study.as_str()))
-        .bind(uids.map_or("", |uids| uids.series.as_str()))
-        .bind(count(limit))
-        .fetch_all()
-        .await?;
-    let read = |row: &Row| {
-        let uid: String = row.get("sop_instance_uid")?;
-        let study: String = row.get("study_uid")?;
-        Ok(Withdrawn {
-            uids: (!study.is_empty()).then(|| read_uids(row)).transpose()?,
-            instance: Uid::parse(&uid).ok_or_else(|| unreadable("UID"))?,
-            at: read_time(row, "rejected_at")?,
-        })
-    };
-    rows.iter().map(read).collect()
-}
-
-/// Forgets what was withdrawn until a time.
-pub(super) async fn forget_withdrawn(
-    connection: &mut Connection,
-    before: i64,
-) -> Result<(), StoreError> {
-    connection
-        .query("DELETE FROM rejections WHERE rejected_at <= $1")
-        .bind(before)
-        .execute()
-        .await?;
-    Ok(())
-}
-
-/// The image that is there already.
-pub(super) async fn known(
-    connection: &mut Connection,
-    uids: &SeriesUids,
-    instance: &Uid,
-) -> Result<Option<Known>, StoreError> {
-    let rows = connection
-        .query(
-            "SELECT study_uid, series_uid, digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
-             WHERE sop_instance_uid = $1",
-        )
-        .bind(instance.as_str())
-        .fetch_all()
-        .await?;
-    let mut known = None;
-    for row in &rows {
-        let object = read_object(row)?;
-        let is_elsewhere = read_uids(row)? != *uids;
-        if !is_elsewhere {
-            return Ok(Some(Known {
-                object,
-                is_elsewhere,
-            }));
-        }
-        known = Some(Known {
-            object,
-            is_elsewhere,
-        });
-    }
-    Ok(known)
 }
 
 /// The arrival of an image's series, which is made if there is none.
@@ -497,11 +355,10 @@ pub(super) async fn write_copied(
         .execute()
         .await?;
     for image in images {
-        add(connection, arrival.source, image, now).await?;
+        write_copied_image(connection, arrival, image, now).await?;
     }
     // Without its case, it is read again.
     let case = held(connection, arrival.case).await?;
-    let previous = held(connection, arrival.previous).await?;
     let state = match arrival.state {
         ArrivalState::Case | ArrivalState::Layer if case.is_none() => ArrivalState::Receiving,
         state => state,
@@ -512,8 +369,8 @@ pub(super) async fn write_copied(
     connection
         .query(
             "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
-                    label = $7, taken = $8, refused = $9, superseded = $10, ignored = $11, previous = $12
-             WHERE study_uid = $13 AND series_uid = $14",
+                    label = $7, taken = $8, refused = $9, corrected = $10, ignored = $11
+             WHERE study_uid = $12 AND series_uid = $13",
         )
         .bind(state.name())
         .bind(reason.transpose()?)
@@ -524,11 +381,39 @@ pub(super) async fn write_copied(
         .bind(&arrival.label)
         .bind(taken.transpose()?)
         .bind(refused.transpose()?)
-        .bind(count(arrival.superseded))
+        .bind(count(arrival.corrected))
         .bind(count(arrival.ignored))
-        .bind(previous)
         .bind(arrival.uids.study.as_str())
         .bind(arrival.uids.series.as_str())
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Adds the file of an image of another store, or puts it in the place of the one that is here. What the image is was copied before.
+async fn write_copied_image(
+    connection: &mut Connection,
+    arrival: &Arrival,
+    image: &NewInstance,
+    now: i64,
+) -> Result<(), StoreError> {
+    let id = series(connection, arrival.source, image, now).await?;
+    let added = connection
+        .query(
+            "INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
+             ON CONFLICT DO NOTHING",
+        )
+        .bind(&id)
+        .bind(image.sop_instance_uid.as_str())
+        .bind(image.digest.to_string())
+        .execute()
+        .await?;
+    if added == 0 {
+        return replace(connection, &id, image, now).await;
+    }
+    connection
+        .query("UPDATE arrivals SET instances = instances + 1 WHERE id = $1")
+        .bind(&id)
         .execute()
         .await?;
     Ok(())
@@ -624,18 +509,39 @@ pub(super) async fn to_read(
     id: &str,
 ) -> Result<Option<DueSeries>, StoreError> {
     let row = connection
-        .query("SELECT study_uid, series_uid, previous, taken FROM arrivals WHERE id = $1")
+        .query("SELECT study_uid, series_uid, taken FROM arrivals WHERE id = $1")
         .bind(id)
         .fetch_optional()
         .await?;
     let Some(row) = row else {
         return Ok(None);
     };
+    let uids = read_uids(&row)?;
+    let rows = connection
+        .query(
+            "SELECT arrival_instances.sop_instance_uid, digest, times
+             FROM arrival_instances JOIN images ON images.sop_instance_uid = arrival_instances.sop_instance_uid
+             WHERE arrival_id = $1
+               AND NOT EXISTS (SELECT 1 FROM rejections
+                               WHERE rejections.sop_instance_uid = images.sop_instance_uid
+                                 AND rejections.study_uid = images.study_uid AND rejections.series_uid = images.series_uid)
+             ORDER BY arrival_instances.sop_instance_uid",
+        )
+        .bind(id)
+        .fetch_all()
+        .await?;
+    let read_image = |row: &Row| {
+        let uid: String = row.get("sop_instance_uid")?;
+        Ok::<_, StoreError>(DueImage {
+            uid: Uid::parse(&uid).ok_or_else(|| unreadable("UID"))?,
+            object: read_object(row)?,
+            times: row.get::<i64>("times")?.unsigned_abs(),
+        })
+    };
     Ok(Some(DueSeries {
-        uids: read_uids(&row)?,
-        previous: read_case(&row, "previous")?,
+        uids,
         taken: read_taken(&row)?,
-        instances: objects(connection, id).await?,
+        images: rows.iter().map(read_image).collect::<Result<_, _>>()?,
     }))
 }
 
@@ -682,8 +588,7 @@ pub(super) async fn settle(
         return Ok(false);
     }
     connection
-        .query("UPDATE arrivals SET state = $4, reason = $1, case_id = $2, previous = CASE WHEN $4 = 'case' THEN $2 ELSE previous END
-             WHERE id = $3")
+        .query("UPDATE arrivals SET state = $4, reason = $1, case_id = $2 WHERE id = $3")
         .bind(reason)
         .bind(&case)
         .bind(id)
@@ -692,138 +597,9 @@ pub(super) async fn settle(
         .await?;
     if let Outcome::Case(_) = outcome {
         wake_others(connection, id).await?;
-        connection
-            .query(
-                // A correction that is taken back leads to the first case again.
-                "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, is_received)
-                 SELECT $1, study_uid, series_uid, accession_number, 1 FROM arrivals WHERE id = $2
-                 ON CONFLICT (case_id) DO UPDATE SET superseded = 0, is_received = 1",
-            )
-            .bind(&case)
-            .bind(id)
-            .execute()
-            .await?;
-        supersede_others(connection, &case, id).await?;
+        wake_layers_of_closed(connection, &case).await?;
     }
     Ok(true)
-}
-
-/// Notes that the cases of a series that were made of other images of the PACS are older than its case. What was uploaded may be of
-/// another patient.
-async fn supersede_others(
-    connection: &mut Connection,
-    case: &str,
-    arrival: &str,
-) -> Result<(), StoreError> {
-    connection
-        .query(
-            // Versions with another mask are of the same images, and count again with them.
-            "UPDATE case_series SET superseded = CASE WHEN 2 = (
-                 SELECT count(*) FROM case_objects AS own JOIN case_objects AS other
-                                                          ON other.kind = own.kind AND other.digest = own.digest
-                 WHERE own.case_id = $1 AND own.kind IN ($2, $5) AND other.case_id = case_series.case_id
-             ) THEN 0 WHEN superseded = 0 AND is_received = 1 THEN $3 ELSE superseded END
-             WHERE case_id <> $1
-               AND (study_uid, series_uid) =
-                   (SELECT study_uid, series_uid FROM arrivals WHERE id = $4)",
-        )
-        .bind(case)
-        .bind(ObjectKind::SourceDicom.name())
-        .bind(superseded_code(Some(Superseded::NewerVersion)))
-        .bind(arrival)
-        .bind(ObjectKind::SourceVolume.name())
-        .execute()
-        .await?;
-    Ok(())
-}
-
-/// Notes that the images of a case lie elsewhere since they were corrected, and so do those of the versions before it, and of all
-/// their versions with another mask. Series that became layers of it are read again, because its successor does not have them.
-pub(super) async fn move_case(
-    connection: &mut Connection,
-    case: &CaseId,
-) -> Result<(), StoreError> {
-    connection
-        .query(
-            "WITH RECURSIVE line (id) AS (
-                 SELECT id FROM cases WHERE id = $1
-                 UNION SELECT cases.previous FROM cases JOIN line ON cases.id = line.id WHERE cases.previous IS NOT NULL)
-             UPDATE case_series SET superseded = $3
-             WHERE superseded < $3
-               AND (study_uid, series_uid) =
-                   (SELECT study_uid, series_uid FROM case_series WHERE case_id = $1)
-               AND case_id IN (
-                 SELECT other.case_id
-                 FROM line JOIN case_objects AS own ON own.case_id = line.id
-                           JOIN case_objects AS other ON other.kind = own.kind AND other.digest = own.digest
-                 WHERE own.kind IN ($2, $4) GROUP BY own.case_id, other.case_id HAVING count(*) = 2)",
-        )
-        .bind(case.to_string())
-        .bind(ObjectKind::SourceDicom.name())
-        .bind(superseded_code(Some(Superseded::Moved)))
-        .bind(ObjectKind::SourceVolume.name())
-        .execute()
-        .await?;
-    wake_layers(connection, case).await
-}
-
-/// Notes that the cases that the PACS has sent of the series of a case are of another patient or study than the series is now. Series that
-/// became layers of them are read again.
-pub(super) async fn correct_series_of(
-    connection: &mut Connection,
-    case: &CaseId,
-) -> Result<(), StoreError> {
-    connection
-        .query(
-            "UPDATE case_series SET superseded = $1
-             WHERE (study_uid, series_uid) =
-                   (SELECT study_uid, series_uid FROM case_series WHERE case_id = $2)
-               AND is_received = 1 AND superseded < $1",
-        )
-        .bind(superseded_code(Some(Superseded::Corrected)))
-        .bind(case.to_string())
-        .execute()
-        .await?;
-    let rows = connection
-        .query(
-            "SELECT case_id FROM case_series
-             WHERE (study_uid, series_uid) =
-                   (SELECT study_uid, series_uid FROM case_series WHERE case_id = $1)
-               AND is_received = 1",
-        )
-        .bind(case.to_string())
-        .fetch_all()
-        .await?;
-    for row in &rows {
-        let case = read_case(row, "case_id")?.ok_or_else(|| unreadable("case"))?;
-        wake_layers(connection, &case).await?;
-    }
-    Ok(())
-}
-
-/// Whether findings and layers stay with a case, and another one of its images may not have them: its images lie elsewhere since,
-/// or were rejected.
-pub(super) async fn keeps_findings(
-    connection: &mut Connection,
-    case: &CaseId,
-    previous: &CaseId,
-) -> Result<bool, StoreError> {
-    let row = connection
-        .query(
-            // A version with another mask is of the same images.
-            "SELECT case_id FROM case_series WHERE case_id = $1 AND superseded >= $2 AND 2 > (
-                 SELECT count(*) FROM case_objects AS own JOIN case_objects AS other
-                                                          ON other.kind = own.kind AND other.digest = own.digest
-                 WHERE own.case_id = $3 AND own.kind IN ($4, $5) AND other.case_id = $1)",
-        )
-        .bind(previous.to_string())
-        .bind(superseded_code(Some(Superseded::Moved)))
-        .bind(case.to_string())
-        .bind(ObjectKind::SourceDicom.name())
-        .bind(ObjectKind::SourceVolume.name())
-        .fetch_optional()
-        .await?;
-    Ok(row.is_some())
 }
 
 /// Notes that a series became nothing. After late images it is still the case that it was before.
@@ -1037,8 +813,8 @@ pub(super) async fn index(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, superseded, is_received, patient)
-             SELECT id, $2, $3, $4, $5, $6, $7 FROM cases WHERE id = $1
+            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, patient)
+             SELECT id, $2, $3, $4, $5 FROM cases WHERE id = $1
              ON CONFLICT (case_id) DO NOTHING",
         )
         .bind(series.case.to_string())
@@ -1050,25 +826,7 @@ pub(super) async fn index(
                 .as_ref()
                 .map(AccessionNumber::as_str),
         )
-        .bind(superseded_code(series.superseded))
-        .bind(i64::from(series.is_received))
         .bind(series.patient.map(PatientDigest::to_hex))
-        .execute()
-        .await?;
-    Ok(())
-}
-
-/// Makes the index of a case's series as it is in another store.
-pub(super) async fn write_copied_index(
-    connection: &mut Connection,
-    series: &CaseSeries,
-) -> Result<(), StoreError> {
-    index(connection, series).await?;
-    connection
-        .query("UPDATE case_series SET superseded = $1, is_received = $2 WHERE case_id = $3")
-        .bind(superseded_code(series.superseded))
-        .bind(i64::from(series.is_received))
-        .bind(series.case.to_string())
         .execute()
         .await?;
     Ok(())
@@ -1079,7 +837,7 @@ pub(super) async fn series_of(
     case: &CaseId,
 ) -> Result<Option<CaseSeries>, StoreError> {
     let row = connection
-        .query("SELECT case_id, study_uid, series_uid, accession_number, patient, superseded, is_received FROM case_series WHERE case_id = $1")
+        .query("SELECT case_id, study_uid, series_uid, accession_number, patient FROM case_series WHERE case_id = $1")
         .bind(case.to_string())
         .fetch_optional()
         .await?;
@@ -1093,7 +851,7 @@ pub(super) async fn cases_of(
     let rows = match query {
         SeriesQuery::Study(study, series) => connection
             .query(
-                "SELECT case_id, study_uid, series_uid, accession_number, patient, superseded, is_received
+                "SELECT case_id, study_uid, series_uid, accession_number, patient
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
                  WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid
                  ORDER BY created_at DESC, id",
@@ -1102,7 +860,7 @@ pub(super) async fn cases_of(
             .bind(series.as_ref().map(Uid::as_str)),
         SeriesQuery::AccessionNumber(number) => connection
             .query(
-                "SELECT case_id, study_uid, series_uid, accession_number, patient, superseded, is_received
+                "SELECT case_id, study_uid, series_uid, accession_number, patient
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
                  WHERE accession_number = $1
                  ORDER BY created_at DESC, id",
@@ -1122,32 +880,7 @@ fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
         patient: read_patient(row)?,
-        superseded: read_superseded(Some(row.get("superseded")?)),
-        is_received: row.get::<i64>("is_received")? != 0,
     })
-}
-
-/// Why a case is superseded, in a column. What follows from a reason follows from each greater one, too: from `Corrected` on, nothing is made
-/// of the case; from `Moved` on, findings and layers stay with it.
-pub(super) fn superseded_code(why: Option<Superseded>) -> i64 {
-    match why {
-        None => 0,
-        Some(Superseded::NewerVersion) => 1,
-        Some(Superseded::Corrected) => 2,
-        Some(Superseded::Moved) => 3,
-        Some(Superseded::Rejected) => 4,
-    }
-}
-
-/// Why a case is superseded; nothing if it came from no PACS.
-pub(super) fn read_superseded(code: Option<i64>) -> Option<Superseded> {
-    match code {
-        None | Some(0) => None,
-        Some(1) => Some(Superseded::NewerVersion),
-        Some(2) => Some(Superseded::Corrected),
-        Some(3) => Some(Superseded::Moved),
-        Some(_) => Some(Superseded::Rejected),
-    }
 }
 
 fn read_patient(row: &Row) -> Result<Option<PatientDigest>, StoreError> {
@@ -1222,10 +955,9 @@ fn read(row: &Row) -> Result<Arrival, StoreError> {
         taken: read_taken(row)?,
         refused: read_failure(row, "refused")?,
         case: read_case(row, "case_id")?,
-        previous: read_case(row, "previous")?,
         instances: read_count(row.get("instances")?),
         expected: expected.map(read_count),
-        superseded: read_count(row.get("superseded")?),
+        corrected: read_count(row.get("corrected")?),
         ignored: read_count(row.get("ignored")?),
         first_at: read_time(row, "first_at")?,
         last_at: read_time(row, "last_at")?,

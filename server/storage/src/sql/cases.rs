@@ -3,11 +3,12 @@
 use jiff::Timestamp;
 
 use super::connection::{Connection, Row};
-use super::{arrivals, findings, jobs, layers, pins, results, upkeep};
+use super::{arrivals, findings, images, jobs, layers, pins, results, upkeep};
 use crate::arrivals::{AccessionNumber, PatientDigest, Uid};
 use crate::jobs::NewJob;
 use crate::rows::{Inserted, NewCase, Pinned, Referred};
 use crate::{CaseQuery, Cursor, ObjectName, Page, StoreError};
+use case::images::Closed;
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
 
 /// A case with its job's progress, which `read` understands. A `WHERE` or `ORDER BY` may follow.
@@ -16,7 +17,7 @@ macro_rules! select_case {
         concat!(
             "SELECT id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, created_at,
                     COALESCE(uploaded_at, created_at) AS uploaded_at, kept, previous,
-                    (SELECT superseded FROM case_series WHERE case_series.case_id = cases.id) AS superseded,
+                    closed,
                     (SELECT jobs.state FROM jobs WHERE jobs.kind = 'prepare' AND jobs.key = cases.id
                      AND jobs.state IN ('queued', 'running')) AS job_state,
                     (SELECT jobs.progress FROM jobs WHERE jobs.kind = 'prepare' AND jobs.key = cases.id
@@ -80,6 +81,7 @@ pub(super) async fn submit(
         uploaded_again(connection, &new.id, now).await?;
     }
     if state.as_deref().is_some_and(|state| state != "failed") {
+        make(connection, new).await?;
         return Ok(Referred::Unneeded(Inserted::Exists));
     }
     jobs::check_room(
@@ -101,13 +103,44 @@ pub(super) async fn submit(
         return Ok(Referred::PinLost);
     }
     jobs::enqueue_for(connection, &NewJob::prepare(&new.id), &new.client, now).await?;
+    make(connection, new).await?;
+    // What lies in images that do not count any more is not taken over into those that do.
     if let (Inserted::Created, Some(previous)) = (inserted, &new.previous)
-        && !arrivals::keeps_findings(connection, &new.id, previous).await?
+        && (closed(connection, &new.id).await?.is_some()
+            || closed(connection, previous).await?.is_none())
     {
         layers::inherit(connection, &new.id, previous, now).await?;
         findings::inherit(connection, &new.id, previous).await?;
     }
     Ok(Referred::Done(inserted))
+}
+
+/// Writes of which images a case is made.
+async fn make(connection: &mut Connection, new: &NewCase) -> Result<(), StoreError> {
+    match (&new.images, &new.previous) {
+        (Some(own), _) if own.is_empty() => Ok(()),
+        (Some(own), _) => images::make(connection, images::Owner::Case(&new.id), own).await,
+        (None, Some(previous)) => {
+            images::inherit(connection, &new.id, previous, images::Inherited::Images).await
+        }
+        (None, None) => Ok(()),
+    }
+}
+
+/// Why a case is closed; nothing if there is none.
+pub(super) async fn closed(
+    connection: &mut Connection,
+    id: &CaseId,
+) -> Result<Option<Closed>, StoreError> {
+    let row = connection
+        .query("SELECT closed FROM cases WHERE id = $1")
+        .bind(id.to_string())
+        .fetch_optional()
+        .await?;
+    match row {
+        Some(row) => images::read_closed(&row, "closed"),
+        None => Ok(None),
+    }
 }
 
 /// Writes the row of a new case.
@@ -585,7 +618,7 @@ fn read(row: &Row) -> Result<Case, StoreError> {
         next: versions(next)?,
         created_at: time("created_at")?,
         uploaded_at: time("uploaded_at")?,
-        superseded: arrivals::read_superseded(row.get("superseded")?),
+        closed: images::read_closed(row, "closed")?,
         kept: row.get("kept")?,
         expires_at: None,
     })

@@ -6,7 +6,7 @@ use case::{CaseId, Failure, JobKind, JobState, STORE_FAILED};
 use jiff::Timestamp;
 
 use super::connection::{Connection, Row, microseconds};
-use super::{arrivals, cases, fence, layers};
+use super::{arrivals, cases, fence, layers, results};
 use crate::StoreError;
 use crate::arrivals::ArrivalCursor;
 use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
@@ -351,6 +351,10 @@ pub(super) async fn claim(
 ) -> Result<Option<Claim>, StoreError> {
     let kind = wanted.kind;
     while let Some(job) = oldest_available(connection, wanted, now).await? {
+        if let Some(failure) = results::not_to_send(connection, &job.key).await? {
+            end(connection, &job.id, Err(&failure), now).await?;
+            continue;
+        }
         if job.attempts < i64::from(max_attempts) {
             return lease(connection, kind, &job.id, time, now).await.map(Some);
         }

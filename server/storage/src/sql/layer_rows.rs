@@ -1,8 +1,8 @@
 //! The transactions of layers.
 
-use case::{CaseId, CaseState, Failure, Layer, LayerFacts, LayerId};
+use case::{CaseId, CaseState, Layer, LayerFacts, LayerId};
 
-use super::{jobs, layers, results};
+use super::{jobs, layers};
 use crate::arrivals::Uid;
 use crate::jobs::Claim;
 use crate::rows::{Inserted, LayerChange, NewLayer, Pinned, Published, Referred};
@@ -123,49 +123,6 @@ impl Store {
             self.rows().database.empty_log().await;
         }
         Ok(deleted)
-    }
-
-    /// Removes a layer whose images were corrected or rejected. Results that may show it do not count any more: those that wait to be
-    /// sent fail with this reason. Returns how many have been sent. The operation completes even if the caller drops the future.
-    ///
-    /// # Errors
-    /// As [`Store::delete_layer`].
-    pub async fn withdraw_layer(
-        &self,
-        case: &CaseId,
-        layer: &LayerId,
-        failure: &Failure,
-    ) -> Result<usize, StoreError> {
-        let (store, case, layer, failure) = (self.clone(), *case, *layer, failure.clone());
-        let withdraw = async move {
-            let (mut transaction, now) = store.rows().write().await?;
-            let shown = results::Shown::Layer(&case, &layer);
-            let sent = results::withdraw_showing(&mut transaction, shown, &failure, now).await?;
-            layers::delete(&mut transaction, &case, &layer, now).await?;
-            transaction.commit().await?;
-            store.rows().database.empty_log().await;
-            store.signals().changed(&case);
-            store.collect().await?;
-            Ok(sent)
-        };
-        tokio::spawn(withdraw).await?
-    }
-
-    /// Ends results that show a layer that is or was made of a series, as [`Store::withdraw_layer`] does. Returns how many have been
-    /// sent and were valid.
-    ///
-    /// # Errors
-    /// If the rows cannot be written.
-    pub async fn withdraw_results_of_series(
-        &self,
-        series: &Uid,
-        failure: &Failure,
-    ) -> Result<usize, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        let shown = results::Shown::Series(series);
-        let sent = results::withdraw_showing(&mut transaction, shown, failure, now).await?;
-        transaction.commit().await?;
-        Ok(sent)
     }
 
     /// Queues a ready layer again, because its object is lost; its placement stays. Returns whether it was ready.

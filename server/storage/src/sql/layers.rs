@@ -7,7 +7,7 @@ use jiff::Timestamp;
 
 use super::cases::read_state;
 use super::connection::{Connection, Row};
-use super::{jobs, pins, upkeep};
+use super::{images, jobs, pins, upkeep};
 use crate::arrivals::Uid;
 use crate::jobs::{NewJob, layer_key};
 use crate::rows::{Inserted, LayerChange, LayerName, NewLayer, Pinned, Referred};
@@ -17,7 +17,7 @@ use crate::{ObjectName, StoreError};
 macro_rules! select_layer {
     ($rest:literal) => {
         concat!(
-            "SELECT case_id, id, name, parameters, state, failure, facts, facts_digest, created_at,
+            "SELECT case_id, id, name, parameters, state, failure, facts, facts_digest, created_at, closed,
                     (SELECT jobs.state FROM jobs WHERE jobs.kind = 'layer' AND jobs.key = layers.case_id || '/' || layers.id
                      AND jobs.state IN ('queued', 'running')) AS job_state
              FROM layers ",
@@ -44,6 +44,8 @@ pub(super) async fn submit(
     let others = of_case(connection, &new.case).await?;
     let known = others.iter().find(|layer| layer.id == new.id);
     if known.is_some_and(|layer| layer.state != CaseState::Failed) {
+        let owner = images::Owner::Layer(&new.case, &new.id);
+        images::make(connection, owner, &new.images).await?;
         return Ok(Referred::Unneeded(Inserted::Exists));
     }
     if known.is_none() && others.len() >= new.most {
@@ -103,6 +105,8 @@ async fn insert_row(
         .bind(new.series.as_ref().map(Uid::as_str))
         .execute()
         .await?;
+    let owner = images::Owner::Layer(&new.case, &new.id);
+    images::make(connection, owner, &new.images).await?;
     let job = NewJob::layer(&new.case, &new.id);
     jobs::enqueue_for(connection, &job, &new.client, now).await
 }
@@ -132,8 +136,8 @@ pub(super) async fn inherit(
 ) -> Result<(), StoreError> {
     connection
         .query(
-            "INSERT INTO layers (case_id, id, name, place, parameters, state, facts, facts_digest, created_at, series_uid)
-             SELECT $1, id, name, place, parameters, 'queued', facts, facts_digest, created_at, series_uid FROM layers
+            "INSERT INTO layers (case_id, id, name, place, parameters, state, facts, facts_digest, created_at, series_uid, closed)
+             SELECT $1, id, name, place, parameters, 'queued', facts, facts_digest, created_at, series_uid, closed FROM layers
              WHERE case_id = $2 AND state <> 'failed'",
         )
         .bind(case.to_string())
@@ -143,6 +147,7 @@ pub(super) async fn inherit(
     for layer in of_case(connection, case).await? {
         jobs::enqueue(connection, &NewJob::layer(case, &layer.id), now).await?;
     }
+    images::inherit(connection, case, previous, images::Inherited::Layers).await?;
     connection
         .query(
             "INSERT INTO layer_objects (case_id, layer_id, kind, digest)
@@ -337,6 +342,7 @@ pub(super) async fn delete(
     let needed = objects(connection, case, layer).await?;
     pins::abandon(connection, needed, now).await?;
     jobs::remove(connection, &layer_key(case, layer)).await?;
+    images::forget_made(connection, case, &layer.to_string(), "").await?;
     let deleted = connection
         .query("DELETE FROM layers WHERE case_id = $1 AND id = $2")
         .bind(case.to_string())
@@ -528,5 +534,6 @@ fn read(row: &Row) -> Result<Layer, StoreError> {
             .map(serde_json::from_str::<LayerFacts>)
             .transpose()?,
         created_at: created_at.map_err(|_| unreadable("time"))?,
+        closed: images::read_closed(row, "closed")?,
     })
 }

@@ -10,6 +10,7 @@ mod connection;
 mod expiry;
 mod fence;
 mod findings;
+mod images;
 mod job_rows;
 mod jobs;
 mod layer_rows;
@@ -40,6 +41,7 @@ use self::connection::{Connection, Database};
 use super::jobs::{Claim, NewJob};
 use super::rows::{Change, Inserted, NewCase, NewLayer, Pinned, Published, Referred, Sweep};
 use super::{CaseQuery, Cursor, ObjectName, Page, Store, StoreError};
+use case::images::{Closed, Image};
 use case::{Case, CaseFacts, CaseId, Failure, JobKind, LayerId, ObjectKind};
 
 /// The migrations of a database, oldest first: a number, a name and the statements of each. A database remembers the digests of those that
@@ -379,12 +381,27 @@ impl Store {
         self.rows().delete_in(transaction, id, now).await
     }
 
-    /// Lets the age of a case count from now, because its input was uploaded again; returns whether it exists.
-    pub(crate) async fn uploaded_again(&self, id: &CaseId) -> Result<bool, StoreError> {
+    /// Lets the age of a case count from now, because its input was uploaded again, made of these images; returns whether it exists.
+    pub(crate) async fn uploaded_again(
+        &self,
+        id: &CaseId,
+        images: &[Image],
+    ) -> Result<bool, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         let exists = cases::uploaded_again(&mut transaction, id, now).await?;
+        if exists && !images.is_empty() {
+            images::make(&mut transaction, images::Owner::Case(id), images).await?;
+        }
         transaction.commit().await?;
         Ok(exists)
+    }
+
+    /// Why a case is closed, if it is.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn closed(&self, id: &CaseId) -> Result<Option<Closed>, StoreError> {
+        cases::closed(&mut self.rows().connect().await?, id).await
     }
 
     /// Keeps a case for good, or no longer; returns whether it exists.

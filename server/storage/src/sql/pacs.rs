@@ -5,15 +5,17 @@ use std::time::Duration;
 use jiff::Timestamp;
 
 use super::connection::{Connection, Row, microseconds};
+use super::images::{self, Owner};
 use super::{arrivals, jobs, pins, results};
 use crate::arrivals::{
     Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, CaseSeries, DueTerms, NewInstance,
-    Outcome, Received, Rejection, SeriesQuery, SeriesUids, Taken, Uid,
+    Outcome, Reception, Rejected, Rejection, SeriesQuery, SeriesUids, Taken, Uid,
 };
 use crate::jobs::{Claim, NewJob};
-use crate::rows::{DueSeries, Known, Pinned, Referred, RowCounts, Withdrawn};
+use crate::rows::{DueSeries, LastImage, MadeCase, Pinned, Referred, RowCounts, Withdrawn};
 use crate::{ForPacs, ObjectName, Store, StoreError};
-use case::{CaseId, Failure, JobKind, ObjectKind};
+use case::images::Image;
+use case::{CaseId, Failure, JobKind, LayerId, ObjectKind};
 
 /// How long to remember what rejection notes have withdrawn: a PACS that sends the images again does so within days, and
 /// UIDs should not stay for ever.
@@ -60,33 +62,31 @@ async fn add_images(
     instances: &[NewInstance],
     source: ArrivalSource,
     now: i64,
-) -> Result<Received, StoreError> {
-    let mut received = Received::default();
+) -> Result<(Vec<Reception>, Vec<CaseId>), StoreError> {
+    let (mut receptions, mut changed) = (Vec::with_capacity(instances.len()), Vec::new());
     for instance in instances {
-        match arrivals::add(transaction, source, instance, now).await? {
-            arrivals::Added::New => received.new += 1,
-            arrivals::Added::FirstReplaced(id) => received.corrected.push(id),
-            arrivals::Added::Known | arrivals::Added::Replaced => {}
-        }
+        let added = arrivals::add(transaction, source, instance, now, &mut changed);
+        receptions.push(added.await?);
     }
-    Ok(received)
+    Ok((receptions, changed))
 }
 
 impl Store {
-    /// Adds images, whose objects are durable and pinned, to their series. An image that is there already stays as it is,
-    /// unless the new one replaces it.
+    /// Adds images, whose objects are durable and pinned, to their series; what became of each. An image that is there already stays as it
+    /// is, unless the new one is another one.
     pub(crate) async fn insert_images(
         &self,
         instances: &[NewInstance],
         pinned: &Pinned,
         source: ArrivalSource,
-    ) -> Result<Referred<Received>, StoreError> {
+    ) -> Result<Referred<Vec<Reception>>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(Referred::PinLost);
         }
-        let received = add_images(&mut transaction, instances, source, now).await?;
+        let (received, changed) = add_images(&mut transaction, instances, source, now).await?;
         transaction.commit().await?;
+        self.all_changed(&changed);
         Ok(Referred::Done(received))
     }
 
@@ -96,31 +96,24 @@ impl Store {
         instances: &[NewInstance],
         pinned: &Pinned,
         source: ArrivalSource,
-    ) -> Result<Received, StoreError> {
+    ) -> Result<Vec<Reception>, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
         super::hold(&mut transaction, pinned, now).await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Err(StoreError::Rows("an image is being removed".into()));
         }
-        let received = add_images(&mut transaction, instances, source, now).await?;
+        let (received, changed) = add_images(&mut transaction, instances, source, now).await?;
         transaction.commit().await?;
+        self.all_changed(&changed);
         Ok(received)
     }
 
-    /// Those images that are there already, in the same order.
+    /// Whether a PACS has sent an image with a UID.
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn known(
-        &self,
-        images: &[(SeriesUids, Uid)],
-    ) -> Result<Vec<Option<Known>>, StoreError> {
-        let mut connection = self.rows().connect().await?;
-        let mut known = Vec::with_capacity(images.len());
-        for (uids, instance) in images {
-            known.push(arrivals::known(&mut connection, uids, instance).await?);
-        }
-        Ok(known)
+    pub async fn has_come(&self, image: &Uid) -> Result<bool, StoreError> {
+        images::has_come(&mut self.rows().connect().await?, image).await
     }
 
     /// Counts an object that is not kept in the arrival of its series. An arrival that has nothing else became nothing, for
@@ -139,9 +132,8 @@ impl Store {
         transaction.commit().await
     }
 
-    /// Withdraws what a rejection note names: images are forgotten, and the cases that were made of them superseded. Their
-    /// arrivals became nothing, for this reason, if no image is left. An image that is here in another series than the note
-    /// says stays. Returns how many images were forgotten.
+    /// Rejects what a note names: what was made of it is closed, and the images stay in case that it is lifted. An image that is here in
+    /// another series than the note says is not rejected. Returns how many of the images are here.
     ///
     /// # Errors
     /// If the rows cannot be written.
@@ -149,69 +141,88 @@ impl Store {
         &self,
         rejection: &Rejection,
         source: ArrivalSource,
-        reason: &Failure,
-        cases: &[CaseId],
+        by: &str,
     ) -> Result<usize, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
-        let mut forgotten = 0;
-        for case in cases {
-            arrivals::reject_case(&mut transaction, case).await?;
-        }
-        for (uids, instances) in &rejection.series {
-            let removed = arrivals::reject(&mut transaction, uids, source, instances, reason, now);
-            forgotten += removed.await?;
-            if !rejection.may_return {
-                let at = timestamp(now)?;
-                for instance in instances {
-                    let withdrawn = Withdrawn {
-                        uids: Some(uids.clone()),
-                        instance: instance.clone(),
-                        at,
-                    };
-                    arrivals::withdraw(&mut transaction, &withdrawn).await?;
-                }
-            }
-        }
+        let mut changed = Vec::new();
+        let here =
+            arrivals::reject(&mut transaction, rejection, source, by, now, &mut changed).await?;
         transaction.commit().await?;
-        self.collect().await?;
-        Ok(forgotten)
+        self.all_changed(&changed);
+        Ok(here)
     }
 
-    /// Notes that the images of a case, and of the versions before it, lie elsewhere since they were corrected. A version of other
-    /// images, which comes after it, inherits neither its findings nor its layers.
-    ///
-    /// # Errors
-    /// If the rows cannot be written.
-    pub async fn move_case(&self, case: &CaseId) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
-        arrivals::move_case(&mut transaction, case).await?;
-        transaction.commit().await?;
-        self.signals().changed(case);
-        Ok(())
-    }
-
-    /// Notes that the PACS has sent a series of which a case was made with another patient or study since. Cases of the series that were
-    /// uploaded stay as they are.
-    ///
-    /// # Errors
-    /// If the rows cannot be written.
-    pub async fn correct_series_of(&self, case: &CaseId) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
-        arrivals::correct_series_of(&mut transaction, case).await?;
-        transaction.commit().await?;
-        self.signals().changed(case);
-        Ok(())
-    }
-
-    /// Whether the findings of one of two cases may not come into the other: its images lie elsewhere since they were corrected, or
-    /// were rejected, and the other one has other images.
+    /// The latest rejections that stand.
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn are_apart(&self, one: &CaseId, other: &CaseId) -> Result<bool, StoreError> {
+    pub async fn rejections(&self, limit: usize) -> Result<Vec<Rejected>, StoreError> {
+        images::rejected(&mut self.rows().connect().await?, limit).await
+    }
+
+    /// Lifts a rejection: its images count again. `false` if there is none with this id.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn lift(&self, rejection: &str) -> Result<bool, StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        let mut changed = Vec::new();
+        let lifted = arrivals::lift(&mut transaction, rejection, &mut changed).await?;
+        transaction.commit().await?;
+        self.all_changed(&changed);
+        Ok(lifted)
+    }
+
+    fn all_changed(&self, cases: &[CaseId]) {
+        for case in cases {
+            self.signals().changed(case);
+        }
+    }
+
+    /// The cases that were made of any of these images, newest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn made_of_any(&self, of: &[Image]) -> Result<Vec<MadeCase>, StoreError> {
+        images::made_of_any(&mut self.rows().connect().await?, of).await
+    }
+
+    /// The images that a case was made of.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn images_of_case(&self, case: &CaseId) -> Result<Vec<Image>, StoreError> {
         let mut connection = self.rows().connect().await?;
-        Ok(arrivals::keeps_findings(&mut connection, one, other).await?
-            || arrivals::keeps_findings(&mut connection, other, one).await?)
+        images::of(&mut connection, Owner::Case(case)).await
+    }
+
+    /// The images that a layer was made of.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn images_of_layer(
+        &self,
+        case: &CaseId,
+        layer: &LayerId,
+    ) -> Result<Vec<Image>, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        images::of(&mut connection, Owner::Layer(case, layer)).await
+    }
+
+    /// Notes of which images a case or one of its layers is made in another store.
+    pub(crate) async fn make_copied(
+        &self,
+        case: &CaseId,
+        layer: Option<&LayerId>,
+        of: &[Image],
+    ) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        let owner = match layer {
+            Some(layer) => Owner::Layer(case, layer),
+            None => Owner::Case(case),
+        };
+        images::make(&mut transaction, owner, of).await?;
+        transaction.commit().await
     }
 
     /// Queues a job for each series that is due; returns how many.
@@ -275,7 +286,7 @@ impl Store {
         arrivals::forget(&mut transaction, before, now).await?;
         results::forget(&mut transaction, before, now).await?;
         let long_ago = now - microseconds(REJECTIONS_KEPT.max(unchanged));
-        arrivals::forget_withdrawn(&mut transaction, long_ago).await?;
+        images::forget(&mut transaction, long_ago).await?;
         transaction.commit().await?;
         self.collect().await
     }
@@ -292,8 +303,11 @@ impl Store {
                 uids: None,
                 instance: instance.clone(),
                 at,
+                id: String::new(),
+                by: String::new(),
+                may_return: false,
             };
-            arrivals::withdraw(&mut transaction, &withdrawn).await?;
+            images::withdraw(&mut transaction, &withdrawn).await?;
         }
         transaction.commit().await
     }
@@ -304,7 +318,7 @@ impl Store {
         after: Option<&Withdrawn>,
         limit: usize,
     ) -> Result<Vec<Withdrawn>, StoreError> {
-        arrivals::withdrawn(&mut self.rows().connect().await?, after, limit).await
+        images::withdrawn(&mut self.rows().connect().await?, after, limit).await
     }
 
     /// Notes that instances were withdrawn at these times in another store.
@@ -314,25 +328,28 @@ impl Store {
     ) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
         for withdrawn in withdrawn {
-            arrivals::withdraw(&mut transaction, withdrawn).await?;
+            images::withdraw(&mut transaction, withdrawn).await?;
+            images::judge(&mut transaction, &withdrawn.instance).await?;
         }
         transaction.commit().await
     }
 
-    /// Whether each image was withdrawn in its series.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn are_rejected(
+    /// At most `limit` images after one, by UID.
+    pub(crate) async fn last_images(
         &self,
-        images: &[(SeriesUids, Uid)],
-    ) -> Result<Vec<bool>, StoreError> {
-        let mut connection = self.rows().connect().await?;
-        let mut are = Vec::with_capacity(images.len());
-        for (uids, instance) in images {
-            are.push(arrivals::is_rejected(&mut connection, uids, instance).await?);
+        after: Option<&LastImage>,
+        limit: usize,
+    ) -> Result<Vec<LastImage>, StoreError> {
+        images::all(&mut self.rows().connect().await?, after, limit).await
+    }
+
+    /// Notes that images came as another store has them.
+    pub(crate) async fn write_copied_images(&self, all: &[LastImage]) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        for image in all {
+            images::write_copied(&mut transaction, image).await?;
         }
-        Ok(are)
+        transaction.commit().await
     }
 
     /// Whether each instance, such as a result, was withdrawn in whichever series.
@@ -343,7 +360,7 @@ impl Store {
         let mut connection = self.rows().connect().await?;
         let mut are = Vec::with_capacity(instances.len());
         for instance in instances {
-            are.push(arrivals::is_withdrawn(&mut connection, instance).await?);
+            are.push(images::is_withdrawn(&mut connection, instance).await?);
         }
         Ok(are)
     }
@@ -444,6 +461,8 @@ impl Store {
         let rows = connection
             .query(
                 "SELECT 'cases' AS what, '' AS part, state, count(*) AS number FROM cases GROUP BY state
+                 UNION ALL SELECT 'closed', '', CASE closed WHEN 1 THEN 'rejected' ELSE 'corrected' END, count(*)
+                     FROM cases WHERE closed > 0 GROUP BY closed
                  UNION ALL SELECT 'arrivals', '', state, count(*) FROM arrivals GROUP BY state
                  UNION ALL SELECT 'jobs', kind, state, count(*) FROM jobs GROUP BY kind, state
                  UNION ALL SELECT 'results', node, state, count(*) FROM
@@ -493,13 +512,6 @@ impl Store {
     pub async fn index_series(&self, series: &CaseSeries) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
         arrivals::index(&mut transaction, series).await?;
-        transaction.commit().await
-    }
-
-    /// Makes the index of a case's series as it is in another store; nothing if there is no such case.
-    pub(crate) async fn write_copied_index(&self, series: &CaseSeries) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
-        arrivals::write_copied_index(&mut transaction, series).await?;
         transaction.commit().await
     }
 

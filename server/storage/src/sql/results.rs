@@ -1,9 +1,9 @@
 //! Results that are sent to a node.
 
-use super::arrivals::{count, read_count, read_time, superseded_code, unreadable};
+use super::arrivals::{count, read_time, unreadable};
 use super::connection::{Connection, Row};
-use super::{jobs, layers, pins};
-use crate::arrivals::{ArrivalCursor, Superseded, TransferQuery, Uid};
+use super::{images, jobs, pins};
+use crate::arrivals::{ArrivalCursor, TransferQuery, Uid};
 use crate::jobs::{Job, NewJob};
 use crate::results::{NewResult, NotValid, ResultSeries, SentResult, object};
 use crate::{ObjectName, StoreError};
@@ -14,8 +14,8 @@ macro_rules! select_result {
     ($rest:literal) => {
         concat!(
             "SELECT id, case_id, node, study_uid, sop_instance_uid, sop_class_uid, series_uid,
-                    digest, created_at, layers, layer_series, layer_withdrawn,
-                    (SELECT superseded FROM case_series WHERE case_series.case_id = results.case_id) AS superseded,
+                    digest, created_at, layers, closed,
+                    (SELECT closed FROM cases WHERE cases.id = results.case_id) AS case_closed,
                     (SELECT count(*) FROM rejections WHERE rejections.sop_instance_uid = results.sop_instance_uid) AS rejected
              FROM results ",
             $rest
@@ -30,14 +30,8 @@ pub(super) async fn queue(
     job: JobKind,
     now: i64,
 ) -> Result<SentResult, StoreError> {
-    let mut series = Vec::new();
-    for layer in &new.layers {
-        series.extend(layers::series_of(connection, &new.case, layer).await?);
-    }
-    let id = insert(connection, new, &series, now).await?;
-    // A layer may have been withdrawn while the result was drawn, and may have come back since it was first requested.
-    let are_there = layers::are_there(connection, &new.case, &new.layers).await?;
-    note_layers(connection, new, !are_there).await?;
+    let id = insert(connection, new, now).await?;
+    images::make_result(connection, &id, &new.case, &new.layers).await?;
     let job = NewJob {
         case: Some(new.case),
         ..NewJob::new(job, id.clone())
@@ -51,93 +45,17 @@ pub(super) async fn queue(
     Ok(queued)
 }
 
-/// Notes whether a layer that a result shows was withdrawn, for all nodes.
-async fn note_layers(
-    connection: &mut Connection,
-    result: &NewResult,
-    is_withdrawn: bool,
-) -> Result<(), StoreError> {
-    connection
-        .query("UPDATE results SET layer_withdrawn = $1 WHERE sop_instance_uid = $2")
-        .bind(i64::from(is_withdrawn))
-        .bind(result.instance.as_str())
-        .execute()
-        .await?;
-    Ok(())
-}
-
-/// What a result shows, or may show.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Shown<'a> {
-    /// A layer of a case.
-    Layer(&'a CaseId, &'a LayerId),
-    /// Any layer that is or was made of a series.
-    Series(&'a Uid),
-}
-
-/// Notes that a layer was withdrawn, and ends the jobs that send results that may show it, with a reason. Returns how many have
-/// been sent and were valid.
-pub(super) async fn withdraw_showing(
-    connection: &mut Connection,
-    shown: Shown<'_>,
-    failure: &Failure,
-    now: i64,
-) -> Result<usize, StoreError> {
-    // Neither an id nor a UID is ever a part of the other column.
-    let (case, pattern) = match shown {
-        Shown::Layer(case, layer) => (Some(case.to_string()), format!("%{layer}%")),
-        Shown::Series(series) => (None, format!("% {} %", series.as_str())),
-    };
-    let row = connection
-        .query(
-            "SELECT count(*) AS sent FROM results
-             WHERE coalesce($1, case_id) = case_id AND (layers LIKE $2 OR layer_series LIKE $2)
-               AND layer_withdrawn = 0
-               AND 'done' = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
-                                      ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done')",
-        )
-        .bind(case.clone())
-        .bind(&pattern)
-        .fetch_one()
-        .await?;
-    let sent = row.get("sent").map(read_count)?;
-    connection
-        .query(
-            "UPDATE results SET layer_withdrawn = 1
-             WHERE coalesce($1, case_id) = case_id AND (layers LIKE $2 OR layer_series LIKE $2)",
-        )
-        .bind(case.clone())
-        .bind(&pattern)
-        .execute()
-        .await?;
-    connection
-        .query(
-            "UPDATE jobs SET state = 'failed', failure = $1, ended_at = $2, fence = 0, lease_until = NULL
-             WHERE state IN ('queued', 'running') AND key IN (
-                 SELECT id FROM results
-                 WHERE coalesce($3, case_id) = case_id AND (layers LIKE $4 OR layer_series LIKE $4))",
-        )
-        .bind(serde_json::to_string(failure)?)
-        .bind(now)
-        .bind(case)
-        .bind(&pattern)
-        .execute()
-        .await?;
-    Ok(sent)
-}
-
 /// Writes the row of a result, unless it is there; returns its id.
 async fn insert(
     connection: &mut Connection,
     new: &NewResult,
-    series: &[Uid],
     now: i64,
 ) -> Result<String, StoreError> {
     connection
         .query(
             "INSERT INTO results (id, case_id, node, study_uid, sop_instance_uid, digest, created_at,
-                                  sop_class_uid, series_uid, layers, layer_series)
-             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11)
+                                  sop_class_uid, series_uid, layers)
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10)
              ON CONFLICT (sop_instance_uid, node) DO NOTHING",
         )
         .bind(uuid::Uuid::now_v7().simple().to_string())
@@ -150,7 +68,6 @@ async fn insert(
         .bind(new.series.sop_class_uid.as_str())
         .bind(new.series.series_uid.as_str())
         .bind(written(&new.layers))
-        .bind(written_series(series))
         .execute()
         .await?;
     let row = connection
@@ -177,9 +94,7 @@ pub(super) async fn write_copied(
         layers: result.layers.clone(),
         digest: result.object.digest,
     };
-    let known = insert(connection, &new, &result.layer_series, now).await?;
-    let is_withdrawn = result.not_valid == Some(NotValid::LayerWithdrawn);
-    note_layers(connection, &new, is_withdrawn).await?;
+    let known = insert(connection, &new, now).await?;
     jobs::remove(connection, &known).await?;
     connection
         .query("UPDATE results SET id = $1, created_at = $2 WHERE id = $3")
@@ -188,6 +103,7 @@ pub(super) async fn write_copied(
         .bind(known)
         .execute()
         .await?;
+    images::make_result(connection, &result.id, &result.case, &result.layers).await?;
     match &result.job {
         Some(job) => jobs::write_copied(connection, job, now).await,
         None => Ok(()),
@@ -249,6 +165,20 @@ pub(super) async fn one(
     read(&row, job).map(Some)
 }
 
+/// Why a result may not be sent any more, if so: it was withdrawn, or it or its case is closed. A rejection note may always be sent.
+pub(super) async fn not_to_send(
+    connection: &mut Connection,
+    id: &str,
+) -> Result<Option<Failure>, StoreError> {
+    let result = one(connection, id).await?;
+    let result = result.filter(|result| result.series.sop_class_uid.as_str() != REJECTION_NOTE);
+    let why = result.and_then(|result| result.not_valid);
+    Ok(why.map(|why| Failure::unusable(why.name(), why.sentence())))
+}
+
+/// The class of rejection notes, Key Object Selection, which no other result has.
+const REJECTION_NOTE: &str = "1.2.840.10008.5.1.4.1.1.88.59";
+
 /// Results for different nodes share one object.
 pub(super) async fn of_instance(
     connection: &mut Connection,
@@ -305,13 +235,15 @@ pub(super) async fn forget(
              WHERE created_at <= $1
                AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.key = results.id
                                AND (jobs.ended_at IS NULL OR jobs.ended_at > $1))
-             RETURNING id, digest",
+             RETURNING id, digest, case_id",
         )
         .bind(before)
         .fetch_all()
         .await?;
     for row in &rows {
-        jobs::remove(connection, &row.get::<String>("id")?).await?;
+        let id: String = row.get("id")?;
+        jobs::remove(connection, &id).await?;
+        images::forget_made(connection, &read_case(row)?, "", &id).await?;
     }
     abandon(connection, &rows, now).await
 }
@@ -352,12 +284,6 @@ fn written(layers: &[LayerId]) -> String {
     ids.join(" ")
 }
 
-/// Series, as a column has them: a space before and after each.
-fn written_series(series: &[Uid]) -> String {
-    let spaced = series.iter().map(|uid| format!(" {}", uid.as_str()));
-    spaced.chain([" ".to_owned()]).collect()
-}
-
 /// What a column has between spaces.
 fn read_each<T>(
     row: &Row,
@@ -372,18 +298,12 @@ fn read_each<T>(
 }
 
 fn read_not_valid(row: &Row) -> Result<Option<NotValid>, StoreError> {
-    let superseded: Option<i64> = row.get("superseded")?;
-    let is_final = superseded.unwrap_or(0) >= superseded_code(Some(Superseded::Corrected));
-    let reasons = [
-        (row.get::<i64>("rejected")? > 0, NotValid::Withdrawn),
-        (
-            row.get::<i64>("layer_withdrawn")? > 0,
-            NotValid::LayerWithdrawn,
-        ),
-        (is_final, NotValid::Superseded),
-    ];
-    let reason = reasons.into_iter().find(|(is_true, _)| *is_true);
-    Ok(reason.map(|(_, reason)| reason))
+    if row.get::<i64>("rejected")? > 0 {
+        return Ok(Some(NotValid::Withdrawn));
+    }
+    let of_layers = images::read_closed(row, "closed")?;
+    let of_case = images::read_closed(row, "case_closed")?;
+    Ok(of_case.or(of_layers).map(NotValid::Closed))
 }
 
 fn read(row: &Row, job: Option<Job>) -> Result<SentResult, StoreError> {
@@ -396,7 +316,6 @@ fn read(row: &Row, job: Option<Job>) -> Result<SentResult, StoreError> {
         instance: read_uid(row, "sop_instance_uid")?,
         object: read_object(row)?,
         layers: read_each(row, "layers", LayerId::parse)?,
-        layer_series: read_each(row, "layer_series", Uid::parse)?,
         created_at: read_time(row, "created_at")?,
         not_valid: read_not_valid(row)?,
         job,

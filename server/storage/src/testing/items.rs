@@ -31,6 +31,7 @@ pub(crate) async fn new_case(store: &Store, contents: &str) -> NewCase {
         id: CaseId::of(&source.digest, None, &Parameters::default()),
         parameters: Parameters::default(),
         previous: None,
+        images: Some(Vec::new()),
         sources: pinned(store, &[source]).await,
         queue_limit: 100,
         client: String::new(),

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::arrivals::{
-    ArrivalSource, ArrivalState, DueTerms, NewInstance, SeriesQuery, SeriesUids, Uid,
+    ArrivalSource, ArrivalState, DueTerms, NewInstance, Reception, SeriesQuery, SeriesUids, Uid,
 };
 use crate::conformance::Subject;
 use crate::rows::Referred;
@@ -48,7 +48,7 @@ async fn a_series_whose_reader_dies_each_time_becomes_nothing() {
         digest: blake3::hash(b"an image"),
         sop_instance_uid: uid("1.2.3.4.5"),
         label: None,
-        replaces: None,
+        fingerprint: None,
     };
     let pins = pinned(store, &[ObjectName::from(&image)]).await;
     let received = store
@@ -57,7 +57,7 @@ async fn a_series_whose_reader_dies_each_time_becomes_nothing() {
     let Referred::Done(received) = received.unwrap() else {
         panic!("the pins are there");
     };
-    assert_eq!(received.new, 1);
+    assert_eq!(received, [Reception::New]);
     subject.pass(60);
     let terms = DueTerms {
         stable: LEASE,

@@ -2,13 +2,14 @@
 
 use super::*;
 use crate::arrivals::{
-    AccessionNumber, ArrivalSource, ArrivalState, DueTerms, NewInstance, Outcome, REJECTED,
+    AccessionNumber, ArrivalSource, ArrivalState, DueTerms, NewInstance, Outcome, Reception,
     Rejection, SeriesQuery, SeriesUids, TransferQuery, Uid,
 };
 use crate::results::NewResult;
 use crate::testing::new_result;
 use crate::{CopyStep, ForPacs, LayerName, LayerUpload, frame};
-use case::{Failure, JobKind, JobState, LayerParameters};
+use case::images::{Fingerprint, Image};
+use case::{Closed, Failure, JobKind, JobState, LayerParameters};
 
 fn closer() -> Parameters {
     Parameters {
@@ -101,6 +102,11 @@ fn uid(text: &str) -> Uid {
     Uid::parse(text).unwrap()
 }
 
+/// The fingerprint of an image of a series.
+fn print(number: usize) -> Fingerprint {
+    Fingerprint::new(&format!("{number:032}"), false, Vec::new()).unwrap()
+}
+
 /// Three images of a series.
 async fn three_images(store: &Store) -> [ObjectName; 3] {
     let mut images = Vec::new();
@@ -115,13 +121,14 @@ async fn three_images(store: &Store) -> [ObjectName; 3] {
             sop_instance_uid: uid(&format!("1.2.3.{number}")),
             digest: *file.digest(),
             label: None,
-            replaces: None,
+            fingerprint: Some(print(number)),
         };
         images.push((new, file));
     }
     let names = [0, 1, 2].map(|number| ObjectName::from(&images[number].0));
     let source = ArrivalSource::Stow;
-    assert_eq!(store.receive(images, source).await.unwrap().new, 3);
+    let received = store.receive(images, source).await.unwrap();
+    assert_eq!(received, [Reception::New; 3]);
     names
 }
 
@@ -260,6 +267,13 @@ async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
     assert_eq!(store.queue_due_series(&terms).await.unwrap(), 1);
     let due = store.claim(JobKind::SERIES, 3).await.unwrap().unwrap();
     assert!(store.settle(&due, &Outcome::Case(id)).await.unwrap());
+    let of = |number: usize| Image {
+        uid: uid(&format!("1.2.3.{number}")),
+        fingerprint: print(number),
+        times: None,
+    };
+    let of: Vec<_> = (0..3).map(of).collect();
+    store.make_copied(&id, None, &of).await.unwrap();
     let file = b"a result";
     let new = NewResult {
         study: uid("1.2"),
@@ -332,6 +346,7 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
         case,
         volume: spooled,
         dicom: None,
+        images: Vec::new(),
         series: Some(uid("1.2.7")),
         name: LayerName::Usual("FLAIR".to_owned()),
         parameters: LayerParameters::default(),
@@ -349,28 +364,31 @@ async fn a_copy_follows_what_was_corrected_and_rejected_since() {
     let study = SeriesQuery::Study(uid("1.2"), None);
     let arrival = from.arrivals_of(&study).await.unwrap().remove(0);
     let images = from.images_of(&arrival.uids).await.unwrap();
-    let reason = Failure::unusable(REJECTED, "it was rejected");
     let reject = async |may_return, instances: Vec<Uid>| {
         let rejection = Rejection {
             may_return,
             series: vec![(arrival.uids.clone(), instances)],
         };
-        let cases = [case];
-        let rejected = from.reject(&rejection, ArrivalSource::Stow, &reason, &cases);
+        let rejected = from.reject(&rejection, ArrivalSource::Stow, "a peer");
         rejected.await.unwrap();
         copied(&from, &to).await;
         copied_for_pacs(&from, &to).await;
     };
     let first = images[0].0.clone();
     reject(false, vec![first.clone()]).await;
-    assert!(to.series_of(&case).await.unwrap().unwrap().is_superseded());
-    assert_eq!(to.images_of(&arrival.uids).await.unwrap(), images[1..]);
+    let closed = async |store: &Store| store.closed(&case).await.unwrap();
+    assert_eq!(closed(&from).await, Some(Closed::Rejected));
+    assert_eq!(closed(&to).await, Some(Closed::Rejected));
+    assert_eq!(to.images_of(&arrival.uids).await.unwrap(), images);
     assert_eq!(to.are_withdrawn(&[first]).await.unwrap(), [true]);
-    // Of a series without images, the reason is left.
-    reject(true, images.iter().map(|(uid, _)| uid.clone()).collect()).await;
+    assert_eq!(
+        to.rejections(9).await.unwrap(),
+        from.rejections(9).await.unwrap()
+    );
     let left = from.arrivals_of(&study).await.unwrap();
-    assert_eq!(left[0].reason.as_ref(), Some(&reason));
     assert_eq!(to.arrivals_of(&study).await.unwrap(), left);
+    // What was sent is known there also when nothing of it is kept.
+    assert!(to.has_come(&images[0].0).await.unwrap());
     assert_eq!(inspected(&to).await.1, []);
 }
 
@@ -444,6 +462,7 @@ async fn what_nothing_refers_to_is_told_by_its_age_and_by_that_of_the_rows() {
             volume: volume.unwrap(),
             mask: None,
             dicom: None,
+            images: Vec::new(),
         };
         store
             .submit_upload(upload, Parameters::default())
@@ -511,6 +530,7 @@ async fn a_lost_manifest_is_written_again() {
         case,
         volume: store.spool_all("a T2".into()).await.unwrap(),
         dicom: None,
+        images: Vec::new(),
         series: None,
         name: LayerName::Usual("T2".to_owned()),
         parameters: LayerParameters::default(),

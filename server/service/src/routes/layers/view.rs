@@ -1,7 +1,8 @@
 //! A layer as clients see it.
 
 use case::{
-    CaseId, CaseState, Contrast, LabelFacts, Layer, LayerKind, MapName, PlacementFacts, Transform,
+    CaseId, CaseState, Closed, Contrast, LabelFacts, Layer, LayerKind, MapName, PlacementFacts,
+    Transform,
 };
 use cases::dicom::Choice;
 use cases::library::{FlairState, MapsState};
@@ -39,6 +40,9 @@ pub struct LayerView {
     /// `flair-place-doubtful`, `flair-coarse-voxels`, `flair-shows-too-little`, `flair-no-signal` or `flair-bright-fluid`.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason_code: Option<String>,
+    /// Why an added layer is closed, as of a case; absent if it is open. It is not drawn then, and it has no map and no places.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    closed: Option<&'static str>,
     /// The reason why it failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<Problem>,
@@ -256,6 +260,7 @@ impl LayerView {
             transform: Some(parameters.transform),
             volume: format!("{}/volume", address_of(layer)),
             created_at: Some(layer.created_at.to_string()),
+            closed: layer.closed.map(Closed::name),
             ..Self::empty()
         };
         let facts = layer.facts.as_ref();
@@ -302,6 +307,7 @@ impl LayerView {
             state: LayerState::Queued,
             reason: None,
             reason_code: None,
+            closed: None,
             error: None,
             window: None,
             colormap: None,

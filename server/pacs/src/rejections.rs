@@ -1,0 +1,101 @@
+//! What rejection notes have rejected, and how that is lifted.
+
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use axum::response::Response;
+use http_support::fresh::fresh_json;
+use http_support::problem::AppError;
+use serde::Serialize;
+use storage::arrivals::{Rejected, is_id};
+use utoipa::ToSchema;
+
+use crate::state::Pacs;
+
+/// The most rejections of an answer.
+const MOST: usize = 200;
+
+/// What a rejection note has rejected of a series. Its UIDs are patient data.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+#[schema(as = Rejection)]
+struct RejectionView {
+    /// Its name in addresses.
+    id: String,
+    /// The Study Instance UID.
+    study: String,
+    /// The Series Instance UID.
+    series: String,
+    /// How many images.
+    images: usize,
+    /// Whether an image counts again when it comes again: it was rejected because it had been kept long enough (113039).
+    may_return: bool,
+    /// Who has sent the note: a token, a user, the title of a peer, or a node.
+    by: String,
+    /// When it came (RFC 3339).
+    at: String,
+}
+
+impl From<Rejected> for RejectionView {
+    fn from(rejected: Rejected) -> Self {
+        Self {
+            id: rejected.id,
+            study: rejected.uids.study.as_str().to_owned(),
+            series: rejected.uids.series.as_str().to_owned(),
+            images: rejected.instances,
+            may_return: rejected.may_return,
+            by: rejected.by,
+            at: rejected.at.to_string(),
+        }
+    }
+}
+
+/// The latest rejections.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub(crate) struct RejectionList {
+    /// Newest first, 200 at most.
+    rejections: Vec<RejectionView>,
+}
+
+/// List what was rejected
+///
+/// What rejection notes have rejected and nobody has lifted since, newest first. Cases, layers and results that were made of these images
+/// are closed. Its UIDs are patient data; no cache may store them.
+#[utoipa::path(
+    get, path = "/v1/rejections", tag = "pacs",
+    responses((status = 200, description = "The latest rejections", body = RejectionList)),
+)]
+pub(crate) async fn list_rejections(State(pacs): State<Pacs>) -> Result<Response, AppError> {
+    let rejections = pacs.cases().store().rejections(MOST).await?;
+    let list = RejectionList {
+        rejections: rejections.into_iter().map(Into::into).collect(),
+    };
+    Ok(fresh_json(StatusCode::OK, &list))
+}
+
+/// Lift a rejection
+///
+/// The images count again: what was made of them is open, unless they were corrected since, and those that are kept are read again.
+#[utoipa::path(
+    delete, path = "/v1/rejections/{id}", tag = "pacs",
+    params(("id" = String, Path, description = "The rejection")),
+    responses(
+        (status = 204, description = "It is lifted"),
+        (status = 404, description = "No such rejection"),
+    )
+)]
+pub(crate) async fn lift_rejection(
+    State(pacs): State<Pacs>,
+    Path(id): Path<String>,
+) -> Result<StatusCode, AppError> {
+    let lifted = match is_id(&id) {
+        true => pacs.cases().store().lift(&id).await?,
+        false => false,
+    };
+    if !lifted {
+        return Err(AppError::not_found(
+            "no-such-rejection",
+            "there is no rejection with this id; it may be lifted already",
+        ));
+    }
+    tracing::info!(rejection = id, "a rejection was lifted");
+    Ok(StatusCode::NO_CONTENT)
+}

@@ -1,0 +1,690 @@
+//! What a PACS has sent last under each SOP Instance UID, what has been made of which images, and so what is closed.
+//!
+//! Whoever changes one of the three, an image, a rejection or what something was made of, calls [`judge`] in the same transaction.
+
+use case::images::{Closed, Fingerprint, Following, Image};
+use case::{CaseId, LayerId};
+
+use super::arrivals::{self, count, read_time, read_uids, unreadable};
+use super::connection::{Connection, Row};
+use crate::StoreError;
+use crate::arrivals::{ArrivalSource, NewInstance, Rejected, Rejection, SeriesUids, Uid};
+use crate::rows::{LastImage, MadeCase, MadeImage, Withdrawn};
+
+/// What the images of something are named by.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Owner<'a> {
+    Case(&'a CaseId),
+    Layer(&'a CaseId, &'a LayerId),
+}
+
+impl Owner<'_> {
+    /// The columns `case_id` and `layer_id`.
+    fn columns(self) -> (String, String) {
+        match self {
+            Self::Case(case) => (case.to_string(), String::new()),
+            Self::Layer(case, layer) => (case.to_string(), layer.to_string()),
+        }
+    }
+}
+
+/// The last image with a UID.
+struct Last {
+    fingerprint: Option<Fingerprint>,
+    uids: SeriesUids,
+}
+
+async fn last(connection: &mut Connection, uid: &Uid) -> Result<Option<Last>, StoreError> {
+    let row = connection
+        .query("SELECT study_uid, series_uid, fingerprint FROM images WHERE sop_instance_uid = $1")
+        .bind(uid.as_str())
+        .fetch_optional()
+        .await?;
+    let read = |row: Row| {
+        Ok(Last {
+            fingerprint: read_fingerprint(&row)?,
+            uids: read_uids(&row)?,
+        })
+    };
+    row.map(read).transpose()
+}
+
+/// Whether an image with a UID was sent.
+pub(super) async fn has_come(connection: &mut Connection, uid: &Uid) -> Result<bool, StoreError> {
+    Ok(last(connection, uid).await?.is_some())
+}
+
+/// The fingerprint of a row; `None` if its image cannot be decoded.
+fn read_fingerprint(row: &Row) -> Result<Option<Fingerprint>, StoreError> {
+    let text: String = row.get("fingerprint")?;
+    match &*text {
+        "" => Ok(None),
+        text => Fingerprint::parse(text)
+            .map(Some)
+            .ok_or_else(|| unreadable("fingerprint")),
+    }
+}
+
+/// What an image is, beside the last one with its UID.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Arrived {
+    /// None has come with this UID.
+    First,
+    Following(Following),
+}
+
+/// Notes that an image was sent, unless it is unusable, and judges what was made of the one before it. Adds the cases that were judged.
+pub(super) async fn arrive(
+    connection: &mut Connection,
+    new: &NewInstance,
+    source: ArrivalSource,
+    now: i64,
+    changed: &mut Vec<CaseId>,
+) -> Result<Arrived, StoreError> {
+    let uid = &new.sop_instance_uid;
+    let arrived = match last(connection, uid).await? {
+        None => Arrived::First,
+        Some(last) => Arrived::Following(match (&last.fingerprint, &new.fingerprint) {
+            (Some(last), Some(new)) => last.followed_by(new),
+            (Some(_), None) => Following::Unusable,
+            (None, None) if last.uids == new.uids => Following::Same,
+            (None, _) => Following::Another,
+        }),
+    };
+    match arrived {
+        Arrived::Following(Following::Unusable) => return Ok(arrived),
+        Arrived::Following(Following::Same) => {
+            connection
+                .query("UPDATE images SET times = times + 1, sender = $1, last_at = $2 WHERE sop_instance_uid = $3")
+                .bind(source.name())
+                .bind(now)
+                .bind(uid.as_str())
+                .execute()
+                .await?;
+        }
+        Arrived::First | Arrived::Following(Following::Another) => {
+            let fingerprint = match &new.fingerprint {
+                Some(fingerprint) => as_it_is_known(connection, uid, fingerprint).await?,
+                None => String::new(),
+            };
+            connection
+                .query(
+                    "INSERT INTO images (sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at)
+                     VALUES ($1, $2, $3, $4, 1, $5, $6)
+                     ON CONFLICT (sop_instance_uid) DO UPDATE
+                     SET study_uid = excluded.study_uid, series_uid = excluded.series_uid, fingerprint = excluded.fingerprint,
+                         times = images.times + 1, sender = excluded.sender, last_at = excluded.last_at",
+                )
+                .bind(uid.as_str())
+                .bind(new.uids.study.as_str())
+                .bind(new.uids.series.as_str())
+                .bind(fingerprint)
+                .bind(source.name())
+                .bind(now)
+                .execute()
+                .await?;
+        }
+    }
+    let returned = connection
+        .query(
+            "DELETE FROM rejections WHERE sop_instance_uid = $1 AND study_uid = $2 AND series_uid = $3 AND may_return = 1",
+        )
+        .bind(uid.as_str())
+        .bind(new.uids.study.as_str())
+        .bind(new.uids.series.as_str())
+        .execute()
+        .await?;
+    if returned > 0 || arrived != Arrived::Following(Following::Same) {
+        changed.extend(judge(connection, uid).await?);
+    }
+    Ok(arrived)
+}
+
+/// A fingerprint as the rows have it, if something is made of the same image: a corner may differ by rounding.
+async fn as_it_is_known(
+    connection: &mut Connection,
+    uid: &Uid,
+    fingerprint: &Fingerprint,
+) -> Result<String, StoreError> {
+    let rows = connection
+        .query(
+            "SELECT fingerprint FROM images WHERE sop_instance_uid = $1 AND fingerprint <> ''
+             UNION SELECT fingerprint FROM made_of WHERE sop_instance_uid = $1",
+        )
+        .bind(uid.as_str())
+        .fetch_all()
+        .await?;
+    for row in &rows {
+        if let Some(known) = read_fingerprint(row)?
+            && known.is_same(fingerprint)
+        {
+            return Ok(known.to_string());
+        }
+    }
+    Ok(fingerprint.to_string())
+}
+
+/// Writes of which images something was made. If it is there, and was made of other images with the same UIDs, those count that the PACS
+/// has sent last.
+pub(super) async fn make(
+    connection: &mut Connection,
+    owner: Owner<'_>,
+    images: &[Image],
+) -> Result<(), StoreError> {
+    let (case, layer) = owner.columns();
+    for image in images {
+        let fingerprint = as_it_is_known(connection, &image.uid, &image.fingerprint).await?;
+        connection
+            .query(
+                "INSERT INTO made_of (case_id, layer_id, sop_instance_uid, fingerprint, times)
+                 VALUES ($1, $2, $3, $4, coalesce($5, (SELECT times FROM images WHERE sop_instance_uid = $3), 0))
+                 ON CONFLICT (case_id, layer_id, result_id, sop_instance_uid) DO UPDATE
+                 SET fingerprint = excluded.fingerprint, times = excluded.times
+                 WHERE excluded.fingerprint = (SELECT images.fingerprint FROM images
+                                               WHERE images.sop_instance_uid = excluded.sop_instance_uid)",
+            )
+            .bind(case.clone())
+            .bind(layer.clone())
+            .bind(image.uid.as_str())
+            .bind(fingerprint)
+            .bind(image.times.map(|times| i64::try_from(times).unwrap_or(i64::MAX)))
+            .execute()
+            .await?;
+    }
+    judge_owner(connection, owner).await
+}
+
+/// Lets a case be made of the images of another one, or have the layers of it.
+pub(super) async fn inherit(
+    connection: &mut Connection,
+    case: &CaseId,
+    previous: &CaseId,
+    what: Inherited,
+) -> Result<(), StoreError> {
+    let sql = match what {
+        Inherited::Images => {
+            "INSERT INTO made_of (case_id, sop_instance_uid, fingerprint, times)
+             SELECT $1, sop_instance_uid, fingerprint, times FROM made_of
+             WHERE case_id = $2 AND layer_id = '' AND result_id = '' ON CONFLICT DO NOTHING"
+        }
+        Inherited::Layers => {
+            "INSERT INTO made_of (case_id, layer_id, sop_instance_uid, fingerprint, times)
+             SELECT $1, layer_id, sop_instance_uid, fingerprint, times FROM made_of
+             WHERE case_id = $2 AND result_id = '' AND layer_id IN (SELECT id FROM layers WHERE case_id = $1) ON CONFLICT DO NOTHING"
+        }
+    };
+    connection
+        .query(sql)
+        .bind(case.to_string())
+        .bind(previous.to_string())
+        .execute()
+        .await?;
+    match what {
+        Inherited::Images => judge_owner(connection, Owner::Case(case)).await,
+        // The column is copied with the layers.
+        Inherited::Layers => Ok(()),
+    }
+}
+
+/// What a case has from another one.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Inherited {
+    Images,
+    Layers,
+}
+
+/// Notes of which images the layers were made that a result shows; they outlive the layers.
+pub(super) async fn make_result(
+    connection: &mut Connection,
+    result: &str,
+    case: &CaseId,
+    layers: &[LayerId],
+) -> Result<(), StoreError> {
+    for layer in layers {
+        connection
+            .query(
+                "INSERT INTO made_of (case_id, result_id, sop_instance_uid, fingerprint, times)
+                 SELECT case_id, $1, sop_instance_uid, fingerprint, times FROM made_of
+                 WHERE case_id = $2 AND layer_id = $3 AND result_id = '' ON CONFLICT DO NOTHING",
+            )
+            .bind(result)
+            .bind(case.to_string())
+            .bind(layer.to_string())
+            .execute()
+            .await?;
+    }
+    connection
+        .query(
+            "UPDATE results SET closed = coalesce((SELECT why FROM closed_by WHERE closed_by.case_id = results.case_id
+                                                   AND closed_by.layer_id = '' AND closed_by.result_id = results.id), 0)
+             WHERE id = $1",
+        )
+        .bind(result)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Forgets of which images a layer, or the layers of a result, were made.
+pub(super) async fn forget_made(
+    connection: &mut Connection,
+    case: &CaseId,
+    layer: &str,
+    result: &str,
+) -> Result<(), StoreError> {
+    connection
+        .query("DELETE FROM made_of WHERE case_id = $1 AND layer_id = $2 AND result_id = $3")
+        .bind(case.to_string())
+        .bind(layer)
+        .bind(result)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Writes again what is closed of all that was made of an image; the cases that it belongs to.
+pub(super) async fn judge(
+    connection: &mut Connection,
+    uid: &Uid,
+) -> Result<Vec<CaseId>, StoreError> {
+    let mut judged = Vec::new();
+    let owners = connection
+        .query(
+            "SELECT DISTINCT case_id, layer_id, result_id FROM made_of WHERE sop_instance_uid = $1",
+        )
+        .bind(uid.as_str())
+        .fetch_all()
+        .await?;
+    for row in &owners {
+        let [case, layer, result]: [String; 3] = [
+            row.get("case_id")?,
+            row.get("layer_id")?,
+            row.get("result_id")?,
+        ];
+        judge_row(connection, &case, &layer, &result).await?;
+        judged.push(CaseId::parse(&case).ok_or_else(|| unreadable("case"))?);
+    }
+    Ok(judged)
+}
+
+async fn judge_owner(connection: &mut Connection, owner: Owner<'_>) -> Result<(), StoreError> {
+    let (case, layer) = owner.columns();
+    judge_row(connection, &case, &layer, "").await
+}
+
+/// Writes whether a case, a layer or a result is closed. Series that are layers of a case which is closed are read again, for another one.
+async fn judge_row(
+    connection: &mut Connection,
+    case: &str,
+    layer: &str,
+    result: &str,
+) -> Result<(), StoreError> {
+    let sql = match (layer, result) {
+        ("", "") => {
+            "UPDATE cases SET closed = coalesce((SELECT why FROM closed_by
+                                                 WHERE case_id = $1 AND layer_id = $2 AND result_id = $3), 0)
+             WHERE id = $1"
+        }
+        (_, "") => {
+            "UPDATE layers SET closed = coalesce((SELECT why FROM closed_by
+                                                  WHERE case_id = $1 AND layer_id = $2 AND result_id = $3), 0)
+             WHERE case_id = $1 AND id = $2"
+        }
+        _ => {
+            "UPDATE results SET closed = coalesce((SELECT why FROM closed_by
+                                                   WHERE case_id = $1 AND layer_id = $2 AND result_id = $3), 0)
+             WHERE id = $3 AND case_id = $1"
+        }
+    };
+    connection
+        .query(sql)
+        .bind(case)
+        .bind(layer)
+        .bind(result)
+        .execute()
+        .await?;
+    if layer.is_empty() && result.is_empty() {
+        arrivals::wake_layers_of_closed(connection, case).await?;
+    }
+    Ok(())
+}
+
+/// A column `closed`.
+pub(super) fn read_closed(row: &Row, column: &str) -> Result<Option<Closed>, StoreError> {
+    Ok(closed_of(row.get::<Option<i64>>(column)?.unwrap_or(0)))
+}
+
+pub(super) fn closed_of(why: i64) -> Option<Closed> {
+    match why {
+        0 => None,
+        1 => Some(Closed::Rejected),
+        _ => Some(Closed::Corrected),
+    }
+}
+
+/// Notes what a note rejects, and judges what was made of it; the cases that were judged.
+pub(super) async fn reject(
+    connection: &mut Connection,
+    rejection: &Rejection,
+    by: &str,
+    now: i64,
+) -> Result<Vec<CaseId>, StoreError> {
+    let mut changed = Vec::new();
+    for (uids, instances) in &rejection.series {
+        let id = uuid::Uuid::now_v7().simple().to_string();
+        for uid in instances {
+            let withdrawn = Withdrawn {
+                uids: Some(uids.clone()),
+                instance: uid.clone(),
+                at: jiff::Timestamp::from_microsecond(now).map_err(|_| unreadable("time"))?,
+                id: id.clone(),
+                by: by.to_owned(),
+                may_return: rejection.may_return,
+            };
+            withdraw(connection, &withdrawn).await?;
+            changed.extend(judge(connection, uid).await?);
+        }
+    }
+    Ok(changed)
+}
+
+/// Writes that an instance is rejected. One that was rejected before keeps the later time, and does not return if either note forbids it.
+pub(super) async fn withdraw(
+    connection: &mut Connection,
+    withdrawn: &Withdrawn,
+) -> Result<(), StoreError> {
+    let uids = withdrawn.uids.as_ref();
+    connection
+        .query(
+            "INSERT INTO rejections (sop_instance_uid, rejected_at, study_uid, series_uid, id, rejected_by, may_return)
+             VALUES ($1, $2, $3, $4, $5, $6, $7)
+             ON CONFLICT (sop_instance_uid, study_uid, series_uid) DO UPDATE
+             SET rejected_at = excluded.rejected_at, id = excluded.id, rejected_by = excluded.rejected_by,
+                 may_return = CASE WHEN rejections.may_return = 0 THEN 0 ELSE excluded.may_return END
+             WHERE rejections.rejected_at <= excluded.rejected_at",
+        )
+        .bind(withdrawn.instance.as_str())
+        .bind(withdrawn.at.as_microsecond())
+        .bind(uids.map_or("", |uids| uids.study.as_str()))
+        .bind(uids.map_or("", |uids| uids.series.as_str()))
+        .bind(&withdrawn.id)
+        .bind(&withdrawn.by)
+        .bind(i64::from(withdrawn.may_return))
+        .execute()
+        .await?;
+    Ok(())
+}
+
+/// Lifts what a note has rejected of a series; the series and its instances, or `None` if there is no such rejection. Adds the cases that
+/// were judged.
+pub(super) async fn lift(
+    connection: &mut Connection,
+    id: &str,
+    changed: &mut Vec<CaseId>,
+) -> Result<Option<(SeriesUids, Vec<Uid>)>, StoreError> {
+    let rows = connection
+        .query(
+            "DELETE FROM rejections WHERE id = $1 AND study_uid <> '' RETURNING sop_instance_uid, study_uid, series_uid",
+        )
+        .bind(id)
+        .fetch_all()
+        .await?;
+    let Some(first) = rows.first() else {
+        return Ok(None);
+    };
+    let uids = read_uids(first)?;
+    let mut instances = Vec::with_capacity(rows.len());
+    for row in &rows {
+        let uid = read_uid(row)?;
+        changed.extend(judge(connection, &uid).await?);
+        instances.push(uid);
+    }
+    Ok(Some((uids, instances)))
+}
+
+/// What notes have rejected of each series, newest first.
+pub(super) async fn rejected(
+    connection: &mut Connection,
+    limit: usize,
+) -> Result<Vec<Rejected>, StoreError> {
+    let rows = connection
+        .query(
+            "SELECT id, study_uid, series_uid, count(*) AS instances, max(rejected_by) AS rejected_by, max(rejected_at) AS rejected_at,
+                    min(may_return) AS may_return
+             FROM rejections WHERE study_uid <> '' GROUP BY id, study_uid, series_uid
+             ORDER BY max(rejected_at) DESC, id LIMIT $1",
+        )
+        .bind(count(limit))
+        .fetch_all()
+        .await?;
+    let read = |row: &Row| {
+        Ok(Rejected {
+            id: row.get("id")?,
+            uids: read_uids(row)?,
+            instances: arrivals::read_count(row.get("instances")?),
+            may_return: row.get::<i64>("may_return")? != 0,
+            by: row.get("rejected_by")?,
+            at: read_time(row, "rejected_at")?,
+        })
+    };
+    rows.iter().map(read).collect()
+}
+
+/// Whether an instance was withdrawn, in whichever study.
+pub(super) async fn is_withdrawn(
+    connection: &mut Connection,
+    instance: &Uid,
+) -> Result<bool, StoreError> {
+    let row = connection
+        .query("SELECT sop_instance_uid FROM rejections WHERE sop_instance_uid = $1 LIMIT 1")
+        .bind(instance.as_str())
+        .fetch_optional()
+        .await?;
+    Ok(row.is_some())
+}
+
+/// The next instances that are withdrawn, by UID and series.
+pub(super) async fn withdrawn(
+    connection: &mut Connection,
+    after: Option<&Withdrawn>,
+    limit: usize,
+) -> Result<Vec<Withdrawn>, StoreError> {
+    let uids = after.and_then(|after| after.uids.as_ref());
+    let rows = connection
+        .query(
+            "SELECT sop_instance_uid, study_uid, series_uid, rejected_at, id, rejected_by, may_return FROM rejections
+             WHERE (sop_instance_uid, study_uid, series_uid) > ($1, $2, $3)
+             ORDER BY sop_instance_uid, study_uid, series_uid LIMIT $4",
+        )
+        .bind(after.map_or("", |after| after.instance.as_str()))
+        .bind(uids.map_or("", |uids| uids.study.as_str()))
+        .bind(uids.map_or("", |uids| uids.series.as_str()))
+        .bind(count(limit))
+        .fetch_all()
+        .await?;
+    let read = |row: &Row| {
+        let study: String = row.get("study_uid")?;
+        Ok(Withdrawn {
+            uids: (!study.is_empty()).then(|| read_uids(row)).transpose()?,
+            instance: read_uid(row)?,
+            at: read_time(row, "rejected_at")?,
+            id: row.get("id")?,
+            by: row.get("rejected_by")?,
+            may_return: row.get::<i64>("may_return")? != 0,
+        })
+    };
+    rows.iter().map(read).collect()
+}
+
+/// The next images by UID.
+pub(super) async fn all(
+    connection: &mut Connection,
+    after: Option<&LastImage>,
+    limit: usize,
+) -> Result<Vec<LastImage>, StoreError> {
+    let rows = connection
+        .query(
+            "SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
+             WHERE sop_instance_uid > $1 ORDER BY sop_instance_uid LIMIT $2",
+        )
+        .bind(after.map_or("", |after| after.uid.as_str()))
+        .bind(count(limit))
+        .fetch_all()
+        .await?;
+    let read = |row: &Row| {
+        let sender: String = row.get("sender")?;
+        Ok(LastImage {
+            uid: read_uid(row)?,
+            uids: read_uids(row)?,
+            fingerprint: read_fingerprint(row)?,
+            times: row.get("times")?,
+            sender: ArrivalSource::from_name(&sender).ok_or_else(|| unreadable("source"))?,
+            last_at: row.get("last_at")?,
+        })
+    };
+    rows.iter().map(read).collect()
+}
+
+/// Writes an image as another store has it, unless one has come here since.
+pub(super) async fn write_copied(
+    connection: &mut Connection,
+    image: &LastImage,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            "INSERT INTO images (sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at)
+             VALUES ($1, $2, $3, $4, $5, $6, $7)
+             ON CONFLICT (sop_instance_uid) DO UPDATE
+             SET study_uid = excluded.study_uid, series_uid = excluded.series_uid, fingerprint = excluded.fingerprint,
+                 times = excluded.times, sender = excluded.sender, last_at = excluded.last_at
+             WHERE images.last_at <= excluded.last_at",
+        )
+        .bind(image.uid.as_str())
+        .bind(image.uids.study.as_str())
+        .bind(image.uids.series.as_str())
+        .bind((image.fingerprint.as_ref()).map_or_else(String::new, Fingerprint::to_string))
+        .bind(image.times)
+        .bind(image.sender.name())
+        .bind(image.last_at)
+        .execute()
+        .await?;
+    judge(connection, &image.uid).await.map(drop)
+}
+
+/// The images that a case or a layer was made of, by UID.
+pub(super) async fn of(
+    connection: &mut Connection,
+    owner: Owner<'_>,
+) -> Result<Vec<Image>, StoreError> {
+    let (case, layer) = owner.columns();
+    let rows = connection
+        .query(
+            "SELECT sop_instance_uid, fingerprint, times FROM made_of
+             WHERE case_id = $1 AND layer_id = $2 AND result_id = '' ORDER BY sop_instance_uid",
+        )
+        .bind(case)
+        .bind(layer)
+        .fetch_all()
+        .await?;
+    let read = |row: &Row| {
+        Ok(Image {
+            uid: read_uid(row)?,
+            fingerprint: read_fingerprint(row)?.ok_or_else(|| unreadable("fingerprint"))?,
+            times: Some(row.get::<i64>("times")?.unsigned_abs()),
+        })
+    };
+    rows.iter().map(read).collect()
+}
+
+/// The cases that were made of any of these images, each with all of its own, newest first.
+pub(super) async fn made_of_any(
+    connection: &mut Connection,
+    images: &[Image],
+) -> Result<Vec<MadeCase>, StoreError> {
+    let mut ids = std::collections::BTreeSet::new();
+    for image in images {
+        let rows = connection
+            .query(
+                "SELECT case_id FROM made_of WHERE sop_instance_uid = $1 AND layer_id = '' AND result_id = ''",
+            )
+            .bind(image.uid.as_str())
+            .fetch_all()
+            .await?;
+        for row in &rows {
+            ids.insert(row.get::<String>("case_id")?);
+        }
+    }
+    let mut cases = Vec::with_capacity(ids.len());
+    for id in ids {
+        let row = connection
+            .query("SELECT state, NULL AS job_state, closed, created_at FROM cases WHERE id = $1")
+            .bind(&id)
+            .fetch_one()
+            .await?;
+        let state = super::cases::read_state(&row).ok_or_else(|| unreadable("state"))?;
+        let created_at: i64 = row.get("created_at")?;
+        let closed = read_closed(&row, "closed")?;
+        let case = CaseId::parse(&id).ok_or_else(|| unreadable("case"))?;
+        let rows = connection
+            .query(
+                "SELECT made_of.sop_instance_uid, made_of.fingerprint, made_of.times,
+                        CAST(CASE WHEN images.times > made_of.times THEN 1 ELSE 0 END AS BIGINT) AS again,
+                        CAST(CASE WHEN EXISTS (SELECT 1 FROM rejections
+                             WHERE rejections.sop_instance_uid = made_of.sop_instance_uid
+                               AND rejections.study_uid = images.study_uid AND rejections.series_uid = images.series_uid)
+                             THEN 1 ELSE 0 END AS BIGINT) AS rejected
+                 FROM made_of LEFT JOIN images ON images.sop_instance_uid = made_of.sop_instance_uid
+                 WHERE made_of.case_id = $1 AND made_of.layer_id = '' AND made_of.result_id = ''
+                 ORDER BY made_of.sop_instance_uid",
+            )
+            .bind(&id)
+            .fetch_all()
+            .await?;
+        let read = |row: &Row| {
+            Ok::<_, StoreError>(MadeImage {
+                uid: read_uid(row)?,
+                fingerprint: read_fingerprint(row)?.ok_or_else(|| unreadable("fingerprint"))?,
+                has_come_again: row.get::<i64>("again")? != 0 || row.get::<i64>("rejected")? != 0,
+            })
+        };
+        cases.push((
+            created_at,
+            MadeCase {
+                case,
+                state,
+                closed,
+                images: rows.iter().map(read).collect::<Result<_, _>>()?,
+            },
+        ));
+    }
+    cases.sort_by_key(|(created_at, made)| (std::cmp::Reverse(*created_at), made.case));
+    Ok(cases.into_iter().map(|(_, case)| case).collect())
+}
+
+/// Forgets images and rejections that are older than a time and that nothing names any more.
+pub(super) async fn forget(connection: &mut Connection, before: i64) -> Result<(), StoreError> {
+    connection
+        .query(
+            "DELETE FROM images WHERE last_at <= $1
+               AND NOT EXISTS (SELECT 1 FROM made_of WHERE made_of.sop_instance_uid = images.sop_instance_uid)
+               AND NOT EXISTS (SELECT 1 FROM arrival_instances WHERE arrival_instances.sop_instance_uid = images.sop_instance_uid)",
+        )
+        .bind(before)
+        .execute()
+        .await?;
+    connection
+        .query(
+            "DELETE FROM rejections WHERE rejected_at <= $1
+               AND NOT EXISTS (SELECT 1 FROM made_of WHERE made_of.sop_instance_uid = rejections.sop_instance_uid)
+               AND NOT EXISTS (SELECT 1 FROM images WHERE images.sop_instance_uid = rejections.sop_instance_uid)",
+        )
+        .bind(before)
+        .execute()
+        .await?;
+    Ok(())
+}
+
+fn read_uid(row: &Row) -> Result<Uid, StoreError> {
+    let text: String = row.get("sop_instance_uid")?;
+    Uid::parse(&text).ok_or_else(|| unreadable("UID"))
+}
