@@ -38,10 +38,11 @@ const MORE_THAN_LOOKING: [(&str, &str); 18] = [
     ("POST /v1/pacs/nodes/{name}/test", "admin"),
 ];
 
-const SCOPES: [&str; 6] = [
+const SCOPES: [&str; 7] = [
     "read",
     "write",
     "dicom-store",
+    "dicom-reject",
     "results",
     "metrics",
     "admin",
