@@ -10,7 +10,18 @@ import type { Browser } from "playwright-core";
 
 import { violations } from "./axe.ts";
 import { brainMask, markedSeries, markedVolume } from "./phantom.ts";
-import { type Server, type Stage, configured, keep, openPage, shown, skip, startStage, until } from "./support.ts";
+import {
+  type Server,
+  type Stage,
+  configured,
+  findingsOf,
+  keep,
+  openPage,
+  shown,
+  skip,
+  startStage,
+  until,
+} from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
 let stage: Stage | undefined;
@@ -205,6 +216,49 @@ test("a case of no patient has neither, and shows all the rest", { skip }, async
   assert.deepEqual(watched.troubles, []);
   await watched.context.close();
 });
+
+test(
+  "findings of another case are taken over once both heads are seen, and confirmed one by one",
+  { skip },
+  async () => {
+    const other = await sendCase(server, { volume: markedVolume(3), mask: brainMask() });
+    const address = new URL(`v1/cases/${id}/findings`, server.address);
+    const known = (await fetch(address)).headers.get("etag") ?? "";
+    const points_in_patient = [[-38, 0, 0]];
+    const marked = { id: "taken", kind: "point", points_in_patient, depth_mm: 8, label: "thick gyrus" };
+    const body = JSON.stringify({ findings: [marked] });
+    const put = await fetch(address, { method: "PUT", headers: { "if-match": known }, body });
+    assert.equal(put.status, 200);
+    const watched = await openPage(browser);
+    const { page } = watched;
+    await page.goto(`${server.address}#${other}`);
+    await shown(page);
+    await page.getByRole("button", { name: "Take over from another case" }).click();
+    const agree = page.getByRole("button", { name: "Take over", exact: true });
+    assert.ok(await agree.isDisabled());
+    await page.locator("#take-over-other").selectOption(id);
+    await page.getByText("Findings that this case does not have: 1").waitFor();
+    const head = (one: string) => page.locator(`.two-heads [data-id="${one}"]`);
+    for (const one of [id, other]) await head(one).locator("img").waitFor();
+    assert.match(await head(id).innerText(), /Müller, Änne · P-77/);
+    assert.match(await head(other).innerText(), /No patient is shown/);
+    assert.deepEqual(await violations(page), []);
+    await keep(page, "take-over");
+    await agree.click();
+    await page.getByText("Taken over, not confirmed").waitFor();
+    const [taken] = await findingsOf(server, other);
+    assert.deepEqual(
+      [taken?.label, taken?.points_in_patient, taken?.is_unconfirmed],
+      ["thick gyrus", points_in_patient, true],
+    );
+    await page.getByRole("button", { name: /Confirm the place$/ }).click();
+    const stored = () => findingsOf(server, other);
+    await until(stored, (list) => list.length === 1 && list[0]?.is_unconfirmed === undefined);
+    assert.equal(await page.getByText("Taken over, not confirmed").count(), 0);
+    assert.deepEqual(watched.troubles, []);
+    await watched.context.close();
+  },
+);
 
 test("a launch that fits several studies asks which one; its query leaves the address at once", { skip }, async () => {
   const watched = await openPage(browser, { locale: "pt-BR" });

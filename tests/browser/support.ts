@@ -296,6 +296,7 @@ export interface StoredFinding {
   readonly author?: string;
   readonly from_map?: string;
   readonly is_dismissed: boolean;
+  readonly is_unconfirmed?: true;
 }
 
 /** The findings of a case, as the server has them now. */

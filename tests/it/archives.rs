@@ -152,6 +152,8 @@ async fn goes_the_whole_way(start: Start) {
     let peer = Peer {
         aet: "ARCHIVE".to_owned(),
         address: [127, 0, 0, 1].into(),
+        // It sends back our own notes, too.
+        may_reject: true,
     };
     let options = DimseOptions {
         peers: vec![peer],

@@ -44,7 +44,7 @@ async fn launched(neighbour: &Neighbour) -> Value {
 }
 
 /// The case that the series became after one with another address.
-async fn case_after(neighbour: &Neighbour, before: &str) -> String {
+pub(crate) async fn case_after(neighbour: &Neighbour, before: &str) -> String {
     let case = until("another case comes", async || {
         let arrival = neighbour.settled().await;
         let case = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());

@@ -7,7 +7,9 @@ use axum::body::Body;
 use axum::http::{Method, Request};
 use serde_json::{Value, json};
 
+use crate::corrections::{case_after, corrected_head};
 use crate::dicom::head_slices;
+use crate::head::plain_head;
 use crate::maps::until_maps;
 use crate::pacs::{Neighbour, with_texts};
 use crate::results::{
@@ -210,6 +212,128 @@ async fn a_report_of_findings_is_valid_and_comes_back_as_it_was() {
             );
         }
     }
+}
+
+/// Takes the findings of a case over into another one, whose findings are known by a tag.
+async fn take_over(server: &Server, into: &str, from: &str, tag: Option<&str>) -> Answer {
+    let id = from.rsplit('/').next().unwrap();
+    let mut request = Request::post(format!("{into}/findings/from/{id}"));
+    if let Some(tag) = tag {
+        request = request.header("if-match", tag);
+    }
+    server.send(request.body(Body::empty()).unwrap()).await
+}
+
+#[tokio::test]
+async fn findings_are_taken_over_into_a_case_that_counts_and_are_unconfirmed_there() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let old = identified_case(&neighbour).await;
+    let marked = mark(server, &old).await;
+    // The images come as those of another patient: their case has inherited nothing.
+    assert_eq!(neighbour.store(&corrected_head()).await.status, 202);
+    let new = case_after(&neighbour, &old).await;
+    let list = async |case: &str| server.get(&format!("{case}/findings")).await;
+    let tag_of = async |case: &str| list(case).await.header("etag").to_owned();
+    assert_eq!(list(&new).await.json(), json!({"findings": []}));
+
+    let tag = tag_of(&new).await;
+    let without = take_over(server, &new, &old, None).await;
+    assert_eq!(
+        (without.status.as_u16(), without.problem()),
+        (428, "if-match-missing".to_owned())
+    );
+    let stale = take_over(server, &new, &old, Some("\"0123\"")).await;
+    assert_eq!(
+        (stale.status.as_u16(), stale.problem()),
+        (412, "findings-changed".to_owned())
+    );
+    assert_eq!(
+        (&stale.json()["findings"], stale.header("etag")),
+        (&json!([]), &*tag)
+    );
+    for nobody in ["0".repeat(32), "nobody".to_owned()] {
+        let missing = take_over(server, &new, &nobody, Some(&tag)).await;
+        assert_eq!(missing.status, 404, "{missing:?}");
+    }
+    let into_old = take_over(server, &old, &new, Some(&tag_of(&old).await)).await;
+    assert_eq!(
+        (into_old.status.as_u16(), into_old.problem()),
+        (409, "superseded".to_owned())
+    );
+
+    let taken = take_over(server, &new, &old, Some(&tag)).await;
+    assert_eq!(taken.status, 200, "{taken:?}");
+    assert_eq!(list(&new).await.header("etag"), taken.header("etag"));
+    let mut taken = taken.json();
+    let unconfirmed = |list: &Value| {
+        let list = list["findings"].as_array().unwrap().iter();
+        list.filter(|finding| finding["is_unconfirmed"] == true)
+            .count()
+    };
+    assert_eq!(unconfirmed(&taken), 6);
+    assert_eq!(list(&new).await.json(), taken);
+    assert_eq!(list(&old).await.json(), marked);
+    // Nothing of them leaves but for people, who are told.
+    for what in ["findings", "finding-segments"] {
+        let refused = result(server, &new, &json!({ "what": what })).await;
+        assert_eq!(refused.problem(), "no-findings", "{what}");
+    }
+    let labels = async || {
+        let accept = [("accept", "application/gzip")];
+        let answer = server.get_with(&format!("{new}/findings"), &accept).await;
+        assert_eq!(answer.status, 200, "{answer:?}");
+        answer.body
+    };
+    let no_labels = labels().await;
+    until_maps(server, &new).await;
+    let report = server.get(&format!("{new}/report")).await;
+    let report = String::from_utf8_lossy(&report.body).into_owned();
+    assert!(report.contains("its place not confirmed"), "{report}");
+    let csv = [("accept", "text/csv")];
+    let csv = server.get_with(&format!("{new}/findings"), &csv).await;
+    let csv = String::from_utf8_lossy(&csv.body).into_owned();
+    assert!(csv.starts_with("finding,") && csv.contains("gyrus,unconfirmed\r\n"));
+    // A row for each point.
+    assert_eq!(csv.matches(",true\r\n").count(), 15, "{csv}");
+
+    // A client that confirms a finding sends it without the mark. What is here is not added again.
+    let confirmed = taken["findings"][0].as_object_mut().unwrap();
+    confirmed.remove("is_unconfirmed");
+    let body = taken.to_string().into_bytes();
+    let stored = put(server, &new, "application/json", body).await;
+    assert_eq!(unconfirmed(&stored.json()), 5);
+    let again = take_over(server, &new, &old, Some(stored.header("etag"))).await;
+    assert_eq!(again.status, 200);
+    assert_eq!(again.json(), stored.json());
+    assert_eq!(again.header("etag"), stored.header("etag"));
+    assert_ne!(labels().await, no_labels);
+    let folder = tempfile::tempdir().unwrap();
+    let file = made(server, &new, "findings", folder.path()).await;
+    // The file has one finding; the others are of the case alone, and stay.
+    let restored = put(server, &new, "application/dicom", file).await;
+    assert_eq!(restored.status, 200, "{restored:?}");
+    assert_eq!(of_reader(&restored.json()), of_reader(&stored.json()));
+    for (points, what) in [("taken over", &taken), ("marked", &marked)] {
+        let places = |list: &Value| -> Vec<Value> {
+            let list = list["findings"].as_array().unwrap().iter();
+            list.map(|one| one["points_in_patient"].clone()).collect()
+        };
+        assert_eq!(places(&stored.json()), places(what), "{points}");
+    }
+
+    // Nothing is taken over that lies outside the volume.
+    let mut far = plain_head();
+    for row in &mut far.ras_from_voxel {
+        row[3] += 500.0;
+    }
+    let far = server.prepared(&[("volume", &far.bytes())]).await;
+    let outside = take_over(server, &far, &old, Some(&tag_of(&far).await)).await;
+    assert_eq!(
+        (outside.status.as_u16(), outside.problem()),
+        (409, "findings-elsewhere".to_owned())
+    );
+    assert_eq!(list(&far).await.json(), json!({"findings": []}));
 }
 
 #[tokio::test]

@@ -60,6 +60,7 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /v1/cases/{id}/candidates",
         "get /v1/cases/{id}/findings",
         "put /v1/cases/{id}/findings",
+        "post /v1/cases/{id}/findings/from/{other}",
         "get /v1/cases/{id}/report",
         "get /v1/cases/{id}/profile",
         "get /v1/cases/{id}/registration",

@@ -196,6 +196,7 @@ async fn orthanc_sends_a_series_in_both_ways_and_it_is_fetched_from_there() {
         peers: vec![Peer {
             aet: "ORTHANCTEST".to_owned(),
             address: [127, 0, 0, 1].into(),
+            may_reject: false,
         }],
         ..DimseOptions::default()
     };

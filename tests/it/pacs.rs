@@ -14,9 +14,12 @@ use storage::arrivals::{SeriesUids, Uid};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 
-use ::pacs::dimse::{self, DimseOptions, Peer};
+use ::pacs::dimse::{self, DimseOptions, NotStored, Peer, StorageNode};
+use imaging::dicom::write::KeyObjectTitle;
 
+use crate::corrections::note_of;
 use crate::dicom::{head_slices, reader};
+use crate::scopes::TokensFile;
 use crate::series_builder::{DataSet, Slice, Syntax, files};
 use crate::server::{Answer, Server};
 use crate::until::until;
@@ -292,6 +295,104 @@ async fn the_token_opens_these_routes_too_and_may_be_the_password_of_basic() {
     let page = server.get("/launch?StudyInstanceUIDs=1.2.3").await;
     assert_eq!(page.status, 200);
     assert!(!String::from_utf8_lossy(&page.body).contains("1.2.3"));
+}
+
+#[tokio::test]
+async fn a_rejection_note_needs_a_right_by_http_and_by_dimse_and_is_refused_alone_without_it() {
+    let lines = Lines::default();
+    let _logging = lines.collect();
+    let mut tokens = TokensFile::new();
+    tokens.add("orthanc", &["--role", "pacs"]);
+    tokens.add("archive", &["--scope", "dicom-store,dicom-reject"]);
+    let neighbour = Neighbour::start(|config| config.http.tokens_file = Some(tokens.path())).await;
+    let send = async |files: &[Vec<u8>], name: &str| {
+        let mut request = stow("/dicomweb/studies", related(files));
+        let bearer = tokens.bearer(name).parse().unwrap();
+        request.headers_mut().insert("authorization", bearer);
+        neighbour.server.send(request).await
+    };
+    let launched = async || {
+        let body = json!({"query": "study=1.2.3"}).to_string();
+        let request = Request::post("/v1/launch").header("authorization", tokens.bearer("read"));
+        let request = request.body(Body::from(body)).unwrap();
+        neighbour.server.send(request).await.json()["case"].clone()
+    };
+    let is_case = || {
+        neighbour.all_has_come();
+        until("it is a case", async || {
+            launched().await.as_str().map(str::to_owned)
+        })
+    };
+    let uids: Vec<_> = (head_slices().into_iter())
+        .map(|slice| slice.sop_uid)
+        .collect();
+    let [quality, retention] = [
+        KeyObjectTitle::RejectedForQuality,
+        KeyObjectTitle::RetentionExpired,
+    ]
+    .map(|title| note_of(title, &uids));
+
+    // By HTTP, the images of the same request are stored.
+    let images = files(&head_slices(), Syntax::Explicit);
+    let (last, others) = images.split_last().unwrap();
+    let mixed = [others, &[quality.clone(), last.clone()]].concat();
+    let answer = send(&mixed, "orthanc").await;
+    assert_eq!(answer.status, 202, "{answer:?}");
+    let stored = answer.json();
+    assert_eq!(items(&stored, "00081199").len(), images.len());
+    assert_eq!(reasons(&stored, "00081198"), [0x0124]);
+    let case = is_case().await;
+    let alone = send(std::slice::from_ref(&quality), "orthanc").await;
+    assert_eq!(alone.status, 409, "{alone:?}");
+    let authorization = ("authorization", &*tokens.bearer("read"));
+    let list = (neighbour.server)
+        .get_with("/v1/arrivals", &[authorization])
+        .await;
+    let list = list.json();
+    let mut list = list["arrivals"].as_array().unwrap().iter();
+    let row = list.find(|each| each["series"] == "1.2.3.99").unwrap();
+    assert_eq!(
+        (&row["state"], &row["reason"]["name"], &row["ignored"]),
+        (
+            &json!("nothing"),
+            &json!("rejection-not-permitted"),
+            &json!(2)
+        )
+    );
+
+    // By DIMSE, the peer of the same title at another address may.
+    let mut options = dimse_options();
+    options.peers[1].may_reject = true;
+    let refusing = dimse(&neighbour, options.clone()).await;
+    options.peers[0].may_reject = true;
+    let permitting = dimse(&neighbour, options).await;
+    let store = async |address: std::net::SocketAddr, note: &[u8]| {
+        let node = StorageNode::new(&address.to_string(), "ISOCORTEX", "SENDER").unwrap();
+        node.store(&note.to_vec().into()).await
+    };
+    let refused = store(refusing, &retention).await;
+    assert_eq!(refused, Err(NotStored::Status(0x0124)));
+    assert_eq!(launched().await, case);
+    let counted = neighbour.server.state.cases.store().signals().images();
+    for (source, count) in [("stow", 2), ("c-store", 1)] {
+        let refused = (source, storage::ImageStatus::Refused, count);
+        assert!(counted.contains(&refused), "{counted:?}");
+    }
+    for by in ["by=\"orthanc\"", "by=\"aet:SENDER\""] {
+        let is_refusal = |line: &str| line.contains("rejection note was refused");
+        let logged = lines.text();
+        let mut refusals = logged.lines().filter(|line| is_refusal(line));
+        assert!(refusals.any(|line| line.contains(by)), "{by}");
+    }
+
+    // With the right, either is heeded.
+    assert_eq!(store(permitting, &retention).await, Ok(()));
+    assert_eq!(launched().await, Value::Null);
+    assert_eq!(send(&images, "orthanc").await.status, 200);
+    is_case().await;
+    let heeded = send(&[quality], "archive").await;
+    assert_eq!(heeded.status, 200, "{heeded:?}");
+    assert_eq!(launched().await, Value::Null);
 }
 
 /// The file of a slice with more texts, or other ones.
@@ -721,6 +822,7 @@ pub(crate) fn dimse_options() -> DimseOptions {
             .map(|address| Peer {
                 aet: "SENDER".to_owned(),
                 address: address.into(),
+                may_reject: false,
             })
             .to_vec(),
         idle: Duration::from_millis(1500),

@@ -17,7 +17,7 @@ use crate::server::{Answer, Server, form, form_type};
 use crate::several_machines::program;
 
 /// The scope of every route that is more than looking. A new route fails these tests until it has a row in its table, and here.
-const MORE_THAN_LOOKING: [(&str, &str); 18] = [
+const MORE_THAN_LOOKING: [(&str, &str); 19] = [
     ("POST /v1/cases", "write"),
     ("POST /v1/cases/search", "read"),
     ("PATCH /v1/cases/{id}", "write"),
@@ -25,6 +25,7 @@ const MORE_THAN_LOOKING: [(&str, &str); 18] = [
     ("POST /v1/cases/{id}/renders", "read"),
     ("PUT /v1/cases/{id}/mask", "write"),
     ("PUT /v1/cases/{id}/findings", "write"),
+    ("POST /v1/cases/{id}/findings/from/{other}", "write"),
     ("POST /v1/cases/{id}/layers", "write"),
     ("PATCH /v1/cases/{id}/layers/{layer}", "write"),
     ("DELETE /v1/cases/{id}/layers/{layer}", "write"),
@@ -38,10 +39,11 @@ const MORE_THAN_LOOKING: [(&str, &str); 18] = [
     ("POST /v1/pacs/nodes/{name}/test", "admin"),
 ];
 
-const SCOPES: [&str; 6] = [
+const SCOPES: [&str; 7] = [
     "read",
     "write",
     "dicom-store",
+    "dicom-reject",
     "results",
     "metrics",
     "admin",

@@ -167,6 +167,8 @@ test("a slice shows what lies near to it, and of thousands no other", () => {
 /** A server with one list, which does what it is told to with the next requests. */
 class Server {
   list: readonly Finding[] = [];
+  /** The findings of another case. */
+  other: readonly Finding[] = [];
   version = 1;
   readonly seen: string[] = [];
   /** Statuses of the next answers; 0: none. */
@@ -187,6 +189,12 @@ class Server {
       if (known === "") return new Response("", { status: 428 });
       if (known !== this.#tag) return new Response("", { status: 412 });
       this.put(JSON.parse(String(body)).findings as Finding[]);
+    }
+    if (method === "POST") {
+      if (known !== this.#tag) return new Response("", { status: 412 });
+      const ids = new Set(this.list.map(({ id }) => id));
+      const added = this.other.filter(({ id }) => !ids.has(id));
+      this.put([...this.list, ...added.map((one) => ({ ...one, is_unconfirmed: true }) as const)]);
     }
     return Response.json({ findings: this.list }, { headers: { etag: this.#tag } });
   };
@@ -314,6 +322,30 @@ test("an answer that comes late never takes back what was sent meanwhile", async
   answer();
   await Promise.all([loading, flushed]);
   assert.deepEqual([notes(sync.list.value), notes(server.list)], [["a:"], ["a:"]]);
+});
+
+test("findings of another case come beside what is not sent yet, and are confirmed one by one", async () => {
+  server.put([b]);
+  await sync.load();
+  server.other = [a, b];
+  sync.change([...sync.list.value, finding("mine")]);
+  await sync.flush();
+  // Somebody else is faster.
+  server.before = () => server.put(server.list.map((one) => (one.id === "b" ? { ...one, note: "theirs" } : one)));
+  await sync.takeOver("1".repeat(32));
+  const told = (): readonly string[] =>
+    sync.list.value.map(({ id, is_unconfirmed = false }) => `${id}:${is_unconfirmed}`);
+  assert.deepEqual(told(), ["b:false", "mine:false", "a:true"]);
+  assert.deepEqual(server.seen, ["GET", 'PUT "2"', 'POST "3"', "GET", 'POST "4"']);
+  assert.equal(sync.list.value[0]?.note, "theirs");
+  assert.ok(sync.isKept);
+  const confirmed = sync.list.value.map(({ is_unconfirmed: _before, ...one }) => one);
+  sync.change(confirmed);
+  await sync.flush();
+  assert.ok(server.list.every((one) => !one.is_unconfirmed));
+  const marked = (list: readonly Finding[]) =>
+    markedFindings(list, new Set(), (point) => point).map(({ words }) => words);
+  assert.deepEqual(marked([a, finding("c", { is_unconfirmed: true })]), ["1", "2?"]);
 });
 
 test("what the server refuses stays in the page, and is not sent again until it is changed", async () => {

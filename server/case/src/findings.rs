@@ -123,6 +123,10 @@ pub struct Finding {
     /// Whether the reader has looked at it and found nothing abnormal.
     #[serde(default)]
     pub is_dismissed: bool,
+    /// Whether it was taken over from another case and nobody has confirmed its place in this one. Such a finding is in no
+    /// labels, measurement report or segmentation.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_unconfirmed: bool,
     /// Who wrote it, as the client names them: at most 200 characters. The server cannot verify it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub author: Option<String>,
@@ -283,6 +287,7 @@ mod tests {
             colour: default_colour(),
             from_map: None,
             is_dismissed: false,
+            is_unconfirmed: false,
             author: None,
             side: None,
             gyrus: None,

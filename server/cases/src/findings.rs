@@ -42,8 +42,10 @@ pub enum NotReplaced {
     Changed(Findings),
     /// One of them is wrong.
     Refused(FindingRefused),
-    /// A file is of another patient, of another frame of reference, or of images that lay elsewhere: a sentence.
+    /// They are of another patient, of another frame of reference, or of images that lay elsewhere: a sentence.
     Elsewhere(&'static str),
+    /// The case does not count any more: a sentence.
+    Closed(&'static str),
     /// Another error.
     Other(Error),
 }
@@ -118,7 +120,54 @@ impl Cases {
 }
 
 impl Cases {
-    /// The findings of a ready case that are not dismissed, as labels on the grid of the acquired volume, as `.nii.gz`.
+    /// Adds the findings of another case, in any state, to those of a ready case that counts, if these are still of one of the versions that
+    /// the client knows. Positions stay as they are: whether both heads lie in one place is for the reader to see, so what is added
+    /// is unconfirmed. A finding whose id is there is not added again.
+    ///
+    /// # Errors
+    /// As [`Cases::replace_findings`]; [`NotReplaced::Closed`]; [`NotReplaced::Elsewhere`] if one of them lies outside the volume.
+    pub async fn take_over_findings(
+        &self,
+        id: &CaseId,
+        known: &[&str],
+        other: &CaseId,
+    ) -> Result<Findings, NotReplaced> {
+        let facts = self.ready(id).await?;
+        self.check_open(id).await?;
+        let before = self.findings(id).await?;
+        let version = before.version.to_string();
+        if !known.contains(&&*version) {
+            return Err(NotReplaced::Changed(before));
+        }
+        let ids: HashSet<_> = before.list.iter().map(|finding| &*finding.id).collect();
+        let mut new = self.findings(other).await?.list;
+        new.retain(|finding| !ids.contains(&*finding.id));
+        for finding in &mut new {
+            finding.is_unconfirmed = true;
+        }
+        let space = Space::of(&facts);
+        let mut points = new.iter().flat_map(|one| &one.points_in_patient);
+        if !points.all(|point| space.contains(point)) {
+            return Err(NotReplaced::Elsewhere(
+                "a finding of the other case lies outside the volume of this case, so that the two heads do not lie in one place; mark the findings again",
+            ));
+        }
+        let list = [before.list, new].concat();
+        self.replace_findings(id, &[&version], list).await
+    }
+
+    /// Refuses a case of which nothing new is made.
+    async fn check_open(&self, id: &CaseId) -> Result<(), NotReplaced> {
+        let superseded = self.case(id).await?.superseded;
+        match superseded.filter(|why| why.is_final()) {
+            Some(why) => Err(NotReplaced::Closed(why.sentence())),
+            None => Ok(()),
+        }
+    }
+}
+
+impl Cases {
+    /// The findings of a ready case that are neither dismissed nor unconfirmed, as labels on the grid of the acquired volume, as `.nii.gz`.
     ///
     /// A label is the number of its finding in the list, from 1. Where two overlap, the later one is seen.
     ///
@@ -133,7 +182,7 @@ impl Cases {
             let mut labels = vec![0; grid.voxel_count()];
             let numbered = (1..)
                 .zip(&list)
-                .filter(|(_, finding)| !finding.is_dismissed);
+                .filter(|(_, finding)| !finding.is_dismissed && !finding.is_unconfirmed);
             let mut names = Vec::new();
             for (number, finding) in numbered {
                 names.push((number, name_of(finding)));
@@ -145,7 +194,7 @@ impl Cases {
     }
 
     /// The findings of a DICOM measurement report or a segmentation that this program wrote about the patient of a case. A segmentation has no
-    /// dismissed findings: those of the case stay.
+    /// dismissed findings, and neither has unconfirmed ones: those of the case stay.
     ///
     /// # Errors
     /// [`NotReplaced::Elsewhere`] if it is about another patient or place, also if its images were corrected or rejected since, or its case is not here; a failure that states what is wrong with the file.
@@ -210,13 +259,13 @@ impl Cases {
         let mut findings: Vec<_> = findings
             .collect::<Result<_, _>>()
             .map_err(NotReplaced::Refused)?;
-        if !has_dismissed {
-            let here = self.findings(id).await?.list.into_iter();
-            let dismissed = here
-                .filter(|one| one.is_dismissed && findings.iter().all(|other| other.id != one.id));
-            let dismissed: Vec<_> = dismissed.collect();
-            findings.extend(dismissed);
-        }
+        let is_in_no_file =
+            |one: &Finding| one.is_unconfirmed || (one.is_dismissed && !has_dismissed);
+        let here = self.findings(id).await?.list.into_iter();
+        let kept = here
+            .filter(|one| is_in_no_file(one) && findings.iter().all(|other| other.id != one.id));
+        let kept: Vec<_> = kept.collect();
+        findings.extend(kept);
         Ok(findings)
     }
 }
@@ -283,6 +332,7 @@ fn of_mark(mark: Mark, number: usize) -> Result<Finding, FindingRefused> {
         colour: mark.colour,
         from_map: from_map.transpose()?,
         is_dismissed: mark.is_dismissed,
+        is_unconfirmed: false,
         author: mark.author,
         side: None,
         gyrus: None,

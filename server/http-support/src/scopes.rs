@@ -17,6 +17,8 @@ pub enum Scope {
     Write,
     /// Store images, as a PACS does.
     DicomStore,
+    /// Withdraw images by rejection notes, which are stored as images are.
+    DicomReject,
     /// Send results to a node.
     Results,
     /// Read the metrics, if they need a token.
@@ -26,10 +28,11 @@ pub enum Scope {
 }
 
 impl Scope {
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Read,
         Self::Write,
         Self::DicomStore,
+        Self::DicomReject,
         Self::Results,
         Self::Metrics,
         Self::Admin,
@@ -41,6 +44,7 @@ impl Scope {
             Self::Read => "read",
             Self::Write => "write",
             Self::DicomStore => "dicom-store",
+            Self::DicomReject => "dicom-reject",
             Self::Results => "results",
             Self::Metrics => "metrics",
             Self::Admin => "admin",
@@ -77,7 +81,7 @@ pub enum Role {
     Viewer,
     /// Reads: looks, marks, uploads, and sends results.
     Editor,
-    /// A PACS, which stores images and asks for cases.
+    /// A PACS, which stores images and asks for cases. It rejects nothing.
     Pacs,
     /// Everything.
     Admin,
@@ -195,7 +199,7 @@ mod tests {
     #[test]
     fn a_viewer_changes_nothing_and_a_pacs_only_stores() {
         assert_eq!(Role::Viewer.scopes(), [Scope::Read]);
-        assert!(!Role::Pacs.scopes().contains(&Scope::Write));
+        assert_eq!(Role::Pacs.scopes(), [Scope::Read, Scope::DicomStore]);
         assert_eq!(Role::Admin.scopes(), Scope::ALL);
     }
 }

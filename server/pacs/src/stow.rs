@@ -19,6 +19,8 @@ use crate::state::Pacs;
 use http_support::audited::StoredImages;
 use http_support::fresh::fresh_json;
 use http_support::problem::AppError;
+use http_support::scopes::Scope;
+use http_support::tokens::Holder;
 
 const DICOM: &str = "application/dicom";
 const DICOM_JSON: &str = "application/dicom+json";
@@ -43,13 +45,16 @@ pub(crate) enum FailureReason {
     CannotUnderstand = 0xC000,
     /// It is not an MR or CT image.
     ClassNotSupported = 0x0122,
+    /// It is a rejection note, and its sender may not reject images (PS3.7 annex C).
+    NotAuthorized = 0x0124,
 }
 
 /// Store images
 ///
 /// Images are durable when they are acknowledged. Once nothing has come for a series for a while, it becomes a case, or
 /// nothing, for a reason that `GET /v1/arrivals` states. An image that is there already is no error. Objects other than MR and
-/// CT images are accepted and not kept, unless the configuration says otherwise.
+/// CT images are accepted and not kept, unless the configuration says otherwise. A rejection note needs a token with the scope
+/// `dicom-reject` too; otherwise it alone is refused, with the Failure Reason (0008,1197) 0124.
 #[utoipa::path(
     post, path = "/dicomweb/studies", tag = "pacs",
     request_body(content = Vec<u8>, content_type = "multipart/related; type=\"application/dicom\""),
@@ -117,8 +122,10 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
     }
     let _room = pacs.room(&request)?;
     check_before_upload(pacs.cases().store()).await?;
+    let holder = request.extensions().get::<Holder>().cloned();
     let mut images = Images {
         pacs,
+        holder: holder.ok_or(Error::Internal)?,
         study,
         batch: Vec::new(),
         report: Report::default(),
@@ -170,6 +177,8 @@ fn refuse_other_answers(headers: &HeaderMap) -> Result<(), AppError> {
 /// The images of a request.
 struct Images<'a> {
     pacs: &'a Pacs,
+    /// Who sends them.
+    holder: Holder,
     study: Option<Uid>,
     /// Read, and not durable yet.
     batch: Vec<(InstanceIdentity, Spooled)>,
@@ -217,7 +226,16 @@ impl Images<'_> {
             Some(FailureReason::ClassNotSupported) if is_ignored => {
                 let source = ArrivalSource::Stow;
                 let reference = identity.clone();
-                let is_known = self.pacs.cases().ignore(identity, source, "").await?;
+                let by = &self.holder.name;
+                let may_reject = self.holder.scopes.contains(&Scope::DicomReject);
+                if identity.rejection.is_some() && !may_reject {
+                    (self.pacs.cases())
+                        .refuse_rejection(identity, source, by)
+                        .await?;
+                    self.failed(&reference, FailureReason::NotAuthorized);
+                    return Ok(());
+                }
+                let is_known = self.pacs.cases().ignore(identity, source, by).await?;
                 self.report
                     .ignored(&reference, is_known.then_some(CORRECTED));
                 return Ok(());

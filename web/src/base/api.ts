@@ -185,6 +185,16 @@ export async function listCases(after: string | null, limit = 0): Promise<CasePa
   ).json() as Promise<CasePage>;
 }
 
+export async function allCases(): Promise<Case[]> {
+  const cases: Case[] = [];
+  for (let after: string | null = null; ;) {
+    const page = await listCases(after, 200);
+    cases.push(...page.cases);
+    if (!page.next) return cases;
+    after = page.next;
+  }
+}
+
 /** Whether any series has come from a PACS. */
 export async function anyArrivals(): Promise<boolean> {
   const answer = await send("v1/arrivals?limit=1", { cache: "no-store" });

@@ -1,6 +1,6 @@
 // The page that shows two cases side by side, linked in angle, depth, window and point.
 
-import { handOver, listCases, onTokenWanted, send, takeHanded } from "../base/api.ts";
+import { allCases, handOver, onTokenWanted, send, takeHanded } from "../base/api.ts";
 import { h, quiet, setText } from "../base/dom.ts";
 import { learn, number, t } from "../base/i18n.ts";
 import { wait } from "../base/patience.ts";
@@ -22,16 +22,6 @@ interface Registration {
   /** From the patient space of the second case to that of the first. */
   readonly case_from_other: Affine;
   readonly verdict: "registered" | "rough";
-}
-
-async function allCases(): Promise<Case[]> {
-  const cases: Case[] = [];
-  for (let after: string | null = null; ;) {
-    const page = await listCases(after, 200);
-    cases.push(...page.cases);
-    if (!page.next) return cases;
-    after = page.next;
-  }
 }
 
 /** How far a transform moves the middle of a head, and turns it, in words. */

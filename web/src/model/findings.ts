@@ -24,6 +24,8 @@ export interface Finding {
   readonly colour: string;
   readonly from_map?: MapName;
   readonly is_dismissed: boolean;
+  /** It was taken over from another case, and nobody has confirmed its place in this one. */
+  readonly is_unconfirmed?: true;
   readonly author?: string;
   /** Set by the server. */
   readonly side?: Side;
@@ -218,7 +220,7 @@ export const markedFindings = (
   off: (finding: Finding) => boolean = () => false,
 ): readonly Marked[] =>
   numbered(findings).flatMap((finding, at) => {
-    const { id, kind, points_in_patient, depth_mm, colour } = finding;
+    const { id, kind, points_in_patient, depth_mm, colour, is_unconfirmed } = finding;
     if (hidden.has(id)) return [];
     // A way to a target is straight, whatever depth is shown.
     const isWay = kind === "trajectory";
@@ -230,7 +232,7 @@ export const markedFindings = (
       return slid.points;
     };
     return {
-      words: String(at + 1),
+      words: `${at + 1}${is_unconfirmed ? "?" : ""}`,
       points_in_patient,
       isClosed: kind === "polygon",
       colour,

@@ -1,9 +1,10 @@
 // What a case from DICOM has beside its pictures: the patient, if the server's configuration lets the page show it, and
 // results that are sent to a node of the PACS.
 
-import { Problem, send } from "../base/api.ts";
+import { Problem, getDicom, send } from "../base/api.ts";
 import { h } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
+import type { ReadyCase } from "../model/case.ts";
 import { type Marks, type Render, resultsSection } from "./results.ts";
 
 /** What the server has of a PACS. */
@@ -37,9 +38,18 @@ async function pacsOf(): Promise<PacsView> {
 /** A date of DICOM with dashes. */
 export const dateWords = (text = ""): string => text.replace(/^(\d{4})(\d\d)(\d\d).*$/, "$1-$2-$3");
 
+/** Whose head it is, if the page may show that; empty if not, or if the case is not from DICOM. */
+export async function patientWords({ id, links }: Pick<ReadyCase, "id" | "links">): Promise<string> {
+  return links?.dicom && (await pacsOf()).patient_banner ? identityWords(id) : "";
+}
+
 async function showPatient(id: string, viewer: HTMLElement): Promise<void> {
-  const answer = await send(`v1/cases/${id}/dicom`, { cache: "no-store" });
-  const { attributes } = (await answer.json()) as { readonly attributes: Readonly<Record<string, string>> };
+  const text = await identityWords(id);
+  if (text) showBanner(viewer, text);
+}
+
+async function identityWords(id: string): Promise<string> {
+  const attributes = await getDicom(id);
   const { PatientName, PatientID, IssuerOfPatientID, PatientBirthDate, PatientSex, StudyDate } = attributes;
   // Of a name with several spellings the first; its components have carets between them.
   const name = PatientName?.split("=")[0]?.replace("^", ", ").replaceAll("^", " ").trim();
@@ -53,8 +63,7 @@ async function showPatient(id: string, viewer: HTMLElement): Promise<void> {
     StudyDate && t("pacs.study", { date: dateWords(StudyDate) }),
     series && t("pacs.series", { series }),
   ];
-  const text = parts.filter(Boolean).join(" · ");
-  if (text) showBanner(viewer, text);
+  return parts.filter(Boolean).join(" · ");
 }
 
 function showBanner(viewer: HTMLElement, text: string): void {

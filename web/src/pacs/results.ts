@@ -17,16 +17,17 @@ const PICTURES: readonly Kind[] = ["view", "sheet"];
 
 /** What a reader has marked. */
 export interface Marks {
-  readonly list: readonly Pick<Finding, "is_dismissed">[];
+  readonly list: readonly Pick<Finding, "is_dismissed" | "is_unconfirmed">[];
   /** Resolves when the server has all of it; rejects if it cannot have it. */
   flush(): Promise<void>;
 }
 
-/** What there is to send: no findings if there are none, and no segments of those that were dismissed. */
+/** What there is to send: no findings if none is confirmed, and no segments of those that were dismissed. */
 function kindsOf({ list }: Marks): readonly Kind[] {
+  const confirmed = list.filter((one) => !one.is_unconfirmed);
   const lacks = (kind: Kind): boolean =>
-    (kind === "findings" && list.length === 0) ||
-    (kind === "finding-segments" && list.every((one) => one.is_dismissed));
+    (kind === "findings" && confirmed.length === 0) ||
+    (kind === "finding-segments" && confirmed.every((one) => one.is_dismissed));
   return KINDS.filter((kind) => !lacks(kind));
 }
 const LOOK_AGAIN_MS = 500;

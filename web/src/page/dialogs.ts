@@ -268,13 +268,15 @@ export function maskDialog(id: string): void {
   void fill(place, `${id}/quality`, t("quality.alt"));
 }
 
-/** Puts a picture of the server into its place, or says why there is none. */
-async function fill(place: HTMLElement, path: string, alt: string): Promise<void> {
+/** Puts a picture of the server into its place, or says why there is none; whether it is there. */
+export async function fill(place: HTMLElement, path: string, alt: string): Promise<boolean> {
   try {
     const image = await decoded(await getPicture(path));
     image.alt = alt;
     place.replaceChildren(image);
+    return true;
   } catch (problem) {
     place.replaceChildren(h("p", { class: "bad" }, problemWords(problem)));
+    return false;
   }
 }

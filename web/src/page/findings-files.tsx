@@ -11,6 +11,7 @@ import type { Store } from "../store/store.ts";
 import { fileStem } from "./export.ts";
 import { Button, Choice, FileInput, type OfStore, Quiet, Row, Ticked } from "./fields.tsx";
 import { saveFile } from "./picture-file.ts";
+import { takeOver } from "./take-over.tsx";
 
 /** As what findings can be saved; those of DICOM if the case was made of it. */
 const FORMATS = ["csv", "json", "labels", "report", "segments"] as const;
@@ -125,6 +126,7 @@ export function FindingFiles({ store }: OfStore) {
             if (file) void add(store, file);
           }}
         />
+        <Button onClick={() => void takeOver(store)}>{t("take-over.open")}</Button>
       </Row>
     </>
   );

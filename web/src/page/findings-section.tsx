@@ -90,7 +90,7 @@ export function FindingsSection({ store }: OfStore) {
 /** A finding in the list: its name, what is written about it, and how it is shown. `at` is its number; null: it is dismissed. */
 function FindingRow({ store, finding, at }: OfStore & { readonly finding: Finding; readonly at: number | null }) {
   const { findings, shown } = store;
-  const { id, kind, label, depth_mm, certainty, colour, is_dismissed } = finding;
+  const { id, kind, label, depth_mm, certainty, colour, is_dismissed, is_unconfirmed } = finding;
   const row = useRef<HTMLLIElement>(null);
   // A new one is written about at once, in sight.
   useLayoutEffect(() => {
@@ -119,6 +119,14 @@ function FindingRow({ store, finding, at }: OfStore & { readonly finding: Findin
         </Button>
         <IconButton icon="trash" label={t("findings.remove", { name })} onClick={() => findings.remove(id)} />
       </Row>
+      {is_unconfirmed && (
+        <Row>
+          <span class="doubtful">{t("findings.unconfirmed")}</span>
+          <Button aria-label={`${name}: ${t("findings.confirm")}`} onClick={() => findings.confirm(id)}>
+            {t("findings.confirm")}
+          </Button>
+        </Row>
+      )}
       <Typed
         class="finding-label"
         maxLength={LONGEST_LABEL}

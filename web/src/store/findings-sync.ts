@@ -93,6 +93,16 @@ export class FindingsSync {
     await this.flush();
   }
 
+  /** Adds the findings of another case, unconfirmed. */
+  async takeOver(other: string): Promise<void> {
+    await this.flush();
+    const ask = async (): Promise<void> => {
+      const headers = { "if-match": this.#stored.tag };
+      this.#take(await readAnswer(await send(`${this.#address}/from/${other}`, { method: "POST", headers })));
+    };
+    await this.#inTurn(() => this.#insist(ask));
+  }
+
   get #address(): string {
     return `v1/cases/${this.#id}/findings`;
   }
@@ -131,16 +141,23 @@ export class FindingsSync {
   }
 
   /** Sends the list; where another reader was faster, what is there now is joined with what is here, and sent. */
-  async #sendJoined(): Promise<void> {
+  #sendJoined(): Promise<void> {
+    return this.#insist(async () => {
+      const sent = this.#list;
+      const stored = await this.#put(JSON.stringify({ findings: sent }), JSON_TYPE);
+      // The server has what was sent, and adds sides and times.
+      this.#stored = { ...this.#stored, list: sent };
+      this.#take(stored);
+    });
+  }
+
+  /** Asks for a change; where another reader was faster, again, with what is there now. */
+  async #insist(ask: () => Promise<void>): Promise<void> {
     // A change must name what it changes.
     if (this.#stored.tag === "") await this.#read();
     for (let round = 1; ; round += 1) {
-      const sent = this.#list;
       try {
-        const stored = await this.#put(JSON.stringify({ findings: sent }), JSON_TYPE);
-        // The server has what was sent, and adds sides and times.
-        this.#stored = { ...this.#stored, list: sent };
-        return this.#take(stored);
+        return await ask();
       } catch (problem) {
         if (!isConflict(problem) || round === MOST_CONFLICTS) throw problem;
         await this.#read();

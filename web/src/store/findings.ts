@@ -186,6 +186,17 @@ export class Findings {
     );
   }
 
+  /** The reader has looked at the place of a finding that was taken over. */
+  confirm(id: string): void {
+    this.#step(
+      this.#list.map((one) => {
+        const { is_unconfirmed: _before, ...confirmed } = one;
+        return one.id === id ? confirmed : one;
+      }),
+    );
+    announce(t("findings.confirmed"));
+  }
+
   /** What is typed is in the list at once, so that it is sent, or missed, as all of it is; what one field hears is one step. */
   write(id: string, text: Partial<Pick<Finding, "label" | "note">>): void {
     const written = (list: readonly Finding[]): readonly Finding[] =>

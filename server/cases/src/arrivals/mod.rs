@@ -154,6 +154,32 @@ impl Cases {
         Ok(())
     }
 
+    /// Notes that a rejection note was refused, because its sender, who has this name in the audit record, may not reject images. Nothing is
+    /// withdrawn.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn refuse_rejection(
+        &self,
+        identity: InstanceIdentity,
+        source: ArrivalSource,
+        by: &str,
+    ) -> Result<(), Error> {
+        let identity = match self.deidentifies() {
+            true => identity.deidentified(),
+            false => identity,
+        };
+        let detail = "the sender of this rejection note may not reject images, so it withdraws nothing; see the scope `dicom-reject` and `may_reject`";
+        let reason = Failure::unusable("rejection-not-permitted", detail);
+        self.store().ignore(&identity.uids, source, &reason).await?;
+        tracing::warn!(
+            by,
+            source = source.name(),
+            "a rejection note was refused, because its sender may not reject images; to permit it, give the token the scope `dicom-reject`, or the peer `may_reject`"
+        );
+        Ok(())
+    }
+
     /// Counts an image that is refused, for metrics.
     pub fn refused(&self, source: ArrivalSource) {
         let signals = self.store().signals();

@@ -305,15 +305,12 @@ impl Report {
                 head.insert(2, words.about_gyrus());
             }
             let row = |(number, ReportedFinding { finding, .. }): (usize, &ReportedFinding)| {
-                let certainty = finding
-                    .certainty
-                    .map(|certainty| words.certainty(certainty));
                 let mut row = vec![
                     number.to_string().into(),
                     side_of(words, finding).into(),
                     millimetres(words, finding.depth_mm).into(),
                     position(words, finding.middle_in_patient()).into(),
-                    certainty.unwrap_or_default().into(),
+                    certainty_of(words, finding).into(),
                     Line::foreign(&finding.label),
                 ];
                 if has_gyri {
@@ -365,8 +362,9 @@ impl Report {
             facts.insert(1, (words.about_gyrus(), name.into()));
         }
         facts.extend(measures(words, finding));
-        if let Some(certainty) = finding.certainty {
-            facts.push((words.certainty, words.certainty(certainty).into()));
+        let certainty = certainty_of(words, finding);
+        if !certainty.is_empty() {
+            facts.push((words.certainty, certainty.into()));
         }
         if let Some(author) = &finding.author {
             let time = finding.changed_at.as_deref();
@@ -693,6 +691,15 @@ fn measures(words: &Words, finding: &Finding) -> Vec<(&'static str, Line)> {
 
 fn side_of(words: &Words, finding: &Finding) -> &'static str {
     finding.side.map_or(words.unknown, |side| words.side(side))
+}
+
+/// How certain a finding is; of one that was taken over, that it is not confirmed. Empty if nobody has said so.
+fn certainty_of(words: &Words, finding: &Finding) -> &'static str {
+    match finding.certainty {
+        _ if finding.is_unconfirmed => words.unconfirmed,
+        Some(certainty) => words.certainty(certainty),
+        None => "",
+    }
 }
 
 /// A time (RFC 3339, UTC) to the minute.

@@ -36,7 +36,7 @@ enum TokenCommand {
 }
 
 /// Scopes: `read` looks at everything, patients' names included; `write` adds, changes and deletes; `dicom-store` stores images as a
-/// PACS does; `results` sends results to a node; `metrics` reads the metrics, if they need a token; `admin` does what no other scope permits. A running server reads the file
+/// PACS does, and with `dicom-reject` also rejection notes; `results` sends results to a node; `metrics` reads the metrics, if they need a token; `admin` does what no other scope permits. A running server reads the file
 /// again within seconds. To withdraw a token, delete its entry.
 #[derive(Debug, Clone, Args)]
 struct NewArgs {
@@ -48,7 +48,7 @@ struct NewArgs {
     /// What it may be used for, by a role: viewer (read), editor (read, write, results), pacs (read, dicom-store), admin (all).
     #[arg(long, value_name = "ROLE", value_parser = role(), required_unless_present = "scopes")]
     role: Option<Role>,
-    /// What it may be used for: read, write, dicom-store, results, metrics, admin.
+    /// What it may be used for: read, write, dicom-store, dicom-reject, results, metrics, admin.
     #[arg(
         long = "scope",
         value_name = "SCOPE,…",

@@ -111,6 +111,9 @@ pub struct Peer {
     pub aet: String,
     /// Where it connects from: an address, a network such as `10.0.0.0/8`, or the name of a host.
     pub address: String,
+    /// Whether its rejection notes count.
+    #[serde(default)]
+    pub may_reject: bool,
 }
 
 /// A node. It has a DICOMweb root, an address for C-STORE, or both.
@@ -255,7 +258,11 @@ impl Pacs {
             let address = PeerAddress::parse(&peer.address);
             let aet = peer.aet.clone();
             match address {
-                Some(address) => Ok(dimse::Peer { aet, address }),
+                Some(address) => Ok(dimse::Peer {
+                    aet,
+                    address,
+                    may_reject: peer.may_reject,
+                }),
                 None => Err(ConfigError::PeerAddress { aet }),
             }
         };
@@ -364,6 +371,12 @@ mod tests {
             (options.aet.as_str(), options.peers.len()),
             ("ISOCORTEX", 1)
         );
+        assert!(!options.peers[0].may_reject);
+        let pacs = parsed(
+            "[dimse]\nlisten = \"127.0.0.1:1\"\n[[dimse.peers]]\naet = \"A\"\naddress = \"192.0.2.7\"\nmay_reject = true",
+        );
+        let (_, options) = pacs.dimse().unwrap().unwrap();
+        assert!(options.peers[0].may_reject);
         for (address, is_right) in [("10.0.0.0/8", true), ("orthanc", true), ("10.0.0", false)] {
             let pacs = parsed(&format!(
                 "[dimse]\nlisten = \"127.0.0.1:1\"\n[[dimse.peers]]\naet = \"A\"\naddress = \"{address}\""

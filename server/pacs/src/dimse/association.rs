@@ -18,6 +18,7 @@ use crate::dimse::counts::{AssociationCounts, Rejection};
 use crate::dimse::head::file_head;
 use crate::dimse::negotiate::{Accepted, Context, negotiate, rejection};
 use crate::dimse::options::{DimseOptions, is_aet};
+use crate::dimse::peers::Peer;
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
 
 /// What the name of a peer begins with in the audit record, so that none is the name of a token, or of somebody who has signed in.
@@ -65,8 +66,8 @@ impl Abort {
 #[derive(Debug, Clone)]
 pub(crate) struct Caller {
     pub(crate) address: IpAddr,
-    /// The titles that are listed with the address.
-    pub(crate) titles: Vec<String>,
+    /// The peers that are listed with the address.
+    pub(crate) peers: Vec<Peer>,
     /// Whether there are as many associations as there may be, of all or of the address.
     pub(crate) is_beyond_limit: bool,
     /// The time for the request of an association.
@@ -111,7 +112,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     let Pdu::AssociationRQ(request) = asked else {
         return Err(Abort::Unexpected);
     };
-    let negotiated = negotiate(&request, &caller.titles, options);
+    let negotiated = negotiate(&request, &caller.peers, options);
     let Accepted { answer, contexts } = match negotiated {
         Ok(accepted) => accepted,
         Err(why) => {
@@ -146,6 +147,8 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
         state: State::Command(Vec::new()),
         studies: BTreeMap::new(),
         ignores_other_objects: options.ignores_other_objects,
+        may_reject: (caller.peers.iter())
+            .any(|peer| peer.may_reject && peer.aet == request.calling_ae_title),
         event: event_of(caller, &request.calling_ae_title),
         is_announced: false,
     };
@@ -221,6 +224,8 @@ struct Messages<'a> {
     /// How many images of each study were stored, by the digest of its UID.
     studies: BTreeMap<String, usize>,
     ignores_other_objects: bool,
+    /// Whether the rejection notes of the peer count.
+    may_reject: bool,
     /// What is recorded.
     event: Event,
     /// Whether it is on record that images come.
@@ -331,7 +336,10 @@ impl Messages<'_> {
     fn count(&self, status: Status) {
         let is_refused = matches!(
             status,
-            Status::DataSetDoesNotMatch | Status::CannotUnderstand | Status::ClassNotSupported
+            Status::DataSetDoesNotMatch
+                | Status::CannotUnderstand
+                | Status::ClassNotSupported
+                | Status::NotAuthorized
         );
         if is_refused {
             self.cases.refused(ArrivalSource::CStore);
@@ -458,7 +466,15 @@ impl Messages<'_> {
             if !self.ignores_other_objects {
                 return Status::ClassNotSupported;
             }
-            return match self.cases.ignore(identity, source, &self.event.who).await {
+            if identity.rejection.is_some() && !self.may_reject {
+                let by = &self.event.who;
+                return match self.cases.refuse_rejection(identity, source, by).await {
+                    Ok(()) => Status::NotAuthorized,
+                    Err(error) => status_of(&error),
+                };
+            }
+            let by = &self.event.who;
+            return match self.cases.ignore(identity, source, by).await {
                 Ok(true) => Status::Corrected,
                 Ok(false) => Status::Success,
                 Err(error) => status_of(&error),

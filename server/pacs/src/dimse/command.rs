@@ -56,6 +56,7 @@ pub(crate) enum Status {
     CannotUnderstand = 0xC000,
     ProcessingFailure = 0x0110,
     ClassNotSupported = 0x0122,
+    NotAuthorized = 0x0124,
     UnrecognisedOperation = 0x0211,
 }
 

@@ -55,8 +55,8 @@ pub async fn serve(
                 continue;
             }
         };
-        let titles = peers.titles_at(address).await;
-        if titles.is_empty() {
+        let peers = peers.at(address).await;
+        if peers.is_empty() {
             let why = Rejection::Address;
             if let Some(count) = options.counts.reject(why) {
                 tracing::warn!(%address, reason = why.name(), count, "connections for DIMSE were closed");
@@ -78,7 +78,7 @@ pub async fn serve(
             let _permit = permit;
             let caller = Caller {
                 address,
-                titles,
+                peers,
                 is_beyond_limit,
                 patience: match is_beyond_limit {
                     true => options.idle.min(REJECTED_REQUEST_TIMEOUT),

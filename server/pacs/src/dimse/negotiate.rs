@@ -12,6 +12,7 @@ use imaging::dicom::{IMAGE_CLASSES, TRANSFER_SYNTAXES};
 
 use crate::dimse::command::VERIFICATION;
 use crate::dimse::counts::Rejection;
+use crate::dimse::peers::Peer;
 use crate::dimse::wire::MAX_PDU_LENGTH;
 
 /// The context of all DICOM applications (PS3.7 A.2.1).
@@ -38,13 +39,13 @@ pub(crate) struct Accepted {
     pub(crate) contexts: Vec<Context>,
 }
 
-/// Accepts a request of a peer with one of these titles, if it asks for ours.
+/// Accepts a request with the title of one of these peers, if it asks for ours.
 ///
 /// # Errors
 /// Why it is rejected.
 pub(crate) fn negotiate(
     request: &AssociationRQ,
-    titles: &[String],
+    peers: &[Peer],
     options: &DimseOptions,
 ) -> Result<Accepted, Rejection> {
     if request.protocol_version & 1 == 0 || request.application_context_name != APPLICATION_CONTEXT
@@ -54,7 +55,10 @@ pub(crate) fn negotiate(
     if request.called_ae_title != options.aet {
         return Err(Rejection::CalledTitle);
     }
-    if !titles.contains(&request.calling_ae_title) {
+    if !peers
+        .iter()
+        .any(|peer| peer.aet == request.calling_ae_title)
+    {
         return Err(Rejection::CallingTitle);
     }
     let proposed = request.presentation_contexts.iter();
@@ -181,11 +185,15 @@ mod tests {
     const MR: &str = "1.2.840.10008.5.1.4.1.1.4";
 
     fn negotiated(request: &AssociationRQ) -> Result<Accepted, Rejection> {
-        negotiate(request, &titles(), &options())
+        negotiate(request, &[peer("SENDER")], &options())
     }
 
-    fn titles() -> [String; 1] {
-        ["SENDER".to_owned()]
+    fn peer(aet: &str) -> Peer {
+        Peer {
+            aet: aet.to_owned(),
+            address: [127, 0, 0, 1].into(),
+            may_reject: false,
+        }
     }
 
     fn options() -> DimseOptions {
@@ -230,7 +238,7 @@ mod tests {
             ignores_other_objects: false,
             ..options()
         };
-        let accepted = negotiate(&request(&others), &titles(), &strict).unwrap();
+        let accepted = negotiate(&request(&others), &[peer("SENDER")], &strict).unwrap();
         let reasons = accepted.answer.presentation_contexts.iter();
         let reasons: Vec<_> = reasons.map(|result| result.reason.clone()).collect();
         assert_eq!(
@@ -261,7 +269,7 @@ mod tests {
     fn strangers_are_rejected() {
         let known = request(&[]);
         assert!(negotiated(&known).is_ok());
-        let refused = negotiate(&known, &["OTHER".to_owned()], &options());
+        let refused = negotiate(&known, &[peer("OTHER")], &options());
         assert_eq!(refused.err(), Some(Rejection::CallingTitle));
         let mut other = known.clone();
         other.called_ae_title = "OTHER".to_owned();

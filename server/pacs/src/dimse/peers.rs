@@ -22,6 +22,8 @@ pub struct Peer {
     pub aet: String,
     /// Where it connects from.
     pub address: PeerAddress,
+    /// Whether its rejection notes count.
+    pub may_reject: bool,
 }
 
 /// Where a peer connects from.
@@ -87,20 +89,20 @@ impl Peers {
         }
     }
 
-    /// The titles that may be used from an address; none of a stranger.
-    pub(crate) async fn titles_at(&self, address: IpAddr) -> Vec<String> {
+    /// Those who connect from an address; none for a stranger.
+    pub(crate) async fn at(&self, address: IpAddr) -> Vec<Peer> {
         let address = address.to_canonical();
-        let mut titles = Vec::new();
+        let mut peers = Vec::new();
         for peer in &self.listed {
             let is_theirs = match &peer.address {
                 PeerAddress::Network(network) => network.contains(&address),
                 PeerAddress::Host(host) => self.addresses_of(host).await.contains(&address),
             };
             if is_theirs {
-                titles.push(peer.aet.clone());
+                peers.push(peer.clone());
             }
         }
-        titles
+        peers
     }
 
     /// The addresses of a host; those of before if they cannot be had now.
@@ -153,17 +155,21 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn the_titles_of_an_address_are_those_of_its_peers() {
+    async fn an_address_has_the_titles_of_its_peers() {
         let peer = |aet: &str, address: &str| Peer {
             aet: aet.to_owned(),
             address: PeerAddress::parse(address).unwrap(),
+            may_reject: false,
         };
         let peers = Peers::new(vec![
             peer("ONE", "192.0.2.0/24"),
             peer("TWO", "192.0.2.7"),
             peer("HERE", "localhost"),
         ]);
-        let titles = async |address: &str| peers.titles_at(address.parse().unwrap()).await;
+        let titles = async |address: &str| -> Vec<_> {
+            let there = peers.at(address.parse().unwrap()).await.into_iter();
+            there.map(|peer| peer.aet).collect()
+        };
         assert_eq!(titles("192.0.2.7").await, ["ONE", "TWO"]);
         assert_eq!(titles("::ffff:192.0.2.8").await, ["ONE"]);
         assert_eq!(titles("127.0.0.1").await, ["HERE"]);

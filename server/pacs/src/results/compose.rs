@@ -318,20 +318,21 @@ enum Pixels {
     Report(Bytes),
 }
 
-/// The findings of a result: all for a report, and those to look at for segments.
+/// The findings of a result: all that are confirmed for a report, and of these those to look at for segments.
 async fn findings(
     cases: &Cases,
     id: &CaseId,
     plan: FindingsPlan,
 ) -> Result<Vec<Finding>, AppError> {
     let mut list = cases.findings(id).await?.list;
+    list.retain(|finding| !finding.is_unconfirmed);
     if plan == FindingsPlan::Segments {
         list.retain(|finding| !finding.is_dismissed);
     }
     if list.is_empty() {
         return Err(refuse(
             "no-findings",
-            "the case has no findings, or only dismissed ones; mark something first",
+            "the case has no findings, or only dismissed or unconfirmed ones; mark or confirm something first",
         ));
     }
     Ok(list)

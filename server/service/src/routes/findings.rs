@@ -1,12 +1,13 @@
 //! The findings of a case: what readers have marked and written.
 
-use axum::extract::State;
 use std::fmt::Write as _;
 
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
+use axum::extract::{RawPathParams, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
+use case::CaseId;
 use case::findings::{Certainty, Finding};
 use cases::findings::{Findings, NotReplaced};
 use cases::{Cases, Error};
@@ -47,7 +48,7 @@ pub struct FindingsChanged {
 /// What readers have marked and written
 ///
 /// As JSON, or with `Accept: text/csv` as CSV with a row for each point, or with `Accept: application/gzip` as labels: a
-/// gzipped NIfTI-1 file on the grid of the acquired volume, of what was not dismissed. A label is the number of its finding in
+/// gzipped NIfTI-1 file on the grid of the acquired volume, of what was neither dismissed nor unconfirmed. A label is the number of its finding in
 /// the list, from 1, and covers what a brush of 3 mm would; a comment in the file has the names. Findings lie in the patient:
 /// they are at the same place in every picture of the case. The `ETag` of the JSON is what a change must name.
 #[utoipa::path(
@@ -87,7 +88,7 @@ pub async fn get_findings(
 /// Replace what readers have marked and written
 ///
 /// The body is the whole list, or with `Content-Type: application/dicom` a measurement report or a segmentation that this program has
-/// made of findings of the same patient (`POST …/dicom-results`). A segmentation has no dismissed ones. `If-Match` must have the `ETag` of the list that the client has changed, so that nobody
+/// made of findings of the same patient (`POST …/dicom-results`). A segmentation has no dismissed ones, and neither has unconfirmed ones: those of the case stay. `If-Match` must have the `ETag` of the list that the client has changed, so that nobody
 /// undoes what somebody else wrote meanwhile: the answer is then 412, with the findings as they are. A new case has the
 /// empty list, with an `ETag` as well. An answer with 200 has the stored list, with the sides and times that the server
 /// adds, and comes after they are durable. A version of the case begins with a copy; from then on each has its own.
@@ -130,6 +131,48 @@ pub async fn put_findings(
         let FindingList { findings } = json_body_within(MAX_BYTES, body)?;
         cases.replace_findings(&id, &known, findings).await
     };
+    answer(replaced)
+}
+
+/// Take over the findings of another case
+///
+/// Adds the findings of the case `other`, in any state, to those of a case that is ready and not superseded. Their positions (LPS mm)
+/// stay as they are. **Whether both heads lie in one place is not verified**, neither by patient nor by frame of reference: the reader looks.
+/// So each one is added with `is_unconfirmed`, until a client sends it without (`PUT`). A finding whose id is there already is not added
+/// again. If one lies outside the volume of the case, none is added. `If-Match` as for `PUT`; the answer is the whole list.
+#[utoipa::path(
+    post, path = "/v1/cases/{id}/findings/from/{other}", tag = "findings",
+    params(
+        ("id" = String, Path, description = "The case that is to have them"),
+        ("other" = String, Path, description = "The case that has them"),
+        ("If-Match" = String, Header, description = "The `ETag` of the findings of the case that is to have them"),
+    ),
+    responses(
+        (status = 200, description = "The findings as they are now", body = FindingList, headers(("ETag" = String, description = "The new one"))),
+        (status = 400, description = "Together they are too many (`findings-invalid`)"),
+        (status = 404, description = "One of the cases is not here"),
+        (status = 409, description = "The case is not ready (`case-not-ready`) or does not count any more (`superseded`), or a finding lies outside its volume (`findings-elsewhere`)"),
+        (status = 412, description = "Somebody has changed the findings; the answer has them as they are", body = FindingsChanged, content_type = "application/problem+json", headers(("ETag" = String, description = "The current one"))),
+        (status = 428, description = "`If-Match` is missing"),
+    )
+)]
+pub async fn take_over_findings(
+    State(cases): State<Cases>,
+    CasePath(id): CasePath,
+    path: RawPathParams,
+    _no_query: ApiQuery<NoQuery>,
+    request: HeaderMap,
+) -> Result<Response, AppError> {
+    cases.ready(&id).await?;
+    let known = known_tags(&request).ok_or_else(precondition_required)?;
+    let other = path.iter().find(|(name, _)| *name == "other");
+    let other = other.and_then(|(_, text)| CaseId::parse(text));
+    let other = other.ok_or(AppError::NotACaseId)?;
+    answer(cases.take_over_findings(&id, &known, &other).await)
+}
+
+/// The findings as they are stored now, or why they were not replaced.
+fn answer(replaced: Result<Findings, NotReplaced>) -> Result<Response, AppError> {
     match replaced {
         Ok(stored) => as_json(stored)?.respond(&HeaderMap::new()),
         Err(NotReplaced::Changed(current)) => Ok(changed(current)),
@@ -143,6 +186,9 @@ pub async fn put_findings(
             "findings-elsewhere",
             detail,
         )),
+        Err(NotReplaced::Closed(detail)) => {
+            Err(AppError::new(StatusCode::CONFLICT, "superseded", detail))
+        }
         Err(NotReplaced::Other(error)) => Err(error.into()),
     }
 }
@@ -219,13 +265,13 @@ fn represented(tag: EntityTag, media_type: &'static str, body: Bytes) -> Represe
 /// A row for each point.
 fn csv(findings: &[Finding]) -> String {
     let mut text = "finding,kind,point,left_mm,posterior_mm,superior_mm,depth_mm,side,certainty,dismissed,map,label,note,\
-                    colour,author,created_at,changed_at,gyrus\r\n"
+                    colour,author,created_at,changed_at,gyrus,unconfirmed\r\n"
         .to_owned();
     for finding in findings {
         for (number, [x, y, z]) in (1..).zip(&finding.points_in_patient) {
             let _ = write!(
                 text,
-                "{},{},{number},{x},{y},{z},{},{},{},{},{},{},{},{},{},{},{},{}\r\n",
+                "{},{},{number},{x},{y},{z},{},{},{},{},{},{},{},{},{},{},{},{},{}\r\n",
                 finding.id,
                 finding.kind.name(),
                 finding.depth_mm,
@@ -240,6 +286,7 @@ fn csv(findings: &[Finding]) -> String {
                 finding.created_at.as_deref().unwrap_or_default(),
                 finding.changed_at.as_deref().unwrap_or_default(),
                 finding.gyrus.map_or("", case::Gyrus::name),
+                finding.is_unconfirmed,
             );
         }
     }

@@ -121,6 +121,7 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .merge(
             OpenApiRouter::new()
                 .routes(routes!(findings::get_findings, findings::put_findings))
+                .routes(routes!(findings::take_over_findings))
                 .layer(DefaultBodyLimit::max(findings::MAX_BYTES)),
         )
         .merge(

@@ -54,6 +54,11 @@ pub const SCOPES: &[Row] = &[
     read("/v1/cases/{id}/report", Audited::Export),
     read("/v1/cases/{id}/findings", Audited::View),
     write(Method::PUT, "/v1/cases/{id}/findings", Audited::Change),
+    write(
+        Method::POST,
+        "/v1/cases/{id}/findings/from/{other}",
+        Audited::Change,
+    ),
     read("/v1/cases/{id}/layers", Audited::View),
     write(Method::POST, "/v1/cases/{id}/layers", Audited::Upload),
     read("/v1/cases/{id}/layers/{layer}", Audited::View),

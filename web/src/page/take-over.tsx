@@ -1,0 +1,169 @@
+// The dialog that takes over the findings of another case: the reader sees both heads before agreeing.
+
+import { useEffect, useRef, useState } from "preact/hooks";
+import { render } from "preact";
+
+import { allCases, send } from "../base/api.ts";
+import { caseIdentity } from "../base/case-words.ts";
+import { h } from "../base/dom.ts";
+import { moment, number, t } from "../base/i18n.ts";
+import { problemWords } from "../base/problem-words.ts";
+import type { ReadyCase } from "../model/case.ts";
+import type { Finding } from "../model/findings.ts";
+import type { ViewState } from "../model/state.ts";
+import { patientWords } from "../pacs/neighbour.ts";
+import type { Store } from "../store/store.ts";
+import { fill, open } from "./dialogs.ts";
+import { Status } from "./fields.tsx";
+
+/** The side of a picture, in pixels. */
+const PIXELS = 384;
+
+/** Lets the reader choose another case and compare both heads, then takes over its findings. */
+export async function takeOver(store: Store): Promise<void> {
+  const { findings } = store;
+  const host = h("div", { class: "heads" });
+  let other = "";
+  render(<Heads store={store} onChoose={(id) => (other = id)} />, host);
+  const { closed } = open(t("take-over.title"), "take-over", host);
+  const answer = await closed;
+  render(null, host);
+  if (answer !== "take" || other === "") return;
+  const before = findings.list.peek();
+  const known = new Set(before.map(({ id }) => id));
+  try {
+    await findings.sync.takeOver(other);
+  } catch (problem) {
+    return void (findings.status.value = problemWords(problem));
+  }
+  const taken = findings.list.peek().filter(({ id, is_unconfirmed }) => is_unconfirmed && !known.has(id));
+  findings.did(before, [...before, ...taken]);
+  findings.status.value = t("take-over.done", { count: number(taken.length) });
+}
+
+/** How many findings of a case another one has not. */
+async function countNew(id: string, own: readonly Finding[]): Promise<number> {
+  const answer = await send(`v1/cases/${id}/findings`, { cache: "no-cache" });
+  const { findings } = (await answer.json()) as { readonly findings: readonly Finding[] };
+  const known = new Set(own.map((one) => one.id));
+  return findings.filter((one) => !known.has(one.id)).length;
+}
+
+/** Both cases, and the button that agrees once both are seen. */
+function Heads({ store, onChoose }: { readonly store: Store; onChoose(id: string): void }) {
+  const { shown, findings, view } = store;
+  const [cases, setCases] = useState<readonly ReadyCase[]>([]);
+  const [other, setOther] = useState<ReadyCase | null>(null);
+  /** Of the chosen case; null: not known yet. */
+  const [count, setCount] = useState<number | null>(null);
+  const [said, say] = useState("");
+  const [seen, setSeen] = useState<ReadonlySet<string>>(new Set());
+  const asked = useRef("");
+  const complain = (problem: unknown): void => say(problemWords(problem));
+
+  const choose = (one: ReadyCase | null): void => {
+    asked.current = one?.id ?? "";
+    onChoose(asked.current);
+    setOther(one);
+    setCount(null);
+    say("");
+    if (!one) return;
+    const tell = (found: number): void => {
+      if (asked.current !== one.id) return;
+      setCount(found);
+      say(t("take-over.count", { count: number(found) }));
+    };
+    countNew(one.id, findings.list.peek()).then(tell, complain);
+  };
+  useEffect(() => {
+    const offer = (all: readonly ReadyCase[]): void => {
+      setCases(all);
+      // The case before, of which a corrected one is made, comes first to mind.
+      choose(all.find(({ id }) => id === shown.previous) ?? null);
+    };
+    const isOffered = (one: { readonly id: string; readonly state: string }): one is ReadyCase =>
+      one.state === "ready" && one.id !== shown.id;
+    allCases().then((all) => offer(all.filter(isOffered)), complain);
+  }, []);
+
+  const see = (id: string): void => setSeen((before) => new Set([...before, id]));
+  const isSeen = other !== null && seen.has(other.id) && seen.has(shown.id);
+  return (
+    <>
+      <p class="quiet">{t("take-over.text")}</p>
+      <label>
+        {t("take-over.other")}
+        <select
+          id="take-over-other"
+          value={other?.id ?? ""}
+          onChange={({ currentTarget }) => choose(cases.find(({ id }) => id === currentTarget.value) ?? null)}
+        >
+          <option value="">{t("compare.choose")}</option>
+          {cases.map((one) => (
+            <option key={one.id} value={one.id}>
+              {caseIdentity(one)}
+            </option>
+          ))}
+        </select>
+      </label>
+      <div class="two-heads">
+        <Head key={shown.id} title={t("take-over.this")} one={shown} state={view.now} onSeen={see} />
+        {other && <Head key={other.id} title={t("take-over.from")} one={other} state={view.now} onSeen={see} />}
+      </div>
+      <Status words={said} />
+      <div class="row end">
+        <button type="submit" value="">
+          {t("delete.keep")}
+        </button>
+        <button type="submit" value="take" class="primary" disabled={!isSeen || !count}>
+          {t("take-over.do")}
+        </button>
+      </div>
+    </>
+  );
+}
+
+/** Whose head it is, since when it is here, and a picture in the direction and at the depth of the screen. */
+function Head({
+  title,
+  one,
+  state,
+  onSeen,
+}: {
+  readonly title: string;
+  readonly one: ReadyCase;
+  readonly state: ViewState;
+  onSeen(id: string): void;
+}) {
+  const [patient, setPatient] = useState("");
+  const place = useRef<HTMLDivElement>(null);
+  useEffect(() => {
+    const depth_mm = Math.min(state.depth_mm, one.max_depth_mm).toFixed(2);
+    const query = new URLSearchParams({
+      depth_mm,
+      orientation: state.orientation.map((part) => part.toFixed(6)).join(","),
+      width: String(PIXELS),
+      height: String(PIXELS),
+      annotate: "true",
+    });
+    const show = async (): Promise<void> => {
+      // No picture is seen before its patient.
+      setPatient((await patientWords(one).catch(() => t("pacs.patient-unknown"))) || t("take-over.no-patient"));
+      const alt = t("take-over.picture", { name: caseIdentity(one) });
+      if (place.current && (await fill(place.current, `${one.id}/render?${query}`, alt))) onSeen(one.id);
+    };
+    void show();
+  }, []);
+  return (
+    <section data-id={one.id}>
+      <h3>{title}</h3>
+      <p>{caseIdentity(one)}</p>
+      <p class="patient">{patient}</p>
+      <p class="quiet">{`${t("case.uploaded")}: ${moment(one.created_at)}`}</p>
+      {one.superseded && <p class="bad">{t(`superseded.${one.superseded}`)}</p>}
+      <div class="server-shot" ref={place}>
+        <p class="quiet">{t("server.waiting")}</p>
+      </div>
+    </section>
+  );
+}
