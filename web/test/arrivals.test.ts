@@ -12,7 +12,7 @@ const ARRIVAL: Arrival = {
   state: "nothing",
   first_at: "2026-11-23T10:00:00Z",
   instances: 176,
-  superseded: 0,
+  corrected: 0,
   ignored: 0,
 };
 
@@ -26,9 +26,9 @@ test("what was refused is taken as a case or a layer, a layer as a case, and not
 
 test("what is missing, superseded or not kept is told, and nothing where there is nothing", () => {
   assert.deepEqual(arrivalFacts(ARRIVAL).slice(1), ["176 images"]);
-  assert.deepEqual(arrivalFacts({ ...ARRIVAL, expected: 192, superseded: 3, ignored: 2 }).slice(1), [
+  assert.deepEqual(arrivalFacts({ ...ARRIVAL, expected: 192, corrected: 3, ignored: 2 }).slice(1), [
     "176 of 192 images",
-    "superseded: 3 images took the place of others",
+    "corrected: 3 images took the place of others",
     "2 other objects, not kept",
   ]);
 });

@@ -249,6 +249,7 @@ mod tests {
             case,
             volume: cases.store().spool_all(volume.into()).await.unwrap(),
             dicom: None,
+            images: Vec::new(),
             series: None,
             name: LayerName::Usual(volume.to_owned()),
             parameters: LayerParameters::default(),

@@ -1,6 +1,6 @@
 //! The findings of a case: what readers have marked and written.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use bytes::Bytes;
 use case::findings::{Finding, FindingRefused, check};
@@ -158,8 +158,7 @@ impl Cases {
 
     /// Refuses a case of which nothing new is made.
     async fn check_open(&self, id: &CaseId) -> Result<(), NotReplaced> {
-        let superseded = self.case(id).await?.superseded;
-        match superseded.filter(|why| why.is_final()) {
+        match self.case(id).await?.closed {
             Some(why) => Err(NotReplaced::Closed(why.sentence())),
             None => Ok(()),
         }

@@ -21,6 +21,7 @@ use crate::children::{ChildBudget, ChildMemory, Granted};
 use crate::decoded_uploads::{DecodedUploads, OfferedUpload};
 use audit::Audit;
 use bytes::Bytes;
+use case::images::Image;
 use case::{
     Case, CaseFacts, CaseId, Failure, FailureKind, MaskMethod, ObjectKind, Parameters, Progress,
     Quality,
@@ -234,6 +235,19 @@ impl Library {
         source: Source,
         parameters: Parameters,
     ) -> Result<Submitted, StoreError> {
+        self.submit_of(source, Vec::new(), parameters).await
+    }
+
+    /// As [`Library::submit`], of a source that is made of these images.
+    ///
+    /// # Errors
+    /// As [`Library::submit`].
+    pub async fn submit_of(
+        &self,
+        source: Source,
+        images: Vec<Image>,
+        parameters: Parameters,
+    ) -> Result<Submitted, StoreError> {
         let (limits, has_network) = (self.limits(), self.has_network());
         let settle = move || (settled(&source, parameters, &limits, has_network), source);
         let ((parameters, read), source) = tokio::task::spawn_blocking(settle).await?;
@@ -250,7 +264,7 @@ impl Library {
             volume,
             mask,
             dicom,
-            images: Vec::new(),
+            images,
         };
         let id = upload.case_id(&parameters);
         let offer = read.map_or_else(OfferedUpload::default, |read| {

@@ -61,8 +61,8 @@ interface AnyCase {
   readonly created_at: string;
   /** Whether it is never removed because of its age. */
   readonly kept: boolean;
-  /** Why it is not the one that counts any more; absent if it is. */
-  readonly superseded?: "corrected" | "rejected" | "newer-version" | "moved";
+  /** Why it is closed; absent if it is open. */
+  readonly closed?: "corrected" | "rejected";
   /** When the server will remove it because of its age; absent if it will not. */
   readonly expires_at?: string;
   /** The case that this is a version of, with another mask or other parameters. */

@@ -24,7 +24,7 @@ export interface Arrival {
   readonly first_at: string;
   readonly instances: number;
   /** Images that took the place of others. */
-  readonly superseded: number;
+  readonly corrected: number;
   /** Objects that were not kept. */
   readonly ignored: number;
   readonly expected?: number;
@@ -61,12 +61,12 @@ const reasonWords = ({ name, detail }: Reason): string => {
 };
 
 /** What came, and what of it is not kept. */
-export function arrivalFacts({ first_at, instances, expected, superseded, ignored }: Arrival): readonly string[] {
+export function arrivalFacts({ first_at, instances, expected, corrected, ignored }: Arrival): readonly string[] {
   const images = expected && expected !== instances ? "arrival.images-of" : "arrival.images";
   return [
     moment(first_at),
     t(images, { count: instances, expected }),
-    ...(superseded > 0 ? [t("arrival.superseded", { count: superseded })] : []),
+    ...(corrected > 0 ? [t("arrival.corrected", { count: corrected })] : []),
     ...(ignored > 0 ? [t("arrival.ignored", { count: ignored })] : []),
   ];
 }

@@ -31,7 +31,7 @@ export class Row {
   readonly #version = h("span", { class: "status", hidden: true });
   readonly #badgeText = h("span", { class: "visually-hidden" });
   readonly #badge = h("span", { class: "quality-badge", hidden: true }, this.#badgeText);
-  readonly #superseded = h("span", { class: "superseded-badge", hidden: true });
+  readonly #closed = h("span", { class: "closed-badge", hidden: true });
   readonly #fresh = h("span", { class: "fresh-badge", hidden: true });
   readonly #bar = h("progress", { max: 1, "aria-label": t("case.progress"), hidden: true });
   readonly #delete: HTMLButtonElement;
@@ -54,7 +54,7 @@ export class Row {
         "span",
         { class: "words" },
         h("span", { class: "head" }, this.#title, this.#badge),
-        h("span", { class: "facts" }, this.#fresh, this.#superseded, this.#id, this.#status, this.#version),
+        h("span", { class: "facts" }, this.#fresh, this.#closed, this.#id, this.#status, this.#version),
         this.#bar,
       ),
     );
@@ -87,7 +87,7 @@ export class Row {
       this.#badge.title = doubts.map((one) => t(`quality.${one}`)).join("\n");
       this.#badge.dataset.verdict = quality.state;
     }
-    tell(this.#superseded, one.superseded ? t(`superseded.${one.superseded}`) : "");
+    tell(this.#closed, one.closed ? t(`closed.${one.closed}`) : "");
     this.#bar.hidden = one.state !== "preparing";
     if (one.state === "preparing") this.#bar.value = one.progress?.fraction ?? 0;
   }

@@ -69,9 +69,7 @@ class App {
   readonly #silence = h("p", { class: "notice-line bad", id: "silence", role: "alert", hidden: true });
   /** Says that the study has other heads. */
   readonly #others = h("div", { class: "notice-line remark others", role: "status", hidden: true });
-  /** The case that has inherited nothing from the version before, and why. */
-  #apart: { id: string; why: "moved" | "rejected" } | null = null;
-  readonly #superseded = h("p", { class: "notice-line bad", id: "superseded", role: "note", hidden: true });
+  readonly #closed = h("p", { class: "notice-line bad", id: "closed", role: "note", hidden: true });
   readonly #quality = h("div", { class: "quality", role: "note", hidden: true });
   readonly #layouts: HTMLElement;
   readonly #stage: HTMLElement;
@@ -133,7 +131,7 @@ class App {
       { class: "stage", id: "stage", tabindex: -1, "aria-labelledby": "case-title" },
       this.#silence,
       this.#others,
-      this.#superseded,
+      this.#closed,
       this.#quality,
       this.#note,
       this.#start,
@@ -304,14 +302,13 @@ class App {
     this.#start.hidden = !isEmpty;
     if (isEmpty) tell(this.#note, "");
     // It may come while the case is open.
-    this.#showSuperseded();
+    this.#showClosed();
     void this.#acquired.show(ready ? "" : (chosen?.id ?? ""));
     if (ready?.id === this.#viewer?.store.shown.id) return;
     this.#leave();
     // What was said of the case before is not of this one.
     announced.value = "";
     this.#showQuality(ready);
-    if (ready) void this.#followApart(ready);
     this.#showOthers(ready?.id);
     const surface = this.#kept && this.#kept.id === ready?.id ? this.#kept.surface : null;
     if (this.#kept && !surface) this.#kept.surface.dispose();
@@ -343,24 +340,10 @@ class App {
     void viewer.load();
   }
 
-  /** Whether the case is not the one that counts any more, or has inherited nothing from the version before. */
-  #showSuperseded(): void {
-    const { id, superseded } = this.#chosen ?? {};
-    const key = superseded
-      ? (`superseded.${superseded}.text` as const)
-      : this.#apart && id === this.#apart.id
-        ? (`superseded.${this.#apart.why}.next` as const)
-        : "";
-    tell(this.#superseded, id && key ? t(key) : "");
-  }
-
-  /** Looks once whether the version before lay elsewhere or was rejected. */
-  async #followApart({ id, previous }: Case): Promise<void> {
-    const before = previous ? await getCase(previous).catch(() => null) : null;
-    const why = before?.superseded;
-    if (why !== "moved" && why !== "rejected") return;
-    this.#apart = { id, why };
-    this.#showSuperseded();
+  /** Says why the case is closed, if it is. */
+  #showClosed(): void {
+    const closed = this.#chosen?.closed;
+    tell(this.#closed, closed ? t(`closed.${closed}.text`) : "");
   }
 
   /** Of a study with several heads one was opened: the others are a click away. */

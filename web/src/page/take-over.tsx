@@ -160,7 +160,7 @@ function Head({
       <p>{caseIdentity(one)}</p>
       <p class="patient">{patient}</p>
       <p class="quiet">{`${t("case.uploaded")}: ${moment(one.created_at)}`}</p>
-      {one.superseded && <p class="bad">{t(`superseded.${one.superseded}`)}</p>}
+      {one.closed && <p class="bad">{t(`closed.${one.closed}`)}</p>}
       <div class="server-shot" ref={place}>
         <p class="quiet">{t("server.waiting")}</p>
       </div>

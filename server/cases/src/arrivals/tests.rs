@@ -6,7 +6,9 @@ use case::Parameters;
 use imaging::Limits;
 use pipeline::atlas::AtlasChoice;
 use pipeline::{HeadLimits, Source};
-use storage::arrivals::{ArrivalSource, ArrivalState, NewInstance, SeriesQuery, SeriesUids, Uid};
+use storage::arrivals::{
+    ArrivalSource, ArrivalState, NewInstance, Reception, SeriesQuery, SeriesUids, Uid,
+};
 use storage::testing::files_below;
 use storage::{Store, StoreError};
 
@@ -67,12 +69,12 @@ async fn a_series_that_is_out_of_memory_each_time_becomes_nothing() {
         sop_instance_uid: uid("1.2.3.4"),
         digest: *file.digest(),
         label: None,
-        replaces: None,
+        fingerprint: None,
     };
     let received = cases
         .store()
         .receive(vec![(image, file)], ArrivalSource::CStore);
-    assert_eq!(received.await.unwrap().new, 1);
+    assert_eq!(received.await.unwrap(), [Reception::New]);
     let options = ArrivalOptions {
         stable: Duration::ZERO,
         series: SeriesRule::Any,

@@ -96,6 +96,7 @@ impl Setup {
             volume: store.spool_all(volume).await.unwrap(),
             mask,
             dicom: None,
+            images: Vec::new(),
         }
     }
 

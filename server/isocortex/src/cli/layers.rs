@@ -139,7 +139,7 @@ pub(super) async fn add_layers(
 
 async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, CliError> {
     let is_dicom = file.path.is_dir() || sniff(&head_of(&file.path)?).may_be_dicom();
-    let (source, series) = if is_dicom {
+    let (source, series, images) = if is_dicom {
         let reader = DicomReader::new(Program::default(), Limits::default(), MAX_DICOM_BYTES);
         let options = Options {
             purpose: Purpose::Layer,
@@ -152,7 +152,8 @@ async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, Cli
         let volume = reading.volume().await;
         let volume = volume.map_err(|error| CliError::new(ExitStatus::Internal, error))?;
         let dicom = Some(reading.attributes);
-        (LayerSource { volume, dicom }, Some(reading.choice.series))
+        let source = LayerSource { volume, dicom };
+        (source, Some(reading.choice.series), reading.images)
     } else {
         let volume = read_input(&file.path)?;
         (
@@ -161,6 +162,7 @@ async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, Cli
                 dicom: None,
             },
             None,
+            Vec::new(),
         )
     };
     let (series, name) = (series.as_ref(), Some(&*file.name));
@@ -181,6 +183,7 @@ async fn add(store: &Store, case: &CaseId, file: LayerFile) -> Result<Layer, Cli
         volume: store.spool_all(source.volume).await?,
         dicom: spooled(source.dicom).await?,
         series,
+        images,
         name: LayerName::Usual(file.name),
         parameters,
         most: Config::default().limits.max_layers,

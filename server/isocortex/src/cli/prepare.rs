@@ -10,6 +10,7 @@ use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
 use super::{MAX_DICOM_BYTES, VolumeOptions, head_of, read_input};
+use case::images::Image;
 use case::{CaseId, CaseState, Parameters};
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
 use cases::jobs::start_workers;
@@ -39,7 +40,7 @@ pub(super) struct PrepareArgs {
 
 /// Prepares a volume.
 pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
-    let source = super::block_on(source(&args.volume, &args.options))?;
+    let (source, images) = super::block_on(source(&args.volume, &args.options))?;
     let parameters = args.options.parameters(args.name.clone())?;
     let pipeline = args.options.pipeline()?;
     let layers = args.layers.layers()?;
@@ -49,19 +50,23 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     super::block_on(async {
         let store = Store::open(&data).await?;
         let library = Library::new(store, pipeline.into(), LibraryOptions::default());
-        into_store(library, source, parameters, layers).await
+        into_store(library, source, images, parameters, layers).await
     })
 }
 
-/// Reads the files of an input. DICOM files, recognised by content, become a volume.
-pub(super) async fn source(volume: &Path, options: &VolumeOptions) -> Result<Source, CliError> {
+/// Reads the files of an input, and which images it is made of. DICOM files, recognised by content, become a volume.
+pub(super) async fn source(
+    volume: &Path,
+    options: &VolumeOptions,
+) -> Result<(Source, Vec<Image>), CliError> {
     let mask = options.mask.as_deref().map(read_input).transpose()?;
     if !volume.is_dir() && !sniff(&head_of(volume)?).may_be_dicom() {
-        return Ok(Source {
+        let source = Source {
             volume: read_input(volume)?,
             mask,
             ..Source::default()
-        });
+        };
+        return Ok((source, Vec::new()));
     }
     let chosen = Options {
         series: options.series.clone(),
@@ -72,12 +77,13 @@ pub(super) async fn source(volume: &Path, options: &VolumeOptions) -> Result<Sou
     let scratch = std::env::temp_dir();
     let reading = reader.read(Input::Path(volume), &chosen, &scratch).await?;
     tell(&reading.choice);
-    Ok(Source {
+    let source = Source {
         volume: reading.volume().await.map_err(internal)?,
         mask,
         dicom: Some(reading.attributes),
         ..Source::default()
-    })
+    };
+    Ok((source, reading.images))
 }
 
 fn internal(error: std::io::Error) -> CliError {
@@ -124,12 +130,13 @@ pub(super) async fn warn_of_doubts(store: &Store, id: &CaseId) -> Result<(), Cli
 async fn into_store(
     library: Library,
     source: Source,
+    images: Vec<Image>,
     parameters: Parameters,
     layers: Vec<LayerFile>,
 ) -> Result<(), CliError> {
     let store = library.store().clone();
     let workers = start_workers(library.clone(), 1);
-    let submitted = library.submit(source, parameters).await?;
+    let submitted = library.submit_of(source, images, parameters).await?;
     let id = submitted.case.id;
     let prepare = async {
         wait_until_ready(&store, &id).await?;

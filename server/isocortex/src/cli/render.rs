@@ -161,7 +161,7 @@ async fn open(args: &RenderArgs) -> Result<Store, CliError> {
 
 /// The case of a volume, in a store in memory.
 async fn prepared(args: &RenderArgs) -> Result<(Store, CaseId), CliError> {
-    let source = source(&args.input, &args.options).await?;
+    let (source, _) = source(&args.input, &args.options).await?;
     let parameters = args.options.parameters(None)?;
     let store = Store::in_memory(storage::Options::default()).await?;
     let pipeline = args.options.pipeline()?;

@@ -117,6 +117,7 @@ impl From<Error> for CliError {
             Error::NotReady { .. } | Error::LayerNotReady | Error::Busy | Error::BusyFor(_) => {
                 ExitStatus::Unavailable
             }
+            Error::LayerClosed(_) => ExitStatus::BadInput,
             Error::Geometry(_) | Error::MapsUndefined { .. } | Error::NoSurfaces(_) => {
                 ExitStatus::BadInput
             }

@@ -136,7 +136,7 @@ pub async fn put_findings(
 
 /// Take over the findings of another case
 ///
-/// Adds the findings of the case `other`, in any state, to those of a case that is ready and not superseded. Their positions (LPS mm)
+/// Adds the findings of the case `other`, in any state, to those of a case that is ready and open. Their positions (LPS mm)
 /// stay as they are. **Whether both heads lie in one place is not verified**, neither by patient nor by frame of reference: the reader looks.
 /// So each one is added with `is_unconfirmed`, until a client sends it without (`PUT`). A finding whose id is there already is not added
 /// again. If one lies outside the volume of the case, none is added. `If-Match` as for `PUT`; the answer is the whole list.
@@ -151,7 +151,7 @@ pub async fn put_findings(
         (status = 200, description = "The findings as they are now", body = FindingList, headers(("ETag" = String, description = "The new one"))),
         (status = 400, description = "Together they are too many (`findings-invalid`)"),
         (status = 404, description = "One of the cases is not here"),
-        (status = 409, description = "The case is not ready (`case-not-ready`) or does not count any more (`superseded`), or a finding lies outside its volume (`findings-elsewhere`)"),
+        (status = 409, description = "The case is not ready (`case-not-ready`) or closed (`closed`), or a finding lies outside its volume (`findings-elsewhere`)"),
         (status = 412, description = "Somebody has changed the findings; the answer has them as they are", body = FindingsChanged, content_type = "application/problem+json", headers(("ETag" = String, description = "The current one"))),
         (status = 428, description = "`If-Match` is missing"),
     )
@@ -187,7 +187,7 @@ fn answer(replaced: Result<Findings, NotReplaced>) -> Result<Response, AppError>
             detail,
         )),
         Err(NotReplaced::Closed(detail)) => {
-            Err(AppError::new(StatusCode::CONFLICT, "superseded", detail))
+            Err(AppError::new(StatusCode::CONFLICT, "closed", detail))
         }
         Err(NotReplaced::Other(error)) => Err(error.into()),
     }

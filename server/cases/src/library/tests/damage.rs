@@ -256,6 +256,7 @@ async fn a_layer_waits_for_its_source_and_one_that_is_ready_stays_so() {
         case,
         volume: volume.unwrap(),
         dicom: None,
+        images: Vec::new(),
         series: None,
         name: LayerName::Usual("T2".to_owned()),
         parameters: LayerParameters::default(),

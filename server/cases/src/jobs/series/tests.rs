@@ -1,0 +1,616 @@
+//! What becomes of cases, layers and results while a PACS sends, corrects, rejects and lifts, beside a naive fold over its messages.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use bytes::Bytes;
+use case::Closed;
+use case::images::Fingerprint;
+use proptest::prelude::*;
+use storage::arrivals::{
+    ArrivalSource, ArrivalState, NewInstance, Reception, Rejection, SeriesUids, Uid,
+};
+use storage::results::{NewResult, ResultSeries};
+
+use super::*;
+use crate::arrivals::tests::application;
+
+/// The job that sends a result.
+const SEND: JobKind = JobKind::new("send", "delivery");
+
+/// Series of the study: two are heads, and the third a layer.
+const SERIES: [&str; 3] = ["1.2.1", "1.2.2", "1.2.3"];
+
+/// Images of a series.
+const IMAGES: usize = 3;
+
+fn uid(text: &str) -> Uid {
+    Uid::parse(text).unwrap()
+}
+
+fn uids(series: usize) -> SeriesUids {
+    SeriesUids {
+        study: uid("1.2"),
+        series: uid(SERIES[series]),
+    }
+}
+
+/// An image is named by the series in which it was acquired and its number, wherever it is sent later.
+type ImageName = (usize, usize);
+
+fn uid_of((series, number): ImageName) -> Uid {
+    uid(&format!("{}.{number}", SERIES[series]))
+}
+
+/// What a file of an image is: its series, and a version of its contents.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Version {
+    series: usize,
+    contents: u8,
+}
+
+fn contents(name: ImageName, version: Version) -> String {
+    format!("{name:?} {version:?}")
+}
+
+fn print(name: ImageName, version: Version) -> Fingerprint {
+    let digest = blake3::hash(contents(name, version).as_bytes()).to_hex();
+    Fingerprint::new(&digest[..32], false, Vec::new()).unwrap()
+}
+
+/// A step of the PACS, of a user, or of misfortune.
+#[derive(Debug, Clone)]
+enum Step {
+    /// Sends images of a series, each as this version.
+    Send {
+        of: usize,
+        numbers: Vec<usize>,
+        version: Version,
+    },
+    Reject {
+        of: usize,
+        numbers: Vec<usize>,
+        within: usize,
+        may_return: bool,
+    },
+    /// Lifts the latest rejection.
+    Lift,
+    /// Uploads the images of a series as this version.
+    Upload {
+        of: usize,
+        version: Version,
+    },
+    /// Reads a series that is due. It may be killed before it is settled, after images came meanwhile.
+    Read {
+        is_killed: bool,
+    },
+    /// Asks for a result of a case to be sent.
+    Ask {
+        case: usize,
+    },
+    /// Takes a result to be sent.
+    Take,
+    Delete {
+        case: usize,
+    },
+    /// Everything that is in memory is gone.
+    Kill,
+    /// A week passes, after which files are forgotten.
+    Week,
+}
+
+fn version() -> impl Strategy<Value = Version> {
+    (0..SERIES.len(), 0..2_u8).prop_map(|(series, contents)| Version { series, contents })
+}
+
+fn numbers() -> impl Strategy<Value = Vec<usize>> {
+    prop_oneof![
+        3 => Just((0..IMAGES).collect::<Vec<_>>()),
+        1 => proptest::sample::subsequence((0..IMAGES).collect::<Vec<_>>(), 1..=IMAGES),
+    ]
+}
+
+/// Mostly, images stay in their series.
+fn step() -> impl Strategy<Value = Step> {
+    let of = || 0..SERIES.len();
+    let own = (of(), numbers(), 0..2_u8).prop_map(|(of, numbers, contents)| Step::Send {
+        of,
+        numbers,
+        version: Version {
+            series: of,
+            contents,
+        },
+    });
+    let anywhere = (of(), numbers(), version()).prop_map(|(of, numbers, version)| Step::Send {
+        of,
+        numbers,
+        version,
+    });
+    prop_oneof![
+        6 => own,
+        1 => anywhere,
+        2 => (of(), numbers(), of(), any::<bool>()).prop_map(|(of, numbers, within, may_return)| {
+            Step::Reject { of, numbers, within, may_return }
+        }),
+        1 => Just(Step::Lift),
+        1 => (of(), version()).prop_map(|(of, version)| Step::Upload { of, version }),
+        6 => proptest::bool::weighted(0.2).prop_map(|is_killed| Step::Read { is_killed }),
+        2 => (0..9_usize).prop_map(|case| Step::Ask { case }),
+        2 => Just(Step::Take),
+        1 => (0..9_usize).prop_map(|case| Step::Delete { case }),
+        1 => Just(Step::Kill),
+        1 => Just(Step::Week),
+    ]
+}
+
+/// What must be so, by the messages alone.
+#[derive(Debug, Default)]
+struct Fold {
+    /// The last version of each image that a PACS has sent.
+    last: BTreeMap<ImageName, Version>,
+    /// What is rejected in which series, and whether it counts again when it comes again; oldest first.
+    rejected: Vec<(BTreeSet<ImageName>, usize, bool)>,
+}
+
+impl Fold {
+    fn send(&mut self, name: ImageName, version: Version) {
+        self.last.insert(name, version);
+        for (names, within, may_return) in &mut self.rejected {
+            if *may_return && *within == version.series {
+                names.remove(&name);
+            }
+        }
+    }
+
+    /// The latest note about an image counts, but one that may not return stays so.
+    fn reject(&mut self, names: &[ImageName], within: usize, may_return: bool) {
+        let mut forever = BTreeSet::new();
+        for (named, of, may_return) in &mut self.rejected {
+            if *of == within {
+                for name in names {
+                    if named.remove(name) && !*may_return {
+                        forever.insert(*name);
+                    }
+                }
+            }
+        }
+        self.rejected.retain(|(names, ..)| !names.is_empty());
+        let names: BTreeSet<_> = names.iter().copied().collect();
+        // One note has rows of both kinds then; they are lifted together, and return one by one.
+        let (forever, returning): (BTreeSet<_>, BTreeSet<_>) = names
+            .into_iter()
+            .partition(|name| !may_return || forever.contains(name));
+        for (names, may_return) in [(forever, false), (returning, true)] {
+            if !names.is_empty() {
+                self.rejected.push((names, within, may_return));
+            }
+        }
+    }
+
+    fn is_rejected(&self, name: ImageName) -> bool {
+        let last = self.last.get(&name);
+        self.rejected.iter().any(|(names, within, _)| {
+            names.contains(&name) && last.is_none_or(|last| last.series == *within)
+        })
+    }
+
+    /// Why something is closed that was made of these images.
+    fn closed(&self, made_of: &BTreeMap<ImageName, Version>) -> Option<Closed> {
+        let is_another = |(name, version): (&ImageName, &Version)| {
+            self.last.get(name).is_some_and(|last| last != version)
+        };
+        if made_of.iter().any(is_another) {
+            return Some(Closed::Corrected);
+        }
+        let mut names = made_of.keys();
+        names
+            .any(|name| self.is_rejected(*name))
+            .then_some(Closed::Rejected)
+    }
+}
+
+/// A server whose child copies a volume and its description from a folder, and what it must do.
+struct World {
+    place: TempDir,
+    folder: TempDir,
+    cases: Cases,
+    fold: Fold,
+    /// Of which images each case was made.
+    made: BTreeMap<String, BTreeMap<ImageName, Version>>,
+    /// Files that were acknowledged and must be there.
+    kept: BTreeMap<ImageName, Version>,
+    asked: usize,
+    /// How far the clock of the rows is ahead.
+    ahead: Duration,
+}
+
+async fn open(place: &Path, folder: &Path) -> Cases {
+    let store = Store::open_with(place, crate::testing::options());
+    application(store.await.unwrap(), &copy_from(folder))
+}
+
+fn copy_from(folder: &Path) -> String {
+    format!(
+        r#"order=$(/bin/cat); output=${{order#*\"output\":\"}}; /bin/cp {}/* "${{output%%\"*}}""#,
+        folder.display()
+    )
+}
+
+impl World {
+    async fn new() -> Self {
+        let [place, folder] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+        let volume = pipeline::testing::nifti(&pipeline::testing::phantom().volume);
+        let room = vec![0; storage::Spooled::START as usize];
+        let file = [&room[..], &volume].concat();
+        std::fs::write(folder.path().join("volume.nii.gz"), file).unwrap();
+        Self {
+            cases: open(place.path(), folder.path()).await,
+            place,
+            folder,
+            fold: Fold::default(),
+            made: BTreeMap::new(),
+            kept: BTreeMap::new(),
+            asked: 0,
+            ahead: Duration::ZERO,
+        }
+    }
+
+    fn store(&self) -> &Store {
+        self.cases.store()
+    }
+
+    fn pass(&mut self, by: Duration) {
+        self.ahead += by;
+        self.store().pass_time(by);
+    }
+
+    async fn send(&mut self, name: ImageName, version: Version) {
+        let file = contents(name, version);
+        let file = self.store().spool_all(file.into()).await.unwrap();
+        let image = NewInstance {
+            uids: uids(version.series),
+            accession_number: None,
+            sop_instance_uid: uid_of(name),
+            digest: *file.digest(),
+            label: None,
+            fingerprint: Some(print(name, version)),
+        };
+        let received = self
+            .store()
+            .receive(vec![(image, file)], ArrivalSource::CStore);
+        assert_ne!(received.await.unwrap(), [Reception::Refused]);
+        self.fold.send(name, version);
+        self.kept.insert(name, version);
+    }
+
+    /// What the child finds in these images.
+    fn describe(&self, of: &BTreeMap<ImageName, Version>) {
+        let (_, first) = of.first_key_value().unwrap();
+        let images: Vec<_> = (of.iter())
+            .map(|(name, version)| {
+                let print = print(*name, *version).to_string();
+                let print = serde_json::json!({
+                    "contents": &print[..32], "corners_mm": [], "is_lossy": false,
+                });
+                (uid_of(*name), print)
+            })
+            .collect();
+        let instances: Vec<_> = (of.keys())
+            .map(|name| serde_json::json!({"sop_class_uid": "1.3", "sop_instance_uid": uid_of(*name)}))
+            .collect();
+        // The kind of the contents is part of the id of the case.
+        let versions: Vec<_> = of
+            .values()
+            .map(|version| version.contents.to_string())
+            .collect();
+        let is_head = first.series < 2;
+        let outcome = serde_json::json!({"read": {
+            "attributes": {
+                "attributes": [
+                    ["PatientID", "P-1"],
+                    ["StudyInstanceUID", "1.2"],
+                    ["SeriesInstanceUID", SERIES[first.series]],
+                    ["StudyDescription", versions.join(" ")],
+                ],
+                "instances": instances,
+                "interpolated_slices": [],
+            },
+            "series": {
+                "number": 1,
+                "modality": "MR",
+                "name": if is_head { "T1" } else { "FLAIR" },
+                "size": [9, 9, 9],
+                "is_volume": true,
+                "token": "01234567",
+            },
+            "is_t1": is_head,
+            "others": [],
+            "ignored_files": 0,
+            "images": images,
+        }});
+        let file = self.folder.path().join("outcome.json");
+        std::fs::write(file, outcome.to_string()).unwrap();
+    }
+
+    /// Reads a series that is due; whether there was one.
+    async fn read(&mut self, is_killed: bool) -> bool {
+        self.pass(Duration::from_secs(60));
+        let terms = DueTerms {
+            stable: Duration::ZERO,
+            patience: Duration::ZERO,
+        };
+        self.store().queue_due_series(&terms).await.unwrap();
+        let Some(claim) = self.store().claim(JobKind::SERIES, 1000).await.unwrap() else {
+            return false;
+        };
+        let due = self.store().series_to_read(&claim).await.unwrap().unwrap();
+        let mut of = BTreeMap::new();
+        for image in &due.images {
+            let name = name_of(&image.uid);
+            let file = self.store().object(&image.object).await.unwrap();
+            of.insert(name, version_of(name, &file));
+        }
+        if !of.is_empty() {
+            self.describe(&of);
+        }
+        let before: BTreeSet<_> = self.made.keys().cloned().collect();
+        let outcome = self
+            .cases
+            .read_series(&due, &ArrivalOptions::default())
+            .await;
+        let outcome = outcome.unwrap();
+        if let Outcome::Case(case) = &outcome {
+            let case = case.to_string();
+            // A case that was there has all these images; a new one is made of them.
+            match self.made.get(&case).filter(|_| before.contains(&case)) {
+                Some(made) => assert!(of.keys().all(|name| made.contains_key(name))),
+                None => drop(self.made.insert(case.clone(), of.clone())),
+            }
+            self.follow(&case, &of);
+        }
+        if is_killed {
+            self.pass(Duration::from_secs(3600));
+            return true;
+        }
+        assert!(self.store().settle(&claim, &outcome).await.unwrap());
+        true
+    }
+
+    /// A case that is made again is made of what came last.
+    fn follow(&mut self, case: &str, of: &BTreeMap<ImageName, Version>) {
+        let made = self.made.get_mut(case).unwrap();
+        for (name, version) in of {
+            if self.fold.last.get(name) == Some(version) {
+                made.insert(*name, *version);
+            }
+        }
+    }
+
+    async fn upload(&mut self, of: usize, version: Version) {
+        let all: BTreeMap<_, _> = (0..IMAGES).map(|number| ((of, number), version)).collect();
+        self.describe(&all);
+        let directory = self.store().spool_directory().await.unwrap();
+        let files = VolumeFiles::Dicom(directory);
+        let read = self.cases.upload(files, None, &Options::default()).await;
+        let (upload, _) = read.unwrap();
+        let submitted = self.cases.submit(upload, Parameters::default(), true).await;
+        let case = submitted.unwrap().case.id.to_string();
+        self.made.entry(case.clone()).or_insert_with(|| all.clone());
+        self.follow(&case, &all);
+    }
+
+    fn case(&self, number: usize) -> Option<CaseId> {
+        let count = self.made.len();
+        let case = self.made.keys().nth(number.checked_rem(count)?)?;
+        CaseId::parse(case)
+    }
+
+    async fn ask(&mut self, case: CaseId) {
+        self.asked += 1;
+        let file = Bytes::from(format!("result {}", self.asked));
+        let layers = self.store().layers(&case).await.unwrap();
+        let new = NewResult {
+            case,
+            node: "pacs".to_owned(),
+            study: uid("1.2"),
+            series: ResultSeries {
+                sop_class_uid: uid("1.3"),
+                series_uid: uid("2.25.1"),
+            },
+            instance: uid(&format!("2.25.{}", 10 + self.asked)),
+            layers: layers.iter().map(|layer| layer.id).collect(),
+            digest: blake3::hash(&file),
+        };
+        self.store().queue_result(new, file, SEND).await.unwrap();
+    }
+
+    /// Nothing closed is sent.
+    async fn take(&self) {
+        let Some(claim) = self.store().claim(SEND, 1000).await.unwrap() else {
+            return;
+        };
+        let result = self.store().result(&claim.key).await.unwrap().unwrap();
+        assert_eq!(
+            self.closed(&result.case),
+            None,
+            "a result of a closed case is sent"
+        );
+        assert!(self.store().finish(&claim).await.unwrap());
+    }
+
+    fn closed(&self, case: &CaseId) -> Option<Closed> {
+        self.fold.closed(&self.made[&case.to_string()])
+    }
+
+    async fn delete(&mut self, case: CaseId) {
+        // Its series go with it, so that nothing of the patient stays.
+        for series in 0..SERIES.len() {
+            let query = SeriesQuery::Study(uid("1.2"), Some(uid(SERIES[series])));
+            for arrival in self.store().arrivals_of(&query).await.unwrap() {
+                let became = [ArrivalState::Case, ArrivalState::Layer].contains(&arrival.state);
+                if became && arrival.case == Some(case) {
+                    self.kept.retain(|_, version| version.series != series);
+                }
+            }
+        }
+        self.store().delete(&case).await.unwrap();
+        self.made.remove(&case.to_string());
+    }
+
+    async fn step(&mut self, step: &Step) {
+        match step {
+            Step::Send {
+                of,
+                numbers,
+                version,
+            } => {
+                for number in numbers {
+                    self.send((*of, *number), *version).await;
+                }
+            }
+            Step::Reject {
+                of,
+                numbers,
+                within,
+                may_return,
+            } => {
+                let names: Vec<_> = numbers.iter().map(|number| (*of, *number)).collect();
+                let instances = names.iter().map(|name| uid_of(*name)).collect();
+                let rejection = Rejection {
+                    may_return: *may_return,
+                    series: vec![(uids(*within), instances)],
+                };
+                let rejected = self
+                    .store()
+                    .reject(&rejection, ArrivalSource::Stow, "somebody");
+                rejected.await.unwrap();
+                self.fold.reject(&names, *within, *may_return);
+                self.pass(Duration::from_secs(1));
+            }
+            Step::Lift => {
+                let rejections = self.store().rejections(1).await.unwrap();
+                let Some(latest) = rejections.first() else {
+                    assert_eq!(self.fold.rejected, []);
+                    return;
+                };
+                assert!(self.store().lift(&latest.id).await.unwrap());
+                let within = SERIES
+                    .iter()
+                    .position(|series| *series == latest.uids.series.as_str());
+                let Some((.., last, _)) = self.fold.rejected.last().cloned() else {
+                    panic!("nothing is rejected");
+                };
+                assert_eq!(within, Some(last));
+                let mut lifted = latest.instances;
+                while lifted > 0 {
+                    lifted -= self.fold.rejected.pop().unwrap().0.len();
+                }
+            }
+            Step::Upload { of, version } => self.upload(*of, *version).await,
+            Step::Read { is_killed } => drop(self.read(*is_killed).await),
+            Step::Ask { case } => {
+                if let Some(case) = self.case(*case) {
+                    self.ask(case).await;
+                }
+            }
+            Step::Take => self.take().await,
+            Step::Delete { case } => {
+                if let Some(case) = self.case(*case) {
+                    self.delete(case).await;
+                }
+            }
+            Step::Kill => {
+                self.cases = open(self.place.path(), self.folder.path()).await;
+                self.store().pass_time(self.ahead);
+            }
+            Step::Week => {
+                self.pass(Duration::from_secs(7 * 24 * 3600));
+                while self.read(false).await {}
+                self.pass(Duration::from_secs(7 * 24 * 3600));
+                self.store()
+                    .forget(Duration::from_secs(3 * 24 * 3600))
+                    .await
+                    .unwrap();
+                self.kept.clear();
+            }
+        }
+    }
+
+    /// The rows are what the messages say.
+    async fn check(&self) {
+        for (case, made) in &self.made {
+            let case = CaseId::parse(case).unwrap();
+            let held = self.store().case(&case).await.unwrap().unwrap();
+            assert_eq!(held.closed, self.fold.closed(made), "{case} of {made:?}");
+            assert_eq!(self.store().closed(&case).await.unwrap(), held.closed);
+            for layer in self.store().layers(&case).await.unwrap() {
+                let of = self
+                    .store()
+                    .images_of_layer(&case, &layer.id)
+                    .await
+                    .unwrap();
+                let of = of.iter().map(|image| {
+                    let name = name_of(&image.uid);
+                    let versions = (0..SERIES.len()).flat_map(|series| {
+                        (0..2).map(move |contents| Version { series, contents })
+                    });
+                    let mut versions =
+                        versions.filter(|version| print(name, *version) == image.fingerprint);
+                    (name, versions.next().unwrap())
+                });
+                assert_eq!(layer.closed, self.fold.closed(&of.collect()));
+            }
+        }
+        for (name, version) in &self.kept {
+            let images = self.store().images_of(&uids(version.series)).await.unwrap();
+            let (_, object) = images
+                .iter()
+                .find(|(uid, _)| *uid == uid_of(*name))
+                .unwrap();
+            let file = self.store().object(object).await.unwrap();
+            assert_eq!(version_of(*name, &file), *version);
+        }
+    }
+}
+
+fn name_of(uid: &Uid) -> ImageName {
+    let (series, number) = uid.as_str().rsplit_once('.').unwrap();
+    let series = SERIES.iter().position(|known| *known == series).unwrap();
+    (series, number.parse().unwrap())
+}
+
+fn version_of(name: ImageName, file: &[u8]) -> Version {
+    let versions = (0..SERIES.len())
+        .flat_map(|series| (0..2).map(move |contents| Version { series, contents }));
+    let mut versions = versions.filter(|version| contents(name, *version).as_bytes() == file);
+    versions.next().unwrap()
+}
+
+async fn live(steps: &[Step]) {
+    let mut world = World::new().await;
+    for step in steps {
+        world.step(step).await;
+        world.check().await;
+    }
+    // In the end, everything is read.
+    while world.read(false).await {}
+    world.check().await;
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 24,
+        max_shrink_iters: 200,
+        ..ProptestConfig::default()
+    })]
+
+    #[test]
+    fn the_rows_are_what_the_messages_say(steps in prop::collection::vec(step(), 1..24)) {
+        let runtime = tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(2)
+            .enable_all()
+            .build()
+            .unwrap();
+        runtime.block_on(live(&steps));
+    }
+}
