@@ -343,10 +343,10 @@ test("a launch that opens one of several heads says so, and leads back to the ch
 test("what came is listed and filtered, and a refused series is taken as a case", { skip }, async () => {
   const watched = await openPage(browser);
   const { page } = watched;
-  const counts = { instances: 176, superseded: 0, ignored: 0, first_at: "2026-11-01T09:00:00Z" };
+  const counts = { instances: 176, corrected: 0, ignored: 0, first_at: "2026-11-01T09:00:00Z" };
   const missing = { name: "dicom-slices-missing", detail: "slices 12 and 13 of 178 are missing" };
   const refused = { ...counts, id: "7", state: "nothing", label: "T1 MPRAGE · 2026-11-01", reason: missing };
-  const other = { ...counts, superseded: 3 };
+  const other = { ...counts, corrected: 3 };
   const rejected = { ...other, id: "6", state: "nothing", instances: 0, reason: { name: "rejected", detail: "x" } };
   const became = { ...other, id: "5", state: "case", case: id, label: "<b>T1</b>" };
   const asked: string[] = [];
@@ -381,7 +381,7 @@ test("what came is listed and filtered, and a refused series is taken as a case"
   await keep(page, "arrivals");
   const [first, second, third] = await items.allInnerTexts();
   assert.match(first ?? "", /T1 MPRAGE · 2026-11-01\s+not used[^]*176 images[^]*Slices of the series are missing/);
-  assert.match(second ?? "", /Series without a description[^]*superseded: 3 images[^]*The PACS has rejected/);
+  assert.match(second ?? "", /Series without a description[^]*corrected: 3 images[^]*The PACS has rejected/);
   assert.equal(await items.nth(1).locator("button").count(), 0, "there is nothing to take");
   assert.match(third ?? "", /^<b>T1<\/b>\s+became a case/);
   await dialog.locator("#arrival-state").selectOption("case");
@@ -453,16 +453,16 @@ test("a series that the server refused is taken from the list, and its case open
   await shown(page);
   assert.ok(!page.url().includes(id), page.url());
   const [notice, badge] = [
-    page.locator("#superseded"),
-    page.locator("#case-list li:has([aria-current]) .superseded-badge"),
+    page.locator("#closed"),
+    page.locator("#case-list li:has([aria-current]) .closed-badge"),
   ];
   assert.ok(!(await notice.isVisible()) && !(await badge.isVisible()));
-  // The PACS corrects the patient of the first image: what is read here is not the one that counts any more.
+  // The PACS corrects the patient of the first image: what is read here is closed.
   assert.equal(await store(markedSeries({ ...patient, id: "P-87" }, series).slice(0, 1)), 202);
-  await page.reload();
-  await shown(page);
-  assert.match(await notice.innerText(), /^Superseded: the patient or the study/);
-  assert.equal(await badge.innerText(), "Superseded");
+  // The open page hears of it.
+  await notice.waitFor({ timeout: 5000 });
+  assert.match(await notice.innerText(), /^Closed: the archive has sent other images/);
+  assert.equal(await badge.innerText(), "Closed");
   assert.deepEqual(await violations(page), []);
   assert.deepEqual(watched.troubles, []);
   await watched.context.close();

@@ -194,10 +194,7 @@ async fn goes_the_whole_way(start: Start) {
     assert!(archive.send().await, "each image is answered B000");
     let new = case_other_than(&neighbour, &old).await;
     let view = json!({"what": "view", "node": "archive"});
-    assert_eq!(
-        result(server, &address, &view).await.problem(),
-        "superseded"
-    );
+    assert_eq!(result(server, &address, &view).await.problem(), "closed");
     let new = format!("/v1/cases/{}", new.as_str().unwrap());
     server.until_ready(&new).await;
     let attributes = server.get(&format!("{new}/dicom")).await.json();

@@ -1,15 +1,15 @@
-//! A PACS corrects images: the same UIDs come again with another patient or other pixels.
+//! A PACS corrects and rejects images: what was made of them is closed.
 
 use std::time::Duration;
 
-use axum::body::Body;
-use axum::http::Request;
+use axum::http::{Method, Request};
 use imaging::dicom::Attributes;
 use imaging::dicom::write::{Head, KeyObjectTitle, Listed, key_object};
 use serde_json::{Value, json};
 
 use crate::dicom::{head_slices, zipped};
 use crate::head::plain_head;
+use crate::maps::{settled, until_maps};
 use crate::pacs::{Lines, Neighbour, dcmtk, dimse, dimse_options, items, run, with_texts};
 use crate::results::{IDENTITY, add_node, identified_case, identified_head, result, small};
 use crate::series_builder::{Slice, Syntax, files};
@@ -59,12 +59,18 @@ pub(crate) async fn case_after(neighbour: &Neighbour, before: &str) -> String {
 async fn case_of_a_link(neighbour: &Neighbour) -> String {
     let case = until("a link opens a case", async || {
         let found = launched(neighbour).await;
-        let case = found["case"].as_str()?;
-        Some(format!("/v1/cases/{case}"))
+        found["case"]
+            .as_str()
+            .map(|case| format!("/v1/cases/{case}"))
     })
     .await;
     neighbour.server.until_ready(&case).await;
     case
+}
+
+/// Whether a link to the study opens a case.
+async fn is_found(neighbour: &Neighbour) -> bool {
+    launched(neighbour).await["case"].is_string()
 }
 
 /// A version of a case with another mask, ready.
@@ -85,14 +91,36 @@ async fn put_report(server: &Server, case: &str, report: &[u8]) -> Answer {
     crate::findings::put(server, case, "application/dicom", report.to_vec()).await
 }
 
-/// Why a case is superseded, by its own address and by the list.
-async fn superseded(server: &Server, case: &str) -> Value {
-    let alone = server.get(case).await.json();
+/// Why a case is closed: by its own address, by the list, and by the header of whatever shows it.
+async fn closed(server: &Server, case: &str) -> Value {
+    let answer = server.get(case).await;
+    let alone = answer.json();
     let list = server.get("/v1/cases").await.json();
     let mut listed = list["cases"].as_array().unwrap().iter();
     let listed = listed.find(|each| each["id"] == alone["id"]).unwrap();
-    assert_eq!(alone["superseded"], listed["superseded"]);
-    alone["superseded"].clone()
+    assert_eq!(alone["closed"], listed["closed"]);
+    let slices = server.get(&format!("{case}/findings")).await;
+    for answer in [answer, slices] {
+        let header = answer.header("x-isocortex-closed");
+        assert_eq!(header, alone["closed"].as_str().unwrap_or_default());
+    }
+    alone["closed"].clone()
+}
+
+/// Asks for a small view of a case, for a node or as the answer, perhaps with a layer.
+fn view(node: Option<&str>, layer: Option<&Value>) -> Value {
+    let mut render = small();
+    if let Some(layer) = layer {
+        render["layer"] = layer.clone();
+    }
+    json!({"what": "view", "render": render, "node": node})
+}
+
+/// The type of the problem with which a view is refused, all of which are conflicts.
+async fn refusal(server: &Server, case: &str) -> String {
+    let refused = result(server, case, &view(None, None)).await;
+    assert_eq!(refused.status, 409, "{refused:?}");
+    refused.problem()
 }
 
 /// A result once it was sent or has failed.
@@ -105,86 +133,284 @@ async fn ended(server: &Server, address: &str) -> Value {
     .await
 }
 
+/// Why each of these results, which wait, is never sent.
+async fn never_sent(server: &Server, waiting: &[Value]) -> Vec<Value> {
+    let background = pacs::start_transfers(server.pacs.clone());
+    let mut reasons = Vec::new();
+    for waiting in waiting {
+        let address = format!("/v1/dicom-results/{}", waiting["id"].as_str().unwrap());
+        let failed = ended(server, &address).await;
+        assert_eq!(failed["state"], "failed", "{failed}");
+        reasons.push(failed["reason"]["name"].clone());
+    }
+    background.shut_down(Duration::from_secs(5)).await;
+    reasons
+}
+
+async fn with_node() -> Neighbour {
+    Neighbour::start(|config| add_node(config, "away", "http://127.0.0.1:1/rs".to_owned())).await
+}
+
+/// The files of slices of the patient of [`identified_head`].
+fn identified(slices: &[Slice]) -> Vec<Vec<u8>> {
+    let identified = slices.iter().map(|slice| with_texts(slice, &IDENTITY));
+    identified.collect()
+}
+
+/// The head with half the brightness.
+fn darker_slices() -> Vec<Slice> {
+    let darker = |slice: &Slice| Slice {
+        samples: slice.samples.iter().map(|sample| sample / 2).collect(),
+        ..slice.clone()
+    };
+    head_slices().iter().map(darker).collect()
+}
+
+/// The head with left and right exchanged: the same pixels, in the mirrored place.
+fn exchanged(slice: &Slice) -> Slice {
+    let [x, y, z] = slice.position;
+    let [a, b, c, d, e, f] = slice.orientation;
+    Slice {
+        position: [-x, y, z],
+        orientation: [-a, b, c, -d, e, f],
+        ..slice.clone()
+    }
+}
+
+/// The files of slices of another patient than [`identified_head`].
+fn of_another(slices: &[Slice]) -> Vec<Vec<u8>> {
+    let other = [
+        ([0x10, 0x0010], "PN", "Right^Patient"),
+        ([0x10, 0x0020], "LO", "PAT-RIGHT"),
+        ([0x08, 0x0050], "SH", "A-2"),
+    ];
+    let texts = [&IDENTITY[..], &other].concat();
+    let slices = slices.iter();
+    slices.map(|slice| with_texts(slice, &texts)).collect()
+}
+
+/// A list of the images of the head, with a title.
+fn note(title: KeyObjectTitle) -> Vec<u8> {
+    let uids = head_slices().into_iter().map(|slice| slice.sop_uid);
+    note_of(title, &uids.collect::<Vec<_>>())
+}
+
+/// A list of images of the series of the head, with a title.
+pub(crate) fn note_of(title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
+    note_in("1.2.3", title, uids)
+}
+
+/// A list of images as of that series in a study, with a title.
+fn note_in(study: &str, title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
+    note_naming((study, &head_slices()[0].series_uid, title, uids))
+}
+
+/// A list of images of a series, with a title.
+fn note_naming((study, series, title, uids): (&str, &str, KeyObjectTitle, &[String])) -> Vec<u8> {
+    let texts = [("StudyInstanceUID", study), ("PatientID", "P-77")];
+    let source = Attributes {
+        attributes: texts
+            .map(|(name, value)| (name.to_owned(), value.to_owned()))
+            .into(),
+        ..Attributes::default()
+    };
+    let head = Head {
+        source: &source,
+        series_uid: "1.2.3.99",
+        instance_uid: "1.2.3.99.1",
+        series_number: 99,
+        series_description: "note",
+        derivation: "",
+        comment: "",
+        version: "1",
+        date: "20261123",
+        time: "120000",
+        offset: None,
+        is_annotated: false,
+        is_recognizable: None,
+    };
+    let slice = Slice::number(0);
+    let listed = |uid: &String| Listed {
+        series_uid: series.to_owned(),
+        sop_class_uid: slice.sop_class.to_owned(),
+        sop_instance_uid: uid.clone(),
+    };
+    let listed: Vec<_> = uids.iter().map(listed).collect();
+    key_object(&head, title, &listed).unwrap()
+}
+
+/// The arrival of a series.
+async fn arrival_of(server: &Server, series: &str) -> Value {
+    let list = server.get("/v1/arrivals").await.json();
+    let mut arrivals = list["arrivals"].as_array().unwrap().iter();
+    let found = arrivals.find(|each| each["series"] == series);
+    found.cloned().unwrap_or_default()
+}
+
+/// The arrival of a series once it was read.
+async fn read(neighbour: &Neighbour, series: &str) -> Value {
+    neighbour.all_has_come();
+    until(&format!("{series} is read"), async || {
+        let arrival = arrival_of(&neighbour.server, series).await;
+        let is_read = arrival["state"].is_string() && arrival["state"] != "receiving";
+        is_read.then_some(arrival)
+    })
+    .await
+}
+
+/// The series of the head.
+const SERIES: &str = "1.2.3.1";
+
+/// A series of the same study that is a layer of the head.
+const FLAIR: &str = "1.2.3.77";
+
+fn flair_slices() -> Vec<Slice> {
+    let of = |slice: Slice| Slice {
+        description: "FLAIR",
+        sop_uid: format!("{FLAIR}.{}", slice.instance),
+        series_uid: FLAIR.to_owned(),
+        series_number: 7,
+        ..slice
+    };
+    head_slices().into_iter().map(of).collect()
+}
+
+/// The files of a FLAIR of the patient of [`identified_head`] in another study.
+fn flair_of_study(study: &str, patient: &str) -> Vec<Vec<u8>> {
+    let series = format!("{study}.1");
+    let file = |slice: &Slice| {
+        let sop = format!("{series}.{}", slice.instance);
+        let texts = [
+            ([0x08, 0x18], "UI", sop.as_str()),
+            ([0x10, 0x20], "LO", patient),
+            ([0x20, 0x0D], "UI", study),
+            ([0x20, 0x0E], "UI", series.as_str()),
+        ];
+        with_texts(slice, &[&IDENTITY[..], &texts].concat())
+    };
+    flair_slices().iter().map(file).collect()
+}
+
+/// The images of the head under other UIDs in the same study.
+fn renamed(slices: &[Slice], series: &str, further: &[([u16; 2], &str, &str)]) -> Vec<Vec<u8>> {
+    let file = |slice: &Slice| {
+        let sop = format!("1.2.3.45.{}", slice.instance);
+        let texts = [
+            ([0x08, 0x18], "UI", sop.as_str()),
+            ([0x20, 0x0E], "UI", series),
+        ];
+        with_texts(slice, &[&IDENTITY[..], &texts, further].concat())
+    };
+    slices.iter().map(file).collect()
+}
+
+/// The FLAIR among the layers of a case, beside the maps, with whether the list has a map of it.
+async fn flairs(server: &Server, case: &str) -> (Vec<Value>, bool) {
+    let list = server.get(&format!("{case}/layers")).await.json();
+    let layers = list["layers"].as_array().unwrap();
+    let is_flair = |layer: &&Value| layer["name"].as_str().unwrap().starts_with("FLAIR");
+    let flairs = layers.iter().filter(is_flair).cloned().collect();
+    (flairs, layers.iter().any(|layer| layer["id"] == "flair"))
+}
+
+/// The id of the newest FLAIR of a case, once so many are there and it is ready.
+async fn ready_flair(server: &Server, case: &str, count: usize) -> Value {
+    until("the layer is ready", async || {
+        let (flairs, _) = flairs(server, case).await;
+        let newest = flairs.last().filter(|_| flairs.len() == count)?;
+        (newest["state"] == "ready").then(|| newest["id"].clone())
+    })
+    .await
+}
+
+/// Adds the files of a volume to a case as a layer.
+async fn add_layer(server: &Server, case: &str, files: &[Vec<u8>]) -> Answer {
+    let form = form(&[("volume", &zipped(files))]);
+    let request = axum::http::Request::post(format!("{case}/layers"))
+        .header("content-type", form_type())
+        .body(form.into());
+    server.send(request.unwrap()).await
+}
+
+/// Takes a queued result as sent.
+async fn sent(server: &Server) {
+    let store = server.pacs.cases().store();
+    let send = case::JobKind::new("send", "delivery");
+    let leased = store.claim(send, 3).await.unwrap().expect("a result");
+    assert!(store.finish(&leased).await.unwrap());
+}
+
 #[tokio::test]
-async fn a_corrected_patient_makes_a_new_case_and_nothing_more_is_sent_of_the_old() {
+async fn a_corrected_patient_closes_the_case_and_nothing_more_of_it_is_sent() {
     let lines = Lines::default();
     let _logging = lines.collect();
-    let neighbour = Neighbour::start(|config| {
-        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
-    })
-    .await;
+    let neighbour = with_node().await;
     let server = &neighbour.server;
-    let old = identified_case(&neighbour).await;
-    let view = json!({"what": "view", "render": small()});
-    let sent = json!({"what": "view", "render": small(), "node": "away"});
-    let sent = result(server, &old, &sent).await.json();
-    assert_eq!(sent["node"], "away", "{sent}");
+    let first = identified_case(&neighbour).await;
+    let old = other_mask(server, &first).await;
+    crate::findings::mark(server, &old).await;
+    let report = result(server, &old, &json!({"what": "findings"})).await;
+    assert_eq!(report.status, 200, "{report:?}");
+    let waiting = result(server, &old, &view(Some("away"), None)).await;
+    assert_eq!(waiting.status, 202, "{waiting:?}");
+    let waiting = waiting.json();
+    assert_eq!(closed(server, &old).await, Value::Null);
     let corrected = corrected_head();
-    assert_eq!(superseded(server, &old).await, Value::Null);
     let stored = neighbour.store(&corrected).await;
     assert_eq!(stored.status, 202, "{stored:?}");
-    assert_eq!(superseded(server, &old).await, "corrected");
-    let report = server.get(&format!("{old}/report")).await;
-    let report = String::from_utf8_lossy(&report.body).into_owned();
-    assert!(report.contains("SUPERSEDED"), "{report}");
     assert_eq!(warnings(&stored), vec![0xB000; corrected.len()]);
-    // From now on, the old case is neither opened nor listed nor sent anywhere, even if there is no new one yet.
+    // From now on, neither version is opened or sent anywhere, even if there is no new case yet.
+    for case in [&first, &old] {
+        assert_eq!(closed(server, case).await, "corrected");
+        assert_eq!(refusal(server, case).await, "closed");
+    }
     let found = launched(&neighbour).await;
-    let found = found["case"].as_str().unwrap_or_default();
-    assert!(found.is_empty() || !old.ends_with(found));
-    let refused = result(server, &old, &view).await;
-    assert_eq!(
-        (refused.status.as_u16(), refused.problem().as_str()),
-        (409, "superseded")
-    );
+    let found = found["case"].as_str().unwrap_or("none");
+    assert!(!old.ends_with(found) && !first.ends_with(found));
     // Nor is what waits already: its node may answer again at any time.
-    let address = format!("/v1/dicom-results/{}", sent["id"].as_str().unwrap());
-    let background = pacs::start_transfers(server.pacs.clone());
-    let waiting = ended(server, &address).await;
-    background.shut_down(Duration::from_secs(5)).await;
     assert_eq!(
-        (&waiting["state"], &waiting["reason"]["name"]),
-        (&json!("failed"), &json!("superseded"))
+        never_sent(server, std::slice::from_ref(&waiting)).await,
+        ["closed"]
     );
     // What was sent is withdrawn by a note of the old patient; images of the PACS are not ours to withdraw.
     let withdraw = |uid: &Value| {
         let list = json!({"instances": [uid], "title": "rejected-for-safety"});
         json!({"what": "key-object", "key_object": list})
     };
-    let note = result(server, &old, &withdraw(&sent["instance"])).await;
+    let note = result(server, &old, &withdraw(&waiting["instance"])).await;
     assert_eq!(note.status, 200, "{note:?}");
     let has = |text: &str| memchr::memmem::find(&note.body, text.as_bytes()).is_some();
-    assert!(has("113037") && has("P-77") && has(sent["instance"].as_str().unwrap()));
+    assert!(has("113037") && has("P-77") && has(waiting["instance"].as_str().unwrap()));
     let refused = result(server, &old, &withdraw(&json!("1.2.3.4.20"))).await;
     assert_eq!(refused.problem(), "no-such-instance");
     // The same correction again changes nothing.
     assert_eq!(neighbour.store(&corrected).await.status, 200);
-    let new = case_after(&neighbour, &old).await;
+    let new = case_of_a_link(&neighbour).await;
     let arrival = neighbour.settled().await;
-    assert_eq!(arrival["superseded"], corrected.len());
-    assert_eq!(superseded(server, &old).await, "corrected");
-    let case = server.get(&new).await.json();
-    assert_eq!(case["superseded"], Value::Null);
-    assert!(
-        case["previous"].is_null(),
-        "nothing is inherited from another patient: {case}"
-    );
-    let found = launched(&neighbour).await;
-    assert_eq!(
-        format!("/v1/cases/{}", found["case"].as_str().unwrap()),
-        new
-    );
-    let made = result(server, &new, &view).await;
+    assert_eq!(arrival["corrected"], corrected.len());
+    // Nothing is inherited: neither parameters nor findings, nor are they taken from a report.
+    assert_eq!(closed(server, &new).await, Value::Null);
+    assert_eq!(closed(server, &old).await, "corrected");
+    let [first, case] = [
+        server.get(&first).await.json(),
+        server.get(&new).await.json(),
+    ];
+    assert_eq!(case["previous"], Value::Null);
+    assert_eq!(case["parameters"], first["parameters"]);
+    assert_eq!(findings_of(server, &new).await, json!([]));
+    let refused = put_report(server, &new, &report.body).await;
+    assert_eq!(refused.problem(), "findings-elsewhere");
+    let made = result(server, &new, &view(None, None)).await;
     let has = |text: &str| memchr::memmem::find(&made.body, text.as_bytes()).is_some();
     assert!(has("PAT-RIGHT") && !has("P-77"));
-    // One line for the series, which names nobody.
+    // One line for the request, which names nobody.
     let text = lines.text();
     assert_eq!(text.matches("have come with other contents").count(), 1);
     assert!(!text.contains("PAT-RIGHT") && !text.contains("Right^Patient"));
 }
 
 #[tokio::test]
-async fn other_pixels_make_a_version_and_another_encoding_is_no_change() {
+async fn other_pixels_close_the_case_and_another_encoding_is_the_same_image() {
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
     let slices = head_slices();
@@ -207,9 +433,8 @@ async fn other_pixels_make_a_version_and_another_encoding_is_no_change() {
     let first = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
     server.until_ready(&first).await;
     // The case is that of the true series.
-    let upload = Neighbour::start(|_| {}).await;
-    upload.store(&sound).await;
-    assert_eq!(upload.settled().await["case"], arrival["case"]);
+    let upload = server.prepared(&[("volume", &zipped(&sound))]).await;
+    assert_eq!(upload, first);
     for syntax in [Syntax::Implicit, Syntax::BigEndian, Syntax::Rle] {
         let again = neighbour.store(&files(&slices[..3], syntax)).await;
         assert_eq!(
@@ -219,55 +444,25 @@ async fn other_pixels_make_a_version_and_another_encoding_is_no_change() {
         );
     }
     assert_eq!(neighbour.settled().await["case"], arrival["case"]);
-    // What cannot be decoded takes nobody's place.
-    let mut broken = slices[0].file(Syntax::Rle);
-    broken.truncate(broken.len() - 200);
-    broken.extend([0xFE, 0xFF, 0xDD, 0xE0, 0, 0, 0, 0]);
-    assert_eq!(neighbour.store(&[broken]).await.status, 409);
-    // Other pixels of the same patient make a version, which inherits.
-    let middle = &slices[slices.len() / 2];
-    let moved = Slice {
-        samples: middle.samples.iter().map(|sample| sample / 2).collect(),
-        ..middle.clone()
-    };
-    assert_eq!(
-        neighbour
-            .store(&[moved.file(Syntax::Explicit)])
-            .await
-            .status,
-        202
-    );
+    assert_eq!(closed(server, &first).await, Value::Null);
+    let darker = files(&darker_slices(), Syntax::Explicit);
+    assert_eq!(neighbour.store(&darker).await.status, 202);
+    assert_eq!(closed(server, &first).await, "corrected");
     let second = case_after(&neighbour, &first).await;
-    let version = server.get(&second).await.json();
-    assert_eq!(
-        format!("/v1/cases/{}", version["previous"].as_str().unwrap()),
-        first
-    );
-    assert_eq!(superseded(server, &first).await, "newer-version");
-    assert_eq!(version["superseded"], Value::Null);
-    // The older version is still the same patient's, and results are made of it.
-    let view = json!({"what": "view", "render": small()});
-    assert_eq!(result(server, &first, &view).await.status, 200);
-    // If the correction is taken back, the first version counts again, although it is the older one.
-    let back = middle.file(Syntax::Explicit);
-    assert_eq!(neighbour.store(&[back]).await.status, 202);
+    assert_eq!(server.get(&second).await.json()["previous"], Value::Null);
+    assert_eq!(case_of_a_link(&neighbour).await, second);
+    // If the correction is taken back, the first case is open again, although it is the older one.
+    assert_eq!(neighbour.store(&sound).await.status, 202);
     assert_eq!(case_after(&neighbour, &second).await, first);
-    assert_eq!(superseded(server, &first).await, Value::Null);
-    assert_eq!(superseded(server, &second).await, "newer-version");
-    let found = launched(&neighbour).await;
-    assert!(first.ends_with(found["case"].as_str().unwrap()), "{found}");
-    // Other pixels that make no case at all do not leave it as if nothing had come.
-    let emptied = |slice: &Slice| Slice {
-        samples: slice.samples.iter().map(|_| 1).collect(),
-        ..slice.clone()
-    };
-    let emptied: Vec<_> = slices.iter().map(emptied).collect();
-    let stored = neighbour.store(&files(&emptied, Syntax::Explicit)).await;
-    assert_eq!(warnings(&stored).len(), slices.len());
-    assert_eq!(superseded(server, &first).await, "newer-version");
-    assert_eq!(neighbour.settled().await["state"], "nothing");
-    // What shows nothing could show anything in any place.
-    assert_eq!(superseded(server, &first).await, "moved");
+    assert_eq!(closed(server, &first).await, Value::Null);
+    assert_eq!(closed(server, &second).await, "corrected");
+    assert_eq!(case_of_a_link(&neighbour).await, first);
+    // What was corrected does not come back when the correction is deleted.
+    assert_eq!(neighbour.store(&darker).await.status, 202);
+    assert_eq!(case_after(&neighbour, &first).await, second);
+    assert_eq!(server.method(Method::DELETE, &second).await.status, 204);
+    assert_eq!(closed(server, &first).await, "corrected");
+    assert_eq!(launched(&neighbour).await["state"], "absent");
 }
 
 #[tokio::test]
@@ -331,910 +526,566 @@ async fn c_store_answers_a_correction_with_a_warning_and_accepts_whole_studies()
         (&json!("nothing"), &json!("other-objects"))
     );
     assert_eq!(
-        (&of("1.2.3.1")["superseded"], &of("1.2.3.1")["ignored"]),
+        (&of(SERIES)["corrected"], &of(SERIES)["ignored"]),
         (&json!(1), &json!(0))
+    );
+    // So is a known image that comes as an object of a class of which nothing is kept.
+    let capture = Slice {
+        sop_class: "1.2.840.10008.5.1.4.1.1.7",
+        ..head_slices().remove(0)
+    };
+    let stored = neighbour.store(&identified(&[capture])).await;
+    assert_eq!(
+        (stored.status.as_u16(), warnings(&stored)),
+        (202, vec![0xB000])
+    );
+    let arrival = arrival_of(&neighbour.server, SERIES).await;
+    assert_eq!(
+        (&arrival["corrected"], &arrival["instances"]),
+        (&json!(1), &json!(1))
     );
 }
 
-/// A list of the images of the head, with a title.
-fn note(title: KeyObjectTitle) -> Vec<u8> {
-    let uids = head_slices().into_iter().map(|slice| slice.sop_uid);
-    note_of(title, &uids.collect::<Vec<_>>())
-}
-
-/// A list of images of the series of the head, with a title.
-pub(crate) fn note_of(title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
-    note_in("1.2.3", title, uids)
-}
-
-/// A list of images as of that series in a study, with a title.
-fn note_in(study: &str, title: KeyObjectTitle, uids: &[String]) -> Vec<u8> {
-    note_naming((study, &head_slices()[0].series_uid, title, uids))
-}
-
-/// A list of images of a series, with a title.
-fn note_naming((study, series, title, uids): (&str, &str, KeyObjectTitle, &[String])) -> Vec<u8> {
-    let texts = [("StudyInstanceUID", study), ("PatientID", "P-77")];
-    let source = Attributes {
-        attributes: texts
-            .map(|(name, value)| (name.to_owned(), value.to_owned()))
-            .into(),
-        ..Attributes::default()
-    };
-    let head = Head {
-        source: &source,
-        series_uid: "1.2.3.99",
-        instance_uid: "1.2.3.99.1",
-        series_number: 99,
-        series_description: "note",
-        derivation: "",
-        comment: "",
-        version: "1",
-        date: "20261123",
-        time: "120000",
-        offset: None,
-        is_annotated: false,
-        is_recognizable: None,
-    };
-    let slice = Slice::number(0);
-    let listed = |uid: &String| Listed {
-        series_uid: series.to_owned(),
-        sop_class_uid: slice.sop_class.to_owned(),
-        sop_instance_uid: uid.clone(),
-    };
-    let listed: Vec<_> = uids.iter().map(listed).collect();
-    key_object(&head, title, &listed).unwrap()
-}
-
 #[tokio::test]
-async fn a_rejection_note_withdraws_the_series_and_another_list_does_not() {
+async fn what_is_closed_says_so_wherever_it_is_shown() {
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
-    let view = json!({"what": "view", "render": small()});
+    until_maps(server, &case).await;
+    let pictures = async || {
+        let mut pictures = Vec::new();
+        for annotate in [false, true] {
+            let address = format!("{case}/render?width=640&height=480&annotate={annotate}");
+            let picture = server.get(&address).await;
+            assert_eq!(picture.status, 200, "{picture:?}");
+            let header = picture.header("x-isocortex-closed").to_owned();
+            pictures.push((picture.header("etag").to_owned(), picture.body, header));
+        }
+        pictures
+    };
+    let report = async |language: &str| {
+        let report = server
+            .get(&format!("{case}/report?language={language}"))
+            .await;
+        let text = String::from_utf8_lossy(&report.body).into_owned();
+        (report.header("x-isocortex-closed").to_owned(), text)
+    };
+    let open = pictures().await;
+    let (header, text) = report("en").await;
+    assert!(header.is_empty() && !text.contains("CLOSED"));
+    let slices = head_slices();
+    let moved = identified(&[exchanged(&slices[3])]);
+    let rejection = note_of(
+        KeyObjectTitle::RejectedForQuality,
+        std::slice::from_ref(&slices[0].sop_uid),
+    );
+    let mut shown = vec![open];
+    for (file, why, [english, portuguese]) in [
+        (
+            rejection,
+            "rejected",
+            ["has rejected these images", "rejeitou"],
+        ),
+        (
+            moved.concat(),
+            "corrected",
+            ["has sent other images", "enviou outras imagens"],
+        ),
+    ] {
+        assert!(neighbour.store(&[file]).await.status.is_success());
+        assert_eq!(closed(server, &case).await, why);
+        let now = pictures().await;
+        let [before, ..] = &shown[..] else {
+            panic!("it was shown")
+        };
+        // The picture itself stays as it is.
+        assert_eq!((&before[0].0, &before[0].1), (&now[0].0, &now[0].1));
+        for before in &shown {
+            assert_ne!(before[1].0, now[1].0);
+            assert_ne!(before[1].1, now[1].1);
+        }
+        assert!(now.iter().all(|(_, _, header)| header == why));
+        shown.push(now);
+        for (language, words) in [
+            ("en", ["CLOSED:", english]),
+            ("pt-BR", ["ENCERRADO:", portuguese]),
+        ] {
+            let (header, text) = report(language).await;
+            assert_eq!(header, why);
+            assert!(words.iter().all(|word| text.contains(word)), "{words:?}");
+        }
+    }
+    let metrics = server.get("/metrics").await;
+    let metrics = String::from_utf8_lossy(&metrics.body).into_owned();
+    for line in [
+        "isocortex_closed_cases{closed=\"corrected\"} 1",
+        "isocortex_closed_cases{closed=\"rejected\"} 0",
+    ] {
+        assert!(metrics.contains(line), "{line}: {metrics}");
+    }
+}
+
+#[tokio::test]
+async fn a_partial_correction_says_how_much_came_again_and_can_be_taken() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let first = identified_case(&neighbour).await;
+    let darker = identified(&darker_slices());
+    let count = darker.len();
+    // One image is corrected, one is rejected, and one comes again as it was.
+    assert_eq!(neighbour.store(&darker[..1]).await.status, 202);
+    let uid = head_slices()[1].sop_uid.clone();
+    let rejection = note_of(KeyObjectTitle::RejectedForQuality, &[uid]);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    assert_eq!(neighbour.store(&identified_head()[2..3]).await.status, 200);
+    let is_incomplete = async |again: usize| {
+        let arrival = read(&neighbour, SERIES).await;
+        assert_eq!(
+            (&arrival["state"], &arrival["reason"]["name"]),
+            (&json!("nothing"), &json!("incomplete-correction")),
+            "{arrival}"
+        );
+        let detail = arrival["reason"]["detail"].as_str().unwrap();
+        let words = format!("{again} of its {count} images came again");
+        assert!(
+            detail.contains(&words) && detail.contains("send the whole series"),
+            "{detail}"
+        );
+        assert!(!is_found(&neighbour).await);
+        arrival
+    };
+    is_incomplete(3).await;
+    assert_eq!(neighbour.store(&darker[3..4]).await.status, 202);
+    let arrival = is_incomplete(4).await;
+    // Somebody takes what is here.
+    let address = format!("/v1/arrivals/{}", arrival["id"].as_str().unwrap());
+    let take = Request::post(&address).body(r#"{"as": "case"}"#.into());
+    let taken = server.send(take.unwrap()).await;
+    assert_eq!(taken.status, 202, "{taken:?}");
+    let second = case_of_a_link(&neighbour).await;
+    assert_ne!(first, second);
+    let case = server.get(&second).await.json();
+    assert_eq!(
+        (&case["previous"], &case["closed"]),
+        (&Value::Null, &Value::Null)
+    );
+    let known = server.get(&format!("{second}/dicom")).await.json();
+    assert_eq!(known["instances"].as_array().unwrap().len(), count - 1);
+    // The rest of the correction closes that one, too, and is a case without being taken.
+    assert_eq!(neighbour.store(&darker).await.status, 202);
+    assert_eq!(closed(server, &second).await, "corrected");
+    let third = case_after(&neighbour, &second).await;
+    assert!(third != first && third != second);
+}
+
+#[tokio::test]
+async fn a_rejection_note_closes_keeps_and_is_lifted() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let count = head_slices().len();
     // The title "Of Interest" (113000) in place of a reason.
     let mut list = note(KeyObjectTitle::RetentionExpired);
     let at = memchr::memmem::find(&list, b"113039").unwrap();
     list[at..at + 6].copy_from_slice(b"113000");
     let stored = neighbour.store(&[list]).await;
     assert_eq!(stored.status, 200, "{stored:?}");
-    assert_eq!(launched(&neighbour).await["state"], "ready");
-    let of_series = async || {
-        let list = server.get("/v1/arrivals").await.json();
-        let arrivals = list["arrivals"].as_array().unwrap().clone();
-        let mut arrivals = arrivals.into_iter();
-        arrivals.find(|each| each["series"] == "1.2.3.1").unwrap()
-    };
+    assert_eq!(closed(server, &case).await, Value::Null);
+    let none = server.get("/v1/rejections").await.json();
+    assert_eq!(none, json!({"rejections": []}));
     let rejection = note(KeyObjectTitle::RejectedForQuality);
     assert_eq!(neighbour.store(&[rejection]).await.status, 200);
-    let found = launched(&neighbour).await;
-    assert_eq!(found["case"], Value::Null, "{found}");
-    assert_eq!(result(server, &case, &view).await.problem(), "superseded");
-    assert_eq!(superseded(server, &case).await, "rejected");
-    let arrival = of_series().await;
-    assert_eq!(
-        (
-            &arrival["state"],
-            &arrival["reason"]["name"],
-            &arrival["instances"]
-        ),
-        (&json!("nothing"), &json!("rejected"), &json!(0))
-    );
-    // What was rejected for its quality does not come back, and nobody takes it.
+    assert!(!is_found(&neighbour).await);
+    assert_eq!(refusal(server, &case).await, "closed");
+    assert_eq!(closed(server, &case).await, "rejected");
+    // The images are kept and not read, also if they come again, and whoever takes them takes nothing.
+    let is_kept = async || {
+        let arrival = read(&neighbour, SERIES).await;
+        assert_eq!(
+            (
+                &arrival["state"],
+                &arrival["reason"]["name"],
+                &arrival["instances"]
+            ),
+            (&json!("nothing"), &json!("rejected"), &json!(count))
+        );
+        arrival
+    };
+    is_kept().await;
     assert_eq!(neighbour.store(&identified_head()).await.status, 200);
-    let arrival = of_series().await;
+    let arrival = is_kept().await;
+    let address = format!("/v1/arrivals/{}", arrival["id"].as_str().unwrap());
+    let take = Request::post(&address).body(r#"{"as": "case"}"#.into());
+    assert_eq!(server.send(take.unwrap()).await.status, 202);
+    is_kept().await;
+    // It is listed, and whoever may lifts it.
+    let list = server.get("/v1/rejections").await.json();
+    let [listed] = &list["rejections"].as_array().unwrap()[..] else {
+        panic!("one note came: {list}");
+    };
     assert_eq!(
         (
-            &arrival["state"],
-            &arrival["instances"],
-            &arrival["ignored"]
+            &listed["study"],
+            &listed["series"],
+            &listed["images"],
+            &listed["may_return"]
         ),
         (
-            &json!("nothing"),
-            &json!(0),
-            &json!(identified_head().len())
+            &json!("1.2.3"),
+            &json!(SERIES),
+            &json!(count),
+            &json!(false)
         )
     );
-    let address = format!("/v1/arrivals/{}", arrival["id"].as_str().unwrap());
-    let take = axum::http::Request::post(&address).body(r#"{"as": "case"}"#.into());
-    assert_eq!(server.send(take.unwrap()).await.problem(), "no-images");
+    assert!(!listed["by"].as_str().unwrap().is_empty() && listed["at"].is_string());
+    let address = format!("/v1/rejections/{}", listed["id"].as_str().unwrap());
+    assert_eq!(server.method(Method::DELETE, &address).await.status, 204);
+    let again = server.method(Method::DELETE, &address).await;
+    assert_eq!(
+        (again.status.as_u16(), again.problem().as_str()),
+        (404, "no-such-rejection")
+    );
+    assert_eq!(closed(server, &case).await, Value::Null);
+    assert_eq!(case_of_a_link(&neighbour).await, case);
+    let arrival = read(&neighbour, SERIES).await;
+    assert!(
+        case.ends_with(arrival["case"].as_str().unwrap()),
+        "{arrival}"
+    );
+    assert_eq!(result(server, &case, &view(None, None)).await.status, 200);
 }
 
 #[tokio::test]
-async fn what_was_kept_long_enough_may_come_again() {
+async fn what_was_kept_long_enough_counts_when_it_comes_again() {
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
     let other_mask = other_mask(server, &case).await;
-    let rejection = note(KeyObjectTitle::RetentionExpired);
-    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
-    for version in [&case, &other_mask] {
-        assert_eq!(superseded(server, version).await, "rejected");
-    }
-    assert_eq!(launched(&neighbour).await["case"], Value::Null);
-    assert_eq!(neighbour.store(&identified_head()).await.status, 200);
-    let found = until("it is a case again", async || {
-        let found = launched(&neighbour).await;
-        found["case"].as_str().map(str::to_owned)
-    })
-    .await;
-    // Its newest version, as before.
-    assert!(other_mask.ends_with(&found));
-    for version in [&case, &other_mask] {
-        assert_eq!(superseded(server, version).await, Value::Null);
+    let uids: Vec<_> = head_slices()
+        .into_iter()
+        .map(|slice| slice.sop_uid)
+        .collect();
+    let half = uids.len() / 2;
+    let head = identified_head();
+    for images in [..uids.len(), ..half] {
+        let rejection = note_of(KeyObjectTitle::RetentionExpired, &uids[images]);
+        assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+        for version in [&case, &other_mask] {
+            assert_eq!(closed(server, version).await, "rejected");
+        }
+        assert!(!is_found(&neighbour).await);
+        assert_eq!(read(&neighbour, SERIES).await["state"], "nothing");
+        assert_eq!(neighbour.store(&head[images]).await.status, 200);
+        for version in [&case, &other_mask] {
+            assert_eq!(closed(server, version).await, Value::Null);
+        }
+        // Its newest version, as before.
+        assert_eq!(case_of_a_link(&neighbour).await, other_mask);
+        neighbour.all_has_come();
+        until("the series is a case again", async || {
+            let arrival = arrival_of(server, SERIES).await;
+            (arrival["state"] == "case").then_some(())
+        })
+        .await;
     }
 }
 
 #[tokio::test]
-async fn an_image_that_comes_under_another_study_supersedes_the_case_of_its_own() {
+async fn an_image_that_comes_under_another_study_closes_the_case_of_its_own() {
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
+    crate::findings::mark(server, &case).await;
     let study = [
         ([0x20, 0x000D], "UI", "1.2.30"),
         ([0x20, 0x000E], "UI", "1.2.30.1"),
     ];
-    let moved: Vec<_> = head_slices()
-        .iter()
-        .map(|slice| with_texts(slice, &study))
+    let texts = [&IDENTITY[..], &study].concat();
+    let moved: Vec<_> = (head_slices().iter())
+        .map(|slice| with_texts(slice, &texts))
         .collect();
     let stored = neighbour.store(&moved).await;
     assert_eq!(
         (stored.status.as_u16(), warnings(&stored)),
         (202, vec![0xB000; moved.len()])
     );
-    let found = launched(&neighbour).await;
-    assert_eq!(found["case"], Value::Null, "{found}");
-    let view = json!({"what": "view", "render": small()});
-    assert_eq!(result(server, &case, &view).await.problem(), "superseded");
-    let list = server.get("/v1/arrivals").await.json();
-    let arrivals = list["arrivals"].as_array().unwrap();
-    let old = arrivals.iter().find(|each| each["series"] == "1.2.3.1");
-    let old = old.unwrap();
+    assert!(!is_found(&neighbour).await);
+    assert_eq!(refusal(server, &case).await, "closed");
+    assert_eq!(closed(server, &case).await, "corrected");
+    let old = arrival_of(server, SERIES).await;
     assert_eq!(
-        (&old["state"], &old["reason"]["name"]),
-        (&json!("nothing"), &json!("moved"))
+        (&old["state"], &old["reason"]["name"], &old["instances"]),
+        (&json!("nothing"), &json!("moved"), &json!(0))
     );
-}
-
-/// The head as a FLAIR of the same study, brighter by some steps.
-fn flair(steps: u16) -> Vec<Vec<u8>> {
-    files(&flair_slices(steps), Syntax::Explicit)
-}
-
-fn flair_slices(steps: u16) -> Vec<Slice> {
-    let of = |slice: Slice| Slice {
-        description: "FLAIR",
-        sop_uid: format!("1.2.3.77.{}", slice.instance),
-        series_uid: "1.2.3.77".to_owned(),
-        series_number: 7,
-        samples: slice.samples.iter().map(|value| value + steps).collect(),
-        ..slice
-    };
-    head_slices().into_iter().map(of).collect()
-}
-
-/// The files of slices of the patient of [`identified_head`].
-fn identified(slices: &[Slice]) -> Vec<Vec<u8>> {
-    let identified = slices.iter().map(|slice| with_texts(slice, &IDENTITY));
-    identified.collect()
+    let new = read(&neighbour, "1.2.30.1").await;
+    assert_eq!(new["state"], "case", "{new}");
+    let new = format!("/v1/cases/{}", new["case"].as_str().unwrap());
+    server.until_ready(&new).await;
+    assert_eq!(findings_of(server, &new).await, json!([]));
 }
 
 #[tokio::test]
-async fn a_layer_of_a_corrected_series_makes_room_for_the_corrected_one() {
+async fn a_closed_layer_is_listed_and_neither_drawn_nor_sent_and_has_no_map() {
+    let neighbour = with_node().await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let flair = identified(&flair_slices());
+    assert_eq!(neighbour.store(&flair).await.status, 200);
+    let layer = ready_flair(server, &case, 1).await;
+    let mut results = Vec::new();
+    for shown in [None, Some(&layer)] {
+        let queued = result(server, &case, &view(Some("away"), shown)).await;
+        assert_eq!(queued.status, 202, "{queued:?}");
+        results.push(queued.json()["instance"].clone());
+        sent(server).await;
+    }
+    let mut later = view(Some("away"), Some(&layer));
+    later["render"]["depth_mm"] = json!(6);
+    let waiting = result(server, &case, &later).await.json();
+    let not_valid = async || {
+        let id = case.rsplit('/').next().unwrap();
+        let list = server
+            .get(&format!("/v1/dicom-results?case={id}"))
+            .await
+            .json();
+        let list = list["results"].as_array().unwrap().clone();
+        let of = |uid: &Value| {
+            let result = list.iter().find(|result| result["instance"] == *uid);
+            result.unwrap()["not_valid"].clone()
+        };
+        [of(&results[0]), of(&results[1])]
+    };
+    let drawn = format!(
+        "{case}/render?width=64&height=48&layer={}",
+        layer.as_str().unwrap()
+    );
+    let places = format!("{case}/candidates?map=flair");
+    assert_eq!(server.get(&drawn).await.status, 200);
+    let before = settled(server, &places).await;
+    assert_eq!(not_valid().await, [Value::Null, Value::Null]);
+    assert!(flairs(server, &case).await.1, "a FLAIR has a map");
+    // The FLAIR was another patient's, from its first image on.
+    let corrected = of_another(&flair_slices());
+    assert_eq!(neighbour.store(&corrected[..1]).await.status, 202);
+    let (listed, has_map) = flairs(server, &case).await;
+    assert_eq!(
+        (listed.len(), &listed[0]["closed"], has_map),
+        (1, &json!("corrected"), false)
+    );
+    let refused = server.get(&drawn).await;
+    assert_eq!(
+        (refused.status.as_u16(), refused.problem().as_str()),
+        (409, "closed")
+    );
+    let no_places = settled(server, &places).await;
+    assert_eq!(no_places.status, 409, "{no_places:?}");
+    assert_ne!(no_places.body, before.body);
+    let detail = no_places.json().to_string();
+    assert!(detail.contains("no-flair"), "{detail}");
+    let refused = result(server, &case, &view(None, Some(&layer))).await;
+    assert_eq!(refused.problem(), "closed");
+    // What shows the head alone stays valid; what shows the layer is withdrawn by a note.
+    assert_eq!(closed(server, &case).await, Value::Null);
+    assert_eq!(not_valid().await, [Value::Null, json!("closed")]);
+    assert_eq!(never_sent(server, &[waiting]).await, ["closed"]);
+    let note = json!({"what": "key-object", "node": "away",
+        "key_object": {"instances": [results[1]], "title": "rejected-for-safety"}});
+    let noted = result(server, &case, &note).await;
+    assert_eq!(noted.status, 202, "{noted:?}");
+    assert_eq!(not_valid().await, [Value::Null, json!("withdrawn")]);
+    // All of it is another patient's: it is a layer of nothing. When that is taken back, the layer is open again.
+    assert_eq!(neighbour.store(&corrected[1..]).await.status, 202);
+    assert_eq!(read(&neighbour, FLAIR).await["state"], "nothing");
+    assert_eq!(neighbour.store(&flair).await.status, 202);
+    assert_eq!(read(&neighbour, FLAIR).await["state"], "layer");
+    let (listed, _) = flairs(server, &case).await;
+    assert_eq!((listed.len(), &listed[0]["closed"]), (1, &Value::Null));
+    assert_eq!(server.get(&drawn).await.status, 200);
+    // A note closes it, and a lift opens it.
+    let uids: Vec<_> = (flair_slices().into_iter())
+        .map(|slice| slice.sop_uid)
+        .collect();
+    let title = KeyObjectTitle::RejectedForSafety;
+    let rejection = note_naming(("1.2.3", FLAIR, title, &uids));
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    assert_eq!(flairs(server, &case).await.0[0]["closed"], "rejected");
+    assert_eq!(server.get(&drawn).await.problem(), "closed");
+    let list = server.get("/v1/rejections").await.json();
+    let rejections = list["rejections"].as_array().unwrap().iter();
+    let mut of_flair = rejections.filter(|each| each["series"] == FLAIR);
+    let id = of_flair.next().unwrap()["id"].as_str().unwrap().to_owned();
+    let lifted = server
+        .method(Method::DELETE, &format!("/v1/rejections/{id}"))
+        .await;
+    assert_eq!(lifted.status, 204);
+    assert_eq!(server.get(&drawn).await.status, 200);
+}
+
+#[tokio::test]
+async fn a_series_that_was_a_layer_is_read_again_for_the_head_of_its_patient() {
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
-    let t1 = files(&head_slices(), Syntax::Explicit);
-    assert_eq!(neighbour.store(&t1).await.status, 200);
-    let case = neighbour.settled().await["case"].clone();
-    let address = format!("/v1/cases/{}/layers", case.as_str().unwrap());
-    let layers = async || {
-        let layers = server.get(&address).await.json();
-        let layers = layers["layers"].as_array().unwrap().clone();
-        // Beside the maps.
-        let flair = |layer: &&Value| layer["name"].as_str().unwrap().starts_with("FLAIR");
-        let flairs = layers.iter().filter(flair);
-        flairs.map(|layer| layer["id"].clone()).collect::<Vec<_>>()
-    };
-    let until_other_than = async |before: &[Value]| {
-        until("another layer comes", async || {
-            let now = layers().await;
-            (now.len() == 1 && now != before).then_some(now)
+    let first = identified_case(&neighbour).await;
+    assert_eq!(
+        neighbour.store(&identified(&flair_slices())).await.status,
+        200
+    );
+    ready_flair(server, &first, 1).await;
+    let layer_of = async |case: &str| {
+        until("the FLAIR is a layer of the other head", async || {
+            let arrival = arrival_of(server, FLAIR).await;
+            let is_layer = arrival["state"] == "layer";
+            (is_layer && case.ends_with(arrival["case"].as_str()?)).then_some(())
         })
-        .await
+        .await;
     };
-    // Of late images, the layer is made again, and the one of fewer images goes.
-    let all = flair(0);
-    let (late, early) = all.split_last().unwrap();
+    assert_eq!(
+        neighbour.store(&identified(&darker_slices())).await.status,
+        202
+    );
+    let second = case_of_a_link(&neighbour).await;
+    neighbour.all_has_come();
+    layer_of(&second).await;
+    ready_flair(server, &second, 1).await;
+    // The layer of the closed case is as it was.
+    assert_eq!(flairs(server, &first).await.0[0]["closed"], Value::Null);
+    // There is no head any more, then another series.
+    let rejection = note(KeyObjectTitle::RejectedForQuality);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    let refused = read(&neighbour, FLAIR).await;
+    assert_eq!(refused["reason"]["name"], "series-not-t1", "{refused}");
+    let other = renamed(&darker_slices(), "1.2.3.66", &[]);
+    assert_eq!(neighbour.store(&other).await.status, 200);
+    let third = case_of_a_link(&neighbour).await;
+    assert!(third != first && third != second);
+    neighbour.all_has_come();
+    layer_of(&third).await;
+    // That one was another patient's, and the FLAIR is not.
+    let right = [
+        ([0x10, 0x0010], "PN", "Right^Patient"),
+        ([0x10, 0x0020], "LO", "PAT-RIGHT"),
+    ];
+    let corrected = renamed(&darker_slices(), "1.2.3.66", &right);
+    assert_eq!(neighbour.store(&corrected).await.status, 202);
+    let fourth = read(&neighbour, "1.2.3.66").await;
+    assert_eq!(fourth["state"], "case", "{fourth}");
+    let fourth = format!("/v1/cases/{}", fourth["case"].as_str().unwrap());
+    let refused = read(&neighbour, FLAIR).await;
+    assert_eq!(refused["reason"]["name"], "series-not-t1", "{refused}");
+    assert_eq!(flairs(server, &fourth).await.0, [] as [Value; 0]);
+}
+
+#[tokio::test]
+async fn a_layer_that_a_user_added_is_closed_as_any_other() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    let reasons = async || -> Vec<Value> {
+        let (flairs, _) = flairs(server, &case).await;
+        flairs.iter().map(|layer| layer["closed"].clone()).collect()
+    };
+    let add = async |files: &[Vec<u8>]| {
+        let added = add_layer(server, &case, files).await;
+        assert_eq!(added.status, 202, "{added:?}");
+    };
+    // The PACS sends one image for the first time, as another patient's, although it makes nothing of it.
+    add(&flair_of_study("1.2.31", "P-77")).await;
+    assert_eq!(reasons().await, [Value::Null]);
+    let other = flair_of_study("1.2.31", "PAT-RIGHT");
+    assert_eq!(neighbour.store(&other[..1]).await.status, 200);
+    assert_eq!(reasons().await, [json!("corrected")]);
+    // It sends what the user added, and rejects it.
+    let same = flair_of_study("1.2.32", "P-77");
+    assert_eq!(neighbour.store(&same).await.status, 200);
+    add(&same).await;
+    assert_eq!(reasons().await, [json!("corrected"), Value::Null]);
+    let uids = |study: &str| -> Vec<_> {
+        (flair_slices().iter())
+            .map(|slice| format!("{study}.1.{}", slice.instance))
+            .collect()
+    };
+    for study in ["1.2.32", "1.2.33"] {
+        let series = format!("{study}.1");
+        let title = KeyObjectTitle::RejectedForSafety;
+        let rejection = note_naming((study, &series, title, &uids(study)));
+        assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    }
+    assert_eq!(reasons().await, [json!("corrected"), json!("rejected")]);
+    // Files from before a correction, and of a series that was rejected before.
+    add(&flair_of_study("1.2.33", "P-77")).await;
+    assert_eq!(reasons().await[2], "rejected");
+    add(&flair_of_study("1.2.31", "P-77")).await;
+    assert_eq!(
+        reasons().await.iter().filter(|why| why.is_null()).count(),
+        0
+    );
+}
+
+#[tokio::test]
+async fn an_upload_is_closed_if_the_pacs_has_sent_its_images_otherwise_or_rejected_them() {
+    let neighbour = with_node().await;
+    let server = &neighbour.server;
+    let upload = async |slices: &[Slice], closing: u32| {
+        let volume = zipped(&identified(slices));
+        let parameters = json!({"closing_radius_mm": closing}).to_string();
+        let parts: [Part<'_>; 2] = [("volume", &volume), ("parameters", parameters.as_bytes())];
+        server.prepared(&parts).await
+    };
+    // No PACS has sent them, so they are open, and results leave.
+    let other: Vec<_> = head_slices().iter().map(exchanged).collect();
+    let before = upload(&other, 10).await;
+    assert_eq!(closed(server, &before).await, Value::Null);
+    let waiting = result(server, &before, &view(Some("away"), None)).await;
+    assert_eq!(waiting.status, 202, "{waiting:?}");
+    // The PACS has exchanged left and right.
+    let case = identified_case(&neighbour).await;
+    assert_eq!(result(server, &case, &view(None, None)).await.status, 200);
+    let after = upload(&other, 9).await;
+    for upload in [&before, &after] {
+        assert_eq!(closed(server, upload).await, "corrected");
+        assert_eq!(refusal(server, upload).await, "closed");
+    }
+    assert_eq!(never_sent(server, &[waiting.json()]).await, ["closed"]);
+    let same = upload(&head_slices(), 9).await;
+    assert_eq!(closed(server, &same).await, Value::Null);
+    let rejection = note(KeyObjectTitle::RejectedForSafety);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    let later = upload(&head_slices(), 8).await;
+    for upload in [&case, &same, &later] {
+        assert_eq!(closed(server, upload).await, "rejected");
+        assert_eq!(refusal(server, upload).await, "closed");
+    }
+    assert!(!is_found(&neighbour).await);
+}
+
+#[tokio::test]
+async fn a_closed_upload_does_not_hold_back_the_series_of_the_pacs() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let head = identified_head();
+    let (late, early) = head.split_last().unwrap();
     assert_eq!(neighbour.store(early).await.status, 200);
-    let first = until_other_than(&[]).await;
+    let arrival = neighbour.settled().await;
+    let first = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
+    server.until_ready(&first).await;
+    let darker = identified(&darker_slices());
+    // Half of the images are those of the PACS.
+    let half = early.len() / 2;
+    let mixed = [&early[..half], &darker[half..early.len()]].concat();
+    let upload = server.prepared(&[("volume", &zipped(&mixed))]).await;
+    assert_eq!(closed(server, &upload).await, "corrected");
     assert_eq!(
         neighbour.store(std::slice::from_ref(late)).await.status,
         200
     );
-    let second = until_other_than(&first).await;
-    // What was corrected is not shown from the first image on.
-    assert_eq!(neighbour.store(&flair(9)[..1]).await.status, 202);
-    assert_eq!(layers().await, [] as [Value; 0]);
-    assert_eq!(neighbour.store(&flair(9)[1..]).await.status, 202);
-    until_other_than(&second).await;
-}
-
-/// The images of the head under another series, which differs by one grey value.
-fn other_t1() -> Vec<Vec<u8>> {
-    let of = |slice: Slice| Slice {
-        sop_uid: format!("1.2.3.66.{}", slice.instance),
-        series_uid: "1.2.3.66".to_owned(),
-        series_number: 6,
-        samples: slice.samples.iter().map(|value| value + 1).collect(),
-        ..slice
-    };
-    let slices: Vec<_> = head_slices().into_iter().map(of).collect();
-    identified(&slices)
-}
-
-#[tokio::test]
-async fn a_series_of_another_patient_of_the_study_is_no_layer() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let case = identified_case(&neighbour).await;
-    // Without a patient, it is not known to be of this one.
-    assert_eq!(neighbour.store(&flair(0)).await.status, 200);
-    until("the series becomes nothing", async || {
-        let list = neighbour.server.get("/v1/arrivals").await.json();
-        let mut arrivals = list["arrivals"].as_array().unwrap().iter();
-        let flair = arrivals.find(|each| each["series"] == "1.2.3.77")?;
-        (flair["reason"]["name"] == "series-not-t1").then_some(())
-    })
-    .await;
-    let layers = neighbour.server.get(&format!("{case}/layers")).await.json();
-    assert!(!layers.to_string().contains("FLAIR"), "{layers}");
-}
-
-#[tokio::test]
-async fn a_layer_of_a_rejected_head_goes_to_the_one_that_takes_its_place() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let rejected = identified_case(&neighbour).await;
-    let of = async |series: &str| {
-        let list = server.get("/v1/arrivals").await.json();
-        let mut arrivals = list["arrivals"].as_array().unwrap().iter();
-        arrivals.find(|each| each["series"] == series).cloned()
-    };
-    let case_of = async |series: &str, state: &str| {
-        until(&format!("{series} becomes a {state}"), async || {
-            let arrival = of(series).await?;
-            (arrival["state"] == state).then(|| arrival["case"].as_str().unwrap().to_owned())
-        })
-        .await
-    };
-    let flair = identified(&flair_slices(0));
-    assert_eq!(neighbour.store(&flair).await.status, 200);
-    assert!(rejected.ends_with(&case_of("1.2.3.77", "layer").await));
-    let rejection = note(KeyObjectTitle::RejectedForQuality);
-    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
-    // There is no head any more.
-    until("the layer is read again", async || {
-        let arrival = of("1.2.3.77").await?;
-        (arrival["reason"]["name"] == "series-not-t1").then_some(())
-    })
-    .await;
-    assert_eq!(neighbour.store(&other_t1()).await.status, 200);
-    let next = case_of("1.2.3.66", "case").await;
-    assert!(!rejected.ends_with(&next));
-    assert_eq!(case_of("1.2.3.77", "layer").await, next);
-}
-
-#[tokio::test]
-async fn a_rejection_note_withdraws_the_images_that_it_names_and_no_others() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let case = identified_case(&neighbour).await;
-    let count = head_slices().len();
-    // One that never came. It is held back when it comes; what is here stays a case.
-    let late = Slice {
-        sop_uid: "1.2.3.4.9999".to_owned(),
-        ..head_slices()[count - 1].clone()
-    };
-    for title in [
-        KeyObjectTitle::RejectedForQuality,
-        KeyObjectTitle::RejectedForSafety,
-    ] {
-        let absent = note_of(title, std::slice::from_ref(&late.sop_uid));
-        assert_eq!(neighbour.store(&[absent]).await.status, 200);
-    }
-    let arrivals = neighbour.server.get("/v1/arrivals").await.json();
-    let heads = arrivals["arrivals"].as_array().unwrap().iter();
-    let mut heads = heads.filter(|each| each["series"] == "1.2.3.1");
-    assert_eq!(heads.next().unwrap()["state"], "case");
-    assert_eq!(superseded(&neighbour.server, &case).await, Value::Null);
-    let found = launched(&neighbour).await;
-    assert!(case.ends_with(found["case"].as_str().unwrap()), "{found}");
-    let stored = neighbour.store(&identified(&[late])).await;
-    assert_eq!(stored.status, 200, "{stored:?}");
-    assert_eq!(superseded(&neighbour.server, &case).await, Value::Null);
-    // One of the case: nothing is shown of it, and what is left is read again.
-    let last = head_slices()[count - 1].sop_uid.clone();
-    let named = note_of(KeyObjectTitle::RejectedForSafety, &[last]);
-    assert_eq!(neighbour.store(&[named]).await.status, 200);
-    assert_eq!(superseded(&neighbour.server, &case).await, "rejected");
-    let next = until("the other images are a case", async || {
-        let found = launched(&neighbour).await;
-        found["case"].as_str().map(str::to_owned)
-    })
-    .await;
-    assert!(!case.ends_with(&next));
-}
-
-/// The head with left and right exchanged: the same pixels, in the mirrored place.
-fn exchanged(slice: &Slice) -> Slice {
-    let [x, y, z] = slice.position;
-    let [a, b, c, d, e, f] = slice.orientation;
-    Slice {
-        position: [-x, y, z],
-        orientation: [-a, b, c, -d, e, f],
-        ..slice.clone()
-    }
-}
-
-#[tokio::test]
-async fn findings_and_layers_do_not_follow_images_that_lie_elsewhere() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let slices: Vec<_> = head_slices().iter().map(exchanged).collect();
-    assert_eq!(neighbour.store(&identified(&slices)).await.status, 200);
-    let wrong = neighbour.settled().await["case"].clone();
-    let wrong = format!("/v1/cases/{}", wrong.as_str().unwrap());
-    server.until_ready(&wrong).await;
-    let marked = crate::findings::mark(server, &wrong).await;
-    let layers = async |case: &str| {
-        let layers = server.get(&format!("{case}/layers")).await.json();
-        let layers = layers["layers"].as_array().unwrap().clone();
-        // Beside the maps.
-        let flairs = layers
-            .iter()
-            .filter(|layer| layer["name"].as_str().unwrap().starts_with("FLAIR"));
-        // In the images that are exchanged it is a mirror image, and fails.
-        flairs
-            .filter(|layer| {
-                ["ready", "failed"]
-                    .map(Value::from)
-                    .contains(&layer["state"])
-            })
-            .count()
-    };
-    assert_eq!(
-        neighbour.store(&identified(&flair_slices(0))).await.status,
-        200
-    );
-    until("the layer comes", async || {
-        (layers(&wrong).await == 1).then_some(())
-    })
-    .await;
-    // The same voxels elsewhere are another matter.
-    let of_study = [
-        ([0x20, 0x0D], "UI", "1.2.40"),
-        ([0x20, 0x0E], "UI", "1.2.40.1"),
-    ];
-    let elsewhere = |slice: &Slice| {
-        let sop = format!("1.2.40.1.{}", slice.instance);
-        let sop = [([0x08, 0x18], "UI", sop.as_str())];
-        with_texts(slice, &[&IDENTITY[..], &of_study, &sop].concat())
-    };
-    let elsewhere: Vec<_> = slices.iter().map(elsewhere).collect();
-    assert_eq!(neighbour.store(&elsewhere).await.status, 200);
-    let elsewhere = until("the other study is a case", async || {
-        let list = server.get("/v1/arrivals").await.json();
-        let mut arrivals = list["arrivals"].as_array().unwrap().iter();
-        let other = arrivals.find(|each| each["series"] == "1.2.40.1")?;
-        Some(format!("/v1/cases/{}", other["case"].as_str()?))
-    })
-    .await;
-    // The archive corrects the orientation of every image. From the first one on, nothing is made of the old case.
-    let corrected = identified_head();
-    let (first, rest) = corrected.split_at(1);
-    assert_eq!(warnings(&neighbour.store(first).await).len(), 1);
-    assert_eq!(superseded(server, &wrong).await, "moved");
-    let view = json!({"what": "view", "render": small()});
-    assert_eq!(result(server, &wrong, &view).await.problem(), "superseded");
-    let stored = neighbour.store(rest).await;
-    assert_eq!(warnings(&stored).len(), rest.len());
-    let right = until("the corrected images are a case", async || {
-        let found = launched(&neighbour).await;
-        let case = format!("/v1/cases/{}", found["case"].as_str()?);
-        (case != wrong).then_some(case)
-    })
-    .await;
-    server.until_ready(&right).await;
-    let version = server.get(&right).await.json();
+    let arrival = read(&neighbour, SERIES).await;
+    assert_eq!(arrival["state"], "case", "{arrival}");
+    let second = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
+    let version = server.get(&second).await.json();
     assert!(
-        wrong.ends_with(version["previous"].as_str().unwrap()),
+        first.ends_with(version["previous"].as_str().unwrap()),
         "{version}"
     );
-    assert_eq!(
-        server.get(&format!("{right}/findings")).await.json()["findings"],
-        json!([])
-    );
-    // They are not lost: they stay where they were marked, which says what happened.
-    let kept = server.get(&format!("{wrong}/findings")).await.json();
-    assert_eq!(kept["findings"], marked["findings"]);
-    assert_eq!(superseded(server, &wrong).await, "moved");
-    assert_eq!(superseded(server, &elsewhere).await, Value::Null);
-    // The series that was a layer is placed again, in the corrected images.
-    until("the layer comes again", async || {
-        (layers(&right).await == 1).then_some(())
-    })
-    .await;
-    for (case, words) in [(&wrong, "MOVED:"), (&right, "CORRECTED:")] {
-        crate::maps::until_maps(server, case).await;
-        // It waits for the map of the FLAIR, too.
-        let report = until("the report comes", async || {
-            let report = server.get(&format!("{case}/report")).await;
-            (report.status == 200).then_some(report)
-        })
-        .await;
-        let report = String::from_utf8_lossy(&report.body).into_owned();
-        let doubts = report.split("class=\"doubt\"").nth(1).unwrap_or(&report);
-        assert!(
-            report.contains(words),
-            "{words}: {}",
-            &doubts[..doubts.len().min(300)]
-        );
-    }
-}
-
-#[tokio::test]
-async fn findings_stay_with_a_rejected_case_when_the_series_comes_under_new_uids() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let rejected = identified_case(&neighbour).await;
-    let marked = crate::findings::mark(server, &rejected).await;
-    let rejection = note(KeyObjectTitle::IncorrectWorklistEntry);
-    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
-    // The right images of the series lie elsewhere.
-    let renamed = |slice: &Slice, series: u32| {
-        let sop = format!("1.2.3.{series}.{}", slice.instance);
-        let sop = [([0x08, 0x18], "UI", sop.as_str())];
-        with_texts(slice, &[&IDENTITY[..], &sop].concat())
-    };
-    let slices = head_slices();
-    let mirrored: Vec<_> = slices
-        .iter()
-        .map(|slice| renamed(&exchanged(slice), 44))
-        .collect();
-    assert_eq!(neighbour.store(&mirrored).await.status, 200);
-    let next = case_of_a_link(&neighbour).await;
-    let findings = async |case: &str| {
-        let findings = server.get(&format!("{case}/findings")).await.json();
-        findings["findings"].clone()
-    };
-    let version = server.get(&next).await.json();
-    assert!(rejected.ends_with(version["previous"].as_str().unwrap()));
-    assert_eq!(findings(&next).await, json!([]));
-    assert_eq!(findings(&rejected).await, marked["findings"]);
-    assert_eq!(superseded(server, &rejected).await, "rejected");
-    assert_eq!(superseded(server, &next).await, Value::Null);
-}
-
-#[tokio::test]
-async fn a_corrected_name_hides_no_other_place_of_the_images() {
-    let neighbour = Neighbour::start(|config| {
-        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
-    })
-    .await;
-    let server = &neighbour.server;
-    let first = identified_case(&neighbour).await;
-    let marked = other_mask(server, &first).await;
-    let findings = crate::findings::mark(server, &marked).await;
-    let mut reports = Vec::new();
-    for what in ["findings", "finding-segments"] {
-        let report = result(server, &marked, &json!({ "what": what })).await;
-        assert_eq!(report.status, 200, "{report:?}");
-        reports.push(report.body.to_vec());
-    }
-    let view = |node: Value| json!({"what": "view", "render": small(), "node": node});
-    let sent = result(server, &marked, &view(json!("away"))).await.json();
-    // A version of other pixels has what was marked in the version that readers saw, and takes reports of it.
-    let darker = darker_slices();
-    assert_eq!(neighbour.store(&identified(&darker)).await.status, 202);
-    let second = case_after(&neighbour, &first).await;
-    let version = server.get(&second).await.json();
-    assert!(marked.ends_with(version["previous"].as_str().unwrap()));
-    let inherited = findings_of(server, &second).await;
-    assert_eq!(inherited, findings["findings"]);
-    for report in &reports {
-        let taken = put_report(server, &second, report).await;
-        assert_eq!(taken.status, 200, "{taken:?}");
-    }
-    // The name and the place of all images are corrected in one go.
-    let name = [([0x10, 0x0010], "PN", "Müller^Anne")];
-    let corrected = |slice: &Slice| with_texts(&exchanged(slice), &[&IDENTITY[..], &name].concat());
-    let corrected: Vec<_> = darker.iter().map(corrected).collect();
-    assert_eq!(neighbour.store(&corrected).await.status, 202);
-    let third = case_after(&neighbour, &second).await;
-    let version = server.get(&third).await.json();
-    assert!(second.ends_with(version["previous"].as_str().unwrap()));
-    assert_eq!(findings_of(server, &third).await, json!([]));
-    assert_eq!(superseded(server, &third).await, Value::Null);
-    for report in &reports {
-        let refused = put_report(server, &third, report).await;
-        assert_eq!(
-            (refused.status.as_u16(), refused.problem().as_str()),
-            (409, "findings-elsewhere")
-        );
-    }
-    for case in [&first, &marked, &second] {
-        assert_eq!(superseded(server, case).await, "moved", "{case}");
-        let refused = result(server, case, &view(Value::Null)).await;
-        assert_eq!(
-            (refused.status.as_u16(), refused.problem().as_str()),
-            (409, "superseded")
-        );
-        let detail = refused.json()["detail"].to_string();
-        assert!(detail.contains("left and right"), "{detail}");
-    }
-    // Nor is what waits already sent.
-    let address = format!("/v1/dicom-results/{}", sent["id"].as_str().unwrap());
-    let background = pacs::start_transfers(server.pacs.clone());
-    let waiting = ended(server, &address).await;
-    background.shut_down(Duration::from_secs(5)).await;
-    assert_eq!(waiting["reason"]["name"], "superseded", "{waiting}");
-    // Deleted cases tell nothing of their images any more.
-    for case in [&first, &marked, &second] {
-        let deleted = server.method(axum::http::Method::DELETE, case).await;
-        assert_eq!(deleted.status, 204, "{deleted:?}");
-    }
-    for report in &reports {
-        let refused = put_report(server, &third, report).await;
-        assert_eq!(refused.problem(), "findings-elsewhere");
-    }
-}
-
-#[tokio::test]
-async fn a_corrected_name_hides_no_rejection() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let rejected = identified_case(&neighbour).await;
-    crate::findings::mark(server, &rejected).await;
-    let slices = head_slices();
-    let (last, others) = slices.split_last().unwrap();
-    let named = note_of(
-        KeyObjectTitle::RejectedForSafety,
-        std::slice::from_ref(&last.sop_uid),
-    );
-    assert_eq!(neighbour.store(&[named]).await.status, 200);
-    // The name is corrected in the others, most likely before they are read again.
-    let name = [([0x10, 0x0010], "PN", "Müller^Anne")];
-    let corrected = |slice: &Slice| with_texts(slice, &[&IDENTITY[..], &name].concat());
-    let corrected: Vec<_> = others.iter().map(corrected).collect();
-    assert_eq!(neighbour.store(&corrected).await.status, 202);
-    let next = case_of_a_link(&neighbour).await;
-    assert_eq!(superseded(server, &rejected).await, "rejected");
-    assert_eq!(findings_of(server, &next).await, json!([]));
-}
-
-#[tokio::test]
-async fn findings_do_not_follow_pixels_that_are_mirrored_or_shifted() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let mut before = identified_case(&neighbour).await;
-    // One that is mirrored and shifted, and one that is shifted.
-    let pictures = [2, 5].map(|shift| mirrored_head(shift, &[]));
-    for (number, pictures) in pictures.iter().enumerate() {
-        crate::findings::mark(server, &before).await;
-        assert_eq!(neighbour.store(pictures).await.status, 202, "{number}");
-        let next = case_after(&neighbour, &before).await;
-        assert_eq!(findings_of(server, &next).await, json!([]), "{number}");
-        assert_eq!(superseded(server, &before).await, "moved", "{number}");
-        before = next;
-    }
-}
-
-#[tokio::test]
-async fn a_report_is_not_taken_over_into_pixels_that_were_mirrored_behind_another_patient() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let first = identified_case(&neighbour).await;
-    crate::findings::mark(server, &first).await;
-    let report = result(server, &first, &json!({"what": "findings"})).await;
-    assert_eq!(report.status, 200, "{report:?}");
-    let wrong = [([0x10, 0x20], "LO", "PAT-WRONG")];
-    assert_eq!(neighbour.store(&mirrored_head(0, &wrong)).await.status, 202);
-    let second = case_after(&neighbour, &first).await;
-    assert_eq!(neighbour.store(&mirrored_head(0, &[])).await.status, 202);
-    let third = case_after(&neighbour, &second).await;
-    assert_eq!(findings_of(server, &third).await, json!([]));
-    let refused = put_report(server, &third, &report.body).await;
-    assert_eq!(refused.problem(), "findings-elsewhere");
-    // Into other pixels that show the same it is.
-    let darker = darker_slices();
-    assert_eq!(neighbour.store(&identified(&darker)).await.status, 202);
-    let fourth = case_after(&neighbour, &third).await;
-    let taken = put_report(server, &fourth, &report.body).await;
-    assert_eq!(taken.status, 200, "{taken:?}");
-}
-
-#[tokio::test]
-async fn a_report_is_not_taken_over_into_mirrored_pixels_of_another_series() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let first = identified_case(&neighbour).await;
-    crate::findings::mark(server, &first).await;
-    let report = result(server, &first, &json!({"what": "findings"})).await;
-    let series = [([0x20, 0x0E], "UI", "1.2.3.98")];
-    assert_eq!(
-        neighbour.store(&mirrored_head(0, &series)).await.status,
-        202
-    );
-    let second = until("the other series is a case", async || {
-        let found = launched(&neighbour).await;
-        let case = format!("/v1/cases/{}", found["case"].as_str()?);
-        (case != first).then_some(case)
-    })
-    .await;
-    server.until_ready(&second).await;
-    let refused = put_report(server, &second, &report.body).await;
-    assert_eq!(refused.problem(), "findings-elsewhere");
-}
-
-#[tokio::test]
-async fn another_frame_of_reference_is_another_place() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let first = identified_case(&neighbour).await;
-    crate::findings::mark(server, &first).await;
-    let frame = [([0x20, 0x52], "UI", "1.2.3.97")];
-    let texts = [&IDENTITY[..], &frame].concat();
-    let slices = head_slices();
-    let other: Vec<_> = slices
-        .iter()
-        .map(|slice| with_texts(slice, &texts))
-        .collect();
-    let stored = neighbour.store(&other).await;
-    assert_eq!(warnings(&stored).len(), other.len(), "{stored:?}");
-    assert_eq!(superseded(server, &first).await, "moved");
-    let second = case_after(&neighbour, &first).await;
-    assert_eq!(findings_of(server, &second).await, json!([]));
-}
-
-#[tokio::test]
-async fn a_correction_counts_although_the_images_before_it_are_forgotten() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let store = server.pacs.cases().store().clone();
-    let first = identified_case(&neighbour).await;
-    crate::findings::mark(server, &first).await;
-    store.forget(Duration::ZERO).await.unwrap();
-    assert_eq!(neighbour.store(&mirrored_head(0, &[])).await.status, 200);
-    let second = case_after(&neighbour, &first).await;
-    assert_eq!(superseded(server, &first).await, "moved");
-    assert_eq!(findings_of(server, &second).await, json!([]));
-    store.forget(Duration::ZERO).await.unwrap();
-    assert_eq!(neighbour.store(&corrected_head()).await.status, 200);
-    let third = case_after(&neighbour, &second).await;
-    assert_eq!(superseded(server, &second).await, "corrected");
-    assert_eq!(superseded(server, &third).await, Value::Null);
-    let view = json!({"what": "view", "render": small()});
-    assert_eq!(result(server, &second, &view).await.problem(), "superseded");
-}
-
-#[tokio::test]
-async fn a_result_that_waits_is_not_sent_once_a_layer_was_withdrawn() {
-    let neighbour = Neighbour::start(|config| {
-        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
-    })
-    .await;
-    let server = &neighbour.server;
-    let case = identified_case(&neighbour).await;
-    for number in 0..2 {
-        let flair = identified(&flair_slices(number));
-        let status = if number == 0 { 200 } else { 202 };
-        assert_eq!(neighbour.store(&flair[..1]).await.status, status);
-        assert_eq!(neighbour.store(&flair[1..]).await.status, status);
-        let mut shown = small();
-        shown["layer"] = ready_flair(server, &case).await;
-        let view = json!({"what": "view", "render": shown, "node": "away"});
-        let waiting = result(server, &case, &view).await.json();
-        let address = format!("/v1/dicom-results/{}", waiting["id"].as_str().unwrap());
-        let waits = server.get(&address).await.json();
-        assert_eq!(waits["state"], "queued", "{waits}");
-        if number == 0 {
-            // The first image of the FLAIR is corrected.
-            let corrected = identified(&flair_slices(9));
-            assert_eq!(neighbour.store(&corrected[..1]).await.status, 202);
-        } else {
-            let uids: Vec<_> = flair_slices(0)
-                .into_iter()
-                .map(|slice| slice.sop_uid)
-                .collect();
-            let title = KeyObjectTitle::RejectedForSafety;
-            let rejection = note_naming(("1.2.3", "1.2.3.77", title, &uids));
-            assert_eq!(neighbour.store(&[rejection]).await.status, 200);
-        }
-        let failed = server.get(&address).await.json();
-        assert_eq!(failed["state"], "failed", "{failed}");
-        assert_eq!(failed["reason"]["name"], "layer-withdrawn", "{failed}");
-    }
-}
-
-/// The head with half the brightness.
-fn darker_slices() -> Vec<Slice> {
-    let darker = |slice: &Slice| Slice {
-        samples: slice.samples.iter().map(|sample| sample / 2).collect(),
-        ..slice.clone()
-    };
-    head_slices().iter().map(darker).collect()
-}
-
-/// The slices of the head with the columns reversed, and so many of them moved from one end to the other, with these texts.
-fn mirrored_head(shift: usize, texts: &[([u16; 2], &str, &str)]) -> Vec<Vec<u8>> {
-    let mirrored = |slice: &Slice| {
-        let rows = slice.samples.chunks(slice.columns.into());
-        let mirrored = rows.flat_map(|row| {
-            let mut row = row.to_vec();
-            row.reverse();
-            row.rotate_right(shift);
-            row
-        });
-        let slice = Slice {
-            samples: mirrored.collect(),
-            ..slice.clone()
-        };
-        with_texts(&slice, &[&IDENTITY[..], texts].concat())
-    };
-    head_slices().iter().map(mirrored).collect()
-}
-
-#[tokio::test]
-async fn findings_do_not_follow_pixels_that_are_mirrored_part_by_part() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let before = identified_case(&neighbour).await;
-    crate::findings::mark(server, &before).await;
-    let mirrored = mirrored_head(0, &[]);
-    let (first, rest) = mirrored.split_at(mirrored.len() / 2);
-    assert_eq!(neighbour.store(first).await.status, 202);
-    let half = case_after(&neighbour, &before).await;
-    assert_eq!(neighbour.store(rest).await.status, 202);
-    let next = case_after(&neighbour, &half).await;
-    assert_eq!(findings_of(server, &next).await, json!([]));
-    assert_eq!(superseded(server, &before).await, "moved");
-}
-
-#[tokio::test]
-async fn images_in_the_same_place_under_new_uids_do_not_bring_back_what_was_rejected() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let rejected = identified_case(&neighbour).await;
-    crate::findings::mark(server, &rejected).await;
-    let rejection = note(KeyObjectTitle::RejectedForSafety);
-    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
-    let renamed = |slice: &Slice| {
-        let sop = format!("1.2.3.45.{}", slice.instance);
-        let sop = [([0x08, 0x18], "UI", sop.as_str())];
-        with_texts(slice, &[&IDENTITY[..], &sop].concat())
-    };
-    let renamed: Vec<_> = head_slices().iter().map(renamed).collect();
-    assert_eq!(neighbour.store(&renamed).await.status, 200);
-    let next = case_of_a_link(&neighbour).await;
-    let findings = server.get(&format!("{next}/findings")).await.json();
-    assert_eq!(findings["findings"], json!([]));
-}
-
-#[tokio::test]
-async fn images_whose_uids_were_exchanged_leave_an_older_version_behind() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let before = identified_case(&neighbour).await;
-    let slices = head_slices();
-    let exchanged: Vec<_> = slices
-        .iter()
-        .zip(slices.iter().rev())
-        .map(|(slice, other)| {
-            let sop = [([0x08, 0x18], "UI", other.sop_uid.as_str())];
-            with_texts(slice, &[&IDENTITY[..], &sop].concat())
-        })
-        .collect();
-    assert_eq!(neighbour.store(&exchanged).await.status, 202);
-    let next = case_after(&neighbour, &before).await;
-    assert_eq!(superseded(server, &before).await, "moved");
-    assert_eq!(superseded(server, &next).await, Value::Null);
-}
-
-#[tokio::test]
-async fn a_note_of_another_study_neither_withdraws_an_image_nor_holds_its_correction_back() {
-    let lines = Lines::default();
-    let _logging = lines.collect();
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let case = identified_case(&neighbour).await;
-    let uids = head_slices().into_iter().map(|slice| slice.sop_uid);
-    let title = KeyObjectTitle::RejectedForQuality;
-    let foreign = note_in("1.2.30", title, &uids.collect::<Vec<_>>());
-    assert_eq!(neighbour.store(&[foreign]).await.status, 200);
-    assert_eq!(superseded(server, &case).await, Value::Null);
-    let corrected = corrected_head();
-    let stored = neighbour.store(&corrected).await;
-    assert_eq!(warnings(&stored), vec![0xB000; corrected.len()]);
-    assert_eq!(superseded(server, &case).await, "corrected");
-    assert!(!lines.text().contains("is withdrawn"), "{}", lines.text());
-    // The same note of its own study does.
-    let rejection = note(KeyObjectTitle::RejectedForQuality);
-    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
-    assert!(lines.text().contains("is withdrawn"));
-    let stored = neighbour.store(&corrected).await;
-    assert_eq!((stored.status.as_u16(), warnings(&stored)), (200, vec![]));
-    let text = lines.text();
-    let line = text.lines().rfind(|line| line.contains("by STOW-RS"));
-    // Without the codes of colours.
-    let parts = line.unwrap().split('\u{1b}').enumerate();
-    let plain: String = parts
-        .map(|(at, part)| match part.split_once('m') {
-            Some((_, rest)) if at > 0 => rest,
-            _ => part,
-        })
-        .collect();
-    let count = format!("images=0 ignored={} ", corrected.len());
-    assert!(plain.contains(&count), "{plain}");
-}
-
-/// The arrival of a series.
-async fn arrival_of(server: &Server, series: &str) -> Value {
-    let list = server.get("/v1/arrivals").await.json();
-    let mut arrivals = list["arrivals"].as_array().unwrap().iter();
-    let found = arrivals.find(|each| each["series"] == series);
-    found.cloned().unwrap_or_default()
-}
-
-/// The files of slices of another patient than [`identified_head`].
-fn of_another(slices: &[Slice]) -> Vec<Vec<u8>> {
-    let other = [
-        ([0x10, 0x0010], "PN", "Right^Patient"),
-        ([0x10, 0x0020], "LO", "PAT-RIGHT"),
-        ([0x08, 0x0050], "SH", "A-2"),
-    ];
-    let texts = [&IDENTITY[..], &other].concat();
-    let slices = slices.iter();
-    slices.map(|slice| with_texts(slice, &texts)).collect()
-}
-
-async fn until_layer(server: &Server, series: &str) {
-    until("the series is a layer", async || {
-        (arrival_of(server, series).await["state"] == "layer").then_some(())
-    })
-    .await;
-}
-
-#[tokio::test]
-async fn deleting_a_case_leaves_the_images_that_were_corrected_or_rejected_since() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let case = identified_case(&neighbour).await;
-    let flair = flair_slices(0);
-    assert_eq!(neighbour.store(&identified(&flair)).await.status, 200);
-    until_layer(server, "1.2.3.77").await;
-    // The FLAIR was another patient's, and leads to the case of this one no longer.
-    let corrected = of_another(&flair);
-    assert_eq!(neighbour.store(&corrected).await.status, 202);
-    let arrival = arrival_of(server, "1.2.3.77").await;
-    assert_eq!(arrival["case"], Value::Null, "{arrival}");
-    // Every image of the head comes with other pixels, and the user deletes the case that shows the old ones.
-    let brighter = |slice: &Slice| Slice {
-        samples: slice.samples.iter().map(|value| value + 1).collect(),
-        ..slice.clone()
-    };
-    let brighter: Vec<_> = head_slices().iter().map(brighter).collect();
-    assert_eq!(neighbour.store(&identified(&brighter)).await.status, 202);
-    let deleted = server.method(axum::http::Method::DELETE, &case).await;
-    assert!(deleted.status.is_success(), "{deleted:?}");
-    for series in ["1.2.3.77", "1.2.3.1"] {
-        let arrival = arrival_of(server, series).await;
-        assert_eq!(arrival["instances"], flair.len(), "{series}: {arrival}");
-    }
-    let next = until("the new pixels are a case", async || {
-        let arrival = arrival_of(server, "1.2.3.1").await;
-        arrival["case"].as_str().map(str::to_owned)
-    })
-    .await;
-    assert!(!case.ends_with(&next));
 }
 
 #[tokio::test]
@@ -1265,337 +1116,155 @@ async fn a_correction_that_cannot_be_decoded_takes_nobodys_place() {
             assert_eq!(refused.status, 409, "{texts:?}: {refused:?}");
         }
     }
-    let arrival = arrival_of(server, "1.2.3.1").await;
+    let arrival = arrival_of(server, SERIES).await;
     assert_eq!(
-        (&arrival["state"], &arrival["superseded"]),
+        (&arrival["state"], &arrival["corrected"]),
         (&json!("case"), &json!(0))
     );
-    assert_eq!(superseded(server, &case).await, Value::Null);
-}
-
-/// Adds the files of a volume to a case as a layer.
-async fn add_layer(server: &Server, case: &str, files: &[Vec<u8>]) -> Answer {
-    let form = form(&[("volume", &zipped(files))]);
-    let request = axum::http::Request::post(format!("{case}/layers"))
-        .header("content-type", form_type())
-        .body(form.into());
-    server.send(request.unwrap()).await
-}
-
-/// The layers of a case that were uploaded, beside its maps.
-async fn flairs(server: &Server, case: &str) -> usize {
-    let layers = server.get(&format!("{case}/layers")).await.json();
-    let layers = layers["layers"].as_array().unwrap().iter();
-    let names = layers.filter_map(|layer| layer["name"].as_str());
-    names.filter(|name| name.starts_with("FLAIR")).count()
+    assert_eq!(closed(server, &case).await, Value::Null);
 }
 
 #[tokio::test]
-async fn what_was_rejected_does_not_come_back_by_upload() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let rejected = identified_case(&neighbour).await;
-    let rejection = note(KeyObjectTitle::RejectedForSafety);
-    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
-    // With another parameter, it is another case.
-    let volume = zipped(&identified_head());
-    let parts: [Part<'_>; 2] = [
-        ("volume", &volume),
-        ("parameters", br#"{"closing_radius_mm": 9}"#),
-    ];
-    let uploaded = server.prepared(&parts).await;
-    assert_ne!(uploaded, rejected);
-    assert_eq!(superseded(server, &uploaded).await, "rejected");
-    let found = launched(&neighbour).await;
-    assert_eq!(found["case"], Value::Null, "{found}");
-    let view = json!({"what": "view", "render": small()});
-    let refused = result(server, &uploaded, &view).await;
-    assert_eq!(
-        (refused.status.as_u16(), refused.problem().as_str()),
-        (409, "superseded")
-    );
-    // Nor is it shown over another head.
-    assert_eq!(neighbour.store(&other_t1()).await.status, 200);
-    let next = case_of_a_link(&neighbour).await;
-    let refused = add_layer(server, &next, &identified_head()).await;
-    assert_eq!(
-        (refused.status.as_u16(), refused.problem().as_str()),
-        (422, "images-rejected")
-    );
-}
-
-#[tokio::test]
-async fn a_layer_of_a_corrected_or_rejected_series_is_removed_from_cases_of_other_studies() {
+async fn deleting_a_case_keeps_what_was_corrected_since() {
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
-    // The FLAIR of the same patient in two other studies, which a user added by hand.
-    let elsewhere = |study: &str, patient: &str| {
-        let series = format!("{study}.1");
-        let file = |slice: &Slice| {
-            let sop = format!("{series}.{}", slice.instance);
-            let texts = [
-                ([0x08, 0x18], "UI", sop.as_str()),
-                ([0x10, 0x20], "LO", patient),
-                ([0x20, 0x0D], "UI", study),
-                ([0x20, 0x0E], "UI", series.as_str()),
-            ];
-            with_texts(slice, &[&IDENTITY[..], &texts].concat())
-        };
-        flair_slices(0).iter().map(file).collect::<Vec<_>>()
-    };
-    for (added, study) in ["1.2.31", "1.2.32"].into_iter().enumerate() {
-        let files = elsewhere(study, "P-77");
-        assert_eq!(neighbour.store(&files).await.status, 200);
-        let answer = add_layer(server, &case, &files).await;
-        assert_eq!(answer.status, 202, "{answer:?}");
-        assert_eq!(flairs(server, &case).await, added + 1);
+    let flair = flair_slices();
+    assert_eq!(neighbour.store(&identified(&flair)).await.status, 200);
+    ready_flair(server, &case, 1).await;
+    // The FLAIR was another patient's, and leads to the case of this one no longer.
+    assert_eq!(neighbour.store(&of_another(&flair)).await.status, 202);
+    let arrival = arrival_of(server, FLAIR).await;
+    assert_eq!(arrival["case"], Value::Null, "{arrival}");
+    // Every image of the head comes with other pixels, and the user deletes the case that shows the old ones.
+    let darker = identified(&darker_slices());
+    assert_eq!(neighbour.store(&darker).await.status, 202);
+    let deleted = server.method(Method::DELETE, &case).await;
+    assert_eq!(deleted.status, 204, "{deleted:?}");
+    for series in [FLAIR, SERIES] {
+        let arrival = arrival_of(server, series).await;
+        assert_eq!(arrival["instances"], flair.len(), "{series}: {arrival}");
     }
-    let corrected = elsewhere("1.2.31", "PAT-RIGHT");
-    assert_eq!(neighbour.store(&corrected[..1]).await.status, 202);
-    assert_eq!(flairs(server, &case).await, 1);
-    let uids: Vec<_> = (flair_slices(0).iter())
-        .map(|slice| format!("1.2.32.1.{}", slice.instance))
+    let next = read(&neighbour, SERIES).await;
+    assert_eq!(next["state"], "case", "{next}");
+    assert!(!case.ends_with(next["case"].as_str().unwrap()));
+}
+
+#[tokio::test]
+async fn one_image_of_another_patient_closes_the_case_of_images_that_are_forgotten() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let case = identified_case(&neighbour).await;
+    assert_eq!(
+        neighbour.store(&identified(&flair_slices())).await.status,
+        200
+    );
+    ready_flair(server, &case, 1).await;
+    let store = server.pacs.cases().store().clone();
+    store.forget(Duration::ZERO).await.unwrap();
+    assert_eq!(arrival_of(server, SERIES).await, Value::Null);
+    for (slices, series) in [(flair_slices(), FLAIR), (head_slices(), SERIES)] {
+        assert_eq!(closed(server, &case).await, Value::Null);
+        let one = neighbour.store(&of_another(&slices[20..21])).await;
+        assert_eq!((one.status.as_u16(), warnings(&one)), (202, vec![0xB000]));
+        assert_eq!(read(&neighbour, series).await["state"], "nothing");
+        assert_eq!(flairs(server, &case).await.0[0]["closed"], "corrected");
+    }
+    assert_eq!(closed(server, &case).await, "corrected");
+    assert_eq!(refusal(server, &case).await, "closed");
+    assert!(!is_found(&neighbour).await);
+}
+
+#[tokio::test]
+async fn a_note_may_come_before_its_images_and_counts_in_its_own_study_alone() {
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let uids: Vec<_> = (head_slices().into_iter())
+        .map(|slice| slice.sop_uid)
         .collect();
-    let series = (
-        "1.2.32",
-        "1.2.32.1",
-        KeyObjectTitle::RejectedForSafety,
-        &uids[..],
-    );
-    assert_eq!(neighbour.store(&[note_naming(series)]).await.status, 200);
-    assert_eq!(flairs(server, &case).await, 0);
-}
-
-#[tokio::test]
-async fn a_note_that_comes_before_its_images_names_them_in_its_own_study_alone() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let uids = head_slices().into_iter().map(|slice| slice.sop_uid);
     let title = KeyObjectTitle::RejectedForQuality;
-    let foreign = note_in("1.2.30", title, &uids.collect::<Vec<_>>());
+    let foreign = note_in("1.2.30", title, &uids);
+    assert_eq!(
+        neighbour.store(std::slice::from_ref(&foreign)).await.status,
+        200
+    );
+    // One image of the head is rejected before it comes, and another one that never comes.
+    let own = [uids[0].clone(), "1.2.3.4.9999".to_owned()];
+    let own = note_of(KeyObjectTitle::RejectedForSafety, &own);
+    assert_eq!(neighbour.store(&[own]).await.status, 200);
+    let stored = neighbour.store(&identified_head()).await;
+    assert_eq!((stored.status.as_u16(), warnings(&stored)), (200, vec![]));
+    let arrival = read(&neighbour, SERIES).await;
+    assert_eq!(
+        (&arrival["state"], &arrival["instances"]),
+        (&json!("case"), &json!(uids.len()))
+    );
+    let case = format!("/v1/cases/{}", arrival["case"].as_str().unwrap());
+    server.until_ready(&case).await;
+    let known = server.get(&format!("{case}/dicom")).await.json();
+    assert_eq!(known["instances"].as_array().unwrap().len(), uids.len() - 1);
     assert_eq!(neighbour.store(&[foreign]).await.status, 200);
-    assert_eq!(neighbour.store(&identified_head()).await.status, 200);
-    let arrival = arrival_of(&neighbour.server, "1.2.3.1").await;
-    assert_eq!(
-        (&arrival["instances"], &arrival["ignored"]),
-        (&json!(head_slices().len()), &json!(0))
-    );
+    assert_eq!(closed(server, &case).await, Value::Null);
+    assert_eq!(case_of_a_link(&neighbour).await, case);
 }
 
 #[tokio::test]
-async fn findings_follow_other_intensities_and_not_a_mirror_image_that_is_inverted() {
+async fn images_that_were_rejected_do_not_speak_for_the_patient_of_their_series() {
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
-    let before = identified_case(&neighbour).await;
-    crate::findings::mark(server, &before).await;
-    // Other intensities in the same place take the findings along.
-    assert_eq!(
-        neighbour.store(&identified(&darker_slices())).await.status,
-        202
-    );
-    let darker = case_after(&neighbour, &before).await;
-    assert_ne!(findings_of(server, &darker).await, json!([]));
-    assert_eq!(superseded(server, &before).await, "newer-version");
-    let inverted = |slice: &Slice| {
-        let rows = slice.samples.chunks(slice.columns.into());
-        let mirrored = rows.flat_map(|row| row.iter().rev());
-        Slice {
-            samples: mirrored
-                .map(|&sample| if sample > 0 { 1100 - sample } else { 0 })
-                .collect(),
-            ..slice.clone()
-        }
-    };
-    let inverted: Vec<_> = head_slices().iter().map(inverted).collect();
-    assert_eq!(neighbour.store(&identified(&inverted)).await.status, 202);
-    let next = case_after(&neighbour, &darker).await;
-    assert_eq!(findings_of(server, &next).await, json!([]));
-    assert_eq!(superseded(server, &darker).await, "moved");
-    assert_eq!(superseded(server, &before).await, "moved");
-}
-
-/// The id of the FLAIR of a case, once it is ready. It may have a number behind its name.
-async fn ready_flair(server: &Server, case: &str) -> Value {
-    until_layer(server, "1.2.3.77").await;
-    until("the layer is ready", async || {
-        let layers = server.get(&format!("{case}/layers")).await.json();
-        let mut layers = layers["layers"].as_array().unwrap().iter();
-        let flair = layers.find(|layer| layer["name"].as_str().unwrap().starts_with("FLAIR"))?;
-        (flair["state"] == "ready").then(|| flair["id"].clone())
-    })
-    .await
-}
-
-/// Takes a queued result as sent.
-async fn sent(server: &Server) {
-    let store = server.pacs.cases().store();
-    let send = case::JobKind::new("send", "delivery");
-    let leased = store.claim(send, 3).await.unwrap().expect("a result");
-    assert!(store.finish(&leased).await.unwrap());
-}
-
-#[tokio::test]
-async fn a_result_that_was_sent_with_a_layer_is_found_and_withdrawn_after_the_layer() {
-    sent_with_a_layer(false).await;
-}
-
-#[tokio::test]
-async fn a_result_with_a_layer_that_was_deleted_is_found_when_its_images_are_corrected() {
-    sent_with_a_layer(true).await;
-}
-
-async fn sent_with_a_layer(is_deleted: bool) {
-    let neighbour = Neighbour::start(|config| {
-        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
-    })
-    .await;
-    let server = &neighbour.server;
-    let case = identified_case(&neighbour).await;
-    let flair = identified(&flair_slices(0));
-    assert_eq!(neighbour.store(&flair).await.status, 200);
-    let flair = ready_flair(server, &case).await;
-    let mut shown = small();
-    let mut uids = Vec::new();
-    for has_layer in [false, true] {
-        if has_layer {
-            shown["layer"] = flair.clone();
-        }
-        let view = json!({"what": "view", "render": shown, "node": "away"});
-        let queued = result(server, &case, &view).await;
-        assert_eq!(queued.status, 202, "{queued:?}");
-        uids.push(queued.json()["instance"].clone());
-        sent(server).await;
-    }
-    let not_valid = async || {
-        let id = case.rsplit('/').next().unwrap();
-        let list = server.get(&format!("/v1/dicom-results?case={id}")).await;
-        let list = list.json();
-        let results = list["results"].as_array().unwrap();
-        let of = |uid: &Value| {
-            let mut results = results.iter();
-            let result = results.find(|result| result["instance"] == *uid).unwrap();
-            result["not_valid"].clone()
-        };
-        [of(&uids[0]), of(&uids[1])]
-    };
-    assert_eq!(not_valid().await, [Value::Null, Value::Null]);
-    if is_deleted {
-        let address = format!("{case}/layers/{}", flair.as_str().unwrap());
-        let request = axum::http::Request::delete(address).body(Default::default());
-        assert_eq!(server.send(request.unwrap()).await.status, 204);
-        assert_eq!(not_valid().await, [Value::Null, Value::Null]);
-    }
-    // The FLAIR was another patient's.
-    let corrected = of_another(&flair_slices(0));
-    assert_eq!(neighbour.store(&corrected[..1]).await.status, 202);
-    assert_eq!(not_valid().await, [Value::Null, json!("layer-withdrawn")]);
-    let note = json!({"what": "key-object", "node": "away",
-        "key_object": {"instances": [uids[1]], "title": "rejected-for-safety"}});
-    let noted = result(server, &case, &note).await;
-    assert_eq!(noted.status, 202, "{noted:?}");
-    assert_eq!(not_valid().await, [Value::Null, json!("withdrawn")]);
-}
-
-#[tokio::test]
-async fn files_from_before_a_correction_make_no_layer() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let case = identified_case(&neighbour).await;
-    let flair = identified(&flair_slices(0));
-    assert_eq!(neighbour.store(&flair).await.status, 200);
-    ready_flair(server, &case).await;
-    let corrected = of_another(&flair_slices(0));
-    assert_eq!(neighbour.store(&corrected).await.status, 202);
-    assert_eq!(flairs(server, &case).await, 0);
-    let added = add_layer(server, &case, &flair).await;
-    assert_eq!(added.problem(), "layer-of-another-patient", "{added:?}");
-    assert_eq!(flairs(server, &case).await, 0);
+    // Of the wrong patient, by an incorrect entry of the worklist; the right images come under new UIDs.
+    let wrong = of_another(&head_slices());
+    assert_eq!(neighbour.store(&wrong).await.status, 200);
+    let first = case_of_a_link(&neighbour).await;
+    crate::findings::mark(server, &first).await;
+    let rejection = note(KeyObjectTitle::IncorrectWorklistEntry);
+    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
+    let right = renamed(&head_slices(), SERIES, &[]);
+    assert_eq!(neighbour.store(&right).await.status, 200);
+    let second = case_of_a_link(&neighbour).await;
+    assert_ne!(first, second);
+    assert_eq!(findings_of(server, &second).await, json!([]));
+    assert_eq!(server.get(&second).await.json()["previous"], Value::Null);
+    let made = result(server, &second, &view(None, None)).await;
+    assert_eq!(made.status, 200, "{made:?}");
 }
 
 #[tokio::test]
 async fn a_result_that_was_withdrawn_is_not_drawn_either() {
-    let neighbour = Neighbour::start(|config| {
-        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
-    })
-    .await;
+    let neighbour = with_node().await;
     let server = &neighbour.server;
     let case = identified_case(&neighbour).await;
-    let queued = json!({"what": "view", "render": small(), "node": "away"});
-    let queued = result(server, &case, &queued).await.json();
-    let view = json!({"what": "view", "render": small()});
-    assert_eq!(result(server, &case, &view).await.status, 200);
+    let queued = result(server, &case, &view(Some("away"), None))
+        .await
+        .json();
+    assert_eq!(result(server, &case, &view(None, None)).await.status, 200);
     let note = json!({"what": "key-object", "node": "away",
         "key_object": {"instances": [queued["instance"]], "title": "rejected-for-quality"}});
     assert_eq!(result(server, &case, &note).await.status, 202);
-    assert_eq!(result(server, &case, &view).await.problem(), "withdrawn");
+    assert_eq!(refusal(server, &case).await, "withdrawn");
 }
 
 #[tokio::test]
-async fn an_upload_whose_side_the_pacs_contradicts_makes_no_results() {
-    let neighbour = Neighbour::start(|config| {
-        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
-    })
-    .await;
-    let server = &neighbour.server;
-    let other: Vec<_> = head_slices().iter().map(exchanged).collect();
-    let volume = zipped(&identified(&other));
-    let parts: [Part<'_>; 1] = [("volume", &volume)];
-    let upload = server.prepared(&parts).await;
-    let view = json!({"what": "view", "render": small(), "node": "away"});
-    let waiting = result(server, &upload, &view).await.json();
-    let case = identified_case(&neighbour).await;
-    assert_eq!(result(server, &case, &view).await.status, 202);
-    let refused = result(server, &upload, &view).await;
-    assert_eq!(
-        (refused.status.as_u16(), refused.problem().as_str()),
-        (409, "superseded")
-    );
-    let background = pacs::start_transfers(server.pacs.clone());
-    let address = format!("/v1/dicom-results/{}", waiting["id"].as_str().unwrap());
-    let failed = ended(server, &address).await;
-    background.shut_down(Duration::from_secs(5)).await;
-    assert_eq!(failed["reason"]["name"], "superseded", "{failed}");
-}
-
-#[tokio::test]
-async fn an_upload_makes_no_results_if_the_pacs_has_its_images_as_another_patients_without_a_case()
+async fn an_upload_makes_no_results_if_the_pacs_has_its_series_as_another_patients_without_a_case()
 {
-    let few = &head_slices()[20..23];
-    let under_another_study = [
-        ([0x20, 0x000D], "UI", "1.2.9"),
-        ([0x20, 0x000E], "UI", "1.2.9.1"),
-    ];
-    let moved = few.iter().map(|slice| {
-        let texts = [
-            ([0x10, 0x0010], "PN", "Right^Patient"),
-            ([0x10, 0x0020], "LO", "PAT-RIGHT"),
-        ];
-        with_texts(
-            slice,
-            &[&IDENTITY[..], &texts, &under_another_study].concat(),
-        )
-    });
-    for images in [of_another(few), moved.collect()] {
-        let neighbour = Neighbour::start(|_| {}).await;
-        let server = &neighbour.server;
-        let volume = zipped(&identified(&head_slices()));
-        let parts: [Part<'_>; 1] = [("volume", &volume)];
-        let upload = server.prepared(&parts).await;
-        let view = json!({"what": "view", "render": small()});
-        assert_eq!(result(server, &upload, &view).await.status, 200);
-        assert_eq!(neighbour.store(&images).await.status, 200);
-        assert_eq!(neighbour.settled().await["state"], "nothing");
-        let refused = result(server, &upload, &view).await;
-        assert_eq!(refused.problem(), "several-patients", "{refused:?}");
-    }
+    let neighbour = Neighbour::start(|_| {}).await;
+    let server = &neighbour.server;
+    let upload = server
+        .prepared(&[("volume", &zipped(&identified_head()))])
+        .await;
+    assert_eq!(result(server, &upload, &view(None, None)).await.status, 200);
+    // Under other UIDs than those of the upload.
+    let other = [([0x10, 0x0020], "LO", "PAT-RIGHT")];
+    let few = renamed(&head_slices()[20..23], SERIES, &other);
+    assert_eq!(neighbour.store(&few).await.status, 200);
+    assert_eq!(neighbour.settled().await["state"], "nothing");
+    assert_eq!(closed(server, &upload).await, Value::Null);
+    assert_eq!(refusal(server, &upload).await, "several-patients");
 }
 
 #[tokio::test]
 async fn a_result_that_names_its_study_is_of_the_patient_of_that_study() {
-    let neighbour = Neighbour::start(|config| {
-        add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
-    })
-    .await;
+    let neighbour = with_node().await;
     let server = &neighbour.server;
     let volume = plain_head().bytes();
     let case = server.prepared(&[("volume", &volume)]).await;
@@ -1612,190 +1281,8 @@ async fn a_result_that_names_its_study_is_of_the_patient_of_that_study() {
     assert_eq!(result(server, &case, &named(own)).await.status, 202);
     let refused = result(server, &case, &named("P-9")).await;
     assert_eq!(refused.problem(), "several-patients", "{refused:?}");
-    let background = pacs::start_transfers(server.pacs.clone());
-    let id = waiting.json()["id"].as_str().unwrap().to_owned();
-    let failed = ended(server, &format!("/v1/dicom-results/{id}")).await;
-    background.shut_down(Duration::from_secs(5)).await;
-    assert_eq!(failed["reason"]["name"], "several-patients", "{failed}");
-}
-
-#[tokio::test]
-async fn an_annotated_picture_states_that_its_case_was_moved() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let case = identified_case(&neighbour).await;
-    let pictures = async || {
-        let mut pictures = Vec::new();
-        for annotate in [false, true] {
-            let address = format!("{case}/render?width=640&height=480&annotate={annotate}");
-            let picture = server.get(&address).await;
-            pictures.push((picture.header("etag").to_owned(), picture.body));
-        }
-        pictures
-    };
-    let before = pictures().await;
-    assert_eq!(neighbour.store(&mirrored_head(0, &[])).await.status, 202);
-    case_after(&neighbour, &case).await;
-    assert_eq!(superseded(server, &case).await, "moved");
-    let after = pictures().await;
-    assert_eq!(before[0], after[0]);
-    assert_ne!(before[1].0, after[1].0);
-    assert_ne!(before[1].1, after[1].1);
-}
-
-#[tokio::test]
-async fn a_picture_that_was_corrected_does_not_come_back_when_the_correction_is_deleted() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let before = identified_case(&neighbour).await;
-    let darker = identified(&darker_slices());
-    assert_eq!(neighbour.store(&darker).await.status, 202);
-    let after = case_after(&neighbour, &before).await;
-    assert_eq!(superseded(server, &before).await, "newer-version");
-    let deleted = Request::delete(&after).body(Body::empty()).unwrap();
-    assert_eq!(server.send(deleted).await.status, 204);
-    let found = launched(&neighbour).await;
-    assert_eq!(found["state"], "absent", "{found}");
-}
-
-#[tokio::test]
-async fn one_image_of_another_patient_removes_the_layer_of_images_that_are_forgotten() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let case = identified_case(&neighbour).await;
-    let flair = flair_slices(0);
-    assert_eq!(neighbour.store(&identified(&flair)).await.status, 200);
-    until_layer(server, "1.2.3.77").await;
-    let store = server.pacs.cases().store().clone();
-    store.forget(Duration::ZERO).await.unwrap();
-    assert_eq!(flairs(server, &case).await, 1);
-    let one = of_another(&flair[3..4]);
-    assert_eq!(neighbour.store(&one).await.status, 200);
-    assert_eq!(neighbour.settled().await["state"], "nothing");
-    assert_eq!(flairs(server, &case).await, 0);
-}
-
-#[tokio::test]
-async fn a_layer_of_a_user_goes_when_the_pacs_sends_its_images_as_another_patients() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let case = identified_case(&neighbour).await;
-    let flair = flair_slices(0);
-    let added = add_layer(server, &case, &identified(&flair)).await;
-    assert_eq!(added.status, 202, "{added:?}");
-    assert_eq!(flairs(server, &case).await, 1);
-    assert_eq!(neighbour.store(&of_another(&flair)).await.status, 200);
-    until("the layer is removed", async || {
-        (flairs(server, &case).await == 0).then_some(())
-    })
-    .await;
-}
-
-#[tokio::test]
-async fn a_layer_does_not_stay_on_a_head_that_was_corrected_to_another_patient() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let case = identified_case(&neighbour).await;
-    let flair = identified(&flair_slices(0));
-    assert_eq!(neighbour.store(&flair).await.status, 200);
-    until_layer(server, "1.2.3.77").await;
-    assert_eq!(flairs(server, &case).await, 1);
     assert_eq!(
-        neighbour.store(&of_another(&head_slices())).await.status,
-        202
+        never_sent(server, &[waiting.json()]).await,
+        ["several-patients"]
     );
-    until("the head is another patient's", async || {
-        let arrival = arrival_of(server, "1.2.3.1").await;
-        (arrival["state"] == "case" && !case.ends_with(arrival["case"].as_str()?)).then_some(())
-    })
-    .await;
-    assert_eq!(flairs(server, &case).await, 0);
-    until("the FLAIR is no layer", async || {
-        let arrival = arrival_of(server, "1.2.3.77").await;
-        (arrival["reason"]["name"] == "series-not-t1").then_some(())
-    })
-    .await;
-}
-
-#[tokio::test]
-async fn one_image_of_another_patient_stops_the_case_of_images_that_are_forgotten() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    let case = identified_case(&neighbour).await;
-    let store = server.pacs.cases().store().clone();
-    store.forget(Duration::ZERO).await.unwrap();
-    let middle = head_slices()[20].clone();
-    assert_eq!(neighbour.store(&of_another(&[middle])).await.status, 200);
-    assert_eq!(neighbour.settled().await["state"], "nothing");
-    assert_eq!(superseded(server, &case).await, "corrected");
-    let view = json!({"what": "view", "render": small()});
-    assert_eq!(result(server, &case, &view).await.problem(), "superseded");
-    let found = launched(&neighbour).await;
-    assert_eq!(found["case"], Value::Null, "{found}");
-}
-
-#[tokio::test]
-async fn a_rejected_series_does_not_speak_for_a_patient_that_was_corrected() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let first = identified_case(&neighbour).await;
-    assert_eq!(
-        neighbour.store(&of_another(&head_slices())).await.status,
-        202
-    );
-    let second = case_after(&neighbour, &first).await;
-    assert_eq!(neighbour.store(&identified_head()).await.status, 202);
-    assert_eq!(case_after(&neighbour, &second).await, first);
-    let rejection = note(KeyObjectTitle::RejectedForSafety);
-    assert_eq!(neighbour.store(&[rejection]).await.status, 200);
-    assert_eq!(neighbour.store(&other_t1()).await.status, 200);
-    let next = case_of_a_link(&neighbour).await;
-    assert_ne!(next, first);
-}
-
-#[tokio::test]
-async fn a_known_image_of_another_class_is_answered_with_a_warning() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let lines = Lines::default();
-    let _logging = lines.collect();
-    let case = identified_case(&neighbour).await;
-    let middle = head_slices()[20].clone();
-    for (class, superseding) in [
-        ("1.2.840.10008.5.1.4.1.1.7", false),
-        ("1.2.840.10008.5.1.4.1.1.2", true),
-    ] {
-        let other = Slice {
-            sop_class: class,
-            ..middle.clone()
-        };
-        let stored = neighbour.store(&identified(&[other])).await;
-        assert_eq!(
-            (stored.status.as_u16(), warnings(&stored)),
-            (202, vec![0xB000]),
-            "{class}"
-        );
-        let arrival = arrival_of(&neighbour.server, "1.2.3.1").await;
-        assert_eq!(arrival["superseded"], usize::from(superseding), "{class}");
-        assert_eq!(arrival["instances"], head_slices().len());
-    }
-    assert_eq!(superseded(&neighbour.server, &case).await, "newer-version");
-}
-
-#[tokio::test]
-async fn the_method_of_a_version_is_chosen_for_the_whole_series() {
-    let neighbour = Neighbour::start(|_| {}).await;
-    let server = &neighbour.server;
-    // Of the first part, the background is not empty.
-    let noisy = |slice: &Slice| Slice {
-        samples: slice.samples.iter().map(|value| value + 1).collect(),
-        ..slice.clone()
-    };
-    let noisy: Vec<_> = head_slices().iter().map(noisy).collect();
-    assert_eq!(neighbour.store(&identified(&noisy)).await.status, 200);
-    let first = neighbour.settled().await;
-    assert_eq!(first["state"], "case", "{first}");
-    let first = format!("/v1/cases/{}", first["case"].as_str().unwrap());
-    assert_eq!(neighbour.store(&identified_head()).await.status, 202);
-    let next = case_after(&neighbour, &first).await;
-    let method = server.get(&next).await.json()["quality"]["method"].clone();
-    assert_eq!(method, "volume");
 }

@@ -225,7 +225,7 @@ async fn take_over(server: &Server, into: &str, from: &str, tag: Option<&str>) -
 }
 
 #[tokio::test]
-async fn findings_are_taken_over_into_a_case_that_counts_and_are_unconfirmed_there() {
+async fn findings_are_taken_over_into_an_open_case_and_are_unconfirmed_there() {
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
     let old = identified_case(&neighbour).await;
@@ -259,7 +259,7 @@ async fn findings_are_taken_over_into_a_case_that_counts_and_are_unconfirmed_the
     let into_old = take_over(server, &old, &new, Some(&tag_of(&old).await)).await;
     assert_eq!(
         (into_old.status.as_u16(), into_old.problem()),
-        (409, "superseded".to_owned())
+        (409, "closed".to_owned())
     );
 
     let taken = take_over(server, &new, &old, Some(&tag)).await;

@@ -22,8 +22,13 @@ pub(crate) struct Series<'a> {
 
 impl Series<'_> {
     fn files(&self) -> Vec<Vec<u8>> {
+        self.files_of(self.uid)
+    }
+
+    /// Its files, each image with a UID below this one.
+    fn files_of(&self, instances: &str) -> Vec<Vec<u8>> {
         let file = |slice: Slice| {
-            let sop = format!("{}.{}", self.uid, slice.instance);
+            let sop = format!("{instances}.{}", slice.instance);
             let mut texts = vec![
                 ([0x08, 0x18], "UI", sop.as_str()),
                 ([0x20, 0x0D], "UI", self.study),
@@ -374,11 +379,12 @@ async fn a_study_of_two_patients_gives_no_picture() {
     assert_eq!(drawn.status, 200, "{drawn:?}");
 }
 
-/// Uploads the files of a series as a case, as a user does with an old export; its id, once it is ready.
+/// Uploads the files of a series as a case, as a user does with an old export, whose images have UIDs of their own; its id, once it is ready.
 async fn uploaded(neighbour: &Neighbour, series: &Series<'_>) -> String {
+    let files = series.files_of(&format!("{}.9", series.uid));
     let answer = neighbour
         .server
-        .upload(&[("volume", &zipped(&series.files()))])
+        .upload(&[("volume", &zipped(&files))])
         .await;
     assert_eq!(answer.status, 202, "{answer:?}");
     let case = answer.json()["id"].as_str().unwrap().to_owned();
@@ -390,7 +396,7 @@ async fn uploaded(neighbour: &Neighbour, series: &Series<'_>) -> String {
 }
 
 #[tokio::test]
-async fn an_upload_with_the_uids_of_another_patient_opens_in_the_place_of_nothing() {
+async fn an_upload_with_the_series_of_another_patient_opens_in_the_place_of_nothing() {
     let neighbour = Neighbour::start(|_| {}).await;
     let server = &neighbour.server;
     // Whichever comes first.
@@ -452,12 +458,12 @@ async fn an_upload_with_the_uids_of_another_patient_opens_in_the_place_of_nothin
                 (&json!("ready"), &json!(case))
             );
         }
-        // The upload is no older version, and no result of it goes to the study of the other patient.
+        // The upload is open, and no result of it goes to the study of the other patient.
         let view = json!({"what": "view", "render": small()});
         for (case, status) in [(&case, 200), (&upload, 409)] {
             let address = format!("/v1/cases/{case}");
             let shown = server.get(&address).await.json();
-            assert_eq!(shown["superseded"], Value::Null);
+            assert_eq!(shown["closed"], Value::Null);
             let made = result(server, &address, &view).await;
             assert_eq!(made.status, status, "{made:?}");
             if status == 409 {
@@ -476,7 +482,7 @@ async fn an_upload_with_the_uids_of_another_patient_opens_in_the_place_of_nothin
 }
 
 #[tokio::test]
-async fn a_result_that_waits_is_not_sent_once_the_pacs_has_sent_another_patient_with_its_uids() {
+async fn a_result_that_waits_is_not_sent_once_the_pacs_has_sent_another_patient_in_its_series() {
     let neighbour = Neighbour::start(|config| {
         add_node(config, "away", "http://127.0.0.1:1/rs".to_owned());
     })

@@ -73,6 +73,8 @@ async fn every_route_is_described_in_openapi_3_1() {
         "get /v1/arrivals",
         "get /v1/arrivals/{id}",
         "post /v1/arrivals/{id}",
+        "get /v1/rejections",
+        "delete /v1/rejections/{id}",
         "post /v1/retrievals",
         "get /v1/retrievals",
         "get /v1/retrievals/{id}",
@@ -117,6 +119,7 @@ async fn the_description_is_valid_and_answers_are_as_it_says() {
         ("LayerList", format!("{case}/layers")),
         ("Layer", format!("{case}/layers/junction")),
         ("ArrivalList", "/v1/arrivals".to_owned()),
+        ("RejectionList", "/v1/rejections".to_owned()),
         ("Problem", "/v1/cases/nonsense".to_owned()),
     ] {
         answers.push((name, server.get(&address).await.json()));

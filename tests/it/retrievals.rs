@@ -78,7 +78,7 @@ async fn a_series_is_fetched_from_a_node_and_the_retrieval_leads_to_its_case() {
 }
 
 #[tokio::test]
-async fn a_retrieval_of_corrected_or_rejected_images_names_no_superseded_case() {
+async fn a_retrieval_of_corrected_or_rejected_images_names_no_closed_case() {
     let node = Archive::start().await;
     node.hold("1.2.3", SERIES, identified_head());
     let ours = Neighbour::start(|config| add_node(config, "node", node.root())).await;
@@ -99,13 +99,13 @@ async fn a_retrieval_of_corrected_or_rejected_images_names_no_superseded_case() 
     .await;
     let arrival = ours.settled().await;
     assert_eq!(fetched["case"], arrival["case"]);
-    assert_eq!(arrival["superseded"], corrected.len());
+    assert_eq!(arrival["corrected"], corrected.len());
     // One version of all images, not one of each batch: the case before it is that of the wrong patient.
     let list = server.get("/v1/cases").await.json();
     assert_eq!(list["cases"].as_array().unwrap().len(), 2, "{list}");
     let first = server.get(first.header("location")).await.json();
     assert_eq!(first["case"], arrival["case"]);
-    // Of rejected images, nothing is kept, and the answer says why there is no case.
+    // Rejected images are kept and not read, and the answer says why there is no case.
     let uids: Vec<_> = head_slices()
         .into_iter()
         .map(|slice| slice.sop_uid)

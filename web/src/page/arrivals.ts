@@ -1,5 +1,7 @@
 // The series that came from a PACS: listed, filtered, and one that was refused taken as a case or as a layer.
 
+import { createElement, render } from "preact";
+
 import { send } from "../base/api.ts";
 import { h, status, tell } from "../base/dom.ts";
 import { type Key, known, moment, t } from "../base/i18n.ts";
@@ -7,6 +9,7 @@ import { wait } from "../base/patience.ts";
 import { problemWords, sentence } from "../base/problem-words.ts";
 import { closing, open } from "./dialogs.ts";
 import { button, choice, row } from "./elements.ts";
+import { Rejections } from "./rejections.tsx";
 
 const STATES = ["receiving", "case", "layer", "nothing"] as const;
 type State = (typeof STATES)[number];
@@ -107,16 +110,22 @@ class Arrivals {
   }
 
   show(): void {
+    const rejections = h("div", {});
+    render(createElement(Rejections, { lifted: () => void this.#ask(null) }), rejections);
     const { dialog, closed } = open(
       t("arrivals.title"),
       "of-pacs",
       h("div", { class: "line" }, this.#text, this.#state),
       this.#note,
       this.#list,
+      rejections,
       h("div", { class: "row end" }, this.#more, closing("close", t("close"), { class: "primary" })),
     );
     this.#dialog = dialog;
-    void closed.then(() => (this.#turn += 1));
+    void closed.then(() => {
+      this.#turn += 1;
+      render(null, rejections);
+    });
     void this.#ask(null);
   }
 
