@@ -294,7 +294,7 @@ async fn one_client_has_half_of_the_threads() {
     };
     ask("/events", "greedy").await;
     // As if one of its pictures took for ever.
-    let greedy = cases::Client::named("greedy");
+    let greedy = case::Client::named("greedy");
     let queue = &server.state.cases.queue;
     let held = cases::for_client(greedy, queue.turn()).await.unwrap();
     let wanted = [

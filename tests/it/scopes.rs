@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
+use access::audited::Audited;
+use access::scopes::Role;
 use axum::body::Body;
 use axum::http::{Method, Request};
 use http_body_util::BodyExt as _;
-use http_support::audited::Audited;
-use http_support::scopes::Role;
 use tower::ServiceExt as _;
 
 use crate::head::plain_head;

@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
-use ::http_support::tls::{ConnectingTls, TlsAuthority, connecting_tls};
+use ::http::tls::{ConnectingTls, TlsAuthority, connecting_tls};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use audit::Audit;
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, QualityState, SurfaceName};
 use geometry::Volume;
 use imaging::Limits;
@@ -24,6 +23,7 @@ use crate::library::{Library, LibraryOptions};
 use crate::limit::ConcurrencyLimit;
 use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel};
 use crate::pictures::{Graphics, GraphicsOptions, PictureRequest};
+use crate::removal::BeforeRemoval;
 
 /// The largest DICOM file of a PACS, in bytes: a multi-frame image of a head has some 100 MB.
 pub const MAX_INSTANCE_BYTES: u64 = 512 << 20;
@@ -78,8 +78,8 @@ pub struct Options {
     pub max_dicom_bytes: u64,
     /// Whether no identity of a patient is kept.
     pub deidentify: bool,
-    /// The audit record: who does what.
-    pub audit: Audit,
+    /// What is told of each expired case before it is removed.
+    pub before_removal: BeforeRemoval,
 }
 
 /// The reason why the application cannot start.
@@ -126,7 +126,7 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
         children: options.children,
     };
     let library = Library::new(store, preparation, library_options);
-    Ok(library.with_audit(options.audit.clone()))
+    Ok(library.with_before_removal(options.before_removal.clone()))
 }
 
 /// Everything that a protocol needs to serve cases. Cheap to clone.
@@ -212,11 +212,6 @@ impl Cases {
     /// The store of the cases.
     pub fn store(&self) -> &Store {
         self.library.store()
-    }
-
-    /// The audit record: who does what.
-    pub fn audit(&self) -> &Audit {
-        self.library.audit()
     }
 
     /// Whether no identity of a patient is kept.

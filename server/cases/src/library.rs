@@ -19,7 +19,7 @@ pub use self::loaded_maps::{FlairState, LoadedMaps, MapsState};
 use crate::cache::CaseCache;
 use crate::children::{ChildBudget, ChildMemory, Granted};
 use crate::decoded_uploads::{DecodedUploads, OfferedUpload};
-use audit::Audit;
+use crate::removal::BeforeRemoval;
 use bytes::Bytes;
 use case::{
     Case, CaseFacts, CaseId, Failure, FailureKind, MaskMethod, ObjectKind, Parameters, Progress,
@@ -112,7 +112,7 @@ impl Default for Preparation {
 pub struct Library {
     store: Store,
     inner: Arc<Inner>,
-    audit: Audit,
+    before_removal: BeforeRemoval,
 }
 
 #[derive(Debug)]
@@ -149,19 +149,22 @@ impl Library {
                 dividing: tokio::sync::Mutex::default(),
                 cache,
             }),
-            audit: Audit::default(),
+            before_removal: BeforeRemoval::default(),
         }
     }
 
-    /// The same, with a record of who does what.
+    /// The same, with what is told of each expired case before it is removed.
     #[must_use]
-    pub fn with_audit(self, audit: Audit) -> Self {
-        Self { audit, ..self }
+    pub fn with_before_removal(self, before_removal: BeforeRemoval) -> Self {
+        Self {
+            before_removal,
+            ..self
+        }
     }
 
-    /// The audit record: who does what.
-    pub fn audit(&self) -> &Audit {
-        &self.audit
+    /// What is told of each expired case before it is removed.
+    pub fn before_removal(&self) -> &BeforeRemoval {
+        &self.before_removal
     }
 
     /// The cases of a store, with the usual preparation.

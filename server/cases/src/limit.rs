@@ -9,7 +9,9 @@ use render::Wanted;
 use tokio::sync::oneshot;
 use tokio::task;
 
-use crate::client::{Client, this_client};
+use case::Client;
+
+use crate::client::this_client;
 use crate::error::Error;
 use crate::priority::yield_to_answers;
 

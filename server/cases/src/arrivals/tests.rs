@@ -44,7 +44,7 @@ pub(crate) fn application(store: Store, script: &str) -> Cases {
         dicom_program: Program::other("/bin/sh".into(), arguments),
         max_dicom_bytes: 1 << 20,
         deidentify: false,
-        audit: audit::Audit::default(),
+        before_removal: crate::BeforeRemoval::default(),
     };
     Cases::on(Library::of(store), &options)
 }

@@ -58,7 +58,7 @@ async fn setup() -> Setup {
         dicom_program: Program::default(),
         max_dicom_bytes: 1 << 20,
         deidentify: false,
-        audit: audit::Audit::default(),
+        before_removal: crate::BeforeRemoval::default(),
     };
     let was_read = Arc::new(Mutex::new(Vec::new()));
     let (noted, pipeline) = (Arc::clone(&was_read), Pipeline::default());

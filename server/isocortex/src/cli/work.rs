@@ -7,7 +7,7 @@ use std::time::Duration;
 use cases::dicom::DicomReader;
 use cases::jobs::start_workers;
 use clap::Args;
-use http_support::listen;
+use http::listen;
 use pipeline::Limits;
 
 use super::common::{CommonArgs, set_some};
@@ -72,7 +72,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
         let grace = Duration::from_secs(config.http.shutdown_grace_secs);
         workers.shut_down(grace).await;
         library.store().close().await;
-        library.audit().shut_down();
+        audit.shut_down();
         tracing::info!("stopped");
         Ok(())
     })

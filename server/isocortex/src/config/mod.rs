@@ -11,17 +11,17 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use audit::Audit;
-use cases::ChildBudget;
+use access::audit::Audit;
+use access::auth::{Access, BadToken, unnamed};
+use access::origins::{NotAnOrigin, Origins};
+use access::proxy::{BadProxy, SignInProxy};
+use access::tokens::NamedToken;
 use cases::dicom::Program;
 use cases::pictures::GraphicsOptions;
-use http_support::auth::{Access, BadToken, unnamed};
-use http_support::forwarded::TrustedProxies;
-use http_support::listen::ConnectionLimits;
-use http_support::origins::{NotAnOrigin, Origins};
-use http_support::proxy::{BadProxy, SignInProxy};
-use http_support::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
-use http_support::tokens::NamedToken;
+use cases::{BeforeRemoval, ChildBudget};
+use http::forwarded::TrustedProxies;
+use http::listen::ConnectionLimits;
+use http::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
 use pipeline::HeadLimits;
 use serde::Deserialize;
 use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
@@ -403,7 +403,7 @@ impl Config {
         let Some(folder) = &self.audit.folder else {
             return Ok(Audit::default());
         };
-        let options = audit::Options {
+        let options = access::audit::Options {
             folder: folder.clone(),
             max_file_bytes: self.audit.max_file_bytes,
         };
@@ -421,7 +421,7 @@ impl Config {
         let Some(folder) = &self.audit.folder else {
             return Ok(());
         };
-        audit::check_folder(folder).map_err(|source| ConfigError::Audit {
+        access::audit::check_folder(folder).map_err(|source| ConfigError::Audit {
             folder: folder.clone(),
             source,
         })
@@ -623,7 +623,7 @@ impl Config {
             dicom_program: self.dicom_program.clone(),
             max_dicom_bytes: self.limits.max_upload_bytes.saturating_mul(DICOM_UNPACKING),
             deidentify: self.pacs.deidentify,
-            audit: Audit::default(),
+            before_removal: BeforeRemoval::default(),
         })
     }
 

@@ -5,9 +5,9 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use access::proxy::ProxyOptions;
+use access::scopes::Role;
 use cases::pictures::GpuUse;
-use http_support::proxy::ProxyOptions;
-use http_support::scopes::Role;
 use ipnet::IpNet;
 use pipeline::HeadLimits;
 use pipeline::atlas::AtlasChoice;

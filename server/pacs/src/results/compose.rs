@@ -28,7 +28,7 @@ use super::draw::Drawing;
 use super::moment::Moment;
 use super::request::{FindingsPlan, KeyObjectPlan, MaskPlan, Plan, ResultRequest, Title, What};
 use crate::state::Pacs;
-use http_support::problem::AppError;
+use http::problem::AppError;
 
 /// A part of every UID. Raise it if the same request gives another object.
 const FORMAT: &str = "isocortex result 4";

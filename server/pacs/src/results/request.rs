@@ -10,7 +10,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use storage::arrivals::Uid;
 use utoipa::ToSchema;
 
-use http_support::problem::AppError;
+use http::problem::AppError;
 
 /// The most pixels of all pictures of an object, which then has 96 MiB.
 const MAX_TOTAL_PIXELS: usize = 1 << 25;

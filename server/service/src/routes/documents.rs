@@ -12,12 +12,12 @@ use serde::Deserialize;
 use utoipa::openapi::OpenApi;
 
 use crate::state::AppState;
-use http_support::conditional::{
+use http::conditional::{
     EntityTag, PUBLIC_IMMUTABLE, PUBLIC_REVALIDATE, Representation, coding_among,
 };
-use http_support::negotiate::Coding;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, Asked, NoQuery};
+use http::negotiate::Coding;
+use http::problem::AppError;
+use http::query::{ApiQuery, Asked, NoQuery};
 
 mod manual;
 

@@ -14,11 +14,12 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::candidates::quoted;
-use http_support::conditional::{EntityTag, REVALIDATE, Representation};
-use http_support::negotiate::{Coding, GZIP, media_type};
-use http_support::problem::{AppError, Problem};
-use http_support::query::{ApiQuery, CasePath, NoQuery};
-use http_support::sent::json_body_within;
+use crate::routes::asked::CasePath;
+use http::conditional::{EntityTag, REVALIDATE, Representation};
+use http::negotiate::{Coding, GZIP, media_type};
+use http::problem::{AppError, Problem};
+use http::query::{ApiQuery, NoQuery};
+use http::sent::json_body_within;
 
 const JSON: &str = "application/json";
 const CSV: &str = "text/csv";

@@ -1,6 +1,7 @@
 //! The routes of the service.
 
 pub mod acquired;
+pub mod asked;
 pub mod bodies;
 pub mod candidates;
 pub mod cases;
@@ -39,11 +40,12 @@ use ::render::RESEARCH_USE_NOTICE;
 use case::{CaseId, SurfaceName};
 
 use crate::state::{AnswerTimeout, AppState, GuardAll, Uploads};
-use http_support::auth::{self, Access, Guard};
-use http_support::conditional::{self, Format};
-use http_support::problem::AppError;
-use http_support::scopes::{Row, ScopeTable};
-use http_support::sent::MAX_BODY_BYTES;
+use access::auth::{self, Access, Guard};
+use access::scopes::{Row, ScopeTable};
+use http::conditional::{self, Format};
+use http::listen::client_of;
+use http::problem::AppError;
+use http::sent::MAX_BODY_BYTES;
 
 /// The header with the quality of the mask behind an answer.
 const QUALITY: HeaderName = HeaderName::from_static("x-isocortex-quality");
@@ -158,7 +160,9 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         GuardAll(false) => (guarded, open.merge(operation)),
     };
     let guard = guard(state, scopes::SCOPES);
-    let guarded = guarded.route_layer(middleware::from_fn_with_state(guard, auth::require_token));
+    let guarded = guarded
+        .route_layer(middleware::from_fn(in_turn))
+        .route_layer(middleware::from_fn_with_state(guard, auth::require_token));
     let (routes, mut description) = guarded.split_for_parts();
     guarded::describe(&mut description);
     let guarded = OpenApiRouter::from(routes);
@@ -173,8 +177,14 @@ pub(crate) fn guard(state: &AppState, rows: &'static [Row]) -> Guard {
     Guard {
         access: Access::from_ref(state),
         scopes: ScopeTable(rows),
-        audit: state.cases.audit().clone(),
+        audit: state.audit().clone(),
     }
+}
+
+/// Handles a request so that its work takes turns with that of other clients.
+pub(crate) async fn in_turn(request: Request, next: Next) -> Response {
+    let client = client_of(request.extensions());
+    ::cases::for_client(client, next.run(request)).await
 }
 
 /// Abandons an answer that takes too long. Work that is still waiting is cancelled.
@@ -189,7 +199,11 @@ pub(crate) async fn answer_in_time(
         .map_err(|_elapsed| {
             if is_of_many {
                 let limit_s = limit.as_secs();
-                AppError::TooManyPictures { limit_s }
+                AppError::TooSlow {
+                    detail: format!(
+                        "these pictures were not drawn within the limit of {limit_s} s; request fewer or smaller ones, in several requests"
+                    ),
+                }
             } else {
                 AppError::TimedOut
             }

@@ -1,8 +1,8 @@
 //! What a token must permit, and what is recorded, for each route.
 
+use access::audited::Audited;
+use access::scopes::{Row, Scope};
 use axum::http::Method;
-use http_support::audited::Audited;
-use http_support::scopes::{Row, Scope};
 
 const fn read(path: &'static str, audited: Audited) -> Row {
     (Method::GET, path, Scope::Read, audited)

@@ -13,7 +13,7 @@ use axum::http::request::Parts;
 use axum::http::{Extensions, HeaderValue, header};
 use axum::response::Response;
 use axum::{BoxError, Router};
-use cases::{Client, ClientLimit};
+use case::Client;
 use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
@@ -26,6 +26,7 @@ use tokio::time::Instant;
 use tokio_rustls::TlsAcceptor;
 use tower::ServiceExt as _;
 
+use crate::client_limit::ClientLimit;
 use crate::forwarded::TrustedProxies;
 use crate::logs::LogRateLimit;
 use crate::tls::ReloadedTls;
@@ -90,7 +91,7 @@ impl<S: Sync> FromRequestParts<S> for ByProxy {
 }
 
 impl ByProxy {
-    pub(crate) fn of(extensions: &Extensions) -> Self {
+    pub fn of(extensions: &Extensions) -> Self {
         extensions.get().copied().unwrap_or(Self(false))
     }
 }
@@ -288,7 +289,7 @@ fn service(
 }
 
 /// Whether a response goes on until something happens.
-pub(crate) fn is_endless(response: &Response) -> bool {
+pub fn is_endless(response: &Response) -> bool {
     let kind = response.headers().get(header::CONTENT_TYPE);
     kind.is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream"))
 }

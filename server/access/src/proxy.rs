@@ -9,8 +9,8 @@ use std::time::Duration;
 
 use axum::http::{HeaderMap, HeaderName, HeaderValue};
 
+use crate::error::AccessError;
 use crate::origins::Origins;
-use crate::problem::AppError;
 use crate::scopes::{Role, Scope};
 use crate::tokens::{Holder, name_by};
 
@@ -130,8 +130,8 @@ impl SignInProxy {
     /// Whom the headers of a proxy name; `None` if they name nobody.
     ///
     /// # Errors
-    /// [`AppError::ProxyRefused`] if they name several people.
-    pub(crate) fn open(&self, headers: &HeaderMap) -> Result<Option<Holder>, AppError> {
+    /// [`AccessError::ProxyRefused`] if they name several people.
+    pub(crate) fn open(&self, headers: &HeaderMap) -> Result<Option<Holder>, AccessError> {
         let options = &self.0.options;
         let Some(user) = one(headers, &self.0.user)? else {
             return Ok(None);
@@ -173,7 +173,10 @@ fn scopes_of(roles: &BTreeMap<String, Role>, groups: &[&str]) -> BTreeSet<Scope>
 }
 
 /// The only value of a header, if there is one.
-fn one<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a HeaderValue>, AppError> {
+fn one<'a>(
+    headers: &'a HeaderMap,
+    name: &HeaderName,
+) -> Result<Option<&'a HeaderValue>, AccessError> {
     let mut values = headers.get_all(name).iter();
     match (values.next(), values.next()) {
         (value, None) => Ok(value),
@@ -181,8 +184,8 @@ fn one<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Result<Option<&'a Heade
     }
 }
 
-fn refused(why: &'static str) -> AppError {
-    AppError::ProxyRefused { why }
+fn refused(why: &'static str) -> AccessError {
+    AccessError::ProxyRefused { why }
 }
 
 fn header(name: &str) -> Result<HeaderName, BadProxy> {
@@ -227,7 +230,7 @@ mod tests {
         }
     }
 
-    fn named(headers: &[(&str, &str)]) -> Result<Option<Holder>, AppError> {
+    fn named(headers: &[(&str, &str)]) -> Result<Option<Holder>, AccessError> {
         let mut map = HeaderMap::new();
         for (name, value) in headers {
             let name = HeaderName::from_bytes(name.as_bytes()).unwrap();
@@ -237,7 +240,7 @@ mod tests {
         proxy.open(&map)
     }
 
-    fn user(name: &str) -> Result<Option<Holder>, AppError> {
+    fn user(name: &str) -> Result<Option<Holder>, AccessError> {
         named(&[("x-remote-user", name), ("x-remote-groups", "guests")])
     }
 

@@ -5,7 +5,7 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use audit::Audit;
+use crate::audit::Audit;
 use axum::body::Body;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::uri::Authority;
@@ -14,17 +14,17 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse as _, Response};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use cases::Client;
+use case::Client;
 use futures_util::StreamExt as _;
 use tokio::sync::watch;
 
 use crate::audited::Recorder;
-use crate::listen::{ByProxy, client_of, is_endless};
+use crate::error::AccessError;
 use crate::origins::Origins;
-use crate::problem::AppError;
 use crate::proxy::{ASKED_AGAIN_AFTER, SignInProxy};
 use crate::scopes::ScopeTable;
 use crate::tokens::{ANYBODY, Holder, Mismatch, NamedToken, Tokens, UNNAMED};
+use http::listen::{ByProxy, is_endless};
 
 /// The fewest characters of a bearer token: 16 random ones cannot be guessed.
 pub const MIN_TOKEN_LENGTH: usize = 16;
@@ -113,16 +113,16 @@ impl Access {
     }
 
     /// The token of a request; `None` if none is required.
-    fn check_token(&self, headers: &HeaderMap) -> Result<Option<NamedToken>, AppError> {
+    fn check_token(&self, headers: &HeaderMap) -> Result<Option<NamedToken>, AccessError> {
         let tokens = self.tokens.borrow();
         let Some(tokens) = &*tokens else {
             return Ok(None);
         };
-        let given = given_token(headers).ok_or(AppError::Unauthorized)?;
+        let given = given_token(headers).ok_or(AccessError::Unauthorized)?;
         match tokens.open(&given) {
             Ok(token) => Ok(Some(token.clone())),
-            Err(Mismatch::Unknown) => Err(AppError::Unauthorized),
-            Err(Mismatch::Ended) => Err(AppError::TokenEnded),
+            Err(Mismatch::Unknown) => Err(AccessError::Unauthorized),
+            Err(Mismatch::Ended) => Err(AccessError::TokenEnded),
         }
     }
 
@@ -131,7 +131,7 @@ impl Access {
         &self,
         headers: &HeaderMap,
         believes_proxy: bool,
-    ) -> Result<Option<Opened>, AppError> {
+    ) -> Result<Option<Opened>, AccessError> {
         if let Some(proxy) = self.proxy.as_ref().filter(|_| believes_proxy)
             && let Some(holder) = proxy.open(headers)?
         {
@@ -181,20 +181,20 @@ impl Access {
         }
     }
 
-    fn check_host(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), AppError> {
+    fn check_host(&self, uri: &Uri, headers: &HeaderMap) -> Result<(), AccessError> {
         if self.wants_token() {
             return Ok(());
         }
         let named = headers.get(header::HOST).map(|host| host.to_str());
         let named = match named {
             None => None,
-            Some(host) => Some(host.map_err(|_| AppError::WrongHost)?),
+            Some(host) => Some(host.map_err(|_| AccessError::WrongHost)?),
         };
         let of_this_machine = |host: &str| is_name_of_this_machine(without_port(host));
         if named.is_none_or(of_this_machine) && uri.host().is_none_or(is_name_of_this_machine) {
             Ok(())
         } else {
-            Err(AppError::WrongHost)
+            Err(AccessError::WrongHost)
         }
     }
 }
@@ -330,16 +330,16 @@ fn is_own_origin(origin: &HeaderValue, uri: &Uri, headers: &HeaderMap) -> bool {
 /// Rejects requests with another Host, and changes requested by pages of other sites.
 ///
 /// # Errors
-/// [`AppError::WrongHost`], [`AppError::CrossSite`].
+/// [`AccessError::WrongHost`], [`AccessError::CrossSite`].
 pub async fn guard_origin(
     State(access): State<Access>,
     request: Request,
     next: Next,
-) -> Result<Response, AppError> {
+) -> Result<Response, AccessError> {
     access.check_host(request.uri(), request.headers())?;
     let is_cross_site = is_cross_site_change(request.method(), request.uri(), request.headers());
     if is_cross_site && access.origins.allowed(request.headers()).is_none() {
-        return Err(AppError::CrossSite);
+        return Err(AccessError::CrossSite);
     }
     Ok(next.run(request).await)
 }
@@ -359,8 +359,8 @@ pub struct Guard {
 /// recorded. A stream of events ends with the token that has opened it. Tokens are too long to be guessed at any rate. Handlers find the [`Holder`] in the extensions of the request.
 ///
 /// # Errors
-/// [`AppError::Unauthorized`], [`AppError::TokenEnded`], [`AppError::ProxyRefused`], [`AppError::CrossSite`], [`AppError::MissingScope`],
-/// [`AppError::AuditFull`].
+/// [`AccessError::Unauthorized`], [`AccessError::TokenEnded`], [`AccessError::ProxyRefused`], [`AccessError::CrossSite`], [`AccessError::MissingScope`],
+/// [`AccessError::AuditFull`].
 pub async fn require_token(
     State(Guard {
         access,
@@ -369,7 +369,7 @@ pub async fn require_token(
     }): State<Guard>,
     mut request: Request,
     next: Next,
-) -> Result<Response, AppError> {
+) -> Result<Response, AccessError> {
     let ByProxy(is_of_proxy) = ByProxy::of(request.extensions());
     // A page of another site may ask with a token that it has, if its origin is listed; not with what the browser of a person adds by
     // itself, which is the cookie that the proxy knows the person by, or a password that the browser remembers.
@@ -381,7 +381,7 @@ pub async fn require_token(
     let is_listed = access.origins.allowed(request.headers()).is_some();
     let believes_proxy = is_of_proxy && !is_cross_site;
     let identified = match is_cross_site && is_of_browser && !is_listed {
-        true => Err(AppError::CrossSite),
+        true => Err(AccessError::CrossSite),
         false => access.identify(request.headers(), believes_proxy),
     };
     let refusal = match identified {
@@ -396,7 +396,7 @@ pub async fn require_token(
             let recorder = Recorder::new(&audit, &holder.name, audited, &request);
             if !holder.scopes.contains(&scope) {
                 recorder.refuses(request).await;
-                return Err(AppError::MissingScope { holder, scope });
+                return Err(AccessError::MissingScope { holder, scope });
             }
             // The token without a name may be that of everybody.
             if ![ANYBODY, UNNAMED].contains(&&*holder.name) {
@@ -404,9 +404,7 @@ pub async fn require_token(
                 request.extensions_mut().insert(client);
             }
             request.extensions_mut().insert(holder);
-            let client = client_of(request.extensions());
-            let answered = recorder.answer(request, next);
-            let mut response = cases::for_client(client, answered).await;
+            let mut response = recorder.answer(request, next).await;
             if let Some(opened) = &opened {
                 // A browser keeps answers for whoever has asked alone.
                 let headers = response.headers_mut();

@@ -5,8 +5,8 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::found::{Files, Named, files_in, first_line};
-use crate::line::{NO_DIGEST, Read, read};
+use crate::audit::found::{Files, Named, files_in, first_line};
+use crate::audit::line::{NO_DIGEST, Read, read};
 
 /// What was found in a folder.
 #[derive(Debug, Default)]
@@ -331,8 +331,8 @@ impl Chain {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::event::{Action, Event, EventKind};
-    use crate::line::{Begins, Position, STOP, write};
+    use crate::audit::event::{Action, Event, EventKind};
+    use crate::audit::line::{Begins, Position, STOP, write};
 
     const PROCESS: &str = "20260101T000000Z-00000001";
 
@@ -496,7 +496,7 @@ mod tests {
                 "isocortex",
             )
         };
-        let others = crate::found::others(folder, &process);
+        let others = crate::audit::found::others(folder, &process);
         let begins = Begins {
             file: 1,
             others: &others,

@@ -5,7 +5,7 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use audit::{Action, Audit, CannotRecord, Event, EventKind, Outcome, digest_of_uid};
+use crate::audit::{Action, Audit, CannotRecord, Event, EventKind, Outcome, digest_of_uid};
 use axum::extract::{FromRequestParts as _, MatchedPath, RawPathParams, Request};
 use axum::http::{StatusCode, header};
 use axum::middleware::Next;
@@ -13,8 +13,8 @@ use axum::response::{IntoResponse as _, Response};
 use case::CaseId;
 use tower_http::request_id::RequestId;
 
-use crate::listen::Peer;
-use crate::problem::AppError;
+use crate::error::AccessError;
+use http::listen::Peer;
 
 /// How long a request waits for the disk of the audit record. A disk that takes longer counts as full.
 const LONGEST_WAIT: Duration = Duration::from_secs(10);
@@ -161,7 +161,7 @@ impl Recorder {
         }
         // Nothing is done that could not be recorded.
         if self.audit.is_full() {
-            return AppError::AuditFull.into_response();
+            return AccessError::AuditFull.into_response();
         }
         let mut event = self.event(self.audited.event());
         let request = name_case(&mut event, request).await;
@@ -180,7 +180,11 @@ impl Recorder {
     }
 
     /// Records how a request ended, as far as that is recorded.
-    async fn record_answer(&self, event: Event, response: &mut Response) -> Result<(), AppError> {
+    async fn record_answer(
+        &self,
+        event: Event,
+        response: &mut Response,
+    ) -> Result<(), AccessError> {
         let is_success = event.outcome == Outcome::Success;
         let extensions = response.extensions_mut();
         if let Some(StoredImages(studies)) = extensions.remove() {
@@ -219,7 +223,7 @@ impl Recorder {
         &self,
         event: &Event,
         studies: BTreeMap<String, u64>,
-    ) -> Result<(), AppError> {
+    ) -> Result<(), AccessError> {
         for (study, count) in studies {
             let of_study = Event {
                 outcome: Outcome::Success,
@@ -232,18 +236,18 @@ impl Recorder {
         Ok(())
     }
 
-    async fn record(&self, event: Event) -> Result<(), AppError> {
+    async fn record(&self, event: Event) -> Result<(), AccessError> {
         in_time(self.audit.record(event)).await
     }
 }
 
 async fn in_time(
     recording: impl Future<Output = Result<(), CannotRecord>>,
-) -> Result<(), AppError> {
+) -> Result<(), AccessError> {
     let recorded = tokio::time::timeout(LONGEST_WAIT, recording).await;
     recorded
         .unwrap_or(Err(CannotRecord))
-        .map_err(|_| AppError::AuditFull)
+        .map_err(|_| AccessError::AuditFull)
 }
 
 fn outcome_of(status: StatusCode) -> Outcome {

@@ -3,8 +3,8 @@
 use jiff::{Timestamp, Unit};
 use serde::{Deserialize, Serialize};
 
-use crate::event::{Action, Event, Outcome};
-use crate::found::Named;
+use crate::audit::event::{Action, Event, Outcome};
+use crate::audit::found::Named;
 
 /// What stands before the digest, which is the last key of a line.
 const BEFORE_DIGEST: &[u8] = b",\"digest\":\"";
@@ -171,7 +171,7 @@ pub(crate) const STOP: &str = "stop";
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::event::EventKind;
+    use crate::audit::event::EventKind;
 
     #[test]
     fn a_line_is_json_that_states_its_digest_and_the_one_before() {

@@ -3,19 +3,11 @@
 use std::borrow::Cow;
 
 use axum::Json;
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use case::{Failure, FailureKind};
-use cases::Error;
-use cases::models::PathsError;
-use geometry::GeometryError;
-use render::RenderError;
+use case::{ErrorKind, PublicError};
 use serde::Serialize;
-use storage::{ObjectError, StoreError};
 use utoipa::ToSchema;
-
-use crate::scopes::Scope;
-use crate::tokens::Holder;
 
 /// The prefix of every `type`.
 const TYPE_PREFIX: &str = "urn:isocortex:problem:";
@@ -47,14 +39,8 @@ pub struct Problem {
 #[derive(Debug, thiserror::Error)]
 pub enum AppError {
     /// An error of the application.
-    #[error(transparent)]
-    Cases(Error),
-    /// The path contains no case id.
-    #[error("the id of a case has 32 lower-case hexadecimal digits")]
-    NotACaseId,
-    /// The case was not created from DICOM.
-    #[error("this case was not created from DICOM; it has no patient attributes")]
-    NotDicom,
+    #[error("{}", .0.sentence())]
+    Application(Box<dyn PublicError>),
     /// A value of the query is invalid.
     #[error("{} {detail}", named(parameter))]
     Query {
@@ -103,37 +89,6 @@ pub enum AppError {
         /// Bytes of the whole body.
         length: u64,
     },
-    /// The bearer token is missing or wrong.
-    #[error("authentication required: send `Authorization: Bearer …`")]
-    Unauthorized,
-    /// The token was right and has ended.
-    #[error("your token has ended; ask the administrator of this server for a new one")]
-    TokenEnded,
-    /// The headers of a proxy that signs people in are not accepted.
-    #[error("the proxy in front of this server {why}; tell the administrator of this server")]
-    ProxyRefused {
-        /// What it did.
-        why: &'static str,
-    },
-    /// The token does not permit this.
-    #[error("the token `{}` may not do this: it lacks the scope `{scope}`", .holder.name)]
-    MissingScope {
-        /// Who asks.
-        holder: Holder,
-        /// What the route needs.
-        scope: Scope,
-    },
-    /// The audit record cannot be written.
-    #[error(
-        "the audit record of this server cannot be written, so it answers nothing that the record must name; tell its administrator"
-    )]
-    AuditFull,
-    /// A page of another site requests a change.
-    #[error("requests from pages of other sites are rejected")]
-    CrossSite,
-    /// The Host header names another machine.
-    #[error("this server accepts only localhost, 127.0.0.1 and [::1] as its host name")]
-    WrongHost,
     /// No such address.
     #[error("this address does not exist; /docs lists all addresses")]
     NoSuchRoute,
@@ -150,66 +105,23 @@ pub enum AppError {
         detail: String,
         /// The key of the query with the error.
         parameter: Option<String>,
+        /// The header that belongs to the status.
+        header: Option<(HeaderName, HeaderValue)>,
     },
     /// The answer took too long.
     #[error("the answer was not ready in time; try again in a moment")]
     TimedOut,
-    /// Many pictures took too long together, and would again.
-    #[error(
-        "these pictures were not drawn within the limit of {limit_s} s; request fewer or smaller ones, in several requests"
-    )]
-    TooManyPictures {
-        /// The time limit of an answer, in seconds.
-        limit_s: u64,
+    /// The answer took too long, and would again.
+    #[error("{detail}")]
+    TooSlow {
+        /// The limit, and what to do instead: one sentence.
+        detail: String,
     },
 }
 
-impl From<Error> for AppError {
-    fn from(error: Error) -> Self {
-        match error {
-            Error::Parameter { kind, name, detail } => Self::Query {
-                kind,
-                parameter: name,
-                detail,
-            },
-            other => Self::Cases(other),
-        }
-    }
-}
-
-impl From<ObjectError> for AppError {
-    fn from(error: ObjectError) -> Self {
-        StoreError::from(error).into()
-    }
-}
-
-impl From<StoreError> for AppError {
-    fn from(error: StoreError) -> Self {
-        Error::from(error).into()
-    }
-}
-
-impl From<Failure> for AppError {
-    fn from(error: Failure) -> Self {
-        Error::from(error).into()
-    }
-}
-
-impl From<PathsError> for AppError {
-    fn from(error: PathsError) -> Self {
-        Error::from(error).into()
-    }
-}
-
-impl From<GeometryError> for AppError {
-    fn from(error: GeometryError) -> Self {
-        Error::from(error).into()
-    }
-}
-
-impl From<RenderError> for AppError {
-    fn from(error: RenderError) -> Self {
-        Error::from(error).into()
+impl<E: PublicError> From<E> for AppError {
+    fn from(error: E) -> Self {
+        Self::Application(Box::new(error))
     }
 }
 
@@ -229,6 +141,28 @@ impl AppError {
             kind,
             detail: detail.into(),
             parameter: None,
+            header: None,
+        }
+    }
+
+    /// The same with a header that belongs to its status.
+    #[must_use]
+    pub fn with_header(self, name: HeaderName, value: HeaderValue) -> Self {
+        match self {
+            Self::Other {
+                status,
+                kind,
+                detail,
+                parameter,
+                ..
+            } => Self::Other {
+                status,
+                kind,
+                detail,
+                parameter,
+                header: Some((name, value)),
+            },
+            other => other,
         }
     }
 
@@ -252,12 +186,14 @@ impl AppError {
                 status,
                 kind,
                 detail,
+                header,
                 ..
             } => Self::Other {
                 status,
                 kind,
                 detail,
                 parameter: Some(place.to_owned()),
+                header,
             },
             other => other,
         }
@@ -285,8 +221,7 @@ impl AppError {
     /// The status and the last part of the problem's type.
     fn status_and_kind(&self) -> (StatusCode, Cow<'static, str>) {
         let (status, kind) = match self {
-            Self::Cases(error) => return of_cases(error),
-            Self::NotACaseId => (StatusCode::NOT_FOUND, "not-a-case-id"),
+            Self::Application(error) => return (status_of(error.kind()), error.name()),
             Self::UnknownKey { .. } => (StatusCode::BAD_REQUEST, "query-unknown-key"),
             Self::Query { kind, .. } | Self::Upload { kind, .. } => {
                 (StatusCode::BAD_REQUEST, *kind)
@@ -301,35 +236,17 @@ impl AppError {
             Self::RangeNotSatisfiable { .. } => {
                 (StatusCode::RANGE_NOT_SATISFIABLE, "range-not-satisfiable")
             }
-            Self::Unauthorized => (StatusCode::UNAUTHORIZED, "unauthorized"),
-            Self::ProxyRefused { .. } => (StatusCode::UNAUTHORIZED, "proxy-refused"),
-            Self::TokenEnded => (StatusCode::UNAUTHORIZED, "token-ended"),
-            Self::MissingScope { .. } => (StatusCode::FORBIDDEN, "missing-scope"),
-            Self::AuditFull => (StatusCode::INSUFFICIENT_STORAGE, "audit-full"),
-            Self::CrossSite => (StatusCode::FORBIDDEN, "cross-site"),
-            Self::WrongHost => (StatusCode::MISDIRECTED_REQUEST, "wrong-host"),
-            Self::NotDicom => (StatusCode::NOT_FOUND, "not-dicom"),
             Self::NoSuchRoute => (StatusCode::NOT_FOUND, "no-such-address"),
             Self::MethodNotAllowed => (StatusCode::METHOD_NOT_ALLOWED, "method-not-allowed"),
             Self::Other { status, kind, .. } => (*status, *kind),
-            Self::TimedOut | Self::TooManyPictures { .. } => {
-                (StatusCode::SERVICE_UNAVAILABLE, "timed-out")
-            }
+            Self::TimedOut | Self::TooSlow { .. } => (StatusCode::SERVICE_UNAVAILABLE, "timed-out"),
         };
         (status, kind.into())
     }
 
-    /// The sentence for the client.
-    fn detail(&self) -> String {
-        match self {
-            // Messages about the disk may contain paths, so they belong in the log.
-            Self::Cases(Error::Store(_)) => Error::Internal.to_string(),
-            other => other.to_string(),
-        }
-    }
-
     fn parameter(&self) -> Option<String> {
         match self {
+            Self::Application(error) => error.parameter().map(str::to_owned),
             Self::Query { parameter, .. } => Some(parameter.to_string()),
             Self::Other { parameter, .. } => parameter.clone(),
             _ => None,
@@ -343,7 +260,7 @@ impl AppError {
             kind: format!("{TYPE_PREFIX}{kind}"),
             title: status.canonical_reason().unwrap_or("Error").to_owned(),
             status: status.as_u16(),
-            detail: self.detail(),
+            detail: self.to_string(),
             parameter: self.parameter(),
             reason: self.reason(),
         }
@@ -351,47 +268,25 @@ impl AppError {
 
     fn reason(&self) -> Option<String> {
         match self {
-            Self::Cases(Error::NoSurfaces(reason)) => Some(reason.code.to_string()),
+            Self::Application(error) => error.reason(),
             _ => None,
         }
     }
 }
 
-/// The status and the last part of the problem's type for each error of the application.
-fn of_cases(error: &Error) -> (StatusCode, Cow<'static, str>) {
-    let (status, kind) = match error {
-        Error::NoSuchCase => (StatusCode::NOT_FOUND, "no-such-case"),
-        Error::NotReady { .. } => (StatusCode::CONFLICT, "case-not-ready"),
-        Error::LayerNotReady => (StatusCode::CONFLICT, "layer-not-ready"),
-        Error::NoSuchLayer => (StatusCode::NOT_FOUND, "no-such-layer"),
-        Error::TooManyLayers { .. } => (StatusCode::CONFLICT, "too-many-layers"),
-        Error::LayerNameTaken => (StatusCode::CONFLICT, "layer-name-taken"),
-        Error::MapsUndefined(_) => (StatusCode::CONFLICT, "maps-undefined"),
-        Error::NoSurfaces(_) => (StatusCode::CONFLICT, "no-surfaces"),
-        Error::Failure(failure) => return (status_of(failure.kind), failure.name.clone().into()),
-        Error::Parameter { kind, .. } => (StatusCode::BAD_REQUEST, *kind),
-        Error::Geometry(_) => (StatusCode::UNPROCESSABLE_ENTITY, "geometry"),
-        Error::Busy | Error::BusyFor(_) => (StatusCode::SERVICE_UNAVAILABLE, "busy"),
-        Error::Unavailable | Error::Mismatch(_) => (StatusCode::SERVICE_UNAVAILABLE, "unavailable"),
-        Error::SourceMissing => (StatusCode::SERVICE_UNAVAILABLE, case::SOURCE_MISSING),
-        Error::StorageFull => (StatusCode::INSUFFICIENT_STORAGE, "storage-full"),
-        Error::StorageFailed(_) => (StatusCode::INSUFFICIENT_STORAGE, "storage-failed"),
-        Error::Store(_) => (StatusCode::INTERNAL_SERVER_ERROR, "store"),
-        Error::Internal => (StatusCode::INTERNAL_SERVER_ERROR, "internal"),
-    };
-    (status, kind.into())
-}
-
-/// The status for each kind of failure.
-fn status_of(kind: FailureKind) -> StatusCode {
+/// The status for each kind of error.
+fn status_of(kind: ErrorKind) -> StatusCode {
     match kind {
-        FailureKind::NotRecognised => StatusCode::UNSUPPORTED_MEDIA_TYPE,
-        FailureKind::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
-        FailureKind::Unusable => StatusCode::UNPROCESSABLE_ENTITY,
-        FailureKind::NotSupported => StatusCode::NOT_IMPLEMENTED,
-        FailureKind::OutOfMemory => StatusCode::SERVICE_UNAVAILABLE,
-        FailureKind::Cancelled => StatusCode::CONFLICT,
-        FailureKind::Internal => StatusCode::INTERNAL_SERVER_ERROR,
+        ErrorKind::Invalid => StatusCode::BAD_REQUEST,
+        ErrorKind::NotFound => StatusCode::NOT_FOUND,
+        ErrorKind::Conflict => StatusCode::CONFLICT,
+        ErrorKind::NotRecognised => StatusCode::UNSUPPORTED_MEDIA_TYPE,
+        ErrorKind::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
+        ErrorKind::Unusable => StatusCode::UNPROCESSABLE_ENTITY,
+        ErrorKind::NotSupported => StatusCode::NOT_IMPLEMENTED,
+        ErrorKind::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
+        ErrorKind::Full => StatusCode::INSUFFICIENT_STORAGE,
+        ErrorKind::Internal => StatusCode::INTERNAL_SERVER_ERROR,
     }
 }
 
@@ -416,40 +311,24 @@ impl IntoResponse for AppError {
 }
 
 /// The header that a status asks for.
-fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderName, HeaderValue)> {
+fn extra_header(error: &AppError, status: StatusCode) -> Option<(HeaderName, HeaderValue)> {
+    if let AppError::Application(error) = error
+        && let Some(wait) = error.retry_after()
+    {
+        let seconds = wait.as_secs_f64().round().clamp(1.0, 60.0) as u64;
+        return Some((header::RETRY_AFTER, seconds.into()));
+    }
     match error {
-        AppError::Unauthorized | AppError::ProxyRefused { .. } => Some((
-            header::WWW_AUTHENTICATE,
-            HeaderValue::from_static("Bearer realm=\"isocortex\""),
-        )),
-        AppError::TokenEnded => Some((
-            header::WWW_AUTHENTICATE,
-            HeaderValue::from_static(
-                "Bearer realm=\"isocortex\", error=\"invalid_token\", error_description=\"the token has ended\"",
-            ),
-        )),
-        AppError::MissingScope { scope, .. } => {
-            let challenge = format!(
-                "Bearer realm=\"isocortex\", error=\"insufficient_scope\", scope=\"{scope}\""
-            );
-            Some((
-                header::WWW_AUTHENTICATE,
-                HeaderValue::from_str(&challenge).ok()?,
-            ))
-        }
         AppError::RangeNotSatisfiable { length } => {
             let value = HeaderValue::from_str(&format!("bytes */{length}")).ok()?;
             Some((header::CONTENT_RANGE, value))
         }
-        AppError::Cases(Error::NotReady { .. } | Error::LayerNotReady) => {
-            Some((header::RETRY_AFTER, RETRY_SECONDS.into()))
-        }
-        AppError::Cases(Error::BusyFor(wait)) => {
-            let seconds = wait.as_secs_f64().round().clamp(1.0, 60.0) as u64;
-            Some((header::RETRY_AFTER, seconds.into()))
-        }
+        AppError::Other {
+            header: Some(header),
+            ..
+        } => Some(header.clone()),
         // A repeated request would not help.
-        AppError::TooManyPictures { .. } => None,
+        AppError::TooSlow { .. } => None,
         _ if status == StatusCode::SERVICE_UNAVAILABLE => {
             Some((header::RETRY_AFTER, RETRY_SECONDS.into()))
         }
@@ -459,9 +338,14 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(header::HeaderN
 
 /// Errors of the store are logged here, once; an error of a client appears in the line of its request.
 fn log(error: &AppError) {
-    if let AppError::Cases(Error::Store(cause) | Error::StorageFailed(cause)) = error {
-        let source = std::error::Error::source(cause).map(ToString::to_string);
-        tracing::error!(%cause, source, "the store failed");
+    if let AppError::Application(error) = error
+        && let Some(cause) = error.hidden_cause()
+    {
+        let source = cause.source().map(ToString::to_string);
+        match error.kind() {
+            ErrorKind::Unavailable => tracing::warn!(%cause, source, "the store is unreachable"),
+            _ => tracing::error!(%cause, source, "the store failed"),
+        }
     }
 }
 
@@ -469,15 +353,34 @@ fn log(error: &AppError) {
 mod tests {
     use std::time::Duration;
 
+    use case::Failure;
+
     use super::*;
 
+    /// Too much waits, for about this long.
+    #[derive(Debug, thiserror::Error)]
+    #[error("too much waits")]
+    struct QueueFull(Duration);
+
+    impl PublicError for QueueFull {
+        fn kind(&self) -> ErrorKind {
+            ErrorKind::Unavailable
+        }
+
+        fn name(&self) -> Cow<'static, str> {
+            "busy".into()
+        }
+
+        fn retry_after(&self) -> Option<Duration> {
+            Some(self.0)
+        }
+    }
+
     #[test]
-    fn a_failing_disk_shows_no_path() {
-        let disk = std::io::Error::other("/home/someone/store is full");
-        let problem = AppError::from(StoreError::Disk(disk)).problem();
-        assert_eq!(problem.status, 507);
-        assert_eq!(problem.kind, "urn:isocortex:problem:storage-failed");
-        assert!(!problem.detail.contains("/home"));
+    fn a_full_queue_says_when_to_come_again() {
+        let response = AppError::from(QueueFull(Duration::from_secs(20))).into_response();
+        assert_eq!(response.status(), 503);
+        assert_eq!(response.headers()[header::RETRY_AFTER], "20");
     }
 
     #[test]
@@ -486,13 +389,5 @@ mod tests {
         let problem = AppError::from(failure).problem();
         assert_eq!(problem.kind, "urn:isocortex:problem:mask-missing");
         assert_eq!(problem.status, 422);
-    }
-
-    #[test]
-    fn a_full_queue_says_when_to_come_again() {
-        let response =
-            AppError::from(StoreError::QueueFull(Duration::from_secs(20))).into_response();
-        assert_eq!(response.status(), 503);
-        assert_eq!(response.headers()[header::RETRY_AFTER], "20");
     }
 }

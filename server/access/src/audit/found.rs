@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::line::read;
+use crate::audit::line::read;
 
 /// The longest line that is read here, in bytes.
 const LONGEST_LINE: u64 = 4 << 20;
@@ -61,7 +61,7 @@ fn process_and_number(name: &str) -> Option<(String, u32)> {
 }
 
 /// The last lines of the other processes in a folder, but for those that one of them has named already. What cannot be read is left to
-/// [`verify`](crate::verify).
+/// [`verify`](crate::audit::verify).
 pub(crate) fn others(folder: &Path, own: &str) -> Vec<Named> {
     let Ok((mut files, _)) = files_in(folder) else {
         return Vec::new();

@@ -1,13 +1,9 @@
 //! Answers that never change: strong entity tags, 304, ranges and content codings.
 
-use std::sync::Arc;
-
 use axum::body::Body;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
-use case::{CaseFacts, CaseId};
-use cases::Cases;
 
 use crate::negotiate::Coding;
 use crate::problem::AppError;
@@ -36,20 +32,19 @@ pub const PUBLIC_IMMUTABLE: HeaderValue =
 pub struct EntityTag(HeaderValue);
 
 impl EntityTag {
-    /// The tag of an answer about a case: a digest of the case, the route, the checked query and what was negotiated.
+    /// The tag of an answer about a subject: a digest of the subject, the route, the checked query and what was negotiated.
     ///
     /// `query` is the checked query; equal queries have equal tags, in any order and spelling.
     pub fn of_answer(
-        id: &CaseId,
+        subject: &str,
         route: &str,
         query: &impl serde::Serialize,
         negotiated: (&str, Coding),
     ) -> Self {
         let mut hasher = blake3::Hasher::new();
         hasher.update(&[FORMAT_VERSION]);
-        let id = id.to_string();
         let coding = negotiated.1.name().unwrap_or_default();
-        for part in [&id, route, negotiated.0, coding] {
+        for part in [subject, route, negotiated.0, coding] {
             // With their lengths, no two lists of parts give the same bytes.
             hasher.update(&(part.len() as u32).to_le_bytes());
             hasher.update(part.as_bytes());
@@ -95,18 +90,6 @@ impl EntityTag {
             .get(header::IF_RANGE)
             .is_none_or(|condition| condition == self.0)
     }
-}
-
-/// A question about a case whose answer never changes.
-#[derive(Debug)]
-pub struct Question<'a, Q> {
-    pub id: CaseId,
-    /// The rest of the route.
-    pub route: &'static str,
-    /// The checked query.
-    pub query: &'a Q,
-    /// The headers of the request.
-    pub request: &'a HeaderMap,
 }
 
 /// The format of an answer.
@@ -178,6 +161,39 @@ impl Format {
     pub fn coding(&self) -> Coding {
         self.coding
     }
+
+    /// Answers a request: with 304 and without any work if the client has the answer, otherwise with the result of `work`.
+    /// `tag_of` makes the entity tag, given what was negotiated.
+    ///
+    /// # Errors
+    /// As [`Representation::respond`], and those of `work`.
+    pub async fn respond(
+        self,
+        request: &HeaderMap,
+        tag_of: impl Fn((&str, Coding)) -> EntityTag,
+        work: impl AsyncFnOnce() -> Result<Content, AppError>,
+    ) -> Result<Response, AppError> {
+        let tag_of = |variant: &str| {
+            let named = self.named.as_deref().unwrap_or_default();
+            let variant = format!("{variant} {named}");
+            tag_of((variant.trim_end(), self.coding))
+        };
+        let tag = tag_of(&self.variant);
+        if tag.is_known_to(request) {
+            return Ok(not_modified(&tag, self.vary, self.cache_control));
+        }
+        let content = work().await?;
+        Representation {
+            tag: content.variant.as_deref().map_or(tag, tag_of),
+            media_type: self.media_type,
+            coding: self.coding,
+            body: content.body,
+            headers: content.headers,
+            vary: self.vary,
+            cache_control: self.cache_control,
+        }
+        .respond(request)
+    }
 }
 
 /// The result of the work for an answer.
@@ -197,65 +213,6 @@ impl From<Bytes> for Content {
             body,
             ..Self::default()
         }
-    }
-}
-
-impl<Q: serde::Serialize> Question<'_, Q> {
-    /// Answers a question about a ready case: with 304 and without any work if the client has the answer, otherwise
-    /// with the result of `work`.
-    ///
-    /// # Errors
-    /// As [`Cases::ready`] and [`Representation::respond`], and those of `work`.
-    pub async fn answer(
-        self,
-        cases: &Cases,
-        format: Format,
-        work: impl AsyncFnOnce(Arc<CaseFacts>) -> Result<Content, AppError>,
-    ) -> Result<Response, AppError> {
-        let facts = cases.ready(&self.id).await?;
-        self.respond(format, async || work(facts).await).await
-    }
-
-    /// The same about a case in any state, on which the answer does not depend.
-    ///
-    /// # Errors
-    /// As [`Cases::case`] and [`Representation::respond`], and those of `work`.
-    pub async fn answer_of_any(
-        self,
-        cases: &Cases,
-        format: Format,
-        work: impl AsyncFnOnce() -> Result<Content, AppError>,
-    ) -> Result<Response, AppError> {
-        cases.case(&self.id).await?;
-        self.respond(format, work).await
-    }
-
-    async fn respond(
-        self,
-        format: Format,
-        work: impl AsyncFnOnce() -> Result<Content, AppError>,
-    ) -> Result<Response, AppError> {
-        let tag_of = |variant: &str| {
-            let named = format.named.as_deref().unwrap_or_default();
-            let variant = format!("{variant} {named}");
-            let negotiated = (variant.trim_end(), format.coding);
-            EntityTag::of_answer(&self.id, self.route, self.query, negotiated)
-        };
-        let tag = tag_of(&format.variant);
-        if tag.is_known_to(self.request) {
-            return Ok(not_modified(&tag, format.vary, format.cache_control));
-        }
-        let content = work().await?;
-        Representation {
-            tag: content.variant.as_deref().map_or(tag, tag_of),
-            media_type: format.media_type,
-            coding: format.coding,
-            body: content.body,
-            headers: content.headers,
-            vary: format.vary,
-            cache_control: format.cache_control,
-        }
-        .respond(self.request)
     }
 }
 

@@ -1,21 +1,21 @@
-//! Parses addresses: the id of the case in the path, and the keys of the query.
+//! What the routes of a case are asked: the id in the path, the keys of the query, and answers that never change.
+
+use std::sync::Arc;
 
 use axum::extract::{FromRequestParts, RawPathParams};
+use axum::http::HeaderMap;
 use axum::http::request::Parts;
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
-use serde_path_to_error::Error;
-use utoipa::IntoParams;
-use utoipa::openapi::path::ParameterIn;
-
-use crate::problem::AppError;
-use crate::refusals::{Refusal, known_keys};
-use crate::sent::from_query;
-use case::CaseId;
+use axum::response::Response;
+use case::{CaseFacts, CaseId};
+use cases::Cases;
 use cases::pictures::{
     AcquiredQuery, CheckedAcquired, CheckedPicture, CheckedSlice, PictureRequest, SliceQuery,
 };
 use cases::report::ReportQuery;
+use http::conditional::{Content, EntityTag, Format};
+use http::problem::AppError;
+use http::query::Asked;
+use serde::{Deserialize, Serialize};
 
 /// The case in the path.
 #[derive(Debug, Clone, Copy)]
@@ -26,127 +26,120 @@ impl<S: Send + Sync> FromRequestParts<S> for CasePath {
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, AppError> {
         let params = RawPathParams::from_request_parts(parts, state).await;
-        let params = params.map_err(|_| AppError::NotACaseId)?;
+        let params = params.map_err(|_| not_a_case_id())?;
         let id = params.iter().find(|(name, _)| *name == "id");
         let id = id.and_then(|(_, text)| CaseId::parse(text));
-        id.map(Self).ok_or(AppError::NotACaseId)
+        id.map(Self).ok_or_else(not_a_case_id)
     }
 }
 
-/// The greatest number of entries on a page of a list.
-pub const MAX_PAGE: usize = 200;
-
-/// The number of entries on a page, if the client asks for none.
-pub fn usual_page() -> usize {
-    50
+/// The path contains no case id.
+fn not_a_case_id() -> AppError {
+    AppError::not_found(
+        "not-a-case-id",
+        "the id of a case has 32 lower-case hexadecimal digits",
+    )
 }
 
-/// A parsed query whose values are not checked yet.
-pub trait Asked: DeserializeOwned {
-    /// The checked values.
-    type Values;
+/// A question about a case whose answer never changes.
+#[derive(Debug)]
+pub struct Question<'a, Q> {
+    pub id: CaseId,
+    /// The rest of the route.
+    pub route: &'static str,
+    /// The checked query.
+    pub query: &'a Q,
+    /// The headers of the request.
+    pub request: &'a HeaderMap,
+}
 
-    /// The values.
+impl<Q: Serialize> Question<'_, Q> {
+    /// Answers a question about a ready case: with 304 and without any work if the client has the answer, otherwise
+    /// with the result of `work`.
     ///
     /// # Errors
-    /// [`AppError::Query`] that names the key.
-    fn checked(&self) -> Result<Self::Values, AppError>;
-}
+    /// As [`Cases::ready`] and [`Format::respond`], and those of `work`.
+    pub async fn answer(
+        self,
+        cases: &Cases,
+        format: Format,
+        work: impl AsyncFnOnce(Arc<CaseFacts>) -> Result<Content, AppError>,
+    ) -> Result<Response, AppError> {
+        let facts = cases.ready(&self.id).await?;
+        self.respond(format, async || work(facts).await).await
+    }
 
-/// A checked query, with known keys and valid values.
-#[derive(Debug, Clone)]
-pub struct ApiQuery<T: Asked> {
-    /// The query as requested, which identifies the answer.
-    pub asked: T,
-    pub values: T::Values,
-}
+    /// The same about a case in any state, on which the answer does not depend.
+    ///
+    /// # Errors
+    /// As [`Cases::case`] and [`Format::respond`], and those of `work`.
+    pub async fn answer_of_any(
+        self,
+        cases: &Cases,
+        format: Format,
+        work: impl AsyncFnOnce() -> Result<Content, AppError>,
+    ) -> Result<Response, AppError> {
+        cases.case(&self.id).await?;
+        self.respond(format, work).await
+    }
 
-impl<S: Send + Sync, T: Asked> FromRequestParts<S> for ApiQuery<T> {
-    type Rejection = AppError;
-
-    async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Self, AppError> {
-        parse(parts.uri.query().unwrap_or_default())
+    async fn respond(
+        self,
+        format: Format,
+        work: impl AsyncFnOnce() -> Result<Content, AppError>,
+    ) -> Result<Response, AppError> {
+        let id = self.id.to_string();
+        let tag_of =
+            |negotiated: (&str, _)| EntityTag::of_answer(&id, self.route, self.query, negotiated);
+        format.respond(self.request, tag_of, work).await
     }
 }
 
-/// Reads and checks a query.
-///
-/// # Errors
-/// [`AppError::Query`] that names the key.
-pub fn parse<T: Asked>(text: &str) -> Result<ApiQuery<T>, AppError> {
-    let asked: T = from_query(text).map_err(unreadable)?;
-    Ok(ApiQuery {
-        values: asked.checked()?,
-        asked,
-    })
-}
+/// The keys of a picture of a surface.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct PictureKeys(pub PictureRequest);
 
-fn unreadable(error: Error<Refusal>) -> AppError {
-    let path = error.path().to_string();
-    let refusal = error.into_inner();
-    let (kind, parameter, detail) = match refusal {
-        Refusal::UnknownKey { known } => {
-            return AppError::UnknownKey {
-                known: known_keys(known),
-            };
-        }
-        Refusal::KeyTwice { key } => ("query-key-twice", key.into(), "is given twice".to_owned()),
-        Refusal::MissingKey { key } => ("query-key-missing", key.into(), "is missing".to_owned()),
-        _ if path == "depth_mm" => ("depth-not-a-number", path.into(), refusal.to_string()),
-        _ => ("query-value-unreadable", path.into(), refusal.to_string()),
-    };
-    AppError::Query {
-        kind,
-        parameter,
-        detail,
-    }
-}
-
-/// The keys of a query, each with its description.
-pub fn keys<T: IntoParams>() -> Vec<(String, String)> {
-    let keys = T::into_params(|| Some(ParameterIn::Query)).into_iter();
-    keys.map(|key| (key.name, key.description.unwrap_or_default()))
-        .collect()
-}
-
-impl Asked for PictureRequest {
+impl Asked for PictureKeys {
     type Values = CheckedPicture;
 
     fn checked(&self) -> Result<CheckedPicture, AppError> {
-        Ok(PictureRequest::checked(self)?)
+        Ok(self.0.checked()?)
     }
 }
 
-impl Asked for SliceQuery {
+/// The keys of a slice.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct SliceKeys(pub SliceQuery);
+
+impl Asked for SliceKeys {
     type Values = CheckedSlice;
 
     fn checked(&self) -> Result<CheckedSlice, AppError> {
-        Ok(SliceQuery::checked(self)?)
+        Ok(self.0.checked()?)
     }
 }
 
-impl Asked for AcquiredQuery {
+/// The keys of an acquired image.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct AcquiredKeys(pub AcquiredQuery);
+
+impl Asked for AcquiredKeys {
     type Values = CheckedAcquired;
 
     fn checked(&self) -> Result<CheckedAcquired, AppError> {
-        Ok(AcquiredQuery::checked(self)?)
+        Ok(self.0.checked()?)
     }
 }
 
-impl Asked for ReportQuery {
-    type Values = ();
+/// The keys of a report.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(transparent)]
+pub struct ReportKeys(pub ReportQuery);
 
-    fn checked(&self) -> Result<(), AppError> {
-        Ok(())
-    }
-}
-
-/// The query of an address that accepts no keys.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct NoQuery {}
-
-impl Asked for NoQuery {
+impl Asked for ReportKeys {
     type Values = ();
 
     fn checked(&self) -> Result<(), AppError> {
@@ -157,6 +150,7 @@ impl Asked for NoQuery {
 #[cfg(test)]
 mod tests {
     use cases::pictures::{DepthMm, Numbers};
+    use http::query::parse;
 
     use super::*;
 

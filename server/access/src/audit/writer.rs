@@ -14,9 +14,9 @@ use std::time::Duration;
 use futures_channel::oneshot;
 use jiff::Timestamp;
 
-use crate::event::{Action, Event, EventKind};
-use crate::found::others;
-use crate::line::{Begins, Position, STOP, write};
+use crate::audit::event::{Action, Event, EventKind};
+use crate::audit::found::others;
+use crate::audit::line::{Begins, Position, STOP, write};
 
 /// Events that may wait for the disk. Beyond this it counts as full.
 const WAITING: usize = 4096;
@@ -398,8 +398,8 @@ pub fn check_folder(folder: &Path) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::found::files_in;
-    use crate::verify;
+    use crate::audit::found::files_in;
+    use crate::audit::verify;
 
     fn audit(folder: &Path, max_file_bytes: u64) -> Audit {
         let options = Options {
