@@ -85,6 +85,11 @@ const LAYERS: &[Layer] = &[
         never: &["wgpu"],
     },
     Layer {
+        name: "worker",
+        needs: WORKER_NEEDS,
+        never: &["wgpu"],
+    },
+    Layer {
         name: "cases",
         needs: CASES_NEED,
         never: &[],
@@ -111,6 +116,16 @@ const LAYERS: &[Layer] = &[
     },
 ];
 
+const WORKER_NEEDS: &[&str] = &[
+    "analysis",
+    "case",
+    "extraction",
+    "geometry",
+    "imaging",
+    "pipeline",
+    "storage",
+];
+
 const CASES_NEED: &[&str] = &[
     "analysis",
     "case",
@@ -120,6 +135,7 @@ const CASES_NEED: &[&str] = &[
     "pipeline",
     "render",
     "storage",
+    "worker",
 ];
 
 const INTERFACE_NEEDS: &[&str] = &[
@@ -134,6 +150,7 @@ const INTERFACE_NEEDS: &[&str] = &[
     "pipeline",
     "render",
     "storage",
+    "worker",
 ];
 
 fn assert_needs_none_of(package: &str, needed: &BTreeSet<String>, forbidden: &[&str]) {
@@ -159,7 +176,11 @@ fn no_layer_needs_what_is_above_or_beside_it() {
         if !["http", "access", "service", "pacs"].contains(&layer.name) {
             assert_needs_none_of(&package, &needed, PROTOCOLS);
         }
-        if !["storage", "cases", "http", "access", "service", "pacs"].contains(&layer.name) {
+        if ![
+            "storage", "worker", "cases", "http", "access", "service", "pacs",
+        ]
+        .contains(&layer.name)
+        {
             assert_needs_none_of(&package, &needed, FILES_AND_TASKS);
             assert_needs_none_of(&package, &needed, HTTP);
         }
@@ -171,7 +192,7 @@ fn the_program_stands_on_all_of_them() {
     let needed = needed_by("isocortex");
     for below in [
         "access", "case", "cases", "geometry", "http", "imaging", "pacs", "pipeline", "render",
-        "service", "storage",
+        "service", "storage", "worker",
     ] {
         let floor = format!("isocortex-{below}");
         assert!(

@@ -11,15 +11,14 @@ use pipeline::atlas::{Atlas, AtlasChoice, NoAtlas};
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
 use storage::{Location, ObjectName, Store, StoreError};
+use worker::{ChildBudget, FileReader, PrepareProcess, Program};
 
-use crate::apart::Apart;
 use crate::arrivals::Patient;
 use crate::cache::Part;
 use crate::check_memory::CheckMemory;
-use crate::children::ChildBudget;
-use crate::dicom::{DicomReader, HeaderReader, Program};
+use crate::dicom::{DicomReader, HeaderReader};
 use crate::error::Error;
-use crate::library::{Library, LibraryOptions};
+use crate::library::{Library, LibraryOptions, Preparation};
 use crate::limit::ConcurrencyLimit;
 use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel};
 use crate::pictures::{Graphics, GraphicsOptions, PictureRequest};
@@ -109,14 +108,20 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
         false => pipeline.into(),
         true => {
             let absolute = |path: &PathBuf| std::path::absolute(path).map_err(StoreError::Disk);
-            let apart = Apart {
+            let process = PrepareProcess {
                 program: options.dicom_program.clone(),
                 network: options.network.as_ref().map(absolute).transpose()?,
                 scratch: absolute(&store.scratch())?,
                 threads: options.preparation_threads,
                 cpu_seconds: options.preparation_cpu_seconds,
             };
-            apart.preparation(pipeline.has_network())
+            Preparation {
+                has_network: pipeline.has_network(),
+                is_apart: true,
+                prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
+                    process.prepare(&input, parameters, limits, (observe, cancelled))
+                }),
+            }
         }
     };
     let library_options = LibraryOptions {
@@ -187,11 +192,11 @@ impl Cases {
             options.max_dicom_bytes,
         );
         let dicom = dicom.with_memory(library.children().clone());
-        let headers = HeaderReader::new(
+        let headers = HeaderReader::new(FileReader::new(
             options.dicom_program.clone(),
             MAX_INSTANCE_BYTES,
             library.children().clone(),
-        );
+        ));
         Self {
             models: Models::new(library.clone()),
             library,

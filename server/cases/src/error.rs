@@ -213,6 +213,15 @@ impl From<StoreError> for Error {
     }
 }
 
+impl From<worker::Error> for Error {
+    fn from(error: worker::Error) -> Self {
+        match error {
+            worker::Error::Failure(failure) => Self::Failure(failure),
+            worker::Error::NotRun => Self::Internal,
+        }
+    }
+}
+
 impl From<ModelError> for Error {
     fn from(error: ModelError) -> Self {
         match error {

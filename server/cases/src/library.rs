@@ -17,7 +17,6 @@ use std::sync::atomic::AtomicBool;
 pub use self::layers::LayerVoxels;
 pub use self::loaded_maps::{FlairState, LoadedMaps, MapsState};
 use crate::cache::CaseCache;
-use crate::children::{ChildBudget, ChildMemory, Granted};
 use crate::decoded_uploads::{DecodedUploads, OfferedUpload};
 use crate::removal::BeforeRemoval;
 use bytes::Bytes;
@@ -30,6 +29,7 @@ use pipeline::{Derived, Input, Pipeline, Source, StoredBrain, settled};
 use storage::{
     Attempt, Count, ObjectName, Publisher, Store, StoreError, Submitted, Upload, frame_all,
 };
+use worker::{ChildBudget, ChildMemory, Granted};
 
 /// What a library may take, and what it makes.
 #[derive(Debug, Clone, Copy)]

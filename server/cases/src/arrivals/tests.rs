@@ -39,7 +39,7 @@ pub(crate) fn application(store: Store, script: &str) -> Cases {
         render_threads: 1,
         max_queued_renders: 4,
         cache_bytes: 1 << 20,
-        children: crate::ChildBudget::default(),
+        children: worker::ChildBudget::default(),
         graphics: GraphicsOptions::of_one(GpuUse::Off),
         dicom_program: Program::other("/bin/sh".into(), arguments),
         max_dicom_bytes: 1 << 20,

@@ -52,7 +52,7 @@ async fn setup() -> Setup {
         head: HeadLimits::default(),
         render_threads: 1,
         max_queued_renders: 4,
-        children: crate::ChildBudget::default(),
+        children: worker::ChildBudget::default(),
         cache_bytes: 1 << 20,
         graphics: GraphicsOptions::of_one(GpuUse::Off),
         dicom_program: Program::default(),

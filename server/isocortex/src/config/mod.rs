@@ -16,15 +16,15 @@ use access::auth::{Access, BadToken, unnamed};
 use access::origins::{NotAnOrigin, Origins};
 use access::proxy::{BadProxy, SignInProxy};
 use access::tokens::NamedToken;
-use cases::dicom::Program;
+use cases::BeforeRemoval;
 use cases::pictures::GraphicsOptions;
-use cases::{BeforeRemoval, ChildBudget};
 use http::forwarded::TrustedProxies;
 use http::listen::ConnectionLimits;
 use http::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
 use pipeline::HeadLimits;
 use serde::Deserialize;
 use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
+use worker::{ChildBudget, Program};
 
 use crate::logs::LogFormat;
 

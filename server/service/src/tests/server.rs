@@ -138,7 +138,7 @@ impl Server {
             head: HeadLimits::default(),
             render_threads: 2,
             max_queued_renders: 16,
-            children: cases::ChildBudget::default(),
+            children: worker::ChildBudget::default(),
             cache_bytes: 512 << 20,
             graphics: GraphicsOptions::of_one(GpuUse::Off),
             dicom_program: Program::other("/bin/false".into(), Vec::new()),

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use imaging::Limits;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use crate::apart;
-use crate::dicom::series_bytes;
+use crate::prepare;
+use crate::reader::series_bytes;
 
 /// What readers may use together beside preparations, in bytes: two of the largest series, or one and some files.
 const READER_BYTES: u64 = 3 << 30;
@@ -28,7 +28,7 @@ pub struct ChildBudget {
 impl ChildBudget {
     /// The usual one: enough for as many preparations at a time as there are workers, and for readers beside them.
     pub fn usual(limits: &Limits, workers: usize) -> Self {
-        let (series, preparation) = (series_bytes(limits), apart::bytes(limits));
+        let (series, preparation) = (series_bytes(limits), prepare::bytes(limits));
         let workers = u64::try_from(workers.max(1)).unwrap_or(u64::MAX);
         let preparations = preparation.saturating_mul(workers);
         Self {
@@ -58,7 +58,7 @@ impl Default for ChildBudget {
 
 /// Memory that processes share, each by its own limit. Cheap to clone.
 #[derive(Debug, Clone)]
-pub(crate) struct ChildMemory {
+pub struct ChildMemory {
     all: Pool,
     /// What preparations may have of it: somebody waits for each reader.
     preparations: Pool,
@@ -68,7 +68,7 @@ pub(crate) struct ChildMemory {
 /// Until this is dropped, a process may use its memory.
 #[derive(Debug, Default)]
 #[must_use]
-pub(crate) struct Granted {
+pub struct Granted {
     _parts: Vec<Option<OwnedSemaphorePermit>>,
 }
 
@@ -79,7 +79,8 @@ impl Default for ChildMemory {
 }
 
 impl ChildMemory {
-    pub(crate) fn new(budget: ChildBudget) -> Self {
+    /// The memory of a budget.
+    pub fn new(budget: ChildBudget) -> Self {
         let rest = budget.bytes.saturating_sub(budget.series);
         Self {
             all: Pool::new(budget.bytes),
@@ -90,14 +91,14 @@ impl ChildMemory {
 
     /// Waits for as much memory as a process may use that reads files, in the order of those who ask. One that may use more than there is gets
     /// all of it.
-    pub(crate) async fn take(&self, bytes: u64) -> Granted {
+    pub async fn take(&self, bytes: u64) -> Granted {
         Granted {
             _parts: vec![self.all.take(bytes).await],
         }
     }
 
     /// Waits for as much memory as a preparation may use. Preparations leave room for a series, as far as there is any.
-    pub(crate) async fn take_to_prepare(&self) -> Granted {
+    pub async fn take_to_prepare(&self) -> Granted {
         let bytes = self.preparation_bytes;
         let of_preparations = self.preparations.take(bytes).await;
         Granted {

@@ -10,12 +10,12 @@ use imaging::Limits;
 use imaging::dicom::{self, DicomError, Identity, Options, Purpose, SeriesName, convert, identify};
 use rustix::process::{Resource, Rlimit, setrlimit};
 
-use super::files::{FilesBelow, Place};
-use super::message::{
+use crate::confine::{Confinement, Directory, Needs, confine};
+use crate::files::{FilesBelow, Place};
+use crate::message::{
     HeaderOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder, StoredOutcome,
     StoredTask, Summary, VOLUME,
 };
-use crate::confine::{Confinement, Directory, Needs, confine};
 use case::{Failure, FailureKind};
 
 /// The limit for the size of a request.
@@ -56,7 +56,7 @@ fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
         Order::Header(order) => answer(&read_header(&order, header)?),
         Order::Marks(order) => answer(&read_header(&order, |file, _, _| dicom::marks(file))?),
         Order::Stored(order) => read_stored(&order),
-        Order::Prepare(order) => crate::apart::prepare(&order, instead),
+        Order::Prepare(order) => crate::prepare::prepare(&order, instead),
         Order::Confine => {
             limit_this_process(1 << 30, 0, 1)?;
             answer(&confine(&Needs::default()))
@@ -292,7 +292,7 @@ mod tests {
     #[test]
     fn the_kernel_limits_memory_and_files() {
         let status = std::process::Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", "dicom::child::tests::limited", "--ignored"])
+            .args(["--exact", "child::tests::limited", "--ignored"])
             .stdout(std::process::Stdio::null())
             .status();
         assert!(status.unwrap().success());

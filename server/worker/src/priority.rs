@@ -6,7 +6,7 @@ const COMPUTES: i32 = 5;
 
 /// Lets this thread, and those that it starts from now on, yield to those that answer requests, which need a processor only briefly. A thread cannot
 /// take this back.
-pub(crate) fn yield_to_answers() {
+pub fn yield_to_answers() {
     // Elsewhere, all threads of a process have one priority.
     #[cfg(target_os = "linux")]
     {

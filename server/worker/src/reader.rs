@@ -1,11 +1,9 @@
 //! The parent process, which requests the reading of files and does not trust the result.
 
-use std::ffi::OsString;
 use std::io::{self, Read as _};
 use std::os::unix::fs::MetadataExt as _;
-use std::os::unix::process::CommandExt as _;
-use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus, Stdio};
+use std::path::Path;
+use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use imaging::Limits;
@@ -13,28 +11,20 @@ use imaging::dicom::{Attributes, Options, Purpose, SeriesSummary};
 use serde::de::DeserializeOwned;
 use storage::Spooled;
 use tempfile::TempDir;
-use tokio::io::{AsyncBufReadExt as _, AsyncReadExt as _, AsyncWriteExt as _, BufReader};
-use tokio::process::{Child, ChildStdin, ChildStdout};
 
-use super::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
-use super::{Choice, Input, Reading, SUBCOMMAND};
-use crate::children::ChildMemory;
 use crate::confine::Confinement;
 use crate::error::Error;
-use crate::limit::ConcurrencyLimit;
+use crate::memory::ChildMemory;
+use crate::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
+use crate::program::{Program, cannot_run};
+use crate::reading::{Choice, Input, Reading};
 use case::{Failure, FailureKind};
 
 /// The time limit for a series. The largest ones take seconds.
 const LONGEST: Duration = Duration::from_secs(120);
 
-/// The greatest number of series to read at a time; each may need more memory than a volume.
-const MOST_AT_A_TIME: usize = 4;
-
-/// Series that may wait.
-const WAITING: usize = 16;
-
 /// Memory for the program itself, one file and one picture.
-pub(super) const BASE_BYTES: u64 = 1 << 30;
+pub(crate) const BASE_BYTES: u64 = 1 << 30;
 
 /// Memory for each voxel: its sample in single precision while slices are collected, and its result.
 const BYTES_PER_VOXEL: u64 = 8;
@@ -42,120 +32,20 @@ const BYTES_PER_VOXEL: u64 = 8;
 /// The largest outcome: identifiers of some thousand slices.
 const MAX_OUTCOME_BYTES: u64 = 16 << 20;
 
-/// The longest answer on the standard output of a child, in bytes: that about a measurement report of 20,000 points with long
-/// notes.
-const MAX_ANSWER_BYTES: u64 = 16 << 20;
-
 /// The longest name and detail of a failure, in bytes.
 const MAX_TEXT: [usize; 2] = [64, 4096];
 
-/// The program of the child: this program, except in tests.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Program(Option<(PathBuf, Vec<OsString>)>);
-
-impl Program {
-    /// Another program that calls [`super::run_child`], with its arguments.
-    pub fn other(program: PathBuf, arguments: Vec<OsString>) -> Self {
-        Self(Some((program, arguments)))
-    }
-
-    /// The command, without environment.
-    fn command(&self) -> io::Result<Command> {
-        let mut command = match &self.0 {
-            Some((program, arguments)) => {
-                let mut command = Command::new(program);
-                command.args(arguments);
-                command
-            }
-            None => {
-                let mut command = this_program()?;
-                command.arg(SUBCOMMAND);
-                command
-            }
-        };
-        command
-            .env_clear()
-            .current_dir("/")
-            .stdin(Stdio::piped())
-            .stderr(Stdio::null());
-        Ok(command)
-    }
-
-    /// Starts the process. It is ended with its handle.
-    pub(super) fn start(&self, answers: Stdio) -> io::Result<Process> {
-        let mut command = tokio::process::Command::from(self.command()?);
-        let mut child = command.stdout(answers).kill_on_drop(true).spawn()?;
-        Ok(Process {
-            orders: child.stdin.take(),
-            answers: child.stdout.take(),
-            child,
-        })
-    }
-
-    /// Starts the process for a thread that waits for it.
-    pub(crate) fn start_now(&self) -> io::Result<std::process::Child> {
-        self.command()?.stdout(Stdio::piped()).spawn()
-    }
-}
-
-/// The program that runs here, even if its file was replaced since: an update does this under a running server.
-fn this_program() -> io::Result<Command> {
-    let file = std::env::current_exe()?;
-    if cfg!(not(target_os = "linux")) {
-        return Ok(Command::new(file));
-    }
-    let mut command = Command::new("/proc/self/exe");
-    command.arg0(file);
-    Ok(command)
-}
-
-/// A running child.
-pub(super) struct Process {
-    child: Child,
-    orders: Option<ChildStdin>,
-    answers: Option<ChildStdout>,
-}
-
-impl Process {
-    /// Sends the order. If the child has already ended, its status tells why.
-    async fn tell(&mut self, order: &Order) -> io::Result<()> {
-        let mut line = serde_json::to_vec(order)?;
-        line.push(b'\n');
-        if let Some(mut orders) = self.orders.take() {
-            let _ = orders.write_all(&line).await;
-        }
-        Ok(())
-    }
-
-    /// The answer on its standard output; `None` if it does not answer as it must.
-    pub(super) async fn ask<T: DeserializeOwned>(&mut self, order: &Order) -> Option<T> {
-        self.tell(order).await.ok()?;
-        let mut answers = BufReader::new(self.answers.take()?).take(MAX_ANSWER_BYTES);
-        loop {
-            let mut answer = String::new();
-            if answers.read_line(&mut answer).await.ok()? == 0 {
-                return None;
-            }
-            // Every answer begins a line; a test program says other things, too.
-            if answer.starts_with('{') {
-                return serde_json::from_str(&answer).ok();
-            }
-        }
-    }
-}
-
 /// Reads series of DICOM files.
 #[derive(Debug)]
-pub struct DicomReader {
+pub struct SeriesReader {
     program: Program,
     limits: Limits,
-    pub(super) max_input_bytes: u64,
-    pub(super) longest: Duration,
-    pub(super) limit: ConcurrencyLimit,
-    pub(super) memory: ChildMemory,
+    pub(crate) max_input_bytes: u64,
+    pub(crate) longest: Duration,
+    pub(crate) memory: ChildMemory,
 }
 
-impl DicomReader {
+impl SeriesReader {
     /// A reader of volumes within `limits`, from files of at most `max_input_bytes` altogether, unpacked.
     pub fn new(program: Program, limits: Limits, max_input_bytes: u64) -> Self {
         Self {
@@ -163,14 +53,13 @@ impl DicomReader {
             limits,
             max_input_bytes,
             longest: LONGEST,
-            limit: ConcurrencyLimit::new(at_a_time(), WAITING),
             memory: ChildMemory::default(),
         }
     }
 
     /// The same with memory that others share.
     #[must_use]
-    pub(crate) fn with_memory(self, memory: ChildMemory) -> Self {
+    pub fn with_memory(self, memory: ChildMemory) -> Self {
         Self { memory, ..self }
     }
 
@@ -180,24 +69,14 @@ impl DicomReader {
         Self { longest, ..self }
     }
 
-    /// Reads a series. If many wait, the clients ([`for_client`](crate::for_client)) take turns.
+    /// Reads a series.
     ///
     /// `scratch` is a directory where temporary files may be. Dropping the future ends the child.
     ///
     /// # Errors
-    /// A [`Failure`] that states what is wrong with the files, or how the child died; [`Error::Busy`] if too many
-    /// wait; [`Error::Internal`], logged, if the child cannot be started.
+    /// A [`Failure`] that states what is wrong with the files, or how the child died; [`Error::NotRun`], logged, if the child cannot be
+    /// started.
     pub async fn read(
-        &self,
-        input: Input<'_>,
-        options: &Options,
-        scratch: &Path,
-    ) -> Result<Reading, Error> {
-        let _turn = self.limit.turn().await?;
-        self.read_now(input, options, scratch).await
-    }
-
-    async fn read_now(
         &self,
         input: Input<'_>,
         options: &Options,
@@ -231,13 +110,13 @@ impl DicomReader {
         let status = self.run(&Order::Series(order)).await?;
         let limits = self.limits;
         let reading = tokio::task::spawn_blocking(move || take(status, output, &limits));
-        Ok(reading.await.map_err(|_| Error::Internal)??)
+        Ok(reading.await.map_err(|_| Error::NotRun)??)
     }
 
     /// What the kernel of this machine gives to confine the child.
     ///
     /// # Errors
-    /// [`Error::Internal`], logged, if the child cannot be started, or does not answer.
+    /// [`Error::NotRun`], logged, if the child cannot be started, or does not answer.
     pub async fn confinement(&self) -> Result<Confinement, Error> {
         let mut process = self.program.start(Stdio::piped()).map_err(cannot_run)?;
         let answer = tokio::time::timeout(self.longest, process.ask(&Order::Confine)).await;
@@ -246,7 +125,7 @@ impl DicomReader {
     }
 
     /// Runs the child.
-    pub(super) async fn run(&self, order: &Order) -> Result<ExitStatus, Error> {
+    pub(crate) async fn run(&self, order: &Order) -> Result<ExitStatus, Error> {
         let status = self.run_within(order).await.map_err(cannot_run)?;
         status.ok_or_else(|| too_slow(self.longest).into())
     }
@@ -271,17 +150,6 @@ pub(crate) fn series_bytes(limits: &Limits) -> u64 {
     BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(voxels))
 }
 
-/// As many as there are CPUs, so that a slow series does not block the others.
-pub(super) fn at_a_time() -> usize {
-    let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    processors.clamp(2, MOST_AT_A_TIME)
-}
-
-pub(super) fn cannot_run(error: io::Error) -> Error {
-    tracing::error!(kind = %error.kind(), "cannot start the process that reads DICOM files");
-    Error::Internal
-}
-
 fn too_slow(longest: Duration) -> Failure {
     Failure::unusable(
         "dicom-too-slow",
@@ -293,7 +161,7 @@ fn too_slow(longest: Duration) -> Failure {
 }
 
 /// The process ended before it was done.
-pub(super) fn died() -> Failure {
+pub(crate) fn died() -> Failure {
     Failure::unusable(
         "dicom-reader-died",
         "the DICOM files could not be read: the process that reads them ended, because they are damaged or need more memory \
@@ -323,13 +191,13 @@ fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, Failure> {
     read_json_of(path, MAX_OUTCOME_BYTES)
 }
 
-pub(super) fn read_json_of<T: DeserializeOwned>(path: &Path, most: u64) -> Result<T, Failure> {
+pub(crate) fn read_json_of<T: DeserializeOwned>(path: &Path, most: u64) -> Result<T, Failure> {
     let bytes = read_bounded(path, most)?;
     serde_json::from_slice(&bytes).map_err(|_| died())
 }
 
 /// Whether the child left one regular file, not too large.
-pub(super) fn check_file(path: &Path, largest: u64) -> Result<(), Failure> {
+pub(crate) fn check_file(path: &Path, largest: u64) -> Result<(), Failure> {
     let file = std::fs::symlink_metadata(path).map_err(|_| died())?;
     let is_sound = file.is_file() && file.nlink() == 1;
     if is_sound && (Spooled::START..=largest).contains(&file.len()) {
@@ -351,7 +219,7 @@ fn read_bounded(path: &Path, largest: u64) -> Result<Vec<u8>, Failure> {
 }
 
 /// A failure that may be passed on: short, without control characters, of a suitable kind.
-pub(super) fn checked_failure(failure: Failure) -> Failure {
+pub(crate) fn checked_failure(failure: Failure) -> Failure {
     let [name, detail] = MAX_TEXT;
     let is_name = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
     let fits = failure.name.len() <= name
@@ -424,7 +292,7 @@ mod tests {
     async fn read_by(script: &str, longest: Duration) -> Error {
         let arguments = vec!["-c".into(), script.into()];
         let program = Program::other("/bin/sh".into(), arguments);
-        let reader = DicomReader::new(program, Limits::default(), 1 << 20).within(longest);
+        let reader = SeriesReader::new(program, Limits::default(), 1 << 20).within(longest);
         let scratch = tempfile::tempdir().unwrap();
         let input = scratch.path().join("input");
         std::fs::write(&input, b"anything").unwrap();

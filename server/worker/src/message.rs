@@ -7,18 +7,18 @@ use serde::{Deserialize, Serialize};
 
 use case::Failure;
 
-use crate::apart::PrepareOrder;
+use crate::prepare::PrepareOrder;
 
 /// The file of the volume, in the output directory.
-pub(super) const VOLUME: &str = "volume.nii.gz";
+pub(crate) const VOLUME: &str = "volume.nii.gz";
 
 /// The file of the [`Outcome`].
-pub(super) const OUTCOME: &str = "outcome.json";
+pub(crate) const OUTCOME: &str = "outcome.json";
 
 /// A request, the first line on the standard input of the child, because other users can see a command line.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub(super) enum Order {
+pub(crate) enum Order {
     /// Make a volume of a series.
     Series(SeriesOrder),
     /// Read the header of a file; a [`Stated`] on the standard output answers it.
@@ -36,25 +36,25 @@ pub(super) enum Order {
 /// What to read of stored files.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct StoredOrder {
+pub(crate) struct StoredOrder {
     /// A directory with files named by their numbers from 0.
-    pub(super) input: PathBuf,
-    pub(super) count: usize,
+    pub(crate) input: PathBuf,
+    pub(crate) count: usize,
     /// An empty directory.
-    pub(super) output: PathBuf,
-    pub(super) task: StoredTask,
+    pub(crate) output: PathBuf,
+    pub(crate) task: StoredTask,
     /// The limit for memory.
-    pub(super) memory_bytes: u64,
+    pub(crate) memory_bytes: u64,
     /// The limit for a file.
-    pub(super) max_file_bytes: u64,
+    pub(crate) max_file_bytes: u64,
     /// The limit for CPU time.
-    pub(super) seconds: u64,
+    pub(crate) seconds: u64,
 }
 
 /// What to read.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub(super) enum StoredTask {
+pub(crate) enum StoredTask {
     /// The attributes of each file.
     Metadata,
     /// What is different about the second of two files of one instance.
@@ -64,7 +64,7 @@ pub(super) enum StoredTask {
 /// What was read of stored files.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub(super) enum StoredOutcome {
+pub(crate) enum StoredOutcome {
     Metadata(Vec<serde_json::Value>),
     Compared(Difference),
     Refused(Failure),
@@ -73,24 +73,24 @@ pub(super) enum StoredOutcome {
 /// Which file to read the header of.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct HeaderOrder {
-    pub(super) file: PathBuf,
+pub(crate) struct HeaderOrder {
+    pub(crate) file: PathBuf,
     /// The offset of the bytes in the file.
-    pub(super) start: u64,
+    pub(crate) start: u64,
     /// Where to write the file without the identity of the patient, after as many zero bytes; `None` to write nothing.
-    pub(super) output: Option<PathBuf>,
+    pub(crate) output: Option<PathBuf>,
     /// The limit for the file.
-    pub(super) max_file_bytes: u64,
+    pub(crate) max_file_bytes: u64,
     /// The limit for memory.
-    pub(super) memory_bytes: u64,
+    pub(crate) memory_bytes: u64,
     /// The limit for CPU time.
-    pub(super) seconds: u64,
+    pub(crate) seconds: u64,
 }
 
 /// The answer about a file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub(super) enum Stated<T> {
+pub(crate) enum Stated<T> {
     Read(T),
     Refused(Failure),
 }
@@ -98,33 +98,33 @@ pub(super) enum Stated<T> {
 /// Which series to read.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct SeriesOrder {
+pub(crate) struct SeriesOrder {
     /// A file, or a directory of files.
-    pub(super) input: PathBuf,
+    pub(crate) input: PathBuf,
     /// Whether a directory was made for this order, and may be given to a user of the process's own.
-    pub(super) is_own_input: bool,
+    pub(crate) is_own_input: bool,
     /// The offset of the bytes in a single file.
-    pub(super) input_start: u64,
+    pub(crate) input_start: u64,
     /// An empty directory.
-    pub(super) output: PathBuf,
+    pub(crate) output: PathBuf,
     /// The number of zero bytes to write before the volume.
-    pub(super) room: u64,
-    pub(super) series: Option<String>,
-    pub(super) allow_gaps: bool,
-    pub(super) is_layer: bool,
-    pub(super) max_voxels: usize,
+    pub(crate) room: u64,
+    pub(crate) series: Option<String>,
+    pub(crate) allow_gaps: bool,
+    pub(crate) is_layer: bool,
+    pub(crate) max_voxels: usize,
     /// The limit for memory.
-    pub(super) memory_bytes: u64,
+    pub(crate) memory_bytes: u64,
     /// The limit for the unpacked bytes of all files.
-    pub(super) max_input_bytes: u64,
+    pub(crate) max_input_bytes: u64,
     /// The limit for CPU time.
-    pub(super) seconds: u64,
+    pub(crate) seconds: u64,
 }
 
 /// The outcome of a request for a series.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
-pub(super) enum Outcome {
+pub(crate) enum Outcome {
     Read(Summary),
     Refused(Failure),
 }
@@ -132,10 +132,10 @@ pub(super) enum Outcome {
 /// The facts in addition to the volume.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Summary {
-    pub(super) attributes: Attributes,
-    pub(super) series: SeriesSummary,
-    pub(super) is_t1: bool,
-    pub(super) others: Vec<SeriesSummary>,
-    pub(super) ignored_files: usize,
+pub(crate) struct Summary {
+    pub(crate) attributes: Attributes,
+    pub(crate) series: SeriesSummary,
+    pub(crate) is_t1: bool,
+    pub(crate) others: Vec<SeriesSummary>,
+    pub(crate) ignored_files: usize,
 }

@@ -10,7 +10,6 @@ use std::os::fd::AsFd as _;
 use std::os::unix::process::ExitStatusExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, ExitStatus};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
@@ -20,9 +19,10 @@ use imaging::Limits;
 use pipeline::{Derived, Extractor, Input, Pipeline, Source, StoredBrain};
 use serde::{Deserialize, Serialize};
 
+use crate::child::{Instead, said};
 use crate::confine::{Needs, confine};
-use crate::dicom::{Instead, Program, said};
-use crate::library::Preparation;
+use crate::message::Order;
+use crate::program::Program;
 
 /// How often to look whether the process has ended, or shall end.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
@@ -45,16 +45,16 @@ const MAX_TEXT: [usize; 2] = [64, 4096];
 
 /// How preparations run in processes of their own.
 #[derive(Debug, Clone)]
-pub(crate) struct Apart {
+pub struct PrepareProcess {
     /// The program of the process.
-    pub(crate) program: Program,
+    pub program: Program,
     /// The file with the weights of the network, as it is configured.
-    pub(crate) network: Option<PathBuf>,
+    pub network: Option<PathBuf>,
     /// Where temporary files may be.
-    pub(crate) scratch: PathBuf,
-    pub(crate) threads: usize,
+    pub scratch: PathBuf,
+    pub threads: usize,
     /// The limit for CPU time, of all threads together.
-    pub(crate) cpu_seconds: u64,
+    pub cpu_seconds: u64,
 }
 
 /// What to prepare. The files of the upload, and later the results, are in `folder`.
@@ -99,19 +99,12 @@ pub(crate) fn bytes(limits: &Limits) -> u64 {
     BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(voxels))
 }
 
-impl Apart {
-    /// The preparation in a process of its own; `has_network` tells whether it will find the weights.
-    pub(crate) fn preparation(self, has_network: bool) -> Preparation {
-        Preparation {
-            has_network,
-            is_apart: true,
-            prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
-                self.prepare(&input, parameters, limits, (observe, cancelled))
-            }),
-        }
-    }
-
-    fn prepare(
+impl PrepareProcess {
+    /// Prepares a case; `observe` is told each step as it begins. The process ends soon after `cancelled` is set.
+    ///
+    /// # Errors
+    /// What the process says is wrong, or how it died.
+    pub fn prepare(
         &self,
         input: &Input<'_>,
         parameters: &Parameters,
@@ -153,7 +146,7 @@ impl Apart {
         observe: &(dyn Fn(Progress) + Sync),
         cancelled: &AtomicBool,
     ) -> io::Result<ExitStatus> {
-        let mut line = crate::dicom::order_to_prepare(order)?;
+        let mut line = serde_json::to_vec(&Order::Prepare(Box::new(order.clone())))?;
         line.push(b'\n');
         let mut child = Ended(self.program.start_now()?);
         // If the process has already ended, its status tells why.
@@ -299,7 +292,7 @@ fn sound(failure: Failure) -> Failure {
 /// What the process says is wrong, or how it died.
 #[cfg(any(test, feature = "testing"))]
 pub fn prepare_by(program: Program, volume: Bytes, scratch: &Path) -> Result<Derived, Failure> {
-    let apart = Apart {
+    let process = PrepareProcess {
         program,
         network: None,
         scratch: scratch.to_owned(),
@@ -312,7 +305,7 @@ pub fn prepare_by(program: Program, volume: Bytes, scratch: &Path) -> Result<Der
     };
     let (input, never) = (Input::from(&source), AtomicBool::new(false));
     let limits = Limits::default();
-    apart.prepare(&input, &Parameters::default(), &limits, (&|_| {}, &never))
+    process.prepare(&input, &Parameters::default(), &limits, (&|_| {}, &never))
 }
 
 /// In the process: prepares the case, or runs other code in place of this.

@@ -29,7 +29,7 @@ enum Found {
 }
 
 /// Where the files are.
-pub(super) enum Place {
+pub(crate) enum Place {
     /// One file, which is open, with its bytes from an offset on.
     File(File, u64),
     /// The files below a directory.
@@ -37,7 +37,7 @@ pub(super) enum Place {
 }
 
 /// All files, for reading one by one.
-pub(super) struct FilesBelow {
+pub(crate) struct FilesBelow {
     /// The only file, with the offset of its bytes.
     single: Option<(File, u64)>,
     paths: Vec<PathBuf>,
@@ -52,7 +52,7 @@ pub(super) struct FilesBelow {
 
 impl FilesBelow {
     /// Finds the files.
-    pub(super) fn open(place: Place, limit: u64) -> Result<Self, DicomError> {
+    pub(crate) fn open(place: Place, limit: u64) -> Result<Self, DicomError> {
         let mut files = Self {
             single: None,
             paths: Vec::new(),
