@@ -52,6 +52,7 @@ PLACES = {
     "pacs": Place(1, 0, 1, ("DICOMweb and C-STORE:", "what a PACS asks and sends")),
     "cases": Place(2, 1, 3, ("the application: library, workers, warm models, pictures", "errors without a protocol")),
     "worker": Place(3, 1, 2, ("a confined process: an order in, values out", "reads untrusted files, prepares heads, within limits")),
+    "report": Place(3, 3, 1, ("contents and pictures in,", "HTML or PDF out")),
     "shader-translate": Place(3, 4, 1, ("WGSL to the page's GLSL", "a developer's program")),
     "storage": Place(4, 1, 1, ("the store: rows, jobs, objects", "a folder; or PostgreSQL, a bucket")),
     "pipeline": Place(4, 2, 1, ("upload → model and facts", "knows no storage, no async")),

@@ -85,6 +85,11 @@ const LAYERS: &[Layer] = &[
         never: &["wgpu"],
     },
     Layer {
+        name: "report",
+        needs: &["case", "geometry", "render"],
+        never: &["zstd"],
+    },
+    Layer {
         name: "worker",
         needs: WORKER_NEEDS,
         never: &["wgpu"],
@@ -134,6 +139,7 @@ const CASES_NEED: &[&str] = &[
     "imaging",
     "pipeline",
     "render",
+    "report",
     "storage",
     "worker",
 ];
@@ -149,6 +155,7 @@ const INTERFACE_NEEDS: &[&str] = &[
     "imaging",
     "pipeline",
     "render",
+    "report",
     "storage",
     "worker",
 ];
@@ -192,7 +199,7 @@ fn the_program_stands_on_all_of_them() {
     let needed = needed_by("isocortex");
     for below in [
         "access", "case", "cases", "geometry", "http", "imaging", "pacs", "pipeline", "render",
-        "service", "storage", "worker",
+        "report", "service", "storage", "worker",
     ] {
         let floor = format!("isocortex-{below}");
         assert!(

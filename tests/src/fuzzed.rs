@@ -5,12 +5,12 @@
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 
 use cases::pictures::{PictureRequest, SliceQuery};
-use cases::report::ReportQuery;
 use http::sent::from_query;
 use imaging::dicom::{Options, convert, difference, identify, marks, metadata};
 use imaging::{Limits, sniff};
 use pacs::multipart::{MediaType, Parser, Piece};
 use pipeline::codec;
+use report::ReportQuery;
 
 /// The limits of files.
 const LIMITS: Limits = Limits {

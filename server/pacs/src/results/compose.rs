@@ -8,7 +8,7 @@ use case::findings::Finding;
 use case::{Case, CaseFacts, CaseId, LayerId, MaskMethod, ObjectKind, PatientSide, QualityState};
 use cases::arrivals::Patient;
 use cases::pictures::{Layout, PictureRequest, window_of};
-use cases::report::{ReportFormat, ReportSubject};
+use cases::report::ReportSubject;
 use cases::{Cases, Error};
 use geometry::{Grid, Mask};
 use imaging::dicom::write::{
@@ -21,6 +21,7 @@ use pipeline::findings::voxels_of;
 use render::{
     Frame, FrameSize, PixelFormat, RESEARCH_USE_NOTICE, SHORT_NOTICE, WindowFunction, encode_png,
 };
+use report::ReportFormat;
 use storage::arrivals::{Superseded, Uid};
 use storage::results::ResultSeries;
 

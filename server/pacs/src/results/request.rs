@@ -2,9 +2,9 @@
 
 use cases::Error;
 use cases::pictures::{Part, PicturePlan, PictureRequest, PlanError};
-use cases::report::ReportQuery;
 use imaging::dicom::Attributes;
 use render::NamedView;
+use report::ReportQuery;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 use storage::arrivals::Uid;

@@ -11,10 +11,10 @@ use cases::Cases;
 use cases::pictures::{
     AcquiredQuery, CheckedAcquired, CheckedPicture, CheckedSlice, PictureRequest, SliceQuery,
 };
-use cases::report::ReportQuery;
 use http::conditional::{Content, EntityTag, Format};
 use http::problem::AppError;
 use http::query::Asked;
+use report::ReportQuery;
 use serde::{Deserialize, Serialize};
 
 /// The case in the path.

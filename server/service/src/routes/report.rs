@@ -1,10 +1,11 @@
 //! The report of a reading.
 
+use ::report::{POLICY, ReportFormat, ReportQuery};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use cases::Cases;
-use cases::report::{POLICY, ReportFormat, ReportQuery, ReportSubject};
+use cases::report::ReportSubject;
 
 use crate::routes::asked::{CasePath, ReportKeys};
 use access::audited::NamesPatient;

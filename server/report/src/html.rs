@@ -4,8 +4,8 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use super::contents::{Block, Contents, Facts, Line, Overview, Picture, Piece, Section, Table};
-use super::shots::PolyLine;
+use crate::contents::{Block, Contents, Facts, Line, Overview, Picture, Piece, Section, Table};
+use crate::pictures::PolyLine;
 
 /// The look of the report, on a screen and on A4 and Letter.
 const STYLE: &str = include_str!("report.css");
@@ -14,7 +14,7 @@ const STYLE: &str = include_str!("report.css");
 pub const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'";
 
 impl Contents<'_> {
-    pub(super) fn html(&self) -> String {
+    pub(crate) fn html(&self) -> String {
         let page = html! {
             (DOCTYPE)
             html lang=(self.language) {

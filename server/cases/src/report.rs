@@ -1,56 +1,27 @@
-//! The report of a reading: the findings of a case, their pictures and numbers, as one file that needs nothing from elsewhere.
-//! Its contents are told once, and written as HTML or as PDF.
+//! Gathers what the report of a reading shows: the findings of a case, their pictures and numbers.
 
-mod contents;
-mod html;
-mod pdf;
 mod shots;
-mod words;
 
 use std::sync::Arc;
 
+use ::report::{
+    ListedMap, Numbers, Reason, Report, ReportFormat, ReportMaps, ReportQuery, ReportedFinding,
+    ShownLayer, ShownPatient, Values,
+};
 use bytes::Bytes;
-use case::arrivals::Superseded;
 use case::findings::Finding;
-use case::{Case, CaseFacts, CaseId, Layer, LayerKind, MapName, QualityState};
+use case::{CandidateFacts, CaseId, Layer, LayerKind, MapName, QualityState};
 use glam::DVec3;
 use imaging::dicom::Attributes;
 use pipeline::atlas::Gyri;
 use pipeline::maps::NoMaps;
-use serde::{Deserialize, Serialize};
 
-pub use self::html::POLICY;
-pub use self::words::Language;
-
-use self::shots::{FindingPictures, Overview};
+use crate::arrivals::{Patient, day};
+use crate::gyri::named;
 use crate::library::{LoadedMaps, MapsState};
 use crate::pictures::{LayerRef, ready};
 use crate::profile::{PointProfile, profile};
 use crate::{Cases, Error};
-
-/// What a report shows.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::IntoParams, utoipa::ToSchema), into_params(parameter_in = Query))]
-#[serde(deny_unknown_fields)]
-pub struct ReportQuery {
-    /// The language: `en` or `pt-BR`.
-    #[serde(default)]
-    #[cfg_attr(feature = "openapi", param(inline))]
-    pub language: Language,
-    /// Whether to name the patient and the study, if the case was created from DICOM. The report is patient data then.
-    #[serde(default)]
-    #[cfg_attr(feature = "openapi", param(default = false))]
-    pub patient: bool,
-}
-
-/// The form of a report.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ReportFormat {
-    /// HTML without scripts, to read, to print and to keep.
-    Html,
-    /// PDF, for archives and for paper.
-    Pdf,
-}
 
 /// From where a report knows its patient.
 #[derive(Debug, Clone, Copy)]
@@ -59,48 +30,6 @@ pub enum ReportSubject<'a> {
     OfCase,
     /// From attributes of the patient and the study.
     Named(&'a Attributes),
-}
-
-/// Everything that a report shows.
-struct Report {
-    case: Case,
-    /// Why it has inherited nothing from the version before.
-    apart: Option<Superseded>,
-    facts: Arc<CaseFacts>,
-    query: ReportQuery,
-    /// Attributes of the patient and the study, for people; `None` unless requested.
-    patient: Option<Vec<(&'static str, String)>>,
-    maps: Result<Arc<LoadedMaps>, NoMaps>,
-    /// The names of places, if there is an atlas that the head fits.
-    gyri: Option<Arc<Gyri>>,
-    /// The map of the newest FLAIR, if a layer is one.
-    flair: Option<Result<Arc<LoadedMaps>, NoMaps>>,
-    /// The acquired layer beside the anatomy, if there is one.
-    layer: Option<ShownLayer>,
-    /// Those to look at, with their pictures and numbers, in the order of the list.
-    findings: Vec<ReportedFinding>,
-    dismissed: Vec<Finding>,
-    overview: Overview,
-}
-
-/// The acquired layer of a report.
-struct ShownLayer {
-    name: String,
-    /// Whether nobody has checked that it lies where the anatomy does.
-    may_lie_elsewhere: bool,
-}
-
-/// A finding with its pictures and numbers.
-struct ReportedFinding {
-    finding: Finding,
-    pictures: FindingPictures,
-    numbers: Option<Numbers>,
-}
-
-/// The values at a finding, and at its mirrored point if that is in the brain.
-struct Numbers {
-    own: PointProfile,
-    mirrored: Option<PointProfile>,
 }
 
 /// The attributes of a patient and a study that a report names.
@@ -169,8 +98,8 @@ impl Cases {
         }
         let patient = match (query.patient, subject) {
             (false, _) => None,
-            (true, ReportSubject::OfCase) => Some(self.patient(id).await?),
-            (true, ReportSubject::Named(attributes)) => Some(named(attributes)),
+            (true, ReportSubject::OfCase) => Some(self.shown_patient(id).await?),
+            (true, ReportSubject::Named(attributes)) => Some(shown_patient(attributes)),
         };
         let report = Report {
             apart: self.apart_from_previous(&case).await?,
@@ -178,22 +107,24 @@ impl Cases {
             facts,
             query,
             patient,
-            maps,
-            gyri,
-            flair,
+            maps: match &maps {
+                Ok(maps) => Ok(maps_of(maps, gyri.as_deref())),
+                Err(reason) => Err(reason_of(reason)),
+            },
+            flair: flair.map(|flair| match flair {
+                Ok(maps) => {
+                    let places = named(&maps.candidates, gyri.as_deref());
+                    Ok(listed(&maps, MapName::Flair, places))
+                }
+                Err(reason) => Err(reason_of(&reason)),
+            }),
             layer,
             findings: reported,
             dismissed,
             overview,
         };
-        let write = move || {
-            let contents = report.contents();
-            match format {
-                ReportFormat::Html => Ok(contents.html().into()),
-                ReportFormat::Pdf => Ok(contents.pdf()?.into()),
-            }
-        };
-        self.queue.run(write).await?
+        let written = self.queue.run(move || report.write(format)).await?;
+        written.map(Into::into).map_err(|_| Error::Internal)
     }
 
     /// The values at a finding; `None` outside the envelope.
@@ -212,20 +143,59 @@ impl Cases {
         };
         match self.queue.run(find).await? {
             Ok(found) => Ok(Some(Numbers {
-                own: found.own,
-                mirrored: found.mirrored,
+                own: values_at(&found.own),
+                mirrored: found.mirrored.as_ref().map(values_at),
             })),
             Err(Error::Parameter { .. }) => Ok(None),
             Err(other) => Err(other),
         }
     }
 
-    /// The attributes of the patient; none if the case was not created from DICOM.
-    async fn patient(&self, id: &CaseId) -> Result<Vec<(&'static str, String)>, Error> {
+    /// The patient in the files of the case.
+    async fn shown_patient(&self, id: &CaseId) -> Result<ShownPatient, Error> {
         let Some(stored) = self.store().source_dicom(id).await? else {
-            return Ok(Vec::new());
+            return Ok(ShownPatient::NotFromDicom);
         };
-        Ok(named(&pipeline::attributes(&stored)?))
+        Ok(shown_patient(&pipeline::attributes(&stored)?))
+    }
+}
+
+fn maps_of(maps: &LoadedMaps, gyri: Option<&Gyri>) -> ReportMaps {
+    ReportMaps {
+        blur: listed(maps, MapName::Blur, named(&maps.candidates, gyri)),
+        elsewhere: named(&maps.elsewhere, gyri),
+        thickness: listed(maps, MapName::Thickness, named(&maps.thick[0], gyri)),
+        regions: maps.regions.clone(),
+    }
+}
+
+/// The places of a map, with what is known about its scores.
+fn listed(maps: &LoadedMaps, map: MapName, places: Vec<CandidateFacts>) -> ListedMap {
+    let judgement = maps.judgement(map);
+    ListedMap {
+        places,
+        has_limits: judgement.limits.is_some(),
+        caveat: judgement.caveat.map(|caveat| Reason {
+            code: caveat.code().to_owned(),
+            sentence: caveat.to_string(),
+        }),
+    }
+}
+
+fn reason_of(reason: &NoMaps) -> Reason {
+    Reason {
+        code: reason.code.to_string(),
+        sentence: reason.sentence.to_string(),
+    }
+}
+
+fn values_at(profile: &PointProfile) -> Values {
+    let at = &profile.point;
+    Values {
+        intensity: at.intensity,
+        blur: at.blur,
+        thickness: at.thickness,
+        sharpness: at.sharpness,
     }
 }
 
@@ -241,10 +211,21 @@ fn found_or_reason(state: MapsState) -> Result<Result<Arc<LoadedMaps>, NoMaps>, 
     }
 }
 
-/// The attributes of a patient and a study that a report names.
-fn named(attributes: &Attributes) -> Vec<(&'static str, String)> {
-    let value = |name: &&'static str| Some((*name, attributes.value(name)?.to_owned()));
-    PATIENT.iter().filter_map(value).collect()
+/// The patient and the study of some attributes, for people.
+fn shown_patient(attributes: &Attributes) -> ShownPatient {
+    let value = |keyword: &str| attributes.value(keyword).filter(|value| !value.is_empty());
+    if PATIENT
+        .iter()
+        .all(|keyword| attributes.value(keyword).is_none())
+    {
+        return ShownPatient::NotFromDicom;
+    }
+    ShownPatient::Named {
+        patient: Patient::of(value).words(),
+        sex: value("PatientSex").map(str::to_owned),
+        study_day: value("StudyDate").map(day),
+        accession_number: value("AccessionNumber").map(str::to_owned),
+    }
 }
 
 /// The acquired layer to show beside the anatomy, and how far its place can be trusted: a FLAIR before any other, one whose place

@@ -8,19 +8,19 @@ use flate2::write::ZlibEncoder;
 use pdf_writer::types::{LineCapStyle, LineJoinStyle, Predictor, TextRenderingMode};
 use pdf_writer::{Content, Filter, Finish as _, Name, Pdf, Rect, Ref, Str, TextStr};
 
-use super::super::contents::Picture;
-use super::super::shots::{PolyLine, Shot};
 use super::typeface::{self, Letter, Text, glyph};
 use crate::Error;
+use crate::contents::Picture;
+use crate::pictures::{PolyLine, Shot};
 
 /// A page as wide as A4 and nearly as high as Letter, so that both hold all of it at its size.
-pub(super) const PAGE_MM: [f64; 2] = [210.0, 279.0];
+pub(crate) const PAGE_MM: [f64; 2] = [210.0, 279.0];
 
 /// Points in a mm.
 const POINTS: f64 = 72.0 / 25.4;
 
 /// A point as mm.
-pub(super) const PT: f64 = 25.4 / 72.0;
+pub(crate) const PT: f64 = 25.4 / 72.0;
 
 const FONT: Name<'_> = Name(b"F");
 
@@ -28,11 +28,11 @@ const FONT: Name<'_> = Name(b"F");
 const STRONG: f64 = 0.03;
 
 /// A colour, red, green and blue, 0 to 1.
-pub(super) type Colour = [f32; 3];
+pub(crate) type Colour = [f32; 3];
 
-pub(super) const BLACK: Colour = [0.067; 3];
-pub(super) const RED: Colour = [0.64, 0.0, 0.0];
-pub(super) const GREY: Colour = [0.8; 3];
+pub(crate) const BLACK: Colour = [0.067; 3];
+pub(crate) const RED: Colour = [0.64, 0.0, 0.0];
+pub(crate) const GREY: Colour = [0.8; 3];
 const HALO: Colour = [0.0; 3];
 const MARK: Colour = [1.0, 0.69, 0.0];
 const LETTERS: Colour = [1.0, 0.824, 0.478];
@@ -43,28 +43,28 @@ const HALO_WIDTH: f32 = 4.0;
 const BORDER_WIDTH: f32 = 3.0;
 
 /// A page in the making.
-pub(super) struct Page {
+pub(crate) struct Page {
     content: Content,
     /// Whether numbers stand for characters that the font lacks.
-    pub(super) lacks: bool,
+    pub(crate) lacks: bool,
 }
 
 /// All pages, and what they share.
-pub(super) struct Paper<'a> {
-    pub(super) pages: Vec<Page>,
+pub(crate) struct Paper<'a> {
+    pub(crate) pages: Vec<Page>,
     shots: Vec<&'a Shot>,
     /// The glyphs that are used, with their characters.
     used: BTreeMap<u16, char>,
 }
 
 /// What a file says about itself.
-pub(super) struct About<'a> {
-    pub(super) title: &'a str,
-    pub(super) language: &'a str,
+pub(crate) struct About<'a> {
+    pub(crate) title: &'a str,
+    pub(crate) language: &'a str,
 }
 
 impl<'a> Paper<'a> {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             pages: Vec::new(),
             shots: Vec::new(),
@@ -72,7 +72,7 @@ impl<'a> Paper<'a> {
         }
     }
 
-    pub(super) fn add_page(&mut self) {
+    pub(crate) fn add_page(&mut self) {
         let mut content = Content::new();
         let scale = POINTS as f32;
         let height = (PAGE_MM[1] * POINTS) as f32;
@@ -85,7 +85,7 @@ impl<'a> Paper<'a> {
     }
 
     /// Draws a line of text on a page, from the left end of its base line on.
-    pub(super) fn text(
+    pub(crate) fn text(
         &mut self,
         page: usize,
         text: &Text,
@@ -133,7 +133,7 @@ impl<'a> Paper<'a> {
     }
 
     /// Draws a horizontal line.
-    pub(super) fn rule(&mut self, page: usize, [x, y]: [f64; 2], width: f64) {
+    pub(crate) fn rule(&mut self, page: usize, [x, y]: [f64; 2], width: f64) {
         let content = &mut self.pages[page].content;
         let [red, green, blue] = GREY;
         content.set_stroke_rgb(red, green, blue);
@@ -143,7 +143,7 @@ impl<'a> Paper<'a> {
     }
 
     /// Draws the border of a box.
-    pub(super) fn frame(&mut self, page: usize, [x, y]: [f64; 2], [width, height]: [f64; 2]) {
+    pub(crate) fn frame(&mut self, page: usize, [x, y]: [f64; 2], [width, height]: [f64; 2]) {
         let content = &mut self.pages[page].content;
         let [red, green, blue] = RED;
         content.set_stroke_rgb(red, green, blue);
@@ -153,7 +153,7 @@ impl<'a> Paper<'a> {
     }
 
     /// Draws a picture with its marks and letters into a square.
-    pub(super) fn picture(
+    pub(crate) fn picture(
         &mut self,
         page: usize,
         picture: &Picture<'a>,
@@ -208,7 +208,7 @@ impl<'a> Paper<'a> {
     ///
     /// # Errors
     /// If a picture is not an opaque PNG of 8 bits without interlacing.
-    pub(super) fn file(self, about: &About<'_>) -> Result<Vec<u8>, Error> {
+    pub(crate) fn file(self, about: &About<'_>) -> Result<Vec<u8>, Error> {
         let Self { pages, shots, used } = self;
         let mut numbers = (1..).map(Ref::new);
         let mut next = || numbers.next().expect("there is no last number");
@@ -286,7 +286,7 @@ fn trace(content: &mut Content, line: &PolyLine) {
 
 /// Puts a picture into a file. The compressed pixels of a PNG are those of a PDF: nothing is decoded, and nothing lost.
 fn embed(pdf: &mut Pdf, reference: Ref, shot: &Shot) -> Result<(), Error> {
-    let png = Png::read(&shot.png).ok_or(Error::Internal)?;
+    let png = Png::read(&shot.png).ok_or(Error::Picture)?;
     let [width, height] = png.size.map(|side| side as i32);
     let mut image = pdf.image_xobject(reference, &png.pixels);
     image.width(width).height(height).bits_per_component(8);
@@ -345,7 +345,7 @@ impl Png {
     }
 }
 
-pub(super) fn deflated(bytes: &[u8]) -> Vec<u8> {
+pub(crate) fn deflated(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = ZlibEncoder::new(Vec::new(), Compression::new(6));
     let written = encoder.write_all(bytes);
     written

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::LazyLock;
 
-use super::shots::Through;
+use crate::pictures::Through;
 use case::arrivals::Superseded;
 use case::findings::{Certainty, FindingKind};
 use case::{BrainRegion, Case, Gyrus, MapName, PatientSide, QualityState, Unusual};
@@ -14,9 +14,9 @@ use serde::{Deserialize, Serialize};
 type PageWords = LazyLock<HashMap<String, String>>;
 
 static ENGLISH_PAGE: PageWords =
-    LazyLock::new(|| page(include_str!("../../../../web/src/words.en.json")));
+    LazyLock::new(|| page(include_str!("../../../web/src/words.en.json")));
 static PORTUGUESE_PAGE: PageWords =
-    LazyLock::new(|| page(include_str!("../../../../web/src/words.pt-BR.json")));
+    LazyLock::new(|| page(include_str!("../../../web/src/words.pt-BR.json")));
 
 fn page(words: &str) -> HashMap<String, String> {
     serde_json::from_str(words).expect("a table of words, which a test reads")
@@ -44,7 +44,7 @@ impl Language {
         }
     }
 
-    pub(super) fn words(self) -> &'static Words {
+    pub(crate) fn words(self) -> &'static Words {
         match self {
             Self::English => &ENGLISH,
             Self::Portuguese => &PORTUGUESE,
@@ -54,122 +54,122 @@ impl Language {
 
 /// The words of a report.
 #[derive(Debug)]
-pub(super) struct Words {
-    pub(super) title: &'static str,
-    pub(super) notice: &'static str,
-    pub(super) made_by: &'static str,
-    pub(super) case: &'static str,
-    pub(super) patient: &'static str,
-    pub(super) not_from_dicom: &'static str,
-    pub(super) study_of: &'static str,
-    pub(super) accession_number: &'static str,
-    pub(super) acquisition: &'static str,
-    pub(super) unknown: &'static str,
-    pub(super) voxels: &'static str,
-    pub(super) mask: &'static str,
+pub(crate) struct Words {
+    pub(crate) title: &'static str,
+    pub(crate) notice: &'static str,
+    pub(crate) made_by: &'static str,
+    pub(crate) case: &'static str,
+    pub(crate) patient: &'static str,
+    pub(crate) not_from_dicom: &'static str,
+    pub(crate) study_of: &'static str,
+    pub(crate) accession_number: &'static str,
+    pub(crate) acquisition: &'static str,
+    pub(crate) unknown: &'static str,
+    pub(crate) voxels: &'static str,
+    pub(crate) mask: &'static str,
     /// The name of what the letters of directions mean.
-    pub(super) letters: &'static str,
+    pub(crate) letters: &'static str,
     states: [&'static str; 3],
     superseded: [&'static str; 4],
     /// Why nothing was inherited: moved, rejected.
     apart: [&'static str; 2],
-    pub(super) findings: &'static str,
-    pub(super) finding: &'static str,
-    pub(super) no_findings: &'static str,
-    pub(super) dismissed: &'static str,
-    pub(super) overview: &'static str,
-    pub(super) overview_of_map: &'static str,
-    pub(super) no_maps: &'static str,
-    pub(super) candidates: &'static str,
-    pub(super) candidates_note: &'static str,
-    pub(super) others: &'static str,
-    pub(super) elsewhere: &'static str,
-    pub(super) elsewhere_note: &'static str,
-    pub(super) rank: &'static str,
-    pub(super) side: &'static str,
+    pub(crate) findings: &'static str,
+    pub(crate) finding: &'static str,
+    pub(crate) no_findings: &'static str,
+    pub(crate) dismissed: &'static str,
+    pub(crate) overview: &'static str,
+    pub(crate) overview_of_map: &'static str,
+    pub(crate) no_maps: &'static str,
+    pub(crate) candidates: &'static str,
+    pub(crate) candidates_note: &'static str,
+    pub(crate) others: &'static str,
+    pub(crate) elsewhere: &'static str,
+    pub(crate) elsewhere_note: &'static str,
+    pub(crate) rank: &'static str,
+    pub(crate) side: &'static str,
     sides: [&'static str; 4],
-    pub(super) depth: &'static str,
-    pub(super) position: &'static str,
-    pub(super) score: &'static str,
-    pub(super) unusual: &'static str,
+    pub(crate) depth: &'static str,
+    pub(crate) position: &'static str,
+    pub(crate) score: &'static str,
+    pub(crate) unusual: &'static str,
     unusuals: [&'static str; 3],
-    pub(super) size: &'static str,
-    pub(super) region: &'static str,
+    pub(crate) size: &'static str,
+    pub(crate) region: &'static str,
     regions: [&'static str; 4],
-    pub(super) kind: &'static str,
+    pub(crate) kind: &'static str,
     kinds: [&'static str; 4],
-    pub(super) length: &'static str,
-    pub(super) entry: &'static str,
-    pub(super) target: &'static str,
-    pub(super) area: &'static str,
-    pub(super) certainty: &'static str,
+    pub(crate) length: &'static str,
+    pub(crate) entry: &'static str,
+    pub(crate) target: &'static str,
+    pub(crate) area: &'static str,
+    pub(crate) certainty: &'static str,
     certainties: [&'static str; 4],
-    pub(super) label: &'static str,
-    pub(super) may_lie_elsewhere: &'static str,
-    pub(super) author: &'static str,
-    pub(super) here: &'static str,
-    pub(super) other_side: &'static str,
-    pub(super) intensity: &'static str,
-    pub(super) blur: &'static str,
-    pub(super) sharpness: &'static str,
-    pub(super) anatomy: &'static str,
+    pub(crate) label: &'static str,
+    pub(crate) may_lie_elsewhere: &'static str,
+    pub(crate) author: &'static str,
+    pub(crate) here: &'static str,
+    pub(crate) other_side: &'static str,
+    pub(crate) intensity: &'static str,
+    pub(crate) blur: &'static str,
+    pub(crate) sharpness: &'static str,
+    pub(crate) anatomy: &'static str,
     /// The maps of blur and of thickness.
     maps: [&'static str; 2],
-    pub(super) as_acquired: &'static str,
-    pub(super) flipped: &'static str,
+    pub(crate) as_acquired: &'static str,
+    pub(crate) flipped: &'static str,
     views: [&'static str; 8],
     planes: [&'static str; 3],
     across: &'static str,
-    pub(super) unprintable: &'static str,
+    pub(crate) unprintable: &'static str,
     /// What separates the whole part of a number from its decimals.
     decimal: char,
     page: &'static PageWords,
 }
 
 impl Words {
-    pub(super) fn state(&self, state: QualityState) -> &'static str {
+    pub(crate) fn state(&self, state: QualityState) -> &'static str {
         self.states[state as usize]
     }
 
-    pub(super) fn superseded(&self, why: Superseded) -> &'static str {
+    pub(crate) fn superseded(&self, why: Superseded) -> &'static str {
         self.superseded[why as usize]
     }
 
-    pub(super) fn apart(&self, why: Superseded) -> &'static str {
+    pub(crate) fn apart(&self, why: Superseded) -> &'static str {
         self.apart[usize::from(why == Superseded::Rejected)]
     }
 
-    pub(super) fn side(&self, side: PatientSide) -> &'static str {
+    pub(crate) fn side(&self, side: PatientSide) -> &'static str {
         self.sides[side as usize]
     }
 
-    pub(super) fn kind(&self, kind: FindingKind) -> &'static str {
+    pub(crate) fn kind(&self, kind: FindingKind) -> &'static str {
         self.kinds[kind as usize]
     }
 
-    pub(super) fn certainty(&self, certainty: Certainty) -> &'static str {
+    pub(crate) fn certainty(&self, certainty: Certainty) -> &'static str {
         self.certainties[certainty as usize]
     }
 
-    pub(super) fn view(&self, view: NamedView) -> &'static str {
+    pub(crate) fn view(&self, view: NamedView) -> &'static str {
         self.views[view as usize]
     }
 
     /// What the letters of the patient's directions mean: those of DICOM, in all languages.
-    pub(super) fn legend_of_letters(&self) -> &'static str {
+    pub(crate) fn legend_of_letters(&self) -> &'static str {
         self.of_page("letters.legend")
     }
 
-    pub(super) fn region(&self, region: BrainRegion) -> &'static str {
+    pub(crate) fn region(&self, region: BrainRegion) -> &'static str {
         self.regions[region as usize]
     }
 
-    pub(super) fn unusual(&self, unusual: Option<Unusual>) -> &'static str {
+    pub(crate) fn unusual(&self, unusual: Option<Unusual>) -> &'static str {
         unusual.map_or("–", |unusual| self.unusuals[unusual as usize])
     }
 
     /// A reason, in the words of the page if it knows the code.
-    pub(super) fn reason<'a>(&self, code: &str, sentence: &'a str) -> &'a str
+    pub(crate) fn reason<'a>(&self, code: &str, sentence: &'a str) -> &'a str
     where
         'static: 'a,
     {
@@ -178,63 +178,63 @@ impl Words {
     }
 
     /// A number with so many decimals.
-    pub(super) fn number(&self, number: impl Into<f64>, decimals: usize) -> String {
+    pub(crate) fn number(&self, number: impl Into<f64>, decimals: usize) -> String {
         let text = format!("{:.decimals$}", number.into());
         text.replace('.', &self.decimal.to_string())
     }
 
     /// See [`Case::identity`].
-    pub(super) fn identity(&self, case: &Case) -> String {
+    pub(crate) fn identity(&self, case: &Case) -> String {
         case.identity_with(|day| self.of_page("case.added").replace("{day}", day))
     }
 
-    pub(super) fn gyrus(&self, gyrus: Gyrus) -> &'static str {
+    pub(crate) fn gyrus(&self, gyrus: Gyrus) -> &'static str {
         self.of_page(&format!("gyrus.{}", gyrus.name()))
     }
 
     /// The head of a column of gyri.
-    pub(super) fn about_gyrus(&self) -> &'static str {
+    pub(crate) fn about_gyrus(&self) -> &'static str {
         self.of_page("gyrus.about")
     }
 
     /// A map that lists places.
-    pub(super) fn map(&self, map: MapName) -> &'static str {
+    pub(crate) fn map(&self, map: MapName) -> &'static str {
         self.maps[usize::from(map == MapName::Thickness)]
     }
 
-    pub(super) fn sides_in_doubt(&self) -> &'static str {
+    pub(crate) fn sides_in_doubt(&self) -> &'static str {
         self.of_page("quality.sides")
     }
 
-    pub(super) fn nothing_stands_out(&self) -> &'static str {
+    pub(crate) fn nothing_stands_out(&self) -> &'static str {
         self.of_page("candidates.nothing")
     }
 
-    pub(super) fn thickness(&self) -> &'static str {
+    pub(crate) fn thickness(&self) -> &'static str {
         self.of_page("map.thickness")
     }
 
-    pub(super) fn thickness_note(&self) -> &'static str {
+    pub(crate) fn thickness_note(&self) -> &'static str {
         self.of_page("map.thickness.about")
     }
 
-    pub(super) fn nothing_is_thick(&self) -> &'static str {
+    pub(crate) fn nothing_is_thick(&self) -> &'static str {
         self.of_page("thick.nothing")
     }
 
-    pub(super) fn flair(&self) -> &'static str {
+    pub(crate) fn flair(&self) -> &'static str {
         self.of_page("map.flair")
     }
 
-    pub(super) fn flair_note(&self) -> &'static str {
+    pub(crate) fn flair_note(&self) -> &'static str {
         self.of_page("map.flair.about")
     }
 
-    pub(super) fn no_map_of_flair(&self, reason: &str) -> String {
+    pub(crate) fn no_map_of_flair(&self, reason: &str) -> String {
         self.of_page("flair.undefined").replace("{reason}", reason)
     }
 
-    pub(super) fn doubt_of_regions(&self, reason: &str) -> String {
+    pub(crate) fn doubt_of_regions(&self, reason: &str) -> String {
         self.of_page("regions.doubt").replace("{reason}", reason)
     }
 
@@ -243,7 +243,7 @@ impl Words {
         found.expect("a word of the page, which a test reads")
     }
 
-    pub(super) fn through(&self, through: &Through) -> String {
+    pub(crate) fn through(&self, through: &Through) -> String {
         match through {
             Through::Standard(plane) => self.planes[*plane as usize].to_owned(),
             Through::Sulcus(angles) => format!("{} ({angles})", self.across),

@@ -6,8 +6,8 @@ use ab_glyph::{Font as _, FontRef};
 use pdf_writer::types::{CidFontType, FontFlags, SystemInfo, UnicodeCmap};
 use pdf_writer::{Filter, Finish as _, Name, Pdf, Rect, Ref, Str};
 
-use super::super::contents::{Line, Piece};
 use super::paper::deflated;
+use crate::contents::{Line, Piece};
 
 /// DejaVu Sans Condensed, its Latin, Greek and Cyrillic; its licence is in `fonts/LICENSE.txt`.
 const FONT: &[u8] = include_bytes!("../fonts/DejaVuSansCondensed-subset.ttf");
@@ -32,29 +32,29 @@ const IDENTITY: SystemInfo<'_> = SystemInfo {
 
 /// A character, and whether it is strong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Letter {
-    pub(super) character: char,
-    pub(super) is_strong: bool,
+pub(crate) struct Letter {
+    pub(crate) character: char,
+    pub(crate) is_strong: bool,
 }
 
 /// A text that has a glyph for each of its characters.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(super) struct Text {
-    pub(super) letters: Vec<Letter>,
+pub(crate) struct Text {
+    pub(crate) letters: Vec<Letter>,
     /// Whether numbers stand for characters that the font lacks.
-    pub(super) lacks: bool,
+    pub(crate) lacks: bool,
 }
 
 impl Text {
-    pub(super) fn plain(text: &str) -> Self {
+    pub(crate) fn plain(text: &str) -> Self {
         Self::default().with(text, false)
     }
 
-    pub(super) fn strong(text: &str) -> Self {
+    pub(crate) fn strong(text: &str) -> Self {
         Self::default().with(text, true)
     }
 
-    pub(super) fn of(line: &Line, is_strong: bool) -> Self {
+    pub(crate) fn of(line: &Line, is_strong: bool) -> Self {
         let add = |text: Self, piece: &Piece| {
             text.with(piece.text(), is_strong || matches!(piece, Piece::Strong(_)))
         };
@@ -84,12 +84,12 @@ impl Text {
     }
 
     /// Its width if letters are `size` high.
-    pub(super) fn width(&self, size: f64) -> f64 {
+    pub(crate) fn width(&self, size: f64) -> f64 {
         width_of(&self.letters, size)
     }
 
     /// Its lines, none wider than `width`. They end at spaces, but within words that are too long for a line.
-    pub(super) fn wrapped(&self, size: f64, width: f64) -> Vec<Self> {
+    pub(crate) fn wrapped(&self, size: f64, width: f64) -> Vec<Self> {
         let mut lines = Vec::new();
         for paragraph in self.letters.split(|letter| letter.character == '\n') {
             let mut rest = paragraph;
@@ -110,7 +110,7 @@ impl Text {
     }
 
     /// Its beginning, with an ellipsis if it is wider than `width`.
-    pub(super) fn cut(mut self, size: f64, width: f64) -> Self {
+    pub(crate) fn cut(mut self, size: f64, width: f64) -> Self {
         if self.width(size) <= width {
             return self;
         }
@@ -146,7 +146,7 @@ fn width_of(letters: &[Letter], size: f64) -> f64 {
 }
 
 /// The number of a character's glyph; 0 if there is none.
-pub(super) fn glyph(character: char) -> u16 {
+pub(crate) fn glyph(character: char) -> u16 {
     FACE.glyph_id(character).0
 }
 
@@ -157,7 +157,7 @@ fn advance(glyph: u16) -> f32 {
 }
 
 /// Puts the font into a file, with the meaning of the glyphs that were used.
-pub(super) fn embed(
+pub(crate) fn embed(
     pdf: &mut Pdf,
     [font, cid_font, descriptor, file, meaning]: [Ref; 5],
     used: impl IntoIterator<Item = (u16, char)>,

@@ -7,8 +7,8 @@ mod typeface;
 
 use self::paper::{About, BLACK, PAGE_MM, PT, Paper, RED};
 use self::typeface::Text;
-use super::contents::{Block, Contents, Facts, GAP_MM, Line, Overview, Picture, Section, Table};
 use crate::Error;
+use crate::contents::{Block, Contents, Facts, GAP_MM, Line, Overview, Picture, Section, Table};
 
 /// The margins to the left and right, and above and below the text, in mm.
 const MARGIN_MM: f64 = 12.0;
@@ -51,8 +51,8 @@ impl Contents<'_> {
     /// The report as PDF.
     ///
     /// # Errors
-    /// [`Error::Internal`] if a picture is not as the renderers write them.
-    pub(super) fn pdf(&self) -> Result<Vec<u8>, Error> {
+    /// [`Error::Picture`] if a picture is not as the renderers write them.
+    pub(crate) fn pdf(&self) -> Result<Vec<u8>, Error> {
         let mut layout = Layout {
             paper: Paper::new(),
             y: 0.0,
@@ -435,9 +435,9 @@ mod tests {
     use pdf_writer::{Content, Str};
     use render::{Frame, FrameSize, PixelFormat, encode_png};
 
-    use super::super::contents::{CUT_MM, Piece, SLICE_MM};
-    use super::super::shots::{Shot, Shows};
     use super::*;
+    use crate::contents::{CUT_MM, Piece, SLICE_MM};
+    use crate::pictures::{Shot, Shows};
 
     const SIDE: u32 = 240;
 
@@ -661,7 +661,7 @@ mod tests {
             ..shot(false)
         };
         let made = contents(vec![rows(1, 1, CUT_MM, &shot)]);
-        assert!(matches!(made.pdf(), Err(Error::Internal)));
+        assert!(matches!(made.pdf(), Err(Error::Picture)));
     }
 
     #[test]

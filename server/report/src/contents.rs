@@ -1,22 +1,16 @@
-//! What a report says and shows, in its order. [`super::html`] and [`super::pdf`] write it.
-
-use std::sync::Arc;
+//! What a report says and shows, in its order. `html` and `pdf` write it.
 
 use case::findings::{Finding, FindingKind};
-use case::{AXES_CORRECTED, CandidateFacts, Gyrus, MapName, PatientSide, QualityState};
+use case::{AXES_CORRECTED, CandidateFacts, Gyrus, PatientSide, QualityState};
 use geometry::{flat_area_of, length_of};
 use glam::DVec3;
-use pipeline::atlas::Gyri;
-use pipeline::maps::NoMaps;
 use render::NamedView;
 
-use super::shots::{DEPTHS_MM, FindingPictures, Shot, Shows};
-use super::words::Words;
-use super::{Numbers, Report, ReportedFinding};
-use crate::arrivals::{Patient, day};
-use crate::gyri::named;
-use crate::library::LoadedMaps;
-use crate::profile::ProfileSample;
+use crate::pictures::{DEPTHS_MM, FindingPictures, Shot, Shows};
+use crate::words::Words;
+use crate::{
+    ListedMap, Numbers, Reason, Report, ReportMaps, ReportedFinding, ShownPatient, Values,
+};
 
 /// The most places of the map in the tables, in the cerebrum and elsewhere.
 const MAX_CANDIDATES: usize = 20;
@@ -25,30 +19,30 @@ const MAX_ELSEWHERE: usize = 5;
 const MAX_UNJUDGED: usize = 5;
 
 /// The contents of a report.
-pub(super) struct Contents<'a> {
+pub(crate) struct Contents<'a> {
     /// The tag of its language (BCP 47).
-    pub(super) language: &'static str,
-    pub(super) title: &'static str,
+    pub(crate) language: &'static str,
+    pub(crate) title: &'static str,
     /// The use that every page states.
-    pub(super) notice: &'static str,
+    pub(crate) notice: &'static str,
     /// The case, for people.
-    pub(super) identity: String,
+    pub(crate) identity: String,
     /// The verdict on a mask that is not sound, which every page states.
-    pub(super) doubt: Option<String>,
+    pub(crate) doubt: Option<String>,
     /// What a character without a glyph is written as, in words.
-    pub(super) unprintable: &'static str,
+    pub(crate) unprintable: &'static str,
     /// Each begins a page.
-    pub(super) sections: Vec<Section<'a>>,
+    pub(crate) sections: Vec<Section<'a>>,
 }
 
 /// A part of a report that begins a page.
-pub(super) struct Section<'a> {
-    pub(super) is_finding: bool,
-    pub(super) blocks: Vec<Block<'a>>,
+pub(crate) struct Section<'a> {
+    pub(crate) is_finding: bool,
+    pub(crate) blocks: Vec<Block<'a>>,
 }
 
 /// A part of a section.
-pub(super) enum Block<'a> {
+pub(crate) enum Block<'a> {
     Title(&'static str),
     Notice(&'static str),
     /// What is wrong with the mask, and why.
@@ -68,41 +62,41 @@ pub(super) enum Block<'a> {
 
 /// The sides of a cut and of a slice on paper, in mm: a row has three cuts or four slices, and a finding without a further
 /// layer has one page of A4 or Letter. With one, the slices have a page of their own.
-pub(super) const CUT_MM: f64 = 55.0;
-pub(super) const SLICE_MM: f64 = 45.0;
+pub(crate) const CUT_MM: f64 = 55.0;
+pub(crate) const SLICE_MM: f64 = 45.0;
 
 /// What separates two pictures of a row, in mm.
-pub(super) const GAP_MM: f64 = 2.0;
+pub(crate) const GAP_MM: f64 = 2.0;
 
 /// Names with values.
-pub(super) type Facts = Vec<(&'static str, Line)>;
+pub(crate) type Facts = Vec<(&'static str, Line)>;
 
 /// A table with a head.
-pub(super) struct Table {
-    pub(super) head: Vec<&'static str>,
-    pub(super) rows: Vec<Vec<Line>>,
+pub(crate) struct Table {
+    pub(crate) head: Vec<&'static str>,
+    pub(crate) rows: Vec<Vec<Line>>,
 }
 
 /// A picture and what it shows.
-pub(super) struct Picture<'a> {
-    pub(super) shot: &'a Shot,
-    pub(super) caption: Line,
+pub(crate) struct Picture<'a> {
+    pub(crate) shot: &'a Shot,
+    pub(crate) caption: Line,
 }
 
 /// Small pictures in rows and columns, which no page divides.
-pub(super) struct Overview<'a> {
-    pub(super) title: &'static str,
-    pub(super) columns: Vec<&'static str>,
-    pub(super) rows: Vec<(String, Vec<Picture<'a>>)>,
+pub(crate) struct Overview<'a> {
+    pub(crate) title: &'static str,
+    pub(crate) columns: Vec<&'static str>,
+    pub(crate) rows: Vec<(String, Vec<Picture<'a>>)>,
 }
 
 /// A text.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub(super) struct Line(pub(super) Vec<Piece>);
+pub(crate) struct Line(pub(crate) Vec<Piece>);
 
 /// A part of a text.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Piece {
+pub(crate) enum Piece {
     /// Words of the program.
     Own(String),
     /// The same, to be seen first.
@@ -112,7 +106,7 @@ pub(super) enum Piece {
 }
 
 impl Piece {
-    pub(super) fn text(&self) -> &str {
+    pub(crate) fn text(&self) -> &str {
         let (Self::Own(text) | Self::Strong(text) | Self::Foreign(text)) = self;
         text
     }
@@ -144,26 +138,26 @@ impl Line {
     }
 
     /// Whether all words are the program's own, and few.
-    pub(super) fn is_own(&self) -> bool {
+    pub(crate) fn is_own(&self) -> bool {
         let is_foreign = |piece: &Piece| matches!(piece, Piece::Foreign(_));
         !self.0.iter().any(is_foreign)
     }
 
     /// Whether it is a number with its unit, or several: a line that is not broken.
-    pub(super) fn is_number(&self) -> bool {
+    pub(crate) fn is_number(&self) -> bool {
         self.is_own()
             && self
                 .plain()
                 .contains(|letter: char| letter.is_ascii_digit())
     }
 
-    pub(super) fn plain(&self) -> String {
+    pub(crate) fn plain(&self) -> String {
         self.0.iter().map(Piece::text).collect()
     }
 }
 
 impl Report {
-    pub(super) fn contents(&self) -> Contents<'_> {
+    pub(crate) fn contents(&self) -> Contents<'_> {
         let words = self.query.language.words();
         let first = [
             self.warning(words),
@@ -245,11 +239,7 @@ impl Report {
         let identity = Line::foreign(&words.identity(&self.case));
         let mut facts = vec![(words.case, identity.and(format!(" · {}", self.case.id)))];
         if let Some(patient) = &self.patient {
-            let line = match patient.is_empty() {
-                true => words.not_from_dicom.into(),
-                false => patient_of(words, patient),
-            };
-            facts.push((words.patient, line));
+            facts.push((words.patient, patient_of(words, patient)));
         }
         facts.push((words.acquisition, self.acquisition(words)));
         if let Some(state) = self.state_of_mask() {
@@ -447,10 +437,9 @@ impl Report {
                 blocks.push(Block::Text(format!("{} {why}", words.no_maps).into()));
             }
             Ok(maps) => {
-                let gyri = self.gyri.as_deref();
-                blocks.extend(places(words, maps, gyri));
+                blocks.extend(places(words, maps));
                 let flair = self.flair.iter();
-                blocks.extend(flair.flat_map(|flair| bright_places(words, flair, gyri)));
+                blocks.extend(flair.flat_map(|flair| bright_places(words, flair)));
             }
         }
         blocks
@@ -458,19 +447,20 @@ impl Report {
 }
 
 /// The places that stand out, or that none does; then all others.
-fn places(words: &Words, maps: &LoadedMaps, gyri: Option<&Gyri>) -> Vec<Block<'static>> {
+fn places(words: &Words, maps: &ReportMaps) -> Vec<Block<'static>> {
     let mut blocks = Vec::new();
-    if maps.nothing_stands_out() {
+    let candidates = &maps.blur.places;
+    let nothing_stands_out = !candidates.iter().any(CandidateFacts::stands_out);
+    if nothing_stands_out {
         blocks.push(Block::Text(words.nothing_stands_out().into()));
     }
-    blocks.extend(caveat(words, maps, MapName::Blur));
+    blocks.extend(caveat(words, &maps.blur));
     if maps.regions.state != QualityState::Ok {
         let reason = maps.regions.reasons.first().map_or("", String::as_str);
         let code = maps.regions.reason_codes.first().map_or("", String::as_str);
         let doubt = words.doubt_of_regions(words.reason(code, reason));
         blocks.push(Block::Text(doubt.into()));
     }
-    let candidates = named(&maps.candidates, gyri);
     let ranked = || (1_usize..).zip(candidates.iter().take(MAX_CANDIDATES));
     let of_cerebrum = |stands_out: bool| -> Vec<_> {
         let chosen = ranked().filter(|(_, place)| place.stands_out() == stands_out);
@@ -478,11 +468,11 @@ fn places(words: &Words, maps: &LoadedMaps, gyri: Option<&Gyri>) -> Vec<Block<'s
             .map(|(rank, place)| (rank.to_string(), *place))
             .collect()
     };
-    let elsewhere = named(&maps.elsewhere, gyri).into_iter().take(MAX_ELSEWHERE);
+    let elsewhere = maps.elsewhere.iter().take(MAX_ELSEWHERE);
     // The limits were read off the cerebrum.
-    let unjudged = |place| CandidateFacts {
+    let unjudged = |place: &CandidateFacts| CandidateFacts {
         unusual: None,
-        ..place
+        ..*place
     };
     let elsewhere = elsewhere
         .map(|place| (String::new(), unjudged(place)))
@@ -500,7 +490,7 @@ fn places(words: &Words, maps: &LoadedMaps, gyri: Option<&Gyri>) -> Vec<Block<'s
             continue;
         }
         blocks.extend(heading.map(|heading| Block::Subheading(heading.into())));
-        let is_said = heading == Some(words.others) && !maps.nothing_stands_out();
+        let is_said = heading == Some(words.others) && !nothing_stands_out;
         if !is_said {
             blocks.push(Block::Text(note.into()));
         }
@@ -511,34 +501,23 @@ fn places(words: &Words, maps: &LoadedMaps, gyri: Option<&Gyri>) -> Vec<Block<'s
         words.thickness_note(),
         words.nothing_is_thick(),
     ];
-    let thick = named(&maps.thick[0], gyri);
-    blocks.extend(listed(words, (maps, MapName::Thickness), about, &thick));
+    blocks.extend(listed(words, about, &maps.thickness));
     blocks
 }
 
 /// What is to be known about the scores of a map before one is believed to be unusual.
-fn caveat(words: &Words, maps: &LoadedMaps, map: MapName) -> Option<Block<'static>> {
-    let caveat = maps.judgement(map).caveat?;
-    let sentence = caveat.to_string();
-    let told = words.reason(caveat.code(), &sentence).to_owned();
+fn caveat(words: &Words, map: &ListedMap) -> Option<Block<'static>> {
+    let Reason { code, sentence } = map.caveat.as_ref()?;
+    let told = words.reason(code, sentence).to_owned();
     Some(Block::Text(told.into()))
 }
 
 /// The brightest places of the FLAIR, for which no limit is known, or why there is no such map.
-fn bright_places<'a>(
-    words: &Words,
-    flair: &'a Result<Arc<LoadedMaps>, NoMaps>,
-    gyri: Option<&Gyri>,
-) -> Vec<Block<'a>> {
+fn bright_places<'a>(words: &Words, flair: &'a Result<ListedMap, Reason>) -> Vec<Block<'a>> {
     match flair {
         Ok(maps) => {
             let about = [words.flair(), words.flair_note(), ""];
-            listed(
-                words,
-                (maps, MapName::Flair),
-                about,
-                &named(&maps.candidates, gyri),
-            )
+            listed(words, about, maps)
         }
         Err(reason) => {
             let why = words.reason(&reason.code, &reason.sentence);
@@ -554,17 +533,16 @@ fn bright_places<'a>(
 /// about it, and what there is to say if none stands out.
 fn listed(
     words: &Words,
-    (maps, map): (&LoadedMaps, MapName),
     [heading, note, nothing]: [&'static str; 3],
-    places: &[CandidateFacts],
+    map: &ListedMap,
 ) -> Vec<Block<'static>> {
-    let has_limits = maps.judgement(map).limits.is_some();
+    let has_limits = map.has_limits;
     let most = if has_limits {
         MAX_CANDIDATES
     } else {
         MAX_UNJUDGED
     };
-    let ranked = (1_usize..).zip(places.iter().take(most));
+    let ranked = (1_usize..).zip(map.places.iter().take(most));
     let rows: Vec<_> = ranked
         .filter(|(_, place)| place.stands_out() || !has_limits)
         .map(|(rank, place)| (rank.to_string(), *place))
@@ -575,7 +553,7 @@ fn listed(
         return blocks;
     }
     blocks.push(Block::Text(note.into()));
-    blocks.extend(caveat(words, maps, map));
+    blocks.extend(caveat(words, map));
     if !rows.is_empty() {
         blocks.push(table_of_places(words, rows));
     }
@@ -646,28 +624,29 @@ fn line_about(words: &Words, finding: &Finding) -> Line {
 }
 
 /// The patient as the page has it, and the study.
-fn patient_of(words: &Words, stated: &[(&str, String)]) -> Line {
-    let value = |keyword: &str| {
-        let mut stated = stated.iter();
-        let found = stated.find(|(name, value)| *name == keyword && !value.is_empty());
-        found.map(|(_, value)| value.as_str())
+fn patient_of(words: &Words, patient: &ShownPatient) -> Line {
+    let ShownPatient::Named {
+        patient,
+        sex,
+        study_day,
+        accession_number,
+    } = patient
+    else {
+        return words.not_from_dicom.into();
     };
-    let line = Line::foreign(&Patient::of(value).words());
-    let line = match value("PatientSex") {
+    let line = Line::foreign(patient);
+    let line = match sex {
         Some(sex) => line.and(" · ").and_foreign(sex),
         None => line,
     };
     let study = [
-        (words.study_of, value("StudyDate").map(day)),
-        (
-            words.accession_number,
-            value("AccessionNumber").map(str::to_owned),
-        ),
+        (words.study_of, study_day),
+        (words.accession_number, accession_number),
     ];
     study
         .into_iter()
         .fold(line, |line, (name, value)| match value {
-            Some(value) => line.and(format!(" · {name} ")).and_foreign(&value),
+            Some(value) => line.and(format!(" · {name} ")).and_foreign(value),
             None => line,
         })
 }
@@ -719,20 +698,20 @@ fn position(words: &Words, in_patient: [f64; 3]) -> String {
 /// The values here and on the other side.
 fn table_of(words: &Words, numbers: &Numbers) -> Table {
     let value = |value: Option<f32>| value.map_or("–".to_owned(), |value| words.number(value, 2));
-    let other = numbers.mirrored.as_ref().map(|mirrored| &mirrored.point);
+    let other = numbers.mirrored.as_ref();
     let thickness = format!("{} (z)", words.thickness());
-    let row = |name: &str, of: &dyn Fn(&ProfileSample) -> Option<f32>| {
-        let values = [of(&numbers.own.point), other.and_then(of)];
+    let row = |name: &str, of: &dyn Fn(&Values) -> Option<f32>| {
+        let values = [of(&numbers.own), other.and_then(of)];
         let [here, there] = values.map(value);
         vec![name.into(), here.into(), there.into()]
     };
     Table {
         head: vec!["", words.here, words.other_side],
         rows: vec![
-            row(words.intensity, &|sample| sample.intensity),
-            row(words.blur, &|sample| sample.blur),
-            row(&thickness, &|sample| sample.thickness),
-            row(words.sharpness, &|sample| sample.sharpness),
+            row(words.intensity, &|values| values.intensity),
+            row(words.blur, &|values| values.blur),
+            row(&thickness, &|values| values.thickness),
+            row(words.sharpness, &|values| values.sharpness),
         ],
     }
 }
@@ -760,12 +739,11 @@ mod tests {
 
     use case::{Case, CaseId, CaseState, Parameters};
     use jiff::Timestamp;
-    use pipeline::maps::NoMaps;
     use serde_json::json;
 
-    use super::super::shots;
-    use super::super::{Language, ReportQuery};
     use super::*;
+    use crate::pictures;
+    use crate::{Language, ReportQuery};
 
     #[test]
     fn a_number_stays_on_its_line_and_a_name_may_be_broken() {
@@ -806,8 +784,7 @@ mod tests {
                 patient: false,
             },
             patient: None,
-            gyri: None,
-            maps: Err(NoMaps {
+            maps: Err(Reason {
                 code: "failed-envelope".into(),
                 sentence: "the mask is wrong".into(),
             }),
@@ -815,7 +792,7 @@ mod tests {
             layer: None,
             findings: Vec::new(),
             dismissed: Vec::new(),
-            overview: shots::Overview {
+            overview: pictures::Overview {
                 anatomy: Vec::new(),
                 map: Vec::new(),
             },
