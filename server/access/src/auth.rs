@@ -350,7 +350,7 @@ pub struct Guard {
     /// The access rules.
     pub access: Access,
     /// What each route needs, and what is recorded of it.
-    pub scopes: ScopeTable,
+    pub scopes: Arc<ScopeTable>,
     /// Where it is recorded.
     pub audit: Audit,
 }

@@ -7,6 +7,7 @@ pub mod auth;
 mod error;
 pub mod origins;
 pub mod proxy;
+pub mod routes;
 pub mod scopes;
 pub mod tokens;
 

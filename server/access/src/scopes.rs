@@ -1,5 +1,6 @@
 //! What a token may be used for.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 
@@ -134,10 +135,35 @@ impl TryFrom<String> for Role {
 pub type Row = (Method, &'static str, Scope, Audited);
 
 /// The scope of each route, and what is recorded of its requests. What is in no row needs [`Scope::Admin`].
-#[derive(Debug, Clone, Copy)]
-pub struct ScopeTable(pub &'static [Row]);
+#[derive(Debug, Clone, Default)]
+pub struct ScopeTable(Vec<(Method, Cow<'static, str>, Scope, Audited)>);
 
 impl ScopeTable {
+    /// A table that is written out.
+    pub fn of(rows: &[Row]) -> Self {
+        let rows = rows.iter().cloned();
+        let row = |(method, path, scope, audited)| (method, Cow::Borrowed(path), scope, audited);
+        Self(rows.map(row).collect())
+    }
+
+    pub(crate) fn add(&mut self, method: Method, path: &str, scope: Scope, audited: Audited) {
+        self.0
+            .push((method, path.to_owned().into(), scope, audited));
+    }
+
+    /// The rows of both.
+    #[must_use]
+    pub fn and(mut self, other: Self) -> Self {
+        self.0.extend(other.0);
+        self
+    }
+
+    /// All rows.
+    pub fn rows(&self) -> impl Iterator<Item = (&Method, &str, Scope, Audited)> {
+        let rows = self.0.iter();
+        rows.map(|(method, path, scope, audited)| (method, &**path, *scope, *audited))
+    }
+
     /// The scope that a request needs, and what is recorded of it. `path` is the template of its route.
     pub(crate) fn row(&self, method: &Method, path: &str) -> (Scope, Audited) {
         // The head of an answer is read by the same handler.
@@ -145,10 +171,10 @@ impl ScopeTable {
             Method::HEAD => &Method::GET,
             _ => method,
         };
-        let row = (self.0.iter()).find(|(of, template, ..)| of == method && *template == path);
+        let row = (self.rows()).find(|(of, template, ..)| *of == method && *template == path);
         row.map_or(
             (Scope::Admin, Audited::Operation),
-            |&(.., scope, audited)| (scope, audited),
+            |(.., scope, audited)| (scope, audited),
         )
     }
 }
@@ -176,7 +202,7 @@ mod tests {
             (Method::POST, "/a", Scope::Results, Audited::Result),
             (Method::GET, "/a", Scope::Read, Audited::View),
         ];
-        let row = |method: Method, path| ScopeTable(ROWS).row(&method, path);
+        let row = |method: Method, path| ScopeTable::of(ROWS).row(&method, path);
         let read = (Scope::Read, Audited::View);
         assert_eq!(row(Method::POST, "/a"), (Scope::Results, Audited::Result));
         assert_eq!(row(Method::GET, "/a"), read);

@@ -16,7 +16,7 @@ use crate::routes;
 use crate::state::{AnswerTimeout, AppState, FrameAncestors, GuardAll};
 use access::auth::{self, Access};
 use access::origins;
-use access::scopes::Row;
+use access::scopes::{Row, ScopeTable};
 use http::logs::{self, MakeId, REQUEST_ID};
 use http::metrics::Metrics;
 use http::problem::AppError;
@@ -65,7 +65,7 @@ pub fn app_beside(state: AppState, beside: Beside) -> Router {
     let (routes, openapi) = routes::all(&state);
     let mut description = beside.description;
     routes::guarded::describe(&mut description);
-    let guard = routes::guard(&state, beside.scopes);
+    let guard = routes::guard(&state, ScopeTable::of(beside.scopes));
     let guard = middleware::from_fn_with_state(guard, auth::require_token);
     let in_time =
         middleware::from_fn_with_state(AnswerTimeout::from_ref(&state), routes::answer_in_time);
@@ -82,7 +82,7 @@ fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Route
     let policy = content_policy(&FrameAncestors::from_ref(&state));
     let mut documents = routes::documents::written(openapi);
     if GuardAll::from_ref(&state).0 {
-        let guard = routes::guard(&state, routes::scopes::SCOPES);
+        let guard = routes::guard(&state, routes::documents::scopes());
         let guard = middleware::from_fn_with_state(guard, auth::require_token);
         documents = documents.route_layer(guard);
     }
