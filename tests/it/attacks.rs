@@ -97,7 +97,8 @@ async fn connections(socket: &Socket, count: usize, sending: &str) -> Vec<TcpStr
 
 #[tokio::test]
 async fn an_upload_that_drips_has_the_time_of_an_upload() {
-    let server = Server::start_with(|config| config.http.upload_timeout_secs = 1).await;
+    let server =
+        Server::start_with(|config| config.http.timeouts.whole = Duration::from_secs(1)).await;
     let socket = server.on_a_socket().await;
     let mut stream = TcpStream::connect(socket.address).await.unwrap();
     stream.write_all(half_an_upload().as_bytes()).await.unwrap();

@@ -15,6 +15,7 @@ pub mod problem;
 pub mod query;
 pub mod refusals;
 pub mod sent;
+pub mod timeouts;
 pub mod tls;
 pub mod uploads;
 mod write_timeout;

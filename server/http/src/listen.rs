@@ -29,6 +29,7 @@ use tower::ServiceExt as _;
 use crate::client_limit::ClientLimit;
 use crate::forwarded::TrustedProxies;
 use crate::logs::LogRateLimit;
+use crate::timeouts::Timeouts;
 use crate::tls::ReloadedTls;
 use crate::write_timeout::{AnswerDeadline, WriteTimeout};
 
@@ -47,14 +48,8 @@ pub struct ConnectionLimits {
     pub connections: usize,
     /// The proxies that name the client in `X-Forwarded-For`.
     pub trusted_proxies: TrustedProxies,
-    /// Time for the headers of a request, and for which a connection may be idle between two.
-    pub header_timeout: Duration,
-    /// How long a client may receive nothing of an answer.
-    pub idle: Duration,
-    /// Time for a client to receive a whole answer, unless it is a stream of events.
-    pub whole: Duration,
-    /// Time for running requests to finish when the server stops.
-    pub shutdown_grace: Duration,
+    /// How long clients may take.
+    pub timeouts: Timeouts,
 }
 
 /// The address of the client: an extension of every request from a socket.
@@ -136,7 +131,7 @@ pub async fn serve(
             continue;
         };
         let deadline = AnswerDeadline::default();
-        let stream = WriteTimeout::new(stream, limits.idle, deadline.clone());
+        let stream = WriteTimeout::new(stream, limits.timeouts.idle, deadline.clone());
         let acceptor = tls.as_ref().map(|tls| TlsAcceptor::from(tls.current()));
         let connection = Connection {
             address,
@@ -144,7 +139,7 @@ pub async fn serve(
             by_tls: acceptor.is_some(),
             deadline,
         };
-        let header_timeout = limits.header_timeout;
+        let header_timeout = limits.timeouts.header;
         let service = service(app.clone(), connection, limits.clone());
         let watcher = graceful.watcher();
         tokio::spawn(async move {
@@ -162,7 +157,7 @@ pub async fn serve(
         });
     }
     drop(listener);
-    if tokio::time::timeout(limits.shutdown_grace, graceful.shutdown())
+    if tokio::time::timeout(limits.timeouts.shutdown_grace, graceful.shutdown())
         .await
         .is_err()
     {
@@ -273,7 +268,7 @@ fn service(
         extensions.insert(ByProxy(connection.by_proxy));
         connection.deadline.set(None);
         let (answered, connection) = (app.clone().oneshot(request), connection.clone());
-        let whole = limits.whole;
+        let whole = limits.timeouts.whole;
         async move {
             let mut response = answered.await?;
             if !is_endless(&response) {

@@ -1,7 +1,7 @@
 //! Starts a server from a configuration.
 
 use std::collections::BTreeMap;
-use std::time::{Duration, SystemTime};
+use std::time::SystemTime;
 
 use access::audit::{Action, Audit, Event, EventKind, Outcome};
 use access::proxy::SignInProxy;
@@ -233,10 +233,10 @@ pub async fn open(config: &Config, audit: &Audit) -> Result<AppState, StartError
         uploads: UploadLimits {
             max_bytes: config.limits.max_upload_bytes,
             at_a_time: config.http.max_uploads,
-            idle: Duration::from_secs(config.http.upload_idle_secs),
-            whole: Duration::from_secs(config.http.upload_timeout_secs),
+            idle: config.http.timeouts.idle,
+            whole: config.http.timeouts.whole,
         },
-        answer_timeout: Duration::from_secs(config.http.answer_timeout_secs),
+        answer_timeout: config.http.timeouts.answer,
         frame_ancestors,
         guard_all: config.http.guard_all,
         audit: audit.clone(),
@@ -279,8 +279,8 @@ pub fn pacs(config: &Config, state: &AppState) -> Result<Pacs, ConfigError> {
                 .max_upload_bytes
                 .saturating_mul(DICOM_UNPACKING),
             at_a_time: config.http.max_uploads,
-            idle: Duration::from_secs(config.http.upload_idle_secs),
-            whole: Duration::from_secs(config.http.upload_timeout_secs),
+            idle: config.http.timeouts.idle,
+            whole: config.http.timeouts.whole,
         },
         nodes: config.pacs.nodes()?,
         ignores_other_objects: config.pacs.ignore_other_objects,

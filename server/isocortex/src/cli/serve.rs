@@ -354,7 +354,7 @@ impl Server {
         let (listener, address) = bind(config.http.listen).await?;
         let workers = start_workers(state.cases.library.clone(), config.prepare.workers);
         let limits = config.connection_limits();
-        let grace = limits.shutdown_grace;
+        let grace = limits.timeouts.shutdown_grace;
         figures::add_store(state.metrics(), state.cases.store());
         figures::add_pacs(state.metrics(), &pacs);
         figures::add_audit(state.metrics(), state.audit());

@@ -2,7 +2,6 @@
 
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::time::Duration;
 
 use cases::dicom::DicomReader;
 use cases::jobs::start_workers;
@@ -69,7 +68,7 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
             }
         }
         tracing::info!("stopping");
-        let grace = Duration::from_secs(config.http.shutdown_grace_secs);
+        let grace = config.http.timeouts.shutdown_grace;
         workers.shut_down(grace).await;
         library.store().close().await;
         audit.shut_down();

@@ -48,7 +48,7 @@ pub struct Config {
     pub log: String,
     /// The record of who does what.
     pub audit: AuditFiles,
-    /// The server: address, access, timeouts.
+    /// The server: address and access.
     pub http: Http,
     /// Limits on uploads and queues.
     pub limits: Limits,
@@ -462,10 +462,6 @@ impl Config {
             ),
             ("http.max_connections", self.http.max_connections as u64),
             ("http.max_uploads", self.http.max_uploads as u64),
-            ("http.header_timeout_secs", self.http.header_timeout_secs),
-            ("http.answer_timeout_secs", self.http.answer_timeout_secs),
-            ("http.upload_idle_secs", self.http.upload_idle_secs),
-            ("http.upload_timeout_secs", self.http.upload_timeout_secs),
             ("storage.keep_days", self.storage.keep_days.unwrap_or(1)),
         ];
         let mut counts = counts.into_iter().chain(self.pacs.counts());
@@ -601,11 +597,7 @@ impl Config {
             network: self.prepare.network.clone(),
             atlas: self.prepare.atlas.clone(),
             limits: self.volume_limits(),
-            head: HeadLimits {
-                voxel_mm: [self.limits.min_voxel_mm, self.limits.max_voxel_mm],
-                field_mm: [self.limits.min_field_mm, self.limits.max_field_mm],
-                max_ratio: self.limits.max_voxel_ratio,
-            },
+            head: HeadLimits::with_sides_from(self.limits.min_field_mm),
             render_threads: self.render.threads,
             max_queued_renders: self.limits.max_queued_renders,
             cache_bytes: self.render.cache_bytes,
@@ -634,10 +626,7 @@ impl Config {
             trusted_proxies: TrustedProxies(
                 (self.http.trusted_proxies.iter().map(|network| network.0)).collect(),
             ),
-            header_timeout: Duration::from_secs(self.http.header_timeout_secs),
-            idle: Duration::from_secs(self.http.upload_idle_secs),
-            whole: Duration::from_secs(self.http.upload_timeout_secs),
-            shutdown_grace: Duration::from_secs(self.http.shutdown_grace_secs),
+            timeouts: self.http.timeouts,
         }
     }
 }
