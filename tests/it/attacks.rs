@@ -97,7 +97,8 @@ async fn connections(socket: &Socket, count: usize, sending: &str) -> Vec<TcpStr
 
 #[tokio::test]
 async fn an_upload_that_drips_has_the_time_of_an_upload() {
-    let server = Server::start_with(|config| config.http.upload_timeout_secs = 1).await;
+    let server =
+        Server::start_with(|config| config.http.timeouts.whole = Duration::from_secs(1)).await;
     let socket = server.on_a_socket().await;
     let mut stream = TcpStream::connect(socket.address).await.unwrap();
     stream.write_all(half_an_upload().as_bytes()).await.unwrap();
@@ -294,7 +295,7 @@ async fn one_client_has_half_of_the_threads() {
     };
     ask("/events", "greedy").await;
     // As if one of its pictures took for ever.
-    let greedy = cases::Client::named("greedy");
+    let greedy = case::Client::named("greedy");
     let queue = &server.state.cases.queue;
     let held = cases::for_client(greedy, queue.turn()).await.unwrap();
     let wanted = [

@@ -3,10 +3,10 @@
 use std::path::Path;
 use std::process::Command;
 
-use ::audit::{digest_of_uid, verify};
+use access::audit::{digest_of_uid, verify};
 use axum::body::Body;
 use axum::http::{Method, Request};
-use cases::jobs::remove_expired;
+use cases::remove_expired;
 use isocortex::config::Config;
 use serde_json::Value;
 use storage::Removal;
@@ -102,7 +102,7 @@ impl Recorded {
 
     /// The lines of an object, once the server has ended its record.
     fn all_of(&self, object: &str) -> Vec<Value> {
-        self.server.state.cases.audit().shut_down();
+        self.server.state.audit().shut_down();
         let mut lines = self.lines();
         lines.retain(|line| line["object"] == object);
         lines
@@ -245,7 +245,7 @@ async fn what_cannot_be_recorded_is_not_done() {
     assert_eq!(recorded.server.get("/healthz").await.status, 200);
     assert_eq!(recorded.server.get("/readyz").await.problem(), "audit-full");
     std::fs::create_dir(recorded.audit()).unwrap();
-    let audit = recorded.server.state.cases.audit();
+    let audit = recorded.server.state.audit();
     let again = async {
         while audit.is_full() {
             tokio::task::yield_now().await;
@@ -269,7 +269,7 @@ async fn a_case_that_is_removed_because_of_its_age_is_on_record_or_stays() {
     let address = recorded.uploaded().await;
     let store = recorded.server.state.cases.store();
     store.pass_time(std::time::Duration::from_secs(2 * 86_400));
-    let audit = recorded.server.state.cases.audit();
+    let audit = recorded.server.state.audit();
     let elsewhere = recorded.folder.path().join("elsewhere");
     std::fs::create_dir(&elsewhere).unwrap();
     let config = Config {
@@ -282,7 +282,12 @@ async fn a_case_that_is_removed_because_of_its_age_is_on_record_or_stays() {
     let lost = config.audit().unwrap();
     std::fs::remove_dir_all(&elsewhere).unwrap();
     let removal = Removal::Automatic;
-    let removed = async |audit| remove_expired(store, audit, removal).await.unwrap().removed;
+    let removed = async |audit| {
+        remove_expired(store, &isocortex::start::recorded(audit), removal)
+            .await
+            .unwrap()
+            .removed
+    };
     assert_eq!(removed(&lost).await, 0);
     assert_eq!(recorded.get(&address).await.status, 200);
     assert_eq!(removed(audit).await, 1);
@@ -305,7 +310,7 @@ async fn images_from_a_pacs_have_a_line_for_each_request_and_study() {
         let stored = neighbour.store(std::slice::from_ref(slice)).await;
         assert_eq!(stored.status, 200, "{stored:?}");
     }
-    neighbour.server.state.cases.audit().shut_down();
+    neighbour.server.state.audit().shut_down();
     let mut lines = lines_of(folder.path());
     lines.retain(|line| line["object"] == "image");
     assert_eq!(outcomes(&lines), ["allowed", "success"].repeat(3));
@@ -321,7 +326,7 @@ async fn images_from_a_pacs_have_a_line_for_each_request_and_study() {
 async fn the_command_finds_what_was_changed() {
     let recorded = Recorded::start().await;
     recorded.get("/v1/cases").await;
-    recorded.server.state.cases.audit().shut_down();
+    recorded.server.state.audit().shut_down();
     let verify = || {
         let mut command = Command::new(program());
         let done = command.args(["audit", "verify"]).arg(recorded.audit());

@@ -15,7 +15,7 @@ use crate::server::{Answer, Part, Server};
 #[test]
 #[ignore = "it is started by the server of the tests below"]
 fn child() {
-    let ended = cases::dicom::run_child();
+    let ended = worker::run_child();
     assert_eq!(
         format!("{ended:?}"),
         format!("{:?}", std::process::ExitCode::SUCCESS)

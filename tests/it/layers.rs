@@ -35,7 +35,7 @@ struct Layer {
     never: &'static [&'static str],
 }
 
-/// What serves HTTP or reads a command line: the business of `http-support`, `service`, `pacs` and the program alone.
+/// What serves HTTP or reads a command line: the business of `http`, `access`, `service`, `pacs` and the program alone.
 const PROTOCOLS: &[&str] = &["axum", "tower-http", "clap", "utoipa"];
 
 /// What speaks HTTP: `storage` asks buckets by it, and nothing below does.
@@ -80,13 +80,18 @@ const LAYERS: &[Layer] = &[
         never: &["wgpu"],
     },
     Layer {
-        name: "audit",
-        needs: &[],
+        name: "storage",
+        needs: &["case"],
         never: &["wgpu"],
     },
     Layer {
-        name: "storage",
-        needs: &["case"],
+        name: "report",
+        needs: &["case", "geometry", "render"],
+        never: &["zstd"],
+    },
+    Layer {
+        name: "worker",
+        needs: WORKER_NEEDS,
         never: &["wgpu"],
     },
     Layer {
@@ -95,8 +100,13 @@ const LAYERS: &[Layer] = &[
         never: &[],
     },
     Layer {
-        name: "http-support",
-        needs: HTTP_SUPPORT_NEEDS,
+        name: "http",
+        needs: &["case"],
+        never: &["clap"],
+    },
+    Layer {
+        name: "access",
+        needs: &["case", "http"],
         never: &["clap"],
     },
     Layer {
@@ -111,43 +121,43 @@ const LAYERS: &[Layer] = &[
     },
 ];
 
-const CASES_NEED: &[&str] = &[
+const WORKER_NEEDS: &[&str] = &[
     "analysis",
-    "audit",
     "case",
     "extraction",
     "geometry",
     "imaging",
     "pipeline",
-    "render",
     "storage",
 ];
 
-const HTTP_SUPPORT_NEEDS: &[&str] = &[
+const CASES_NEED: &[&str] = &[
     "analysis",
-    "audit",
     "case",
-    "cases",
     "extraction",
     "geometry",
     "imaging",
     "pipeline",
     "render",
+    "report",
     "storage",
+    "worker",
 ];
 
 const INTERFACE_NEEDS: &[&str] = &[
+    "access",
     "analysis",
-    "audit",
     "case",
     "cases",
     "extraction",
     "geometry",
-    "http-support",
+    "http",
     "imaging",
     "pipeline",
     "render",
+    "report",
     "storage",
+    "worker",
 ];
 
 fn assert_needs_none_of(package: &str, needed: &BTreeSet<String>, forbidden: &[&str]) {
@@ -170,10 +180,14 @@ fn no_layer_needs_what_is_above_or_beside_it() {
         let more: Vec<_> = ours.difference(&allowed).collect();
         assert!(more.is_empty(), "{package} must not need {more:?}");
         assert_needs_none_of(&package, &needed, layer.never);
-        if !["http-support", "service", "pacs"].contains(&layer.name) {
+        if !["http", "access", "service", "pacs"].contains(&layer.name) {
             assert_needs_none_of(&package, &needed, PROTOCOLS);
         }
-        if !["storage", "cases", "http-support", "service", "pacs"].contains(&layer.name) {
+        if ![
+            "storage", "worker", "cases", "http", "access", "service", "pacs",
+        ]
+        .contains(&layer.name)
+        {
             assert_needs_none_of(&package, &needed, FILES_AND_TASKS);
             assert_needs_none_of(&package, &needed, HTTP);
         }
@@ -184,17 +198,8 @@ fn no_layer_needs_what_is_above_or_beside_it() {
 fn the_program_stands_on_all_of_them() {
     let needed = needed_by("isocortex");
     for below in [
-        "audit",
-        "case",
-        "cases",
-        "geometry",
-        "http-support",
-        "imaging",
-        "pacs",
-        "pipeline",
-        "render",
-        "service",
-        "storage",
+        "access", "case", "cases", "geometry", "http", "imaging", "pacs", "pipeline", "render",
+        "report", "service", "storage", "worker",
     ] {
         let floor = format!("isocortex-{below}");
         assert!(

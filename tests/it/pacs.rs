@@ -805,6 +805,10 @@ pub(crate) async fn dimse(neighbour: &Neighbour, options: DimseOptions) -> std::
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
     let cases = neighbour.server.state.cases.clone();
+    let options = DimseOptions {
+        audit: neighbour.server.state.audit().clone(),
+        ..options
+    };
     let grace = Duration::from_secs(1);
     tokio::spawn(dimse::serve(
         listener,

@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
-use http_support::scopes::Role;
+use access::scopes::Role;
 use isocortex::config::{Config, Proxy, Secret};
 use serde_json::{Value, json};
 use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWrite, AsyncWriteExt as _};
@@ -124,7 +124,7 @@ async fn whom_a_listed_proxy_names_is_signed_in_and_on_record() {
     let stream = TcpStream::connect(socket.address).await.unwrap();
     let listed = over(stream, &request("GET /v1/cases", &headers)).await;
     assert_eq!(listed.status, 200);
-    server.state.cases.audit().shut_down();
+    server.state.audit().shut_down();
     let files = std::fs::read_dir(folder.path()).unwrap();
     let record: String = files
         .map(|file| std::fs::read_to_string(file.unwrap().path()).unwrap())

@@ -287,7 +287,7 @@ async fn the_tag_of_a_list_follows_the_label_if_it_is_drawn() {
 async fn a_long_answer_is_given_up_and_the_next_is_drawn() {
     let server = Server::start_with(|config| {
         config.render.gpu = GpuUse::Off;
-        config.http.answer_timeout_secs = 1;
+        config.http.timeouts.answer = std::time::Duration::from_secs(1);
     })
     .await;
     let case = server.plain_case().await;

@@ -5,18 +5,18 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
+use access::audited::Audited;
+use access::scopes::{Role, ScopeTable};
 use axum::body::Body;
 use axum::http::{Method, Request};
 use http_body_util::BodyExt as _;
-use http_support::audited::Audited;
-use http_support::scopes::Role;
 use tower::ServiceExt as _;
 
 use crate::head::plain_head;
 use crate::server::{Answer, Server, form, form_type};
 use crate::several_machines::program;
 
-/// The scope of every route that is more than looking. A new route fails these tests until it has a row in its table, and here.
+/// The scope of every route that is more than looking. A new route fails these tests until it states its scope, and stands here.
 const MORE_THAN_LOOKING: [(&str, &str); 20] = [
     ("POST /v1/cases", "write"),
     ("POST /v1/cases/search", "read"),
@@ -139,14 +139,19 @@ fn paths_of(router: &axum::Router) -> BTreeSet<String> {
     paths.collect()
 }
 
-/// The rows of both tables by method and path.
-pub(crate) fn rows() -> BTreeMap<(String, &'static str), (&'static str, Audited)> {
-    let both = [service::routes::scopes::SCOPES, pacs::SCOPES].concat();
-    let count = both.len();
-    let rows: BTreeMap<_, _> = (both.into_iter())
-        .map(|(method, path, scope, audited)| ((method.to_string(), path), (scope.name(), audited)))
+/// The rows of all routes by method and path.
+fn rows(server: &Server) -> BTreeMap<(String, String), (&'static str, Audited)> {
+    let service = service::routes::scopes(&server.state);
+    let all = service.and(ScopeTable::of(pacs::SCOPES));
+    let rows: BTreeMap<_, _> = (all.rows())
+        .map(|(method, path, scope, audited)| {
+            (
+                (method.to_string(), path.to_owned()),
+                (scope.name(), audited),
+            )
+        })
         .collect();
-    assert_eq!(rows.len(), count, "two rows are of one route");
+    assert_eq!(rows.len(), all.rows().count(), "two rows are of one route");
     rows
 }
 
@@ -182,7 +187,7 @@ async fn every_method_of_every_path_opens_to_its_scope_and_to_no_other() {
         config.http.guard_all = true;
     })
     .await;
-    let (rows, more) = (rows(), BTreeMap::from(MORE_THAN_LOOKING));
+    let (rows, more) = (rows(&server), BTreeMap::from(MORE_THAN_LOOKING));
     let paths = paths_of(&server.router());
     assert!(paths.len() > 70, "{paths:?}");
     let mut met = BTreeSet::new();
@@ -192,7 +197,7 @@ async fn every_method_of_every_path_opens_to_its_scope_and_to_no_other() {
                 Method::HEAD => Method::GET,
                 _ => method.clone(),
             };
-            let row = rows.get_key_value(&(of.to_string(), path.as_str()));
+            let row = rows.get_key_value(&(of.to_string(), path.clone()));
             let route = format!("{method} {path}");
             let strangers = [
                 ("nobody", None, "unauthorized"),
@@ -260,9 +265,10 @@ async fn every_method_of_every_path_opens_to_its_scope_and_to_no_other() {
     }
 }
 
-#[test]
-fn whatever_shows_or_changes_something_of_a_patient_is_recorded() {
-    let of_none = rows()
+#[tokio::test]
+async fn whatever_shows_or_changes_something_of_a_patient_is_recorded() {
+    let server = Server::start_with(|config| config.http.guard_all = true).await;
+    let of_none = rows(&server)
         .into_iter()
         .filter(|(_, (_, audited))| *audited == Audited::No);
     let of_none: Vec<_> = of_none

@@ -9,9 +9,9 @@ use axum::http::{HeaderMap, Method, Request, StatusCode, header};
 use bytes::Bytes;
 use cases::jobs::start_workers;
 use cases::runner::Runner;
+use http::listen;
+use http::tls::ReloadedTls;
 use http_body_util::BodyExt as _;
-use http_support::listen;
-use http_support::tls::ReloadedTls;
 use isocortex::config::Config;
 use isocortex::start;
 use pacs::Pacs;
@@ -149,7 +149,7 @@ impl Server {
         let state = start::open(&config, &config.audit().unwrap())
             .await
             .unwrap();
-        let pacs = start::pacs(&config, &state.cases).unwrap();
+        let pacs = start::pacs(&config, &state).unwrap();
         Self {
             router: start::router(&state, &pacs),
             pacs,

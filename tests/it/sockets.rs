@@ -21,7 +21,8 @@ async fn exchange(address: std::net::SocketAddr, request: &[u8]) -> String {
 
 #[tokio::test]
 async fn half_a_header_does_not_hold_a_connection() {
-    let server = Server::start_with(|config| config.http.header_timeout_secs = 1).await;
+    let server =
+        Server::start_with(|config| config.http.timeouts.header = Duration::from_secs(1)).await;
     let socket = server.on_a_socket().await;
     for half in ["", "GET /healthz HTTP/1.1\r\nHost: local"] {
         let started = Instant::now();
@@ -36,7 +37,7 @@ async fn half_a_header_does_not_hold_a_connection() {
 #[tokio::test]
 async fn slow_clients_beyond_the_cap_do_not_stop_the_server_for_good() {
     let server = Server::start_with(|config| {
-        config.http.header_timeout_secs = 1;
+        config.http.timeouts.header = Duration::from_secs(1);
         config.http.max_connections = 4;
     })
     .await;

@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
-use ::http_support::tls::{ConnectingTls, TlsAuthority, connecting_tls};
+use ::http::tls::{ConnectingTls, TlsAuthority, connecting_tls};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
@@ -78,7 +78,7 @@ async fn a_server_with_a_certificate_speaks_tls_alone() {
     let server = Server::start_with(|config| {
         config.http.tls_certificate = Some(ours.path("cert.pem"));
         config.http.tls_key = Some(ours.path("key.pem"));
-        config.http.header_timeout_secs = 1;
+        config.http.timeouts.header = Duration::from_secs(1);
     })
     .await;
     let socket = server.on_a_socket().await;

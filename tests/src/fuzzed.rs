@@ -5,12 +5,12 @@
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 
 use cases::pictures::{PictureRequest, SliceQuery};
-use cases::report::ReportQuery;
-use http_support::query::{Asked, parse};
+use http::sent::from_query;
 use imaging::dicom::{Options, convert, fingerprint, identify, marks, metadata};
 use imaging::{Limits, sniff};
 use pacs::multipart::{MediaType, Parser, Piece};
 use pipeline::codec;
+use report::ReportQuery;
 
 /// The limits of files.
 const LIMITS: Limits = Limits {
@@ -93,13 +93,14 @@ pub fn decoders(bytes: &[u8]) {
 
 /// The keys of an address.
 pub fn query(bytes: &[u8]) {
-    fn read<T: Asked>(text: &str) {
-        let _ = parse::<T>(text);
-    }
     let text = String::from_utf8_lossy(bytes);
-    read::<PictureRequest>(&text);
-    read::<SliceQuery>(&text);
-    read::<ReportQuery>(&text);
+    if let Ok(keys) = from_query::<PictureRequest>(&text) {
+        let _ = keys.checked();
+    }
+    if let Ok(keys) = from_query::<SliceQuery>(&text) {
+        let _ = keys.checked();
+    }
+    let _ = from_query::<ReportQuery>(&text);
 }
 
 /// Runs what may panic where it runs otherwise.

@@ -4,6 +4,7 @@
 //! also `utoipa`.
 
 pub mod arrivals;
+mod client;
 mod facts;
 mod failure;
 pub mod findings;
@@ -16,9 +17,11 @@ mod maps;
 mod object;
 mod parameters;
 mod progress;
+mod public_error;
 mod quality;
 mod surface;
 
+pub use client::Client;
 pub use facts::{
     Case, CaseFacts, CutFacts, DicomFacts, ImageRun, PlaneFacts, SphereFacts, VoxelFacts,
     WindowFacts,
@@ -39,6 +42,7 @@ pub use maps::{
 pub use object::ObjectKind;
 pub use parameters::{MaskKind, MaskSource, Parameters};
 pub use progress::{CaseState, Progress, Stage};
+pub use public_error::{ErrorKind, INTERNAL, PublicError};
 pub use quality::{
     AXES_CORRECTED, CorrectedHeader, MaskMethod, Quality, QualityNumbers, QualityState,
 };

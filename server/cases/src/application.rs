@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use audit::Audit;
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, QualityState, SurfaceName};
 use geometry::Volume;
 use imaging::Limits;
@@ -12,18 +11,18 @@ use pipeline::atlas::{Atlas, AtlasChoice, NoAtlas};
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
 use storage::{Location, ObjectName, Store, StoreError};
+use worker::{ChildBudget, FileReader, PrepareProcess, Program};
 
-use crate::apart::Apart;
 use crate::arrivals::Patient;
 use crate::cache::Part;
 use crate::check_memory::CheckMemory;
-use crate::children::ChildBudget;
-use crate::dicom::{DicomReader, HeaderReader, Program};
+use crate::dicom::{DicomReader, HeaderReader};
 use crate::error::Error;
-use crate::library::{Library, LibraryOptions};
+use crate::library::{Library, LibraryOptions, Preparation};
 use crate::limit::ConcurrencyLimit;
 use crate::models::{Models, REMEMBERED_WHILE_AWAY, WarmModel};
 use crate::pictures::{Graphics, GraphicsOptions, PictureRequest};
+use crate::removal::BeforeRemoval;
 
 /// The largest DICOM file of a PACS, in bytes: a multi-frame image of a head has some 100 MB.
 pub const MAX_INSTANCE_BYTES: u64 = 512 << 20;
@@ -78,8 +77,8 @@ pub struct Options {
     pub max_dicom_bytes: u64,
     /// Whether no identity of a patient is kept.
     pub deidentify: bool,
-    /// The audit record: who does what.
-    pub audit: Audit,
+    /// What is told of each expired case before it is removed.
+    pub before_removal: BeforeRemoval,
 }
 
 /// The reason why the application cannot start.
@@ -109,14 +108,20 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
         false => pipeline.into(),
         true => {
             let absolute = |path: &PathBuf| std::path::absolute(path).map_err(StoreError::Disk);
-            let apart = Apart {
+            let process = PrepareProcess {
                 program: options.dicom_program.clone(),
                 network: options.network.as_ref().map(absolute).transpose()?,
                 scratch: absolute(&store.scratch())?,
                 threads: options.preparation_threads,
                 cpu_seconds: options.preparation_cpu_seconds,
             };
-            apart.preparation(pipeline.has_network())
+            Preparation {
+                has_network: pipeline.has_network(),
+                is_apart: true,
+                prepare: Arc::new(move |input, parameters, limits, observe, cancelled| {
+                    process.prepare(&input, parameters, limits, (observe, cancelled))
+                }),
+            }
         }
     };
     let library_options = LibraryOptions {
@@ -126,7 +131,7 @@ pub async fn open_library(options: &Options) -> Result<Library, StartError> {
         children: options.children,
     };
     let library = Library::new(store, preparation, library_options);
-    Ok(library.with_audit(options.audit.clone()))
+    Ok(library.with_before_removal(options.before_removal.clone()))
 }
 
 /// Everything that a protocol needs to serve cases. Cheap to clone.
@@ -187,11 +192,11 @@ impl Cases {
             options.max_dicom_bytes,
         );
         let dicom = dicom.with_memory(library.children().clone());
-        let headers = HeaderReader::new(
+        let headers = HeaderReader::new(FileReader::new(
             options.dicom_program.clone(),
             MAX_INSTANCE_BYTES,
             library.children().clone(),
-        );
+        ));
         Self {
             models: Models::new(library.clone()),
             library,
@@ -212,11 +217,6 @@ impl Cases {
     /// The store of the cases.
     pub fn store(&self) -> &Store {
         self.library.store()
-    }
-
-    /// The audit record: who does what.
-    pub fn audit(&self) -> &Audit {
-        self.library.audit()
     }
 
     /// Whether no identity of a patient is kept.

@@ -3,12 +3,12 @@
 use std::borrow::Cow;
 use std::time::Duration;
 
-use case::{CaseState, Closed, Failure};
+use case::{CaseState, Closed, ErrorKind, Failure, INTERNAL, PublicError, SOURCE_MISSING};
 use geometry::GeometryError;
 use pipeline::maps::NoMaps;
 use pipeline::surfaces::NoSurfaces;
 use render::RenderError;
-use storage::{ObjectError, StoreError};
+use storage::{FAILED_DISK, FULL_STORE, ObjectError, STORE_AWAY, StoreError};
 
 use crate::models::{ModelError, PathsError};
 
@@ -68,24 +68,22 @@ pub enum Error {
     #[error("{}", StoreError::SourceMissing)]
     SourceMissing,
     /// The server is stopping, or its store is unreachable.
-    #[error("the server cannot answer now; try again in a moment")]
+    #[error("{STORE_AWAY}")]
     Unavailable,
     /// The database and the objects do not belong to one store.
     #[error("{0}")]
     Mismatch(storage::Mismatch),
     /// The store is full.
-    #[error("the store is full; delete cases, or enlarge its disk")]
+    #[error("{FULL_STORE}")]
     StorageFull,
     /// The disk of the store has room, but cannot be written. The cause is for the log.
-    #[error(
-        "the disk of the server failed: cases can be viewed, but nothing can be stored; check the disk"
-    )]
+    #[error("{FAILED_DISK}")]
     StorageFailed(#[source] StoreError),
     /// The store failed.
     #[error(transparent)]
     Store(StoreError),
     /// An internal error.
-    #[error("internal error; see the server's log for this request id")]
+    #[error("{INTERNAL}")]
     Internal,
 }
 
@@ -96,6 +94,98 @@ impl Error {
             kind: "query-value-out-of-range",
             name: name.into(),
             detail: detail.into(),
+        }
+    }
+}
+
+/// When to ask again for what is being prepared.
+const READY_AFTER: Duration = Duration::from_secs(2);
+
+impl PublicError for Error {
+    fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Parameter { .. } => ErrorKind::Invalid,
+            Self::NoSuchCase | Self::NoSuchLayer => ErrorKind::NotFound,
+            Self::NotReady { .. }
+            | Self::LayerNotReady
+            | Self::LayerClosed(_)
+            | Self::TooManyLayers { .. }
+            | Self::LayerNameTaken
+            | Self::MapsUndefined(_)
+            | Self::NoSurfaces(_) => ErrorKind::Conflict,
+            Self::Failure(failure) => failure.kind(),
+            Self::Geometry(_) => ErrorKind::Unusable,
+            Self::Busy
+            | Self::BusyFor(_)
+            | Self::SourceMissing
+            | Self::Unavailable
+            | Self::Mismatch(_) => ErrorKind::Unavailable,
+            Self::StorageFull | Self::StorageFailed(_) => ErrorKind::Full,
+            Self::Store(_) | Self::Internal => ErrorKind::Internal,
+        }
+    }
+
+    fn name(&self) -> Cow<'static, str> {
+        let name = match self {
+            Self::NoSuchCase => "no-such-case",
+            Self::NotReady { .. } => "case-not-ready",
+            Self::LayerNotReady => "layer-not-ready",
+            Self::LayerClosed(_) => "closed",
+            Self::NoSuchLayer => "no-such-layer",
+            Self::TooManyLayers { .. } => "too-many-layers",
+            Self::LayerNameTaken => "layer-name-taken",
+            Self::MapsUndefined(_) => "maps-undefined",
+            Self::NoSurfaces(_) => "no-surfaces",
+            Self::Failure(failure) => return failure.name(),
+            Self::Parameter { kind, .. } => kind,
+            Self::Geometry(_) => "geometry",
+            Self::Busy | Self::BusyFor(_) => "busy",
+            Self::Unavailable | Self::Mismatch(_) => "unavailable",
+            Self::SourceMissing => SOURCE_MISSING,
+            Self::StorageFull => "storage-full",
+            Self::StorageFailed(_) => "storage-failed",
+            Self::Store(_) => "store",
+            Self::Internal => "internal",
+        };
+        name.into()
+    }
+
+    fn sentence(&self) -> String {
+        match self {
+            // Messages about the disk may contain paths, so they belong in the log.
+            Self::Store(_) => Self::Internal.to_string(),
+            // The parameter `.` is the whole body.
+            Self::Parameter { name, detail, .. } if name == "." => format!("the body {detail}"),
+            other => other.to_string(),
+        }
+    }
+
+    fn parameter(&self) -> Option<&str> {
+        match self {
+            Self::Parameter { name, .. } => Some(name),
+            _ => None,
+        }
+    }
+
+    fn reason(&self) -> Option<String> {
+        match self {
+            Self::NoSurfaces(reason) => Some(reason.code.to_string()),
+            _ => None,
+        }
+    }
+
+    fn retry_after(&self) -> Option<Duration> {
+        match self {
+            Self::NotReady { .. } | Self::LayerNotReady => Some(READY_AFTER),
+            Self::BusyFor(wait) => Some(*wait),
+            _ => None,
+        }
+    }
+
+    fn hidden_cause(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Store(cause) | Self::StorageFailed(cause) => Some(cause),
+            _ => None,
         }
     }
 }
@@ -124,6 +214,15 @@ impl From<StoreError> for Error {
                 Self::Unavailable
             }
             other => Self::Store(other),
+        }
+    }
+}
+
+impl From<worker::Error> for Error {
+    fn from(error: worker::Error) -> Self {
+        match error {
+            worker::Error::Failure(failure) => Self::Failure(failure),
+            worker::Error::NotRun => Self::Internal,
         }
     }
 }
@@ -163,5 +262,47 @@ impl From<RenderError> for Error {
             None => text,
         };
         Self::out_of_range(key, detail)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failing_disk_shows_no_path() {
+        let disk = std::io::Error::other("/home/someone/store is full");
+        let error = Error::from(StoreError::Disk(disk));
+        assert_eq!(error.kind(), ErrorKind::Full);
+        assert_eq!(error.name(), "storage-failed");
+        assert!(!error.sentence().contains("/home"));
+    }
+
+    #[test]
+    fn an_error_of_the_store_is_told_as_the_store_tells_it() {
+        let disk = |kind| StoreError::Disk(std::io::Error::from(kind));
+        let errors: [fn() -> StoreError; 4] = [
+            || StoreError::NoSuchCase,
+            || StoreError::SourceMissing,
+            || StoreError::LayerNameTaken,
+            || StoreError::QueueFull(Duration::from_millis(8300)),
+        ];
+        let told = |error: &dyn PublicError| {
+            let words = (error.name(), error.sentence(), error.retry_after());
+            (error.kind(), words, error.hidden_cause().is_some())
+        };
+        for error in errors {
+            assert_eq!(told(&Error::from(error())), told(&error()));
+        }
+        for kind in [std::io::ErrorKind::StorageFull, std::io::ErrorKind::Other] {
+            assert_eq!(told(&Error::from(disk(kind))), told(&disk(kind)));
+        }
+    }
+
+    #[test]
+    fn a_full_queue_says_when_to_come_again() {
+        let wait = Duration::from_secs(20);
+        let error = Error::from(StoreError::QueueFull(wait));
+        assert_eq!(error.retry_after(), Some(wait));
     }
 }

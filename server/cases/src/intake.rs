@@ -17,7 +17,7 @@ use tokio::sync::OwnedSemaphorePermit;
 
 use crate::application::Cases;
 use crate::arrivals::SeriesOfUpload;
-use crate::client::this_client;
+use crate::client::{in_store, this_client};
 use crate::decoded_uploads::OfferedUpload;
 use crate::dicom::{Choice, Input, Options};
 use crate::error::Error;
@@ -132,7 +132,7 @@ impl Cases {
 
     /// The store for the client of this request.
     pub(crate) fn store_of_client(&self) -> Store {
-        self.store().for_client(&this_client().in_store())
+        self.store().for_client(&in_store(this_client()))
     }
 
     /// Whether an upload is a case that has a label.

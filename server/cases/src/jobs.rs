@@ -10,13 +10,12 @@ mod series;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use audit::{Action, Audit, Event, EventKind, Outcome};
-use case::CaseId;
-use storage::{Expired, Removal, Store, StoreError, Waiting};
+use storage::{Expired, Removal, Store, Waiting};
 
 use crate::application::Cases;
 use crate::arrivals::ArrivalOptions;
 use crate::library::Library;
+use crate::removal::{BeforeRemoval, remove_expired};
 use crate::runner::{Runner, Terms, Work};
 
 use self::layer::PrepareLayer;
@@ -51,10 +50,10 @@ pub fn start_workers(library: Library, count: usize) -> Runner {
         }
     }
     let mut runner = Runner::start(&store, lanes);
-    let audit = library.audit().clone();
+    let before = library.before_removal().clone();
     let waiting = Arc::<Daily>::default();
     runner.repeat(COLLECT_EVERY, move || {
-        clean_up(store.clone(), audit.clone(), Arc::clone(&waiting))
+        clean_up(store.clone(), before.clone(), Arc::clone(&waiting))
     });
     runner
 }
@@ -100,32 +99,6 @@ fn usual_terms(library: &Library) -> Terms {
     }
 }
 
-/// Removes the cases that are older than they are kept, as far as they need not wait. Each is on record before it goes; if it
-/// cannot be recorded, it stays.
-///
-/// # Errors
-/// If the rows or the objects cannot be written.
-pub async fn remove_expired(
-    store: &Store,
-    audit: &Audit,
-    removal: Removal,
-) -> Result<Expired, StoreError> {
-    let may_go = |id: CaseId| async move {
-        let event = Event {
-            outcome: Outcome::Allowed,
-            case: Some(id.to_string().into()),
-            ..Event::new(
-                EventKind::StudyDeleted,
-                Action::Delete,
-                "expired case",
-                "isocortex",
-            )
-        };
-        audit.record(event).await.is_ok()
-    };
-    store.remove_expired(removal, may_go).await
-}
-
 /// What happens once a day.
 #[derive(Debug, Default)]
 struct Daily(Mutex<Option<Duration>>);
@@ -144,8 +117,8 @@ impl Daily {
 
 /// Removes cases that are older than they are kept, jobs that ended some days ago, and objects that nobody needs. What waits is
 /// logged once a day.
-async fn clean_up(store: Store, audit: Audit, waiting: Arc<Daily>) {
-    match remove_expired(&store, &audit, Removal::Automatic).await {
+async fn clean_up(store: Store, before: BeforeRemoval, waiting: Arc<Daily>) {
+    match remove_expired(&store, &before, Removal::Automatic).await {
         Ok(Expired {
             removed,
             waiting: why,

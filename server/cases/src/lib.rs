@@ -3,14 +3,11 @@
 //! It knows neither HTTP nor the network protocols of DICOM: it returns an [`Error`], which each protocol translates.
 
 mod adopt;
-mod apart;
 mod application;
 pub mod arrivals;
 pub mod cache;
 mod check_memory;
-mod children;
 mod client;
-mod confine;
 mod decoded_uploads;
 pub mod dicom;
 mod error;
@@ -23,10 +20,10 @@ pub mod library;
 mod limit;
 pub mod models;
 pub mod pictures;
-mod priority;
 pub mod profile;
 pub mod ready;
 pub mod registration;
+mod removal;
 pub mod report;
 pub mod runner;
 pub mod search;
@@ -34,13 +31,10 @@ pub mod search;
 mod testing;
 
 pub use adopt::Adopted;
-#[cfg(any(test, feature = "testing"))]
-pub use apart::prepare_by;
 pub use application::{Cases, MAX_INSTANCE_BYTES, Options, StartError, open_library};
-pub use children::ChildBudget;
-pub use client::{Client, ClientLimit, ClientPermit, for_client};
-pub use confine::{Confinement, hide};
+pub use client::for_client;
 pub use error::Error;
 pub use intake::VolumeFiles;
 pub use library::{Library, LibraryOptions, Preparation};
 pub use limit::{ConcurrencyLimit, Queued, Turn};
+pub use removal::{BeforeRemoval, remove_expired};

@@ -17,9 +17,8 @@ use std::sync::atomic::AtomicBool;
 pub use self::layers::LayerVoxels;
 pub use self::loaded_maps::{FlairState, LoadedMaps, MapsState};
 use crate::cache::CaseCache;
-use crate::children::{ChildBudget, ChildMemory, Granted};
 use crate::decoded_uploads::{DecodedUploads, OfferedUpload};
-use audit::Audit;
+use crate::removal::BeforeRemoval;
 use bytes::Bytes;
 use case::images::Image;
 use case::{
@@ -31,6 +30,7 @@ use pipeline::{Derived, Input, Pipeline, Source, StoredBrain, settled};
 use storage::{
     Attempt, Count, ObjectName, Publisher, Store, StoreError, Submitted, Upload, frame_all,
 };
+use worker::{ChildBudget, ChildMemory, Granted};
 
 /// What a library may take, and what it makes.
 #[derive(Debug, Clone, Copy)]
@@ -113,7 +113,7 @@ impl Default for Preparation {
 pub struct Library {
     store: Store,
     inner: Arc<Inner>,
-    audit: Audit,
+    before_removal: BeforeRemoval,
 }
 
 #[derive(Debug)]
@@ -150,19 +150,22 @@ impl Library {
                 dividing: tokio::sync::Mutex::default(),
                 cache,
             }),
-            audit: Audit::default(),
+            before_removal: BeforeRemoval::default(),
         }
     }
 
-    /// The same, with a record of who does what.
+    /// The same, with what is told of each expired case before it is removed.
     #[must_use]
-    pub fn with_audit(self, audit: Audit) -> Self {
-        Self { audit, ..self }
+    pub fn with_before_removal(self, before_removal: BeforeRemoval) -> Self {
+        Self {
+            before_removal,
+            ..self
+        }
     }
 
-    /// The audit record: who does what.
-    pub fn audit(&self) -> &Audit {
-        &self.audit
+    /// What is told of each expired case before it is removed.
+    pub fn before_removal(&self) -> &BeforeRemoval {
+        &self.before_removal
     }
 
     /// The cases of a store, with the usual preparation.

@@ -8,10 +8,12 @@ use std::time::{Duration, Instant};
 use render::Wanted;
 use tokio::sync::oneshot;
 use tokio::task;
+use worker::yield_to_answers;
 
-use crate::client::{Client, this_client};
+use case::Client;
+
+use crate::client::this_client;
 use crate::error::Error;
-use crate::priority::yield_to_answers;
 
 /// Admits a bounded number of pieces of work at a time and lets a bounded number wait. Of both, one client
 /// ([`for_client`](crate::for_client)) has at most half, but at least one. Clients take turns: a free turn goes to the client with the

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use audit::Audit;
-use http_support::metrics::{Figure, Metrics};
+use access::audit::Audit;
+use http::metrics::{Figure, Metrics};
 use pacs::Pacs;
 use pacs::dimse::{AssociationCounts, Rejection};
 use storage::{Store, failures};

@@ -7,8 +7,8 @@ use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
 use cases::Error;
 use cases::ready::check_ready;
-use http_support::metrics::{Metrics, OPEN_METRICS};
-use http_support::problem::AppError;
+use http::metrics::{Metrics, OPEN_METRICS};
+use http::problem::AppError;
 use storage::Store;
 
 use crate::figures;

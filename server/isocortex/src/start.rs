@@ -1,15 +1,15 @@
 //! Starts a server from a configuration.
 
 use std::collections::BTreeMap;
-use std::time::{Duration, SystemTime};
+use std::time::SystemTime;
 
-use audit::Audit;
+use access::audit::{Action, Audit, Event, EventKind, Outcome};
+use access::proxy::SignInProxy;
+use access::scopes::Role;
+use access::tokens::NamedToken;
 use axum::Router;
-use cases::{Cases, Library};
-use http_support::proxy::SignInProxy;
-use http_support::scopes::Role;
-use http_support::tokens::NamedToken;
-use http_support::uploads::UploadLimits;
+use cases::{BeforeRemoval, Cases, Library};
+use http::uploads::UploadLimits;
 use pacs::Pacs;
 use service::app::{Beside, app_beside};
 use service::state::{AppState, HttpOptions};
@@ -233,25 +233,45 @@ pub async fn open(config: &Config, audit: &Audit) -> Result<AppState, StartError
         uploads: UploadLimits {
             max_bytes: config.limits.max_upload_bytes,
             at_a_time: config.http.max_uploads,
-            idle: Duration::from_secs(config.http.upload_idle_secs),
-            whole: Duration::from_secs(config.http.upload_timeout_secs),
+            idle: config.http.timeouts.idle,
+            whole: config.http.timeouts.whole,
         },
-        answer_timeout: Duration::from_secs(config.http.answer_timeout_secs),
+        answer_timeout: config.http.timeouts.answer,
         frame_ancestors,
         guard_all: config.http.guard_all,
+        audit: audit.clone(),
     };
     let cases = cases::Options {
-        audit: audit.clone(),
+        before_removal: recorded(audit),
         ..config.cases()?
     };
     Ok(AppState::new(Cases::open(cases).await?, options))
+}
+
+/// Has each expired case on record before it goes; if it cannot be recorded, it stays.
+pub fn recorded(audit: &Audit) -> BeforeRemoval {
+    let audit = audit.clone();
+    BeforeRemoval::new(move |id| {
+        let event = Event {
+            outcome: Outcome::Allowed,
+            case: Some(id.to_string().into()),
+            ..Event::new(
+                EventKind::StudyDeleted,
+                Action::Delete,
+                "expired case",
+                "isocortex",
+            )
+        };
+        let audit = audit.clone();
+        async move { audit.record(event).await.is_ok() }
+    })
 }
 
 /// What images from a PACS go to, on the application that is served.
 ///
 /// # Errors
 /// If a node in the configuration cannot be used.
-pub fn pacs(config: &Config, cases: &Cases) -> Result<Pacs, ConfigError> {
+pub fn pacs(config: &Config, state: &AppState) -> Result<Pacs, ConfigError> {
     let options = pacs::Options {
         uploads: UploadLimits {
             max_bytes: config
@@ -259,15 +279,16 @@ pub fn pacs(config: &Config, cases: &Cases) -> Result<Pacs, ConfigError> {
                 .max_upload_bytes
                 .saturating_mul(DICOM_UNPACKING),
             at_a_time: config.http.max_uploads,
-            idle: Duration::from_secs(config.http.upload_idle_secs),
-            whole: Duration::from_secs(config.http.upload_timeout_secs),
+            idle: config.http.timeouts.idle,
+            whole: config.http.timeouts.whole,
         },
         nodes: config.pacs.nodes()?,
         ignores_other_objects: config.pacs.ignore_other_objects,
         shows_patient: config.shows_patient()?,
         time_zone: config.pacs.time_zone()?,
+        audit: state.audit().clone(),
     };
-    Ok(Pacs::new(cases.clone(), options))
+    Ok(Pacs::new(state.cases.clone(), options))
 }
 
 /// Everything that is served over HTTP.
@@ -294,7 +315,7 @@ pub async fn open_library(config: &Config, audit: &Audit) -> Result<Library, Sta
     config.check()?;
     warn_of_memory(config)?;
     let options = cases::Options {
-        audit: audit.clone(),
+        before_removal: recorded(audit),
         ..config.cases()?
     };
     Ok(cases::open_library(&options).await?)

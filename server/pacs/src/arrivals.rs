@@ -16,10 +16,10 @@ use utoipa::{IntoParams, ToSchema};
 
 use crate::error::ReasonView;
 use crate::state::Pacs;
-use http_support::fresh::fresh_json;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, Asked, MAX_PAGE, usual_page};
-use http_support::sent::json_body;
+use http::fresh::fresh_json;
+use http::problem::AppError;
+use http::query::{ApiQuery, Asked, MAX_PAGE, usual_page};
+use http::sent::json_body;
 
 /// The longest text to look for in labels, in characters.
 const MAX_TEXT: usize = 100;

@@ -1,7 +1,7 @@
 //! Errors of a PACS as clients see them.
 
 use case::Failure;
-use http_support::problem::AppError;
+use http::problem::AppError;
 
 use crate::multipart::MultipartError;
 use crate::node::NodeError;

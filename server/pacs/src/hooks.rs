@@ -9,8 +9,8 @@ use utoipa::ToSchema;
 
 use crate::retrievals::{RetrievalView, queue};
 use crate::state::Pacs;
-use http_support::problem::AppError;
-use http_support::sent::json_body;
+use http::problem::AppError;
+use http::sent::json_body;
 
 /// A series that has come to Orthanc.
 #[derive(Debug, Deserialize, ToSchema)]

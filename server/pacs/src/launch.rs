@@ -18,9 +18,9 @@ use utoipa::ToSchema;
 
 use crate::error::ReasonView;
 use crate::state::Pacs;
-use http_support::fresh::fresh_json;
-use http_support::problem::AppError;
-use http_support::sent::json_body;
+use http::fresh::fresh_json;
+use http::problem::AppError;
+use http::sent::json_body;
 
 /// The query of a launch address.
 #[derive(Debug, Deserialize, ToSchema)]

@@ -27,13 +27,13 @@ mod state;
 mod stow;
 mod transfers;
 
+use access::audited::Audited;
+use access::scopes::{Row, Scope};
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::Method;
 use axum::routing::get;
-use http_support::audited::Audited;
-use http_support::scopes::{Row, Scope};
-use http_support::sent::MAX_BODY_BYTES;
+use http::sent::MAX_BODY_BYTES;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 

@@ -9,8 +9,8 @@ use utoipa::ToSchema;
 use crate::error::ReasonView;
 use crate::node::{Node, NodeError};
 use crate::state::Pacs;
-use http_support::fresh::fresh_json;
-use http_support::problem::AppError;
+use http::fresh::fresh_json;
+use http::problem::AppError;
 
 /// What the services of a node answered.
 #[derive(Debug, Serialize, ToSchema)]

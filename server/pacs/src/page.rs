@@ -7,7 +7,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::state::Pacs;
-use http_support::fresh::fresh_json;
+use http::fresh::fresh_json;
 
 /// What this server has of a PACS.
 #[derive(Debug, Clone, Serialize, ToSchema)]

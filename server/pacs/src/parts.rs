@@ -11,8 +11,8 @@ use futures_util::future::poll_fn;
 use storage::{ObjectError, Spooled, Store, StoreError};
 
 use crate::multipart::{MediaType, MultipartError, Parser, Piece};
-use http_support::problem::AppError;
-use http_support::uploads::UploadLimits;
+use http::problem::AppError;
+use http::uploads::UploadLimits;
 
 /// Why no further part can be read.
 #[derive(Debug, thiserror::Error)]

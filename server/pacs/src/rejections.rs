@@ -3,8 +3,8 @@
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::response::Response;
-use http_support::fresh::fresh_json;
-use http_support::problem::AppError;
+use http::fresh::fresh_json;
+use http::problem::AppError;
 use serde::Serialize;
 use storage::arrivals::{Rejected, is_id};
 use utoipa::ToSchema;

@@ -14,9 +14,9 @@ use utoipa::ToSchema;
 use crate::error::ReasonView;
 use crate::fetch::{FETCH, Received, Wanted};
 use crate::state::Pacs;
-use http_support::fresh::fresh_json;
-use http_support::problem::AppError;
-use http_support::sent::json_body;
+use http::fresh::fresh_json;
+use http::problem::AppError;
+use http::sent::json_body;
 
 /// Seconds to wait before the first request for the state.
 const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");

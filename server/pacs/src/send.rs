@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use access::audit::{Action, Event, EventKind, Outcome};
 use async_trait::async_trait;
-use audit::{Action, Event, EventKind, Outcome};
 use axum::body::Bytes;
 use case::{Failure, JobKind};
 use cases::arrivals::Contradiction;
@@ -114,7 +114,7 @@ async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
             "isocortex",
         )
     };
-    let audit = pacs.cases().audit();
+    let audit = pacs.audit();
     let allowed = audit.record(event(Outcome::Allowed)).await;
     allowed.map_err(|_| SendError::NotRecorded)?;
     let sent = send(pacs, result).await;

@@ -3,12 +3,14 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use access::audit::Audit;
 use axum::extract::Request;
 use axum::http::StatusCode;
-use cases::{Cases, ClientLimit, ClientPermit};
-use http_support::listen::client_of;
-use http_support::problem::AppError;
-use http_support::uploads::UploadLimits;
+use cases::Cases;
+use http::client_limit::{ClientLimit, ClientPermit};
+use http::listen::client_of;
+use http::problem::AppError;
+use http::uploads::UploadLimits;
 use jiff::tz::TimeZone;
 
 use crate::node::Node;
@@ -26,6 +28,8 @@ pub struct Options {
     pub shows_patient: bool,
     /// The zone of the scanners' dates and times, if it is known.
     pub time_zone: Option<TimeZone>,
+    /// The record of who does what.
+    pub audit: Audit,
 }
 
 /// What the requests share. Cheap to clone.
@@ -60,6 +64,11 @@ impl Pacs {
     /// The application.
     pub fn cases(&self) -> &Cases {
         &self.cases
+    }
+
+    /// The record of who does what.
+    pub(crate) fn audit(&self) -> &Audit {
+        &self.inner.options.audit
     }
 
     pub(crate) fn limits(&self) -> &UploadLimits {

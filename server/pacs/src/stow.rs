@@ -16,11 +16,11 @@ use crate::address::StudyPath;
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
-use http_support::audited::StoredImages;
-use http_support::fresh::fresh_json;
-use http_support::problem::AppError;
-use http_support::scopes::Scope;
-use http_support::tokens::Holder;
+use access::audited::StoredImages;
+use access::scopes::Scope;
+use access::tokens::Holder;
+use http::fresh::fresh_json;
+use http::problem::AppError;
 
 const DICOM: &str = "application/dicom";
 const DICOM_JSON: &str = "application/dicom+json";

@@ -15,9 +15,9 @@ use crate::fetch::{FETCH, Wanted};
 use crate::results::ResultView;
 use crate::retrievals::{self, RetrievalView};
 use crate::state::Pacs;
-use http_support::fresh::fresh_json;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, Asked, MAX_PAGE, usual_page};
+use http::fresh::fresh_json;
+use http::problem::AppError;
+use http::query::{ApiQuery, Asked, MAX_PAGE, usual_page};
 
 /// Which entries, and which page.
 #[derive(Debug, Deserialize, IntoParams)]

@@ -29,6 +29,15 @@ impl Default for HeadLimits {
 }
 
 impl HeadLimits {
+    /// The usual limits, but for the shortest side of the volume, in mm.
+    pub fn with_sides_from(shortest_mm: f64) -> Self {
+        let usual = Self::default();
+        Self {
+            field_mm: [shortest_mm, usual.field_mm[1]],
+            ..usual
+        }
+    }
+
     /// Checks the header of an upload and returns its number of voxels; `start` is the first 64 kB of the volume.
     ///
     /// # Errors

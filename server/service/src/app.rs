@@ -14,12 +14,12 @@ use utoipa::openapi::OpenApi;
 
 use crate::routes;
 use crate::state::{AnswerTimeout, AppState, FrameAncestors, GuardAll};
-use http_support::auth::{self, Access};
-use http_support::logs::{self, MakeId, REQUEST_ID};
-use http_support::metrics::Metrics;
-use http_support::origins;
-use http_support::problem::AppError;
-use http_support::scopes::Row;
+use access::auth::{self, Access};
+use access::origins;
+use access::scopes::{Row, ScopeTable};
+use http::logs::{self, MakeId, REQUEST_ID};
+use http::metrics::Metrics;
+use http::problem::AppError;
 
 /// What the page may load, and in whose frames it may stand: its own, and those of the configuration.
 const CONTENT_POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; \
@@ -65,12 +65,14 @@ pub fn app_beside(state: AppState, beside: Beside) -> Router {
     let (routes, openapi) = routes::all(&state);
     let mut description = beside.description;
     routes::guarded::describe(&mut description);
-    let guard = routes::guard(&state, beside.scopes);
+    let guard = routes::guard(&state, ScopeTable::of(beside.scopes));
     let guard = middleware::from_fn_with_state(guard, auth::require_token);
     let in_time =
         middleware::from_fn_with_state(AnswerTimeout::from_ref(&state), routes::answer_in_time);
     let answers = beside.answers.route_layer(in_time);
-    let guarded = beside.uploads.merge(answers).route_layer(guard);
+    let in_turn = middleware::from_fn(routes::in_turn);
+    let guarded = beside.uploads.merge(answers);
+    let guarded = guarded.route_layer(in_turn).route_layer(guard);
     let routes = routes.merge(guarded.with_state(()));
     finish(state, routes, &openapi.merge_from(description))
 }
@@ -80,7 +82,7 @@ fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Route
     let policy = content_policy(&FrameAncestors::from_ref(&state));
     let mut documents = routes::documents::written(openapi);
     if GuardAll::from_ref(&state).0 {
-        let guard = routes::guard(&state, routes::scopes::SCOPES);
+        let guard = routes::guard(&state, routes::documents::scopes());
         let guard = middleware::from_fn_with_state(guard, auth::require_token);
         documents = documents.route_layer(guard);
     }
@@ -97,7 +99,7 @@ fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Route
             access.origins().clone(),
             origins::share,
         ))
-        .layer(middleware::from_fn(in_turn))
+        .layer(middleware::from_fn(routes::in_turn))
         .layer(CatchPanicLayer::custom(panicked))
         .layer(middleware::map_response(move |response: Response| {
             add_security_headers(response, policy.clone())
@@ -116,12 +118,6 @@ fn content_policy(ancestors: &FrameAncestors) -> HeaderValue {
         policy.extend(origin.as_bytes());
     }
     HeaderValue::from_bytes(&policy).unwrap_or(HeaderValue::from_static(CONTENT_POLICY))
-}
-
-/// Handles a request so that its work takes turns with that of other clients.
-async fn in_turn(request: axum::extract::Request, next: middleware::Next) -> Response {
-    let client = http_support::listen::client_of(request.extensions());
-    cases::for_client(client, next.run(request)).await
 }
 
 async fn add_security_headers(mut response: Response, policy: HeaderValue) -> Response {
@@ -151,11 +147,11 @@ mod tests {
     use axum::body::Body;
     use axum::extract::Request;
     use axum::routing::get;
-    use cases::Client;
+    use case::Client;
     use cases::ConcurrencyLimit;
     use futures_util::future::join_all;
     use futures_util::poll;
-    use http_support::listen::ThisClient;
+    use http::listen::ThisClient;
     use tower::ServiceExt as _;
 
     use super::*;
@@ -173,7 +169,7 @@ mod tests {
         };
         let app: Router = Router::new()
             .route("/", get(handler))
-            .layer(middleware::from_fn(in_turn));
+            .layer(middleware::from_fn(routes::in_turn));
         let ask = |client: Client| {
             let mut request = Request::get("/").body(Body::empty()).unwrap();
             request.extensions_mut().insert(client);

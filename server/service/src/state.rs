@@ -4,16 +4,19 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::extract::{FromRef, Request};
-use cases::{Cases, Client, ClientLimit, ClientPermit, Error};
+use case::Client;
+use cases::{Cases, Error};
+use http::client_limit::{ClientLimit, ClientPermit};
 use tokio::sync::watch;
 
 use crate::routes::bodies::Bodies;
-use http_support::auth::Access;
-use http_support::listen::client_of;
-use http_support::metrics::Metrics;
-use http_support::origins::Origins;
-use http_support::problem::AppError;
-use http_support::uploads::UploadLimits;
+use access::audit::Audit;
+use access::auth::Access;
+use access::origins::Origins;
+use http::listen::client_of;
+use http::metrics::Metrics;
+use http::problem::AppError;
+use http::uploads::UploadLimits;
 
 /// What HTTP may ask of the server, and who may ask.
 #[derive(Debug, Clone)]
@@ -28,6 +31,8 @@ pub struct HttpOptions {
     pub frame_ancestors: Origins,
     /// Whether metrics, version and documents need a token too.
     pub guard_all: bool,
+    /// The record of who does what.
+    pub audit: Audit,
 }
 
 /// Everything that handlers share. Cheap to clone.
@@ -40,6 +45,7 @@ pub struct AppState {
     bodies: Bodies,
     metrics: Metrics,
     access: Access,
+    audit: Audit,
     uploads: Uploads,
     streams: EventStreams,
     answer_timeout: AnswerTimeout,
@@ -65,6 +71,7 @@ impl AppState {
             cases,
             metrics,
             access: options.access,
+            audit: options.audit,
             streams: EventStreams::new(),
             answer_timeout: AnswerTimeout(options.answer_timeout),
             frame_ancestors: FrameAncestors(options.frame_ancestors),
@@ -79,6 +86,11 @@ impl AppState {
     /// The access rules.
     pub fn access(&self) -> &Access {
         &self.access
+    }
+
+    /// The record of who does what.
+    pub fn audit(&self) -> &Audit {
+        &self.audit
     }
 
     /// What tells endless answers to end.

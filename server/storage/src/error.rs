@@ -1,5 +1,6 @@
 //! Errors of the store.
 
+use std::borrow::Cow;
 use std::error::Error;
 use std::io::ErrorKind;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -8,6 +9,7 @@ use std::time::Duration;
 use crate::directory::OtherUser;
 use crate::identity::Mismatch;
 use crate::objects::{BUCKET, ObjectError};
+use case::{ErrorKind as PublicKind, INTERNAL, PublicError, SOURCE_MISSING};
 use sqlx::error::DatabaseError;
 
 /// The codes for a full disk: SQLite's (sqlite.org/rescode.html) and PostgreSQL's.
@@ -164,6 +166,74 @@ impl StoreError {
     /// This error and its sources.
     fn reasons(&self) -> impl Iterator<Item = &(dyn Error + 'static)> {
         std::iter::successors(Some(self as &dyn Error), |&error| error.source())
+    }
+}
+
+/// What clients are told of a full store.
+pub const FULL_STORE: &str = "the store is full; delete cases, or enlarge its disk";
+
+/// What clients are told of a disk that has room, but cannot be written.
+pub const FAILED_DISK: &str =
+    "the disk of the server failed: cases can be viewed, but nothing can be stored; check the disk";
+
+/// What clients are told while the store is unreachable.
+pub const STORE_AWAY: &str = "the server cannot answer now; try again in a moment";
+
+impl PublicError for StoreError {
+    fn kind(&self) -> PublicKind {
+        match self {
+            Self::NoSuchCase => PublicKind::NotFound,
+            Self::LayerNameTaken => PublicKind::Conflict,
+            Self::QueueFull(_) | Self::SourceMissing | Self::Mismatch(_) => PublicKind::Unavailable,
+            full if full.is_full() || full.is_unwritable() => PublicKind::Full,
+            away if away.is_away() => PublicKind::Unavailable,
+            _ => PublicKind::Internal,
+        }
+    }
+
+    fn name(&self) -> Cow<'static, str> {
+        let name = match self {
+            Self::NoSuchCase => "no-such-case",
+            Self::LayerNameTaken => "layer-name-taken",
+            Self::QueueFull(_) => "busy",
+            Self::SourceMissing => SOURCE_MISSING,
+            Self::Mismatch(_) => "unavailable",
+            full if full.is_full() => "storage-full",
+            failed if failed.is_unwritable() => "storage-failed",
+            away if away.is_away() => "unavailable",
+            _ => "store",
+        };
+        name.into()
+    }
+
+    fn sentence(&self) -> String {
+        match self {
+            Self::NoSuchCase | Self::SourceMissing | Self::Mismatch(_) => self.to_string(),
+            Self::LayerNameTaken => format!("{self}; choose another name"),
+            Self::QueueFull(wait) => {
+                let seconds = wait.as_secs_f64().ceil().max(1.0);
+                format!("too much work is waiting; try again in {seconds} s")
+            }
+            full if full.is_full() => FULL_STORE.to_owned(),
+            failed if failed.is_unwritable() => FAILED_DISK.to_owned(),
+            away if away.is_away() => STORE_AWAY.to_owned(),
+            _ => INTERNAL.to_owned(),
+        }
+    }
+
+    fn retry_after(&self) -> Option<Duration> {
+        match self {
+            Self::QueueFull(wait) => Some(*wait),
+            _ => None,
+        }
+    }
+
+    fn hidden_cause(&self) -> Option<&(dyn Error + 'static)> {
+        match self.name().as_ref() {
+            "store" | "storage-failed" => Some(self),
+            "unavailable" if self.is_away() => Some(self),
+            _ => None,
+        }
     }
 }
 

@@ -76,7 +76,9 @@ use case::{Case, CaseId};
 pub use case::arrivals;
 
 pub use self::copy::{Copied, CopyStep, ForPacs};
-pub use self::error::{FailureCounts, StoreError, failures, unless_missing};
+pub use self::error::{
+    FAILED_DISK, FULL_STORE, FailureCounts, STORE_AWAY, StoreError, failures, unless_missing,
+};
 pub use self::expiry::{Expired, Removal, Waiting};
 pub use self::findings::{FindingsVersion, Replaced, StoredFindings};
 pub use self::identity::{Mismatch, StoreId};

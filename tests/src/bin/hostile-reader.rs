@@ -154,7 +154,7 @@ fn trace(process: Pid) -> io::Result<()> {
 
 /// In place of reading a series or preparing a case.
 fn child(targets: &Targets) -> ExitCode {
-    cases::dicom::run_instead(|confinement| {
+    worker::run_instead(|confinement| {
         let mut lines = targets.attack();
         // If it succeeded, there would be no outcome.
         let error = Command::new("/bin/true").exec();
@@ -197,7 +197,7 @@ async fn server(targets: &Targets) -> io::Result<()> {
             Ok(_) => println!("it was read"),
         }
     }
-    match cases::prepare_by(program, "the volume of this patient".into(), scratch.path()) {
+    match worker::prepare_by(program, "the volume of this patient".into(), scratch.path()) {
         Err(failure) => println!("{}", failure.detail),
         Ok(_) => println!("it was prepared"),
     }
@@ -233,7 +233,7 @@ fn main() -> ExitCode {
         }
         "read" => {
             // As the server does.
-            cases::hide();
+            worker::hide();
             println!("landlock={}", has_landlock());
             let runtime = tokio::runtime::Builder::new_multi_thread()
                 .enable_all()

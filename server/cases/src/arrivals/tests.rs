@@ -41,12 +41,12 @@ pub(crate) fn application(store: Store, script: &str) -> Cases {
         render_threads: 1,
         max_queued_renders: 4,
         cache_bytes: 1 << 20,
-        children: crate::ChildBudget::default(),
+        children: worker::ChildBudget::default(),
         graphics: GraphicsOptions::of_one(GpuUse::Off),
         dicom_program: Program::other("/bin/sh".into(), arguments),
         max_dicom_bytes: 1 << 20,
         deidentify: false,
-        audit: audit::Audit::default(),
+        before_removal: crate::BeforeRemoval::default(),
     };
     Cases::on(Library::of(store), &options)
 }

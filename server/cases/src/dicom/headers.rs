@@ -1,35 +1,17 @@
-//! Reads what a file is and which series it belongs to, in a process for each file.
-//!
-//! A process that a file takes over sees no other file. It has the limits of the process that reads a series.
+//! Reads what a file is and which series it belongs to.
 
 use std::path::Path;
-use std::process::Stdio;
-use std::time::Duration;
 
 use case::images::Fingerprint;
 use case::{Failure, Parameters};
 use imaging::dicom::{Identity, MarkedPatient};
-use serde::de::DeserializeOwned;
 use storage::Spooled;
 use storage::arrivals::{AccessionNumber, Rejection, SeriesUids, Uid};
 
-use super::message::{HeaderOrder, Order, Stated};
-use super::reader::{Program, at_a_time, cannot_run, check_file, checked_failure, died};
-use crate::children::ChildMemory;
+use worker::{FileReader, at_a_time};
+
 use crate::error::Error;
 use crate::limit::ConcurrencyLimit;
-
-/// The time limit for a file, and for each further 4 MiB: its pixels are decoded.
-const LONGEST: Duration = Duration::from_secs(20);
-
-/// The bytes of a file for which it may take as long again.
-const BYTES_AT_ONCE: u64 = 4 << 20;
-
-/// Memory for the program itself.
-const PROGRAM_BYTES: u64 = 512 << 20;
-
-/// How many times as large as a file its uncompressed pixels may be.
-const UNPACKING: u64 = 16;
 
 /// Files that may wait.
 const WAITING: usize = 256;
@@ -138,25 +120,19 @@ fn checked_rejection(rejection: &imaging::dicom::Rejection) -> Option<Rejection>
     })
 }
 
-/// Reads the headers of files.
+/// Reads the headers of files. If many wait, the clients ([`for_client`](crate::for_client)) take turns.
 #[derive(Debug)]
 pub struct HeaderReader {
-    program: Program,
-    max_file_bytes: u64,
-    longest: Duration,
+    reader: FileReader,
     limit: ConcurrencyLimit,
-    memory: ChildMemory,
 }
 
 impl HeaderReader {
-    /// A reader of files of at most `max_file_bytes`.
-    pub(crate) fn new(program: Program, max_file_bytes: u64, memory: ChildMemory) -> Self {
+    /// As `reader`, a bounded number at a time.
+    pub(crate) fn new(reader: FileReader) -> Self {
         Self {
-            program,
-            max_file_bytes,
-            longest: LONGEST,
+            reader,
             limit: ConcurrencyLimit::new(at_a_time(), WAITING),
-            memory,
         }
     }
 
@@ -166,7 +142,8 @@ impl HeaderReader {
     /// A [`Failure`] that states what is wrong with the file, or that its process died; [`Error::Busy`] if too many
     /// wait; [`Error::Internal`], logged, if the process cannot be started.
     pub async fn read(&self, file: &Spooled) -> Result<InstanceIdentity, Error> {
-        self.identity(file, None).await
+        let _turn = self.limit.turn().await?;
+        checked(self.reader.identity(file).await?)
     }
 
     /// The findings of a measurement report.
@@ -174,7 +151,8 @@ impl HeaderReader {
     /// # Errors
     /// As [`HeaderReader::read`].
     pub(crate) async fn read_marks(&self, file: &Spooled) -> Result<MarkedPatient, Error> {
-        self.ask(file, None, Order::Marks).await
+        let _turn = self.limit.turn().await?;
+        Ok(self.reader.marks(file).await?)
     }
 
     /// Writes a file without the identity of the patient, as an upload is spooled; what it states and shows then.
@@ -186,52 +164,14 @@ impl HeaderReader {
         file: &Spooled,
         output: &Path,
     ) -> Result<Option<Fingerprint>, Error> {
-        let identity = self.identity(file, Some(output)).await?;
-        // Pixels that were compressed may be larger than before.
-        let largest = self.max_file_bytes.saturating_mul(UNPACKING);
-        check_file(output, Spooled::START + largest)?;
+        let _turn = self.limit.turn().await?;
+        let identity = checked(self.reader.deidentify(file, output).await?)?;
         Ok(identity.fingerprint)
     }
+}
 
-    async fn identity(
-        &self,
-        file: &Spooled,
-        output: Option<&Path>,
-    ) -> Result<InstanceIdentity, Error> {
-        let identity = self.ask(file, output, Order::Header).await?;
-        InstanceIdentity::checked(identity).ok_or_else(|| bad_uid().into())
-    }
-
-    async fn ask<T: DeserializeOwned>(
-        &self,
-        file: &Spooled,
-        output: Option<&Path>,
-        order: fn(HeaderOrder) -> Order,
-    ) -> Result<T, Error> {
-        let _turn = self.limit.turn().await?;
-        let memory_bytes = PROGRAM_BYTES + (UNPACKING + 4) * file.len();
-        let _memory = self.memory.take(memory_bytes).await;
-        let longest = self.longest * (1 + u32::try_from(file.len() / BYTES_AT_ONCE).unwrap_or(0));
-        let absolute = |path: &Path| std::path::absolute(path).map_err(cannot_run);
-        let order = order(HeaderOrder {
-            file: absolute(file.path())?,
-            start: Spooled::START,
-            output: output.map(absolute).transpose()?,
-            max_file_bytes: self.max_file_bytes,
-            memory_bytes,
-            seconds: longest.as_secs().max(1),
-        });
-        let mut process = self.program.start(Stdio::piped()).map_err(cannot_run)?;
-        let answer = tokio::time::timeout(longest, process.ask(&order)).await;
-        // A process that is too slow is ended with its handle.
-        let Some(stated) = answer.ok().flatten() else {
-            return Err(died().into());
-        };
-        match stated {
-            Stated::Read(found) => Ok(found),
-            Stated::Refused(failure) => Err(checked_failure(failure).into()),
-        }
-    }
+fn checked(identity: Identity) -> Result<InstanceIdentity, Error> {
+    InstanceIdentity::checked(identity).ok_or_else(|| bad_uid().into())
 }
 
 fn bad_uid() -> Failure {
@@ -243,9 +183,12 @@ fn bad_uid() -> Failure {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use bytes::Bytes;
     use case::FailureKind;
     use storage::{Options, Store};
+    use worker::{ChildMemory, Program};
 
     use super::*;
 
@@ -256,8 +199,8 @@ mod tests {
     async fn read_by(script: &str, longest: Duration) -> Result<InstanceIdentity, Error> {
         let arguments = vec!["-c".into(), script.into()];
         let program = Program::other("/bin/sh".into(), arguments);
-        let mut reader = HeaderReader::new(program, 1 << 20, ChildMemory::default());
-        reader.longest = longest;
+        let reader = FileReader::new(program, 1 << 20, ChildMemory::default());
+        let reader = HeaderReader::new(reader.within(longest));
         let store = Store::in_memory(Options::default()).await.unwrap();
         let file = store.spool_all(Bytes::from_static(b"file")).await.unwrap();
         reader.read(&file).await

@@ -1,137 +1,79 @@
-//! Reads DICOM files into a volume, in a separate process.
-//!
-//! Hostile files can make parsers and decoders run for ever, exhaust memory, or abort the process. So the program
-//! starts itself again, as `isocortex read-dicom`, for each upload: a process with limits on memory, time and open
-//! files, without environment, which opens the spooled files and the files for its results, confines itself (`confine.rs`), and only
-//! then looks at what it reads. Its output is trusted as little as its input. If it dies, the upload is rejected and the server continues.
+//! Reads DICOM files into a volume, in confined processes, of which a bounded number run at a time.
 
-mod child;
-mod files;
 mod headers;
-mod message;
-mod reader;
 mod stored;
 
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::time::Duration;
 
-use bytes::Bytes;
-use case::images::Image;
-use serde::Serialize;
-use storage::Spooled;
-use tempfile::TempDir;
+use imaging::Limits;
+use worker::{ChildMemory, Confinement, Reading, SeriesReader, at_a_time};
 
-use self::message::{Order, VOLUME};
-use crate::apart::PrepareOrder;
+use crate::error::Error;
+use crate::limit::ConcurrencyLimit;
 
-pub use self::child::run as run_child;
-#[cfg(any(test, feature = "testing"))]
-pub use self::child::run_instead;
-pub(crate) use self::child::{Instead, said};
 pub use self::headers::{HeaderReader, InstanceIdentity};
-pub(crate) use self::reader::series_bytes;
-pub use self::reader::{DicomReader, Program};
 pub(crate) use self::stored::copy_objects;
 pub use imaging::dicom::{Attributes, Options, Purpose, SeriesName, SeriesSummary};
+pub use worker::{Choice, Input, Program, SeriesView};
 
-/// The subcommand of the child.
-pub const SUBCOMMAND: &str = "read-dicom";
+/// Series that may wait.
+const WAITING: usize = 16;
 
-/// The order to prepare a case, for the same program.
-pub(crate) fn order_to_prepare(order: &PrepareOrder) -> io::Result<Vec<u8>> {
-    Ok(serde_json::to_vec(&Order::Prepare(Box::new(
-        order.clone(),
-    )))?)
-}
-
-/// The files to read.
-#[derive(Debug, Clone, Copy)]
-pub enum Input<'a> {
-    /// The files below a directory, or one file: DICOM, or a zip of it.
-    Path(&'a Path),
-    /// The files below a directory that was made for this reading.
-    Directory(&'a TempDir),
-    /// One spooled file.
-    Spooled(&'a Spooled),
-}
-
-/// A series as a volume.
+/// Reads series of DICOM files. If many wait, the clients ([`for_client`](crate::for_client)) take turns.
 #[derive(Debug)]
-pub struct Reading {
-    /// The file of the volume.
-    output: TempDir,
-    /// The identifying attributes, as the stored JSON.
-    pub attributes: Bytes,
-    /// The images that it was made of.
-    pub images: Vec<Image>,
-    /// The choice among the files.
-    pub choice: Choice,
+pub struct DicomReader {
+    reader: SeriesReader,
+    limit: ConcurrencyLimit,
 }
 
-impl Reading {
-    /// The file of the volume, gzipped NIfTI-1, after [`Spooled::START`] bytes of room as in a spooled file.
-    pub fn file(&self) -> PathBuf {
-        self.output.path().join(VOLUME)
+impl DicomReader {
+    /// A reader of volumes within `limits`, from files of at most `max_input_bytes` altogether, unpacked.
+    pub fn new(program: Program, limits: Limits, max_input_bytes: u64) -> Self {
+        Self {
+            reader: SeriesReader::new(program, limits, max_input_bytes),
+            limit: ConcurrencyLimit::new(at_a_time(), WAITING),
+        }
     }
 
-    /// The volume in memory.
+    /// The same with memory that others share.
+    #[must_use]
+    pub(crate) fn with_memory(self, memory: ChildMemory) -> Self {
+        Self {
+            reader: self.reader.with_memory(memory),
+            ..self
+        }
+    }
+
+    /// Sets the time limit.
+    #[must_use]
+    pub fn within(self, longest: Duration) -> Self {
+        Self {
+            reader: self.reader.within(longest),
+            ..self
+        }
+    }
+
+    /// As [`SeriesReader::read`].
     ///
     /// # Errors
-    /// If the file cannot be read.
-    pub async fn volume(&self) -> io::Result<Bytes> {
-        let file = Bytes::from(tokio::fs::read(self.file()).await?);
-        Ok(file.slice(file.len().min(Spooled::START as usize)..))
+    /// A [`Failure`](case::Failure) that states what is wrong with the files, or how the process died; [`Error::Busy`] if too many
+    /// wait; [`Error::Internal`], logged, if the process cannot be started.
+    pub async fn read(
+        &self,
+        input: Input<'_>,
+        options: &Options,
+        scratch: &Path,
+    ) -> Result<Reading, Error> {
+        let _turn = self.limit.turn().await?;
+        Ok(self.reader.read(input, options, scratch).await?)
     }
-}
 
-/// The choice among the files of an upload.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = DicomChoice))]
-pub struct Choice {
-    /// The chosen series.
-    pub series: SeriesView,
-    /// The other series of the upload.
-    pub others: Vec<SeriesView>,
-    /// The number of files that are not MR, CT or PET images.
-    pub ignored_files: usize,
-    /// Numbers (from 1) of the missing slices that are interpolated because of `allow_gaps`.
-    pub interpolated_slices: Vec<usize>,
-    /// Whether names or timing indicate that the chosen series is T1-weighted.
-    #[serde(skip)]
-    pub is_t1: bool,
-}
-
-/// A series, without the identity of the patient.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = DicomSeries))]
-pub struct SeriesView {
-    /// The scanner's number of the series.
-    pub number: Option<i64>,
-    /// `MR`, `CT` or `PT`.
-    pub modality: String,
-    /// The kind of the sequence, as far as its header tells: `T1`, `FLAIR`, `T2`, `PET`, `CT` and so on.
-    pub name: String,
-    /// The unit of its values, if the header states it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub unit: Option<String>,
-    /// Pixels of a row, rows, and slices.
-    pub size: [usize; 3],
-    /// Whether it could be a volume, and so a layer: enough slices, no localizer, no mosaic.
-    pub is_volume: bool,
-    /// The token for `series`.
-    pub token: String,
-}
-
-impl From<SeriesSummary> for SeriesView {
-    fn from(summary: SeriesSummary) -> Self {
-        Self {
-            number: summary.number,
-            modality: summary.modality,
-            name: summary.name,
-            unit: summary.unit,
-            size: summary.size,
-            is_volume: summary.is_volume,
-            token: summary.token,
-        }
+    /// As [`SeriesReader::confinement`].
+    ///
+    /// # Errors
+    /// [`Error::Internal`], logged, if the process cannot be started, or does not answer.
+    pub async fn confinement(&self) -> Result<Confinement, Error> {
+        Ok(self.reader.confinement().await?)
     }
 }

@@ -52,13 +52,13 @@ async fn setup() -> Setup {
         head: HeadLimits::default(),
         render_threads: 1,
         max_queued_renders: 4,
-        children: crate::ChildBudget::default(),
+        children: worker::ChildBudget::default(),
         cache_bytes: 1 << 20,
         graphics: GraphicsOptions::of_one(GpuUse::Off),
         dicom_program: Program::default(),
         max_dicom_bytes: 1 << 20,
         deidentify: false,
-        audit: audit::Audit::default(),
+        before_removal: crate::BeforeRemoval::default(),
     };
     let was_read = Arc::new(Mutex::new(Vec::new()));
     let (noted, pipeline) = (Arc::clone(&was_read), Pipeline::default());

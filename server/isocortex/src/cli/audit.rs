@@ -40,14 +40,14 @@ pub(super) fn run(args: &AuditArgs) -> Result<(), CliError> {
     match &args.command {
         AuditCommand::Verify(args) => verify(args),
         AuditCommand::Digest(args) => {
-            println!("{}", audit::digest_of_uid(&args.uid));
+            println!("{}", access::audit::digest_of_uid(&args.uid));
             Ok(())
         }
     }
 }
 
 fn verify(args: &VerifyArgs) -> Result<(), CliError> {
-    let verified = audit::verify(&args.folder).map_err(|error| {
+    let verified = access::audit::verify(&args.folder).map_err(|error| {
         let why = format!("{} cannot be read: {error}", args.folder.display());
         CliError::new(ExitStatus::NoInput, why)
     })?;

@@ -221,7 +221,6 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
 async fn open(config: &Config) -> Result<Cases, CliError> {
     config.check()?;
     let mut options = cases::Options {
-        audit: config.audit()?,
         graphics: GraphicsOptions::of_one(GpuUse::Off),
         ..config.cases()?
     };

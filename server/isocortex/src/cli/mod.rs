@@ -173,12 +173,12 @@ fn series_name(text: &str) -> Result<SeriesName, &'static str> {
 /// Runs the command and returns its exit status.
 pub fn main() -> ExitCode {
     // The others of this user must not read the memory of this process.
-    cases::hide();
+    worker::hide();
     if std::env::args_os()
         .nth(1)
-        .is_some_and(|first| first == cases::dicom::SUBCOMMAND)
+        .is_some_and(|first| first == worker::SUBCOMMAND)
     {
-        return cases::dicom::run_child();
+        return worker::run_child();
     }
     match run(Cli::parse().command) {
         Ok(()) => ExitCode::SUCCESS,

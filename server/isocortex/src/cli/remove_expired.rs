@@ -7,6 +7,7 @@ use storage::{Removal, Store};
 
 use super::common::{StoreArgs, set_some};
 use super::status::{CliError, ExitStatus};
+use crate::start::recorded;
 
 /// Remove the cases that are older than a number of days, or list them
 ///
@@ -61,7 +62,7 @@ pub(super) fn run(args: &RemoveExpiredArgs) -> Result<(), CliError> {
                 true => Removal::Confirmed,
                 false => Removal::Asked,
             };
-            let expired = cases::jobs::remove_expired(&store, &audit, removal).await;
+            let expired = cases::remove_expired(&store, &recorded(&audit), removal).await;
             audit.shut_down();
             let expired = expired?;
             println!("removed: {} cases", expired.removed);

@@ -8,7 +8,7 @@ use cases::jobs::start_workers;
 use cases::pictures::{GpuUse, GraphicsOptions, PictureRequest, PictureSeries, SeriesPicture};
 use cases::{Cases, Error, Library, LibraryOptions, Preparation};
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
-use http_support::{query, sent};
+use http::{query, sent};
 use render::choice::Renderer;
 use storage::{Location, Store};
 
@@ -179,6 +179,8 @@ async fn prepared(args: &RenderArgs) -> Result<(Store, CaseId), CliError> {
 mod tests {
     use clap::Parser;
 
+    use http::sent::from_query;
+
     use super::*;
 
     #[derive(Debug, Parser)]
@@ -206,14 +208,14 @@ mod tests {
         ];
         let over_http =
             "depth_mm=8&orientation=-0.5,0,0,1&window=80,0.5&window_function=sigmoid&annotate=true";
-        let over_http = query::parse::<PictureRequest>(over_http).unwrap();
-        assert_eq!(request(&options).unwrap(), over_http.asked);
+        let over_http: PictureRequest = from_query(over_http).unwrap();
+        assert_eq!(request(&options).unwrap(), over_http);
         let command = PictureKeys::augment_args(Command::new("render"));
         let known: Vec<_> = command
             .get_arguments()
             .map(|known| known.get_id().as_str())
             .collect();
-        let all = serde_json::to_value(over_http.asked).unwrap();
+        let all = serde_json::to_value(over_http).unwrap();
         for key in all.as_object().unwrap().keys() {
             assert!(known.contains(&&**key), "{key}");
         }

@@ -15,13 +15,13 @@ use super::status::{CliError, ExitStatus};
 use super::waiting;
 use crate::config::{Config, ConfigError, Network};
 use crate::{figures, logs, start};
+use access::auth::Access;
 use cases::dicom::DicomReader;
 use cases::jobs::{start_series_reader, start_workers};
 use cases::pictures::GpuUse;
 use cases::runner::Runner;
-use http_support::auth::Access;
-use http_support::listen;
-use http_support::tls::ListeningTls;
+use http::listen;
+use http::tls::ListeningTls;
 use pacs::dimse::{self, ReloadedTls};
 use pacs::start_transfers;
 use service::state::AppState;
@@ -350,14 +350,14 @@ impl Server {
         let Some(state) = waiting::opened(config, address, tls.clone(), opening).await? else {
             return Ok(None);
         };
-        let pacs = start::pacs(config, &state.cases)?;
+        let pacs = start::pacs(config, &state)?;
         let (listener, address) = bind(config.http.listen).await?;
         let workers = start_workers(state.cases.library.clone(), config.prepare.workers);
         let limits = config.connection_limits();
-        let grace = limits.shutdown_grace;
+        let grace = limits.timeouts.shutdown_grace;
         figures::add_store(state.metrics(), state.cases.store());
         figures::add_pacs(state.metrics(), &pacs);
-        figures::add_audit(state.metrics(), state.cases.audit());
+        figures::add_audit(state.metrics(), state.audit());
         let mut reload = Reload {
             access: state.access().clone(),
             tls: tls.clone(),
@@ -366,9 +366,10 @@ impl Server {
             watched,
         };
         let dimse = match config.pacs.dimse()? {
-            Some((listen, options)) => {
+            Some((listen, mut options)) => {
                 let (listener, address) = bind(listen).await?;
                 tracing::info!(%address, "listening for C-STORE");
+                options.audit = state.audit().clone();
                 figures::add_associations(state.metrics(), &options.counts);
                 reload.dimse_tls.clone_from(&options.tls);
                 let stop = state.stopping().begun();
@@ -448,7 +449,7 @@ impl Server {
             self.workers.shut_down(self.grace),
         );
         self.state.cases.store().close().await;
-        self.state.cases.audit().shut_down();
+        self.state.audit().shut_down();
         tracing::info!("stopped");
     }
 }

@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use axum::routing::get;
 use axum::{Json, Router};
-use http_support::listen;
-use http_support::problem::AppError;
-use http_support::tls::ReloadedTls;
+use http::listen;
+use http::problem::AppError;
+use http::tls::ReloadedTls;
 use serde_json::json;
 use tokio::sync::oneshot;
 

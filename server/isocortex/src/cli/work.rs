@@ -2,12 +2,11 @@
 
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::time::Duration;
 
 use cases::dicom::DicomReader;
 use cases::jobs::start_workers;
 use clap::Args;
-use http_support::listen;
+use http::listen;
 use pipeline::Limits;
 
 use super::common::{CommonArgs, set_some};
@@ -69,10 +68,10 @@ pub(super) fn run(args: &WorkArgs) -> Result<(), CliError> {
             }
         }
         tracing::info!("stopping");
-        let grace = Duration::from_secs(config.http.shutdown_grace_secs);
+        let grace = config.http.timeouts.shutdown_grace;
         workers.shut_down(grace).await;
         library.store().close().await;
-        library.audit().shut_down();
+        audit.shut_down();
         tracing::info!("stopped");
         Ok(())
     })

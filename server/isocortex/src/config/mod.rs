@@ -11,20 +11,20 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
-use audit::Audit;
-use cases::ChildBudget;
-use cases::dicom::Program;
+use access::audit::Audit;
+use access::auth::{Access, BadToken, unnamed};
+use access::origins::{NotAnOrigin, Origins};
+use access::proxy::{BadProxy, SignInProxy};
+use access::tokens::NamedToken;
+use cases::BeforeRemoval;
 use cases::pictures::GraphicsOptions;
-use http_support::auth::{Access, BadToken, unnamed};
-use http_support::forwarded::TrustedProxies;
-use http_support::listen::ConnectionLimits;
-use http_support::origins::{NotAnOrigin, Origins};
-use http_support::proxy::{BadProxy, SignInProxy};
-use http_support::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
-use http_support::tokens::NamedToken;
+use http::forwarded::TrustedProxies;
+use http::listen::ConnectionLimits;
+use http::tls::{BadTls, ListeningTls, certificate_warning, serving_tls};
 use pipeline::HeadLimits;
 use serde::Deserialize;
 use storage::{BadAddress, DatabaseAddress, Location, ObjectsAddress};
+use worker::{ChildBudget, Program};
 
 use crate::logs::LogFormat;
 
@@ -48,7 +48,7 @@ pub struct Config {
     pub log: String,
     /// The record of who does what.
     pub audit: AuditFiles,
-    /// The server: address, access, timeouts.
+    /// The server: address and access.
     pub http: Http,
     /// Limits on uploads and queues.
     pub limits: Limits,
@@ -403,7 +403,7 @@ impl Config {
         let Some(folder) = &self.audit.folder else {
             return Ok(Audit::default());
         };
-        let options = audit::Options {
+        let options = access::audit::Options {
             folder: folder.clone(),
             max_file_bytes: self.audit.max_file_bytes,
         };
@@ -421,7 +421,7 @@ impl Config {
         let Some(folder) = &self.audit.folder else {
             return Ok(());
         };
-        audit::check_folder(folder).map_err(|source| ConfigError::Audit {
+        access::audit::check_folder(folder).map_err(|source| ConfigError::Audit {
             folder: folder.clone(),
             source,
         })
@@ -462,10 +462,6 @@ impl Config {
             ),
             ("http.max_connections", self.http.max_connections as u64),
             ("http.max_uploads", self.http.max_uploads as u64),
-            ("http.header_timeout_secs", self.http.header_timeout_secs),
-            ("http.answer_timeout_secs", self.http.answer_timeout_secs),
-            ("http.upload_idle_secs", self.http.upload_idle_secs),
-            ("http.upload_timeout_secs", self.http.upload_timeout_secs),
             ("storage.keep_days", self.storage.keep_days.unwrap_or(1)),
         ];
         let mut counts = counts.into_iter().chain(self.pacs.counts());
@@ -601,11 +597,7 @@ impl Config {
             network: self.prepare.network.clone(),
             atlas: self.prepare.atlas.clone(),
             limits: self.volume_limits(),
-            head: HeadLimits {
-                voxel_mm: [self.limits.min_voxel_mm, self.limits.max_voxel_mm],
-                field_mm: [self.limits.min_field_mm, self.limits.max_field_mm],
-                max_ratio: self.limits.max_voxel_ratio,
-            },
+            head: HeadLimits::with_sides_from(self.limits.min_field_mm),
             render_threads: self.render.threads,
             max_queued_renders: self.limits.max_queued_renders,
             cache_bytes: self.render.cache_bytes,
@@ -623,7 +615,7 @@ impl Config {
             dicom_program: self.dicom_program.clone(),
             max_dicom_bytes: self.limits.max_upload_bytes.saturating_mul(DICOM_UNPACKING),
             deidentify: self.pacs.deidentify,
-            audit: Audit::default(),
+            before_removal: BeforeRemoval::default(),
         })
     }
 
@@ -634,10 +626,7 @@ impl Config {
             trusted_proxies: TrustedProxies(
                 (self.http.trusted_proxies.iter().map(|network| network.0)).collect(),
             ),
-            header_timeout: Duration::from_secs(self.http.header_timeout_secs),
-            idle: Duration::from_secs(self.http.upload_idle_secs),
-            whole: Duration::from_secs(self.http.upload_timeout_secs),
-            shutdown_grace: Duration::from_secs(self.http.shutdown_grace_secs),
+            timeouts: self.http.timeouts,
         }
     }
 }

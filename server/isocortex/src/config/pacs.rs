@@ -76,10 +76,6 @@ pub struct Dimse {
     pub aet: String,
     /// Who may store images. Nobody else may connect.
     pub peers: Vec<Peer>,
-    /// Associations at a time.
-    pub max_associations: usize,
-    /// How long a peer may send nothing, in seconds.
-    pub idle_secs: u64,
     /// A file with our certificate, for TLS.
     pub tls_certificate: Option<PathBuf>,
     /// A file with its key.
@@ -90,13 +86,10 @@ pub struct Dimse {
 
 impl Default for Dimse {
     fn default() -> Self {
-        let usual = DimseOptions::default();
         Self {
             listen: None,
-            aet: usual.aet,
+            aet: DimseOptions::default().aet,
             peers: Vec::new(),
-            max_associations: usual.max_associations,
-            idle_secs: usual.idle.as_secs(),
             tls_certificate: None,
             tls_key: None,
             tls_authority: None,
@@ -270,8 +263,6 @@ impl Pacs {
         let options = DimseOptions {
             aet: self.dimse.aet.clone(),
             peers: peers?,
-            max_associations: self.dimse.max_associations,
-            idle: Duration::from_secs(self.dimse.idle_secs),
             tls: tls.map(ReloadedTls::new),
             ignores_other_objects: self.ignore_other_objects,
             ..DimseOptions::default()
@@ -280,15 +271,10 @@ impl Pacs {
     }
 
     /// The numbers that must be at least 1.
-    pub(super) fn counts(&self) -> [(&'static str, u64); 4] {
+    pub(super) fn counts(&self) -> [(&'static str, u64); 2] {
         [
             ("pacs.stable_seconds", self.stable_seconds),
             ("pacs.keep_days", self.keep_days),
-            (
-                "pacs.dimse.max_associations",
-                self.dimse.max_associations as u64,
-            ),
-            ("pacs.dimse.idle_secs", self.dimse.idle_secs),
         ]
     }
 }

@@ -5,9 +5,10 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use access::proxy::ProxyOptions;
+use access::scopes::Role;
 use cases::pictures::GpuUse;
-use http_support::proxy::ProxyOptions;
-use http_support::scopes::Role;
+use http::timeouts::Timeouts;
 use ipnet::IpNet;
 use pipeline::HeadLimits;
 use pipeline::atlas::AtlasChoice;
@@ -16,7 +17,7 @@ use serde::Deserialize;
 /// The default address.
 pub const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 8640);
 
-/// `[http]`: address, access and timeouts.
+/// `[http]`: address and access.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Http {
@@ -44,16 +45,9 @@ pub struct Http {
     pub trusted_proxies: Vec<Network>,
     /// Uploads at a time.
     pub max_uploads: usize,
-    /// Time for the headers of a request, in seconds; also how long a connection may be idle.
-    pub header_timeout_secs: u64,
-    /// Time for an answer, in seconds.
-    pub answer_timeout_secs: u64,
-    /// Time within which the next bytes of an upload must arrive, or of an answer be received, in seconds.
-    pub upload_idle_secs: u64,
-    /// Time for a whole upload, and for a client to receive an answer, in seconds.
-    pub upload_timeout_secs: u64,
-    /// Time for running requests when the server stops, in seconds.
-    pub shutdown_grace_secs: u64,
+    /// How long clients may take, which is no key.
+    #[serde(skip)]
+    pub timeouts: Timeouts,
 }
 
 impl Default for Http {
@@ -71,11 +65,7 @@ impl Default for Http {
             max_connections: 512,
             trusted_proxies: Vec::new(),
             max_uploads: 64,
-            header_timeout_secs: 10,
-            answer_timeout_secs: 60,
-            upload_idle_secs: 30,
-            upload_timeout_secs: 3600,
-            shutdown_grace_secs: 20,
+            timeouts: Timeouts::default(),
         }
     }
 }
@@ -176,16 +166,8 @@ pub struct Limits {
     pub max_upload_bytes: u64,
     /// The largest accepted volume, in voxels.
     pub max_voxels: usize,
-    /// The shortest edge of a voxel, in mm. A volume beyond this or the next four limits is rejected at once.
-    pub min_voxel_mm: f64,
-    /// The longest edge of a voxel, in mm.
-    pub max_voxel_mm: f64,
     /// The shortest side of a volume, in mm; infants and specimens may need less.
     pub min_field_mm: f64,
-    /// The longest side of a volume, in mm.
-    pub max_field_mm: f64,
-    /// The greatest ratio of two edges of a voxel.
-    pub max_voxel_ratio: f64,
     /// Threads of a preparation; by default, one for each CPU core.
     pub preparation_threads: usize,
     /// Memory for all processes together that read files and prepare cases, in bytes; by default enough for all workers and two series.
@@ -213,15 +195,10 @@ pub enum MapsUse {
 
 impl Default for Limits {
     fn default() -> Self {
-        let head = HeadLimits::default();
         Self {
             max_upload_bytes: 1 << 30,
             max_voxels: 64 << 20,
-            min_voxel_mm: head.voxel_mm[0],
-            max_voxel_mm: head.voxel_mm[1],
-            min_field_mm: head.field_mm[0],
-            max_field_mm: head.field_mm[1],
-            max_voxel_ratio: head.max_ratio,
+            min_field_mm: HeadLimits::default().field_mm[0],
             preparation_threads: cores(),
             child_bytes: None,
             max_queued_cases: 256,

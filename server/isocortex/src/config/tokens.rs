@@ -3,8 +3,8 @@
 use std::collections::HashSet;
 use std::time::SystemTime;
 
-use http_support::scopes::Scope;
-use http_support::tokens::{ANYBODY, Holder, NamedToken, UNNAMED};
+use access::scopes::Scope;
+use access::tokens::{ANYBODY, Holder, NamedToken, UNNAMED};
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
 use serde::Deserialize;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::net::IpAddr;
 use std::time::Duration;
 
-use audit::{Action, Event, EventKind, Outcome, digest_of_uid};
+use access::audit::{Action, Audit, Event, EventKind, Outcome, digest_of_uid};
 use cases::arrivals::Reception;
 use cases::{Cases, Error, MAX_INSTANCE_BYTES};
 use dicom_ul::pdu::{AbortRQServiceProviderReason, AbortRQSource, PDataValue, PDataValueType, Pdu};
@@ -142,6 +142,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     wire.send(&Pdu::AssociationAC(answer)).await?;
     let mut messages = Messages {
         cases,
+        audit: &options.audit,
         counts: &options.counts,
         contexts: &contexts,
         state: State::Command(Vec::new()),
@@ -218,6 +219,7 @@ async fn exchange<S: AsyncRead + AsyncWrite + Unpin>(
 /// Messages, put together of fragments.
 struct Messages<'a> {
     cases: &'a Cases,
+    audit: &'a Audit,
     counts: &'a AssociationCounts,
     contexts: &'a [Context],
     state: State,
@@ -428,7 +430,7 @@ impl Messages<'_> {
     }
 
     async fn record(&self, event: Event) -> bool {
-        let recorded = self.cases.audit().record(event);
+        let recorded = self.audit.record(event);
         let recorded = tokio::time::timeout(LONGEST_RECORDING, recorded).await;
         matches!(recorded, Ok(Ok(())))
     }

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use http_support::logs::LogRateLimit;
+use http::logs::LogRateLimit;
 
 /// Why an association or a connection was rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,7 +3,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use cases::{Cases, Client, ClientLimit};
+use case::Client;
+use cases::Cases;
+use http::client_limit::ClientLimit;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;

@@ -21,7 +21,7 @@ pub use self::node::{BadStorageNode, StorageNode};
 pub use self::options::{DimseOptions, is_aet};
 pub use self::outcome::NotStored;
 pub use self::peers::{Peer, PeerAddress};
-pub use http_support::tls::{
+pub use http::tls::{
     BadTls, ConnectingTls, ListeningTls, ReloadedTls, TlsAuthority, TlsIdentity, connecting_tls,
     listening_tls,
 };

@@ -18,7 +18,7 @@ use crate::dimse::negotiate::{EXPLICIT, IMPLICIT, request_to_store};
 use crate::dimse::options::is_aet;
 use crate::dimse::outcome::{NotStored, is_stored, rejected};
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
-use http_support::tls::ConnectingTls;
+use http::tls::ConnectingTls;
 
 /// How long to wait for a connection.
 const CONNECT: Duration = Duration::from_secs(10);

@@ -5,7 +5,8 @@ use std::time::Duration;
 
 use crate::dimse::counts::AssociationCounts;
 use crate::dimse::peers::Peer;
-use http_support::tls::ReloadedTls;
+use access::audit::Audit;
+use http::tls::ReloadedTls;
 
 /// Whether a text is an application entity title (PS3.5 §6.2).
 pub fn is_aet(text: &str) -> bool {
@@ -32,6 +33,8 @@ pub struct DimseOptions {
     pub ignores_other_objects: bool,
     /// What is counted.
     pub counts: Arc<AssociationCounts>,
+    /// The record of who does what.
+    pub audit: Audit,
 }
 
 impl Default for DimseOptions {
@@ -45,6 +48,7 @@ impl Default for DimseOptions {
             tls: None,
             ignores_other_objects: true,
             counts: Arc::default(),
+            audit: Audit::default(),
         }
     }
 }

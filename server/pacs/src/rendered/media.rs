@@ -3,7 +3,7 @@
 use axum::http::{HeaderMap, StatusCode, header};
 
 use crate::multipart::MediaType;
-use http_support::problem::AppError;
+use http::problem::AppError;
 
 /// The kind of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -21,7 +21,7 @@ use self::media::{Answer, Kind, accepted};
 use self::query::{RenderedParams, RenderedQuery, Shown};
 use crate::address::{Named, SeriesPath, StudyPath};
 use crate::state::Pacs;
-use http_support::problem::AppError;
+use http::problem::AppError;
 
 type Keys = Result<Query<Vec<(String, String)>>, QueryRejection>;
 

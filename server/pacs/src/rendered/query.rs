@@ -15,8 +15,8 @@ use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::schema::Type;
 use utoipa::openapi::{ObjectBuilder, Required};
 
-use http_support::problem::AppError;
-use http_support::sent::from_pairs;
+use http::problem::AppError;
+use http::sent::from_pairs;
 
 /// The depth if none is requested, in mm: cuts are orthogonal to most sulci there.
 const USUAL_DEPTH_MM: f32 = 8.0;

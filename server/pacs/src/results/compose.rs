@@ -10,7 +10,7 @@ use case::{
 };
 use cases::arrivals::Patient;
 use cases::pictures::{Layout, PictureRequest, window_of};
-use cases::report::{ReportFormat, ReportSubject};
+use cases::report::ReportSubject;
 use cases::{Cases, Error};
 use geometry::{Grid, Mask};
 use imaging::dicom::write::{
@@ -23,6 +23,7 @@ use pipeline::findings::voxels_of;
 use render::{
     Frame, FrameSize, PixelFormat, RESEARCH_USE_NOTICE, SHORT_NOTICE, WindowFunction, encode_png,
 };
+use report::ReportFormat;
 use storage::arrivals::Uid;
 use storage::results::ResultSeries;
 
@@ -30,7 +31,7 @@ use super::draw::Drawing;
 use super::moment::Moment;
 use super::request::{FindingsPlan, KeyObjectPlan, MaskPlan, Plan, ResultRequest, Title, What};
 use crate::state::Pacs;
-use http_support::problem::AppError;
+use http::problem::AppError;
 
 /// A part of every UID. Raise it if the same request gives another object.
 const FORMAT: &str = "isocortex result 4";

@@ -23,9 +23,9 @@ use crate::error::ReasonView;
 use crate::rendered::media::accepted_ranges;
 use crate::send::SEND;
 use crate::state::Pacs;
-use http_support::fresh::fresh_json;
-use http_support::problem::AppError;
-use http_support::sent::json_body;
+use http::fresh::fresh_json;
+use http::problem::AppError;
+use http::sent::json_body;
 
 /// Seconds to wait before the first request for the state.
 const RETRY_SECONDS: HeaderValue = HeaderValue::from_static("1");

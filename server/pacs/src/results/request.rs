@@ -2,15 +2,15 @@
 
 use cases::Error;
 use cases::pictures::{Part, PicturePlan, PictureRequest, PlanError};
-use cases::report::ReportQuery;
 use imaging::dicom::Attributes;
 use render::NamedView;
+use report::ReportQuery;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 use storage::arrivals::Uid;
 use utoipa::ToSchema;
 
-use http_support::problem::AppError;
+use http::problem::AppError;
 
 /// The most pixels of all pictures of an object, which then has 96 MiB.
 const MAX_TOTAL_PIXELS: usize = 1 << 25;

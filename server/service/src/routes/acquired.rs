@@ -10,10 +10,11 @@ use render::SlicePlane;
 
 use super::render::PNG;
 use super::slices::plane_of;
-use http_support::conditional::{Format, Question};
-use http_support::negotiate::media_type;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, CasePath};
+use crate::routes::asked::{AcquiredKeys, CasePath, Question};
+use http::conditional::Format;
+use http::negotiate::media_type;
+use http::problem::AppError;
+use http::query::ApiQuery;
 
 /// A slice through the whole acquired volume, also of a case that is not ready
 ///
@@ -38,7 +39,10 @@ pub async fn get_acquired(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
-    ApiQuery { asked, values }: ApiQuery<AcquiredQuery>,
+    ApiQuery {
+        asked: AcquiredKeys(asked),
+        values,
+    }: ApiQuery<AcquiredKeys>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;

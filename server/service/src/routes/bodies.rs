@@ -9,8 +9,8 @@ use case::{CaseId, LayerId, MapName, SurfaceName};
 use cases::cache::{CaseCache, Part};
 use cases::models::PathKind;
 use cases::{Cases, ConcurrencyLimit};
-use http_support::negotiate::Coding;
-use http_support::problem::AppError;
+use http::negotiate::Coding;
+use http::problem::AppError;
 
 /// The content of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -10,16 +10,17 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
+use crate::routes::asked::{CasePath, Question};
 use case::{CandidateFacts, Gyrus, MapName, RegionFacts, SurfaceName, Unusual};
 use cases::gyri::named;
 use cases::library::{LoadedMaps, MapsState};
 use cases::pictures::{ChosenLayer, MAPS_OFF, Numbers, check_count, ready, surface_version};
 use cases::profile::{PointProfile, Profile, profile};
 use cases::{Cases, Error};
-use http_support::conditional::{Format, Question};
-use http_support::negotiate::media_type;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, Asked, CasePath};
+use http::conditional::Format;
+use http::negotiate::media_type;
+use http::problem::AppError;
+use http::query::{ApiQuery, Asked};
 use pipeline::atlas::Gyri;
 use pipeline::maps::{Judgement, MAP_FORMAT, ScoreCaveat};
 

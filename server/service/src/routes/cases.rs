@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::layers::MapsView;
+use crate::routes::asked::CasePath;
 use case::Closed;
 use case::Quality;
 use case::{
@@ -17,10 +18,10 @@ use case::{
 };
 use cases::dicom::Choice;
 use cases::pictures::{check_count, window_of};
-use http_support::fresh::fresh_json;
-use http_support::problem::{AppError, Problem};
-use http_support::query::{ApiQuery, Asked, CasePath, MAX_PAGE, NoQuery, usual_page};
-use http_support::sent::json_body;
+use http::fresh::fresh_json;
+use http::problem::{AppError, Problem};
+use http::query::{ApiQuery, Asked, MAX_PAGE, NoQuery, usual_page};
+use http::sent::json_body;
 use storage::Cursor;
 
 /// A case.

@@ -10,9 +10,10 @@ use imaging::dicom::Instance;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use http_support::fresh::fresh_json;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, CasePath, NoQuery};
+use crate::routes::asked::CasePath;
+use http::fresh::fresh_json;
+use http::problem::AppError;
+use http::query::{ApiQuery, NoQuery};
 
 /// Attributes of the DICOM files of a volume. This is patient data.
 #[derive(Debug, Clone, Serialize, ToSchema)]
@@ -65,11 +66,18 @@ pub async fn get_dicom(
 ) -> Result<Response, AppError> {
     cases.case(&id).await?;
     let stored = cases.store().source_dicom(&id).await?;
-    let stored = stored.ok_or(AppError::NotDicom)?;
+    let stored = stored.ok_or_else(not_dicom)?;
     let attributes = pipeline::attributes(&stored)?;
     let view = DicomView {
         attributes: attributes.attributes.into_iter().collect(),
         instances: attributes.instances.into_iter().map(Into::into).collect(),
     };
     Ok(fresh_json(StatusCode::OK, &view))
+}
+
+fn not_dicom() -> AppError {
+    AppError::not_found(
+        "not-dicom",
+        "this case was not created from DICOM; it has no patient attributes",
+    )
 }

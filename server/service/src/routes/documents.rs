@@ -4,7 +4,7 @@ use std::future::{Ready, ready};
 use std::sync::Arc;
 
 use axum::Router;
-use axum::http::{HeaderMap, HeaderValue};
+use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::Response;
 use axum::routing::get;
 use bytes::Bytes;
@@ -12,12 +12,14 @@ use serde::Deserialize;
 use utoipa::openapi::OpenApi;
 
 use crate::state::AppState;
-use http_support::conditional::{
+use access::audited::Audited;
+use access::scopes::{Scope, ScopeTable};
+use http::conditional::{
     EntityTag, PUBLIC_IMMUTABLE, PUBLIC_REVALIDATE, Representation, coding_among,
 };
-use http_support::negotiate::Coding;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, Asked, NoQuery};
+use http::negotiate::Coding;
+use http::problem::AppError;
+use http::query::{ApiQuery, Asked, NoQuery};
 
 mod manual;
 
@@ -150,21 +152,25 @@ fn answering<Query: Asked>(
     move |_query, request| ready(document.answer(&request))
 }
 
+/// The documents about the interface.
+const WRITTEN: [&str; 3] = ["/openapi.json", "/docs", "/docs.css"];
+
+/// What the tokens of these documents must permit, if they need one.
+pub fn scopes() -> ScopeTable {
+    ScopeTable::of(&WRITTEN.map(|address| (Method::GET, address, Scope::Read, Audited::No)))
+}
+
 /// The routes of the documents about the interface.
 pub fn written(openapi: &OpenApi) -> Router<AppState> {
     let description = serde_json::to_value(openapi).unwrap_or_default();
     let manual = manual::html(&description);
     let written = [
-        ("/openapi.json", JSON, description.to_string().into()),
-        ("/docs", HTML, manual.into()),
-        (
-            "/docs.css",
-            CSS,
-            Bytes::from_static(manual::STYLE.as_bytes()),
-        ),
-    ]
-    .map(|(address, media_type, bytes)| (address, Document::written(media_type, bytes)));
-    served(written.into_iter())
+        (JSON, description.to_string().into()),
+        (HTML, manual.into()),
+        (CSS, Bytes::from_static(manual::STYLE.as_bytes())),
+    ];
+    let written = written.map(|(media_type, bytes)| Document::written(media_type, bytes));
+    served(WRITTEN.into_iter().zip(written))
 }
 
 /// The routes of the page.

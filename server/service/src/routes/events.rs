@@ -11,11 +11,12 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream::{self, Stream, StreamExt};
 
 use super::cases::CaseView;
+use crate::routes::asked::CasePath;
 use crate::state::{EventStreams, Stopping};
-use cases::ClientPermit;
-use http_support::listen::ThisClient;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, CasePath, NoQuery};
+use http::client_limit::ClientPermit;
+use http::listen::ThisClient;
+use http::problem::AppError;
+use http::query::{ApiQuery, NoQuery};
 use storage::Watch;
 
 /// A comment is sent after this time without an event, so that no proxy closes the connection.

@@ -15,11 +15,12 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::candidates::quoted;
-use http_support::conditional::{EntityTag, REVALIDATE, Representation};
-use http_support::negotiate::{Coding, GZIP, media_type};
-use http_support::problem::{AppError, Problem};
-use http_support::query::{ApiQuery, CasePath, NoQuery};
-use http_support::sent::json_body_within;
+use crate::routes::asked::{CasePath, not_a_case_id};
+use http::conditional::{EntityTag, REVALIDATE, Representation};
+use http::negotiate::{Coding, GZIP, media_type};
+use http::problem::{AppError, Problem};
+use http::query::{ApiQuery, NoQuery};
+use http::sent::json_body_within;
 
 const JSON: &str = "application/json";
 const CSV: &str = "text/csv";
@@ -167,7 +168,7 @@ pub async fn take_over_findings(
     let known = known_tags(&request).ok_or_else(precondition_required)?;
     let other = path.iter().find(|(name, _)| *name == "other");
     let other = other.and_then(|(_, text)| CaseId::parse(text));
-    let other = other.ok_or(AppError::NotACaseId)?;
+    let other = other.ok_or_else(not_a_case_id)?;
     answer(cases.take_over_findings(&id, &known, &other).await)
 }
 

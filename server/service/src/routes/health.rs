@@ -10,11 +10,12 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::state::AppState;
+use access::AccessError;
 use cases::pictures::GraphicsState;
-use http_support::fresh::fresh_json;
-use http_support::metrics::{Metrics, OPEN_METRICS};
-use http_support::problem::{AppError, Problem};
-use http_support::query::{ApiQuery, NoQuery};
+use http::fresh::fresh_json;
+use http::metrics::{Metrics, OPEN_METRICS};
+use http::problem::{AppError, Problem};
+use http::query::{ApiQuery, NoQuery};
 
 /// The state of the process.
 #[derive(Debug, Serialize, ToSchema)]
@@ -51,12 +52,12 @@ pub async fn healthz(_no_query: ApiQuery<NoQuery>) -> Response {
     (status = 507, description = "The disk is full or failed: cases can be viewed, but not uploaded; or the audit record cannot be written, and nothing can be viewed", body = Problem, content_type = "application/problem+json"),
 ))]
 pub async fn readyz(
-    State(AppState { cases, .. }): State<AppState>,
+    State(state): State<AppState>,
     _no_query: ApiQuery<NoQuery>,
 ) -> Result<Response, AppError> {
-    check_ready(cases.store()).await?;
-    if cases.audit().is_full() {
-        return Err(AppError::AuditFull);
+    check_ready(state.cases.store()).await?;
+    if state.audit().is_full() {
+        return Err(AccessError::AuditFull.into());
     }
     Ok(fresh_json(StatusCode::OK, &Health { status: "ok" }))
 }

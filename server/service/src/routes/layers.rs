@@ -17,10 +17,11 @@ use serde::{Deserialize, Serialize};
 use storage::LayerChange;
 use utoipa::ToSchema;
 
-use http_support::fresh::fresh_json;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, CasePath, NoQuery};
-use http_support::sent::json_body;
+use crate::routes::asked::CasePath;
+use http::fresh::fresh_json;
+use http::problem::AppError;
+use http::query::{ApiQuery, NoQuery};
+use http::sent::json_body;
 
 pub use self::events::{__path_get_layer_events, get_layer_events};
 pub use self::view::{LayerGrid, LayerState, LayerView, MapsStateName, MapsView};

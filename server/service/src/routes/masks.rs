@@ -15,13 +15,14 @@ use utoipa::IntoParams;
 use super::cases::CaseView;
 use super::render::PNG;
 use super::upload::{Incoming, is_form, refuse_too_large, submitted};
+use crate::routes::asked::{CasePath, Question};
 use crate::state::Uploads;
 use case::{CaseFacts, CaseId, MaskKind, MaskSource, ObjectKind, Parameters};
 use cases::pictures::window_of;
-use http_support::conditional::{self, Content, Format, Question};
-use http_support::negotiate::{GZIP, media_type};
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, Asked, CasePath, NoQuery};
+use http::conditional::{self, Content, Format};
+use http::negotiate::{GZIP, media_type};
+use http::problem::AppError;
+use http::query::{ApiQuery, Asked, NoQuery};
 use pipeline::codec::{decode_brain, decode_envelope};
 use storage::{NewMask, Spooled, Version};
 
@@ -287,9 +288,10 @@ pub async fn get_quality(
                 ..model.scene()
             };
             let window = window_of(&facts);
-            let frame = render::draw_quality_sheet(&scene, window, &lines(&facts))?;
+            let frame = render::draw_quality_sheet(&scene, window, &lines(&facts));
+            let frame = frame.map_err(Error::from)?;
             let texts = render::sheet_texts(&id.to_string(), window);
-            Ok::<_, AppError>(render::encode_png(&frame, &texts)?)
+            render::encode_png(&frame, &texts).map_err(Error::from)
         };
         Ok(Bytes::from(turn.run(draw).await??).into())
     };

@@ -1,6 +1,6 @@
 //! The mesh at a depth, its triangles, and all depths at once.
 
-use cases::Cases;
+use cases::{Cases, Error};
 use std::future::ready;
 use std::sync::Arc;
 
@@ -14,14 +14,15 @@ use utoipa::IntoParams;
 
 use super::bodies::{Bodies, BodyKey, BodyKind};
 use super::{depth_headers, of_surface};
+use crate::routes::asked::{CasePath, Question};
 use crate::wire;
 use case::SurfaceName;
 use cases::models::PathKind;
 use cases::pictures::{DepthMm, default_count, mesh_size};
-use http_support::conditional::{self, Content, Format, Question};
-use http_support::negotiate::media_type;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, Asked, CasePath};
+use http::conditional::{self, Content, Format};
+use http::negotiate::media_type;
+use http::problem::AppError;
+use http::query::{ApiQuery, Asked};
 
 const POSITIONS: &str = "application/octet-stream";
 const GLTF: &str = "model/gltf-binary";
@@ -179,7 +180,10 @@ pub async fn get_mesh(
     let work = async |_| {
         let model = cases.surface(&id, asked.surface).await?;
         let (size, depth) = (values.size, values.depth.shown_in(model.facts()));
-        let shrunk = model.shrink(size, asked.paths, depth.mm);
+        let shrunk = async {
+            let shrunk = model.shrink(size, asked.paths, depth.mm).await;
+            shrunk.map_err(Error::from)
+        };
         let (body, lacking) = if format == POSITIONS && model.has_at_hand(size, asked.paths) {
             // This takes microseconds, so it does not wait for a turn.
             encode(shrunk.await?, model.model().field(), (size, format))
@@ -335,7 +339,7 @@ pub async fn get_paths(
             };
             wire::paths(&table, paths, &astray)
         };
-        let table = model.paths(size, paths);
+        let table = async { model.paths(size, paths).await.map_err(Error::from) };
         let body = bodies.get(BodyKey { id, kind, coding }, table, encode);
         Ok(body.await?.into())
     };

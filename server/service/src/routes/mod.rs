@@ -1,6 +1,7 @@
 //! The routes of the service.
 
 pub mod acquired;
+pub mod asked;
 pub mod bodies;
 pub mod candidates;
 pub mod cases;
@@ -17,12 +18,13 @@ pub mod registration;
 pub mod render;
 pub mod renders;
 pub mod report;
-pub mod scopes;
 pub mod search;
 pub mod sign_in;
 pub mod slices;
 pub mod textures;
 pub mod upload;
+
+use std::sync::Arc;
 
 use axum::Router;
 use axum::extract::{DefaultBodyLimit, FromRef as _, RawPathParams, Request, State};
@@ -39,11 +41,14 @@ use ::render::RESEARCH_USE_NOTICE;
 use case::{CaseId, SurfaceName};
 
 use crate::state::{AnswerTimeout, AppState, GuardAll, Uploads};
-use http_support::auth::{self, Access, Guard};
-use http_support::conditional::{self, Format};
-use http_support::problem::AppError;
-use http_support::scopes::{Row, ScopeTable};
-use http_support::sent::MAX_BODY_BYTES;
+use access::audited::Audited;
+use access::auth::{self, Access, Guard};
+use access::routes::GuardedRoutes;
+use access::scopes::{Scope, ScopeTable};
+use http::conditional::{self, Format};
+use http::listen::client_of;
+use http::problem::AppError;
+use http::sent::MAX_BODY_BYTES;
 
 /// The header that says why the case behind an answer is closed.
 const CLOSED: HeaderName = HeaderName::from_static("x-isocortex-closed");
@@ -84,85 +89,143 @@ fn introduction() -> String {
     )
 }
 
-/// Every route but the static documents, and their description.
-pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
-    let answers = OpenApiRouter::new()
-        .routes(routes!(sign_in::get_session))
-        .routes(routes!(cases::list_cases))
-        .routes(routes!(
-            cases::get_case,
-            cases::patch_case,
-            cases::delete_case
-        ))
-        .routes(routes!(dicom::get_dicom))
-        .routes(routes!(mesh::get_mesh))
-        .routes(routes!(mesh::get_triangles))
-        .routes(routes!(mesh::get_paths))
-        .routes(routes!(textures::get_volume))
-        .routes(routes!(textures::get_distance))
-        .routes(routes!(render::get_render))
-        .routes(routes!(slices::get_slice))
-        .routes(routes!(acquired::get_acquired))
-        .routes(routes!(masks::get_mask))
-        .routes(routes!(masks::get_envelope))
-        .routes(routes!(masks::get_quality))
-        .routes(routes!(layers::list_layers))
-        .routes(routes!(
-            layers::get_layer,
-            layers::patch_layer,
-            layers::delete_layer
-        ))
-        .routes(routes!(layers::get_layer_volume))
-        .routes(routes!(layers::get_layer_nifti))
-        .routes(routes!(candidates::get_candidates))
-        .routes(routes!(candidates::get_profile))
-        .routes(routes!(registration::get_registration))
-        .routes(routes!(report::get_report))
-        .merge(
-            OpenApiRouter::new()
-                .routes(routes!(findings::get_findings, findings::put_findings))
-                .routes(routes!(findings::take_over_findings))
-                .layer(DefaultBodyLimit::max(findings::MAX_BYTES)),
+/// The routes that need a token. Each states what the token must permit, and what is recorded.
+fn guarded_routes(state: &AppState) -> GuardedRoutes<AppState> {
+    let answers = GuardedRoutes::default()
+        .with(Scope::Read, Audited::No, routes!(sign_in::get_session))
+        .with(Scope::Read, Audited::Query, routes!(cases::list_cases))
+        .with(Scope::Read, Audited::View, routes!(cases::get_case))
+        .with(Scope::Write, Audited::Change, routes!(cases::patch_case))
+        .with(Scope::Write, Audited::Delete, routes!(cases::delete_case))
+        .with(Scope::Read, Audited::Identity, routes!(dicom::get_dicom))
+        .with(Scope::Read, Audited::View, routes!(mesh::get_mesh))
+        .with(Scope::Read, Audited::View, routes!(mesh::get_triangles))
+        .with(Scope::Read, Audited::View, routes!(mesh::get_paths))
+        .with(Scope::Read, Audited::View, routes!(textures::get_volume))
+        .with(Scope::Read, Audited::View, routes!(textures::get_distance))
+        .with(Scope::Read, Audited::View, routes!(render::get_render))
+        .with(Scope::Read, Audited::View, routes!(slices::get_slice))
+        .with(Scope::Read, Audited::View, routes!(acquired::get_acquired))
+        .with(Scope::Read, Audited::Export, routes!(masks::get_mask))
+        .with(Scope::Read, Audited::Export, routes!(masks::get_envelope))
+        .with(Scope::Read, Audited::View, routes!(masks::get_quality))
+        .with(Scope::Read, Audited::View, routes!(layers::list_layers))
+        .with(Scope::Read, Audited::View, routes!(layers::get_layer))
+        .with(Scope::Write, Audited::Change, routes!(layers::patch_layer))
+        .with(Scope::Write, Audited::Delete, routes!(layers::delete_layer))
+        .with(
+            Scope::Read,
+            Audited::View,
+            routes!(layers::get_layer_volume),
         )
-        .merge(
-            OpenApiRouter::new()
-                .routes(routes!(renders::create_renders))
-                .routes(routes!(search::search_cases))
-                .layer(DefaultBodyLimit::max(MAX_BODY_BYTES)),
+        .with(
+            Scope::Read,
+            Audited::Export,
+            routes!(layers::get_layer_nifti),
         )
-        .route_layer(middleware::from_fn_with_state(
-            state.cases.clone(),
-            say_what_counts,
-        ))
-        .route_layer(middleware::from_fn_with_state(
-            AnswerTimeout::from_ref(state),
-            answer_in_time,
-        ));
+        .with(
+            Scope::Read,
+            Audited::View,
+            routes!(candidates::get_candidates),
+        )
+        .with(Scope::Read, Audited::View, routes!(candidates::get_profile))
+        .with(
+            Scope::Read,
+            Audited::View,
+            routes!(registration::get_registration),
+        )
+        .with(Scope::Read, Audited::Export, routes!(report::get_report))
+        .and(
+            GuardedRoutes::default()
+                .with(Scope::Read, Audited::View, routes!(findings::get_findings))
+                .with(
+                    Scope::Write,
+                    Audited::Change,
+                    routes!(findings::put_findings),
+                )
+                .with(
+                    Scope::Write,
+                    Audited::Change,
+                    routes!(findings::take_over_findings),
+                )
+                .map(|routes| routes.layer(DefaultBodyLimit::max(findings::MAX_BYTES))),
+        )
+        .and(
+            GuardedRoutes::default()
+                // It draws what its body lists, and changes nothing.
+                .with(
+                    Scope::Read,
+                    Audited::Export,
+                    routes!(renders::create_renders),
+                )
+                // What identifies a patient is in its body, not in an address. It shows patients.
+                .with(
+                    Scope::Read,
+                    Audited::Identity,
+                    routes!(search::search_cases),
+                )
+                .map(|routes| routes.layer(DefaultBodyLimit::max(MAX_BODY_BYTES))),
+        )
+        .map(|routes| {
+            let counts = middleware::from_fn_with_state(state.cases.clone(), say_what_counts);
+            let limit = AnswerTimeout::from_ref(state);
+            let in_time = middleware::from_fn_with_state(limit, answer_in_time);
+            routes.route_layer(counts).route_layer(in_time)
+        });
     let upload_limit = Uploads::from_ref(state).limits.max_bytes;
     let upload_limit = upload_limit.saturating_add(FORM_OVERHEAD_BYTES);
     let upload_limit = usize::try_from(upload_limit).unwrap_or(usize::MAX);
     // These have no time limit: an upload has its own limits, and events end with the case.
-    let streams = OpenApiRouter::new()
-        .routes(routes!(upload::create_case))
-        .routes(routes!(masks::put_mask))
-        .routes(routes!(upload::layer::create_layer))
-        .layer(DefaultBodyLimit::max(upload_limit))
-        .routes(routes!(events::get_events))
-        .routes(routes!(layers::get_layer_events));
+    let streams = GuardedRoutes::default()
+        .with(Scope::Write, Audited::Upload, routes!(upload::create_case))
+        .with(Scope::Write, Audited::Upload, routes!(masks::put_mask))
+        .with(
+            Scope::Write,
+            Audited::Upload,
+            routes!(upload::layer::create_layer),
+        )
+        .map(|routes| routes.layer(DefaultBodyLimit::max(upload_limit)))
+        .with(Scope::Read, Audited::View, routes!(events::get_events))
+        .with(
+            Scope::Read,
+            Audited::View,
+            routes!(layers::get_layer_events),
+        );
+    let guarded = answers.and(streams);
+    match GuardAll::from_ref(state) {
+        GuardAll(true) => guarded.and(operation_routes()),
+        GuardAll(false) => guarded,
+    }
+}
+
+/// The routes about the server itself, which need a token if that is configured.
+fn operation_routes() -> GuardedRoutes<AppState> {
+    GuardedRoutes::default()
+        .with(Scope::Metrics, Audited::No, routes!(health::metrics))
+        .with(Scope::Read, Audited::No, routes!(health::version))
+}
+
+/// What the token of each route must permit, and what is recorded.
+pub fn scopes(state: &AppState) -> ScopeTable {
+    let (_, scopes) = guarded_routes(state).into_parts();
+    scopes.and(documents::scopes())
+}
+
+/// Every route but the static documents, and their description.
+pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
     let open = OpenApiRouter::new()
         .routes(routes!(health::healthz))
         .routes(routes!(health::readyz))
         .routes(routes!(sign_in::get_sign_in));
-    let operation = OpenApiRouter::new()
-        .routes(routes!(health::metrics))
-        .routes(routes!(health::version));
-    let guarded = answers.merge(streams);
-    let (guarded, open) = match GuardAll::from_ref(state) {
-        GuardAll(true) => (guarded.merge(operation), open),
-        GuardAll(false) => (guarded, open.merge(operation)),
+    let open = match GuardAll::from_ref(state) {
+        GuardAll(true) => open,
+        GuardAll(false) => open.merge(operation_routes().into_parts().0),
     };
-    let guard = guard(state, scopes::SCOPES);
-    let guarded = guarded.route_layer(middleware::from_fn_with_state(guard, auth::require_token));
+    let (guarded, scopes) = guarded_routes(state).into_parts();
+    let guard = guard(state, scopes);
+    let guarded = guarded
+        .route_layer(middleware::from_fn(in_turn))
+        .route_layer(middleware::from_fn_with_state(guard, auth::require_token));
     let (routes, mut description) = guarded.split_for_parts();
     guarded::describe(&mut description);
     let guarded = OpenApiRouter::from(routes);
@@ -172,13 +235,19 @@ pub fn all(state: &AppState) -> (Router<AppState>, utoipa::openapi::OpenApi) {
         .split_for_parts()
 }
 
-/// The guard of routes with these rows.
-pub(crate) fn guard(state: &AppState, rows: &'static [Row]) -> Guard {
+/// The guard of routes with these scopes.
+pub(crate) fn guard(state: &AppState, scopes: ScopeTable) -> Guard {
     Guard {
         access: Access::from_ref(state),
-        scopes: ScopeTable(rows),
-        audit: state.cases.audit().clone(),
+        scopes: Arc::new(scopes),
+        audit: state.audit().clone(),
     }
+}
+
+/// Handles a request so that its work takes turns with that of other clients.
+pub(crate) async fn in_turn(request: Request, next: Next) -> Response {
+    let client = client_of(request.extensions());
+    ::cases::for_client(client, next.run(request)).await
 }
 
 /// Abandons an answer that takes too long. Work that is still waiting is cancelled.
@@ -193,7 +262,11 @@ pub(crate) async fn answer_in_time(
         .map_err(|_elapsed| {
             if is_of_many {
                 let limit_s = limit.as_secs();
-                AppError::TooManyPictures { limit_s }
+                AppError::TooSlow {
+                    detail: format!(
+                        "these pictures were not drawn within the limit of {limit_s} s; request fewer or smaller ones, in several requests"
+                    ),
+                }
             } else {
                 AppError::TimedOut
             }

@@ -7,12 +7,13 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 use utoipa::IntoParams;
 
+use crate::routes::asked::{CasePath, Question};
 use case::CaseId;
 use cases::registration::CaseRegistration;
 use cases::{Cases, Error};
-use http_support::conditional::{Format, Question};
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, Asked, CasePath};
+use http::conditional::Format;
+use http::problem::AppError;
+use http::query::{ApiQuery, Asked};
 
 /// The query for a registration.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize, IntoParams)]

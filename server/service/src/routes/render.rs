@@ -14,11 +14,12 @@ use cases::{Cases, Error};
 use render::RenderBackend;
 
 use super::depth_headers;
+use crate::routes::asked::{CasePath, PictureKeys, Question};
 use crate::wire;
-use http_support::conditional::{self, Content, Format, Question};
-use http_support::negotiate::media_type;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, CasePath};
+use http::conditional::{self, Content, Format};
+use http::negotiate::media_type;
+use http::problem::AppError;
+use http::query::ApiQuery;
 
 /// The media type of every picture.
 pub(crate) const PNG: &str = "image/png";
@@ -56,9 +57,9 @@ pub async fn get_render(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
     ApiQuery {
-        asked,
+        asked: PictureKeys(asked),
         values: picture,
-    }: ApiQuery<PictureRequest>,
+    }: ApiQuery<PictureKeys>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let media = media_type(&request, &[PNG, POSITIONS])?;

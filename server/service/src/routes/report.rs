@@ -1,16 +1,18 @@
 //! The report of a reading.
 
+use ::report::{POLICY, ReportFormat, ReportQuery};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::Response;
 use cases::Cases;
-use cases::report::{POLICY, ReportFormat, ReportQuery, ReportSubject};
+use cases::report::ReportSubject;
 
-use http_support::audited::NamesPatient;
-use http_support::conditional::{EntityTag, NO_STORE, REVALIDATE, Representation};
-use http_support::negotiate::{Coding, media_type};
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, CasePath};
+use crate::routes::asked::{CasePath, ReportKeys};
+use access::audited::NamesPatient;
+use http::conditional::{EntityTag, NO_STORE, REVALIDATE, Representation};
+use http::negotiate::{Coding, media_type};
+use http::problem::AppError;
+use http::query::ApiQuery;
 
 const HTML: &str = "text/html";
 const PDF: &str = "application/pdf";
@@ -35,7 +37,10 @@ const PDF: &str = "application/pdf";
 pub async fn get_report(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
-    ApiQuery { asked, .. }: ApiQuery<ReportQuery>,
+    ApiQuery {
+        asked: ReportKeys(asked),
+        ..
+    }: ApiQuery<ReportKeys>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     let is_pdf = media_type(&request, &[HTML, PDF])? == PDF;

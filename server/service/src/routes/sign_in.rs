@@ -7,12 +7,12 @@ use axum::response::Response;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use http_support::auth::Access;
-use http_support::fresh::fresh_json;
-use http_support::listen::ByProxy;
-use http_support::proxy::PREFIX;
-use http_support::query::{ApiQuery, NoQuery};
-use http_support::tokens::Holder;
+use access::auth::Access;
+use access::proxy::PREFIX;
+use access::tokens::Holder;
+use http::fresh::fresh_json;
+use http::listen::ByProxy;
+use http::query::{ApiQuery, NoQuery};
 
 /// Who asks.
 #[derive(Debug, Serialize, ToSchema)]

@@ -6,12 +6,13 @@ use axum::response::Response;
 use render::SlicePlane;
 
 use super::render::{PNG, format_with_layers};
+use crate::routes::asked::{CasePath, Question, SliceKeys};
 use cases::pictures::{SliceKind, SlicePicture, SliceQuery};
 use cases::{Cases, Error};
-use http_support::conditional::{self, Content, Question};
-use http_support::negotiate::media_type;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, CasePath};
+use http::conditional::{self, Content};
+use http::negotiate::media_type;
+use http::problem::AppError;
+use http::query::ApiQuery;
 
 /// How an oblique plane lies in the patient.
 const PLANE: HeaderName = HeaderName::from_static("x-isocortex-plane");
@@ -41,7 +42,10 @@ pub async fn get_slice(
     State(cases): State<Cases>,
     CasePath(id): CasePath,
     path: RawPathParams,
-    ApiQuery { asked, values }: ApiQuery<SliceQuery>,
+    ApiQuery {
+        asked: SliceKeys(asked),
+        values,
+    }: ApiQuery<SliceKeys>,
     request: HeaderMap,
 ) -> Result<Response, AppError> {
     media_type(&request, &[PNG])?;

@@ -11,14 +11,15 @@ use utoipa::openapi::schema::{Object, ObjectBuilder, Type};
 
 use super::bodies::{Bodies, BodyKey, BodyKind, Extent};
 use super::of_surface;
+use crate::routes::asked::{CasePath, Question};
 use crate::wire::{self, Texture, Voxels};
 use case::SurfaceName;
 use cases::Cases;
 use cases::pictures::check_count;
-use http_support::conditional::{self, Content, Format, Question};
-use http_support::negotiate::{Coding, media_type};
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, Asked, CasePath};
+use http::conditional::{self, Content, Format};
+use http::negotiate::{Coding, media_type};
+use http::problem::AppError;
+use http::query::{ApiQuery, Asked};
 
 pub(super) const MEDIA_TYPE: &str = "application/octet-stream";
 

@@ -5,7 +5,7 @@ use axum::http::Method;
 use serde_json::json;
 
 use super::server::Server;
-use http_support::auth::Access;
+use access::auth::Access;
 
 const TOKEN: &str = "correct-horse-battery-staple";
 

@@ -21,8 +21,8 @@ use tower::ServiceExt as _;
 
 use crate::app::app;
 use crate::state::{AppState, HttpOptions};
-use http_support::auth::Access;
-use http_support::uploads::UploadLimits;
+use access::auth::Access;
+use http::uploads::UploadLimits;
 
 /// The largest upload that is accepted here.
 pub(super) const MAX_UPLOAD_BYTES: u64 = 4 << 20;
@@ -138,13 +138,13 @@ impl Server {
             head: HeadLimits::default(),
             render_threads: 2,
             max_queued_renders: 16,
-            children: cases::ChildBudget::default(),
+            children: worker::ChildBudget::default(),
             cache_bytes: 512 << 20,
             graphics: GraphicsOptions::of_one(GpuUse::Off),
             dicom_program: Program::other("/bin/false".into(), Vec::new()),
             max_dicom_bytes: 1 << 20,
             deidentify: false,
-            audit: Default::default(),
+            before_removal: Default::default(),
         };
         let http = HttpOptions {
             access,
@@ -157,6 +157,7 @@ impl Server {
             answer_timeout: Duration::from_secs(60),
             frame_ancestors: Default::default(),
             guard_all: false,
+            audit: Default::default(),
         };
         let cases = Cases::open(options).await.unwrap();
         Self {

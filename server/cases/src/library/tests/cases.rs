@@ -13,7 +13,8 @@ use storage::{NewMask, Options, Store, StoreError, Version};
 use super::{GRACE, expected, load, open, ready};
 use crate::jobs::start_workers;
 use crate::testing::{Fake, library_on, options, settled, settled_state, source, submit, until};
-use crate::{ChildBudget, Library, LibraryOptions, Preparation};
+use crate::{Library, LibraryOptions, Preparation};
+use worker::ChildBudget;
 
 #[tokio::test]
 async fn a_case_is_prepared_and_outlives_the_process() {

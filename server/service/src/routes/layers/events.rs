@@ -11,11 +11,12 @@ use futures_util::stream::{self, Stream};
 use storage::Watch;
 
 use super::{LayerView, layer_of};
+use crate::routes::asked::CasePath;
 use crate::routes::events::stream_of;
 use crate::state::EventStreams;
-use http_support::listen::ThisClient;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, CasePath, NoQuery};
+use http::listen::ThisClient;
+use http::problem::AppError;
+use http::query::{ApiQuery, NoQuery};
 
 /// The state of an added layer
 ///

@@ -14,7 +14,7 @@ use utoipa::ToSchema;
 use utoipa::openapi::schema::{ArrayBuilder, ObjectBuilder, OneOfBuilder, Schema, Type};
 
 use super::address_of;
-use http_support::problem::{AppError, Problem};
+use http::problem::{AppError, Problem};
 
 /// A layer of a case: a map, which is computed from the case itself, or a volume that was added.
 #[derive(Debug, Clone, Serialize, ToSchema)]

@@ -13,13 +13,14 @@ use cases::{Cases, Error};
 use render::LayerValues;
 
 use super::{layer_of, map_of};
+use crate::routes::asked::{CasePath, Question};
 use crate::routes::bodies::{Bodies, BodyKey, BodyKind};
 use crate::routes::textures::{MEDIA_TYPE, layout};
 use crate::wire;
-use http_support::conditional::{self, Content, Format, Question};
-use http_support::negotiate::{GZIP, media_type};
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, CasePath, NoQuery};
+use http::conditional::{self, Content, Format};
+use http::negotiate::{GZIP, media_type};
+use http::problem::AppError;
+use http::query::{ApiQuery, NoQuery};
 
 /// The layer that the path names.
 async fn chosen(cases: &Cases, id: &CaseId, path: &RawPathParams) -> Result<ChosenLayer, AppError> {

@@ -14,11 +14,12 @@ use cases::pictures::{Layout, PictureRequest, PictureSeries};
 use self::files::File;
 use self::plan::parse;
 use super::render::{PNG, with_version};
-use http_support::conditional::{self, EntityTag};
-use http_support::negotiate::{Coding, media_type};
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, CasePath, NoQuery};
-use http_support::sent::MAX_BODY_BYTES;
+use crate::routes::asked::CasePath;
+use http::conditional::{self, EntityTag};
+use http::negotiate::{Coding, media_type};
+use http::problem::AppError;
+use http::query::{ApiQuery, NoQuery};
+use http::sent::MAX_BODY_BYTES;
 
 pub use self::plan::{RendersBody, Sweep, Swivel};
 
@@ -88,7 +89,12 @@ pub async fn create_renders(
     if let Some(identity) = identity {
         made_by = format!("{made_by} {identity}");
     }
-    let tag = EntityTag::of_answer(&id, "renders", &asked, (&made_by, Coding::Identity));
+    let tag = EntityTag::of_answer(
+        &id.to_string(),
+        "renders",
+        &asked,
+        (&made_by, Coding::Identity),
+    );
     headers.insert(header::ETAG, tag.header());
     Ok(response)
 }

@@ -5,9 +5,9 @@ use cases::pictures::{self, Frames, Part, PicturePlan, PictureRequest, PlanError
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use http_support::problem::AppError;
-use http_support::refusals::Refusal;
-use http_support::sent::{from_json, json_value};
+use http::problem::AppError;
+use http::refusals::Refusal;
+use http::sent::{from_json, json_value};
 
 /// The most pixels of all pictures of one answer.
 const MAX_TOTAL_PIXELS: usize = 1 << 26;

@@ -10,9 +10,9 @@ use storage::Spooled;
 use tempfile::TempDir;
 
 use super::parts::{DicomParts, Incoming};
-use http_support::form_body::HeaderBudget;
-use http_support::problem::AppError;
-use http_support::sent::{from_json, json_value};
+use http::form_body::HeaderBudget;
+use http::problem::AppError;
+use http::sent::{from_json, json_value};
 
 /// The most bytes of the part `parameters`.
 const MAX_PARAMETERS_BYTES: usize = 64 << 10;

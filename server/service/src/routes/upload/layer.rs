@@ -14,14 +14,15 @@ use utoipa::ToSchema;
 use super::form::{only_one, read_parameters, set_once, take_options, unknown_part_of, unreadable};
 use super::parts::{DicomParts, Incoming};
 use super::{RETRY_SECONDS, refuse_early};
+use crate::routes::asked::CasePath;
 use crate::routes::layers::{LayerView, address_of};
 use crate::state::Uploads;
-use http_support::conditional;
-use http_support::form_body::HeaderBudget;
-use http_support::fresh::fresh_json;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, CasePath, NoQuery};
-use http_support::sent::from_json;
+use http::conditional;
+use http::form_body::HeaderBudget;
+use http::fresh::fresh_json;
+use http::problem::AppError;
+use http::query::{ApiQuery, NoQuery};
+use http::sent::from_json;
 
 /// The most bytes of the names of labels.
 const MAX_LABELS_BYTES: usize = 256 << 10;

@@ -16,10 +16,10 @@ use utoipa::ToSchema;
 use self::form::Form;
 use super::cases::{CaseView, address_of};
 use crate::state::Uploads;
-use http_support::conditional;
-use http_support::fresh::fresh_json;
-use http_support::problem::AppError;
-use http_support::query::{ApiQuery, NoQuery};
+use http::conditional;
+use http::fresh::fresh_json;
+use http::problem::AppError;
+use http::query::{ApiQuery, NoQuery};
 
 pub(super) use self::parts::Incoming;
 

@@ -12,9 +12,9 @@ use tempfile::TempDir;
 use tokio::io::AsyncWriteExt as _;
 
 use crate::state::Uploads;
-use http_support::metrics::Metrics;
-use http_support::problem::AppError;
-use http_support::uploads::UploadLimits;
+use http::metrics::Metrics;
+use http::problem::AppError;
+use http::uploads::UploadLimits;
 
 /// The greatest number of parts `dicom`; a series has a few hundred.
 const MAX_DICOM_PARTS: usize = 20_000;
@@ -136,9 +136,9 @@ impl<'a> Incoming<'a> {
                 return Err(too_large(&self.limits));
             }
             self.metrics.uploaded(bytes.len());
-            spool.write(bytes).await?;
+            spool.write(bytes).await.map_err(StoreError::from)?;
         }
-        Ok(spool.finish().await?)
+        Ok(spool.finish().await.map_err(StoreError::from)?)
     }
 
     /// A short part, in memory; `None` if it is longer than `most` bytes.

@@ -1,0 +1,587 @@
+//! Whether a record is as it was written.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::audit::found::{Files, Named, files_in, first_line};
+use crate::audit::line::{NO_DIGEST, Read, read};
+
+/// What was found in a folder.
+#[derive(Debug, Default)]
+pub struct Verified {
+    /// Files that were read.
+    pub files: usize,
+    /// Whole lines in them.
+    pub lines: usize,
+    /// Where the record is not as it was written.
+    pub breaks: Vec<Break>,
+    /// What may be so, and may not be.
+    pub notes: Vec<String>,
+    /// The last line of each process.
+    pub heads: Vec<Head>,
+}
+
+/// The last line of a process. Compare it with one that was kept elsewhere: lines that are missing at the end leave no other trace.
+#[derive(Debug)]
+pub struct Head {
+    pub process: String,
+    /// The number of its last line.
+    pub seq: u64,
+    /// The digest of that.
+    pub digest: String,
+}
+
+/// A place at which the record is not as it was written.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Break {
+    /// The name of the file.
+    pub file: String,
+    /// The line, from 1.
+    pub line: usize,
+    /// What is wrong there.
+    pub kind: BreakKind,
+}
+
+/// What is wrong.
+#[derive(Debug, PartialEq, Eq)]
+pub enum BreakKind {
+    /// It is no line of a record.
+    NotALine,
+    /// Its end is missing.
+    Truncated,
+    /// It does not have the digest that it states.
+    Changed,
+    /// So many lines before it are missing.
+    Removed(u64),
+    /// It was inserted or repeated.
+    Inserted,
+    /// The line before it is not the one that was written.
+    Replaced,
+    /// It is of another process than its file.
+    Strange,
+    /// The file with this number is missing before it.
+    FileMissing(u32),
+    /// The file does not begin with its first line.
+    Beheaded,
+    /// The file has another number than when it was begun.
+    Renumbered(u32),
+    /// So many lines after it are missing, which another process has found.
+    Cut(u64),
+    /// Another process has found another line in its place.
+    Exchanged,
+    /// All files are missing of this process, which another one has found.
+    ProcessMissing(String),
+}
+
+impl fmt::Display for Break {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}:{}: ", self.file, self.line)?;
+        match &self.kind {
+            BreakKind::NotALine => write!(formatter, "not a line of an audit record"),
+            BreakKind::Truncated => write!(formatter, "the end of the line is missing"),
+            BreakKind::Changed => write!(formatter, "the line was changed"),
+            BreakKind::Removed(1) => write!(formatter, "a line before this one was removed"),
+            BreakKind::Removed(count) => {
+                write!(formatter, "{count} lines before this one were removed")
+            }
+            BreakKind::Inserted => write!(formatter, "the line was inserted or repeated"),
+            BreakKind::Replaced => write!(formatter, "the line before this one was replaced"),
+            BreakKind::Strange => write!(formatter, "the line is of another process"),
+            BreakKind::FileMissing(number) => {
+                write!(formatter, "the file {number:06} before this one is missing")
+            }
+            BreakKind::Beheaded => write!(formatter, "the beginning of the file is missing"),
+            BreakKind::Renumbered(number) => {
+                write!(formatter, "the file was begun as number {number:06}")
+            }
+            BreakKind::Cut(count) => {
+                write!(
+                    formatter,
+                    "{count} lines after this one were removed, which another process has found"
+                )
+            }
+            BreakKind::Exchanged => {
+                write!(
+                    formatter,
+                    "another process has found another line in this place"
+                )
+            }
+            BreakKind::ProcessMissing(process) => {
+                write!(
+                    formatter,
+                    "all files of {process} are missing, which were there when this one was begun"
+                )
+            }
+        }
+    }
+}
+
+/// Reads all files of a folder, and finds what was changed, removed or inserted.
+///
+/// # Errors
+/// If the folder or a file cannot be read.
+pub fn verify(folder: &Path) -> io::Result<Verified> {
+    let (processes, strange) = files_in(folder)?;
+    let strange = strange.into_iter();
+    let mut verified = Verified {
+        notes: strange
+            .map(|name| format!("{name} is no file of an audit record"))
+            .collect(),
+        ..Verified::default()
+    };
+    let found = Found::of(&processes);
+    for (process, files) in &processes {
+        verify_process(process, files, &found, &mut verified)?;
+    }
+    found.look_for_missing(&processes, &mut verified);
+    Ok(verified)
+}
+
+/// What is known of the folder before its lines are read.
+struct Found {
+    /// The last lines that processes have found of others, and the file of whoever has found them.
+    named: Vec<(Named, String)>,
+    /// When the oldest file was begun.
+    oldest: String,
+}
+
+/// The second of a time, as names of processes have it.
+fn second(time: &str) -> String {
+    let digits = time.chars().filter(char::is_ascii_digit);
+    digits.take("20260101000000".len()).collect()
+}
+
+fn name_of(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
+}
+
+impl Found {
+    fn of(processes: &Files) -> Self {
+        let (mut named, mut begun) = (Vec::new(), Vec::new());
+        for path in processes.values().flat_map(BTreeMap::values) {
+            let Some(first) = first_line(path) else {
+                continue;
+            };
+            begun.push(second(&first.time));
+            let others = first.others.into_iter();
+            named.extend(others.map(|other| (other, name_of(path))));
+        }
+        let oldest = begun.into_iter().min().unwrap_or_default();
+        Self { named, oldest }
+    }
+
+    /// Whether a file is here that is older than a process: then all of the process should be here, too.
+    fn has_older_than(&self, process: &str) -> bool {
+        !self.oldest.is_empty() && self.oldest < second(process)
+    }
+
+    /// Reports processes of which no file is here.
+    fn look_for_missing(&self, processes: &Files, verified: &mut Verified) {
+        let mut told = BTreeSet::new();
+        for (Named { process, .. }, file) in &self.named {
+            if processes.contains_key(process) || !told.insert(process) {
+                continue;
+            }
+            if self.has_older_than(process) {
+                verified.breaks.push(Break {
+                    file: file.clone(),
+                    line: 1,
+                    kind: BreakKind::ProcessMissing(process.clone()),
+                });
+            } else {
+                let note = format!("the files of {process} are not here, nor any older ones");
+                verified.notes.push(note);
+            }
+        }
+    }
+}
+
+/// What the next line must follow.
+struct Chain {
+    /// `None` before the first line that is there.
+    last: Option<(u64, String)>,
+    is_stopped: bool,
+}
+
+fn verify_process(
+    process: &str,
+    files: &BTreeMap<u32, PathBuf>,
+    found: &Found,
+    verified: &mut Verified,
+) -> io::Result<()> {
+    let named = found.named.iter().map(|(named, _)| named);
+    let mut named: Vec<_> = named.filter(|named| named.process == process).collect();
+    named.sort_by_key(|named| named.seq);
+    let mut chain = Chain {
+        last: None,
+        is_stopped: false,
+    };
+    let mut expected = 1;
+    let mut last_line = (process.to_owned(), 0);
+    let last = files.keys().next_back();
+    for (&number, path) in files {
+        let file = path.file_name().unwrap_or_default().to_string_lossy();
+        let mut report = |line, kind| {
+            verified.breaks.push(Break {
+                file: file.clone().into_owned(),
+                line,
+                kind,
+            });
+        };
+        if number > expected && expected > 1 {
+            report(1, BreakKind::FileMissing(expected));
+            // What is missing is said.
+            chain.last = None;
+        }
+        if number > 1 && expected == 1 && found.has_older_than(process) {
+            report(1, BreakKind::FileMissing(number - 1));
+        } else if number > 1 && expected == 1 {
+            let note = format!("the files of {process} before {number:06} are not here");
+            verified.notes.push(note);
+        }
+        let begins_here = number == 1;
+        expected = number + 1;
+        verified.files += 1;
+        let text = std::fs::read(path)?;
+        // A process that ended while it began a file has left the last one empty.
+        if text.is_empty() && Some(&number) != last {
+            report(1, BreakKind::Truncated);
+        }
+        for (at, line) in text.split_inclusive(|&byte| byte == b'\n').enumerate() {
+            let Some(line) = line.strip_suffix(b"\n") else {
+                report(at + 1, BreakKind::Truncated);
+                continue;
+            };
+            verified.lines += 1;
+            let Some(line) = read(line) else {
+                report(at + 1, BreakKind::NotALine);
+                continue;
+            };
+            if line.process != process {
+                report(at + 1, BreakKind::Strange);
+                continue;
+            }
+            match (at, line.file) {
+                // The first file begins with the first line of the process.
+                (0, None) if number > 1 => report(1, BreakKind::Beheaded),
+                (_, Some(begun)) if begun != number => {
+                    report(at + 1, BreakKind::Renumbered(begun));
+                }
+                _ => {}
+            }
+            if let Some(kind) = chain.follow(&line, begins_here) {
+                report(at + 1, kind);
+            } else if let Some(named) = named.iter().find(|named| named.seq == line.seq)
+                && named.digest != line.digest
+            {
+                report(at + 1, BreakKind::Exchanged);
+            }
+            last_line = (file.clone().into_owned(), at + 1);
+        }
+    }
+    let last = chain.last.as_ref().map_or(0, |(seq, _)| *seq);
+    if let Some(named) = named.last().filter(|named| named.seq > last) {
+        let (file, line) = last_line;
+        let kind = BreakKind::Cut(named.seq - last);
+        verified.breaks.push(Break { file, line, kind });
+    }
+    if !chain.is_stopped {
+        let note = format!(
+            "{process} has not stopped in order: it runs, or was killed, or its last lines are missing"
+        );
+        verified.notes.push(note);
+    }
+    verified.heads.extend(chain.last.map(|(seq, digest)| Head {
+        process: process.to_owned(),
+        seq,
+        digest,
+    }));
+    Ok(())
+}
+
+impl Chain {
+    /// Goes on with a line; what is wrong with it.
+    fn follow(&mut self, line: &Read, begins_here: bool) -> Option<BreakKind> {
+        let before = match &self.last {
+            Some((seq, digest)) => Some((*seq, digest.clone())),
+            None => begins_here.then(|| (0, NO_DIGEST.to_hex().to_string())),
+        };
+        if let Some((seq, _)) = before
+            && line.seq <= seq
+        {
+            return Some(BreakKind::Inserted);
+        }
+        self.last = Some((line.seq, line.digest.clone()));
+        self.is_stopped = line.is_stop;
+        if !line.is_sound {
+            return Some(BreakKind::Changed);
+        }
+        let (seq, digest) = before?;
+        if line.seq > seq + 1 {
+            Some(BreakKind::Removed(line.seq - seq - 1))
+        } else {
+            (line.previous != digest).then_some(BreakKind::Replaced)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::audit::event::{Action, Event, EventKind};
+    use crate::audit::line::{Begins, Position, STOP, write};
+
+    const PROCESS: &str = "20260101T000000Z-00000001";
+
+    /// Six lines in one file: a start, four events and a stop.
+    fn lines() -> Vec<String> {
+        lines_in(&[1, 0, 0, 0, 0, 0])
+    }
+
+    /// The same, of which those with a number begin the file with it.
+    fn lines_in(files: &[u32; 6]) -> Vec<String> {
+        let mut at = Position::first();
+        let mut files = files.iter();
+        let objects = ["start", "a", "b", "c", "d", STOP];
+        let lines = objects.map(|object| {
+            let begins = files.next().copied().filter(|&file| file > 0);
+            let begins = begins.map(|file| Begins { file, others: &[] });
+            let kind = match object {
+                STOP => EventKind::ApplicationActivity,
+                _ => EventKind::Export,
+            };
+            let event = Event::new(kind, Action::Read, object, "somebody");
+            let (line, next) = write(&event, PROCESS, &at, begins);
+            at = next;
+            String::from_utf8(line).unwrap()
+        });
+        lines.into()
+    }
+
+    fn found(files: &[(u32, String)]) -> (Vec<(usize, BreakKind)>, Verified) {
+        let folder = tempfile::tempdir().unwrap();
+        for (number, text) in files {
+            let name = format!("{PROCESS}-{number:06}.jsonl");
+            std::fs::write(folder.path().join(name), text).unwrap();
+        }
+        let mut verified = verify(folder.path()).unwrap();
+        let breaks = std::mem::take(&mut verified.breaks).into_iter();
+        (breaks.map(|one| (one.line, one.kind)).collect(), verified)
+    }
+
+    fn broken(lines: &[String]) -> Vec<(usize, BreakKind)> {
+        found(&[(1, lines.concat())]).0
+    }
+
+    #[test]
+    fn a_record_as_it_was_written_has_no_break_and_tells_its_last_line() {
+        let all = lines_in(&[1, 0, 0, 2, 0, 0]);
+        let (breaks, verified) = found(&[(1, all[..3].concat()), (2, all[3..].concat())]);
+        assert_eq!(breaks, []);
+        assert_eq!((verified.files, verified.lines), (2, 6));
+        assert!(verified.notes.is_empty(), "{:?}", verified.notes);
+        assert_eq!(verified.heads[0].seq, 6);
+        assert!(all[5].contains(&verified.heads[0].digest));
+    }
+
+    #[test]
+    fn a_changed_line_is_found() {
+        let mut all = lines();
+        all[2] = all[2].replace("somebody", "nobody");
+        assert_eq!(broken(&all), [(3, BreakKind::Changed)]);
+        // With a digest that fits again, the next line tells.
+        let mut all = lines();
+        let other = write(
+            &Event::new(EventKind::Export, Action::Read, "b", "nobody"),
+            PROCESS,
+            &Position {
+                seq: 3,
+                previous: blake3::Hash::from_hex(digest_of(&all[1])).unwrap(),
+            },
+            None,
+        );
+        all[2] = String::from_utf8(other.0).unwrap();
+        assert_eq!(broken(&all), [(4, BreakKind::Replaced)]);
+    }
+
+    fn digest_of(line: &str) -> String {
+        read(line.trim_end().as_bytes()).unwrap().digest
+    }
+
+    #[test]
+    fn a_removed_line_is_found() {
+        let mut all = lines();
+        all.remove(2);
+        assert_eq!(broken(&all), [(3, BreakKind::Removed(1))]);
+        all.remove(0);
+        let at_the_start = [(1, BreakKind::Removed(1)), (2, BreakKind::Removed(1))];
+        assert_eq!(broken(&all), at_the_start);
+    }
+
+    #[test]
+    fn an_inserted_line_is_found() {
+        let mut all = lines();
+        all.insert(3, all[1].clone());
+        assert_eq!(broken(&all), [(4, BreakKind::Inserted)]);
+        let mut all = lines();
+        all.insert(3, "{\"who\": \"me\"}\n".to_owned());
+        assert_eq!(broken(&all), [(4, BreakKind::NotALine)]);
+        let mut all = lines();
+        all.swap(2, 3);
+        assert_eq!(
+            broken(&all),
+            [(3, BreakKind::Removed(1)), (4, BreakKind::Inserted)]
+        );
+    }
+
+    #[test]
+    fn a_missing_end_is_found_as_far_as_it_can_be() {
+        let all = lines();
+        let half = &all[4][..all[4].len() / 2];
+        let (breaks, verified) = found(&[(1, all[..4].concat() + half)]);
+        assert_eq!(breaks, [(5, BreakKind::Truncated)]);
+        assert_eq!(verified.notes.len(), 1);
+        // Whole lines that are missing at the end leave the note alone, and a last line that is not the one that was kept.
+        let (breaks, verified) = found(&[(1, all[..4].concat())]);
+        assert_eq!(breaks, []);
+        assert!(verified.notes[0].contains("has not stopped in order"));
+        assert_eq!(verified.heads[0].seq, 4);
+    }
+
+    #[test]
+    fn an_empty_file_is_the_last_one_of_a_process_that_was_killed_or_a_break() {
+        let all = lines_in(&[1, 0, 2, 0, 0, 0]);
+        let [one, two] = [all[..2].concat(), all[2..].concat()];
+        let (breaks, verified) = found(&[(1, one.clone()), (2, String::new())]);
+        assert_eq!(breaks, []);
+        assert!(verified.notes[0].contains("has not stopped in order"));
+        assert_eq!(found(&[(1, String::new())]).0, []);
+        let (breaks, _) = found(&[(1, String::new()), (2, two)]);
+        assert_eq!(breaks, [(1, BreakKind::Truncated)]);
+        // The next process names the last line that is there.
+        let folder = tempfile::tempdir().unwrap();
+        for (number, text) in [(1, &one[..]), (2, "")] {
+            let name = format!("{PROCESS}-{number:06}.jsonl");
+            std::fs::write(folder.path().join(name), text).unwrap();
+        }
+        let next = begin_on(folder.path(), 2);
+        assert_eq!(first_line(&next).unwrap().others[0].seq, 2);
+        assert_eq!(verify(folder.path()).unwrap().breaks, []);
+        std::fs::remove_file(folder.path().join(format!("{PROCESS}-000002.jsonl"))).unwrap();
+        assert_eq!(verify(folder.path()).unwrap().breaks, []);
+    }
+
+    #[test]
+    fn a_missing_file_is_found_unless_it_is_the_first() {
+        let all = lines_in(&[1, 0, 2, 0, 3, 0]);
+        let [one, two, three] = [0..2, 2..4, 4..6].map(|range| all[range].concat());
+        let (breaks, _) = found(&[(1, one), (3, three.clone())]);
+        assert_eq!(breaks, [(1, BreakKind::FileMissing(2))]);
+        let (breaks, verified) = found(&[(2, two), (3, three)]);
+        assert_eq!(breaks, []);
+        assert!(verified.notes[0].contains("before 000002 are not here"));
+    }
+
+    /// Writes the record of a process that began on a day, finds what is in the folder, and stops; the path of its file.
+    fn begin_on(folder: &Path, day: u32) -> PathBuf {
+        let process = format!("202601{day:02}T000000Z-00000001");
+        let event = |object| {
+            Event::new(
+                EventKind::ApplicationActivity,
+                Action::Read,
+                object,
+                "isocortex",
+            )
+        };
+        let others = crate::audit::found::others(folder, &process);
+        let begins = Begins {
+            file: 1,
+            others: &others,
+        };
+        let (first, at) = write(&event("start"), &process, &Position::first(), Some(begins));
+        let (last, _) = write(&event(STOP), &process, &at, None);
+        let path = folder.join(format!("{process}-000001.jsonl"));
+        std::fs::write(&path, [first, last].concat()).unwrap();
+        path
+    }
+
+    /// The record of a process that is as old as its name says.
+    fn begin_long_ago(folder: &Path) -> PathBuf {
+        let lines = lines_in(&[1, 0, 2, 0, 0, 0]);
+        let [one, two] = [0..2, 2..6].map(|range| lines[range].concat());
+        let dated = one.replace(
+            &one[one.find("\"time\":\"").unwrap() + 8..][..10],
+            "2025-12-31",
+        );
+        let first = folder.join(format!("{PROCESS}-000001.jsonl"));
+        std::fs::write(&first, dated).unwrap();
+        std::fs::write(folder.join(format!("{PROCESS}-000002.jsonl")), two).unwrap();
+        first
+    }
+
+    #[test]
+    fn a_process_that_is_missing_between_others_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        std::fs::write(folder.join("old.txt"), "").unwrap();
+        let [_, second, third] = [2, 3, 4].map(|day| begin_on(folder, day));
+        let verified = verify(folder).unwrap();
+        assert_eq!(verified.breaks, []);
+        // The lines have the time of this test, so that none is older than the names.
+        let lines = std::fs::read_to_string(&second).unwrap();
+        std::fs::remove_file(&second).unwrap();
+        let verified = verify(folder).unwrap();
+        assert_eq!(verified.breaks, []);
+        assert!(
+            verified
+                .notes
+                .iter()
+                .any(|note| note.contains("nor any older ones"))
+        );
+        begin_long_ago(folder);
+        let verified = verify(folder).unwrap();
+        let missing = verified.breaks.iter().find(|found| {
+            matches!(&found.kind, BreakKind::ProcessMissing(process) if process.starts_with("20260103"))
+        });
+        assert_eq!(missing.unwrap().file, name_of(&third));
+        // Its last line alone is missed, too.
+        let first = lines.split_inclusive('\n').next().unwrap();
+        std::fs::write(&second, first).unwrap();
+        let cut = verify(folder).unwrap();
+        assert!(
+            cut.breaks
+                .iter()
+                .any(|found| found.kind == BreakKind::Cut(1)),
+            "{cut:?}"
+        );
+    }
+
+    #[test]
+    fn a_process_names_what_nobody_has_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let others = |path: &Path| {
+            let others = first_line(path).unwrap().others;
+            let days = others
+                .into_iter()
+                .map(|named| named.process[..8].to_owned());
+            days.collect::<Vec<_>>()
+        };
+        let [first, second, third] = [2, 3, 4].map(|day| begin_on(folder.path(), day));
+        assert!(others(&first).is_empty());
+        assert_eq!(others(&second), ["20260102"]);
+        assert_eq!(others(&third), ["20260103"]);
+    }
+
+    #[test]
+    fn a_cut_head_is_found_although_the_files_before_are_gone() {
+        let all = lines_in(&[1, 0, 2, 0, 0, 0]);
+        assert_eq!(found(&[(2, all[2..].concat())]).0, []);
+        let (breaks, _) = found(&[(2, all[3..].concat())]);
+        assert_eq!(breaks, [(1, BreakKind::Beheaded)]);
+        let (breaks, _) = found(&[(7, all[2..].concat())]);
+        assert_eq!(breaks, [(1, BreakKind::Renumbered(2))]);
+    }
+}

@@ -1,0 +1,251 @@
+//! Gathers what the report of a reading shows: the findings of a case, their pictures and numbers.
+
+mod shots;
+
+use std::sync::Arc;
+
+use ::report::{
+    ListedMap, Numbers, Reason, Report, ReportFormat, ReportMaps, ReportQuery, ReportedFinding,
+    ShownLayer, ShownPatient, Values,
+};
+use bytes::Bytes;
+use case::findings::Finding;
+use case::{CandidateFacts, CaseId, Layer, LayerKind, MapName, QualityState};
+use glam::DVec3;
+use imaging::dicom::Attributes;
+use pipeline::atlas::Gyri;
+use pipeline::maps::NoMaps;
+
+use crate::arrivals::{Patient, day};
+use crate::gyri::named;
+use crate::library::{LoadedMaps, MapsState};
+use crate::pictures::{LayerRef, ready};
+use crate::profile::{PointProfile, profile};
+use crate::{Cases, Error};
+
+/// From where a report knows its patient.
+#[derive(Debug, Clone, Copy)]
+pub enum ReportSubject<'a> {
+    /// From the files of the case.
+    OfCase,
+    /// From attributes of the patient and the study.
+    Named(&'a Attributes),
+}
+
+/// The attributes of a patient and a study that a report names.
+const PATIENT: [&str; 7] = [
+    "PatientName",
+    "PatientID",
+    "IssuerOfPatientID",
+    "PatientBirthDate",
+    "PatientSex",
+    "StudyDate",
+    "AccessionNumber",
+];
+
+impl Cases {
+    /// The report of the reading of a ready case. The same reading gives the same bytes.
+    ///
+    /// # Errors
+    /// As [`Cases::ready`]; [`Error::LayerNotReady`] while its maps are computed; [`Error::Busy`] if too much work waits.
+    pub async fn report(
+        &self,
+        id: &CaseId,
+        query: ReportQuery,
+        format: ReportFormat,
+        subject: ReportSubject<'_>,
+    ) -> Result<Bytes, Error> {
+        let facts = self.ready(id).await?;
+        let case = self.case(id).await?;
+        let maps = found_or_reason(self.library.maps(id).await?)?;
+        let flair = self.library.flair(id).await?;
+        let flair = flair
+            .map(|flair| found_or_reason(flair.state))
+            .transpose()?;
+        let gyri = self.gyri(id).await?;
+        let layers = self.layers(id).await?;
+        let layer = beside(&layers);
+        let reference = layer.map(|(layer, _)| LayerRef::from(layer.id));
+        let layer = layer.map(|(layer, quality)| ShownLayer {
+            name: layer.name.clone(),
+            may_lie_elsewhere: quality != QualityState::Ok,
+        });
+        let mut list = self.findings(id).await?.list;
+        for finding in &mut list {
+            // The atlas of today counts, not that of when it was written.
+            let middle = DVec3::from_array(finding.middle_in_patient());
+            finding.gyrus = gyri.as_ref().and_then(|gyri| gyri.at(middle));
+        }
+        let (dismissed, findings): (Vec<_>, Vec<_>) =
+            (list.into_iter()).partition(|finding| finding.is_dismissed);
+        let (pictures, overview) = shots::draw(
+            self,
+            id,
+            &facts,
+            &findings,
+            reference.as_ref(),
+            maps.is_ok(),
+        )
+        .await?;
+        let mut reported = Vec::new();
+        for (finding, pictures) in findings.into_iter().zip(pictures) {
+            let numbers = self.numbers(id, &maps, &finding).await?;
+            reported.push(ReportedFinding {
+                finding,
+                pictures,
+                numbers,
+            });
+        }
+        let patient = match (query.patient, subject) {
+            (false, _) => None,
+            (true, ReportSubject::OfCase) => Some(self.shown_patient(id).await?),
+            (true, ReportSubject::Named(attributes)) => Some(shown_patient(attributes)),
+        };
+        let report = Report {
+            case,
+            facts,
+            query,
+            patient,
+            maps: match &maps {
+                Ok(maps) => Ok(maps_of(maps, gyri.as_deref())),
+                Err(reason) => Err(reason_of(reason)),
+            },
+            flair: flair.map(|flair| match flair {
+                Ok(maps) => {
+                    let places = named(&maps.candidates, gyri.as_deref());
+                    Ok(listed(&maps, MapName::Flair, places))
+                }
+                Err(reason) => Err(reason_of(&reason)),
+            }),
+            layer,
+            findings: reported,
+            dismissed,
+            overview,
+        };
+        let written = self.queue.run(move || report.write(format)).await?;
+        written.map(Into::into).map_err(|_| Error::Internal)
+    }
+
+    /// The values at a finding; `None` outside the envelope.
+    async fn numbers(
+        &self,
+        id: &CaseId,
+        maps: &Result<Arc<LoadedMaps>, NoMaps>,
+        finding: &Finding,
+    ) -> Result<Option<Numbers>, Error> {
+        let model = self.model(id).await?;
+        let maps = maps.clone();
+        let position = DVec3::from_array(finding.middle_in_patient());
+        let find = move || {
+            let maps = maps.as_ref().map(|maps| &**maps).map_err(Clone::clone);
+            profile([&model, &model], maps, &[], None, position)
+        };
+        match self.queue.run(find).await? {
+            Ok(found) => Ok(Some(Numbers {
+                own: values_at(&found.own),
+                mirrored: found.mirrored.as_ref().map(values_at),
+            })),
+            Err(Error::Parameter { .. }) => Ok(None),
+            Err(other) => Err(other),
+        }
+    }
+
+    /// The patient in the files of the case.
+    async fn shown_patient(&self, id: &CaseId) -> Result<ShownPatient, Error> {
+        let Some(stored) = self.store().source_dicom(id).await? else {
+            return Ok(ShownPatient::NotFromDicom);
+        };
+        Ok(shown_patient(&pipeline::attributes(&stored)?))
+    }
+}
+
+fn maps_of(maps: &LoadedMaps, gyri: Option<&Gyri>) -> ReportMaps {
+    ReportMaps {
+        blur: listed(maps, MapName::Blur, named(&maps.candidates, gyri)),
+        elsewhere: named(&maps.elsewhere, gyri),
+        thickness: listed(maps, MapName::Thickness, named(&maps.thick[0], gyri)),
+        regions: maps.regions.clone(),
+    }
+}
+
+/// The places of a map, with what is known about its scores.
+fn listed(maps: &LoadedMaps, map: MapName, places: Vec<CandidateFacts>) -> ListedMap {
+    let judgement = maps.judgement(map);
+    ListedMap {
+        places,
+        has_limits: judgement.limits.is_some(),
+        caveat: judgement.caveat.map(|caveat| Reason {
+            code: caveat.code().to_owned(),
+            sentence: caveat.to_string(),
+        }),
+    }
+}
+
+fn reason_of(reason: &NoMaps) -> Reason {
+    Reason {
+        code: reason.code.to_string(),
+        sentence: reason.sentence.to_string(),
+    }
+}
+
+fn values_at(profile: &PointProfile) -> Values {
+    let at = &profile.point;
+    Values {
+        intensity: at.intensity,
+        blur: at.blur,
+        thickness: at.thickness,
+        sharpness: at.sharpness,
+    }
+}
+
+/// The maps, or the reason for none.
+///
+/// # Errors
+/// [`Error::LayerNotReady`].
+fn found_or_reason(state: MapsState) -> Result<Result<Arc<LoadedMaps>, NoMaps>, Error> {
+    match state.found() {
+        Ok(maps) => Ok(Ok(maps)),
+        Err(Error::MapsUndefined(reason)) => Ok(Err(reason)),
+        Err(other) => Err(other),
+    }
+}
+
+/// The patient and the study of some attributes, for people.
+fn shown_patient(attributes: &Attributes) -> ShownPatient {
+    let value = |keyword: &str| attributes.value(keyword).filter(|value| !value.is_empty());
+    if PATIENT
+        .iter()
+        .all(|keyword| attributes.value(keyword).is_none())
+    {
+        return ShownPatient::NotFromDicom;
+    }
+    ShownPatient::Named {
+        patient: Patient::of(value).words(),
+        sex: value("PatientSex").map(str::to_owned),
+        study_day: value("StudyDate").map(day),
+        accession_number: value("AccessionNumber").map(str::to_owned),
+    }
+}
+
+/// The acquired layer to show beside the anatomy, and how far its place can be trusted: a FLAIR before any other, one whose place
+/// was checked before one whose was not, and none that certainly lies elsewhere.
+fn beside(layers: &[Layer]) -> Option<(&Layer, QualityState)> {
+    let usable = layers.iter().filter_map(|layer| {
+        let quality = ready(layer).ok()?.placement.quality;
+        let is_usable = layer.parameters.kind == LayerKind::Mr && quality != QualityState::Failed;
+        is_usable.then_some((layer, quality))
+    });
+    let order = |(layer, quality): &(&Layer, QualityState)| {
+        let is_flair = layer.is_flair() || layer.name.to_lowercase().contains("flair");
+        (!is_flair, *quality != QualityState::Ok)
+    };
+    usable.min_by_key(order)
+}
+
+/// The map that shows a finding: the one in whose list it was found, if that lists the thickness; else that of blur.
+fn map_of(finding: &Finding) -> MapName {
+    match finding.from_map {
+        Some(MapName::Thickness) => MapName::Thickness,
+        _ => MapName::Blur,
+    }
+}

@@ -1,0 +1,21 @@
+//! What every HTTP interface of the server shares: problems, conditional requests, negotiation of formats, queries, limits on
+//! connections and bodies, metrics and the log of requests. It knows no case, picture or store, and not who may ask for what.
+
+pub mod client;
+pub mod client_limit;
+pub mod conditional;
+pub mod form_body;
+pub mod forwarded;
+pub mod fresh;
+pub mod listen;
+pub mod logs;
+pub mod metrics;
+pub mod negotiate;
+pub mod problem;
+pub mod query;
+pub mod refusals;
+pub mod sent;
+pub mod timeouts;
+pub mod tls;
+pub mod uploads;
+mod write_timeout;

@@ -1,0 +1,303 @@
+//! The child process, which reads the files.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufRead as _, Read, Seek as _, Write as _};
+use std::os::fd::AsFd as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use imaging::Limits;
+use imaging::dicom::{
+    self, DicomError, Identity, Options, Purpose, SeriesName, convert, fingerprint, identify,
+};
+use rustix::process::{Resource, Rlimit, setrlimit};
+
+use crate::confine::{Confinement, Directory, Needs, confine};
+use crate::files::{FilesBelow, Place};
+use crate::message::{
+    HeaderOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder, StoredOutcome, Summary,
+    VOLUME,
+};
+use case::{Failure, FailureKind};
+
+/// The limit for the size of a request.
+const MAX_ORDER_BYTES: u64 = 64 << 10;
+
+/// The largest file that is written, beside the samples of the voxels.
+const BASE_FILE_BYTES: u64 = 1 << 30;
+
+/// Files open at a time: the three standard ones, those that are read and written, and some that libraries want.
+const OPEN_FILES: u64 = 32;
+
+/// Other code to run once this process is confined, in place of reading a series or preparing a case; it returns words about what it
+/// reached. Tests have it.
+pub(crate) type Instead<'a> = &'a mut dyn FnMut(&Confinement) -> String;
+
+/// Handles the request on standard input. Errors in the files are written as an outcome.
+pub fn run() -> ExitCode {
+    exit_code(carry_out(None))
+}
+
+/// As [`run`], with other code that runs in place of reading a series or preparing a case. The outcome is a failure with its words.
+#[cfg(any(test, feature = "testing"))]
+pub fn run_instead(mut code: impl FnMut(&Confinement) -> String) -> ExitCode {
+    exit_code(carry_out(Some(&mut code)))
+}
+
+fn exit_code(ended: io::Result<()>) -> ExitCode {
+    match ended {
+        Ok(()) => ExitCode::SUCCESS,
+        // Nobody reads the output of this process; its parent sees that it failed.
+        Err(_) => ExitCode::FAILURE,
+    }
+}
+
+fn carry_out(instead: Option<Instead<'_>>) -> io::Result<()> {
+    match read_order()? {
+        Order::Series(order) => read_series(&order, instead),
+        Order::Header(order) => answer(&read_header(&order, header)?),
+        Order::Marks(order) => answer(&read_header(&order, |file, _, _| dicom::marks(file))?),
+        Order::Stored(order) => read_stored(&order),
+        Order::Prepare(order) => crate::prepare::prepare(&order, instead),
+        Order::Confine => {
+            limit_this_process(1 << 30, 0, 1)?;
+            answer(&confine(&Needs::default()))
+        }
+    }
+}
+
+fn read_order() -> io::Result<Order> {
+    let mut line = Vec::new();
+    let orders = io::BufReader::new(io::stdin());
+    orders.take(MAX_ORDER_BYTES).read_until(b'\n', &mut line)?;
+    Ok(serde_json::from_slice(&line)?)
+}
+
+/// Answers on the standard output, on a line of its own.
+fn answer(answer: &impl serde::Serialize) -> io::Result<()> {
+    let mut line = vec![b'\n'];
+    serde_json::to_writer(&mut line, answer)?;
+    line.push(b'\n');
+    let mut output = io::stdout().lock();
+    output.write_all(&line)?;
+    output.flush()
+}
+
+/// Everything is opened before this process is confined. A file needs no path any more; a directory becomes the current one,
+/// because its path leads through directories that are closed by then.
+fn read_series(order: &SeriesOrder, instead: Option<Instead<'_>>) -> io::Result<()> {
+    limit_this_process(order.memory_bytes, order.max_voxels as u64, order.seconds)?;
+    let mut outcome_file = File::create_new(order.output.join(OUTCOME))?;
+    let mut volume_file = File::create_new(order.output.join(VOLUME))?;
+    let input = File::open(&order.input)?;
+    let (place, confinement) = match input.metadata()?.is_dir() {
+        true => {
+            rustix::process::fchdir(&input)?;
+            let reads = Directory {
+                directory: input.as_fd(),
+                is_own: order.is_own_input,
+            };
+            let needs = Needs {
+                reads: Some(reads),
+                ..Needs::default()
+            };
+            (Place::Directory(PathBuf::from(".")), confine(&needs))
+        }
+        false => {
+            let place = Place::File(input, order.input_start);
+            (place, confine(&Needs::default()))
+        }
+    };
+    let outcome = match instead {
+        Some(code) => Outcome::Refused(said(code(&confinement))),
+        None => match read(order, place) {
+            Ok((volume, summary)) => {
+                io::copy(&mut io::repeat(0).take(order.room), &mut volume_file)?;
+                volume_file.write_all(&volume)?;
+                Outcome::Read(summary)
+            }
+            Err(error) => Outcome::Refused(refusal(&error)),
+        },
+    };
+    outcome_file.write_all(&serde_json::to_vec(&outcome)?)
+}
+
+/// What other code has said, as a failure.
+pub(crate) fn said(words: String) -> Failure {
+    Failure::unusable("other-code", words)
+}
+
+/// What `read` finds in a file, given its bytes, the room before an output, and that output.
+fn read_header<T>(
+    order: &HeaderOrder,
+    read: impl Fn(&[u8], u64, Option<&mut File>) -> Result<T, DicomError>,
+) -> io::Result<Stated<T>> {
+    limit_this_process(order.memory_bytes, 0, order.seconds)?;
+    let mut file = File::open(&order.file)?;
+    file.seek(io::SeekFrom::Start(order.start))?;
+    let mut output = match &order.output {
+        Some(path) => Some(
+            OpenOptions::new()
+                .write(true)
+                .create(true)
+                .truncate(true)
+                .open(path)?,
+        ),
+        None => None,
+    };
+    confine(&Needs::default());
+    let found = read_file(file, order.max_file_bytes)
+        .and_then(|file| read(&file, order.start, output.as_mut()));
+    Ok(match found {
+        Ok(found) => Stated::Read(found),
+        Err(error) => Stated::Refused(refusal(&error)),
+    })
+}
+
+fn header(file: &[u8], room: u64, output: Option<&mut File>) -> Result<Identity, DicomError> {
+    let mut identity = identify(file)?;
+    let print = |file: &[u8]| match identity.is_image {
+        true => fingerprint(file).ok(),
+        false => None,
+    };
+    let Some(output) = output else {
+        identity.fingerprint = print(file);
+        return Ok(identity);
+    };
+    let without = dicom::deidentified_file(file)?;
+    identity.fingerprint = print(&without);
+    let written = io::copy(&mut io::repeat(0).take(room), output);
+    written.map_err(unreadable)?;
+    output.write_all(&without).map_err(unreadable)?;
+    Ok(identity)
+}
+
+fn unreadable(error: io::Error) -> DicomError {
+    DicomError::Unreadable {
+        what: error.kind().to_string(),
+    }
+}
+
+/// The rest of a file.
+fn read_file(file: File, most: u64) -> Result<Vec<u8>, DicomError> {
+    let mut bytes = Vec::new();
+    let read = file.take(most + 1).read_to_end(&mut bytes);
+    if read.map_err(unreadable)? as u64 > most {
+        return Err(DicomError::TooManyBytes { limit: most });
+    }
+    Ok(bytes)
+}
+
+fn read_stored(order: &StoredOrder) -> io::Result<()> {
+    limit_this_process(order.memory_bytes, 0, order.seconds)?;
+    let mut outcome_file = File::create_new(order.output.join(OUTCOME))?;
+    let input = File::open(&order.input)?;
+    rustix::process::fchdir(&input)?;
+    let reads = Directory {
+        directory: input.as_fd(),
+        is_own: true,
+    };
+    confine(&Needs {
+        reads: Some(reads),
+        ..Needs::default()
+    });
+    let outcome = match stored(order) {
+        Ok(outcome) => outcome,
+        Err(error) => StoredOutcome::Refused(refusal(&error)),
+    };
+    outcome_file.write_all(&serde_json::to_vec(&outcome)?)
+}
+
+/// Reads the files of the current directory.
+fn stored(order: &StoredOrder) -> Result<StoredOutcome, DicomError> {
+    let read = |number: usize| {
+        let file = File::open(Path::new(".").join(number.to_string())).map_err(unreadable)?;
+        read_file(file, order.max_file_bytes)
+    };
+    let each = (0..order.count).map(|number| dicom::metadata(&read(number)?));
+    Ok(StoredOutcome::Metadata(each.collect::<Result<_, _>>()?))
+}
+
+/// From here on, the kernel ends this process if it exceeds its limits.
+fn limit_this_process(memory: u64, voxels: u64, seconds: u64) -> io::Result<()> {
+    let at_most = |resource, most: u64| {
+        let limit = Rlimit {
+            current: Some(most),
+            maximum: Some(most),
+        };
+        setrlimit(resource, limit).map_err(io::Error::from)
+    };
+    at_most(Resource::As, memory)?;
+    at_most(Resource::Cpu, seconds)?;
+    at_most(Resource::Nofile, OPEN_FILES)?;
+    at_most(
+        Resource::Fsize,
+        BASE_FILE_BYTES.saturating_add(4u64.saturating_mul(voxels)),
+    )?;
+    // A core file would contain images of a patient.
+    at_most(Resource::Core, 0)?;
+    at_most(Resource::Nproc, 0)
+}
+
+fn read(order: &SeriesOrder, place: Place) -> Result<(Vec<u8>, Summary), DicomError> {
+    let mut files = FilesBelow::open(place, order.max_input_bytes)?;
+    let options = Options {
+        series: order.series.as_deref().and_then(SeriesName::parse),
+        allow_gaps: order.allow_gaps,
+        purpose: match order.is_layer {
+            true => Purpose::Layer,
+            false => Purpose::Case,
+        },
+        deidentifies: order.deidentifies,
+    };
+    let limits = Limits {
+        max_voxels: order.max_voxels,
+        ..Limits::default()
+    };
+    let converted = convert(&mut files, &options, &limits)?;
+    let summary = Summary {
+        attributes: converted.attributes,
+        series: converted.series,
+        is_t1: converted.is_t1,
+        others: converted.others,
+        ignored_files: converted.ignored_files,
+        images: converted.images,
+    };
+    Ok((converted.nifti, summary))
+}
+
+fn refusal(error: &DicomError) -> Failure {
+    let kind = match error {
+        DicomError::NoDicom { .. } => FailureKind::NotRecognised,
+        DicomError::OutOfMemory { .. } => FailureKind::OutOfMemory,
+        error if error.is_too_large() => FailureKind::TooLarge,
+        _ => FailureKind::Unusable,
+    };
+    Failure::new(kind, error.kind(), error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[ignore = "it is started by the test below, for its limits last as long as its process"]
+    fn limited() {
+        limit_this_process(1 << 30, 1000, 60).unwrap();
+        let mut hog: Vec<u8> = Vec::new();
+        assert!(hog.try_reserve_exact(2 << 30).is_err());
+        let open: Vec<_> = (0..OPEN_FILES)
+            .map(|_| std::fs::File::open("/dev/null"))
+            .collect();
+        assert!(open.iter().any(Result::is_err));
+    }
+
+    #[test]
+    fn the_kernel_limits_memory_and_files() {
+        let status = std::process::Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "child::tests::limited", "--ignored"])
+            .stdout(std::process::Stdio::null())
+            .status();
+        assert!(status.unwrap().success());
+    }
+}

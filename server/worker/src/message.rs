@@ -1,0 +1,134 @@
+//! The messages between the two processes.
+
+use std::path::PathBuf;
+
+use imaging::dicom::{Attributes, Fingerprint, SeriesSummary};
+use serde::{Deserialize, Serialize};
+
+use case::Failure;
+
+use crate::prepare::PrepareOrder;
+
+/// The file of the volume, in the output directory.
+pub(crate) const VOLUME: &str = "volume.nii.gz";
+
+/// The file of the [`Outcome`].
+pub(crate) const OUTCOME: &str = "outcome.json";
+
+/// A request, the first line on the standard input of the child, because other users can see a command line.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(crate) enum Order {
+    /// Make a volume of a series.
+    Series(SeriesOrder),
+    /// Read the header of a file; a [`Stated`] on the standard output answers it.
+    Header(HeaderOrder),
+    /// Read the findings of a measurement report; a [`Stated`] on the standard output answers it.
+    Marks(HeaderOrder),
+    /// Read the attributes of stored files.
+    Stored(StoredOrder),
+    /// Prepare a case.
+    Prepare(Box<PrepareOrder>),
+    /// Only confine the process; a [`Confinement`](crate::Confinement) on the standard output answers it.
+    Confine,
+}
+
+/// What to read of stored files.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct StoredOrder {
+    /// A directory with files named by their numbers from 0.
+    pub(crate) input: PathBuf,
+    pub(crate) count: usize,
+    /// An empty directory.
+    pub(crate) output: PathBuf,
+    /// The limit for memory.
+    pub(crate) memory_bytes: u64,
+    /// The limit for a file.
+    pub(crate) max_file_bytes: u64,
+    /// The limit for CPU time.
+    pub(crate) seconds: u64,
+}
+
+/// What was read of stored files.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(crate) enum StoredOutcome {
+    Metadata(Vec<serde_json::Value>),
+    Refused(Failure),
+}
+
+/// Which file to read the header of.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct HeaderOrder {
+    pub(crate) file: PathBuf,
+    /// The offset of the bytes in the file.
+    pub(crate) start: u64,
+    /// Where to write the file without the identity of the patient, after as many zero bytes; `None` to write nothing.
+    pub(crate) output: Option<PathBuf>,
+    /// The limit for the file.
+    pub(crate) max_file_bytes: u64,
+    /// The limit for memory.
+    pub(crate) memory_bytes: u64,
+    /// The limit for CPU time.
+    pub(crate) seconds: u64,
+}
+
+/// The answer about a file.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(crate) enum Stated<T> {
+    Read(T),
+    Refused(Failure),
+}
+
+/// Which series to read.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct SeriesOrder {
+    /// A file, or a directory of files.
+    pub(crate) input: PathBuf,
+    /// Whether a directory was made for this order, and may be given to a user of the process's own.
+    pub(crate) is_own_input: bool,
+    /// The offset of the bytes in a single file.
+    pub(crate) input_start: u64,
+    /// An empty directory.
+    pub(crate) output: PathBuf,
+    /// The number of zero bytes to write before the volume.
+    pub(crate) room: u64,
+    pub(crate) series: Option<String>,
+    pub(crate) allow_gaps: bool,
+    pub(crate) is_layer: bool,
+    /// Whether the images are named as they are without the identity of the patient.
+    pub(crate) deidentifies: bool,
+    pub(crate) max_voxels: usize,
+    /// The limit for memory.
+    pub(crate) memory_bytes: u64,
+    /// The limit for the unpacked bytes of all files.
+    pub(crate) max_input_bytes: u64,
+    /// The limit for CPU time.
+    pub(crate) seconds: u64,
+}
+
+/// The outcome of a request for a series.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "snake_case")]
+pub(crate) enum Outcome {
+    Read(Summary),
+    Refused(Failure),
+}
+
+/// The facts in addition to the volume.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Summary {
+    pub(crate) attributes: Attributes,
+    pub(crate) series: SeriesSummary,
+    pub(crate) is_t1: bool,
+    pub(crate) others: Vec<SeriesSummary>,
+    pub(crate) ignored_files: usize,
+    /// The images of the series, by their UIDs.
+    #[serde(default)]
+    pub(crate) images: Vec<(String, Fingerprint)>,
+}
