@@ -5,7 +5,7 @@ use std::path::Path;
 
 use bytes::Bytes;
 use case::Closed;
-use case::images::Fingerprint;
+use case::images::{Fingerprint, Image};
 use proptest::prelude::*;
 use storage::arrivals::{
     ArrivalSource, ArrivalState, NewInstance, Reception, Rejection, SeriesUids, Uid,
@@ -160,6 +160,7 @@ impl Fold {
                 names.remove(&name);
             }
         }
+        self.rejected.retain(|(names, ..)| !names.is_empty());
     }
 
     /// The latest note about an image counts, but one that may not return stays so.
@@ -219,7 +220,8 @@ struct World {
     made: BTreeMap<String, BTreeMap<ImageName, Version>>,
     /// Files that were acknowledged and must be there.
     kept: BTreeMap<ImageName, Version>,
-    asked: usize,
+    /// Of which images the layers were made that each result shows, by its UID.
+    results: Vec<(Uid, Vec<BTreeMap<ImageName, Version>>)>,
     /// How far the clock of the rows is ahead.
     ahead: Duration,
 }
@@ -250,7 +252,7 @@ impl World {
             fold: Fold::default(),
             made: BTreeMap::new(),
             kept: BTreeMap::new(),
-            asked: 0,
+            results: Vec::new(),
             ahead: Duration::ZERO,
         }
     }
@@ -406,9 +408,15 @@ impl World {
     }
 
     async fn ask(&mut self, case: CaseId) {
-        self.asked += 1;
-        let file = Bytes::from(format!("result {}", self.asked));
-        let layers = self.store().layers(&case).await.unwrap();
+        let number = self.results.len();
+        let file = Bytes::from(format!("result {number}"));
+        let (mut layers, mut made_of) = (Vec::new(), Vec::new());
+        for layer in self.store().layers(&case).await.unwrap() {
+            let of = self.store().images_of_layer(&case, &layer.id).await;
+            made_of.push(of.unwrap().iter().map(known).collect());
+            layers.push(layer.id);
+        }
+        let instance = uid(&format!("2.25.{}", 10 + number));
         let new = NewResult {
             case,
             node: "pacs".to_owned(),
@@ -417,25 +425,28 @@ impl World {
                 sop_class_uid: uid("1.3"),
                 series_uid: uid("2.25.1"),
             },
-            instance: uid(&format!("2.25.{}", 10 + self.asked)),
-            layers: layers.iter().map(|layer| layer.id).collect(),
+            instance: instance.clone(),
+            layers,
             digest: blake3::hash(&file),
         };
         self.store().queue_result(new, file, SEND).await.unwrap();
+        self.results.push((instance, made_of));
     }
 
-    /// Nothing closed is sent.
-    async fn take(&self) {
+    /// Nothing closed is sent. Whether anything was.
+    async fn take(&self) -> bool {
         let Some(claim) = self.store().claim(SEND, 1000).await.unwrap() else {
-            return;
+            return false;
         };
         let result = self.store().result(&claim.key).await.unwrap().unwrap();
-        assert_eq!(
-            self.closed(&result.case),
-            None,
-            "a result of a closed case is sent"
-        );
+        assert_eq!(self.closed(&result.case), None, "it is of a closed case");
+        let mut results = self.results.iter();
+        let (_, layers) = results.find(|(uid, _)| *uid == result.instance).unwrap();
+        for made_of in layers {
+            assert_eq!(self.fold.closed(made_of), None, "it shows a closed layer");
+        }
         assert!(self.store().finish(&claim).await.unwrap());
+        true
     }
 
     fn closed(&self, case: &CaseId) -> Option<Closed> {
@@ -513,7 +524,7 @@ impl World {
                     self.ask(case).await;
                 }
             }
-            Step::Take => self.take().await,
+            Step::Take => drop(self.take().await),
             Step::Delete { case } => {
                 if let Some(case) = self.case(*case) {
                     self.delete(case).await;
@@ -549,15 +560,7 @@ impl World {
                     .images_of_layer(&case, &layer.id)
                     .await
                     .unwrap();
-                let of = of.iter().map(|image| {
-                    let name = name_of(&image.uid);
-                    let versions = (0..SERIES.len()).flat_map(|series| {
-                        (0..2).map(move |contents| Version { series, contents })
-                    });
-                    let mut versions =
-                        versions.filter(|version| print(name, *version) == image.fingerprint);
-                    (name, versions.next().unwrap())
-                });
+                let of = of.iter().map(known);
                 assert_eq!(layer.closed, self.fold.closed(&of.collect()));
             }
         }
@@ -573,6 +576,18 @@ impl World {
     }
 }
 
+/// Every version of an image.
+fn versions() -> impl Iterator<Item = Version> {
+    (0..SERIES.len()).flat_map(|series| (0..2).map(move |contents| Version { series, contents }))
+}
+
+/// An image as a test knows it.
+fn known(image: &Image) -> (ImageName, Version) {
+    let name = name_of(&image.uid);
+    let is_it = |version: &Version| print(name, *version) == image.fingerprint;
+    (name, versions().find(is_it).unwrap())
+}
+
 fn name_of(uid: &Uid) -> ImageName {
     let (series, number) = uid.as_str().rsplit_once('.').unwrap();
     let series = SERIES.iter().position(|known| *known == series).unwrap();
@@ -580,26 +595,39 @@ fn name_of(uid: &Uid) -> ImageName {
 }
 
 fn version_of(name: ImageName, file: &[u8]) -> Version {
-    let versions = (0..SERIES.len())
-        .flat_map(|series| (0..2).map(move |contents| Version { series, contents }));
-    let mut versions = versions.filter(|version| contents(name, *version).as_bytes() == file);
-    versions.next().unwrap()
+    let is_it = |version: &Version| contents(name, *version).as_bytes() == file;
+    versions().find(is_it).unwrap()
 }
 
 async fn live(steps: &[Step]) {
     let mut world = World::new().await;
-    for step in steps {
+    // A head and a layer of it, and a result that shows both.
+    let all: Vec<_> = (0..IMAGES).collect();
+    let whole = |of| Step::Send {
+        of,
+        numbers: all.clone(),
+        version: Version {
+            series: of,
+            contents: 0,
+        },
+    };
+    let read = || Step::Read { is_killed: false };
+    let first = [whole(0), read(), whole(2), read(), Step::Ask { case: 0 }];
+    for step in first.iter().chain(steps) {
         world.step(step).await;
         world.check().await;
     }
     // In the end, everything is read.
     while world.read(false).await {}
     world.check().await;
+    // What waits is sent, or has failed for good.
+    while world.take().await {}
 }
 
 proptest! {
     #![proptest_config(ProptestConfig {
         cases: 24,
+        failure_persistence: None,
         max_shrink_iters: 200,
         ..ProptestConfig::default()
     })]
