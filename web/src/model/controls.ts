@@ -210,10 +210,10 @@ export type LayerCommand =
   /** The next of the added layers, as grey texture or in colours. */
   | { readonly kind: "grey" | "colours" }
   /**
-   * The layers are hidden as long as a key is held; a line divides the picture without them from the one with them;
+   * A line divides the picture without them from the one with them;
    * slices show the edges of one; one is moved by hand; two halves are compared side by side, and exchanged.
    */
-  | { readonly kind: "hold" | "release" | "swipe" | "edges" | "nudge" | "beside" | "swap" };
+  | { readonly kind: "swipe" | "edges" | "nudge" | "beside" | "swap" };
 
 /** What a key asks for. */
 export type Command =
@@ -234,6 +234,9 @@ export type Command =
         | "ruler"
         | "layouts"
         | "outline"
+        /** All that lies over the head is hidden as long as a key is held. */
+        | "hold"
+        | "release"
         | "undo"
         | "redo"
         | "patient"

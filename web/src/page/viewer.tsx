@@ -208,8 +208,10 @@ export class Viewer {
       }),
       effect(() => {
         const isBare = store.isBare.value;
-        for (const pane of [this.#slices, this.#closer]) pane?.outline(!isBare);
-        this.#panes.dataset.bare = String(isBare);
+        const { slices, closer } = store.outlined.value;
+        this.#slices.outline(slices && !isBare);
+        this.#closer?.outline(closer && !isBare);
+        Object.assign(this.#panes.dataset, { bare: isBare, outlined: slices });
       }),
       effect(() => {
         if (store.centred.value > 0) for (const pane of [this.#slices, this.#closer]) pane?.center();
@@ -265,7 +267,7 @@ export class Viewer {
   /** Puts a new pane into its place. */
   #join<Pane extends Closer | MapPane>(pane: Pane, place: string): Pane {
     pane.mark(this.store.marked.peek());
-    if (pane instanceof Closer) pane.outline(!this.store.isBare.peek());
+    if (pane instanceof Closer) pane.outline(this.store.outlined.peek().closer);
     this.#panes.querySelector(place)?.replaceWith(pane.element);
     this.#observer.observe(pane.element);
     return pane;

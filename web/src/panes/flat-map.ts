@@ -84,6 +84,13 @@ function letterOf(direction: Vec3): string {
   return LETTERS[axis]?.[(direction[axis] ?? 0) > 0 ? 0 : 1] ?? "";
 }
 
+/** What a picture of the map shows. */
+interface Seen {
+  readonly state: ViewState;
+  /** In CSS pixels. */
+  readonly size: Vec2;
+}
+
 export class MapPane {
   readonly element: HTMLElement;
   readonly #shown: ReadyCase;
@@ -99,8 +106,10 @@ export class MapPane {
   readonly #scale = h("span", { class: "map-scale" });
   readonly #inner = h("button", { type: "button", class: "map-inner", click: () => this.#toggleInner() });
   readonly #keys = h("p", { id: "map-keys", class: "visually-hidden" });
-  readonly #picture: FollowingPicture<ViewState, HTMLElement>;
+  readonly #picture: FollowingPicture<Seen, HTMLElement>;
   #state: ViewState | null = null;
+  /** What the picture that is up shows. */
+  #seen: Seen | null = null;
   #marked: readonly Marked[] = [];
   #positions: MapPositions | null = null;
   /** The curves that are drawn, and what they are of. */
@@ -118,7 +127,7 @@ export class MapPane {
     this.element = h(
       "section",
       {
-        class: "pane flat-map",
+        class: "pane flat-map blank",
         id: "flat-map",
         role: "application",
         tabindex: 0,
@@ -134,8 +143,8 @@ export class MapPane {
     this.#overlay.element.prepend(this.#lines);
     this.#scale.title = t("flat-map.about");
     this.element.append(this.#bar.element, this.#scale, this.#inner, this.#keys);
-    this.#picture = new FollowingPicture<ViewState, HTMLElement>(
-      { put: (image, state) => this.#put(image, state), complain: (problem) => this.#complain(problem) },
+    this.#picture = new FollowingPicture<Seen, HTMLElement>(
+      { put: (image, seen) => this.#put(image, seen), complain: (problem) => this.#complain(problem) },
       (wish) => this.#load(wish),
     );
     this.#listen();
@@ -149,21 +158,19 @@ export class MapPane {
     if (size[0] < STEP || size[1] < STEP) return;
     const { surface } = this.#store;
     const { moved } = state.layer ?? state.overlay ?? {};
-    this.#picture.show(
-      `${this.#path(state, this.#pixels(devicePixelRatio, MOST_PIXELS))}#${[moved, surface?.canMap(state) ?? false].join()}`,
-      state,
-    );
-    this.#picture.again();
-    this.#askForPositions(state);
-    this.#hideOther();
+    const path = this.#path(state, this.#pixels(devicePixelRatio, MOST_PIXELS));
+    // What lies on the map, as the cross, needs no other picture.
+    if (this.#picture.show(`${path}#${[moved, surface?.canMap(state) ?? false].join()}`, { state, size }))
+      this.#seen = { state, size };
+    this.#askForPositions(this.#seen ?? { state, size });
     setText(this.#inner, t(state.map.has_inner ? "flat-map.without-inner" : "flat-map.with-inner"));
     this.#inner.setAttribute("aria-pressed", String(state.map.has_inner));
-    this.#write(state);
+    this.#write();
   }
 
   mark(marked: readonly Marked[]): void {
     this.#marked = marked;
-    if (this.#state) this.#write(this.#state);
+    this.#write();
   }
 
   describe(words: string): void {
@@ -202,8 +209,8 @@ export class MapPane {
     return `${this.#shown.id}/render?${mapQuery(state, size)}`;
   }
 
-  async #load({ path, about }: Wish<ViewState>): Promise<HTMLElement> {
-    const drawn = await this.#draw(about, this.#pixels(this.#ratio, MOST_SAVED_PIXELS));
+  async #load({ path, about }: Wish<Seen>): Promise<HTMLElement> {
+    const drawn = await this.#draw(about.state, this.#pixels(this.#ratio, MOST_SAVED_PIXELS));
     return drawn ?? Object.assign(await served({ path }), { alt: t("flat-map.label") });
   }
 
@@ -225,8 +232,11 @@ export class MapPane {
     return canvas;
   }
 
-  #put(image: HTMLElement, state: ViewState): void {
-    const [width, height] = this.#size;
+  #put(image: HTMLElement, seen: Seen): void {
+    this.#seen = seen;
+    this.element.classList.remove("blank");
+    const { state } = seen;
+    const [width, height] = seen.size;
     Object.assign(this.#image.style, { width: `${width}px`, height: `${height}px` });
     this.#image.replaceChildren(image);
     this.#bar.show(state.overlay);
@@ -237,14 +247,8 @@ export class MapPane {
       overlay: state.overlay?.name ?? "",
       layer: state.layer?.id ?? "",
     });
-    this.#hideOther();
-    this.#write(this.#state ?? state);
-  }
-
-  /** Hides a picture of other discs than those that the letters name, until theirs has come. */
-  #hideOther(): void {
-    const { inner } = this.element.dataset;
-    this.#image.hidden = inner !== undefined && inner !== String(this.#state?.map.has_inner);
+    this.#askForPositions(seen);
+    this.#write();
   }
 
   #complain(problem: unknown): void {
@@ -261,8 +265,7 @@ export class MapPane {
   // -- What it shows where
 
   /** Fetches the positions of a map that rests. */
-  #askForPositions(state: ViewState): void {
-    const [width, height] = this.#size;
+  #askForPositions({ state, size: [width, height] }: Seen): void {
     const path = this.#path({ ...state, layer: null, overlay: null }, [width / STEP, height / STEP]);
     // Colours have no influence on what is seen where.
     const wanted = path.replace(/&(window|colormap|ambient)=[^&]*/g, "");
@@ -282,7 +285,7 @@ export class MapPane {
       if (signal.aborted) return;
       this.#positions = { xyz, size, step: STEP };
       this.element.dataset.known = path.split("?")[1] ?? "";
-      if (this.#state) this.#write(this.#state);
+      this.#write();
     } catch {
       // The picture complains of a server that does not answer.
       if (!signal.aborted) this.#known = "";
@@ -295,27 +298,33 @@ export class MapPane {
     return this.#store.surface?.centres ?? { left: middle, right: middle };
   }
 
-  #discs(state: ViewState): readonly DiscProjection[] {
+  #discs({ state, size }: Seen): readonly DiscProjection[] {
     const discs = discsOf(this.#centres, mirrorPlane(this.#shown), state.map.has_inner);
-    return discs.map((disc) => projectDisc(disc, state.map, this.#size));
+    return discs.map((disc) => projectDisc(disc, state.map, size));
   }
 
   /** The position that is shown at a place: exactly, where the page knows the surface. */
-  #positionAt(state: ViewState, place: Vec2): Vec3 | null {
-    const disc = discAt(this.#discs(state), place);
+  #positionAt(place: Vec2): Vec3 | null {
+    const seen = this.#seen;
+    if (!seen) return null;
+    const disc = discAt(this.#discs(seen), place);
     const { surface } = this.#store;
     const points = disc && surface?.centres && surface.pointsOf(surfaceOf(disc.disc));
     const direction = disc?.directionAt(place);
     if (!points || !direction) return this.#positions && shownAt(this.#positions, place);
     const from = add(disc.disc.center_in_patient, scale(direction, REACH_MM));
-    return points.met({ from, direction: scale(direction, -1), reach_mm: REACH_MM }, state.depth_mm);
+    return points.met({ from, direction: scale(direction, -1), reach_mm: REACH_MM }, seen.state.depth_mm);
   }
 
   // -- What stands on it
 
-  #write(state: ViewState): void {
-    const size = this.#size;
-    const discs = this.#discs(state);
+  /** Words, lines and marks are of the picture that is up: the one of another state may come later. */
+  #write(): void {
+    const seen = this.#seen ?? (this.#state && { state: this.#state, size: this.#size });
+    if (!seen) return;
+    const { state, size } = seen;
+    const discs = this.#discs(seen);
+    this.#overlay.scale(this.#shown.envelope_sphere.radius_mm / this.#unit(state), size[0]);
     this.#overlay.title(`${t("layout.map")} · ${depthWords(state)}`);
     this.#lines.setAttribute("viewBox", `0 0 ${size[0]} ${size[1]}`);
     Object.assign(this.#lines.style, { width: `${size[0]}px`, height: `${size[1]}px` });
@@ -327,17 +336,18 @@ export class MapPane {
       surfaceMarks(this.#marked, state.depth_mm, { pixelOf: onDisc(disc, discs, this.#shown) }),
     );
     this.#overlay.marks(marks, size);
-    this.#showCross(state, discs, isKnown);
+    this.#showCross(seen, discs, isKnown);
     this.#showDisc();
   }
 
-  #showCross({ crosshair_mm: marked }: ViewState, discs: readonly DiscProjection[], isKnown: boolean): void {
+  #showCross({ state, size }: Seen, discs: readonly DiscProjection[], isKnown: boolean): void {
+    const { crosshair_mm: marked } = state;
     const positions = this.#positions;
     const projected = marked && isKnown ? (placeOnMap(discs, mirrorPlane(this.#shown), marked)?.place ?? null) : null;
     const place = projected ?? (marked && positions && nearestPlace(positions, marked, 2 * HIDDEN_MM));
     const seen = place && positions ? shownAt(positions, place) : null;
     const isHidden = seen && marked && length(subtract(seen, marked)) > HIDDEN_MM;
-    this.#overlay.cursor(place, this.#size, { kind: isHidden ? "hidden" : "mark" });
+    this.#overlay.cursor(place, size, { kind: isHidden ? "hidden" : "mark" });
   }
 
   #lettersOf(disc: DiscProjection, [width, height]: Vec2): readonly SVGElement[] {
@@ -449,8 +459,7 @@ export class MapPane {
   }
 
   #pick(place: Vec2): void {
-    const state = this.#state;
-    const position = state && this.#positionAt(state, place);
+    const position = this.#positionAt(place);
     if (!position) return this.#store.miss(t("point.none"));
     const tool = this.#store.tool;
     if (tool) tool.add(position, "surface");
@@ -490,7 +499,7 @@ export class MapPane {
     const { left, top } = this.element.getBoundingClientRect();
     this.#pointer = event && event.buttons === 0 ? [event.clientX - left, event.clientY - top] : null;
     const tool = this.#store.tool;
-    if (tool && this.#state) tool.hover(this.#pointer && this.#positionAt(this.#state, this.#pointer));
+    if (tool) tool.hover(this.#pointer && this.#positionAt(this.#pointer));
     this.#showDisc();
   }
 

@@ -19,9 +19,19 @@ const ofLayers = ({ layers }: Store, command: LayerCommand): void => layers.comm
 const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   play: ({ sweep }) => (sweep.isRunning.peek() ? sweep.stop() : sweep.start()),
   timer: ({ hasTimer }) => (hasTimer.value = !hasTimer.peek()),
-  outline: ({ isBare }) => {
-    isBare.value = !isBare.peek();
-    announce(t(isBare.peek() ? "outline.hidden" : "outline.shown"));
+  outline: ({ outlined, view }) => {
+    const where = view.now.layout === "closer" ? "closer" : "slices";
+    const isShown = !outlined.peek()[where];
+    outlined.value = { ...outlined.peek(), [where]: isShown };
+    announce(t(isShown ? "outline.shown" : "outline.hidden"));
+  },
+  hold: ({ isBare, layers }) => {
+    isBare.value = true;
+    layers.hide(true);
+  },
+  release: ({ isBare, layers }) => {
+    isBare.value = false;
+    layers.hide(false);
   },
   closer: (store) => (store.view.now.layout === "closer" ? leaveCloser(store) : lookCloser(store)),
   across: (store) => {
@@ -66,8 +76,6 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   reset: change,
   grey: ofLayers,
   colours: ofLayers,
-  hold: ofLayers,
-  release: ofLayers,
   swipe: ofLayers,
   edges: ofLayers,
   beside: ofLayers,

@@ -119,11 +119,8 @@ export class ShownLayers {
     const { now } = this.#view;
     const isCloser = now.layout === "closer";
     if (kind === "grey" || kind === "colours") return this.#next(kind);
-    if (kind === "release") return void (this.isHidden.value = false);
     if (!now.layer && !now.overlay && !now.beside) return announce(t("layers.none-shown"));
     switch (kind) {
-      case "hold":
-        return void (this.isHidden.value = true);
       case "nudge":
         return void (this.nudges.value += 1);
       case "swipe":
@@ -146,6 +143,11 @@ export class ShownLayers {
         if (now.beside && !isCloser) this.#view.change({ ...now.beside, beside: halfOf(now) }, true);
         return;
     }
+  }
+
+  /** Hides the layers for now. */
+  hide(isHidden: boolean): void {
+    this.isHidden.value = isHidden;
   }
 
   /** Shows and hides the layers in turn, or no more. */

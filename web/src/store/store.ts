@@ -56,8 +56,10 @@ export class Store {
   readonly isMoving = signal(false);
   /** Whether nothing has changed for a while. */
   readonly isResting = signal(false);
-  /** Whether outlines and marks are hidden. */
+  /** Whether all that lies over the head is hidden, as long as a key is held. */
   readonly isBare = signal(false);
+  /** Whether outlines are shown: in a close-up, where they would lie on what is judged, if they are asked for. */
+  readonly outlined = signal({ slices: true, closer: false });
   readonly hasTimer = signal(false);
   /** The mask, while its outline is shown in slices. */
   readonly mask = signal<MaskBlock | null>(null);
