@@ -225,7 +225,7 @@ test(
       );
     // What is marked lies free, also without outlines.
     await page.keyboard.press("o");
-    await page.waitForSelector(".panes[data-bare=true]");
+    await page.waitForSelector(".panes[data-outlined=false]");
     assert.equal(await page.locator(".slice.axial .cursor.mark").isVisible(), true);
     await keep(page, "slices-centred");
     await page.keyboard.press("o");
@@ -635,7 +635,7 @@ test(
     await own.waitForSelector(".slice.axial[data-position='-69']");
     await own.locator("#surface").focus();
     await own.keyboard.press("o");
-    await own.waitForFunction(() => document.querySelector<HTMLElement>(".panes")?.dataset.bare === "true");
+    await own.waitForFunction(() => document.querySelector<HTMLElement>(".panes")?.dataset.outlined === "false");
     await compare("no contours", `window=${center},${width}`, [-69, 10, -20]);
     await own.keyboard.press("o");
     console.log(table.join("\n"));

@@ -107,13 +107,18 @@ test(
     await page.mouse.wheel(0, 120);
     await page.keyboard.up("Alt");
     assert.equal(await until(depth, (now) => now === 30), 30);
-    // Whoever changes the depth has understood.
+    // Whoever changes the depth has understood: the line is not there the next time, and no picture moves now.
     const other = await openPage(browser);
     await other.page.goto(`${origin}#${id}`);
     await shown(other.page);
     await other.page.locator(".first-time").waitFor();
+    const before = await other.page.locator("#surface").boundingBox();
     await other.page.keyboard.press("]");
-    await other.page.locator(".first-time").waitFor({ state: "detached" });
+    await rested(other.page);
+    assert.deepEqual(await other.page.locator("#surface").boundingBox(), before);
+    await other.page.reload();
+    await shown(other.page);
+    assert.equal(await other.page.locator(".first-time").count(), 0);
     await other.context.close();
   },
 );

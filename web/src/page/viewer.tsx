@@ -18,13 +18,13 @@ import { SliceGroup } from "../panes/slice-group.ts";
 import { SurfacePane } from "../panes/surface-pane.ts";
 import { announce } from "../store/announce.ts";
 import { settle } from "../store/bring.ts";
-import { catchUp, leaveCloser } from "../store/commands.ts";
+import { catchUp, leaveCloser, showAcross } from "../store/commands.ts";
 import { Store } from "../store/store.ts";
 import type { Surface } from "../store/surface.ts";
 import type { Made } from "./case-section.tsx";
 import { DepthBar, Explanation } from "./depth-bar.tsx";
 import type { OnScreen } from "./export.ts";
-import { LoadingLine, Notices, unreadWords } from "./notices.tsx";
+import { LoadingLine, Note, Notices, unreadWords } from "./notices.tsx";
 import { Panel } from "./panel.tsx";
 import { spokenWords } from "./spoken.ts";
 
@@ -83,8 +83,10 @@ export class Viewer {
         follow: ({ detail }: CustomEvent<Change>) => store.change(detail),
         keydown: ({ key }: KeyboardEvent) => {
           if (key !== "Escape") return;
-          if (store.large.peek() !== null || store.view.now.layout !== "closer") store.large.value = null;
-          else leaveCloser(store);
+          const { layout, across_deg } = store.view.now;
+          if (store.large.peek() !== null) store.large.value = null;
+          else if (layout === "closer") leaveCloser(store);
+          else if (across_deg !== null) showAcross(store, null);
         },
       },
       h("div", { class: "flat-map" }),
@@ -92,7 +94,10 @@ export class Viewer {
       this.#slices.element,
       h("div", { class: "closer" }),
       this.#mounted(
-        <LoadingLine store={store} cancel={() => this.#loadAbort.abort()} again={() => void this.load()} />,
+        <>
+          <LoadingLine store={store} cancel={() => this.#loadAbort.abort()} again={() => void this.load()} />
+          <Note />
+        </>,
       ),
     );
     this.element = h(

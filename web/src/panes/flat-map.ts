@@ -61,6 +61,8 @@ const DISC_MM = 10;
 const HIDDEN_MM = 3;
 /** An arrow key moves the map by so many pixels. */
 const ARROW_PIXELS = 40;
+/** So far the letter of a side stands from the border between the discs, in CSS pixels. */
+const SIDE_GAP = 16;
 /** Longer than any way through a head. */
 const REACH_MM = 400;
 
@@ -104,6 +106,14 @@ export class MapPane {
   readonly #overlay: Overlay;
   readonly #bar = new MapBar();
   readonly #scale = h("span", { class: "map-scale" });
+  readonly #faces = h("span", { class: "faces" }, t("flat-map.faces"));
+  /** What the lines through the mark are, and the broken circle. */
+  readonly #legend = h(
+    "div",
+    { class: "map-legend" },
+    ...PLANE_NAMES.map((plane) => h("span", { class: plane }, t(`plane.${plane}`))),
+    this.#faces,
+  );
   readonly #inner = h("button", { type: "button", class: "map-inner", click: () => this.#toggleInner() });
   readonly #keys = h("p", { id: "map-keys", class: "visually-hidden" });
   readonly #picture: FollowingPicture<Seen, HTMLElement>;
@@ -142,7 +152,7 @@ export class MapPane {
     this.#lines.append(this.#curves, this.#letters, this.#looking, this.#disc);
     this.#overlay.element.prepend(this.#lines);
     this.#scale.title = t("flat-map.about");
-    this.element.append(this.#bar.element, this.#scale, this.#inner, this.#keys);
+    this.element.append(this.#bar.element, this.#scale, this.#legend, this.#inner, this.#keys);
     this.#picture = new FollowingPicture<Seen, HTMLElement>(
       { put: (image, seen) => this.#put(image, seen), complain: (problem) => this.#complain(problem) },
       (wish) => this.#load(wish),
@@ -330,6 +340,8 @@ export class MapPane {
     Object.assign(this.#lines.style, { width: `${size[0]}px`, height: `${size[1]}px` });
     this.#letters.replaceChildren(...discs.flatMap((disc) => this.#lettersOf(disc, size)));
     this.#drawCurves(state, discs);
+    for (const plane of PLANE_NAMES)
+      this.#legend.querySelector(`.${plane}`)?.toggleAttribute("hidden", state.crosshair_mm === null);
     this.#showLooking(state, discs);
     const isKnown = (this.#store.surface?.centres ?? null) !== null;
     const marks = (isKnown ? discs : []).flatMap((disc) =>
@@ -370,8 +382,8 @@ export class MapPane {
     if (x + reach < 0 || x - reach > width || y + reach < 0 || y - reach > height) return rim;
     const isLeft = about.hemisphere === "left";
     const side = isLeft ? "end" : "start";
-    // At the upper corner towards the middle of the map, or within the pane.
-    const corner = Math.min(Math.max(isLeft ? x + reach : x - reach, 8), width - 8);
+    // At the upper corner towards the middle of the map, apart from the letter of the other side, or within the pane.
+    const corner = Math.min(Math.max(isLeft ? x + reach - SIDE_GAP : x - reach + SIDE_GAP, 8), width - 8);
     const top = Math.min(Math.max(y - reach, 4), height - 40);
     const letters = [...rim, at(isLeft ? "L" : "R", corner, top + 26, `side ${side}`)];
     return about.face === "inner" ? [...letters, at(t("flat-map.inner"), corner, top + 42, `inner ${side}`)] : letters;
@@ -412,6 +424,7 @@ export class MapPane {
     const position = disc && add(disc.disc.center_in_patient, towards);
     const place = position && disc.placeOf(position);
     this.#looking.toggleAttribute("hidden", !place);
+    this.#faces.hidden = !place;
     if (!place) return;
     this.#looking.setAttribute("cx", place[0].toFixed(1));
     this.#looking.setAttribute("cy", place[1].toFixed(1));
