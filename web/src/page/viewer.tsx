@@ -265,6 +265,7 @@ export class Viewer {
       this.#map = null;
     } else {
       this.#map ??= this.#join(new MapPane(store), ".flat-map");
+      this.#panes.dataset.inner = String(state.map.has_inner);
       this.#map.show(state);
     }
   }
