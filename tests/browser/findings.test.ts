@@ -8,7 +8,7 @@ import type { Browser, Page } from "playwright-core";
 
 import { violations } from "./axe.ts";
 import { brainMask, markedVolume } from "./phantom.ts";
-import { type Server, type Stage, findingsOf, keep, openPage, skip, startStage, until } from "./support.ts";
+import { type Server, type Stage, findingsOf, keep, openPage, skip, startStage, typeDepth, until } from "./support.ts";
 import { sendCase } from "./uploads.ts";
 
 let stage: Stage | undefined;
@@ -210,3 +210,65 @@ test("two readers who write about the same finding are told, and both go on in t
   assert.ok(await second.page.getByText("somebody else, has changed the same findings").isVisible());
   for (const { context } of [first, second]) await context.close();
 });
+
+test(
+  "marks leave free what is judged: a number on a hair line, and nothing at all while b is held",
+  { skip },
+  async () => {
+    const { page, context, troubles } = await openPage(browser);
+    await open(page);
+    await page.waitForSelector(".findings li");
+    // The outline of the cut lies beside the mark.
+    await typeDepth(page, 4);
+    await page.waitForSelector(".slice.axial[data-depth='4']");
+    const marks = page.locator(".slice.axial .finding-marks");
+    const cross = page.locator(".slice.axial .cursor.mark");
+    await cross.waitFor();
+    const [box, frame] = [await cross.boundingBox(), await page.locator(".slice.axial .slice-view").boundingBox()];
+    assert.ok(box && frame);
+    // What is in the middle is the head's own: 5 mm to each side, and 6 pixels at least.
+    const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+    const clip = { x: x - 2, y: y - 2, width: 4, height: 4 };
+    const free = await page.screenshot({ clip });
+    await page.locator("#surface").focus();
+    await page.keyboard.down("b");
+    await cross.waitFor({ state: "hidden" });
+    assert.equal(await marks.isVisible(), false);
+    assert.deepEqual(await page.screenshot({ clip }), free);
+    await page.keyboard.up("b");
+    await cross.waitFor();
+    // The ring is under the pointer alone.
+    assert.equal(await marks.getAttribute("data-ring"), "");
+    await page.mouse.move(x, y);
+    await page.waitForSelector(".slice.axial .finding-marks[data-ring='1']");
+    await page.mouse.move(frame.x + 5, frame.y + 5);
+    await page.waitForSelector(".slice.axial .finding-marks[data-ring='']");
+    // A close-up has no outline unless it is asked for.
+    await page.locator("#surface").focus();
+    await page.keyboard.press("z");
+    const gold = (): Promise<number> =>
+      page.locator(".closer .slice.here canvas, .closer .slice.here img").evaluateAll((all) => {
+        const isGold = (data: Uint8ClampedArray): number => {
+          let count = 0;
+          for (let at = 0; at < data.length; at += 4)
+            if ((data[at] ?? 0) > 150 && (data[at] ?? 0) - (data[at + 2] ?? 0) > 90) count += 1;
+          return count;
+        };
+        return all.reduce((sum, one) => {
+          if (one.closest(".slice-image") === null) return sum;
+          const { clientWidth: width, clientHeight: height } = one;
+          const context = Object.assign(document.createElement("canvas"), { width, height }).getContext("2d");
+          context?.drawImage(one as HTMLCanvasElement | HTMLImageElement, 0, 0, width, height);
+          return sum + (context ? isGold(context.getImageData(0, 0, width, height).data) : 0);
+        }, 0);
+      });
+    await page.waitForSelector(".closer .slice.sagittal.here:not(.blank)");
+    assert.equal(await gold(), 0);
+    await page.locator(".closer .slice.axial.here").focus();
+    await page.keyboard.press("o");
+    assert.ok((await until(gold, (count) => count > 50)) > 50);
+    await keep(page, "closer-outlined");
+    assert.deepEqual(troubles, []);
+    await context.close();
+  },
+);

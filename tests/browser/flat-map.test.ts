@@ -101,7 +101,7 @@ test("keys and wheel move the map alone, and the address keeps it", { skip }, as
     ({ j }) => j === undefined,
   );
   // The ellipsoid has no fissure, and so no inner sides: the page says so, and shows the outer ones. Until it knows, the
-  // picture of the outer ones is hidden below the letters of both.
+  // picture of the outer ones stands with its own letters.
   let answer = (): void => {};
   const isAnswered = new Promise<void>((resolve) => (answer = resolve));
   await page.route(/\/render\?.*sides=both/, async (route) => {
@@ -110,7 +110,12 @@ test("keys and wheel move the map alone, and the address keeps it", { skip }, as
   });
   await page.keyboard.press("m");
   const picture = page.locator(".map-image");
-  await picture.waitFor({ state: "hidden" });
+  await until(
+    () => page.locator(".map-inner").getAttribute("aria-pressed"),
+    (pressed) => pressed === "true",
+  );
+  assert.equal(await picture.isVisible(), true);
+  assert.deepEqual(await page.locator(".map-lines .side").allTextContents(), ["L", "R"]);
   answer();
   await page.waitForSelector(".notice-line.remark:not([hidden])");
   await page.waitForSelector(".flat-map[data-inner=false]");

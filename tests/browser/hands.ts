@@ -23,7 +23,10 @@ export const handsOn = (page: Page, address: string): Hands => ({
     await page.goto(address);
     await page.locator(".layouts button[value=single]").click();
     await page.getByRole("button", { name: "Reset everything" }).click();
-    await page.waitForFunction(() => document.querySelector<HTMLElement>("#surface")?.dataset.depth === "10");
+    // Hands are on the picture that is up: the one of the test before may stand a while.
+    await page.waitForFunction(
+      () => document.querySelector("#surface:not(.halved) .pane-title")?.textContent === "10.0 mm  Left",
+    );
     // What the test before has shown may still be there.
     const { x, d } = await fragment(page);
     assert.deepEqual([x, d], [undefined, undefined]);

@@ -165,7 +165,7 @@ test(
 /** How far the mark is from the middle of a slice, in CSS pixels. */
 const offMiddle = async (plane: string): Promise<number> => {
   const [mark, frame] = [
-    await page.locator(`.slice.${plane} .cursor.ticks`).boundingBox(),
+    await page.locator(`.slice.${plane} .cursor.mark`).boundingBox(),
     await page.locator(`.slice.${plane} .slice-view`).boundingBox(),
   ];
   if (!mark || !frame) return NaN;
@@ -225,8 +225,8 @@ test(
       );
     // What is marked lies free, also without outlines.
     await page.keyboard.press("o");
-    await page.waitForSelector(".panes[data-bare=true]");
-    assert.equal(await page.locator(".slice.axial .cursor.ticks").isVisible(), true);
+    await page.waitForSelector(".panes[data-outlined=false]");
+    assert.equal(await page.locator(".slice.axial .cursor.mark").isVisible(), true);
     await keep(page, "slices-centred");
     await page.keyboard.press("o");
     await page.locator(".group", { hasText: "Drawing" }).locator("summary").first().click();
@@ -248,8 +248,8 @@ test("the cross on a slice is that of the picture below it, which may come late"
   await page.mouse.dblclick(x + width * 0.45, y + height * 0.45);
   const marked = (await fragment(page)).x?.split(",")[2];
   await page.waitForSelector(`.slice.axial[data-position^="${Math.trunc(Number(marked))}."]`);
-  const cross = (): Promise<unknown> => page.locator(".slice.axial .cursor.ticks").boundingBox();
-  await page.waitForSelector(".slice.axial .cursor.ticks");
+  const cross = (): Promise<unknown> => page.locator(".slice.axial .cursor.mark").boundingBox();
+  await page.waitForSelector(".slice.axial .cursor.mark");
   const before = await cross();
   let release = (): void => {};
   const held = new Promise<void>((resolve) => (release = resolve));
@@ -386,7 +386,7 @@ test("the slice across the sulcus comes with a key, turns by hand, and marks wha
   assert.deepEqual(await violations(page), []);
   // A handle brings the plane to where it is dragged: a quarter of a turn about the mark.
   const grip = page.locator(".slice.sagittal .trace:not([hidden]) .grip:not([hidden])").first();
-  const [cross, from] = [await page.locator(".slice.sagittal .cursor.ticks").boundingBox(), await grip.boundingBox()];
+  const [cross, from] = [await page.locator(".slice.sagittal .cursor.mark").boundingBox(), await grip.boundingBox()];
   assert.ok(cross && from);
   const middleOf = (box: typeof from): readonly [number, number] => [box.x + box.width / 2, box.y + box.height / 2];
   const [[mx, my], [gx, gy]] = [middleOf(cross), middleOf(from)];
@@ -458,7 +458,7 @@ test("on a phone fingers turn the slice across the sulcus, move a slice, measure
   const top = await scrolled();
   const grip = ".slice.axial .trace:not([hidden]) .grip:not([hidden])";
   await small.locator(grip).first().waitFor();
-  const [[gx, gy], [mx, my]] = [await middleOf(grip), await middleOf(".slice.axial .cursor.ticks")];
+  const [[gx, gy], [mx, my]] = [await middleOf(grip), await middleOf(".slice.axial .cursor.mark")];
   await drag([[gx, gy]], [[mx - (gy - my), my + (gx - mx)]]);
   const { u, x } = await until(
     () => fragment(small),
@@ -482,7 +482,7 @@ test("on a phone fingers turn the slice across the sulcus, move a slice, measure
       [right[0], right[1] + 50],
     ],
   );
-  const moved = async (): Promise<number> => (await middleOf(".slice.axial .cursor.ticks"))[1] - my;
+  const moved = async (): Promise<number> => (await middleOf(".slice.axial .cursor.mark"))[1] - my;
   const by = await until(moved, (pixels) => pixels > 30);
   assert.ok(by > 30 && by < 60, `moved by ${by} pixels`);
   assert.equal(await scrolled(), top, "the page is where it was");
@@ -635,7 +635,7 @@ test(
     await own.waitForSelector(".slice.axial[data-position='-69']");
     await own.locator("#surface").focus();
     await own.keyboard.press("o");
-    await own.waitForFunction(() => document.querySelector<HTMLElement>(".panes")?.dataset.bare === "true");
+    await own.waitForFunction(() => document.querySelector<HTMLElement>(".panes")?.dataset.outlined === "false");
     await compare("no contours", `window=${center},${width}`, [-69, 10, -20]);
     await own.keyboard.press("o");
     console.log(table.join("\n"));

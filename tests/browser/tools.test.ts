@@ -107,13 +107,18 @@ test(
     await page.mouse.wheel(0, 120);
     await page.keyboard.up("Alt");
     assert.equal(await until(depth, (now) => now === 30), 30);
-    // Whoever changes the depth has understood.
+    // Whoever changes the depth has understood: the line is not there the next time, and no picture moves now.
     const other = await openPage(browser);
     await other.page.goto(`${origin}#${id}`);
     await shown(other.page);
     await other.page.locator(".first-time").waitFor();
+    const before = await other.page.locator("#surface").boundingBox();
     await other.page.keyboard.press("]");
-    await other.page.locator(".first-time").waitFor({ state: "detached" });
+    await rested(other.page);
+    assert.deepEqual(await other.page.locator("#surface").boundingBox(), before);
+    await other.page.reload();
+    await shown(other.page);
+    assert.equal(await other.page.locator(".first-time").count(), 0);
     await other.context.close();
   },
 );
@@ -141,11 +146,11 @@ test(
     await open("&l=both&x=40,20,30");
     await page.waitForFunction(() => document.querySelectorAll(".slice-image > *").length === 3);
     await page.waitForSelector("#surface.halved");
-    const twin = (plane: string): ReturnType<Page["locator"]> => page.locator(`.slice.${plane} .cursor.ghost circle`);
+    const twin = (plane: string): ReturnType<Page["locator"]> => page.locator(`.slice.${plane} .cursor.ghost line`);
     for (const plane of ["axial", "coronal"]) {
       const [own, other] = [
-        await page.locator(`.slice.${plane} .cursor.ticks line`).first().getAttribute("x1"),
-        await twin(plane).getAttribute("cx"),
+        await page.locator(`.slice.${plane} .cursor.mark line`).first().getAttribute("x1"),
+        await twin(plane).nth(2).getAttribute("x1"),
       ];
       const middle = (await page.locator(`.slice.${plane} .slice-view`).boundingBox())?.width ?? 0;
       // The patient's left is at the right of a radiological slice; its mirror image at the left.
@@ -157,7 +162,12 @@ test(
     await page.locator("#outlines").fill("20, 0, 20");
     await page.keyboard.press("Enter");
     await asked;
-    assert.deepEqual(await page.locator(".slice.axial .outlines span").allInnerTexts(), ["10 mm", "0 mm", "20 mm"]);
+    // The legend comes with its picture.
+    const legend = await until(
+      () => page.locator(".slice.axial .outlines span").allInnerTexts(),
+      ({ length }) => length > 1,
+    );
+    assert.deepEqual(legend, ["10 mm", "0 mm", "20 mm"]);
     assert.equal((await fragment(page)).o, "0,20");
     await page.locator("#surface").focus();
     await page.keyboard.press("o");

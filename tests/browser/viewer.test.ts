@@ -249,8 +249,11 @@ test(
     const cursor = (half: number): Promise<(string | null)[]> =>
       halves
         .nth(half)
-        .locator(".cursor circle")
-        .evaluateAll((all) => all.map((one) => `${one.getAttribute("cx")} ${one.getAttribute("cy")}`));
+        .locator(".cursor:not([hidden])")
+        .evaluateAll((all) =>
+          // Between its ticks: the first is to its left, the third above it.
+          all.map((one) => `${one.children[2]?.getAttribute("x1")} ${one.children[0]?.getAttribute("y1")}`),
+        );
     await page.mouse.move(x + width * 0.2, y + height * 0.5);
     assert.equal((await cursor(0)).length, 1, "the pointer's ghost");
     assert.deepEqual(await cursor(0), await cursor(1));
@@ -283,14 +286,14 @@ test("a marked point is broken where the head is before it", { skip }, async () 
   await reset();
   const { x, y, width, height } = await surface();
   await page.mouse.dblclick(x + width / 2, y + height / 2);
-  await page.waitForSelector("#surface > .overlay:not(.other) .cursor.mark circle");
+  await page.waitForSelector("#surface > .overlay:not(.other) .cursor.mark");
   await page.getByRole("button", { name: "Right", exact: true }).click();
-  await page.waitForSelector("#surface > .overlay:not(.other) .cursor.hidden circle");
+  await page.waitForSelector("#surface > .overlay:not(.other) .cursor.hidden");
   await page.getByRole("button", { name: "Left", exact: true }).click();
-  await page.waitForSelector("#surface > .overlay:not(.other) .cursor.mark circle");
+  await page.waitForSelector("#surface > .overlay:not(.other) .cursor.mark");
   await page.locator(".layouts button[value=mirror]").click();
-  await page.waitForSelector("#surface > .overlay:not(.other) .cursor.mark circle");
-  await page.waitForSelector("#surface > .overlay.other .cursor.ghost circle");
+  await page.waitForSelector("#surface > .overlay:not(.other) .cursor.mark");
+  await page.waitForSelector("#surface > .overlay.other .cursor.ghost line");
   assert.ok(
     (await page.locator("#surface .cube").isVisible()) &&
       (await page.locator("#surface .colour-bar:not(.map-bar)").isVisible()),

@@ -14,7 +14,7 @@ import {
   turnTo,
   turnedPlane,
 } from "../src/model/across.ts";
-import { commandOf } from "../src/model/controls.ts";
+import { commandOf } from "../src/model/keys.ts";
 import { NAMED_VIEWS } from "../src/model/camera.ts";
 import { readState, writeAddress } from "../src/model/fragment.ts";
 import { acrossQuery } from "../src/model/query.ts";

@@ -4,10 +4,8 @@ import { test } from "node:test";
 import { NAMED_VIEWS, project } from "../src/model/camera.ts";
 import type { Window } from "../src/model/case.ts";
 import {
-  type Key,
   Notches,
   boundWindow,
-  commandOf,
   deepen,
   dragWindow,
   invert,
@@ -18,6 +16,7 @@ import {
   wheelZoom,
   zoomAt,
 } from "../src/model/controls.ts";
+import { BINDINGS, type Key, commandOf, keyOf } from "../src/model/keys.ts";
 import { type Vec2, type Vec3, rotate } from "../src/model/space.ts";
 import {
   type ViewState,
@@ -181,6 +180,27 @@ test("keys are commands as the help says", () => {
   assert.equal(commandOf(key("7")), null);
   assert.deepEqual(commandOf(key("ArrowUp")), { kind: "turn", move: [0, -40] });
   assert.equal(commandOf(key("ArrowUp", { shiftKey: true }))?.kind, "pan");
+});
+
+test("every key is in the help once, and buttons know theirs", () => {
+  const letters = BINDINGS.flatMap(({ keys }) => (typeof keys === "string" ? [] : keys));
+  assert.equal(new Set(letters).size, letters.length);
+  for (const letter of letters.filter((one) => one !== "Delete"))
+    assert.ok(commandOf(key(letter, { shiftKey: letter !== letter.toLowerCase() })), letter);
+  const lines = BINDINGS.map(({ help }) => help);
+  assert.equal(new Set(lines).size, lines.length);
+  assert.equal(
+    keyOf(({ kind }) => kind === "closer"),
+    "z",
+  );
+  assert.equal(
+    keyOf((one) => one.kind === "map" && one.name === "flair"),
+    "F",
+  );
+  assert.equal(
+    keyOf(({ kind }) => kind === "recall"),
+    "",
+  );
 });
 
 test("the browser's own keys are left to it", () => {

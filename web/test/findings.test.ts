@@ -16,7 +16,18 @@ import {
   signed,
 } from "../src/model/findings.ts";
 import type { Depths } from "../src/model/isosurface.ts";
-import { type Line, covered, lettered, pieces, sliceMarks, surfaceMarks, thinned } from "../src/model/marks.ts";
+import {
+  type Line,
+  type Mark,
+  covered,
+  freeOf,
+  lettered,
+  pieces,
+  sliceMarks,
+  surfaceMarks,
+  thinned,
+} from "../src/model/marks.ts";
+import type { Vec3 } from "../src/model/space.ts";
 import { excessOf, plainLine, plainText } from "../src/model/text.ts";
 import { effect } from "@preact/signals";
 import { FindingsSync, type Kept } from "../src/store/findings-sync.ts";
@@ -116,10 +127,8 @@ test("a finding that does not lie on the surface of its depth is dashed there, w
   const marks = surfaceMarks(marked, 8, { pixelOf: ([x, y]) => [x, y, 1] });
   assert.deepEqual(
     marks.map(({ isAway, parts }) => [isAway, parts[0]?.[0]]),
-    [
-      [false, [8, 0]],
-      [true, [2, 0]],
-    ],
+    [[false, [8, 0]]],
+    "a line across the surface is not on it",
   );
 });
 
@@ -143,7 +152,7 @@ test("a slice shows what lies near to it, and of thousands no other", () => {
     finding("line", {
       kind: "line",
       points_in_patient: [
-        [0, 0, from],
+        [0, 5, from],
         [9, 0, to],
       ],
     });
@@ -160,6 +169,54 @@ test("a slice shows what lies near to it, and of thousands no other", () => {
       ["4", true],
     ],
   );
+});
+
+test("a line that lies in one slice is in its plane alone, and its value stands only where all of it is seen", () => {
+  const measure = (points_in_patient: readonly Vec3[]) => ({
+    words: "31.6 mm",
+    points_in_patient,
+    isClosed: false,
+    colour: "#7dffa0",
+    depth_mm: null,
+    isOnSurface: false,
+    isValue: true,
+    pointsAt: () => points_in_patient,
+  });
+  const [flat, slanted] = [
+    measure([
+      [0, 0, 20],
+      [30, 10, 20],
+    ]),
+    measure([
+      [0, 0, 20],
+      [30, 10, 40],
+    ]),
+  ];
+  const seen = (axis: 0 | 1 | 2, at: number) =>
+    sliceMarks(
+      [flat, slanted],
+      (point) => point[axis] - at,
+      ([x, y]) => [x, y],
+    ).map(({ words, isAway }) => [words, isAway]);
+  assert.deepEqual(seen(2, 20), [
+    ["31.6 mm", false],
+    ["", false],
+  ]);
+  assert.deepEqual(seen(2, 22), [
+    ["31.6 mm", true],
+    ["", false],
+  ]);
+  assert.deepEqual([seen(0, 10), seen(1, 5)], [[["", false]], [["", false]]], "across its plane there is none");
+});
+
+test("a point is a number at the end of a line that leaves 5 mm around it free", () => {
+  const free = freeOf(0.25, [300, 300]);
+  assert.equal(free, 20);
+  assert.deepEqual([freeOf(5, [300, 300]), freeOf(0.01, [300, 300])], [6, 134], "neither hidden nor out of sight");
+  const [one] = lettered([mark("1", 150, 150)], [300, 300], () => 7, { free });
+  const away = one?.hair?.map(([x, y]) => Math.round(Math.hypot(x - 150, y - 150)));
+  assert.deepEqual(away, [20, 44]);
+  assert.ok(one && one.box[0] > 150 + 44 * Math.SQRT1_2);
 });
 
 // -- To the server and back
@@ -434,13 +491,14 @@ test("the words of marks never run into one another", () => {
   const near = [mark("90.0°", 100, 100), mark("153 mm²", 104, 101), mark("19.7 mm", 90, 99), mark("1", 100, 112)];
   const words = lettered(near, [300, 300], widthOf);
   assert.deepEqual(
-    words.map((one) => one.words),
+    words.map((one) => one.mark.words),
     ["90.0°", "153 mm²", "19.7 mm", "1"],
   );
   for (const [first, one] of words.entries())
     for (const other of words.slice(first + 1)) {
-      const isBeside = one.at[0] + widthOf(one.words) < other.at[0] || other.at[0] + widthOf(other.words) < one.at[0];
-      assert.ok(isBeside || Math.abs(one.at[1] - other.at[1]) >= 14, `${one.words} and ${other.words}`);
+      const isBeside =
+        one.at[0] + widthOf(one.mark.words) < other.at[0] || other.at[0] + widthOf(other.mark.words) < one.at[0];
+      assert.ok(isBeside || Math.abs(one.at[1] - other.at[1]) >= 14, `${one.mark.words} and ${other.mark.words}`);
     }
   // At the right edge words stand to the left of their mark.
   const [edge] = lettered([mark("19.7 mm", 290, 100)], [300, 300], widthOf);
@@ -448,28 +506,30 @@ test("the words of marks never run into one another", () => {
   // Where there is no room at all, some are left out; of many, each cell has one.
   const crowd = Array.from({ length: 60 }, (_, at) => mark(String(at), 100, 100 + at / 10));
   assert.ok(lettered(crowd, [300, 300], widthOf).length < 30);
-  assert.equal(lettered(crowd, [300, 300], widthOf, [96, 48]).length, 1);
+  assert.equal(lettered(crowd, [300, 300], widthOf, { cell: [96, 48] }).length, 1);
 });
+
+const linesOf = (marks: readonly Mark[]): readonly Line[] => marks.flatMap(({ parts }) => parts);
 
 test("the canvas of marks holds them and their words, within the pane, in steps", () => {
   const marks = [mark("1", 100, 100), mark("2", 290, 150)];
   const letters = lettered(marks, [300, 300], (words) => 7 * words.length);
   const given = { pane: [300, 300], reach: 10, step: 64 } as const;
-  assert.deepEqual(covered(marks, letters, given), [64, 64, 300, 192]);
+  assert.deepEqual(covered(linesOf(marks), letters, given), [64, 64, 300, 192]);
   // Words reach farther than their mark.
   const [one] = marks;
   assert.ok(one);
-  assert.deepEqual(covered([one], [], given), [64, 64, 128, 128]);
+  assert.deepEqual(covered(linesOf([one]), [], given), [64, 64, 128, 128]);
   assert.deepEqual(
     covered(
-      [one],
+      linesOf([one]),
       lettered([one], [300, 300], () => 60),
       given,
     ),
     [64, 64, 192, 128],
   );
   // What lies beside the pane takes no room.
-  const [left, , right] = covered([mark("1", 400, 100)], [], given);
+  const [left, , right] = covered(linesOf([mark("1", 400, 100)]), [], given);
   assert.equal(right - left, 0);
 });
 

@@ -7,7 +7,8 @@ import { readFileSync } from "node:fs";
 import path from "node:path";
 
 import { ICONS } from "../src/base/dom.ts";
-import { boundWindow, commandOf, dragWindow } from "../src/model/controls.ts";
+import { boundWindow, dragWindow } from "../src/model/controls.ts";
+import { commandOf } from "../src/model/keys.ts";
 import { readState, writeAddress } from "../src/model/fragment.ts";
 import { StateHistory } from "../src/model/history.ts";
 import { type Layer, greyOf, nextOf, overlayOf, styleOfLayer } from "../src/model/layers.ts";

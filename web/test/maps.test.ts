@@ -6,7 +6,7 @@ import { Problem } from "../src/base/api.ts";
 import { colorRow } from "../src/gl/colors.ts";
 import { NAMED_VIEWS, facing, project, towardsViewer } from "../src/model/camera.ts";
 import { broughtInside, broughtTo, changeOf, innerSideOf, laidOut } from "../src/model/commands.ts";
-import { commandOf } from "../src/model/controls.ts";
+import { commandOf } from "../src/model/keys.ts";
 import { readState, writeAddress } from "../src/model/fragment.ts";
 import {
   MAP_NAMES,

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { NAMED_VIEWS } from "../src/model/camera.ts";
-import { commandOf } from "../src/model/controls.ts";
+import { commandOf } from "../src/model/keys.ts";
 import { StateHistory } from "../src/model/history.ts";
 import { ViewMemory } from "../src/model/memory.ts";
 import { type ViewState, firstState } from "../src/model/state.ts";

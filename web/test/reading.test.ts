@@ -5,7 +5,7 @@ import { test } from "node:test";
 
 import { NAMED_VIEWS } from "../src/model/camera.ts";
 import { Checklist, bandOf, looksOf } from "../src/model/checklist.ts";
-import { commandOf, recallOf } from "../src/model/controls.ts";
+import { commandOf, recallOf } from "../src/model/keys.ts";
 import { firstOverlay } from "../src/model/maps.ts";
 import { boundName, readLayouts, recalled, savedAs } from "../src/model/saved-layouts.ts";
 import { type ViewState, firstState } from "../src/model/state.ts";

@@ -80,6 +80,13 @@ export function numberUpTo(value: number, digits: number): string {
   return number(rounded, String(rounded).split(".")[1]?.length);
 }
 
+/** A number in a field: with so many figures, or all before the point, and without marks between thousands. */
+export function plainNumber(value: number, figures: number): string {
+  const before = Math.floor(Math.log10(Math.max(Math.abs(value), 1e-9))) + 1;
+  const maximumFractionDigits = Math.min(Math.max(figures - before, 0), 12);
+  return new Intl.NumberFormat(language, { maximumFractionDigits, useGrouping: false }).format(value);
+}
+
 /** The number that somebody wrote, with a point or a comma; NaN where it is none. */
 export const readNumber = (text: string): number => (text.trim() === "" ? NaN : Number(text.trim().replace(",", ".")));
 

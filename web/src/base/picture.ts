@@ -36,15 +36,12 @@ export class FollowingPicture<About, Picture = HTMLImageElement> {
     this.#load = load;
   }
 
-  /** Shows the picture at `path` as soon as may be. */
-  show(path: string, about: About): void {
+  /** Shows the picture at `path` as soon as may be, also after a failed request; whether it is up already. */
+  show(path: string, about: About): boolean {
     this.#wish = { path, about };
-    if (!this.#running && path !== this.#shown) void this.#run();
-  }
-
-  /** Repeats a failed request. */
-  again(): void {
-    if (this.#wish && !this.#running && this.#wish.path !== this.#shown) void this.#run();
+    const isUp = path === this.#shown;
+    if (!this.#running && !isUp) void this.#run();
+    return isUp;
   }
 
   /** Wants nothing any more. */

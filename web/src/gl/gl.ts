@@ -315,10 +315,13 @@ export async function readTarget(gl: Gl, { frame, size: [width, height] }: Targe
   await finished(gl);
   if (gl.isContextLost()) return null;
   const picture = new ImageData(width, height);
+  const rows = new Uint8ClampedArray(4 * width * height);
   gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
+  // All at once: browsers warn of each read.
+  gl.getBufferSubData(gl.PIXEL_PACK_BUFFER, 0, rows);
   // The device's first row is at the bottom.
   for (let row = 0; row < height; row += 1)
-    gl.getBufferSubData(gl.PIXEL_PACK_BUFFER, 4 * width * (height - 1 - row), picture.data, 4 * width * row, 4 * width);
+    picture.data.set(rows.subarray(4 * width * row, 4 * width * (row + 1)), 4 * width * (height - 1 - row));
   gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
   gl.deleteBuffer(buffer);
   return picture;

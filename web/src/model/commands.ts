@@ -6,7 +6,7 @@ import { type Change, type ChangingCommand, deepen, invert, lookFrom, pan, turn,
 import { firstOverlay, toggled } from "./maps.ts";
 import { distance_mm, mirrorPlane, sideOf, sideSeen } from "./midsagittal.ts";
 import { type Vec2, type Vec3, rotate, scale, subtract } from "./space.ts";
-import { mirroredSurface, nextSurface } from "./surfaces.ts";
+import { isHalf, mirroredSurface, nextSurface } from "./surfaces.ts";
 import { type Layout, type ViewState, clampDepth, firstState, isMirrored, presetWindow, textureOf } from "./state.ts";
 
 /** `size` is that of the pane, in pixels; `isStep`: Back undoes it. */
@@ -56,13 +56,15 @@ function inThousandths([x, y]: Vec2, size: Vec2): Vec2 {
  * without one, the left hemisphere.
  */
 export function laidOut(layout: Layout, state: ViewState, shown: ReadyCase): Change {
-  const { orientation, crosshair_mm } = state;
+  const { orientation, crosshair_mm, surface } = state;
   // What a close-up has beside its layer is its own.
   if (!isMirrored({ layout })) return state.layout === "closer" ? { layout, beside: null } : { layout };
   const plane = mirrorPlane(shown);
   const marked = crosshair_mm ? sideOf(crosshair_mm, plane) : "middle";
   const isTold = marked === "left" || marked === "right";
-  const isInSight = sideSeen(towardsViewer(orientation), plane) === (isTold ? marked : "left");
+  // One half alone shows its own side, also from within.
+  const seen = isHalf(surface) ? surface : sideSeen(towardsViewer(orientation), plane);
+  const isInSight = seen === (isTold ? marked : isHalf(surface) ? surface : "left");
   const turn = crosshair_mm && isTold ? turnedTo(crosshair_mm, shown) : lookFrom("left");
   return { layout, beside: null, ...(isInSight ? {} : turn) };
 }
@@ -87,7 +89,8 @@ export function broughtTo(position: Vec3, depth_mm: number, layout: Layout, show
   return {
     ...turnedTo(position, shown),
     ...(isMirrored({ layout }) && { beside: null }),
-    depth_mm: clampDepth(depth_mm, shown),
+    // As exact as the lists say it.
+    depth_mm: clampDepth(Math.round(10 * depth_mm) / 10, shown),
     crosshair_mm: position,
     layout,
   };

@@ -1,6 +1,6 @@
-// From hands to changes of the state: pure, in pixels of a pane and what is written on keys.
+// From hands to changes of the state: pure, in pixels of a pane.
 
-import { NAMED_VIEWS, VIEW_NAMES, type View, type ViewName, project } from "./camera.ts";
+import { NAMED_VIEWS, type View, type ViewName, project } from "./camera.ts";
 import type { Intensity, ReadyCase, Window } from "./case.ts";
 import { MAP_RADIUS_MM } from "./flat-map.ts";
 import type { MapName } from "./maps.ts";
@@ -11,7 +11,6 @@ import {
   FINE_DEPTH_STEP_MM,
   PAN_LIMIT_MM,
   type ViewState,
-  WINDOW_PRESETS,
   type WindowPreset,
   ZOOM_RANGE,
   clamp,
@@ -210,10 +209,10 @@ export type LayerCommand =
   /** The next of the added layers, as grey texture or in colours. */
   | { readonly kind: "grey" | "colours" }
   /**
-   * The layers are hidden as long as a key is held; a line divides the picture without them from the one with them;
+   * A line divides the picture without them from the one with them;
    * slices show the edges of one; one is moved by hand; two halves are compared side by side, and exchanged.
    */
-  | { readonly kind: "hold" | "release" | "swipe" | "edges" | "nudge" | "beside" | "swap" };
+  | { readonly kind: "swipe" | "edges" | "nudge" | "beside" | "swap" };
 
 /** What a key asks for. */
 export type Command =
@@ -234,102 +233,15 @@ export type Command =
         | "ruler"
         | "layouts"
         | "outline"
+        /** All that lies over the head is hidden as long as a key is held. */
+        | "hold"
+        | "release"
         | "undo"
         | "redo"
         | "patient"
         /** The flat map, or on it the inner sides. */
         | "flat-map";
     };
-
-/** A key, as a keyboard event has it. */
-export interface Key {
-  readonly key: string;
-  readonly code: string;
-  readonly shiftKey: boolean;
-  readonly altKey: boolean;
-  readonly ctrlKey: boolean;
-  readonly metaKey: boolean;
-}
-
-const ARROWS: Readonly<Record<string, Vec2>> = {
-  ArrowLeft: [-1, 0],
-  ArrowRight: [1, 0],
-  ArrowUp: [0, -1],
-  ArrowDown: [0, 1],
-};
-/** How far an arrow turns and moves the head, in pixels of a drag over a pane whose smaller side is 1000. */
-export const ARROW_PIXELS = 40;
-const PLAIN: Readonly<Record<string, Command>> = {
-  i: { kind: "invert" },
-  r: { kind: "reset" },
-  h: { kind: "help" },
-  "?": { kind: "help" },
-  f: { kind: "timer" },
-  o: { kind: "outline" },
-  l: { kind: "grey" },
-  c: { kind: "colours" },
-  b: { kind: "hold" },
-  v: { kind: "swipe" },
-  e: { kind: "edges" },
-  n: { kind: "nudge" },
-  p: { kind: "beside" },
-  d: { kind: "patient" },
-  w: { kind: "swap" },
-  z: { kind: "closer" },
-  x: { kind: "across" },
-  k: { kind: "ruler" },
-  g: { kind: "layouts" },
-  m: { kind: "flat-map" },
-  ",": { kind: "place", steps: -1 },
-  ".": { kind: "place", steps: 1 },
-  q: { kind: "surface", name: null },
-  u: { kind: "map", name: "blur" },
-  y: { kind: "map", name: "thickness" },
-  a: { kind: "map", name: "asymmetry" },
-  t: { kind: "map", name: "intensity-asymmetry" },
-  s: { kind: "map", name: "sharpness" },
-  j: { kind: "map", name: "junction" },
-  // With shift: every small letter has its command.
-  F: { kind: "map", name: "flair" },
-  " ": { kind: "play" },
-  Enter: { kind: "mark" },
-  "+": { kind: "zoom", factor: 1.2 },
-  "=": { kind: "zoom", factor: 1.2 },
-  "-": { kind: "zoom", factor: 1 / 1.2 },
-};
-
-/** The command of a key; null where it has none. Capital letters are views, small ones and signs the rest. */
-export function commandOf(key: Key): Command | null {
-  if (key.ctrlKey || key.metaKey) return key.altKey ? null : steppingOf(key);
-  if (key.altKey) return null;
-  // By the place on the keyboard as well: on many keyboards the brackets cannot be typed without alt.
-  if (key.key === "[" || key.key === "{" || key.code === "BracketLeft")
-    return { kind: "depth", steps: -1, fine: key.shiftKey };
-  if (key.key === "]" || key.key === "}" || key.code === "BracketRight")
-    return { kind: "depth", steps: 1, fine: key.shiftKey };
-  if (key.key === "PageUp" || key.key === "PageDown")
-    return { kind: "depth", steps: key.key === "PageUp" ? -10 : 10, fine: false };
-  const arrow = ARROWS[key.key];
-  if (arrow) return { kind: key.shiftKey ? "pan" : "turn", move: [arrow[0] * ARROW_PIXELS, arrow[1] * ARROW_PIXELS] };
-  const preset = WINDOW_PRESETS[Number(key.key) - 1];
-  if (preset && /^[1-6]$/.test(key.key)) return { kind: "window", preset };
-  // With caps lock a letter's case says nothing of the shift key.
-  const letter = key.key.toLowerCase();
-  const view = VIEW_NAMES.find((name) => name[0] === letter);
-  if (view && key.shiftKey && letter.length === 1) return { kind: "view", name: view };
-  return PLAIN[key.key.length === 1 && !key.shiftKey ? letter : key.key] ?? null;
-}
-
-/** Whether the key undoes, or does again. */
-function steppingOf({ key, shiftKey }: Key): Command | null {
-  const letter = key.toLowerCase();
-  if (letter === "y" && !shiftKey) return { kind: "redo" };
-  return letter === "z" ? { kind: shiftKey ? "redo" : "undo" } : null;
-}
-
-/** The command of a key after `g`: a saved layout; null: the key is its own. */
-export const recallOf = ({ key, ctrlKey, metaKey, altKey }: Key): Command | null =>
-  /^[1-9]$/.test(key) && !ctrlKey && !metaKey && !altKey ? { kind: "recall", number: Number(key) } : null;
 
 /** The colours with black and white changed over; of coloured maps, inverted grey. */
 export const invert = (state: ViewState): Change => ({ colormap: state.colormap === "inverted" ? "grey" : "inverted" });

@@ -237,7 +237,8 @@ export const markedFindings = (
       isClosed: kind === "polygon",
       colour,
       depth_mm: isWay ? null : depth_mm,
-      isOnSurface: true,
+      // A line that was set in a slice is on no surface.
+      isOnSurface: !isBeside || kind === "point",
       isOff: isBeside,
       pointsAt: (shown_mm) =>
         isWay || isBeside || Math.abs(shown_mm - depth_mm) < OWN_MM ? points_in_patient : slidTo(shown_mm),

@@ -82,7 +82,7 @@ export function writeAddress(state: ViewState, shown: ReadyCase): string {
   say("i", state.map.has_inner ? "1" : "", "");
   say("c", state.convention === "neurological" ? "n" : "", "");
   say("o", list(state.outlines_mm, 1), "");
-  say("x", state.crosshair_mm ? list(state.crosshair_mm, 1) : "", "");
+  say("x", state.crosshair_mm ? list(state.crosshair_mm, 2) : "", "");
   say("u", state.across_deg === null ? "" : short(state.across_deg, 1), "");
   return `#${[shown.id, ...pairs.map(([key, text]) => `${key}=${text}`)].join("&")}`;
 }

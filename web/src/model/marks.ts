@@ -15,8 +15,10 @@ export interface Marked {
   readonly depth_mm: number | null;
   /** Whether it is shown on the surface as well. */
   readonly isOnSurface: boolean;
-  /** Its points do not lie on the surface of its depth: there it is drawn dashed, at every depth. */
+  /** It does not lie on the surface of its depth: there it is drawn dashed, at every depth. */
   readonly isOff?: boolean;
+  /** Its words are a value of all of it: they stand where all of it is seen. */
+  readonly isValue?: boolean;
   /** Its points on the surface at a depth. */
   pointsAt(depth_mm: number): readonly Vec3[];
 }
@@ -33,6 +35,14 @@ export interface Mark {
   /** It was marked at another depth than the one that is shown, or beside the slice. */
   readonly isAway: boolean;
 }
+
+/** What is judged lies free: so much around a marked place has no line, in mm, but at least so much, in CSS pixels. */
+const FREE_MM = 5;
+const LEAST_FREE = 6;
+
+/** The radius around a marked place that is free, in CSS pixels; in a pane of this size its marks are to be seen all the same. */
+export const freeOf = (mm_per_pixel: number, size: Vec2): number =>
+  clamp(FREE_MM / mm_per_pixel, LEAST_FREE, Math.max(Math.min(...size) / 2 - 16, LEAST_FREE));
 
 /** A mark of another depth than the one that is shown by more than this is drawn dashed, in mm. */
 const AWAY_MM = 1;
@@ -65,7 +75,17 @@ export function surfaceMarks(
   });
 }
 
-/** The marks in a slice, `away` being how far a point lies from it: of lines, what lies near to it. */
+/** Whether all points lie in one slice in the planes of the patient, within 1 mm. */
+const isFlat = (points: readonly Vec3[]): boolean =>
+  [0, 1, 2].some((axis) => {
+    const along = points.map((point) => point[axis] ?? NaN);
+    return Math.max(...along) - Math.min(...along) <= AWAY_MM;
+  });
+
+/**
+ * The marks in a slice, `away` being how far a point lies from it: of lines, what lies near to it. A line that lies in one slice
+ * is in its plane alone, or beside it dashed; across it nothing was marked.
+ */
 export function sliceMarks(
   all: readonly Marked[],
   away: (point: Vec3) => number,
@@ -76,6 +96,8 @@ export function sliceMarks(
     const aways = points.map(away);
     // Most of thousands lie in other slices.
     if (aways.every((one) => one > NEAR_MM) || aways.every((one) => one < -NEAR_MM)) return [];
+    const isWhole = aways.every((one) => Math.abs(one) <= NEAR_MM);
+    if (!isWhole && isFlat(points)) return [];
     const lines = points.length === 1 ? points.map((point) => [point, point] as const) : pairs(points);
     const near = lines.map(([from, to]) => cutOff(from, to, away(from), away(to))).filter((one) => one !== null);
     const parts: Vec3[][] = [];
@@ -86,7 +108,7 @@ export function sliceMarks(
     const crosses = lines.some(([from, to]) => away(from) * away(to) <= 0);
     const isAway = !crosses && !points.some((point) => Math.abs(away(point)) <= AWAY_MM);
     return markOf(
-      marked,
+      isWhole || !marked.isValue ? marked : { ...marked, words: "" },
       parts.map((part) => part.map(pixelOf)),
       isAway,
     );
@@ -139,18 +161,45 @@ export function pieces(lines: readonly Line[]): readonly (readonly Line[])[] {
 }
 
 /** The words of a mark, where their baseline begins, and what they cover. */
-export interface Lettering extends Pick<Mark, "words" | "colour" | "isAway"> {
+export interface Lettering {
+  readonly mark: Mark;
   readonly at: Vec2;
   readonly box: Box;
+  /** The line from a point to its words. */
+  readonly hair?: Line;
 }
+
+/** The length of the line from a point to its number, which begins where the point is free no more, in CSS pixels. */
+const HAIR = 24;
+/** Its directions, the best first. */
+const HAIR_WAYS: readonly Vec2[] = [
+  [1, -1],
+  [1, 1],
+  [-1, -1],
+  [-1, 1],
+];
+
+/** The line of a point to its number; those that find no room are longer. */
+export function hairOf([x, y]: Vec2, free: number, [across, down]: Vec2 = [1, -1], length = HAIR): Line {
+  const at = (away: number): Vec2 => [x + across * away * Math.SQRT1_2, y + down * away * Math.SQRT1_2];
+  return [at(free), at(free + length)];
+}
+
+/** The circle around a point, as a line. */
+export const ringOf = ([x, y]: Vec2, radius: number): Line =>
+  Array.from({ length: RING_PARTS + 1 }, (_, at) => {
+    const turn = (2 * Math.PI * at) / RING_PARTS;
+    return [x + radius * Math.cos(turn), y + radius * Math.sin(turn)];
+  });
+const RING_PARTS = 32;
 
 /**
  * The part of a pane that marks and their words cover, `reach` being how far a line reaches from its places. Its borders
  * are multiples of `step`, or those of the pane, so that it seldom changes while the head is turned.
  */
 export function covered(
-  marks: readonly Mark[],
-  letters: readonly Lettering[],
+  lines: readonly Line[],
+  letters: readonly Pick<Lettering, "box">[],
   { pane: [width, height], reach, step }: { readonly pane: Vec2; readonly reach: number; readonly step: number },
 ): Box {
   let [left, top, right, bottom] = [Infinity, Infinity, -Infinity, -Infinity];
@@ -158,7 +207,7 @@ export function covered(
     [left, top] = [Math.min(left, box[0]), Math.min(top, box[1])];
     [right, bottom] = [Math.max(right, box[2]), Math.max(bottom, box[3])];
   };
-  for (const { parts } of marks) for (const part of parts) for (const [x, y] of part) cover([x, y, x, y]);
+  for (const line of lines) for (const [x, y] of line) cover([x, y, x, y]);
   cover([left - reach, top - reach, right + reach, bottom + reach]);
   for (const { box } of letters) cover([box[0] - FREE, box[1] - FREE, box[2] + FREE, box[3] + FREE]);
   const before = (place: number, side: number): number => clamp(Math.floor(place / step) * step, 0, side);
@@ -172,8 +221,10 @@ const BESIDE: Vec2 = [10, 7];
 const ASCENT = 11;
 const DESCENT = 3;
 const FREE = 3;
-/** Words that find no room beside their mark may stand so many lines above or below it. */
-const LINES = 4;
+/** Words that find no room beside their mark may stand some lines above or below it, in CSS pixels. */
+const AWAY_LINES = [0, 1, 2, 3].map((line) => line * (ASCENT + DESCENT));
+
+type Placed = Pick<Lettering, "at" | "hair">;
 
 /**
  * The words of marks in a pane, none over others: two numbers that run into one another would read as a third one. What
@@ -183,23 +234,25 @@ export function lettered(
   marks: readonly Mark[],
   pane: Vec2,
   widthOf: (words: string) => number,
-  cell: Vec2 | null = null,
+  { free = LEAST_FREE, cell = null }: { readonly free?: number; readonly cell?: Vec2 | null } = {},
 ): readonly Lettering[] {
   const cells = new Set<string>();
   const taken: Box[] = [];
-  return marks.flatMap(({ words, parts, colour, isAway }) => {
-    const [x, y] = parts[0]?.[0] ?? [0, 0];
+  return marks.flatMap((mark) => {
+    const { words, parts } = mark;
+    const [[x, y] = [0, 0], second] = parts[0] ?? [];
     const key = cell ? `${Math.floor(x / cell[0])} ${Math.floor(y / cell[1])}` : "";
     if (words === "" || (cell && cells.has(key))) return [];
     cells.add(key);
     const width = widthOf(words);
-    const places = placesBeside([x, y], width);
-    const isFree = (at: Vec2): boolean => taken.every((box) => !meet(box, boxOf(at, width)));
-    const at = places.find((one) => isWithin(boxOf(one, width), pane) && isFree(one)) ?? places.find(isFree);
-    if (!at) return [];
-    const box = boxOf(at, width);
+    const places = second ? placesBeside([x, y], width) : placesOnHair([x, y], width, free);
+    const isFree = ({ at }: Placed): boolean => taken.every((box) => !meet(box, boxOf(at, width)));
+    const isGood = (one: Placed): boolean => isWithin(boxOf(one.at, width), pane) && isFree(one);
+    const place = places.find(isGood) ?? places.find(isFree);
+    if (!place) return [];
+    const box = boxOf(place.at, width);
     taken.push(box);
-    return [{ words, at, box, colour, isAway }];
+    return [{ mark, box, ...place }];
   });
 }
 
@@ -214,12 +267,22 @@ const isWithin = ([left, top, right, bottom]: Box, [width, height]: Vec2): boole
   left >= 0 && top >= 0 && right <= width && bottom <= height;
 
 /** Where words of a width may stand beside a place, the best first: to its right, above or below, else to its left. */
-function placesBeside([x, y]: Vec2, width: number): readonly Vec2[] {
+function placesBeside([x, y]: Vec2, width: number): readonly Placed[] {
   const [beside, above] = BESIDE;
-  return Array.from({ length: LINES }, (_, line) => line * (ASCENT + DESCENT)).flatMap((away) =>
-    [x + beside, x - beside - width].flatMap((left): Vec2[] => [
-      [left, y - above - away],
-      [left, y + above + ASCENT - DESCENT + away],
+  return AWAY_LINES.flatMap((away) =>
+    [x + beside, x - beside - width].flatMap((left): Placed[] => [
+      { at: [left, y - above - away] },
+      { at: [left, y + above + ASCENT - DESCENT + away] },
     ]),
   );
 }
+
+/** Where the words of a point may stand: at the end of its line. */
+const placesOnHair = (place: Vec2, width: number, free: number): readonly Placed[] =>
+  AWAY_LINES.flatMap((away) =>
+    HAIR_WAYS.map((way) => {
+      const hair = hairOf(place, free, way, HAIR + 2 * away);
+      const [x, y] = hair[1] ?? place;
+      return { at: [way[0] > 0 ? x + FREE : x - FREE - width, y + (ASCENT - DESCENT) / 2], hair };
+    }),
+  );

@@ -1,5 +1,7 @@
 // The bar below the picture: the depth, its steps and the sweep.
 
+import { useState } from "preact/hooks";
+
 import { number, numberUpTo, readNumber, t } from "../base/i18n.ts";
 import { depthOfShare, shareOfDepth, ticksTo } from "../model/depth-scale.ts";
 import { DEPTH_STEP_MM, FINE_DEPTH_STEP_MM, GOOD_DEPTHS_MM, clampDepth, stepDepth } from "../model/state.ts";
@@ -121,13 +123,21 @@ function GoodDepths({ deepest }: { readonly deepest: number }) {
   return <span class="good-depths" title={t("depth.good")} style={{ "--from": String(from), "--to": String(to) }} />;
 }
 
-/** A line for those who see the depth slider for the first time, until they dismiss it or have changed the depth. */
+/**
+ * A line for those who see the depth slider for the first time, until they dismiss it. Whoever has changed the depth does not see it
+ * with the next case: to take it away at once would move all pictures.
+ */
 export function Explanation() {
-  if (preferences.value.knows_depth) return null;
+  const [isKnown, setKnown] = useState(preferences.peek().knows_depth);
+  if (isKnown) return null;
+  const dismiss = (): void => {
+    setKnown(true);
+    choose({ knows_depth: true });
+  };
   return (
     <div class="notice-line remark first-time" role="note">
       <span>{t("depth.first-time")}</span>
-      <IconButton icon="close" label={t("notice.dismiss")} onClick={() => choose({ knows_depth: true })} />
+      <IconButton icon="close" label={t("notice.dismiss")} onClick={dismiss} />
     </div>
   );
 }

@@ -6,6 +6,7 @@ import { number, t, wordsBetween } from "../base/i18n.ts";
 import { decoded } from "../base/picture.ts";
 import { problemWords } from "../base/problem-words.ts";
 import { DRAG_DIRECTIONS, WHEEL_USES } from "../model/controls.ts";
+import { BINDINGS } from "../model/keys.ts";
 import type { OnScreen } from "./export.ts";
 import type { Preferences } from "../store/preferences.ts";
 import { pictureSize, renderQuery } from "../model/query.ts";
@@ -179,11 +180,19 @@ export function holderDialog(name: string, holder: Holder): void {
 export function helpDialog(preferences: Preferences, change: (change: Partial<Preferences>) => void): void {
   // Each line is "how|what it is for"; what has no such parts is the title of those after it.
   const sections: HTMLElement[] = [];
-  for (const words of wordsBetween("help.mouse", "help.choices")) {
+  const begin = (title: string): void => {
+    sections.push(h("section", {}, h("h3", {}, title), h("dl", { class: "help-list" })));
+  };
+  const add = (how: string, what: string): void =>
+    sections.at(-1)?.lastElementChild?.append(h("dt", {}, how), h("dd", {}, what));
+  for (const words of wordsBetween("help.mouse", "help.keys")) {
     const [how = "", what] = words.split("|");
-    if (what === undefined) sections.push(h("section", {}, h("h3", {}, how), h("dl", { class: "help-list" })));
-    else sections.at(-1)?.lastElementChild?.append(h("dt", {}, how), h("dd", {}, what));
+    if (what === undefined) begin(how);
+    else add(how, what);
   }
+  begin(t("help.keys"));
+  for (const { help, keys } of BINDINGS)
+    add(typeof keys === "string" ? t(`key.${keys}`) : keys.join(", "), t(`help.key-${help}`));
   const wheel = h(
     "select",
     { id: "wheel", change: () => change({ wheel: WHEEL_USES.find((use) => use === wheel.value) ?? "zoom" }) },

@@ -17,7 +17,7 @@ import { arrivalsDialog } from "./arrivals.ts";
 import type { Case } from "../model/case.ts";
 import { caseIdentity, caseStatus, caseTitle, reasonWords } from "../base/case-words.ts";
 import { CaseList } from "./cases.ts";
-import { commandOf, recallOf } from "../model/controls.ts";
+import { commandOf, keyOf, recallOf } from "../model/keys.ts";
 import { h, iconButton, setText, tell } from "../base/dom.ts";
 import { leaveChoice, takeLaunch } from "../base/launched.ts";
 import { readAddress } from "../model/fragment.ts";
@@ -126,6 +126,14 @@ class App {
       },
     );
     this.#layouts.className = "layouts";
+    for (const [layout, kind] of [
+      ["closer", "closer"],
+      ["map", "flat-map"],
+    ] as const)
+      this.#layouts.querySelector(`[value=${layout}]`)?.setAttribute(
+        "title",
+        keyOf((one) => one.kind === kind),
+      );
     this.#stage = h(
       "section",
       { class: "stage", id: "stage", tabindex: -1, "aria-labelledby": "case-title" },

@@ -2,6 +2,7 @@
 
 import { reasonIn } from "../base/case-words.ts";
 import { number, t } from "../base/i18n.ts";
+import { keyOf } from "../model/keys.ts";
 import { MAP_NAMES, isLayerId, isMap } from "../model/maps.ts";
 import { layersOf } from "../model/state.ts";
 import { perform } from "../store/commands.ts";
@@ -26,7 +27,10 @@ export function MapsSection({ store }: OfStore) {
         value={overlay ? map : "none"}
         words={(name) => t(`map.${name}`)}
         // It is offered only if there is such a layer.
-        about={(name) => ({ hidden: name === "flair" && !flair })}
+        about={(name) => ({
+          hidden: name === "flair" && !flair,
+          title: keyOf((command) => command.kind === "map" && command.name === name),
+        })}
         onChoose={(name) => {
           if (name === "none") store.change({ overlay: null }, true);
           else if (map !== name) perform(store, { kind: "map", name });

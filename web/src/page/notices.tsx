@@ -3,6 +3,7 @@
 import { useLayoutEffect, useRef } from "preact/hooks";
 
 import { number, t } from "../base/i18n.ts";
+import { noted } from "../store/announce.ts";
 import { type OfStore, IconButton } from "./fields.tsx";
 
 /** So many parts of an address are named, and so much of each. */
@@ -67,5 +68,15 @@ export function LoadingLine({ store, cancel, again }: OfStore & { cancel(): void
         {t("load.cancel")}
       </button>
     </div>
+  );
+}
+
+/** What a key that found nothing to do has to say: it stands on the pictures for a moment, and is read out by itself. */
+export function Note() {
+  const { words, count } = noted.value;
+  return (
+    <p key={count} class="note" aria-hidden="true" hidden={words === ""}>
+      {words}
+    </p>
   );
 }

@@ -4,6 +4,7 @@ import { useComputed } from "@preact/signals";
 
 import { type Key, t } from "../base/i18n.ts";
 import { turnedTo } from "../model/commands.ts";
+import { keyOf } from "../model/keys.ts";
 import { hasSlices } from "../model/state.ts";
 import { perform } from "../store/commands.ts";
 import type { PointWords } from "../store/point.ts";
@@ -61,10 +62,17 @@ function Tools({ store, isAcross }: OfStore & { readonly isAcross: boolean }) {
   };
   return (
     <Row>
-      <Button aria-keyshortcuts="z" onClick={() => perform(store, { kind: "closer" })}>
+      <Button
+        aria-keyshortcuts={keyOf(({ kind }) => kind === "closer")}
+        onClick={() => perform(store, { kind: "closer" })}
+      >
         {t("closer.look")}
       </Button>
-      <Button aria-keyshortcuts="x" aria-pressed={isAcross} onClick={() => perform(store, { kind: "across" })}>
+      <Button
+        aria-keyshortcuts={keyOf(({ kind }) => kind === "across")}
+        aria-pressed={isAcross}
+        onClick={() => perform(store, { kind: "across" })}
+      >
         {t("across.show")}
       </Button>
       <Button onClick={turn}>{t("point.turn")}</Button>

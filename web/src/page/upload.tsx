@@ -41,6 +41,8 @@ export class Upload {
   readonly #onCreated: (one: Case, wasThere: boolean) => Promise<void>;
   /** What is being sent; what is chosen meanwhile is the next case. */
   #sending: Chosen | null = null;
+  /** Whether the files that are being chosen are sent without a further step. */
+  #isAtOnce = false;
 
   constructor(onCreated: (one: Case, wasThere: boolean) => Promise<void>) {
     this.#onCreated = onCreated;
@@ -52,15 +54,20 @@ export class Upload {
     this.element.open = true;
   }
 
-  /** Asks for files as the browser does. */
+  /** Asks for files as the browser does, and sends them at once. */
   choose(): void {
     this.open();
-    this.element.querySelector<HTMLInputElement>("input[type=file]")?.click();
+    this.#isAtOnce = true;
+    const input = this.element.querySelector<HTMLInputElement>("input[type=file]");
+    // What is chosen later in the form waits for its label and its mask.
+    input?.addEventListener("cancel", () => (this.#isAtOnce = false), { once: true });
+    input?.click();
   }
 
   /** Files that were dropped on the page. */
   drop(files: readonly File[]): void {
     this.open();
+    this.#isAtOnce = false;
     const [only] = files;
     // A mask alone joins the volume that is there.
     if (only && files.length === 1 && looksLikeMask(only) && this.chosen.peek().files.length > 0) this.takeMask(only);
@@ -73,6 +80,9 @@ export class Upload {
     // A label was meant for the files that these replace.
     if (this.chosen.peek().files.length > 0) this.emptied.value += 1;
     this.#put({ ...this.chosen.peek(), files });
+    const isAtOnce = this.#isAtOnce && !this.sorted.peek().trouble;
+    this.#isAtOnce = false;
+    if (isAtOnce) void this.submit({ name: "", radius_mm: NaN });
   }
 
   takeMask(mask: File | null): void {

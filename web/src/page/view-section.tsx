@@ -2,7 +2,7 @@
 
 import { type ViewName, viewName } from "../model/camera.ts";
 import { number, t } from "../base/i18n.ts";
-import { ARROW_PIXELS } from "../model/controls.ts";
+import { ARROW_PIXELS } from "../model/keys.ts";
 import { ZOOM_RANGE } from "../model/state.ts";
 import { SURFACES } from "../model/surfaces.ts";
 import { perform } from "../store/commands.ts";

@@ -18,13 +18,13 @@ import { SliceGroup } from "../panes/slice-group.ts";
 import { SurfacePane } from "../panes/surface-pane.ts";
 import { announce } from "../store/announce.ts";
 import { settle } from "../store/bring.ts";
-import { catchUp, leaveCloser } from "../store/commands.ts";
+import { catchUp, leaveCloser, showAcross } from "../store/commands.ts";
 import { Store } from "../store/store.ts";
 import type { Surface } from "../store/surface.ts";
 import type { Made } from "./case-section.tsx";
 import { DepthBar, Explanation } from "./depth-bar.tsx";
 import type { OnScreen } from "./export.ts";
-import { LoadingLine, Notices, unreadWords } from "./notices.tsx";
+import { LoadingLine, Note, Notices, unreadWords } from "./notices.tsx";
 import { Panel } from "./panel.tsx";
 import { spokenWords } from "./spoken.ts";
 
@@ -83,8 +83,10 @@ export class Viewer {
         follow: ({ detail }: CustomEvent<Change>) => store.change(detail),
         keydown: ({ key }: KeyboardEvent) => {
           if (key !== "Escape") return;
-          if (store.large.peek() !== null || store.view.now.layout !== "closer") store.large.value = null;
-          else leaveCloser(store);
+          const { layout, across_deg } = store.view.now;
+          if (store.large.peek() !== null) store.large.value = null;
+          else if (layout === "closer") leaveCloser(store);
+          else if (across_deg !== null) showAcross(store, null);
         },
       },
       h("div", { class: "flat-map" }),
@@ -92,7 +94,10 @@ export class Viewer {
       this.#slices.element,
       h("div", { class: "closer" }),
       this.#mounted(
-        <LoadingLine store={store} cancel={() => this.#loadAbort.abort()} again={() => void this.load()} />,
+        <>
+          <LoadingLine store={store} cancel={() => this.#loadAbort.abort()} again={() => void this.load()} />
+          <Note />
+        </>,
       ),
     );
     this.element = h(
@@ -208,8 +213,10 @@ export class Viewer {
       }),
       effect(() => {
         const isBare = store.isBare.value;
-        for (const pane of [this.#slices, this.#closer]) pane?.outline(!isBare);
-        this.#panes.dataset.bare = String(isBare);
+        const { slices, closer } = store.outlined.value;
+        this.#slices.outline(slices && !isBare);
+        this.#closer?.outline(closer && !isBare);
+        Object.assign(this.#panes.dataset, { bare: isBare, outlined: slices });
       }),
       effect(() => {
         if (store.centred.value > 0) for (const pane of [this.#slices, this.#closer]) pane?.center();
@@ -258,6 +265,7 @@ export class Viewer {
       this.#map = null;
     } else {
       this.#map ??= this.#join(new MapPane(store), ".flat-map");
+      this.#panes.dataset.inner = String(state.map.has_inner);
       this.#map.show(state);
     }
   }
@@ -265,7 +273,7 @@ export class Viewer {
   /** Puts a new pane into its place. */
   #join<Pane extends Closer | MapPane>(pane: Pane, place: string): Pane {
     pane.mark(this.store.marked.peek());
-    if (pane instanceof Closer) pane.outline(!this.store.isBare.peek());
+    if (pane instanceof Closer) pane.outline(this.store.outlined.peek().closer);
     this.#panes.querySelector(place)?.replaceWith(pane.element);
     this.#observer.observe(pane.element);
     return pane;

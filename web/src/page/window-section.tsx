@@ -1,6 +1,6 @@
 // The section of the panel with the window and the colours of the picture.
 
-import { t } from "../base/i18n.ts";
+import { plainNumber, readNumber, t } from "../base/i18n.ts";
 import type { Window } from "../model/case.ts";
 import { boundWindow } from "../model/controls.ts";
 import { COLORMAPS, WINDOW_PRESETS, presetWindow, textureOf } from "../model/state.ts";
@@ -39,7 +39,7 @@ export function WindowSection({ store }: OfStore) {
   );
 }
 
-/** The level or the width, as a slider, which reaches as far as the values of the texture, and as a number in five figures. */
+/** The level or the width, as a slider, which reaches as far as the values of the texture, and as a number in four figures. */
 function WindowPart({ store, part }: OfStore & { readonly part: keyof Window }) {
   const { state } = store.view;
   const { window } = state.value;
@@ -52,7 +52,7 @@ function WindowPart({ store, part }: OfStore & { readonly part: keyof Window }) 
     if (Number.isFinite(value) && (part === "center" || value >= 1))
       store.change({ window: boundWindow({ ...store.view.now.window, [part]: value }, texture) });
   };
-  const written = (): string => String(Number(store.view.now.window[part].toPrecision(5)));
+  const written = (): string => plainNumber(store.view.now.window[part], 4);
   return (
     <Line label={label}>
       <input
@@ -66,13 +66,12 @@ function WindowPart({ store, part }: OfStore & { readonly part: keyof Window }) 
         onInput={({ currentTarget }) => take(currentTarget.valueAsNumber)}
       />
       <Typed
-        type="number"
+        inputMode="decimal"
         id={`window-${part}-number`}
-        step="any"
         aria-label={label}
         value={written()}
         onLeave={(typed) => {
-          take(typed === "" ? NaN : Number(typed));
+          take(readNumber(typed));
           return written();
         }}
       />

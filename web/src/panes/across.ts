@@ -90,7 +90,7 @@ export class AcrossPane {
     const label = t("across.label");
     this.element = h(
       "section",
-      { class: "pane slice across", role: "group", tabindex: 0, "aria-label": label },
+      { class: "pane slice across blank", role: "group", tabindex: 0, "aria-label": label },
       this.#frame,
     );
     this.element.setAttribute("aria-describedby", this.#words.id);
@@ -127,8 +127,8 @@ export class AcrossPane {
     this.#state = state;
     const seen = this.#seen(state);
     if (!seen || this.#frame.clientWidth === 0) return;
-    this.#picture.show(this.#path(seen, pictureSize(this.#size, devicePixelRatio, MOST_PIXELS)), seen);
-    this.#picture.again();
+    const path = this.#path(seen, pictureSize(this.#size, devicePixelRatio, MOST_PIXELS));
+    if (this.#picture.show(path, seen) && this.#drawn) this.#drawn = { ...seen, plane: this.#drawn.plane };
     setValue(this.#range, seen.turn_deg);
     this.#range.setAttribute("aria-valuetext", `${number(seen.turn_deg)}°`);
     this.#write();
@@ -211,6 +211,7 @@ export class AcrossPane {
 
   #put({ image, plane }: Drawn, seen: Seen): void {
     this.#image.replaceChildren(image);
+    this.element.classList.remove("blank");
     this.#drawn = { ...seen, plane };
     image.alt = t("across.alt", { angles: anglesOf(plane), depth: number(seen.state.depth_mm, 1) });
     Object.assign(this.element.dataset, {
@@ -239,7 +240,7 @@ export class AcrossPane {
     this.#overlay.title(`${t("across.title")}\n${[anglesOf(plane ?? null), more].filter(Boolean).join(" · ")}`, badge);
     const projection = this.#projection();
     if (!drawn || !plane || !projection) {
-      this.#overlay.cursor(null, this.#size, { kind: "ticks" });
+      this.#overlay.cursor(null, this.#size, { kind: "mark" });
       this.#overlay.marks([], this.#size);
       return;
     }
@@ -247,8 +248,8 @@ export class AcrossPane {
     this.#overlay.letter(edgesOf(plane.orientation));
     this.#overlay.scale(projection.mm_per_pixel, this.#size[0]);
     const pixelOf = (point: Vec3): Vec2 => projection.pixelOf(point).slice(0, 2) as unknown as Vec2;
-    const ring = (drawn.state.place_mm ?? 0) / 2 / projection.mm_per_pixel;
-    this.#overlay.cursor(pixelOf(plane.mark), this.#size, { kind: "ticks", ring });
+    const { place_mm = 0 } = drawn.state;
+    this.#overlay.cursor(pixelOf(plane.mark), this.#size, { kind: "mark", place_mm });
     const inPlane = sliceMarks(this.#marked, (point) => awayFrom(plane, point), pixelOf);
     this.#overlay.marks(inPlane, this.#size);
     if (this.#pointer) this.#sayHovered();

@@ -129,9 +129,8 @@ class Cortex implements Surface {
   }
 
   pick(state: ViewState, x: number, y: number): Picked | null {
-    const drawn = this.#drawnSurface(state);
-    const other = this.pointsOf(mirroredSurface(drawn)) ?? undefined;
-    return this.pointsOf(drawn)?.pick(state, [x, y], this.#cssSize(), other) ?? null;
+    const other = this.pointsOf(mirroredSurface(state.surface)) ?? undefined;
+    return this.pointsOf(state.surface)?.pick(state, [x, y], this.#cssSize(), other) ?? null;
   }
 
   profile(position_in_patient: Vec3): Profile | null {
@@ -179,7 +178,8 @@ class Cortex implements Surface {
   }
 
   canSlice(state: ViewState): boolean {
-    return !this.#isServed(state) && this.#device?.painter?.canSlice === true && this.#available(state) === state;
+    if (this.#isServed(state) || !this.#hasSurface(state.surface, false)) return false;
+    return this.#device?.painter?.canSlice === true && this.#available(state) === state;
   }
 
   async slice(state: ViewState, view: SliceView, contours_mm: readonly number[]): Promise<ImageData | null> {
@@ -339,6 +339,8 @@ class Cortex implements Surface {
     if (!this.#parts.has(part)) {
       const shown = await getCase(this.#case.id, part);
       if (shown.state === "ready") this.#parts.set(part, shown);
+      // The server can draw it from now on.
+      this.#schedule();
     }
     if (draws) {
       const { field, smoothed, fenced } = await this.#data.loadPart(part);
@@ -352,17 +354,16 @@ class Cortex implements Surface {
     this.#schedule();
   }
 
+  /** Whether all surfaces of a picture can be drawn, here or by the server. */
+  #hasSurfaces(state: ViewState, isServed: boolean): boolean {
+    return surfacesOf(state).every((surface) => this.#hasSurface(surface, isServed));
+  }
+
   /** Whether a surface can be drawn, here or by the server. */
   #hasSurface(surface: SurfaceName, isServed: boolean): boolean {
     if (!isPart(surface)) return true;
     if (!this.#parts.has(surface)) return false;
     return isServed || (this.#fields.has(surface) && this.#device?.painter?.hasSurface(surface) === true);
-  }
-
-  /** The surface that is drawn of a state: that of the whole brain, until the one that is wanted has come. */
-  #drawnSurface(state: ViewState): SurfaceName {
-    const isServed = this.#isServed(state);
-    return surfacesOf(state).every((surface) => this.#hasSurface(surface, isServed)) ? state.surface : "whole";
   }
 
   async #bring(work: (painter: Painter) => Generator<void, void>, signal: AbortSignal): Promise<void> {
@@ -384,11 +385,10 @@ class Cortex implements Surface {
     const css = this.#cssSize();
     if (!state || css[0] < 1 || css[1] < 1 || this.#gone.signal.aborted) return;
     const way = this.#drawable(state);
+    const isWaiting = !this.#isServed(state) && this.#data.hasFirst && this.#hasSurfaces(state, false);
     if (way) this.#drawHere(state, way);
-    else if (!this.#isServed(state) && this.#data.hasFirst) this.#data.wantDepth(state.depth_mm);
-    else if (this.#isServed(state)) this.#drawThere(state);
-    // Until there is anything to draw with, a small picture of the server's: it is there in a moment.
-    else this.#standIn.draw({ ...state, surface: "whole" }, true);
+    else if (isWaiting) this.#data.wantDepth(state.depth_mm);
+    else this.#drawThere(state);
   }
 
   #drawHere(state: ViewState, way: Drawn): void {
@@ -397,10 +397,7 @@ class Cortex implements Surface {
     const quality = this.#pace.qualityOf(way);
     const drawn = this.#available(state);
     const isWhole = drawn === state;
-    if (!isWhole) {
-      this.#bringLayers(state);
-      this.#bringParts(surfacesOf(state), false);
-    }
+    if (!isWhole) this.#bringLayers(state);
     const isLast = quality === FULL_QUALITY && (state.way !== "auto" || way === "exact");
     const draw = (): void => {
       this.#fitCanvas();
@@ -426,25 +423,36 @@ class Cortex implements Surface {
     this.#tell();
   }
 
+  /**
+   * Lets the server draw: where it draws anyway, and until there is what the page draws with, or the surface of a part. Until the
+   * server can draw that part, there is no picture: never one of another surface.
+   */
   #drawThere(state: ViewState): void {
-    this.#way = "server";
-    const drawn = { ...state, surface: this.#drawnSurface(state) };
-    if (drawn.surface !== state.surface) this.#bringParts(surfacesOf(state), true);
-    this.#surface = drawn.surface;
-    this.#standIn.draw(drawn, this.#moving);
+    const isServed = this.#isServed(state);
+    if (isServed) this.#way = "server";
+    this.#surface = state.surface;
+    const canServe = this.#hasSurfaces(state, true);
+    // What the page draws with itself comes after all of the whole brain.
+    if (!canServe || (!isServed && this.#isComplete))
+      this.#bringParts(surfacesOf(state), isServed || !this.#isComplete);
+    if (canServe) this.#standIn.draw(state, this.#moving || (!isServed && !this.#data.hasFirst));
+    else {
+      this.#standIn.leave();
+      this.#canvas.style.visibility = "hidden";
+      this.#options.onDrawn(null);
+    }
     this.#tell();
   }
 
   /** How a state can be drawn here and now; null where it cannot. */
   #drawable(state: ViewState): Drawn | null {
     const painter = this.#device?.painter;
-    if (!painter || this.#isServed(state)) return null;
+    if (!painter || this.#isServed(state) || !this.#hasSurfaces(state, false)) return null;
     const wanted = state.way === "auto" ? this.#pace.way : state.way;
-    const drawn = { ...state, surface: this.#drawnSurface(state) };
-    const canDraw = (way: Drawn): boolean => painter.canDraw(way, state.depth_mm, surfacesOf(drawn));
+    const canDraw = (way: Drawn): boolean => painter.canDraw(way, state.depth_mm, surfacesOf(state));
     const hasMesh = canDraw("mesh");
     // The mesh of a part comes after the part.
-    if ((wanted === "exact" || (!hasMesh && isPart(drawn.surface))) && canDraw("exact")) return "exact";
+    if ((wanted === "exact" || (!hasMesh && isPart(state.surface))) && canDraw("exact")) return "exact";
     return hasMesh ? "mesh" : null;
   }
 
@@ -457,14 +465,9 @@ class Cortex implements Surface {
     return panesOf(state, [this.#canvas.width, this.#canvas.height]);
   }
 
-  /**
-   * The state with those of its layers whose voxels are here, and with its surface if that is; without its texture, with the case's
-   * own.
-   */
+  /** The state with those of its layers whose voxels are here; without its texture, with the case's own. */
   #available(state: ViewState): ViewState {
-    const surface = this.#drawnSurface(state);
-    const known = surface === state.surface ? state : { ...state, surface };
-    return withLayers(known, this.#case, (name) => this.#device?.painter?.hasLayer(name) ?? false);
+    return withLayers(state, this.#case, (name) => this.#device?.painter?.hasLayer(name) ?? false);
   }
 
   /** Fetches the voxels of layers, each once, and draws with them. */

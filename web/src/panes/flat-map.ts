@@ -61,6 +61,8 @@ const DISC_MM = 10;
 const HIDDEN_MM = 3;
 /** An arrow key moves the map by so many pixels. */
 const ARROW_PIXELS = 40;
+/** So far the letter of a side stands from the border between the discs, in CSS pixels. */
+const SIDE_GAP = 16;
 /** Longer than any way through a head. */
 const REACH_MM = 400;
 
@@ -84,6 +86,13 @@ function letterOf(direction: Vec3): string {
   return LETTERS[axis]?.[(direction[axis] ?? 0) > 0 ? 0 : 1] ?? "";
 }
 
+/** What a picture of the map shows. */
+interface Seen {
+  readonly state: ViewState;
+  /** In CSS pixels. */
+  readonly size: Vec2;
+}
+
 export class MapPane {
   readonly element: HTMLElement;
   readonly #shown: ReadyCase;
@@ -97,10 +106,20 @@ export class MapPane {
   readonly #overlay: Overlay;
   readonly #bar = new MapBar();
   readonly #scale = h("span", { class: "map-scale" });
+  readonly #faces = h("span", { class: "faces" }, t("flat-map.faces"));
+  /** What the lines through the mark are, and the broken circle. */
+  readonly #legend = h(
+    "div",
+    { class: "map-legend" },
+    ...PLANE_NAMES.map((plane) => h("span", { class: plane }, t(`plane.${plane}`))),
+    this.#faces,
+  );
   readonly #inner = h("button", { type: "button", class: "map-inner", click: () => this.#toggleInner() });
   readonly #keys = h("p", { id: "map-keys", class: "visually-hidden" });
-  readonly #picture: FollowingPicture<ViewState, HTMLElement>;
+  readonly #picture: FollowingPicture<Seen, HTMLElement>;
   #state: ViewState | null = null;
+  /** What the picture that is up shows. */
+  #seen: Seen | null = null;
   #marked: readonly Marked[] = [];
   #positions: MapPositions | null = null;
   /** The curves that are drawn, and what they are of. */
@@ -118,7 +137,7 @@ export class MapPane {
     this.element = h(
       "section",
       {
-        class: "pane flat-map",
+        class: "pane flat-map blank",
         id: "flat-map",
         role: "application",
         tabindex: 0,
@@ -133,9 +152,9 @@ export class MapPane {
     this.#lines.append(this.#curves, this.#letters, this.#looking, this.#disc);
     this.#overlay.element.prepend(this.#lines);
     this.#scale.title = t("flat-map.about");
-    this.element.append(this.#bar.element, this.#scale, this.#inner, this.#keys);
-    this.#picture = new FollowingPicture<ViewState, HTMLElement>(
-      { put: (image, state) => this.#put(image, state), complain: (problem) => this.#complain(problem) },
+    this.element.append(this.#bar.element, this.#scale, this.#legend, this.#inner, this.#keys);
+    this.#picture = new FollowingPicture<Seen, HTMLElement>(
+      { put: (image, seen) => this.#put(image, seen), complain: (problem) => this.#complain(problem) },
       (wish) => this.#load(wish),
     );
     this.#listen();
@@ -149,21 +168,19 @@ export class MapPane {
     if (size[0] < STEP || size[1] < STEP) return;
     const { surface } = this.#store;
     const { moved } = state.layer ?? state.overlay ?? {};
-    this.#picture.show(
-      `${this.#path(state, this.#pixels(devicePixelRatio, MOST_PIXELS))}#${[moved, surface?.canMap(state) ?? false].join()}`,
-      state,
-    );
-    this.#picture.again();
-    this.#askForPositions(state);
-    this.#hideOther();
+    const path = this.#path(state, this.#pixels(devicePixelRatio, MOST_PIXELS));
+    // What lies on the map, as the cross, needs no other picture.
+    if (this.#picture.show(`${path}#${[moved, surface?.canMap(state) ?? false].join()}`, { state, size }))
+      this.#seen = { state, size };
+    this.#askForPositions(this.#seen ?? { state, size });
     setText(this.#inner, t(state.map.has_inner ? "flat-map.without-inner" : "flat-map.with-inner"));
     this.#inner.setAttribute("aria-pressed", String(state.map.has_inner));
-    this.#write(state);
+    this.#write();
   }
 
   mark(marked: readonly Marked[]): void {
     this.#marked = marked;
-    if (this.#state) this.#write(this.#state);
+    this.#write();
   }
 
   describe(words: string): void {
@@ -202,8 +219,8 @@ export class MapPane {
     return `${this.#shown.id}/render?${mapQuery(state, size)}`;
   }
 
-  async #load({ path, about }: Wish<ViewState>): Promise<HTMLElement> {
-    const drawn = await this.#draw(about, this.#pixels(this.#ratio, MOST_SAVED_PIXELS));
+  async #load({ path, about }: Wish<Seen>): Promise<HTMLElement> {
+    const drawn = await this.#draw(about.state, this.#pixels(this.#ratio, MOST_SAVED_PIXELS));
     return drawn ?? Object.assign(await served({ path }), { alt: t("flat-map.label") });
   }
 
@@ -225,8 +242,11 @@ export class MapPane {
     return canvas;
   }
 
-  #put(image: HTMLElement, state: ViewState): void {
-    const [width, height] = this.#size;
+  #put(image: HTMLElement, seen: Seen): void {
+    this.#seen = seen;
+    this.element.classList.remove("blank");
+    const { state } = seen;
+    const [width, height] = seen.size;
     Object.assign(this.#image.style, { width: `${width}px`, height: `${height}px` });
     this.#image.replaceChildren(image);
     this.#bar.show(state.overlay);
@@ -237,14 +257,8 @@ export class MapPane {
       overlay: state.overlay?.name ?? "",
       layer: state.layer?.id ?? "",
     });
-    this.#hideOther();
-    this.#write(this.#state ?? state);
-  }
-
-  /** Hides a picture of other discs than those that the letters name, until theirs has come. */
-  #hideOther(): void {
-    const { inner } = this.element.dataset;
-    this.#image.hidden = inner !== undefined && inner !== String(this.#state?.map.has_inner);
+    this.#askForPositions(seen);
+    this.#write();
   }
 
   #complain(problem: unknown): void {
@@ -261,8 +275,7 @@ export class MapPane {
   // -- What it shows where
 
   /** Fetches the positions of a map that rests. */
-  #askForPositions(state: ViewState): void {
-    const [width, height] = this.#size;
+  #askForPositions({ state, size: [width, height] }: Seen): void {
     const path = this.#path({ ...state, layer: null, overlay: null }, [width / STEP, height / STEP]);
     // Colours have no influence on what is seen where.
     const wanted = path.replace(/&(window|colormap|ambient)=[^&]*/g, "");
@@ -282,7 +295,7 @@ export class MapPane {
       if (signal.aborted) return;
       this.#positions = { xyz, size, step: STEP };
       this.element.dataset.known = path.split("?")[1] ?? "";
-      if (this.#state) this.#write(this.#state);
+      this.#write();
     } catch {
       // The picture complains of a server that does not answer.
       if (!signal.aborted) this.#known = "";
@@ -295,49 +308,58 @@ export class MapPane {
     return this.#store.surface?.centres ?? { left: middle, right: middle };
   }
 
-  #discs(state: ViewState): readonly DiscProjection[] {
+  #discs({ state, size }: Seen): readonly DiscProjection[] {
     const discs = discsOf(this.#centres, mirrorPlane(this.#shown), state.map.has_inner);
-    return discs.map((disc) => projectDisc(disc, state.map, this.#size));
+    return discs.map((disc) => projectDisc(disc, state.map, size));
   }
 
   /** The position that is shown at a place: exactly, where the page knows the surface. */
-  #positionAt(state: ViewState, place: Vec2): Vec3 | null {
-    const disc = discAt(this.#discs(state), place);
+  #positionAt(place: Vec2): Vec3 | null {
+    const seen = this.#seen;
+    if (!seen) return null;
+    const disc = discAt(this.#discs(seen), place);
     const { surface } = this.#store;
     const points = disc && surface?.centres && surface.pointsOf(surfaceOf(disc.disc));
     const direction = disc?.directionAt(place);
     if (!points || !direction) return this.#positions && shownAt(this.#positions, place);
     const from = add(disc.disc.center_in_patient, scale(direction, REACH_MM));
-    return points.met({ from, direction: scale(direction, -1), reach_mm: REACH_MM }, state.depth_mm);
+    return points.met({ from, direction: scale(direction, -1), reach_mm: REACH_MM }, seen.state.depth_mm);
   }
 
   // -- What stands on it
 
-  #write(state: ViewState): void {
-    const size = this.#size;
-    const discs = this.#discs(state);
+  /** Words, lines and marks are of the picture that is up: the one of another state may come later. */
+  #write(): void {
+    const seen = this.#seen ?? (this.#state && { state: this.#state, size: this.#size });
+    if (!seen) return;
+    const { state, size } = seen;
+    const discs = this.#discs(seen);
+    this.#overlay.scale(this.#shown.envelope_sphere.radius_mm / this.#unit(state), size[0]);
     this.#overlay.title(`${t("layout.map")} · ${depthWords(state)}`);
     this.#lines.setAttribute("viewBox", `0 0 ${size[0]} ${size[1]}`);
     Object.assign(this.#lines.style, { width: `${size[0]}px`, height: `${size[1]}px` });
     this.#letters.replaceChildren(...discs.flatMap((disc) => this.#lettersOf(disc, size)));
     this.#drawCurves(state, discs);
+    for (const plane of PLANE_NAMES)
+      this.#legend.querySelector(`.${plane}`)?.toggleAttribute("hidden", state.crosshair_mm === null);
     this.#showLooking(state, discs);
     const isKnown = (this.#store.surface?.centres ?? null) !== null;
     const marks = (isKnown ? discs : []).flatMap((disc) =>
       surfaceMarks(this.#marked, state.depth_mm, { pixelOf: onDisc(disc, discs, this.#shown) }),
     );
     this.#overlay.marks(marks, size);
-    this.#showCross(state, discs, isKnown);
+    this.#showCross(seen, discs, isKnown);
     this.#showDisc();
   }
 
-  #showCross({ crosshair_mm: marked }: ViewState, discs: readonly DiscProjection[], isKnown: boolean): void {
+  #showCross({ state, size }: Seen, discs: readonly DiscProjection[], isKnown: boolean): void {
+    const { crosshair_mm: marked } = state;
     const positions = this.#positions;
     const projected = marked && isKnown ? (placeOnMap(discs, mirrorPlane(this.#shown), marked)?.place ?? null) : null;
     const place = projected ?? (marked && positions && nearestPlace(positions, marked, 2 * HIDDEN_MM));
     const seen = place && positions ? shownAt(positions, place) : null;
     const isHidden = seen && marked && length(subtract(seen, marked)) > HIDDEN_MM;
-    this.#overlay.cursor(place, this.#size, { kind: isHidden ? "hidden" : "mark" });
+    this.#overlay.cursor(place, size, { kind: isHidden ? "hidden" : "mark" });
   }
 
   #lettersOf(disc: DiscProjection, [width, height]: Vec2): readonly SVGElement[] {
@@ -360,8 +382,8 @@ export class MapPane {
     if (x + reach < 0 || x - reach > width || y + reach < 0 || y - reach > height) return rim;
     const isLeft = about.hemisphere === "left";
     const side = isLeft ? "end" : "start";
-    // At the upper corner towards the middle of the map, or within the pane.
-    const corner = Math.min(Math.max(isLeft ? x + reach : x - reach, 8), width - 8);
+    // At the upper corner towards the middle of the map, apart from the letter of the other side, or within the pane.
+    const corner = Math.min(Math.max(isLeft ? x + reach - SIDE_GAP : x - reach + SIDE_GAP, 8), width - 8);
     const top = Math.min(Math.max(y - reach, 4), height - 40);
     const letters = [...rim, at(isLeft ? "L" : "R", corner, top + 26, `side ${side}`)];
     return about.face === "inner" ? [...letters, at(t("flat-map.inner"), corner, top + 42, `inner ${side}`)] : letters;
@@ -402,6 +424,7 @@ export class MapPane {
     const position = disc && add(disc.disc.center_in_patient, towards);
     const place = position && disc.placeOf(position);
     this.#looking.toggleAttribute("hidden", !place);
+    this.#faces.hidden = !place;
     if (!place) return;
     this.#looking.setAttribute("cx", place[0].toFixed(1));
     this.#looking.setAttribute("cy", place[1].toFixed(1));
@@ -449,8 +472,7 @@ export class MapPane {
   }
 
   #pick(place: Vec2): void {
-    const state = this.#state;
-    const position = state && this.#positionAt(state, place);
+    const position = this.#positionAt(place);
     if (!position) return this.#store.miss(t("point.none"));
     const tool = this.#store.tool;
     if (tool) tool.add(position, "surface");
@@ -490,7 +512,7 @@ export class MapPane {
     const { left, top } = this.element.getBoundingClientRect();
     this.#pointer = event && event.buttons === 0 ? [event.clientX - left, event.clientY - top] : null;
     const tool = this.#store.tool;
-    if (tool && this.#state) tool.hover(this.#pointer && this.#positionAt(this.#state, this.#pointer));
+    if (tool) tool.hover(this.#pointer && this.#positionAt(this.#pointer));
     this.#showDisc();
   }
 

@@ -1,19 +1,28 @@
-// What a reader has marked and measured, on a picture: a ring for a point, a line for all others, and words beside it. They are
-// painted all at once: as elements, ten thousand points would cost several times the picture.
+// What a reader has marked and measured, on a picture: lines, and words beside them. A point is a number on a line that ends
+// beside it, with a ring while the pointer is on either. They are painted all at once: as elements, ten thousand points would
+// cost several times the picture.
 
 import { h } from "../base/dom.ts";
-import { type Box, type Line, type Mark, covered, lettered, pieces, thinned } from "../model/marks.ts";
+import {
+  type Box,
+  type Lettering,
+  type Line,
+  type Mark,
+  covered,
+  freeOf,
+  hairOf,
+  lettered,
+  pieces,
+  ringOf,
+  thinned,
+} from "../model/marks.ts";
 import type { Vec2 } from "../model/space.ts";
 
 /** More parts of lines than this at once are drawn thin: wide ones would take ten times as long, longer than the picture. */
 const MANY = 500;
-/** A ring takes as long as so many of them. */
-const PARTS_OF_RING = 2;
-/** The radius of a point, in CSS pixels: what is marked lies free in the middle. */
-const RADIUS = 7;
 const LINE = 1.8;
-/** A mark reaches so far from its places: its ring, or its casing, and what is soft about them. */
-const REACH = 10;
+/** A line reaches so far from its places: its casing, and what is soft about it. */
+const REACH = 4;
 /** Dark below a line, so that it is seen on white. */
 const CASING = { width: 3.6, opacity: 0.6 } as const;
 /** Of many marks, the first one in a cell of this size has words, in CSS pixels: hundreds of words hide the picture and take as long as all of its lines. */
@@ -31,9 +40,36 @@ export class Marks {
   // Graphics devices are slow at long lines.
   readonly #context = this.element.getContext("2d", { willReadFrequently: true });
   #font = "";
+  #marks: readonly Mark[] = [];
+  #size: Vec2 = [0, 0];
+  #pixel_mm = 1;
+  #letters: readonly Lettering[] = [];
+  /** The point that the pointer is on. */
+  #hovered: Mark | null = null;
 
-  show(marks: readonly Mark[], [width, height]: Vec2): void {
+  show(marks: readonly Mark[], size: Vec2, mm_per_pixel: number): void {
+    [this.#marks, this.#size, this.#pixel_mm] = [marks, size, mm_per_pixel];
+    this.#hovered = null;
+    this.#draw();
+  }
+
+  /** Shows the ring of the point at which the pointer is, or whose number it is on. */
+  point(place: Vec2 | null): void {
+    const free = freeOf(this.#pixel_mm, this.#size);
+    const isOn = (mark: Mark): boolean =>
+      place !== null &&
+      mark.parts.some(([point, more]) => point && !more && Math.hypot(place[0] - point[0], place[1] - point[1]) < free);
+    const isIn = ({ box: [left, top, right, bottom] }: Lettering): boolean =>
+      place !== null && place[0] >= left && place[0] <= right && place[1] >= top && place[1] <= bottom;
+    const hovered = this.#letters.find(isIn)?.mark ?? this.#marks.find(isOn) ?? null;
+    if (hovered === this.#hovered) return;
+    this.#hovered = hovered;
+    this.#draw();
+  }
+
+  #draw(): void {
     const { element } = this;
+    const marks = this.#marks;
     if (element.hidden && marks.length === 0) return;
     element.hidden = marks.length === 0;
     // What is painted cannot be read from a canvas: the first words, how many are dashed, and where the last one ends.
@@ -50,9 +86,15 @@ export class Marks {
           ?.at(-1)
           ?.map((along) => along.toFixed(1)) ?? "",
     });
+    element.dataset.ring = this.#hovered?.words ?? "";
+    this.#letters = [];
     if (element.hidden || !this.#context) return;
-    this.#font ||= fontOf(element);
-    paint(this.#context, marks, [width, height], this.#font);
+    this.#context.font = this.#font ||= fontOf(element);
+    this.#letters = paint(this.#context, marks, {
+      pane: this.#size,
+      free: freeOf(this.#pixel_mm, this.#size),
+      hovered: this.#hovered,
+    });
   }
 }
 
@@ -61,47 +103,65 @@ const fontOf = (element: Element): string => {
   return `${fontWeight} ${fontSize} ${fontFamily}`;
 };
 
-function paint(context: CanvasRenderingContext2D, marks: readonly Mark[], pane: Vec2, font: string): void {
-  const looks = new Map<string, Mark[]>();
+interface Pane {
+  readonly pane: Vec2;
+  /** The radius around a point that is free. */
+  readonly free: number;
+  readonly hovered: Mark | null;
+}
+
+/** Paints marks, and returns where their words are. */
+function paint(
+  context: CanvasRenderingContext2D,
+  marks: readonly Mark[],
+  { pane, free, hovered }: Pane,
+): readonly Lettering[] {
+  const { font } = context;
+  const widthOf = (words: string): number => context.measureText(words).width;
+  const isMany = marks.reduce((sum, { parts }) => sum + parts.reduce((all, { length }) => all + length, 0), 0) > MANY;
+  const letters = lettered(marks, pane, widthOf, { free, cell: isMany ? CELL_OF_MANY : null });
+  const hairs = new Map(letters.map(({ mark, hair }) => [mark, hair]));
+  const linesOf = (mark: Mark): readonly Line[] =>
+    mark.parts.flatMap((part) => {
+      const [place, second] = part;
+      if (!place || second) return [thinned(part)];
+      return [hairs.get(mark) ?? hairOf(place, free), ...(mark === hovered ? [ringOf(place, free)] : [])];
+    });
+  const looks = new Map<string, { readonly mark: Mark; readonly lines: Line[] }>();
   for (const mark of marks) {
     const look = `${mark.colour} ${mark.isAway}`;
-    const alike = looks.get(look);
-    if (alike) alike.push(mark);
-    else looks.set(look, [mark]);
+    const alike = looks.get(look) ?? { mark, lines: [] };
+    alike.lines.push(...linesOf(mark));
+    looks.set(look, alike);
   }
-  const lines = [...looks.values()].map((alike) => alike.flatMap(({ parts }) => parts.map(thinned)));
-  const partsOf = ({ length }: Line): number => (length === 1 ? PARTS_OF_RING : length);
-  const isMany = lines.flat().reduce((sum, line) => sum + partsOf(line), 0) > MANY;
-  context.font = font;
-  const widthOf = (words: string): number => context.measureText(words).width;
-  const letters = lettered(marks, pane, widthOf, isMany ? CELL_OF_MANY : null);
-  place(context, covered(marks, letters, { pane, reach: REACH, step: STEP / devicePixelRatio }));
+  const lines = [...looks.values()].flatMap((alike) => alike.lines);
+  place(context, covered(lines, letters, { pane, reach: REACH, step: STEP / devicePixelRatio }));
   context.lineJoin = "bevel";
-  [...looks.values()].forEach(([one], at) => {
-    const { colour = "", isAway = false } = one ?? {};
-    context.setLineDash(isAway ? AWAY.dash : []);
-    const opacity = isAway ? AWAY.opacity : 1;
-    for (const piece of pieces(lines[at] ?? [])) {
+  for (const { mark, lines: alike } of looks.values()) {
+    context.setLineDash(mark.isAway ? AWAY.dash : []);
+    const opacity = mark.isAway ? AWAY.opacity : 1;
+    for (const piece of pieces(alike)) {
       context.beginPath();
       for (const line of piece) trace(context, line);
-      if (isMany) strokeThin(context, colour, opacity);
+      if (isMany) strokeThin(context, mark.colour, opacity);
       else {
         stroke(context, "#000", CASING.width, opacity * CASING.opacity);
-        stroke(context, colour, LINE, opacity);
+        stroke(context, mark.colour, LINE, opacity);
       }
     }
-  });
+  }
   context.setLineDash([]);
   context.font = font;
   context.lineWidth = 3;
   context.strokeStyle = "#000";
-  for (const { words, at, colour, isAway } of letters) {
-    context.globalAlpha = isAway ? AWAY.opacity : 1;
-    context.fillStyle = colour;
-    context.strokeText(words, ...at);
-    context.fillText(words, ...at);
+  for (const { mark, at } of letters) {
+    context.globalAlpha = mark.isAway ? AWAY.opacity : 1;
+    context.fillStyle = mark.colour;
+    context.strokeText(mark.words, ...at);
+    context.fillText(mark.words, ...at);
   }
   context.globalAlpha = 1;
+  return letters;
 }
 
 /** Puts the canvas around a part of the pane, empty, with its origin in the corner of the pane. */
@@ -123,11 +183,6 @@ function place(context: CanvasRenderingContext2D, [left, top, right, bottom]: Bo
 
 function trace(context: CanvasRenderingContext2D, places: Line): void {
   const [[x, y] = [0, 0], ...rest] = places;
-  if (rest.length === 0) {
-    context.moveTo(x + RADIUS, y);
-    context.arc(x, y, RADIUS, 0, 2 * Math.PI);
-    return;
-  }
   context.moveTo(x, y);
   for (const [nextX, nextY] of rest) context.lineTo(nextX, nextY);
 }

@@ -28,6 +28,7 @@ export class Overlay {
   readonly #cursor = new Cursor();
   readonly #twin = new Cursor();
   readonly #marks = new Marks();
+  #pixel_mm = 1;
   readonly #divider = h("div", {
     class: "divider",
     hidden: true,
@@ -58,6 +59,12 @@ export class Overlay {
       this.#divider,
     );
     host.append(this.element);
+    const point = (event: PointerEvent | null): void => {
+      const { left, top } = this.element.getBoundingClientRect();
+      this.#marks.point(event && [event.clientX - left, event.clientY - top]);
+    };
+    host.addEventListener("pointermove", point);
+    host.addEventListener("pointerleave", () => point(null));
   }
 
   /** Shows the line that divides a picture, at a share of its width; null: there is none. */
@@ -88,6 +95,7 @@ export class Overlay {
   }
 
   scale(mm_per_pixel: number, width: number): void {
+    this.#pixel_mm = mm_per_pixel;
     const bar = scaleBar(mm_per_pixel, width / 4);
     this.#scaleLine.style.width = `${bar.pixels}px`;
     setText(this.#scaleText, `${number(bar.mm)} mm`);
@@ -95,17 +103,17 @@ export class Overlay {
 
   /** The marked point, or the pointer: see `Cursor`. */
   cursor(place: Vec2 | null, size: Vec2, look: CursorLook): void {
-    this.#cursor.show(place, size, look);
+    this.#cursor.show(place, size, this.#pixel_mm, look);
   }
 
   /** The findings that lie here. */
   marks(marks: readonly Mark[], size: Vec2): void {
-    this.#marks.show(marks, size);
+    this.#marks.show(marks, size, this.#pixel_mm);
   }
 
   /** Where the mirror image of the marked point is. */
   twin(place: Vec2 | null, size: Vec2): void {
-    this.#twin.show(place, size, { kind: "ghost", words: t("mark.opposite") });
+    this.#twin.show(place, size, this.#pixel_mm, { kind: "ghost", words: t("mark.opposite") });
   }
 }
 

@@ -70,7 +70,8 @@ function paintPictures(context: CanvasRenderingContext2D, panes: HTMLElement, pi
 /** Whether an element is to be seen: not under a slice that is as large as all panes. */
 function shownIn(panes: HTMLElement): (element: Element) => boolean {
   const large = panes.querySelector(".pane.large");
-  return (element) => element.checkVisibility() && (!large?.checkVisibility() || large.contains(element));
+  return (element) =>
+    element.checkVisibility({ visibilityProperty: true }) && (!large?.checkVisibility() || large.contains(element));
 }
 
 function paintWriting(context: CanvasRenderingContext2D, panes: HTMLElement): void {

@@ -107,7 +107,12 @@ export class SlicePane {
     const label = t(`plane.${plane}`);
     this.element = h(
       "section",
-      { class: `pane slice ${plane}`, role: "group", tabindex: 0, "aria-label": t("slice.label", { plane: label }) },
+      {
+        class: `pane slice ${plane} blank`,
+        role: "group",
+        tabindex: 0,
+        "aria-label": t("slice.label", { plane: label }),
+      },
       this.#frame,
     );
     this.#overlay = new Overlay(this.#frame);
@@ -150,11 +155,10 @@ export class SlicePane {
     // The server is not asked for what follows a "#"; what it drew is drawn again once the page can, also divided.
     const { moved } = state.layer ?? state.overlay ?? {};
     const own = [state.swipe?.share, state.has_edges, moved, this.#store.surface?.canSlice(state) ?? false];
-    this.#picture.show(`${path}#${own.join()}`, { state, view });
-    this.#picture.again();
-    setValue(this.#range, view.position_mm);
     // The convention and the cross are the page's own: they need no other picture.
-    this.#write(state, view);
+    if (this.#picture.show(`${path}#${own.join()}`, { state, view })) this.#drawn = { state, view };
+    setValue(this.#range, view.position_mm);
+    this.#write();
     if (this.#pointer) this.#sayHovered();
   }
 
@@ -239,7 +243,7 @@ export class SlicePane {
   /** Shows the marks that lie in the slice. */
   mark(marked: readonly Marked[]): void {
     this.#marked = marked;
-    if (this.#state) this.#write(this.#state, this.#view(this.#state));
+    this.#write();
   }
 
   /** Whether the outlines are drawn. */
@@ -274,6 +278,7 @@ export class SlicePane {
 
   #put(image: HTMLElement, state: ViewState, view: SliceView): void {
     this.#image.replaceChildren(image);
+    this.element.classList.remove("blank");
     this.#drawn = { state, view };
     const isOwn = image instanceof HTMLCanvasElement;
     const edges = isOwn && edgesLayer(state);
@@ -288,18 +293,29 @@ export class SlicePane {
     });
     this.#mapBar.show(edges ? null : state.overlay);
     this.#overlay.divide(isOwn ? state.swipe : null);
-    this.#write(this.#state ?? state, this.#view(this.#state ?? state));
+    this.#write();
   }
 
-  #write(state: ViewState, view: SliceView): void {
+  /** What is seen: the plane of the picture that is up, as the pane lies now. */
+  #seen(state: ViewState): Seen {
+    const view = this.#view(state);
+    const drawn = this.#drawn;
+    return drawn
+      ? { state: drawn.state, view: { ...drawn.view, size: view.size, placing: view.placing } }
+      : { state, view };
+  }
+
+  /** Words, marks and the cross are of the picture that is up: the one of another state may come later. */
+  #write(): void {
+    if (!this.#state) return;
     const sphere = this.#shown.envelope_sphere;
+    const { state, view } = this.#seen(this.#state);
     const drawn = this.#drawn;
     if (drawn) this.#lay(drawn.view, view);
     this.#image.classList.toggle("flipped", isFlipped(this.plane, state.convention));
     this.#overlay.letter(sliceEdges(this.plane, state.convention));
-    // Words and marks are of the picture that is up: the one of another position may come later.
-    const position_mm = drawn?.view.position_mm ?? view.position_mm;
-    const marked = position_mm === view.position_mm ? state.crosshair_mm : (drawn?.state.crosshair_mm ?? null);
+    const { position_mm } = view;
+    const marked = state.crosshair_mm;
     const place = `${coordinate(position_mm, PLANES[this.plane].axis)} mm`;
     const { edges } = this.element.dataset;
     const layer = this.#role ? state.layer?.about?.title : state.layer && titleWords(state.layer.about);
@@ -314,12 +330,11 @@ export class SlicePane {
     this.#overlay.scale(sliceMmPerPixel(view, sphere), view.size[0]);
     const twin = this.#twin(state, view, marked);
     const words = twin ? t("mark.marked") : "";
-    const ring = (state.place_mm ?? 0) / 2 / sliceMmPerPixel(view, sphere);
     const cross = marked && slicePixel(view, sphere, marked);
-    const kind = this.#role?.isOpposite ? "opposite" : "ticks";
-    this.#overlay.cursor(cross, view.size, { kind, words, ring });
+    const kind = this.#role?.isOpposite ? "ghost" : "mark";
+    this.#overlay.cursor(cross, view.size, { kind, words, place_mm: state.place_mm ?? 0 });
     this.#overlay.twin(twin, view.size);
-    this.#showMarks(view, position_mm);
+    this.#showMarks(view);
     this.#showTrace(view);
     this.#layer?.show(view, sphere, this.#outlined);
     this.#explain(state);
@@ -329,13 +344,13 @@ export class SlicePane {
     this.element.setAttribute("aria-label", [label, badge, more].filter(Boolean).join(", "));
   }
 
-  /** The marks in the slice at a position: a turn of the head leaves them as they are. */
-  #showMarks(view: SliceView, position_mm: number): void {
-    const where = JSON.stringify([view, position_mm, devicePixelRatio]);
+  /** The marks in the slice: a turn of the head leaves them as they are. */
+  #showMarks(view: SliceView): void {
+    const where = JSON.stringify([view, devicePixelRatio]);
     if (this.#laid?.marked === this.#marked && this.#laid.where === where) return;
     this.#laid = { marked: this.#marked, where };
     const { axis } = PLANES[this.plane];
-    const away = (point: Vec3): number => point[axis] - position_mm;
+    const away = (point: Vec3): number => point[axis] - view.position_mm;
     const placeOf = (point: Vec3): Vec2 => slicePixel(view, this.#shown.envelope_sphere, point);
     this.#overlay.marks(sliceMarks(this.#marked, away, placeOf), view.size);
   }
@@ -349,7 +364,7 @@ export class SlicePane {
   /** Shows how the slice across the sulcus crosses this one; null: it does not. */
   trace(plane: AcrossPlane | null): void {
     this.#across = plane;
-    if (this.#state) this.#showTrace(this.#view(this.#state));
+    if (this.#state) this.#showTrace(this.#seen(this.#state).view);
   }
 
   #showTrace(view: SliceView): void {
@@ -364,7 +379,7 @@ export class SlicePane {
   #turn(place: Vec2): void {
     const [plane, state] = [this.#across, this.#state];
     if (!plane || !state) return;
-    const position = slicePosition(this.#view(state), this.#shown.envelope_sphere, place);
+    const position = slicePosition(this.#seen(state).view, this.#shown.envelope_sphere, place);
     const turn_deg = turnTo(plane, subtract(position, plane.mark));
     if (turn_deg !== null) this.#store.view.change({ across_deg: turn_deg });
   }
@@ -451,7 +466,7 @@ export class SlicePane {
 
   #positionAt(at: Vec2): Vec3 | null {
     if (!this.#state) return null;
-    return withinReach(this.#shown, slicePosition(this.#view(this.#state), this.#shown.envelope_sphere, at));
+    return withinReach(this.#shown, slicePosition(this.#seen(this.#state).view, this.#shown.envelope_sphere, at));
   }
 
   #hover(event: PointerEvent | null): void {

@@ -29,9 +29,10 @@ export class StandIn {
   readonly #canvas: HTMLCanvasElement;
   readonly #case: ReadyCase;
   readonly #listener: ServedListener;
-  readonly #box = h("div", { class: "served" });
-  /** The picture of the pane, or of its left half, and that of its right half; none while they are not wanted. */
-  #pictures: readonly FollowingPicture<ViewState>[] = [];
+  readonly #halves = ["whole", "other"].map((side) => h("div", { class: `server-picture ${side}` }));
+  readonly #box = h("div", { class: "served" }, ...this.#halves);
+  /** The picture of the pane, or those of both of its halves, which change together; null while none is wanted. */
+  #picture: FollowingPicture<ViewState, readonly HTMLImageElement[]> | null = null;
 
   constructor(canvas: HTMLCanvasElement, shown: ReadyCase, listener: ServedListener) {
     this.#canvas = canvas;
@@ -40,25 +41,22 @@ export class StandIn {
   }
 
   draw(state: ViewState, moving: boolean): void {
-    if (this.#pictures.length === 0) this.#begin();
+    const picture = (this.#picture ??= this.#begin());
     const size = this.#size(state, devicePixelRatio, moving ? MOVING_PIXELS : FULL_PIXELS);
     const paths = this.#views(state).map((view) => this.#path(view, size));
-    for (const [at, path] of paths.entries()) {
-      // The server is not asked for what follows a "#": what stands on the first picture is of both.
-      this.#pictures[at]?.show(at > 0 ? path : paths.join("#"), state);
-      this.#pictures[at]?.again();
-    }
+    // What is drawn over a picture, as the cross, needs no other one.
+    if (picture.show(paths.join(" "), state)) this.#listener.drawn(state);
   }
 
   /** A picture of the state, with so many pixels to a CSS pixel; null where the server does not draw. */
   picture(state: ViewState, ratio: number): Promise<CanvasImageSource> | null {
-    return this.#pictures.length > 0 ? this.#whole(state, ratio) : null;
+    return this.#picture ? this.#whole(state, ratio) : null;
   }
 
   leave(): void {
-    for (const picture of this.#pictures) picture.stop();
-    this.#pictures = [];
-    this.#box.replaceChildren();
+    this.#picture?.stop();
+    this.#picture = null;
+    for (const half of this.#halves) half.replaceChildren();
     this.#box.remove();
   }
 
@@ -99,20 +97,18 @@ export class StandIn {
     return [this.#box.clientWidth, this.#box.clientHeight];
   }
 
-  #begin(): void {
+  #begin(): FollowingPicture<ViewState, readonly HTMLImageElement[]> {
     this.#canvas.after(this.#box);
-    this.#pictures = ["whole", "other"].map((side) => {
-      const half = h("div", { class: `server-picture ${side}` });
-      this.#box.append(half);
-      const put = (image: HTMLImageElement, state: ViewState): void => {
-        half.replaceChildren(image);
-        this.#box.classList.toggle("halved", isHalved(state));
-        this.#box.classList.toggle("stacked", isStacked(state, this.#paneSize));
-        this.#box.classList.toggle("mirrored", isMirrored(state));
-        if (side === "whole") this.#listener.drawn(state);
-      };
-      const complain = (problem: unknown): void => this.#listener.trouble(troubleWords(problem));
-      return new FollowingPicture<ViewState>({ put, complain }, served);
-    });
+    const put = (images: readonly HTMLImageElement[], state: ViewState): void => {
+      for (const [at, half] of this.#halves.entries()) half.replaceChildren(...images.slice(at, at + 1));
+      this.#box.classList.toggle("halved", isHalved(state));
+      this.#box.classList.toggle("stacked", isStacked(state, this.#paneSize));
+      this.#box.classList.toggle("mirrored", isMirrored(state));
+      this.#listener.drawn(state);
+    };
+    const complain = (problem: unknown): void => this.#listener.trouble(troubleWords(problem));
+    return new FollowingPicture({ put, complain }, ({ path }) =>
+      Promise.all(path.split(" ").map((one) => served({ path: one }))),
+    );
   }
 }

@@ -10,9 +10,9 @@ import { type SideSeen, mirrorPlane, plainPlane, reflected, sideOf, sideSeen } f
 import type { Picked, Probed } from "../model/points.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
 import { type ViewState, isHalved, isMirrored, isStacked, leftOf, viewSize } from "../model/state.ts";
-import { type SurfaceName, isHalf, mirroredSurface } from "../model/surfaces.ts";
+import { type SurfaceName, isHalf, isPart, mirroredSurface } from "../model/surfaces.ts";
 import { caseIdentity } from "../base/case-words.ts";
-import { h, iconButton, setText } from "../base/dom.ts";
+import { h, iconButton, setText, tell } from "../base/dom.ts";
 import { t } from "../base/i18n.ts";
 import { depthWords } from "../base/readout.ts";
 import { leavePart } from "../store/bring.ts";
@@ -47,8 +47,11 @@ export class SurfacePane {
   readonly #leftBars = h("div", { class: "of-left" });
   readonly #cube = new Cube((name) => perform(this.#store, { kind: "view", name }));
   readonly #keys = h("p", { id: "surface-keys", class: "visually-hidden" }, t("surface.keys"));
+  /** What the picture waits for. */
+  readonly #awaited = h("p", { class: "awaited", role: "status", hidden: true });
   /** Who draws it, and knows its points. */
   readonly surface: Surface;
+  /** The state of the picture that is up; null: none is. */
   #drawn: ViewState | null = null;
   #marked: readonly Marked[] = [];
   /** What the marks that are drawn depend on. */
@@ -84,7 +87,7 @@ export class SurfacePane {
     // As large as all panes, where there are others.
     const enlarge = iconButton("enlarge", t("surface.enlarge"), () => store.enlarge("surface"));
     const note = h("p", { class: "bare-note" }, t("outline.off"));
-    this.element.append(this.#cube.element, this.#keys, enlarge, note);
+    this.element.append(this.#cube.element, this.#keys, enlarge, note, this.#awaited);
     const options: SurfaceOptions = {
       onDrawn: (state) => this.#onDrawn(state),
       onStatus: (status) => this.#onStatus(status),
@@ -104,7 +107,7 @@ export class SurfacePane {
 
   draw(state: ViewState, moving: boolean): void {
     this.surface.draw(state, moving);
-    if (this.#drawn) this.#cross();
+    this.#tellAwaited(state);
   }
 
   /** The size of the picture of one view: beside the mirrored one a half of the pane. */
@@ -116,9 +119,9 @@ export class SurfacePane {
     return [this.element.clientWidth, this.element.clientHeight];
   }
 
-  /** What is seen at a place of the pane, or was in another state. */
-  pick(place: Vec2, state: ViewState = this.#store.view.now): Picked | null {
-    return this.surface.pick(state, ...place);
+  /** What is seen at a place of the pane. */
+  pick(place: Vec2): Picked | null {
+    return this.#drawn && this.surface.pick(this.#drawn, ...place);
   }
 
   probe(position: Vec3): Probed | null {
@@ -132,7 +135,7 @@ export class SurfacePane {
 
   /** The surface and the layers that are seen, which can be fewer than those of a state, and the window that belongs to them. */
   get layers(): Pick<ViewState, "surface" | "layer" | "overlay" | "window" | "beside"> {
-    const none = { surface: "whole", layer: null, overlay: null, beside: null } as const;
+    const none = { layer: null, overlay: null, beside: null } as const;
     const { surface, layer, overlay, window, beside } = this.#drawn ?? { ...this.#store.view.now, ...none };
     return { surface, layer, overlay, window, beside };
   }
@@ -142,14 +145,29 @@ export class SurfacePane {
     return this.surface.probe(this.#shown.envelope_sphere.center_in_patient) !== null;
   }
 
-  picture(ratio: number): Promise<CanvasImageSource> {
+  async picture(ratio: number): Promise<CanvasImageSource> {
+    // A pane without a picture is black.
+    if (!this.#drawn) return h("canvas", {});
     return this.surface.picture({ ...this.#store.view.now, ...this.layers, swipe: null }, ratio);
   }
 
   // -- What stands on the picture
 
-  #onDrawn(state: ViewState): void {
+  #onDrawn(state: ViewState | null): void {
     this.#drawn = state;
+    this.element.classList.toggle("blank", state === null);
+    this.element.dataset.drawn = String(state !== null);
+    this.#tellAwaited(this.#store.drawn.peek());
+    if (state) this.#write(state);
+  }
+
+  /** Names the surface that the picture waits for. */
+  #tellAwaited(wanted: ViewState): void {
+    tell(this.#awaited, this.#drawn?.surface === wanted.surface ? "" : awaitedWords(wanted));
+  }
+
+  /** Writes what stands on the picture of a state. */
+  #write(state: ViewState): void {
     const sphere = this.#shown.envelope_sphere;
     const [width] = this.size(state);
     const { mm_per_pixel } = project(state, sphere, this.size(state));
@@ -178,7 +196,6 @@ export class SurfacePane {
       overlay: state.overlay?.name ?? "",
       layer: state.layer?.id ?? "",
       beside: beside ? [beside.layer?.id, beside.overlay?.name].join() : "",
-      drawn: true,
     });
     this.#cross();
   }
@@ -249,7 +266,7 @@ export class SurfacePane {
     this.#marks(state);
     const size = this.size(state);
     const mirror = isMirrored(state);
-    const position = this.#store.view.now.crosshair_mm;
+    const position = state.crosshair_mm;
     if (!position) {
       this.#overlay.cursor(isHalved(state) ? this.#ghost : null, size, { kind: "ghost" });
       return this.#otherOverlay.cursor(this.#ghost, size, { kind: "ghost" });
@@ -268,10 +285,8 @@ export class SurfacePane {
     const place: Vec2 = !isOther ? [x, y] : stacked ? [x, size[1] + y] : [size[0] + x, y];
     const kind = this.#isHidden(position, state, place, isOther) ? "hidden" : "mark";
     const words = (isMarked: boolean): string => (mirror ? t(isMarked ? "mark.marked" : "mark.opposite") : "");
-    const place_mm = state.place_mm ?? 0;
-    const ring = place_mm / 2 / project(state, this.#shown.envelope_sphere, size).mm_per_pixel;
-    const mark = { kind, words: words(true), ring } as const;
-    const ghost = { kind: "ghost", words: words(false), ring: 0 } as const;
+    const mark = { kind, words: words(true), place_mm: state.place_mm ?? 0 } as const;
+    const ghost = { kind: "ghost", words: words(false) } as const;
     this.#overlay.cursor([x, y], size, isOther ? ghost : mark);
     this.#otherOverlay.cursor([x, y], size, isOther || !mirror ? mark : ghost);
   }
@@ -292,10 +307,10 @@ export class SurfacePane {
   // -- Hands
 
   #hover(event: PointerEvent | null): void {
-    const state = this.#store.view.now;
+    const state = this.#drawn;
     const tool = this.#store.tool;
     if (tool) tool.hover(event && event.buttons === 0 ? (this.#at(event)?.position_in_patient ?? null) : null);
-    if (!isHalved(state)) return;
+    if (!state || !isHalved(state)) return;
     const box = this.element.getBoundingClientRect();
     this.#ghost = event && this.#inHalf([event.clientX - box.left, event.clientY - box.top]);
     if (!state.crosshair_mm) this.#cross();
@@ -339,7 +354,7 @@ export class SurfacePane {
         if (position) store.tool?.add(position, "surface");
       },
       pick: (place) => {
-        if (!store.tool) pick(store, place);
+        if (!store.tool) pick(store, place, this.#drawn ?? undefined);
       },
       busy: (isBusy) => {
         store.isMoving.value = isBusy;
@@ -352,19 +367,30 @@ export class SurfacePane {
 const sideShown = ({ surface, orientation }: ViewState, plane: MirrorPlane): SideSeen =>
   isHalf(surface) ? surface : sideSeen(towardsViewer(orientation), plane);
 
+/** Whether a half is seen from its inner side. */
+const isInner = ({ surface, orientation }: Pick<ViewState, "surface" | "orientation">): boolean =>
+  isHalf(surface) && viewName(orientation) === mirroredSurface(surface);
+
+/** What is being loaded until the surface of a state is here. */
+function awaitedWords(state: ViewState): string {
+  const { surface } = state;
+  if (!isPart(surface)) return "";
+  return t(isHalf(surface) && isInner(state) ? `surface.${surface}-inner-awaited` : `surface.${surface}-awaited`);
+}
+
 /** Depth, direction and surface, as they stand on a picture. */
 function titleOf(state: ViewState, orientation: ViewState["orientation"]): string {
   const { surface } = state;
   const name = viewName(orientation);
   if (surface !== "whole") {
-    const isInner = isHalf(surface) && name === mirroredSurface(surface);
+    const isWithin = isInner({ surface, orientation });
     // Beside the mirrored half the hemisphere has a place of its own.
     if (isMirrored(state) && isHalf(surface)) {
-      const words = isInner ? t("surface.inner") : name && name !== surface ? t(`view.${name}`) : "";
+      const words = isWithin ? t("surface.inner") : name && name !== surface ? t(`view.${name}`) : "";
       return `${depthWords(state)}  ${words}`.trimEnd();
     }
-    const direction = name && name !== surface && !isInner ? `  ${t(`view.${name}`)}` : "";
-    return `${depthWords(state)}${direction}  ${t(isInner ? `surface.${surface}-inner` : `surface.${surface}-said`)}`;
+    const direction = name && name !== surface && !isWithin ? `  ${t(`view.${name}`)}` : "";
+    return `${depthWords(state)}${direction}  ${t(isHalf(surface) && isWithin ? `surface.${surface}-inner` : `surface.${surface}-said`)}`;
   }
   // Beside the mirrored half the side has a place of its own.
   const isSaid = isMirrored(state) && (name === "left" || name === "right");

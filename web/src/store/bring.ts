@@ -2,7 +2,8 @@
 
 import { t } from "../base/i18n.ts";
 import { DEEP_MM, broughtInside, broughtTo, innerSideOf } from "../model/commands.ts";
-import type { Candidate } from "../model/maps.ts";
+import type { Change } from "../model/controls.ts";
+import { type Candidate, type ListingMap, firstOverlay } from "../model/maps.ts";
 import { distance_mm, mirrorPlane } from "../model/midsagittal.ts";
 import type { Vec3 } from "../model/space.ts";
 import { type Layout, hasSlices } from "../model/state.ts";
@@ -20,6 +21,8 @@ export function bring(store: Store, position: Vec3, depth_mm: number | null, wan
   const layout = wanted ?? view.now.layout;
   store.sweep.stop();
   store.awaited = null;
+  if (wanted === "closer" && view.now.layout !== "closer")
+    store.beforeCloser = { layout: view.now.layout, beside: view.now.beside };
   if (depth_mm === null) bringSlices(store, position, layout);
   else {
     // The depth of a finding may be that below a half.
@@ -38,7 +41,28 @@ export function bring(store: Store, position: Vec3, depth_mm: number | null, wan
       if (isDeep) announce(t("point.deep"));
     }
   }
+  if (view.now.layout === "closer") showEvidence(store);
   if (wanted) store.looks.value += 1;
+}
+
+/**
+ * Shows in a close-up of a listed place, if no layer is chosen, beside the case itself that for which the place was listed: the
+ * FLAIR, or the map of thickness. Blur is judged by the case itself. When the close-up is left, so is this.
+ */
+export function showEvidence(store: Store): void {
+  const { layer, overlay, window } = store.view.now;
+  const evidence = layer || overlay ? null : evidenceOf(store);
+  if (!evidence) return;
+  store.beforeCloser = { ...store.beforeCloser, layer, overlay, window };
+  store.view.change(evidence);
+}
+
+function evidenceOf({ layers, places, caseLayers }: Store): Change | null {
+  const isOpen = (map: ListingMap): boolean =>
+    places.lists.some((list) => list.map === map && list.open.peek() !== null);
+  const flair = isOpen("flair") ? caseLayers.ready("flair")?.of_layer : undefined;
+  if (flair) return layers.asGrey(flair);
+  return isOpen("thickness") && caseLayers.ready("thickness") ? { overlay: firstOverlay("thickness") } : null;
 }
 
 /** Brings a place of a list to the viewer. */

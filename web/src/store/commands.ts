@@ -1,13 +1,14 @@
 // What keys and buttons ask for, done to the store: one table for all of them.
 
-import { t } from "../base/i18n.ts";
+import { number, t } from "../base/i18n.ts";
 import { positionWords } from "../base/readout.ts";
 import { changeOf, laidOut, otherSide } from "../model/commands.ts";
 import type { ChangingCommand, Command, LayerCommand } from "../model/controls.ts";
+import type { MapName } from "../model/maps.ts";
 import type { Vec2 } from "../model/space.ts";
 import { type Layout, type ViewState, hasSlices } from "../model/state.ts";
-import { announce } from "./announce.ts";
-import { bring } from "./bring.ts";
+import { announce, note } from "./announce.ts";
+import { bring, showEvidence } from "./bring.ts";
 import { recallLayout } from "./saved-layouts.ts";
 import type { Store } from "./store.ts";
 
@@ -19,9 +20,19 @@ const ofLayers = ({ layers }: Store, command: LayerCommand): void => layers.comm
 const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   play: ({ sweep }) => (sweep.isRunning.peek() ? sweep.stop() : sweep.start()),
   timer: ({ hasTimer }) => (hasTimer.value = !hasTimer.peek()),
-  outline: ({ isBare }) => {
-    isBare.value = !isBare.peek();
-    announce(t(isBare.peek() ? "outline.hidden" : "outline.shown"));
+  outline: ({ outlined, view }) => {
+    const where = view.now.layout === "closer" ? "closer" : "slices";
+    const isShown = !outlined.peek()[where];
+    outlined.value = { ...outlined.peek(), [where]: isShown };
+    announce(t(isShown ? "outline.shown" : "outline.hidden"));
+  },
+  hold: ({ isBare, layers }) => {
+    isBare.value = true;
+    layers.hide(true);
+  },
+  release: ({ isBare, layers }) => {
+    isBare.value = false;
+    layers.hide(false);
   },
   closer: (store) => (store.view.now.layout === "closer" ? leaveCloser(store) : lookCloser(store)),
   across: (store) => {
@@ -36,7 +47,7 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   },
   place: async (store, { steps }) => {
     const place = await store.places.next(steps);
-    if (typeof place === "string") announce(place);
+    if (typeof place === "string") note(place);
     else bring(store, place.position_in_patient, place.depth_mm);
   },
   patient: () => document.body.classList.toggle("no-patient"),
@@ -60,14 +71,15 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   zoom: change,
   view: change,
   window: change,
-  map: change,
+  map: (store, command) => {
+    change(store, command);
+    if (store.view.now.overlay?.name === command.name) void notePlaces(store, command.name);
+  },
   surface: change,
   invert: change,
   reset: change,
   grey: ofLayers,
   colours: ofLayers,
-  hold: ofLayers,
-  release: ofLayers,
   swipe: ofLayers,
   edges: ofLayers,
   beside: ofLayers,
@@ -78,8 +90,8 @@ const COMMANDS: { readonly [Kind in Command["kind"]]: Work<Kind> } = {
   },
   // The page's own.
   help: () => {},
-  undo: (store) => announce(t(store.goTo("undo") ? "done.undo" : "none.undo")),
-  redo: (store) => announce(t(store.goTo("redo") ? "done.redo" : "none.redo")),
+  undo: (store) => (store.goTo("undo") ? announce(t("done.undo")) : note(t("none.undo"))),
+  redo: (store) => (store.goTo("redo") ? announce(t("done.redo")) : note(t("none.redo"))),
 };
 
 /** Does again what was asked for before the case was loaded. */
@@ -92,6 +104,16 @@ export function catchUp(store: Store): void {
 /** Does what a key that no control has taken asks for, or a button. */
 export function perform(store: Store, command: Command): void {
   (COMMANDS[command.kind] as Work<Command["kind"]>)(store, command);
+}
+
+/** Says how many places of a map stand out, and on which side: the picture may show the other one. */
+async function notePlaces({ places }: Store, name: MapName): Promise<void> {
+  const list = places.lists.find(({ map }) => map === name);
+  const found = list && (await places.standingOut(list).catch(() => null));
+  if (!found) return;
+  const count = (side: "left" | "right" | "middle"): string =>
+    number(found.filter((place) => place.side === side).length);
+  note(t("map.stand-out", { left: count("left"), right: count("right"), middle: count("middle") }));
 }
 
 /** Changes the view, and nothing else. */
@@ -129,6 +151,7 @@ function lookCloser(store: Store): void {
   if (!crosshair_mm) return store.miss(t("closer.unmarked"));
   store.beforeCloser = { layout, beside };
   store.view.change({ layout: "closer" }, true);
+  showEvidence(store);
   announce(t("layout.closer"));
   store.looks.value += 1;
 }
@@ -144,10 +167,13 @@ export function showAcross(store: Store, across_deg: number | null): void {
   const { layout, crosshair_mm } = store.view.now;
   if (across_deg !== null && !crosshair_mm) return store.miss(t("across.unmarked"));
   store.large.value = null;
+  const { beforeAcross } = store;
+  store.beforeAcross = across_deg !== null && !hasSlices({ layout }) ? layout : null;
   const others = hasSlices({ layout })
     ? {}
     : laidOut(layout === "mirror" ? "both" : "slices", store.view.now, store.shown);
-  store.view.change({ across_deg, ...(across_deg !== null && others) }, true);
+  const back = beforeAcross ? { layout: beforeAcross } : {};
+  store.view.change({ across_deg, ...(across_deg === null ? back : others) }, true);
   announce(t(across_deg === null ? "across.hidden" : "across.shown"));
   if (across_deg !== null) store.looks.value += 1;
 }

@@ -72,7 +72,9 @@ export class Measures {
     const { id } = view.shown;
     this.list = MEASURED.get(id) ?? signal([]);
     MEASURED.set(id, this.list);
-    this.marked = computed(() => [...this.list.value.map(markedOf), ...this.#growing()]);
+    // A finding is drawn once.
+    const own = computed(() => this.list.value.filter((one) => !this.isKept(one)));
+    this.marked = computed(() => [...own.value.map(markedOf), ...this.#growing()]);
     // Before the panes hear of it: they have Escape of their own.
     this.#end = effect(() => {
       const tool = this.tool.value;
@@ -259,6 +261,7 @@ function drawnAs({ tool, where, depth_mm }: Measure, { drawn }: Values, words: s
     colour: COLOUR,
     depth_mm: where === "surface" ? depth_mm : null,
     isOnSurface: where !== "slice",
+    isValue: true,
     pointsAt: () => drawn,
   };
 }

@@ -19,8 +19,27 @@ export const LIST_WORDS = {
 
 /** The lists that were asked for, by case and map, as long as the page is open: another language builds the page again. */
 const ASKED = new Set<string>();
-/** The places that were looked at, by case, as long as the page is open. */
-const SEEN = new Map<string, Signal<ReadonlySet<string>>>();
+/** Where the window keeps the places of a case that were looked at. */
+const seenKey = (id: string): string => `isocortex-seen-${id}`;
+
+/** The places that were looked at in this window, also before it was loaded again. */
+function readSeen(id: string): ReadonlySet<string> {
+  try {
+    const stored: unknown = JSON.parse(sessionStorage.getItem(seenKey(id)) ?? "[]");
+    return new Set(Array.isArray(stored) ? stored.filter((one) => typeof one === "string") : []);
+  } catch {
+    // A browser may forbid it.
+    return new Set();
+  }
+}
+
+function keepSeen(id: string, seen: ReadonlySet<string>): void {
+  try {
+    sessionStorage.setItem(seenKey(id), JSON.stringify([...seen]));
+  } catch {
+    // They last until the page is closed, then.
+  }
+}
 
 const nameOf = (position: readonly number[]): string => position.map((part) => part.toFixed(1)).join();
 
@@ -82,9 +101,7 @@ export class Places {
   constructor(view: View, layers: CaseLayers) {
     this.#id = view.shown.id;
     this.#layers = layers;
-    const seen = SEEN.get(this.#id) ?? signal(new Set());
-    SEEN.set(this.#id, seen);
-    this.#seen = seen;
+    this.#seen = signal(readSeen(this.#id));
     this.lists = LISTING_MAPS.map((map) => new PlacesOfMap(map, view));
     [this.#stepped] = this.lists as [PlacesOfMap];
     for (const list of this.lists) {
@@ -131,6 +148,13 @@ export class Places {
     return place ?? nothingWords;
   }
 
+  /** The places of a map that stand out, whether or not they are listed; null until the map is ready. */
+  async standingOut({ map, list }: PlacesOfMap): Promise<readonly Candidate[] | null> {
+    await this.#layers.ask();
+    if (!this.#layers.ready(map)) return null;
+    return (list.peek() ?? (await this.#layers.candidates(map))).candidates.filter(standsOut);
+  }
+
   /** Asks the server for the places of a map. */
   async ask(list: PlacesOfMap): Promise<void> {
     ASKED.add(`${this.#id} ${list.map}`);
@@ -164,6 +188,7 @@ export class Places {
   #look(list: PlacesOfMap, place: Candidate): void {
     if (!list.inSight.includes(place)) list.isUnfolded.value = true;
     this.#seen.value = new Set(this.#seen.peek()).add(nameOf(place.position_in_patient));
+    keepSeen(this.#id, this.#seen.peek());
   }
 
   /** The maps have been listed: their state is the same of all, but for that of the newest FLAIR. */

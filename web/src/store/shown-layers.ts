@@ -4,7 +4,7 @@ import { type ReadonlySignal, computed, effect, signal, untracked } from "@preac
 
 import type { NamedValue } from "../base/readout.ts";
 import { t } from "../base/i18n.ts";
-import type { LayerCommand } from "../model/controls.ts";
+import type { Change, LayerCommand } from "../model/controls.ts";
 import {
   type Layer,
   type LayerList,
@@ -16,9 +16,18 @@ import {
   styleOfLayer,
 } from "../model/layers.ts";
 import { type LayerOverlay, isLayerId, isMap, styleOfMap, toggled } from "../model/maps.ts";
-import { type HalfLook, type ViewState, bareOf, halfOf, hasSlices, isMirrored, layersOf } from "../model/state.ts";
+import {
+  type HalfLook,
+  type Layout,
+  type ViewState,
+  bareOf,
+  halfOf,
+  hasSlices,
+  isMirrored,
+  layersOf,
+} from "../model/state.ts";
 import type { Affine, Vec3 } from "../model/space.ts";
-import { announce } from "./announce.ts";
+import { note } from "./announce.ts";
 import type { CaseLayers } from "./case-layers.ts";
 import type { View } from "./view.ts";
 
@@ -45,6 +54,8 @@ export class ShownLayers {
   /** What a key wanted to see before the layers were listed. */
   #wanted: "grey" | "colours" | null = null;
   #movedId: string | null = null;
+  /** The layout from which two halves with layers of their own were opened. */
+  #beforeBeside: Layout | null = null;
   #timer = 0;
   readonly #ends: readonly (() => void)[];
 
@@ -85,12 +96,18 @@ export class ShownLayers {
 
   /** Shows a layer that is ready as the texture; null: the case's own intensities. */
   grey(id: string | null): void {
+    const change = this.asGrey(id);
+    if (change) this.#view.change(change, true);
+  }
+
+  /** The change to a layer as the texture, with the window that it was left with; null if it is not ready. */
+  asGrey(id: string | null): Change | null {
     const found = id === null ? null : this.#layers.ready(id);
     const layer = (found && greyOf(found)) ?? null;
-    if (id !== null && !layer) return;
+    if (id !== null && !layer) return null;
     const { now, windows, shown } = this.#view;
     windows.set(now.layer?.id ?? "", now.window);
-    this.#view.change({ layer, window: windows.get(id ?? "") ?? (layer ?? shown).intensity.window }, true);
+    return { layer, window: windows.get(id ?? "") ?? (layer ?? shown).intensity.window };
   }
 
   /** Shows a layer that is ready in colours, alone, or hides it again; null: none. */
@@ -119,11 +136,8 @@ export class ShownLayers {
     const { now } = this.#view;
     const isCloser = now.layout === "closer";
     if (kind === "grey" || kind === "colours") return this.#next(kind);
-    if (kind === "release") return void (this.isHidden.value = false);
-    if (!now.layer && !now.overlay && !now.beside) return announce(t("layers.none-shown"));
+    if (!now.layer && !now.overlay && !now.beside) return note(t("layers.none-shown"));
     switch (kind) {
-      case "hold":
-        return void (this.isHidden.value = true);
       case "nudge":
         return void (this.nudges.value += 1);
       case "swipe":
@@ -137,8 +151,10 @@ export class ShownLayers {
       }
       case "beside": {
         if (isCloser) return;
-        if (now.beside) return this.#view.change({ beside: null }, true);
+        // A mirrored half gives way, and comes back.
+        if (now.beside) return this.#view.change({ beside: null, layout: this.#beforeBeside ?? now.layout }, true);
         const layout = hasSlices(now) ? "slices" : "single";
+        this.#beforeBeside = now.layout;
         return this.#view.change({ beside: this.#view.own(now), layout, swipe: null }, true);
       }
       case "swap":
@@ -146,6 +162,11 @@ export class ShownLayers {
         if (now.beside && !isCloser) this.#view.change({ ...now.beside, beside: halfOf(now) }, true);
         return;
     }
+  }
+
+  /** Hides the layers for now. */
+  hide(isHidden: boolean): void {
+    this.isHidden.value = isHidden;
   }
 
   /** Shows and hides the layers in turn, or no more. */
@@ -171,7 +192,7 @@ export class ShownLayers {
     const { now } = this.#view;
     const ready = list.layers.filter((layer) => isAdded(layer) && isReady(layer));
     const usable = how === "grey" ? ready.filter((layer) => greyOf(layer)) : ready;
-    if (usable.length === 0) return announce(t("layers.none-ready"));
+    if (usable.length === 0) return note(t("layers.none-ready"));
     const shown = how === "grey" ? now.layer?.id : now.overlay?.name;
     const ids = usable.map(({ id }) => id);
     const id = nextOf(ids, shown !== undefined && ids.includes(shown) ? shown : null);

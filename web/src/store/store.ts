@@ -10,8 +10,8 @@ import type { Change } from "../model/controls.ts";
 import type { StateHistory } from "../model/history.ts";
 import type { MaskBlock } from "../model/mask.ts";
 import type { Vec2, Vec3 } from "../model/space.ts";
-import { type ViewState, viewSize } from "../model/state.ts";
-import { announce } from "./announce.ts";
+import { type Layout, type ViewState, viewSize } from "../model/state.ts";
+import { announce, note } from "./announce.ts";
 import { CaseLayers } from "./case-layers.ts";
 import { Findings } from "./findings.ts";
 import { Measures } from "./measures.ts";
@@ -56,8 +56,10 @@ export class Store {
   readonly isMoving = signal(false);
   /** Whether nothing has changed for a while. */
   readonly isResting = signal(false);
-  /** Whether outlines and marks are hidden. */
+  /** Whether all that lies over the head is hidden, as long as a key is held. */
   readonly isBare = signal(false);
+  /** Whether outlines are shown: in a close-up, where they would lie on what is judged, if they are asked for. */
+  readonly outlined = signal({ slices: true, closer: false });
   readonly hasTimer = signal(false);
   /** The mask, while its outline is shown in slices. */
   readonly mask = signal<MaskBlock | null>(null);
@@ -70,7 +72,9 @@ export class Store {
   /** The size of the pane of the surface. */
   paneSize: () => Vec2 = () => [0, 0];
   /** What the close-up was opened from. */
-  beforeCloser: Pick<ViewState, "layout" | "beside"> = { layout: "both", beside: null };
+  beforeCloser: Partial<ViewState> & Pick<ViewState, "layout"> = { layout: "both", beside: null };
+  /** The layout that the slice across the sulcus was opened from. */
+  beforeAcross: Layout | null = null;
   /** A click before it was known where the surface is. */
   wanted: { readonly place: Vec2; readonly state: ViewState } | null = null;
   /** A place that is shown as soon as the inner side on which it is seen is here, by its depth below the whole brain. */
@@ -158,7 +162,7 @@ export class Store {
   /** Says why nothing was marked. */
   miss(words: string): void {
     this.point.missed.value = words;
-    announce(words);
+    note(words);
   }
 
   /** Puts the cross where a slice was touched; the surface turns to it when the hand has left. */

@@ -32,16 +32,16 @@ export interface SurfaceStatus {
   readonly trouble: string;
   /** Whether the page draws slices now. */
   readonly canSlice: boolean;
-  /** The surface that is drawn now: that of the whole brain, until the one that is wanted has come. */
+  /** The surface that is drawn now, or comes next. */
   readonly surface: SurfaceName;
 }
 
 export interface SurfaceOptions {
   /**
    * Hears of every picture in the same moment as it is put up, with the state that it shows: what the page writes on it
-   * (letters, scale, cursor) is never of another picture.
+   * (letters, scale, cursor) is never of another picture. Null: none is up, until the surface of a part has come.
    */
-  readonly onDrawn: (state: ViewState) => void;
+  readonly onDrawn: (state: ViewState | null) => void;
   /** Called at first and with every change. */
   readonly onStatus: (status: SurfaceStatus) => void;
   /** The voxels of a layer. */
