@@ -14,9 +14,9 @@ use serde::{Deserialize, Serialize};
 type PageWords = LazyLock<HashMap<String, String>>;
 
 static ENGLISH_PAGE: PageWords =
-    LazyLock::new(|| page(include_str!("../../../../web/src/words.en.json")));
+    LazyLock::new(|| page(include_str!("words.en.json")));
 static PORTUGUESE_PAGE: PageWords =
-    LazyLock::new(|| page(include_str!("../../../../web/src/words.pt-BR.json")));
+    LazyLock::new(|| page(include_str!("words.pt-BR.json")));
 
 fn page(words: &str) -> HashMap<String, String> {
     serde_json::from_str(words).expect("a table of words, which a test reads")
