@@ -22,12 +22,19 @@ cp scripts/debian/isocortex.service "$tree/usr/lib/systemd/system/"
 
 # Where Debian's policy wants them, and how.
 mv "$tree/usr/share/zsh/site-functions" "$tree/usr/share/zsh/vendor-completions"
-mv "$doc/CHANGELOG.md" "$doc/changelog"
+maintainer=$(sed -n 's/^Maintainer: //p' scripts/debian/control)
+cat >"$doc/changelog" <<EOF
+isocortex ($version) unstable; urgency=medium
+
+  * CHANGELOG.md beside this file has the changes.
+
+ -- $maintainer  $(date --utc --rfc-email --date="@$SOURCE_DATE_EPOCH")
+EOF
 gzip -9n "$doc/changelog" "$tree"/usr/share/man/man1/*
 sed -e 's/^$/./' -e 's/^/ /' LICENSE-MIT | sed -e '/@MIT@/{r /dev/stdin' -e 'd}' scripts/debian/copyright >"$doc/copyright"
 rm "$doc"/LICENSE-*
 
-for file in postinst prerm postrm; do install -m 755 "scripts/debian/$file" "$tree/DEBIAN/$file"; done
+for file in config postinst prerm postrm; do install -m 755 "scripts/debian/$file" "$tree/DEBIAN/$file"; done
 cp scripts/debian/templates "$tree/DEBIAN/"
 echo /etc/isocortex/isocortex.toml >"$tree/DEBIAN/conffiles"
 (cd "$tree" && find usr -type f -print0 | LC_ALL=C sort -z | xargs -0 md5sum >DEBIAN/md5sums)

@@ -41,7 +41,7 @@ documented() {
   step "as documented: $1"
 }
 
-answers() { curl -sSf --retry 50 --retry-connrefused --retry-delay 1 -o /dev/null http://127.0.0.1:8640/healthz; }
+answers() { curl -sSf --retry 50 --retry-connrefused --retry-delay 1 -o /dev/null http://127.0.0.1:8640/healthz 2>/dev/null; }
 
 case $kind in
   archive)

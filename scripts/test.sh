@@ -68,7 +68,7 @@ no_conflict_marks() { ! git grep -nE '^(<{7}|>{7})( |$)'; }
 shell_scripts() {
   git ls-files -z '*.sh' .ci/run | xargs -0 shellcheck -x
   # The functions of debconf are not of this project.
-  shellcheck -e SC1091 scripts/debian/p*
+  shellcheck -e SC1091 scripts/debian/{config,postinst,prerm,postrm}
 }
 # Neither the program nor its manual need be installed here.
 package_unit() { sed 's,^ExecStart=/usr/bin/isocortex,ExecStart=/bin/true,' scripts/debian/isocortex.service >"$unit" && systemd-analyze verify --man=no "$unit"; }
