@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Tests what `make dist` has made, as somebody who gets it: dist-walk.sh, where nothing of Isocortex was ever installed, without a network.
 #
-#   scripts/dist-test.sh [archive|wheel|bookworm|trixie]    by default all
+#   scripts/dist-test.sh [archive|wheel|bookworm|trixie]    by default all of these
+#   IMAGE=NAME scripts/dist-test.sh image                   an image, with Docker
 #
 # The package is installed in a fresh Debian, which systemd boots (systemd-nspawn); that needs root. The seconds are those since the walk began.
 set -euo pipefail
@@ -93,10 +94,14 @@ E2
   rm -rf "$tree"
 }
 
-[ "$(id -u)" = 0 ] || die "systemd-nspawn and namespaces of the network need root"
+[ "$(id -u)" = 0 ] || [ "${1-}" = image ] || die "systemd-nspawn and namespaces of the network need root"
 case ${1-} in
   archive) walk archive "$(one '*.tar.gz')" ;;
   wheel) PYTHON=${PYTHON:-$(oldest_python)} walk wheel "$(one '*.whl')" ;;
+  image)
+    mkdir -p "$work/image/out"
+    scripts/dist-walk.sh image "$IMAGE" "$work/image/out"
+    ;;
   bookworm | trixie) booted "$1" "$(one '*.deb')" ;;
   *)
     for name in archive wheel bookworm trixie; do "$PWD/scripts/dist-test.sh" "$name" || failed+=("$name"); done

@@ -178,6 +178,7 @@ fn open_page(address: &str) {
     let mut command = std::process::Command::new(opener);
     let _ = command
         .arg(address)
+        .stdin(nothing())
         .stdout(nothing())
         .stderr(nothing())
         .spawn();
