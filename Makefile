@@ -3,7 +3,7 @@
 
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup web demo test check faults lab bench bench-record bench-times bench-peers bench-registration sbom
+.PHONY: help setup web demo test check faults lab bench bench-record bench-times bench-peers bench-registration sbom dist dist-test
 
 help: ## list these commands
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -26,6 +26,12 @@ faults: ## attack the program with everything in tests/faults/ and report broken
 
 sbom: ## write the list of the crates that the program is made of, as CycloneDX JSON, into target/
 	@scripts/sbom.py
+
+dist: ## make everything that is released, in target/dist/: archive, Debian package, wheel, list of crates, checksums
+	@scripts/dist.sh
+
+dist-test: ## install, start, upgrade and remove what `make dist` made, without a network; needs root
+	@scripts/dist-test.sh
 
 lab: ## check, build and test the laboratory: the paper, the study, comparisons with other programs
 	@lab/scripts/test.sh

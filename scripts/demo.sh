@@ -24,24 +24,4 @@ fi
 scripts/web.sh
 say "building the server (the first time takes some minutes)"
 cargo build --profile demo --locked --package isocortex --bin isocortex
-server=$(target_dir)/demo/isocortex
-
-# Opens the page as soon as the server prints its address; the demo continues even if that fails.
-open_page() {
-  local line address opened=
-  # An interrupt ends only the server; its last output is still read here.
-  trap '' INT
-  while IFS= read -r line; do
-    printf '%s\n' "$line"
-    address=$(grep -oE 'http://[^[:space:]]+' <<<"$line" | head -n 1) || continue
-    [ -z "$opened" ] || continue
-    opened=yes
-    xdg-open "$address" >/dev/null 2>&1 &
-  done
-}
-
-if [ -n "${DISPLAY:-}${WAYLAND_DISPLAY:-}" ] && have xdg-open; then
-  "$server" demo "$@" | open_page
-else
-  exec "$server" demo "$@"
-fi
+exec "$(target_dir)/demo/isocortex" demo "$@"

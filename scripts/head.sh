@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Finds or fetches the demo's head: Colin27 (ch2.nii.gz) and its brain mask (ch2bet.nii.gz), from the Debian package
-# mricron-data. Prints the folder that contains them, or fails and reports why.
+# mricron-data. Prints the folder that contains them, or fails and reports why. With --unpack, the package is not installed.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
@@ -50,7 +50,7 @@ unpack_package() {
 }
 
 find_folder && exit 0
-if install_right >/dev/null && install_packages "$PACKAGE"; then
+if [ "${1:-}" != --unpack ] && install_right >/dev/null && install_packages "$PACKAGE"; then
   find_folder && exit 0
 fi
 say "fetching $PACKAGE (16 MB) into $UNPACKED"

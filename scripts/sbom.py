@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Writes what the program is made of, as CycloneDX 1.5 JSON: every crate that is linked into `isocortex`, as Cargo.lock has it.
 
-    scripts/sbom.py [FILE]    by default target/isocortex.cdx.json
+    scripts/sbom.py [FILE [TARGET]]    by default target/isocortex.cdx.json for x86_64-unknown-linux-gnu
 
 Nothing is fetched that a build would not fetch. Two runs on one Cargo.lock write the same bytes.
 """
@@ -57,10 +57,11 @@ def component(package, checksums):
 
 
 def main():
-    if len(sys.argv) > 2 or sys.argv[1:2] == ["--help"]:
+    if len(sys.argv) > 3 or sys.argv[1:2] == ["--help"]:
         sys.exit(__doc__)
     output = Path(sys.argv[1]) if sys.argv[1:] else ROOT / "target" / "isocortex.cdx.json"
-    command = ["cargo", "metadata", "--format-version", "1", "--locked", "--filter-platform", TARGET]
+    target = sys.argv[2] if sys.argv[2:] else TARGET
+    command = ["cargo", "metadata", "--format-version", "1", "--locked", "--filter-platform", target]
     metadata = json.loads(subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE).stdout)
     lock = (ROOT / "Cargo.lock").read_text(encoding="utf-8")
     checksums = {(one["name"], one["version"]): one.get("checksum") for one in tomllib.loads(lock)["package"]}

@@ -65,7 +65,13 @@ lab_trial() {
 
 # A merge that was committed half done builds as long as the marks lie in documents.
 no_conflict_marks() { ! git grep -nE '^(<{7}|>{7})( |$)'; }
-shell_scripts() { git ls-files -z '*.sh' .ci/run | xargs -0 shellcheck -x; }
+shell_scripts() {
+  git ls-files -z '*.sh' .ci/run | xargs -0 shellcheck -x
+  # The functions of debconf are not of this project.
+  shellcheck -e SC1091 scripts/debian/{config,postinst,prerm,postrm}
+}
+# Neither the program nor its manual need be installed here.
+package_unit() { sed 's,^ExecStart=/usr/bin/isocortex,ExecStart=/bin/true,' scripts/debian/isocortex.service >"$unit" && systemd-analyze verify --man=no "$unit"; }
 
 prepared_demo() {
   rm -rf "$ISOCORTEX_PREPARED_DEMO"
@@ -105,6 +111,13 @@ step format cargo fmt --all --check
 step "conflict marks" no_conflict_marks
 step lints cargo clippy --locked --workspace --all-targets -- -D warnings
 if have shellcheck; then step shellcheck shell_scripts; else skip shellcheck "shellcheck is not installed"; fi
+if have systemd-analyze; then
+  unit=$(mktemp -d)/isocortex.service
+  step "package's unit" package_unit
+  rm -r "$(dirname "$unit")"
+else
+  skip "package's unit" "systemd-analyze is not installed"
+fi
 if hadolint=$(scripts/hadolint.sh 2>/dev/null); then
   step Dockerfile "$hadolint" docker/Dockerfile
 else

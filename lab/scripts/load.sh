@@ -28,6 +28,7 @@ until page=$(grep -oE 'http://[^ ]+' "$scratch/said"); do
   sleep 0.2
 done
 address=${page%%/#*} case=${page##*/#}
+case=${case%%&*}
 # The first answers read the case from disk.
 for route in mesh "render?renderer=splat"; do curl -sS -o "$scratch/warm" "$address/v1/cases/$case/$route"; done
 

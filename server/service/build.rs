@@ -9,7 +9,7 @@ use serde_json::Value;
 fn main() {
     // Asked while running: a program that was built for another checkout may be run for this one.
     let package = std::env::var_os("CARGO_MANIFEST_DIR").expect("cargo names the package's folder");
-    let folder = PathBuf::from(package).join("../../web/dist");
+    let folder = PathBuf::from(package).join("page");
     let manifest = folder.join("manifest.json");
     println!("cargo::rerun-if-changed={}", manifest.display());
     let Ok(text) = fs::read(&manifest) else {

@@ -43,6 +43,8 @@ def dockerfile(folder):
     version = re.search(r"(\d+)\.(\d+)", run("buildah", "--version"))
     if tuple(map(int, version.groups())) < (1, 33):
         text = text.replace(" --start-interval=1s", "")
+        # It builds all stages, of which `archive` needs what `make dist` makes, and follows no variable to a stage.
+        text = re.sub(r"FROM \S+ AS archive\n.*?\n\n", "", text, flags=re.DOTALL).replace("FROM ${PROGRAM} AS", "FROM source AS")
     adapted = os.path.join(folder, "Dockerfile")
     with open(adapted, "w") as file:
         file.write(text)

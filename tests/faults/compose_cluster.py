@@ -135,8 +135,6 @@ def main():
             environment = {"PATH": os.environ.get("PATH", ""), "ISOCORTEX_GPU": "off"}
             environment |= {key: here(value) for key, value in {**variables_of_the_image(), **service["environment"]}.items()}
             environment["ISOCORTEX_DATA"] = os.path.join(folder, name)
-            # The weights of the image are not here; heads come skull-stripped.
-            environment.pop("ISOCORTEX_NETWORK")
             if service["command"][0] == "serve":
                 [port] = free_ports(1)
                 ports.append(port)

@@ -26,6 +26,21 @@ pub(crate) fn done(arguments: &[&str]) -> String {
 }
 
 #[test]
+fn a_newcomer_gets_five_lines_and_ten_about_the_machine() {
+    let first = done(&[]);
+    assert_eq!(first.lines().count(), 5, "{first}");
+    for command in ["demo", "serve", "render", "help"] {
+        assert!(first.contains(&format!("isocortex {command}")), "{first}");
+    }
+    let found = done(&["doctor", "--data", "/nowhere/cases", "--gpu", "off"]);
+    assert_eq!(found.lines().count(), 10, "{found}");
+    let store = "MISSING store      there is none in /nowhere/cases: `isocortex init-store --data";
+    assert!(found.contains(store), "{found}");
+    let version = format!("isocortex {}", env!("CARGO_PKG_VERSION"));
+    assert!(done(&["--version"]).starts_with(&version));
+}
+
+#[test]
 fn layers_are_prepared_with_their_case_and_wrong_ones_are_named() {
     let root = tempfile::tempdir().unwrap();
     let path = |name: &str| root.path().join(name).display().to_string();

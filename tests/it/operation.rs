@@ -386,6 +386,7 @@ fn a_configuration_is_checked_without_starting_anything() {
         "11112",
         "nobody may send",
         "its objects are in this folder",
+        "missing  audit      set `audit.folder`",
         &not_there,
     ] {
         assert!(said.contains(words), "{words}: {said}");

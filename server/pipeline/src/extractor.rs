@@ -81,13 +81,13 @@ pub enum NoNetwork {
 }
 
 impl Extractor {
-    /// With the network from a file, or from [`NETWORK_FILE`] beside the program or in a folder above it; without a
-    /// network if there is no such file.
+    /// With the network from a file, or from [`NETWORK_FILE`] if it came with the program ([`shipped`]); without a network if
+    /// there is no such file.
     ///
     /// # Errors
     /// If the named or found file cannot be read or does not contain the weights.
     pub fn open(file: Option<&Path>) -> Result<Self, NoNetwork> {
-        let Some(path) = file.map(Path::to_owned).or_else(beside_the_program) else {
+        let Some(path) = file.map(Path::to_owned).or_else(|| shipped(NETWORK_FILE)) else {
             return Ok(Self::default());
         };
         let wheel = std::fs::read(&path).map_err(|source| NoNetwork::Unreadable {
@@ -103,7 +103,7 @@ impl Extractor {
     }
 
     /// Whether there is a network.
-    pub(super) fn has_network(&self) -> bool {
+    pub fn has_network(&self) -> bool {
         self.network.is_some()
     }
 
@@ -204,12 +204,15 @@ impl Extractor {
     }
 }
 
-fn beside_the_program() -> Option<PathBuf> {
+/// A file that came with the program: beside it, in the folder above, or in `share/isocortex` of that folder, where packages
+/// install it.
+pub fn shipped(name: &str) -> Option<PathBuf> {
     let program = std::env::current_exe().ok()?;
-    let folders = program.ancestors().skip(1).take(2);
-    folders
-        .map(|folder| folder.join(NETWORK_FILE))
-        .find(|file| file.is_file())
+    let beside = program.parent()?;
+    let above = beside.parent().unwrap_or(beside);
+    let folders = [beside, above, &above.join("share/isocortex")];
+    let files = folders.map(|folder| folder.join(name));
+    files.into_iter().find(|file| file.is_file())
 }
 
 /// The failure of a request for the network without its weights.

@@ -52,7 +52,7 @@ use self::voxels::voxel_facts;
 pub use self::affine::affine_of;
 pub use self::check::{Checked, Input, ReadSource, check, settled};
 pub use self::cuts::envelope_of;
-pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork};
+pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork, shipped};
 pub use self::head_limits::HeadLimits;
 pub use self::source::{Source, StoredBrain, read_volume};
 pub use imaging::Limits;

@@ -13,10 +13,8 @@ use serde::{Deserialize, Serialize};
 /// The words of the page, from which the report takes its sentences about masks and maps.
 type PageWords = LazyLock<HashMap<String, String>>;
 
-static ENGLISH_PAGE: PageWords =
-    LazyLock::new(|| page(include_str!("../../../web/src/words.en.json")));
-static PORTUGUESE_PAGE: PageWords =
-    LazyLock::new(|| page(include_str!("../../../web/src/words.pt-BR.json")));
+static ENGLISH_PAGE: PageWords = LazyLock::new(|| page(include_str!("words.en.json")));
+static PORTUGUESE_PAGE: PageWords = LazyLock::new(|| page(include_str!("words.pt-BR.json")));
 
 fn page(words: &str) -> HashMap<String, String> {
     serde_json::from_str(words).expect("a table of words, which a test reads")

@@ -2,6 +2,7 @@
 
 use clap::Args;
 
+use super::before_patients;
 use super::serve::ServeArgs;
 use super::status::{CliError, ExitStatus};
 use crate::start;
@@ -9,8 +10,8 @@ use crate::start;
 /// Check a configuration without starting anything
 ///
 /// Takes the options and variables of `serve`. Reads the files that it names: the token, passwords, certificates, the
-/// weights of the network and the atlas. Opens no store and no port, and asks no node (`isocortex test-node`). The exit status is 0 if a
-/// server could start with it, otherwise 78.
+/// weights of the network and the atlas. Opens no store and no port, and asks no node (`isocortex test-node`). Lists what is
+/// done and what is missing before real patients. The exit status is 0 if a server could start with it, otherwise 78.
 #[derive(Debug, Clone, Args)]
 pub(super) struct CheckConfigArgs {
     #[command(flatten)]
@@ -36,6 +37,10 @@ pub(super) fn run(args: &CheckConfigArgs) -> Result<(), CliError> {
     }
     for line in checked.lines {
         println!("{line}");
+    }
+    println!("before real patients:");
+    for point in before_patients::points(&config)? {
+        println!("  {point}");
     }
     println!("the configuration is valid");
     Ok(())

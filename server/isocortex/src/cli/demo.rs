@@ -14,21 +14,23 @@ use crate::logs;
 use case::Parameters;
 use cases::pictures::GpuUse;
 use pipeline::Source;
+use pipeline::atlas::ATLAS_FOLDER;
 
-/// The paths of Colin27 and its brain mask in the Debian package `mricron-data`.
-const COLIN27: [&str; 2] = [
-    "/usr/share/mricron/templates/ch2.nii.gz",
-    "/usr/share/mricron/templates/ch2bet.nii.gz",
-];
+/// The files of Colin27 and its brain mask.
+const COLIN27: [&str; 2] = ["ch2.nii.gz", "ch2bet.nii.gz"];
+
+/// The cut that the demo opens with: from here on, cuts are orthogonal to most of the sulci.
+const FIRST_CUT: &str = "d=12&v=left";
 
 /// Edge of a voxel of the phantom head, in mm.
 const PHANTOM_SPACING_MM: f64 = 1.0;
 
 /// Prepare and serve a sample head, and print the address to open
 ///
-/// The head is ISOCORTEX_DEMO_VOLUME (with the mask ISOCORTEX_DEMO_MASK), otherwise Colin27 from the Debian package
-/// mricron-data if it is installed, otherwise a synthetic head. The network extracts the brain of Colin27; without its
-/// weights, the ragged mask from the package is used. Without --data, everything is removed when the demo ends.
+/// The head is ISOCORTEX_DEMO_VOLUME (with the mask ISOCORTEX_DEMO_MASK), otherwise Colin27, which comes with the packages of
+/// Isocortex and with the Debian package mricron-data, otherwise a synthetic head. The network extracts the brain of Colin27;
+/// without its weights, the ragged mask from mricron-data is used. Nothing is fetched. Without --data, everything is removed
+/// when the demo ends.
 #[derive(Debug, Args)]
 pub(super) struct DemoArgs {
     /// The directory of the store; by default a temporary one.
@@ -115,8 +117,13 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
             .await?;
         let id = submitted.case.id;
         wait_until_ready(server.state.cases.store(), &id).await?;
-        println!("Open http://{}/#{id}", server.address);
+        let address = format!("http://{}/#{id}&{FIRST_CUT}", server.address);
+        println!("Open {address}");
+        println!(
+            "Drag to turn, scroll to zoom, move the depth slider to peel; click a place to see its slices."
+        );
         println!("{} Ctrl-C ends the demo.", render::RESEARCH_USE_NOTICE);
+        open_page(&address);
         server.until_stopped().await;
         Ok(())
     })
@@ -140,9 +147,11 @@ fn sample(args: &DemoArgs, has_network: bool) -> Result<Sample, CliError> {
         println!("The demo shows {}.", volume.display());
         return from_files("Demo", volume, args.mask.as_deref());
     }
-    if let Some([volume, mask]) = colin27() {
-        println!("The demo shows Colin27, a real head (Debian's mricron-data).");
-        return from_files("Colin27", volume, (!has_network).then_some(mask));
+    if let Some(volume) = colin27() {
+        println!("The demo shows Colin27, a real head.");
+        let mask = volume.with_file_name(COLIN27[1]);
+        let mask = (!has_network && mask.exists()).then_some(mask);
+        return from_files("Colin27", &volume, mask.as_deref());
     }
     println!(
         "No real head was found, so the demo shows a synthetic one. For a real head, install the Debian package mricron-data, \
@@ -151,10 +160,28 @@ fn sample(args: &DemoArgs, has_network: bool) -> Result<Sample, CliError> {
     phantom()
 }
 
-/// Colin27 and its brain, where Debian's package is installed.
-pub(super) fn colin27() -> Option<[&'static Path; 2]> {
-    let files = COLIN27.map(Path::new);
-    files.iter().all(|file| file.exists()).then_some(files)
+/// Colin27, as it came with the program or with Debian's package.
+pub(super) fn colin27() -> Option<PathBuf> {
+    let installed = Path::new(ATLAS_FOLDER).join(COLIN27[0]);
+    pipeline::shipped(COLIN27[0]).or_else(|| installed.exists().then_some(installed))
+}
+
+/// Opens the page where there is a display. Whether that worked does not matter: the address is printed.
+fn open_page(address: &str) {
+    let has_display = |name| std::env::var_os(name).is_some_and(|display| !display.is_empty());
+    let opener = match cfg!(target_os = "macos") {
+        true => "open",
+        false if has_display("DISPLAY") || has_display("WAYLAND_DISPLAY") => "xdg-open",
+        false => return,
+    };
+    let nothing = std::process::Stdio::null;
+    let mut command = std::process::Command::new(opener);
+    let _ = command
+        .arg(address)
+        .stdin(nothing())
+        .stdout(nothing())
+        .stderr(nothing())
+        .spawn();
 }
 
 fn from_files(name: &str, volume: &Path, mask: Option<&Path>) -> Result<Sample, CliError> {

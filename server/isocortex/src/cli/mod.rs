@@ -1,13 +1,16 @@
 //! The command line.
 
 mod audit;
+mod before_patients;
 mod check_config;
 mod check_store;
 mod choices;
 mod common;
 mod demo;
+mod doctor;
 mod init_store;
 mod layers;
+mod manual;
 mod migrate_store;
 mod prepare;
 mod progress;
@@ -61,15 +64,30 @@ Exit status:
   74  the store or its disk failed
   78  invalid configuration, or there is no store at the address, or the objects of another one";
 
+/// What `isocortex` alone prints.
+const FIRST_WORDS: &str = "\
+Isocortex shows the cortex of the brain as curved cuts at any depth below the dura. For research use only.
+  isocortex demo                                                  a sample head in the browser, without a network
+  isocortex serve --create --data DIR                             the server for your own heads
+  isocortex render head.nii.gz --depth 8 --view left -o left.png  a picture without a server
+  isocortex help                                                  all commands; `isocortex doctor` reports what is missing";
+
+/// The version, and what it was built from if the build states it: `0.1.0 (0123abcd 2026-01-31)`.
+fn version() -> String {
+    let build = option_env!("ISOCORTEX_BUILD").filter(|build| !build.is_empty());
+    let build = build.map(|build| format!(" ({build})"));
+    format!("{}{}", env!("CARGO_PKG_VERSION"), build.unwrap_or_default())
+}
+
 /// The cortex of the brain as curved cuts at any depth below the dura.
 ///
 /// Isocortex prepares an MR volume once, and then shows the cut at any depth in milliseconds: in the browser, over
 /// HTTP, or as PNG.
 #[derive(Debug, Parser)]
-#[command(name = "isocortex", version, after_help = format!("{EXAMPLES}\n\n{}", ::render::RESEARCH_USE_NOTICE), arg_required_else_help = true)]
+#[command(name = "isocortex", version = version(), after_help = format!("{EXAMPLES}\n\n{}", ::render::RESEARCH_USE_NOTICE))]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -80,6 +98,8 @@ enum Command {
     Work(work::WorkArgs),
     /// Prepare and serve a sample head, and print the address to open.
     Demo(demo::DemoArgs),
+    /// Report what is here, what is missing, and the command that mends it.
+    Doctor(doctor::DoctorArgs),
     /// Check a configuration without starting anything.
     CheckConfig(check_config::CheckConfigArgs),
     /// Make tokens with names and scopes.
@@ -102,6 +122,9 @@ enum Command {
     Prepare(prepare::PrepareArgs),
     /// Draw the cut of a case or a volume as PNG.
     Render(render::RenderArgs),
+    /// Write the man pages and the completions of shells, for a package.
+    #[command(hide = true)]
+    Manual(manual::ManualArgs),
 }
 
 /// A volume and the options of its preparation.
@@ -180,7 +203,11 @@ pub fn main() -> ExitCode {
     {
         return worker::run_child();
     }
-    match run(Cli::parse().command) {
+    let Some(command) = Cli::parse().command else {
+        println!("{FIRST_WORDS}");
+        return ExitCode::SUCCESS;
+    };
+    match run(command) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             match crate::logs::are_json() {
@@ -196,6 +223,7 @@ fn run(command: Command) -> Result<(), CliError> {
     match command {
         Command::Serve(args) => serve::run(&args),
         Command::Work(args) => work::run(&args),
+        Command::Doctor(args) => doctor::run(&args),
         Command::CheckConfig(args) => check_config::run(&args),
         Command::Token(args) => token::run(&args),
         Command::Audit(args) => audit::run(&args),
@@ -208,6 +236,7 @@ fn run(command: Command) -> Result<(), CliError> {
         Command::Demo(args) => demo::run(&args),
         Command::Prepare(args) => prepare::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Manual(args) => manual::run(&args),
     }
 }
 

@@ -471,7 +471,9 @@ pub(super) async fn tell_confinement(reader: Arc<DicomReader>, does: &'static st
 /// A listener, and its address.
 pub(super) async fn bind(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), CliError> {
     let taken = |error| {
-        let message = format!("cannot listen on {listen}: {error}");
+        let message = format!(
+            "cannot listen on {listen}: {error}; end what listens there, or choose another port"
+        );
         CliError::new(ExitStatus::Unavailable, message)
     };
     let listener = TcpListener::bind(listen).await.map_err(taken)?;

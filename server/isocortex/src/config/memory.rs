@@ -14,6 +14,13 @@ pub(super) fn limit() -> Option<u64> {
     limit_of(&groups, Path::new("/sys/fs/cgroup"))
 }
 
+/// The memory of the machine, if the kernel states it.
+pub(super) fn of_machine() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let kilobytes = text.strip_prefix("MemTotal:")?.split_whitespace().next()?;
+    kilobytes.parse::<u64>().ok()?.checked_mul(1024)
+}
+
 /// The lowest limit of a group and those above it. `groups` is the text of cgroups(7) in `/proc`.
 fn limit_of(groups: &str, mounted: &Path) -> Option<u64> {
     let mut lowest = None;

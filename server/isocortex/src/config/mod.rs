@@ -548,6 +548,23 @@ impl Config {
         }
     }
 
+    /// The memory of the container or, if it is not limited, of the machine, in bytes.
+    pub(crate) fn memory_bytes() -> Option<u64> {
+        memory::limit()
+            .into_iter()
+            .chain(memory::of_machine())
+            .min()
+    }
+
+    /// The memory that this process and a preparation of the largest volume need, in bytes.
+    ///
+    /// # Errors
+    /// As [`Config::children`].
+    pub(crate) fn needed_bytes(&self) -> Result<u64, ConfigError> {
+        let least = self.children()?.least();
+        Ok(least.saturating_add(self.own_bytes()))
+    }
+
     /// What this process uses itself, in bytes.
     fn own_bytes(&self) -> u64 {
         self.render.cache_bytes.saturating_add(memory::REST)
@@ -704,6 +721,71 @@ mod tests {
         ] {
             let error = parsed(text).unwrap_err().to_string();
             assert!(error.contains("max_conections"), "{error}");
+        }
+    }
+
+    /// The keys that a section may have, from the error that an unknown one gets.
+    fn keys_of(section: &str) -> Vec<String> {
+        let required = match section {
+            "proxy" => "user_header = \"X-User\"\n",
+            _ => "",
+        };
+        let text = match section {
+            "" => "no_key = 1".to_owned(),
+            _ => format!("[{section}]\n{required}no_key = 1"),
+        };
+        let error = parsed(&text).unwrap_err().to_string();
+        let (_, expected) = error.split_once("expected").expect("the keys");
+        let quoted = expected.split('`').skip(1).step_by(2);
+        quoted.map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn the_file_of_the_debian_package_has_every_setting_as_a_comment() {
+        let file = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../../scripts/debian/isocortex.toml"
+        );
+        let text = std::fs::read_to_string(file).unwrap();
+        let installed = parsed(&text).unwrap();
+        assert_eq!(installed.storage.data, Path::new("/var/lib/isocortex"));
+        // Sentences begin with a capital letter or a slash, settings do not.
+        let is_setting = |line: &str| line.contains(" = ") || line.starts_with('[');
+        let uncommented = text.lines().map(|line| match line.strip_prefix("# ") {
+            Some(setting) if is_setting(setting) => setting,
+            _ => line,
+        });
+        let uncommented: Vec<_> = uncommented.collect();
+        parsed(&uncommented.join("\n")).unwrap();
+        for section in [
+            "",
+            "storage",
+            "http",
+            "proxy",
+            "audit",
+            "prepare",
+            "render",
+            "limits",
+            "page",
+            "pacs",
+            "pacs.dimse",
+        ] {
+            let header = format!("[{section}]");
+            let lines = uncommented
+                .iter()
+                .skip_while(|line| !section.is_empty() && **line != header);
+            let lines = lines.skip(usize::from(!section.is_empty()));
+            let lines: Vec<_> = lines.take_while(|line| !line.starts_with('[')).collect();
+            for key in keys_of(section) {
+                let is_table = uncommented.iter().any(|line| {
+                    line.trim_matches(['[', ']'])
+                        == format!("{section}.{key}").trim_start_matches('.')
+                });
+                let is_there = lines
+                    .iter()
+                    .any(|line| line.starts_with(&format!("{key} = ")));
+                assert!(is_there || is_table, "`{section}` lacks `{key}`");
+            }
         }
     }
 

@@ -2,7 +2,7 @@
 
 macro_rules! wgsl {
     ($($name:literal),+) => {
-        concat!($(include_str!(concat!("../../../../shaders/", $name, ".wgsl")), "\n"),+)
+        concat!($(include_str!(concat!("../../shaders/", $name, ".wgsl")), "\n"),+)
     };
 }
 
