@@ -247,6 +247,7 @@ fn read(order: &SeriesOrder, place: Place) -> Result<(Vec<u8>, Summary), DicomEr
             true => Purpose::Layer,
             false => Purpose::Case,
         },
+        form: None,
     };
     let limits = Limits {
         max_voxels: order.max_voxels,
@@ -259,6 +260,7 @@ fn read(order: &SeriesOrder, place: Place) -> Result<(Vec<u8>, Summary), DicomEr
         is_t1: converted.is_t1,
         others: converted.others,
         ignored_files: converted.ignored_files,
+        unread: converted.unread,
     };
     Ok((converted.nifti, summary))
 }

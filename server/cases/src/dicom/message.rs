@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use imaging::dicom::{Attributes, Difference, SeriesSummary};
+use imaging::dicom::{Attributes, Difference, SeriesSummary, UnreadFile};
 use serde::{Deserialize, Serialize};
 
 use case::Failure;
@@ -138,4 +138,5 @@ pub(super) struct Summary {
     pub(super) is_t1: bool,
     pub(super) others: Vec<SeriesSummary>,
     pub(super) ignored_files: usize,
+    pub(super) unread: Vec<UnreadFile>,
 }

@@ -465,6 +465,7 @@ mod tests {
                 "is_t1": false,
                 "others": [],
                 "ignored_files": 0,
+                "unread": [],
             }});
             let file = self.folder.path().join("outcome.json");
             std::fs::write(file, outcome.to_string()).unwrap();
