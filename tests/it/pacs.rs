@@ -459,6 +459,7 @@ impl Lines {
         let written = self.clone();
         let subscriber = tracing_subscriber::fmt()
             .with_max_level(tracing_subscriber::filter::LevelFilter::TRACE)
+            .with_ansi(false)
             .with_writer(move || written.clone())
             .finish();
         tracing::subscriber::set_default(subscriber)

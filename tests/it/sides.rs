@@ -177,8 +177,10 @@ async fn the_same_voxels_with_another_header_are_put_to_review() {
     let (first, expected) = codes(DVec3::ZERO).await;
     assert!(!expected.to_string().contains("axes-corrected"));
     // Mirrored, and turned: the picture cannot tell either from the first.
+    let mut others = Vec::new();
     for reversed in [DVec3::X, DVec3::new(1.0, 1.0, 0.0)] {
-        let (_, codes) = codes(reversed).await;
+        let (other, codes) = codes(reversed).await;
+        others.push(other);
         assert!(codes.to_string().contains("axes-corrected"), "{codes}");
     }
     // The first case may be the wrong one as well: it has the doubt once, and no other.
@@ -191,4 +193,14 @@ async fn the_same_voxels_with_another_header_are_put_to_review() {
     let mask = server.get(&format!("{first}/mask")).await.body;
     let (_, version) = version(&server, &first, "?closing_radius_mm=7", &mask).await;
     assert!(version["quality"].to_string().contains("axes-corrected"));
+    // The doubt goes with the last case that contradicts it.
+    for (number, other) in others.iter().enumerate() {
+        let still = server.get(&first).await.json()["quality"].to_string();
+        assert!(still.contains("axes-corrected"), "{number}: {still}");
+        let deleted = server.method(axum::http::Method::DELETE, other).await;
+        assert_eq!(deleted.status, 204, "{deleted:?}");
+    }
+    let quality = server.get(&first).await.json()["quality"].clone();
+    assert!(!quality.to_string().contains("axes-corrected"), "{quality}");
+    assert_eq!(quality["state"] == "ok", quality["reasons"] == json!([]));
 }

@@ -66,9 +66,47 @@ pub struct CutFacts {
 pub struct VoxelFacts {
     /// BLAKE3 of the histogram of the stored values, in 64 hexadecimal digits: the same for any order of the voxels.
     pub values: String,
-    /// The sums of value × place over all voxels, along the axes nearest to right, anterior and superior, with places from 0:
-    /// different if one of two headers exchanges or reverses axes, the same if the voxels are stored in another order.
-    pub moments: [u64; 3],
+    /// Digests of the sums of the planes across the axes nearest to right, anterior and superior, in their order and in reverse:
+    /// the same if the voxels are stored in another order, and exchanged with each other if one of two headers exchanges or
+    /// reverses axes.
+    pub profiles: [[u64; 2]; 3],
+    /// How many voxels were not finite numbers, and became 0.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub not_finite: u64,
+    /// How many voxels lay so far beyond all others that they became the end of the range.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub clipped: u64,
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes a reference"
+)]
+pub(crate) fn is_zero(count: &u64) -> bool {
+    *count == 0
+}
+
+impl VoxelFacts {
+    /// Whether one of two headers exchanges or reverses axes of the same voxels. Voxels that lie elsewhere for another reason, such
+    /// as a shift, are not the same picture.
+    pub fn has_other_axes(&self, other: &Self) -> bool {
+        const ORDERS: [[usize; 3]; 6] = [
+            [0, 1, 2],
+            [0, 2, 1],
+            [1, 0, 2],
+            [1, 2, 0],
+            [2, 0, 1],
+            [2, 1, 0],
+        ];
+        let is_along = |axis: usize, there: usize| {
+            let [forward, backward] = other.profiles[there];
+            self.profiles[axis] == [forward, backward] || self.profiles[axis] == [backward, forward]
+        };
+        let is_exchanged = |order: &[usize; 3]| (0..3).all(|axis| is_along(axis, order[axis]));
+        self.values == other.values
+            && self.profiles != other.profiles
+            && ORDERS.iter().any(is_exchanged)
+    }
 }
 
 /// The facts about a case that is ready.

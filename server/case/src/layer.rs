@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
+use crate::facts::is_zero;
 use crate::id::{half, id_as_text};
 use crate::images::Closed;
 use crate::{CaseId, CaseState, Failure, MapName, QualityState, is_control};
@@ -493,6 +494,9 @@ pub struct LayerFacts {
     pub placement: PlacementFacts,
     /// Least and greatest value.
     pub range: [f32; 2],
+    /// How many values lie so far beyond all others that they became the end of the range.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub clipped: u64,
     /// The default window: the values of the first and the last colour.
     pub window: [f64; 2],
     /// The labels, ascending, if it is a label map.

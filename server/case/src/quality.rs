@@ -94,6 +94,17 @@ impl Quality {
         self.reasons.push(sentence.to_owned());
         self.reason_codes.push(code.to_owned());
     }
+
+    /// Removes a reason for a review that holds no more.
+    pub fn withdraw(&mut self, code: &str) {
+        while let Some(at) = self.reason_codes.iter().position(|reason| reason == code) {
+            self.reason_codes.remove(at);
+            self.reasons.remove(at);
+        }
+        if self.reasons.is_empty() && self.state == QualityState::Review {
+            self.state = QualityState::Ok;
+        }
+    }
 }
 
 /// Two affines that could correct a header, as rows from the voxels of the volume to LPS mm. They differ only in left and right,

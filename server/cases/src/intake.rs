@@ -19,7 +19,7 @@ use crate::application::Cases;
 use crate::arrivals::SeriesOfUpload;
 use crate::client::{in_store, this_client};
 use crate::decoded_uploads::OfferedUpload;
-use crate::dicom::{Choice, Input, Options};
+use crate::dicom::{Choice, Form, Input, Options};
 use crate::error::Error;
 
 /// The received files of a volume.
@@ -56,6 +56,10 @@ impl Cases {
         is_identity_removed: bool,
     ) -> Result<(Upload, Option<Choice>), Error> {
         let (store, scratch) = (self.store(), self.store().scratch());
+        let mask = match (mask, options.form) {
+            (Some(mask), Some(form)) => Some(self.keeping_form(mask, form).await?),
+            (mask, _) => mask,
+        };
         let options = Options {
             deidentifies: is_identity_removed,
             ..options.clone()
@@ -65,6 +69,10 @@ impl Cases {
             VolumeFiles::Dicom(directory) => read(Input::Directory(&directory)).await?,
             VolumeFiles::One(volume) => {
                 if !sniff(&volume.head(START_BYTES).await?).may_be_dicom() {
+                    let volume = match options.form {
+                        Some(form) => self.keeping_form(volume, form).await?,
+                        None => volume,
+                    };
                     let upload = Upload {
                         volume,
                         mask,
@@ -87,6 +95,19 @@ impl Cases {
             images: reading.images,
         };
         Ok((upload, Some(reading.choice)))
+    }
+
+    /// A NIfTI file with one of the two forms of its header alone, so that whoever reads it later needs to know of no choice.
+    ///
+    /// # Errors
+    /// [`Error::Failure`] if the file cannot be read or does not have the form; or an error of the store.
+    pub async fn keeping_form(&self, file: Spooled, form: Form) -> Result<Spooled, Error> {
+        let (bytes, limits) = (file.read().await?, self.library.limits());
+        let kept = self
+            .queue
+            .run(move || pipeline::keeping_form(&bytes, form, &limits))
+            .await??;
+        Ok(self.store().spool_all(kept.into()).await?)
     }
 
     /// Checks an upload and queues it. A case that is there already is answered as it is; with `keep_name` it keeps its

@@ -2,6 +2,9 @@
 
 use geometry::GeometryError;
 
+/// What to do about a header that a program wrote wrongly.
+const SAVE_AGAIN: &str = "save the file again with nibabel, dcm2niix or fslmaths";
+
 /// Why a file was rejected or could not be written.
 ///
 /// Messages contain numbers from the header and names from the standard, never texts from the file.
@@ -9,8 +12,13 @@ use geometry::GeometryError;
 #[non_exhaustive]
 pub enum ImagingError {
     /// Neither a NIfTI-1 nor a NIfTI-2 header, gzipped or not.
-    #[error("this is not a NIfTI file: it does not begin with a header of 348 or 540 bytes")]
-    NotNifti,
+    #[error(
+        "this is {found}, and not a NIfTI file; send a NIfTI volume (.nii or .nii.gz), DICOM files, or a zip of DICOM files"
+    )]
+    NotNifti {
+        /// What it is instead, as far as its first bytes tell.
+        found: &'static str,
+    },
     /// An Analyze 7.5 header, which does not state which side is left.
     #[error(
         "this is an Analyze 7.5 image, which does not state which side of the head is left; convert the original images to NIfTI"
@@ -22,7 +30,7 @@ pub enum ImagingError {
     )]
     NiftiHeaderOnly,
     /// A header of the right size without the magic word of NIfTI, or the reverse.
-    #[error("the NIfTI header is damaged: {what}")]
+    #[error("the NIfTI header is damaged: {what}; {SAVE_AGAIN}")]
     NiftiHeader {
         /// What is wrong with it.
         what: &'static str,
@@ -36,7 +44,9 @@ pub enum ImagingError {
         found: u64,
     },
     /// Bytes follow the last voxel.
-    #[error("the NIfTI file is longer than the {expected} bytes that its header describes")]
+    #[error(
+        "the NIfTI file is longer by at least a slice than the {expected} bytes that its header describes; {SAVE_AGAIN}"
+    )]
     NiftiTrailingData {
         /// Bytes of header and voxels.
         expected: u64,
@@ -50,7 +60,7 @@ pub enum ImagingError {
         packed: u64,
     },
     /// An impossible size in the header.
-    #[error("dim[{axis}] of the NIfTI header is {value}; it must be {range}")]
+    #[error("dim[{axis}] of the NIfTI header is {value}; it must be {range}; {SAVE_AGAIN}")]
     NiftiDimension {
         /// The index in `dim`; 0 is the number of dimensions.
         axis: usize,
@@ -97,7 +107,7 @@ pub enum ImagingError {
     },
     /// The voxels do not start after the header.
     #[error(
-        "vox_offset of the NIfTI header is {value}; it must be a whole number from {least} to {most}"
+        "vox_offset of the NIfTI header is {value}; it must be 0 or a whole number from {least} to {most}; {SAVE_AGAIN}"
     )]
     NiftiVoxOffset {
         /// The value in the header.
@@ -114,6 +124,52 @@ pub enum ImagingError {
     NiftiUnits {
         /// The code of the unit.
         code: u8,
+    },
+    /// A unit of length that makes voxels of an impossible size.
+    #[error(
+        "an edge of a voxel is {} mm, because the NIfTI header states {} {unit} (xyzt_units); if it is {} mm, set the unit to millimetres",
+        short(*edge_mm), short(*edge), short(*edge)
+    )]
+    NiftiUnitImplausible {
+        /// The unit.
+        unit: &'static str,
+        /// The edge in that unit.
+        edge: f64,
+        /// The edge in mm.
+        edge_mm: f64,
+    },
+    /// The sform, and `pixdim` with the qform, state other sizes or angles.
+    #[error(
+        "the NIfTI header contradicts itself: by its sform a voxel measures {} mm{}, by its pixdim{} {} mm with right angles; \
+         find out which is true, and send it as `affine`: {}",
+        product(*sform_mm), lean(*lean_degrees), if *has_qform { " and qform" } else { "" }, product(*pixdim_mm),
+        if *has_qform { "`sform` or `qform`" } else { "`sform`, or correct the header" }
+    )]
+    NiftiFormsContradict {
+        /// The sizes of a voxel by the sform, in mm.
+        sform_mm: [f64; 3],
+        /// How far the axes of the sform are from right angles.
+        lean_degrees: f64,
+        /// The sizes of a voxel by `pixdim`, in mm.
+        pixdim_mm: [f64; 3],
+        /// Whether there is a qform.
+        has_qform: bool,
+    },
+    /// An unusable sform beside a sound qform.
+    #[error(
+        "the sform of the NIfTI header is unusable: {what}; send `affine` as `qform`, or set sform_code to 0, to use its qform"
+    )]
+    NiftiSformUnusable {
+        /// What is wrong with it.
+        what: &'static str,
+    },
+    /// The form that was asked for is not there.
+    #[error(
+        "`affine` is `{form}`, but the NIfTI header has no {form} (its code is 0); omit `affine`"
+    )]
+    NiftiFormMissing {
+        /// `sform` or `qform`.
+        form: &'static str,
     },
     /// Neither an sform nor a qform.
     #[error(
@@ -150,14 +206,6 @@ pub enum ImagingError {
         min: f64,
         /// Greatest intensity.
         max: f64,
-    },
-    /// Voxels that are NaN or infinite.
-    #[error("{count} of {voxels} voxels are not finite numbers")]
-    NiftiNonFinite {
-        /// Number of such voxels.
-        count: u64,
-        /// Number of all voxels.
-        voxels: u64,
     },
     /// The gzip stream ends early.
     #[error("the gzip file is truncated")]
@@ -208,11 +256,27 @@ pub enum ImagingError {
     Geometry(#[from] GeometryError),
 }
 
+/// A number with at most four decimals.
+fn short(number: f64) -> f64 {
+    (number * 1e4).round() / 1e4
+}
+
+fn product(numbers: [f64; 3]) -> String {
+    numbers.map(|number| short(number).to_string()).join(" × ")
+}
+
+fn lean(degrees: f64) -> String {
+    match degrees {
+        0.05.. => format!(" and its axes lean by {degrees:.1}°"),
+        _ => String::new(),
+    }
+}
+
 impl ImagingError {
     /// A stable name of the error, in kebab-case, for programs to act on.
     pub fn kind(&self) -> &'static str {
         match self {
-            Self::NotNifti => "not-nifti",
+            Self::NotNifti { .. } => "not-nifti",
             Self::Analyze => "analyze-unsupported",
             Self::NiftiHeaderOnly => "nifti-header-only",
             Self::NiftiHeader { .. } => "nifti-header",
@@ -226,12 +290,15 @@ impl ImagingError {
             Self::NiftiBitpix { .. } => "nifti-bitpix",
             Self::NiftiVoxOffset { .. } => "nifti-vox-offset",
             Self::NiftiUnits { .. } => "nifti-units",
+            Self::NiftiUnitImplausible { .. } => "nifti-units",
+            Self::NiftiFormsContradict { .. } => "nifti-forms-contradict",
+            Self::NiftiSformUnusable { .. } => "nifti-affine",
+            Self::NiftiFormMissing { .. } => "nifti-form-missing",
             Self::NiftiOrientationUnknown => "nifti-orientation-unknown",
             Self::NiftiLeftRight => "nifti-left-right",
             Self::NiftiAffine { .. } => "nifti-affine",
             Self::NiftiScaling { .. } => "nifti-scaling",
             Self::NiftiIntensityRange { .. } => "nifti-intensity-range",
-            Self::NiftiNonFinite { .. } => "nifti-non-finite",
             Self::GzipTruncated => "gzip-truncated",
             Self::GzipCorrupt => "gzip-corrupt",
             Self::TooManyVoxels { .. } => "too-many-voxels",

@@ -215,7 +215,12 @@ impl Images<'_> {
     async fn add(&mut self, file: Spooled) -> Result<(), AppError> {
         let identity = match self.pacs.cases().headers.read(&file).await {
             Ok(identity) => identity,
-            Err(Error::Failure(_)) => {
+            Err(Error::Failure(failure)) => {
+                tracing::warn!(
+                    kind = failure.name,
+                    reason = failure.detail,
+                    "an object that STOW-RS sent cannot be read"
+                );
                 self.unknown(FailureReason::CannotUnderstand);
                 return Ok(());
             }

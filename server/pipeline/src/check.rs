@@ -9,6 +9,7 @@ use super::failure::from_geometry;
 use super::source::{Source, read_sound_volume};
 use case::{Failure, MaskSource, Parameters};
 use geometry::Volume;
+use imaging::nifti::Replaced;
 
 /// An upload that passed the checks.
 #[derive(Debug)]
@@ -23,6 +24,8 @@ pub struct Checked {
 #[derive(Debug)]
 pub struct ReadSource {
     pub(super) volume: Volume,
+    /// The voxels of the volume that were replaced.
+    pub(super) replaced: Replaced,
     /// `None` if the brain must be extracted.
     pub(super) given: Option<Placed>,
     /// The time for reading.
@@ -58,12 +61,13 @@ pub fn check(
 ) -> Result<Checked, Failure> {
     parameters.check()?;
     let begun = Instant::now();
-    let volume = read_sound_volume(source, limits)?;
+    let (volume, replaced) = read_sound_volume(source, limits)?;
     let given = given_mask(source, &volume, &parameters, limits)?;
     let given = given.map(|given| given.on_working_grid(volume.grid()));
     let read = ReadSource {
         given: given.transpose()?,
         volume,
+        replaced,
         took: begun.elapsed(),
     };
     let parameters = match &read.given {

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use extraction::{Extraction, ExtractionError, Method, Network, closed, predict, prune};
 use geometry::{DistanceMap, Grid, Volume};
+use imaging::nifti::Replaced;
 
 use super::failure::{cancelled, from_geometry};
 use super::voxels::voxel_facts;
@@ -44,7 +45,10 @@ struct Memory(VecDeque<(VolumeKey, Option<Vec<u8>>)>);
 type VolumeKey = (VoxelFacts, Grid);
 
 fn key_of(volume: &Volume) -> VolumeKey {
-    (voxel_facts(volume), volume.grid().clone())
+    (
+        voxel_facts(volume, Replaced::default()),
+        volume.grid().clone(),
+    )
 }
 
 impl Memory {
@@ -266,7 +270,7 @@ mod tests {
         (found.quality.agreement, found.quality.uncertain) = (Some(0.98), Some(0.01));
         let numbered = |number: usize| {
             let mut other = key.clone();
-            other.0.moments[0] += 1 + number as u64;
+            other.0.profiles[0][0] ^= 1 + number as u64;
             other
         };
         for number in 0..REMEMBERED {

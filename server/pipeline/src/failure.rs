@@ -10,7 +10,7 @@ pub(super) fn from_imaging(error: ImagingError) -> Failure {
         return from_geometry(error);
     }
     let kind = match &error {
-        ImagingError::NotNifti => FailureKind::NotRecognised,
+        ImagingError::NotNifti { .. } => FailureKind::NotRecognised,
         ImagingError::OutOfMemory { .. } => FailureKind::OutOfMemory,
         error if error.is_too_large() => FailureKind::TooLarge,
         _ => FailureKind::Unusable,

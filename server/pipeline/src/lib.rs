@@ -34,12 +34,13 @@ use analysis::{MidsagittalFit, midsagittal_fit};
 use bytes::Bytes;
 use case::{
     CaseFacts, DicomFacts, Failure, FailureKind, ImageRun, ObjectKind, Parameters, PlaneFacts,
-    Progress, SphereFacts, Stage, WindowFacts,
+    Progress, Quality, SphereFacts, Stage, WindowFacts,
 };
 use geometry::{
-    BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Volume,
+    BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Grid, Volume,
 };
 use imaging::dicom::{Attributes, sequence_name};
+use imaging::nifti::Replaced;
 
 use self::affine::rows_of;
 use self::brain::find_brain;
@@ -54,7 +55,7 @@ pub use self::check::{Checked, Input, ReadSource, check, settled};
 pub use self::cuts::envelope_of;
 pub use self::extractor::{Extractor, NETWORK_FILE, NoNetwork, shipped};
 pub use self::head_limits::HeadLimits;
-pub use self::source::{Source, StoredBrain, read_volume};
+pub use self::source::{Source, StoredBrain, keeping_form, read_volume};
 pub use imaging::Limits;
 
 /// A case, computed.
@@ -94,18 +95,22 @@ fn prepare(
     let parameters = how.parameters;
     parameters.check()?;
     steps.begin(Stage::Reading)?;
-    let (native, given) = match read {
+    let (native, replaced, given) = match read {
         Some(read) => {
             steps.took_before(read.took);
-            (read.volume, Some(read.given))
+            (read.volume, read.replaced, Some(read.given))
         }
-        None => (read_sound_volume(source, how.limits)?, None),
+        None => {
+            let (native, replaced) = read_sound_volume(source, how.limits)?;
+            (native, replaced, None)
+        }
     };
     let mut found = find_brain(source, given, &native, how, &mut steps)?;
 
     steps.begin(Stage::Closing)?;
     let closed = found.close(parameters)?;
-    let quality = found.quality(closed.envelope(), native.grid());
+    let mut quality = found.quality(closed.envelope(), native.grid());
+    doubt_volume(&mut quality, native.grid(), replaced);
     let volume = crop(&native, closed.envelope())?;
 
     let observe = |step| match stage_of(step) {
@@ -118,7 +123,7 @@ fn prepare(
     let mut facts = CaseFacts {
         quality: Some(quality),
         dicom: source.dicom.as_deref().map(dicom_facts).transpose()?,
-        ..facts(&built, &native)
+        ..facts_with(&built, &native, replaced)
     };
     // Last, so that everything before belongs to a stage.
     facts.timings = steps.timings();
@@ -128,6 +133,42 @@ fn prepare(
         built,
         facts,
     })
+}
+
+/// How far the axes of a header may be from right angles, as for the slices of a DICOM series.
+const MOST_LEAN_DEGREES: f64 = 0.5;
+
+/// Doubts about the volume, whatever the mask: axes that are not perpendicular, and voxels inside that are not finite.
+fn doubt_volume(quality: &mut Quality, grid: &Grid, replaced: Replaced) {
+    let axes = grid.patient_from_voxel().matrix3;
+    let unit = [0, 1, 2].map(|axis| axes.col(axis).normalize());
+    let cosine = |a: usize, b: usize| unit[a].dot(unit[b]).abs();
+    let most = cosine(0, 1).max(cosine(0, 2)).max(cosine(1, 2)).min(1.0);
+    let lean = most.asin().to_degrees();
+    let mut doubt = |code: &str, sentence: String| {
+        // A rebuilt case has the doubts of its first preparation.
+        if !quality.has_reason(code) {
+            quality.put_to_review(code, &sentence);
+        }
+    };
+    if lean > MOST_LEAN_DEGREES {
+        doubt(
+            "axes-sheared",
+            format!(
+                "the axes of the header lean by {lean:.1}° from right angles; lengths and depths are true only if the head was scanned so, \
+                 and wrong if it was registered to a template"
+            ),
+        );
+    }
+    if replaced.enclosed > 0 {
+        doubt(
+            "voxels-not-finite",
+            format!(
+                "{} voxels within the volume are not finite numbers and are shown as 0; do they lie in the brain?",
+                replaced.enclosed
+            ),
+        );
+    }
 }
 
 /// The stage that begins with a step; `None` for a step within a stage.
@@ -231,6 +272,11 @@ fn crop(native: &Volume, envelope: &Envelope) -> Result<Volume, Failure> {
 /// The facts about a model that clients see: grids, depth, intensities, and the plane between the hemispheres. `native` is the
 /// whole acquired volume.
 pub fn facts(built: &BuiltModel, native: &Volume) -> CaseFacts {
+    facts_with(built, native, Replaced::default())
+}
+
+/// As [`facts`], with the voxels of the acquired volume that were replaced when it was read.
+fn facts_with(built: &BuiltModel, native: &Volume, replaced: Replaced) -> CaseFacts {
     let (volume, distance) = (built.model.volume(), &built.distance);
     let grid = distance.grid();
     let [intensity_min, intensity_max] = volume.intensity_range();
@@ -246,7 +292,7 @@ pub fn facts(built: &BuiltModel, native: &Volume) -> CaseFacts {
         native_size: native.grid().size(),
         native_spacing_mm: native.grid().spacing_mm(),
         native_patient_from_voxel: rows_of(native.grid().patient_from_voxel()),
-        voxels: Some(voxel_facts(native)),
+        voxels: Some(voxel_facts(native, replaced)),
         envelope_sphere: SphereFacts {
             center_in_patient: sphere.centre_in_patient.to_array(),
             radius_mm: sphere.radius_mm,

@@ -3,6 +3,7 @@
 use bytes::Bytes;
 use case::{CutFacts, Failure, Quality};
 use geometry::Volume;
+use imaging::nifti::{Form, Replaced};
 
 use crate::Limits;
 use crate::failure::from_imaging;
@@ -45,11 +46,23 @@ pub fn read_volume(source: &Source, limits: &Limits) -> Result<Volume, Failure> 
     imaging::nifti::read_volume(&source.volume, limits).map_err(from_imaging)
 }
 
-/// The volume of an upload, after a check that its intensities can be shown.
-pub(super) fn read_sound_volume(source: &Source, limits: &Limits) -> Result<Volume, Failure> {
-    let volume = read_volume(source, limits)?;
+/// A NIfTI file with one of the two forms of its header alone.
+///
+/// # Errors
+/// A [`Failure`] that states what is wrong with it, or that it does not have the form.
+pub fn keeping_form(bytes: &[u8], form: Form, limits: &Limits) -> Result<Vec<u8>, Failure> {
+    imaging::nifti::keeping_form(bytes, form, limits).map_err(from_imaging)
+}
+
+/// The volume of an upload, after a check that its intensities can be shown, and the voxels that were replaced.
+pub(super) fn read_sound_volume(
+    source: &Source,
+    limits: &Limits,
+) -> Result<(Volume, Replaced), Failure> {
+    let (volume, replaced) =
+        imaging::nifti::read_counted(&source.volume, limits).map_err(from_imaging)?;
     check_intensities(&volume)?;
-    Ok(volume)
+    Ok((volume, replaced))
 }
 
 /// Checks that the intensities differ and fit into a window.

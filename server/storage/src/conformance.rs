@@ -998,7 +998,9 @@ pub(crate) async fn ready_cases_are_found_by_their_voxels(subject: &Subject) {
     let of = |values: &str| CaseFacts {
         voxels: Some(VoxelFacts {
             values: values.to_owned(),
-            moments: [1, 2, 3],
+            profiles: [[1, 2], [3, 4], [5, 6]],
+            not_finite: 0,
+            clipped: 0,
         }),
         ..facts()
     };

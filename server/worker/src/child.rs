@@ -249,6 +249,7 @@ fn read(order: &SeriesOrder, place: Place) -> Result<(Vec<u8>, Summary), DicomEr
             false => Purpose::Case,
         },
         deidentifies: order.deidentifies,
+        form: None,
     };
     let limits = Limits {
         max_voxels: order.max_voxels,
@@ -262,6 +263,7 @@ fn read(order: &SeriesOrder, place: Place) -> Result<(Vec<u8>, Summary), DicomEr
         others: converted.others,
         ignored_files: converted.ignored_files,
         images: converted.images,
+        unread: converted.unread,
     };
     Ok((converted.nifti, summary))
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use imaging::dicom::{Attributes, Fingerprint, SeriesSummary};
+use imaging::dicom::{Attributes, Fingerprint, SeriesSummary, UnreadFile};
 use serde::{Deserialize, Serialize};
 
 use case::Failure;
@@ -131,4 +131,5 @@ pub(crate) struct Summary {
     /// The images of the series, by their UIDs.
     #[serde(default)]
     pub(crate) images: Vec<(String, Fingerprint)>,
+    pub(crate) unread: Vec<UnreadFile>,
 }

@@ -7,7 +7,7 @@ use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
 use imaging::Limits;
-use imaging::dicom::{Attributes, Options, Purpose, SeriesSummary};
+use imaging::dicom::{Attributes, MOST_LISTED, Options, Purpose, SeriesSummary, UnreadFile};
 use serde::de::DeserializeOwned;
 use storage::Spooled;
 use tempfile::TempDir;
@@ -247,9 +247,11 @@ fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
         others,
         ignored_files,
         images,
+        unread,
     } = summary;
     let all = std::iter::once(&series).chain(&others);
-    if !all.clone().all(is_plain) || !are_texts(&attributes) {
+    let are_plain = all.clone().all(is_plain) && are_plain_files(&unread);
+    if !are_plain || !are_texts(&attributes) {
         return Err(died());
     }
     let image = |(uid, print): (String, imaging::dicom::Fingerprint)| {
@@ -268,6 +270,7 @@ fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
             series: series.into(),
             others: others.into_iter().map(Into::into).collect(),
             ignored_files,
+            unread: unread.into_iter().map(Into::into).collect(),
             interpolated_slices: attributes.interpolated_slices,
             is_t1,
         },
@@ -282,6 +285,17 @@ fn is_plain(series: &SeriesSummary) -> bool {
         && is_word(&series.token)
         && is_word(&series.name)
         && series.unit.as_ref().is_none_or(is_unit)
+}
+
+fn are_plain_files(files: &[UnreadFile]) -> bool {
+    let is_token =
+        |token: &String| token.len() <= 8 && token.chars().all(|c| c.is_ascii_hexdigit());
+    let is_plain = |file: &UnreadFile| {
+        file.series.as_ref().is_none_or(is_token)
+            && file.reason.len() <= MAX_TEXT[1]
+            && !file.reason.chars().any(char::is_control)
+    };
+    files.len() <= MOST_LISTED && files.iter().all(is_plain)
 }
 
 fn are_texts(attributes: &Attributes) -> bool {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 use case::images::Image;
-use imaging::dicom::SeriesSummary;
+use imaging::dicom::{SeriesSummary, UnreadFile};
 use serde::Serialize;
 use storage::Spooled;
 use tempfile::TempDir;
@@ -60,13 +60,43 @@ pub struct Choice {
     pub series: SeriesView,
     /// The other series of the upload.
     pub others: Vec<SeriesView>,
-    /// The number of files that are not MR, CT or PET images.
+    /// The number of files that are not MR, CT or PET images, or cannot be read.
     pub ignored_files: usize,
+    /// The images among them that cannot be read, at most 100. None of them belongs to the chosen series.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub unread: Vec<UnreadView>,
     /// Numbers (from 1) of the missing slices that are interpolated because of `allow_gaps`.
     pub interpolated_slices: Vec<usize>,
     /// Whether names or timing indicate that the chosen series is T1-weighted.
     #[serde(skip)]
     pub is_t1: bool,
+}
+
+/// A file of an image that cannot be read.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema), schema(as = UnreadDicomFile))]
+pub struct UnreadView {
+    /// Its number among the files, from 1, in the order of the archive or of the parts of the form.
+    pub file: usize,
+    /// Its instance number, if it can be read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instance: Option<i64>,
+    /// The token of its series, if that can be read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub series: Option<String>,
+    /// Why it cannot be read.
+    pub reason: String,
+}
+
+impl From<UnreadFile> for UnreadView {
+    fn from(file: UnreadFile) -> Self {
+        Self {
+            file: file.file,
+            instance: file.instance,
+            series: file.series,
+            reason: file.reason,
+        }
+    }
 }
 
 /// A series, without the identity of the patient.

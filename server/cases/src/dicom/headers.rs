@@ -177,7 +177,7 @@ fn checked(identity: Identity) -> Result<InstanceIdentity, Error> {
 fn bad_uid() -> Failure {
     Failure::unusable(
         "dicom-damaged",
-        "a DICOM file is damaged: a UID is not made of digits and points",
+        "a UID of the image is not made of digits and points, or has more than 64 of them; export the images with valid UIDs",
     )
 }
 

@@ -15,6 +15,7 @@ use crate::limit::ConcurrencyLimit;
 pub use self::headers::{HeaderReader, InstanceIdentity};
 pub(crate) use self::stored::copy_objects;
 pub use imaging::dicom::{Attributes, Options, Purpose, SeriesName, SeriesSummary};
+pub use imaging::nifti::Form;
 pub use worker::{Choice, Input, Program, SeriesView};
 
 /// Series that may wait.

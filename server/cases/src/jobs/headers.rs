@@ -10,8 +10,9 @@ pub(super) const SENTENCE: &str = "another case has the same voxels with other a
 /// How many cases with the same voxels are compared.
 const MOST_COMPARED: usize = 100;
 
-/// Whether a case contradicts a ready case with the same stored values in other places, or is a further version of a doubted one. One of the
-/// headers exchanges or reverses axes, and a brain looks like its mirror image. The cases that it contradicts are put to review.
+/// Whether a case contradicts a ready case with the same voxels. One of the headers exchanges or reverses axes, and a brain looks
+/// like its mirror image. The cases that it contradicts are put to review; if one is deleted, the store withdraws the doubt about the
+/// other.
 pub(super) async fn contradicts_header(
     store: &Store,
     id: &CaseId,
@@ -25,13 +26,9 @@ pub(super) async fn contradicts_header(
         .await?;
     let mut is_doubtful = false;
     for case in same.iter().filter(|case| case.id != *id) {
-        let Some(other) = &case.facts else { continue };
-        let is_doubted =
-            (other.quality.as_ref()).is_some_and(|quality| quality.has_reason(AXES_CORRECTED));
-        let lies_elsewhere =
-            (other.voxels.as_ref()).is_some_and(|there| there.moments != voxels.moments);
-        is_doubtful |= lies_elsewhere || is_doubted;
-        if lies_elsewhere {
+        let other = case.facts.as_ref().and_then(|facts| facts.voxels.as_ref());
+        if other.is_some_and(|other| voxels.has_other_axes(other)) {
+            is_doubtful = true;
             store
                 .put_to_review(&case.id, AXES_CORRECTED, SENTENCE)
                 .await?;

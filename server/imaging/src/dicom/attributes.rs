@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::sequences::SEQUENCES;
 
 /// Attributes that describe the pixels and their position.
-const TECHNICAL: [Tag; 55] = [
+const TECHNICAL: [Tag; 60] = [
     tags::SPECIFIC_CHARACTER_SET,
     tags::IMAGE_TYPE,
     tags::SOP_CLASS_UID,
@@ -50,6 +50,11 @@ const TECHNICAL: [Tag; 55] = [
     tags::BITS_STORED,
     tags::HIGH_BIT,
     tags::PIXEL_REPRESENTATION,
+    tags::PIXEL_PADDING_VALUE,
+    tags::PIXEL_PADDING_RANGE_LIMIT,
+    tags::FRAME_TYPE,
+    tags::COMPLEX_IMAGE_COMPONENT,
+    tags::VELOCITY_ENCODING_DIRECTION,
     tags::RESCALE_INTERCEPT,
     tags::RESCALE_SLOPE,
     tags::PATIENT_ID,

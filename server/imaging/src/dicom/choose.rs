@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::DicomError;
 use super::header::{Hints, Image, Modality};
 use super::pet;
-use super::series::SeriesSummary;
+use super::series::{SeriesSummary, token_of};
 
 /// The fewest slices of a volume.
 pub(super) const FEWEST_SLICES: usize = 3;
@@ -44,9 +44,13 @@ impl SeriesName {
     }
 
     fn names(&self, series: &Series) -> bool {
-        let summary = series.summary();
-        let number = summary.number.map(|number| number.to_string());
-        self.0 == series.uid || number.as_ref() == Some(&self.0) || summary.token == self.0
+        self.0 == series.uid || self.numbers(series) || token_of(&series.uid) == self.0
+    }
+
+    /// Whether it is the number of a series.
+    fn numbers(&self, series: &Series) -> bool {
+        let number = series.images[0].series_number;
+        number.is_some_and(|number| number.to_string() == self.0)
     }
 }
 
@@ -60,7 +64,6 @@ pub(super) struct Series {
 impl Series {
     pub(super) fn summary(&self) -> SeriesSummary {
         let first = &self.images[0];
-        let digest = blake3::hash(self.uid.as_bytes()).to_hex();
         let [columns, rows] = match &first.format {
             Ok(format) => [format.columns, format.rows],
             Err(_) => [0, 0],
@@ -72,8 +75,41 @@ impl Series {
             unit: self.unit().map(|(unit, _)| unit.to_owned()),
             size: [columns, rows, self.slices()],
             is_volume: self.could_be_a_volume(),
-            token: digest[..8].to_owned(),
+            token: self.token(),
         }
+    }
+
+    /// Eight hexadecimal digits that name it.
+    pub(super) fn token(&self) -> String {
+        token_of(&self.uid)
+    }
+
+    /// Drops images that were sent a second time in another encoding: `is_same` tells so of two with the same UID.
+    ///
+    /// # Errors
+    /// Those of `is_same`.
+    pub(super) fn drop_copies(
+        &mut self,
+        mut is_same: impl FnMut(&Image, &Image) -> Result<bool, DicomError>,
+    ) -> Result<(), DicomError> {
+        let mut kept: Vec<Image> = Vec::new();
+        // Images with the same UID are neighbours.
+        for image in std::mem::take(&mut self.images) {
+            let uid = &image.sop_instance_uid;
+            let mut earlier = kept
+                .iter()
+                .rev()
+                .take_while(|one| one.sop_instance_uid == *uid);
+            let is_copy = !uid.is_empty()
+                && earlier.try_fold(false, |found, one| {
+                    Ok::<_, DicomError>(found || is_same(one, &image)?)
+                })?;
+            if !is_copy {
+                kept.push(image);
+            }
+        }
+        self.images = kept;
+        Ok(())
     }
 
     /// Whether it is an MR series whose names or timing indicate a T1-weighted image.
@@ -115,7 +151,16 @@ impl Series {
     }
 
     fn could_be_a_volume(&self) -> bool {
-        let usable = |image: &Image| image.format.is_ok() && image.frames.is_ok() && !image.mosaic;
+        // What cannot be read may be the very series that is meant.
+        let is_sound = |error: Option<&DicomError>| match error {
+            None | Some(DicomError::Value { .. }) => true,
+            Some(_) => false,
+        };
+        let usable = |image: &Image| {
+            is_sound(image.format.as_ref().err())
+                && is_sound(image.frames.as_ref().err())
+                && !image.mosaic
+        };
         self.slices() >= FEWEST_SLICES
             && self.images.iter().all(usable)
             && !self.images[0].hints.is_secondary
@@ -167,6 +212,20 @@ pub(super) fn choose(
             let named: Vec<usize> = indices(&all, |series| name.names(series));
             match named[..] {
                 [only] => only,
+                [first, ..]
+                    if all.iter().any(|series| name.numbers(series))
+                        && are_scattered(&all, &named) =>
+                {
+                    // From the last on, so that the first stays where it is.
+                    for &other in named[1..].iter().rev() {
+                        let joined = all.remove(other).images;
+                        all[first].images.extend(joined);
+                    }
+                    all[first]
+                        .images
+                        .sort_by(|a, b| a.sop_instance_uid.cmp(&b.sop_instance_uid));
+                    first
+                }
                 _ => {
                     return Err(DicomError::NoSuchSeries {
                         found: summaries(&all),
@@ -181,6 +240,26 @@ pub(super) fn choose(
     Ok((chosen, summaries(&all)))
 }
 
+/// Whether some series could be the slices of one: each has one image, of the same size and number.
+fn are_scattered(all: &[Series], those: &[usize]) -> bool {
+    let kind = |&index: &usize| {
+        let series = &all[index];
+        let image = &series.images[0];
+        let size = image.format.as_ref().ok()?;
+        let is_single = series.slices() == 1;
+        is_single.then_some((
+            image.series_number?,
+            size.columns,
+            size.rows,
+            image.modality,
+        ))
+    };
+    let Some(first) = those.first().and_then(kind) else {
+        return false;
+    };
+    those.len() >= FEWEST_SLICES && those.iter().all(|index| kind(index) == Some(first))
+}
+
 fn indices(all: &[Series], holds: impl Fn(&Series) -> bool) -> Vec<usize> {
     (0..all.len()).filter(|&index| holds(&all[index])).collect()
 }
@@ -188,6 +267,13 @@ fn indices(all: &[Series], holds: impl Fn(&Series) -> bool) -> Vec<usize> {
 fn meant(all: &[Series], purpose: Purpose) -> Result<usize, DicomError> {
     let volumes = indices(all, Series::could_be_a_volume);
     if volumes.is_empty() {
+        let every: Vec<usize> = (0..all.len()).collect();
+        if let (true, Some(number)) = (are_scattered(all, &every), all[0].images[0].series_number) {
+            return Err(DicomError::SeriesScattered {
+                series: all.len(),
+                number,
+            });
+        }
         return Err(DicomError::NoVolume {
             found: all.iter().map(Series::summary).collect(),
         });

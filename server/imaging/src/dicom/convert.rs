@@ -11,14 +11,20 @@ use super::attributes::{kept, wanted};
 use super::choose::{Purpose, Series, choose, group};
 use super::deidentify::deidentified_file;
 use super::fingerprint::{Fingerprint, Unfinished};
-use super::header::{Image, parse, read_image};
+use super::header::{Image, parse, read_image, stated_place};
 use super::numbers::integer;
 use super::pixels::for_each_frame;
-use super::scan::{PixelBytes, Scanned, scan, stated_syntax};
+use super::scan::{PixelBytes, Scanned, Wanted, scan, scan_as_far_as_sound, stated_syntax};
+use super::series::token_of;
 use super::stack::{FrameIndex, Stack, stack};
-use super::{Attributes, DicomError, Instance, SeriesName, SeriesSummary};
-use crate::nifti::write_samples;
+use super::{Attributes, DicomError, Instance, SeriesName, SeriesSummary, UnreadFile};
+use crate::nifti::{Form, write_samples};
+use crate::sniff::recognised;
 use crate::{Format, Limits, sniff};
+
+const NO_PIXELS: DicomError = DicomError::Damaged {
+    what: "an image has no pixels",
+};
 
 /// A source of files: a directory, an archive, memory.
 pub trait Files {
@@ -53,6 +59,8 @@ pub struct Options {
     pub purpose: Purpose,
     /// Whether the images are named as they are without the identity of the patient.
     pub deidentifies: bool,
+    /// The form that places the voxels of NIfTI files, which are no series; `None` if the header decides.
+    pub form: Option<Form>,
 }
 
 /// A series as a volume.
@@ -69,11 +77,16 @@ pub struct Converted {
     pub is_t1: bool,
     /// The other series.
     pub others: Vec<SeriesSummary>,
-    /// Number of files that are not MR, CT or PET images.
+    /// Number of files that are not MR, CT or PET images, or cannot be read.
     pub ignored_files: usize,
     /// The UIDs of the images of the series, each once, and what they state and show.
     pub images: Vec<(String, Fingerprint)>,
+    /// The images among them that cannot be read, at most [`MOST_LISTED`].
+    pub unread: Vec<UnreadFile>,
 }
+
+/// The most files that are listed one by one.
+pub const MOST_LISTED: usize = 100;
 
 /// Makes a volume of one of the series in `files`.
 ///
@@ -87,8 +100,10 @@ pub fn convert(
     options: &Options,
     limits: &Limits,
 ) -> Result<Converted, DicomError> {
-    let (images, ignored_files) = read_images(files)?;
-    let (series, others) = choose(group(images), options.series.as_ref(), options.purpose)?;
+    let (images, unread, ignored_files) = read_images(files)?;
+    let (mut series, others) = choose(group(images), options.series.as_ref(), options.purpose)?;
+    check_unread(&series, &unread).map_err(|error| error.of_series(series.summary(), &others))?;
+    series.drop_copies(|one, other| is_same(files, one, other))?;
     if series.is_pet() && options.purpose == Purpose::Case {
         return Err(DicomError::Unsupported {
             what: "a PET series as a case: upload the T1, and the PET as a layer of it",
@@ -110,7 +125,47 @@ pub fn convert(
         others,
         ignored_files,
         images,
+        unread: unread.into_iter().take(MOST_LISTED).collect(),
     })
+}
+
+/// An image that cannot be read is no reason against another series, and one against its own.
+fn check_unread(series: &Series, unread: &[UnreadFile]) -> Result<(), DicomError> {
+    let token = Some(series.token());
+    let own = unread.iter().filter(|file| file.series == token);
+    let own: Vec<UnreadFile> = own.cloned().collect();
+    if own.is_empty() {
+        Ok(())
+    } else {
+        Err(DicomError::ImagesUnread { files: own })
+    }
+}
+
+/// Whether two images of one instance show the same in the same place, however they are encoded.
+fn is_same(files: &mut dyn Files, one: &Image, other: &Image) -> Result<bool, DicomError> {
+    let (Ok(first), Ok(second)) = (&one.frames, &other.frames) else {
+        return Ok(false);
+    };
+    if first != second || one.padding != other.padding {
+        return Ok(false);
+    }
+    let mut digest = |image: &Image| {
+        let bytes = files.read(image.file)?;
+        let scanned = scan(&bytes, &[])?;
+        let mut hasher = blake3::Hasher::new();
+        let pixels = scanned.pixels().ok_or(NO_PIXELS)?;
+        for_each_frame(image, &pixels, |_, _, values| {
+            values.iter().for_each(|value| {
+                hasher.update(&value.to_le_bytes());
+            });
+        })?;
+        Ok::<_, DicomError>(hasher.finalize())
+    };
+    // Whatever cannot be decoded is found where the series is read.
+    match (digest(one), digest(other)) {
+        (Ok(first), Ok(second)) => Ok(first == second),
+        _ => Ok(false),
+    }
 }
 
 /// The fingerprint of each image, by its UID.
@@ -130,8 +185,11 @@ fn read_series(
     let factor = series.unit().map_or(1.0, |(_, factor)| factor);
     let rescale = common_rescale(series, factor)?;
     let rescaled = rescale.is_none().then_some(factor);
+    let zero = rescale.map_or(0.0, |Rescale { slope, intercept }| {
+        (-intercept / slope).round()
+    });
     let (mut samples, images) =
-        read_samples(files, series, &stack, rescaled, options.deidentifies)?;
+        read_samples(files, series, &stack, rescaled, zero, options.deidentifies)?;
     let interpolated_slices = fill_gaps(&mut samples, &stack, rescale.is_some());
     let unscaled = Rescale {
         slope: 1.0,
@@ -146,25 +204,59 @@ fn read_series(
     Ok((nifti, attributes, images))
 }
 
-/// The headers of all images, and the number of other files.
-fn read_images(files: &mut dyn Files) -> Result<(Vec<Image>, usize), DicomError> {
+/// The headers of all images, the images that cannot be read, and the number of all files that are no readable images.
+fn read_images(files: &mut dyn Files) -> Result<(Vec<Image>, Vec<UnreadFile>, usize), DicomError> {
     let wanted = wanted();
-    let (mut images, mut dicom) = (Vec::new(), 0);
+    let (mut images, mut unread, mut dicom, mut first_other) = (Vec::new(), Vec::new(), 0, None);
     for number in 0..files.count() {
         let bytes = files.read(number)?;
         if sniff(&bytes) != Format::Dicom {
+            first_other.get_or_insert_with(|| recognised(&bytes));
             continue;
         }
         dicom += 1;
-        let scanned = scan(&bytes, &wanted)?;
-        images.extend(read_image(number, &bytes, &scanned)?);
+        match image_of(number, &bytes, &wanted) {
+            Ok(image) => images.extend(image),
+            Err(file) => unread.extend(file),
+        }
     }
-    match (dicom, images.len()) {
-        (0, _) => Err(DicomError::NoDicom {
+    match (dicom, images.len(), unread.len()) {
+        (0, ..) => Err(DicomError::NoDicom {
             files: files.count(),
+            found: first_other.unwrap_or("an empty file"),
         }),
-        (files, 0) => Err(DicomError::NoImages { files }),
-        (_, found) => Ok((images, files.count() - found)),
+        (files, 0, 0) => Err(DicomError::NoImages { files }),
+        (_, 0, _) => Err(DicomError::NoneReadable { files: unread }),
+        (_, found, _) => Ok((images, unread, files.count() - found)),
+    }
+}
+
+/// The image in a file; `None` if it is no MR, CT or PET image.
+///
+/// # Errors
+/// What is known of a file that cannot be read; `None` if it is surely no such image.
+fn image_of(
+    number: usize,
+    bytes: &[u8],
+    wanted: &[Tag],
+) -> Result<Option<Image>, Option<UnreadFile>> {
+    let unread = |scanned: Option<&Scanned>, fault: &DicomError| {
+        let (series_uid, instance) = match scanned {
+            Some(scanned) => stated_place(scanned)?,
+            None => (None, None),
+        };
+        Some(UnreadFile {
+            file: number + 1,
+            instance,
+            series: series_uid.map(|uid| token_of(&uid)),
+            reason: fault.to_string(),
+        })
+    };
+    let scanned = scan_as_far_as_sound(bytes, Wanted::These(wanted));
+    let (scanned, fault) = scanned.map_err(|fault| unread(None, &fault))?;
+    match fault {
+        Some(fault) => Err(unread(Some(&scanned), &fault)),
+        None => read_image(number, bytes, &scanned).map_err(|fault| unread(Some(&scanned), &fault)),
     }
 }
 
@@ -172,18 +264,22 @@ fn check_series(series: &Series) -> Result<(), DicomError> {
     if series.images.iter().any(|image| image.mosaic) {
         return Err(DicomError::Mosaic);
     }
-    let owner = &series.images[0].owner;
-    let strangers = series.images.iter().filter(|image| image.owner != *owner);
-    let instances: Vec<i64> = strangers.map(Image::first_instance).collect();
-    if instances.is_empty() {
-        Ok(())
-    } else {
-        Err(DicomError::Mixed {
-            kind: "dicom-mixed-patients",
-            what: "patient or study",
-            instances,
-        })
+    let first = &series.images[0].owner;
+    for (which, what) in ["Patient ID", "Study Instance UID"].into_iter().enumerate() {
+        let strangers = series
+            .images
+            .iter()
+            .filter(|image| image.owner[which] != first[which]);
+        let instances: Vec<i64> = strangers.map(Image::first_instance).collect();
+        if !instances.is_empty() {
+            return Err(DicomError::Mixed {
+                kind: "dicom-mixed-patients",
+                what,
+                instances,
+            });
+        }
     }
+    Ok(())
 }
 
 fn check_limits(stack: &Stack, limits: &Limits) -> Result<(), DicomError> {
@@ -228,16 +324,18 @@ fn common_rescale(series: &Series, factor: f64) -> Result<Option<Rescale>, Dicom
 }
 
 /// All samples in the order of the stack, stored, or rescaled and multiplied by a factor, and the images. Single precision represents
-/// 16 bits exactly.
+/// 16 bits exactly. `zero` is the sample that represents 0.
 fn read_samples(
     files: &mut dyn Files,
     series: &Series,
     stack: &Stack,
     rescaled: Option<f64>,
+    zero: f32,
     deidentifies: bool,
 ) -> Result<(Vec<f32>, Images), DicomError> {
     let plane = stack.size[0] * stack.size[1];
     let mut samples = zeros(plane * stack.size[2])?;
+    let mut is_padding = Vec::new();
     let mut images: BTreeMap<String, Fingerprint> = BTreeMap::new();
     for (number, image) in series.images.iter().enumerate() {
         let bytes = files.read(image.file)?;
@@ -249,9 +347,7 @@ fn read_samples(
                 (image.sop_instance_uid.clone(), print)
             }
         };
-        let pixels = scanned.pixels().ok_or(DicomError::Damaged {
-            what: "an image has no pixels",
-        })?;
+        let pixels = scanned.pixels().ok_or(NO_PIXELS)?;
         for_each_frame(image, &pixels, |frame, header, values| {
             print.add(values);
             let index = FrameIndex {
@@ -269,9 +365,17 @@ fn read_samples(
             for (sample, &value) in samples.iter_mut().zip(values) {
                 *sample = (slope * f64::from(value) + intercept) as f32;
             }
+            if let Some([first, last]) = image.padding {
+                is_padding.resize(plane * stack.size[2], false);
+                let marks = &mut is_padding[place * plane..(place + 1) * plane];
+                for (mark, value) in marks.iter_mut().zip(values) {
+                    *mark = (first..=last).contains(value);
+                }
+            }
         })?;
         images.entry(uid).or_insert_with(|| print.finish());
     }
+    replace_padding(&mut samples, &is_padding, zero);
     Ok((samples, images.into_iter().collect()))
 }
 
@@ -282,6 +386,23 @@ fn without_identity(file: &[u8]) -> Result<(String, Unfinished), DicomError> {
     let image = read_image(0, &without, &scanned)?.ok_or(DicomError::NoImages { files: 1 })?;
     let print = Unfinished::of(&without, &scanned, &image)?;
     Ok((image.sop_instance_uid, print))
+}
+
+/// Padding is no image: outside the range of all other samples it would be the darkest or brightest thing in the volume. It becomes
+/// `zero`, the sample that represents 0, or the least other sample, if there are samples below that.
+fn replace_padding(samples: &mut [f32], is_padding: &[bool], zero: f32) {
+    let marked = samples.iter().zip(is_padding);
+    let others = marked.filter(|(_, is_padding)| !**is_padding);
+    let [least, greatest] = others.fold(
+        [f32::INFINITY, f32::NEG_INFINITY],
+        |[low, high], (&sample, _)| [low.min(sample), high.max(sample)],
+    );
+    let background = zero.min(least);
+    for (sample, &is_padding) in samples.iter_mut().zip(is_padding) {
+        if is_padding && !(background..=greatest).contains(sample) {
+            *sample = background;
+        }
+    }
 }
 
 fn zeros(count: usize) -> Result<Vec<f32>, DicomError> {

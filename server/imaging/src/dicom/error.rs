@@ -2,7 +2,7 @@
 
 use geometry::GeometryError;
 
-use super::SeriesSummary;
+use super::{SeriesSummary, UnreadFile};
 use crate::ImagingError;
 
 /// Why some DICOM files do not make a volume.
@@ -13,16 +13,55 @@ use crate::ImagingError;
 #[non_exhaustive]
 pub enum DicomError {
     /// No file is DICOM.
-    #[error("none of the {files} files is DICOM")]
+    #[error("none of the {files} files is DICOM; the first is {found}")]
     NoDicom {
         /// Number of files.
         files: usize,
+        /// What the first file is, as far as its first bytes tell.
+        found: &'static str,
     },
     /// There are DICOM files, but no MR, CT or PET images.
     #[error("none of the {files} DICOM files is an MR, CT or PET image")]
     NoImages {
         /// Number of DICOM files.
         files: usize,
+    },
+    /// No image can be read.
+    #[error("none of the images can be read: {}", unread(files))]
+    NoneReadable {
+        /// The files.
+        files: Vec<UnreadFile>,
+    },
+    /// Images of the series cannot be read.
+    #[error(
+        "{} of the series cannot be read: {}", count(files.len(), "image"), unread(files)
+    )]
+    ImagesUnread {
+        /// Their files.
+        files: Vec<UnreadFile>,
+    },
+    /// An element that the voxels depend on is there, and cannot be read.
+    #[error(
+        "{element} of the image with instance number {instance} cannot be read: it is {value}; correct the files or export them again"
+    )]
+    Value {
+        /// Its keyword (PS3.6).
+        element: &'static str,
+        /// Its value, if it is a misspelt number; otherwise what it is.
+        value: String,
+        /// The instance number, or the number of the frame.
+        instance: i64,
+    },
+    /// Each slice has a series of its own.
+    #[error(
+        "{series} series of one slice each have the number {number} and the same size, as if each slice had got a Series Instance UID \
+         of its own; set `series` to {number} to read them as one series"
+    )]
+    SeriesScattered {
+        /// How many there are.
+        series: usize,
+        /// Their number.
+        number: i64,
     },
     /// A file cannot be read.
     #[error("a file cannot be read: {what}")]
@@ -211,6 +250,9 @@ impl DicomError {
         match self {
             Self::NoDicom { .. } => "dicom-none",
             Self::NoImages { .. } => "dicom-no-images",
+            Self::NoneReadable { .. } | Self::ImagesUnread { .. } => "dicom-damaged",
+            Self::Value { .. } => "dicom-value",
+            Self::SeriesScattered { .. } => "dicom-series-scattered",
             Self::Unreadable { .. } => "dicom-unreadable",
             Self::TooManyFiles { .. } => "too-many-files",
             Self::TooManyBytes { .. } => "too-many-bytes",
@@ -272,6 +314,15 @@ fn several(acquisitions: usize, slices: usize, difference: &str) -> String {
             "the series holds {acquisitions} acquisitions of {slices} slices each, which differ in {difference}; export one of them separately"
         ),
     }
+}
+
+/// Files with their reasons.
+fn unread(files: &[UnreadFile]) -> String {
+    let mut listed: Vec<String> = files.iter().take(3).map(ToString::to_string).collect();
+    if files.len() > 3 {
+        listed.push(format!("and {} more", files.len() - 3));
+    }
+    listed.join("; ")
 }
 
 fn list(series: &[SeriesSummary]) -> String {

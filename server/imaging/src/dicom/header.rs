@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use super::DicomError;
 use super::characters::{decode_texts, hide, needs_decoding};
-use super::numbers::{integer, real, reals, text};
+use super::numbers::{integer, real, stated_integer, stated_real, stated_reals, text};
 use super::pet::Pet;
 use super::scan::Scanned;
 use super::syntax::{Encoding, Packing};
@@ -38,6 +38,8 @@ pub(super) struct Image {
     pub(super) pet: Option<Pet>,
     /// An error here matters only if the series is chosen.
     pub(super) format: Result<PixelFormat, DicomError>,
+    /// Stored values from the first to the second are padding, and no image.
+    pub(super) padding: Option<[i32; 2]>,
     pub(super) packing: Packing,
     pub(super) mosaic: bool,
     pub(super) frames: Result<Vec<Frame>, DicomError>,
@@ -105,19 +107,23 @@ pub(super) struct Frame {
     pub(super) axes: Option<[DVec3; 2]>,
     /// Distances between columns and between rows, in mm.
     pub(super) spacing_mm: Option<[f64; 2]>,
+    /// What is missing or wrong, if one of the three is `None`.
+    pub(super) fault: Option<&'static str>,
     /// Slope and intercept.
     pub(super) rescale: [f64; 2],
     /// What distinguishes repeated acquisitions, in the order of [`DIFFERENCES`].
-    pub(super) acquisition: [Option<i64>; 5],
+    pub(super) acquisition: [Option<i64>; 7],
 }
 
 /// What distinguishes repeated acquisitions.
-pub(super) const DIFFERENCES: [&str; 5] = [
+pub(super) const DIFFERENCES: [&str; 7] = [
     "echo time",
     "acquisition number",
     "time",
     "diffusion weighting",
     "image type",
+    "complex image component, such as magnitude and phase",
+    "velocity encoding",
 ];
 
 /// The classes of MR and CT images, classic, Enhanced and legacy-converted (PS3.4 B.5).
@@ -178,12 +184,25 @@ pub(super) fn read_image(
     let Some(modality) = modality_of(&sop_class_uid) else {
         return Ok(None);
     };
-    if scanned.pixels().is_none() {
+    if scanned.pixels().is_none() && !scanned.has_real_pixels {
         return Err(DicomError::Damaged {
             what: "an image has no pixels",
         });
     }
     let series_uid = text(&object, tags::SERIES_INSTANCE_UID).unwrap_or_default();
+    let instance = instance_number(&object);
+    let format = match scanned.has_real_pixels {
+        true => Err(DicomError::Unsupported {
+            what: "an image of real numbers",
+        }),
+        false => pixel_format(&object, scanned.syntax.encoding, instance),
+    };
+    let is_signed = format.as_ref().is_ok_and(|format| format.signed);
+    let padding = padding(&object, is_signed, instance);
+    let (padding, frames) = match (padding, frames(&object)) {
+        (Ok(padding), frames) => (padding, frames),
+        (Err(error), frames) => (None, frames.and(Err(error))),
+    };
     Ok(Some(Image {
         file,
         file_digest: blake3::hash(bytes),
@@ -196,11 +215,51 @@ pub(super) fn read_image(
         modality,
         hints: hints(&object),
         pet: (modality == Modality::Pt).then(|| Pet::read(&object)),
-        format: pixel_format(&object, scanned.syntax.encoding),
+        format,
+        padding,
         packing: scanned.syntax.packing,
         mosaic: image_type(&object).split('\\').any(|word| word == "MOSAIC"),
-        frames: frames(&object),
+        frames,
     }))
+}
+
+fn instance_number(object: &InMemDicomObject) -> i64 {
+    integer(object, tags::INSTANCE_NUMBER).unwrap_or(0)
+}
+
+/// What a damaged file still states about itself: the UID of its series and its instance number. `None` if it is no MR, CT or PET
+/// image.
+pub(super) fn stated_place(scanned: &Scanned) -> Option<(Option<String>, Option<i64>)> {
+    let object = parse(scanned).unwrap_or_else(|_| InMemDicomObject::new_empty());
+    match text(&object, tags::SOP_CLASS_UID) {
+        Some(class) if modality_of(&class).is_none() => None,
+        _ => Some((
+            text(&object, tags::SERIES_INSTANCE_UID),
+            integer(&object, tags::INSTANCE_NUMBER),
+        )),
+    }
+}
+
+/// The stored values that are padding: Pixel Padding Value, up to Pixel Padding Range Limit (PS3.3 C.7.5.1.1.2).
+fn padding(
+    object: &InMemDicomObject,
+    is_signed: bool,
+    instance: i64,
+) -> Result<Option<[i32; 2]>, DicomError> {
+    let value = |tag| {
+        let number = stated_integer(object, tag, instance)?;
+        // Either representation may have been read as the other.
+        let bits = number.map(|number| number as u16);
+        Ok::<_, DicomError>(bits.map(|bits| match is_signed {
+            true => i32::from(bits as i16),
+            false => i32::from(bits),
+        }))
+    };
+    let Some(one) = value(tags::PIXEL_PADDING_VALUE)? else {
+        return Ok(None);
+    };
+    let other = value(tags::PIXEL_PADDING_RANGE_LIMIT)?.unwrap_or(one);
+    Ok(Some([one.min(other), one.max(other)]))
 }
 
 fn image_type(object: &InMemDicomObject) -> String {
@@ -233,14 +292,21 @@ fn hints(object: &InMemDicomObject) -> Hints {
     }
 }
 
-fn pixel_format(object: &InMemDicomObject, encoding: Encoding) -> Result<PixelFormat, DicomError> {
-    let number = |tag| integer(object, tag).and_then(|number| u32::try_from(number).ok());
+fn pixel_format(
+    object: &InMemDicomObject,
+    encoding: Encoding,
+    instance: i64,
+) -> Result<PixelFormat, DicomError> {
+    let number = |tag| {
+        let number = stated_integer(object, tag, instance)?;
+        Ok::<_, DicomError>(number.and_then(|number| u32::try_from(number).ok()))
+    };
     let needed = |tag| {
-        number(tag).ok_or(DicomError::Damaged {
+        number(tag)?.ok_or(DicomError::Damaged {
             what: "an image does not state how its pixels are stored",
         })
     };
-    if number(tags::SAMPLES_PER_PIXEL).unwrap_or(1) != 1 {
+    if number(tags::SAMPLES_PER_PIXEL)?.unwrap_or(1) != 1 {
         return Err(DicomError::Unsupported {
             what: "an image in colour",
         });
@@ -257,14 +323,14 @@ fn pixel_format(object: &InMemDicomObject, encoding: Encoding) -> Result<PixelFo
         });
     }
     let bits_allocated = needed(tags::BITS_ALLOCATED)?;
-    let bits_stored = number(tags::BITS_STORED).unwrap_or(bits_allocated);
+    let bits_stored = number(tags::BITS_STORED)?.unwrap_or(bits_allocated);
     let format = PixelFormat {
         rows: needed(tags::ROWS)? as usize,
         columns: needed(tags::COLUMNS)? as usize,
         bits_allocated,
         bits_stored,
-        high_bit: number(tags::HIGH_BIT).unwrap_or(bits_stored.saturating_sub(1)),
-        signed: number(tags::PIXEL_REPRESENTATION).unwrap_or(0) == 1,
+        high_bit: number(tags::HIGH_BIT)?.unwrap_or(bits_stored.saturating_sub(1)),
+        signed: number(tags::PIXEL_REPRESENTATION)?.unwrap_or(0) == 1,
         big_endian: encoding == Encoding::ExplicitBig,
     };
     check_format(&format)?;
@@ -298,10 +364,11 @@ fn frames(object: &InMemDicomObject) -> Result<Vec<Frame>, DicomError> {
     let per_frame = object
         .get(tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE)
         .and_then(|sequence| sequence.items());
-    let stated = integer(object, tags::NUMBER_OF_FRAMES).unwrap_or(1);
+    let stated =
+        stated_integer(object, tags::NUMBER_OF_FRAMES, instance_number(object))?.unwrap_or(1);
     let Some(per_frame) = per_frame else {
         return if stated == 1 {
-            Ok(vec![classic_frame(object)])
+            Ok(vec![classic_frame(object)?])
         } else {
             Err(DicomError::Unsupported {
                 what: "a multi-frame image without per-frame functional groups",
@@ -317,9 +384,9 @@ fn frames(object: &InMemDicomObject) -> Result<Vec<Frame>, DicomError> {
         .get(tags::SHARED_FUNCTIONAL_GROUPS_SEQUENCE)
         .and_then(|sequence| sequence.items()?.first());
     let numbered = per_frame.iter().enumerate();
-    Ok(numbered
+    numbered
         .map(|(index, groups)| grouped_frame(object, shared, groups, index))
-        .collect())
+        .collect()
 }
 
 fn vector(values: &[f64]) -> Option<DVec3> {
@@ -327,15 +394,29 @@ fn vector(values: &[f64]) -> Option<DVec3> {
     Some(DVec3::from_array(values))
 }
 
+/// Where a frame lies, and what is missing or wrong about that.
+struct Place {
+    position: Option<DVec3>,
+    axes: Option<[DVec3; 2]>,
+    spacing_mm: Option<[f64; 2]>,
+    fault: Option<&'static str>,
+}
+
 /// Position, orientation and spacing, each from its own group.
 fn placed(
     position: Option<&InMemDicomObject>,
     orientation: Option<&InMemDicomObject>,
     measures: Option<&InMemDicomObject>,
-) -> (Option<DVec3>, Option<[DVec3; 2]>, Option<[f64; 2]>) {
-    let position = position.and_then(|group| reals(group, tags::IMAGE_POSITION_PATIENT));
-    let orientation = orientation.and_then(|group| reals(group, tags::IMAGE_ORIENTATION_PATIENT));
-    let spacing = measures.and_then(|group| reals(group, tags::PIXEL_SPACING));
+    instance: i64,
+) -> Result<Place, DicomError> {
+    let reals = |group: Option<&InMemDicomObject>, tag| match group {
+        Some(group) => stated_reals(group, tag, instance),
+        None => Ok(None),
+    };
+    let position = reals(position, tags::IMAGE_POSITION_PATIENT)?;
+    let orientation = reals(orientation, tags::IMAGE_ORIENTATION_PATIENT)?;
+    let spacing = reals(measures, tags::PIXEL_SPACING)?;
+    let are_stated = [position.is_some(), orientation.is_some(), spacing.is_some()];
     let axes = orientation.and_then(|cosines| {
         let [row, column] = [cosines.get(..3)?, cosines.get(3..)?].map(vector);
         orthonormal(row?, column?)
@@ -345,7 +426,35 @@ fn placed(
         [rows, columns] if rows > 0.0 && columns > 0.0 => Some([columns, rows]),
         _ => None,
     });
-    (position.as_deref().and_then(vector), axes, spacing)
+    let position = position.as_deref().and_then(vector);
+    let faults = [
+        (
+            position.is_none(),
+            "some slices lack Image Position (Patient)",
+            "Image Position (Patient) of some slices is not three numbers",
+        ),
+        (
+            axes.is_none(),
+            "some slices lack Image Orientation (Patient)",
+            "Image Orientation (Patient) of some slices is not two perpendicular directions of length 1, to three decimals",
+        ),
+        (
+            spacing.is_none(),
+            "some slices lack Pixel Spacing",
+            "Pixel Spacing of some slices is not two positive numbers",
+        ),
+    ];
+    let mut wrong = faults.into_iter().zip(are_stated);
+    let fault = wrong.find(|((is_wrong, ..), _)| *is_wrong);
+    Ok(Place {
+        position,
+        axes,
+        spacing_mm: spacing,
+        fault: fault.map(|((_, lacking, wrong), is_stated)| match is_stated {
+            true => wrong,
+            false => lacking,
+        }),
+    })
 }
 
 /// Both directions, normalised, if they are orthonormal within the tolerance.
@@ -370,29 +479,39 @@ fn hash_of(text: &str) -> i64 {
     i64::from_le_bytes(bytes)
 }
 
-fn classic_frame(object: &InMemDicomObject) -> Frame {
-    let (position, axes, spacing_mm) = placed(Some(object), Some(object), Some(object));
-    Frame {
-        instance: integer(object, tags::INSTANCE_NUMBER).unwrap_or(0),
+fn classic_frame(object: &InMemDicomObject) -> Result<Frame, DicomError> {
+    let instance = instance_number(object);
+    let Place {
         position,
         axes,
         spacing_mm,
-        rescale: rescale(object),
+        fault,
+    } = placed(Some(object), Some(object), Some(object), instance)?;
+    Ok(Frame {
+        instance,
+        position,
+        axes,
+        spacing_mm,
+        fault,
+        rescale: rescale(object, instance)?,
         acquisition: [
             real(object, tags::ECHO_TIME).map(thousandths),
             integer(object, tags::ACQUISITION_NUMBER),
             integer(object, tags::TEMPORAL_POSITION_IDENTIFIER),
             real(object, tags::DIFFUSION_B_VALUE).map(thousandths),
             Some(hash_of(&image_type(object))),
+            None,
+            None,
         ],
-    }
+    })
 }
 
-fn rescale(object: &InMemDicomObject) -> [f64; 2] {
-    [
-        real(object, tags::RESCALE_SLOPE).unwrap_or(1.0),
-        real(object, tags::RESCALE_INTERCEPT).unwrap_or(0.0),
-    ]
+fn rescale(object: &InMemDicomObject, instance: i64) -> Result<[f64; 2], DicomError> {
+    let number = |tag| stated_real(object, tag, instance);
+    Ok([
+        number(tags::RESCALE_SLOPE)?.unwrap_or(1.0),
+        number(tags::RESCALE_INTERCEPT)?.unwrap_or(0.0),
+    ])
 }
 
 /// A frame of an Enhanced image: its own functional groups, then the shared ones.
@@ -401,34 +520,51 @@ fn grouped_frame(
     shared: Option<&InMemDicomObject>,
     own: &InMemDicomObject,
     index: usize,
-) -> Frame {
+) -> Result<Frame, DicomError> {
+    let instance = index as i64 + 1;
     let group = |tag: Tag| {
         let source = [Some(own), shared].into_iter().flatten();
         source
             .filter_map(|groups| groups.get(tag)?.items()?.first())
             .next()
     };
-    let (position, axes, spacing_mm) = placed(
-        group(tags::PLANE_POSITION_SEQUENCE),
-        group(tags::PLANE_ORIENTATION_SEQUENCE),
-        group(tags::PIXEL_MEASURES_SEQUENCE),
-    );
-    let content = group(tags::FRAME_CONTENT_SEQUENCE);
-    let echo = group(tags::MR_ECHO_SEQUENCE);
-    Frame {
-        instance: index as i64 + 1,
+    let Place {
         position,
         axes,
         spacing_mm,
-        rescale: group(tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE)
-            .map_or_else(|| rescale(object), rescale),
+        fault,
+    } = placed(
+        group(tags::PLANE_POSITION_SEQUENCE),
+        group(tags::PLANE_ORIENTATION_SEQUENCE),
+        group(tags::PIXEL_MEASURES_SEQUENCE),
+        instance,
+    )?;
+    let content = group(tags::FRAME_CONTENT_SEQUENCE);
+    let echo = group(tags::MR_ECHO_SEQUENCE);
+    let kind = group(tags::MR_IMAGE_FRAME_TYPE_SEQUENCE);
+    let hashed = |group: Option<&InMemDicomObject>, tag| {
+        Some(hash_of(&text(group?, tag)?.to_ascii_uppercase()))
+    };
+    let scaled = group(tags::PIXEL_VALUE_TRANSFORMATION_SEQUENCE).unwrap_or(object);
+    Ok(Frame {
+        instance,
+        position,
+        axes,
+        spacing_mm,
+        fault,
+        rescale: rescale(scaled, instance)?,
         acquisition: [
             echo.and_then(|group| real(group, tags::EFFECTIVE_ECHO_TIME))
                 .map(thousandths),
             None,
             content.and_then(|group| integer(group, tags::TEMPORAL_POSITION_INDEX)),
             None,
-            None,
+            hashed(kind, tags::FRAME_TYPE),
+            hashed(kind, tags::COMPLEX_IMAGE_COMPONENT),
+            hashed(
+                group(tags::MR_VELOCITY_ENCODING_SEQUENCE),
+                tags::VELOCITY_ENCODING_DIRECTION,
+            ),
         ],
-    }
+    })
 }

@@ -11,6 +11,7 @@ use super::label::series_label;
 use super::numbers::text;
 use super::rejection::{Rejection, rejection};
 use super::scan::scan;
+use crate::sniff::recognised;
 use crate::{Format, sniff};
 
 const WANTED: [Tag; 13] = [
@@ -75,7 +76,10 @@ fn tag_of(keyword: &str) -> Tag {
 /// If it is not DICOM, is damaged before its pixels, or lacks one of the UIDs.
 pub fn identify(file: &[u8]) -> Result<Identity, DicomError> {
     if sniff(file) != Format::Dicom {
-        return Err(DicomError::NoDicom { files: 1 });
+        return Err(DicomError::NoDicom {
+            files: 1,
+            found: recognised(file),
+        });
     }
     let object = parse(&scan(file, &WANTED)?)?;
     let uid = |tag| {

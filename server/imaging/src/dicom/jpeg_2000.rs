@@ -9,13 +9,22 @@ const START: [u8; 4] = [0xFF, 0x4F, 0xFF, 0x51];
 struct Size {
     signed: bool,
     bits: u32,
+    is_exact: bool,
 }
 
-/// Decodes one frame. Returns its samples, their number of bits, and whether the codestream declares them signed.
-pub(super) fn decode(
-    packed: &[u8],
-    [columns, rows]: [usize; 2],
-) -> Result<(Vec<i32>, u32, bool), &'static str> {
+/// One frame.
+pub(super) struct Decoded {
+    pub(super) samples: Vec<i32>,
+    /// The number of bits of each, by the codestream.
+    pub(super) bits: u32,
+    /// Whether they are signed, by the codestream.
+    pub(super) signed: bool,
+    /// Whether the wavelet is the reversible one, so that bits mean what was encoded.
+    pub(super) is_exact: bool,
+}
+
+/// Decodes one frame.
+pub(super) fn decode(packed: &[u8], [columns, rows]: [usize; 2]) -> Result<Decoded, &'static str> {
     const DAMAGED: &str = "its JPEG 2000 codestream is damaged";
     let size = read_size(packed, [columns, rows])?;
     let settings = DecodeSettings {
@@ -37,7 +46,12 @@ pub(super) fn decode(
     let greatest = ((1u32 << size.bits) - 1) as f32;
     let sample = |&value: &f32| value.round().clamp(0.0, greatest) as i32 - half;
     let samples = component.samples().iter().map(sample).collect();
-    Ok((samples, size.bits, size.signed))
+    Ok(Decoded {
+        samples,
+        bits: size.bits,
+        signed: size.signed,
+        is_exact: size.is_exact,
+    })
 }
 
 /// Checks that the codestream has the size of the image, so that no header makes the decoder allocate more.
@@ -73,7 +87,10 @@ fn read_size(packed: &[u8], [columns, rows]: [usize; 2]) -> Result<Size, &'stati
     if bits > 16 {
         return Err("its JPEG 2000 image has more than 16 bits");
     }
+    // The coding style follows: its marker, and the transformation after 13 bytes (A.6.1).
+    let style = packed.get(start + 45..start + 59);
     Ok(Size {
+        is_exact: style.is_some_and(|style| style[..2] == [0xFF, 0x52] && style[13] == 1),
         signed: size[36] & 0x80 != 0,
         bits,
     })

@@ -9,6 +9,7 @@ use super::DicomError;
 use super::header::parse;
 use super::numbers::text;
 use super::scan::scan;
+use crate::sniff::recognised;
 use crate::{Format, sniff};
 
 /// The most findings and points that are read.
@@ -124,7 +125,10 @@ pub struct MarkedPatient {
 /// If it is not DICOM, is damaged, or is another object.
 pub fn marks(file: &[u8]) -> Result<MarkedPatient, DicomError> {
     if sniff(file) != Format::Dicom {
-        return Err(DicomError::NoDicom { files: 1 });
+        return Err(DicomError::NoDicom {
+            files: 1,
+            found: recognised(file),
+        });
     }
     let mut wanted = WANTED;
     wanted.sort_unstable();

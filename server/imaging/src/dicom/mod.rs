@@ -46,7 +46,7 @@ pub mod write;
 
 pub use attributes::{Attributes, Instance};
 pub use choose::{Purpose, SeriesName, sequence_name};
-pub use convert::{Converted, Files, Options, convert};
+pub use convert::{Converted, Files, MOST_LISTED, Options, convert};
 pub use deidentify::{deidentified_file, kind_of_series, replaced_uid};
 pub use error::DicomError;
 pub use fingerprint::{Fingerprint, fingerprint};
@@ -55,5 +55,5 @@ pub use identity::{Identity, identify};
 pub use json::{metadata, tag_of};
 pub use marks::{Mark, MarkedPatient, Side, marks};
 pub use rejection::{RejectedSeries, Rejection};
-pub use series::SeriesSummary;
+pub use series::{SeriesSummary, UnreadFile};
 pub use syntax::TRANSFER_SYNTAXES;

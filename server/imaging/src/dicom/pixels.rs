@@ -1,6 +1,7 @@
 //! The pixels of frames as integers.
 
 use super::header::{Frame, Image, PixelFormat};
+use super::jpeg_2000::Decoded;
 use super::scan::PixelBytes;
 use super::syntax::Packing;
 use super::{DicomError, jpeg_2000, jpeg_lossless, jpeg_ls, rle};
@@ -138,15 +139,33 @@ fn jpeg_2000_samples(
     size: [usize; 2],
     format: &PixelFormat,
 ) -> Result<Vec<i32>, &'static str> {
-    let (mut samples, bits, signed) = jpeg_2000::decode(packed, size)?;
-    // Some writers encode signed pixels as unsigned; the bits are then two's complement.
-    if format.signed && !signed {
-        let unused = 32 - bits;
-        for sample in &mut samples {
-            *sample = *sample << unused >> unused;
-        }
+    Ok(as_stated(jpeg_2000::decode(packed, size)?, format))
+}
+
+/// Samples with the sign and the bits that the header states, as for other codecs.
+///
+/// Some writers encode signed pixels as unsigned, or the reverse, or with more bits than are stored. The sign is the highest bit
+/// stored, or that of a codestream with fewer.
+fn as_stated(decoded: Decoded, format: &PixelFormat) -> Vec<i32> {
+    let Decoded {
+        mut samples,
+        bits,
+        signed,
+        is_exact,
+    } = decoded;
+    // Values that lost something may exceed the bits stored by a little.
+    if signed == format.signed && !(is_exact && bits > format.bits_stored) {
+        return samples;
     }
-    Ok(samples)
+    let unused = 32 - bits.min(format.bits_stored);
+    for sample in &mut samples {
+        let cut = (*sample as u32) << unused;
+        *sample = match format.signed {
+            true => cut as i32 >> unused,
+            false => (cut >> unused) as i32,
+        };
+    }
+    samples
 }
 
 /// The compressed bytes of a frame: its fragments, concatenated.
@@ -262,6 +281,44 @@ mod tests {
         assert_eq!(of(12, 15, false, 0x1230), 0x123);
         assert_eq!(of(16, 15, true, 0x8000), -32768);
         assert_eq!(of(16, 15, false, 0xFFFF), 65535);
+    }
+
+    #[test]
+    fn a_codestream_of_another_sign_or_depth_has_the_values_of_the_header() {
+        // Bits and sign of the codestream, bits stored and sign of the header, the sample and its value.
+        for (bits, signed, stored, is_signed, sample, value) in [
+            (16, false, 12, true, 0x0FEC, -20),
+            (16, false, 12, true, 1751, 1751),
+            (16, false, 16, true, 0xFFEC, -20),
+            (12, false, 16, true, 0x0FEC, -20),
+            (16, true, 16, false, -2, 65_534),
+            (16, true, 16, false, 63, 63),
+            (16, true, 12, false, -1, 4095),
+            (16, true, 12, true, 0x0FEC, -20),
+            (16, true, 16, true, -20, -20),
+            (16, false, 12, false, 0x7123, 0x123),
+            (12, false, 12, false, 0x123, 0x123),
+        ] {
+            let decoded = |is_exact| Decoded {
+                samples: vec![sample],
+                bits,
+                signed,
+                is_exact,
+            };
+            let format = format(stored, stored - 1, is_signed);
+            assert_eq!(
+                as_stated(decoded(true), &format),
+                [value],
+                "{bits} {signed} {stored} {is_signed}"
+            );
+            if signed == is_signed {
+                assert_eq!(
+                    as_stated(decoded(false), &format),
+                    [sample],
+                    "it lost something"
+                );
+            }
+        }
     }
 
     #[test]

@@ -7,12 +7,15 @@ use std::borrow::Cow;
 use std::io::Read;
 use std::ops::Range;
 
-use dicom_core::Tag;
-use dicom_dictionary_std::tags;
+use dicom_core::dictionary::{DataDictionary as _, DataDictionaryEntry as _};
+use dicom_core::{Tag, VR};
+use dicom_dictionary_std::{StandardDataDictionary, tags};
 use flate2::read::DeflateDecoder;
 
 use super::DicomError;
+use super::sequences::SEQUENCES;
 use super::syntax::{Encoding, Syntax};
+use crate::sniff::dicom_start;
 
 /// The deepest nesting of sequences.
 const MAX_DEPTH: usize = 24;
@@ -22,6 +25,10 @@ const MAX_HEADER_BYTES: usize = 64 << 20;
 
 /// The largest data set that a deflated file may hold.
 const MAX_INFLATED_BYTES: u64 = 512 << 20;
+
+/// The deepest sequence that is read in another encoding if its items have another one than the data set. Each level may double
+/// the time.
+const MAX_OTHER_DEPTH: usize = 1;
 
 const ITEM: Tag = Tag(0xFFFE, 0xE000);
 const ITEM_END: Tag = Tag(0xFFFE, 0xE00D);
@@ -63,6 +70,8 @@ pub(crate) struct Scanned<'a> {
     /// Where the values of Specific Character Set lie in the header, of the data set and of items.
     pub(crate) character_sets: Vec<Range<usize>>,
     pixels: Option<PixelRanges>,
+    /// Whether the pixels are real numbers, which are not read.
+    pub(crate) has_real_pixels: bool,
 }
 
 /// The byte ranges of the pixels in the data set.
@@ -111,6 +120,20 @@ pub(crate) fn scan<'a>(file: &'a [u8], wanted: &[Tag]) -> Result<Scanned<'a>, Di
 /// # Errors
 /// As [`scan`].
 pub(crate) fn scan_for<'a>(file: &'a [u8], wanted: Wanted) -> Result<Scanned<'a>, DicomError> {
+    match scan_as_far_as_sound(file, wanted)? {
+        (scanned, None) => Ok(scanned),
+        (_, Some(fault)) => Err(fault),
+    }
+}
+
+/// As [`scan_for`]; of a damaged data set, what comes before the damage, and what the damage is.
+///
+/// # Errors
+/// If the file meta information is damaged.
+pub(crate) fn scan_as_far_as_sound<'a>(
+    file: &'a [u8],
+    wanted: Wanted,
+) -> Result<(Scanned<'a>, Option<DicomError>), DicomError> {
     let Meta { syntax, start, .. } = read_meta(file)?;
     let rest = &file[start..];
     let dataset = if syntax.deflated {
@@ -121,19 +144,33 @@ pub(crate) fn scan_for<'a>(file: &'a [u8], wanted: Wanted) -> Result<Scanned<'a>
     let mut walk = Walk {
         bytes: &dataset,
         encoding: syntax.encoding,
+        written: syntax.encoding,
         wanted,
         header: Vec::new(),
         character_sets: Vec::new(),
+        has_real_pixels: false,
+        sound: (0, 0),
     };
-    let pixels = walk.data_set()?;
+    let (pixels, fault) = match walk.data_set() {
+        Ok(pixels) => (pixels, None),
+        Err(fault) => {
+            let (header, character_sets) = walk.sound;
+            walk.header.truncate(header);
+            walk.character_sets.truncate(character_sets);
+            (None, Some(fault))
+        }
+    };
+    let has_real_pixels = walk.has_real_pixels;
     let (header, character_sets) = (walk.header, walk.character_sets);
-    Ok(Scanned {
+    let scanned = Scanned {
         syntax,
         dataset,
         header,
         character_sets,
         pixels,
-    })
+        has_real_pixels,
+    };
+    Ok((scanned, fault))
 }
 
 /// The transfer syntax that a file states; `None` if it is a bare data set without file meta information.
@@ -142,7 +179,7 @@ pub(crate) fn scan_for<'a>(file: &'a [u8], wanted: Wanted) -> Result<Scanned<'a>
 /// If the file meta information is damaged.
 pub(crate) fn stated_syntax(file: &[u8]) -> Result<Option<String>, DicomError> {
     let meta = read_meta(file)?;
-    let is_file = file.get(128..132) == Some(b"DICM");
+    let is_file = dicom_start(file) > Some(0);
     let stated = meta.stated.filter(|_| is_file);
     Ok(stated.and_then(|uid| {
         let text = std::str::from_utf8(uid).ok()?;
@@ -161,15 +198,40 @@ struct Meta<'a> {
 
 /// Skips the preamble and the file meta information.
 fn read_meta(file: &[u8]) -> Result<Meta<'_>, DicomError> {
-    let mut at = if file.get(128..132) == Some(b"DICM") {
-        132
-    } else {
-        0
+    let start = dicom_start(file).unwrap_or(0);
+    let explicit = meta_elements(file, start, Encoding::ExplicitLittle);
+    // Some writers state nothing but implicit elements.
+    let (stated, at) = explicit
+        .or_else(|fault| meta_elements(file, start, Encoding::ImplicitLittle).map_err(|_| fault))?;
+    let dataset = &file[at..];
+    let syntax = match stated {
+        Some(uid) => {
+            let syntax = Syntax::from_uid(uid);
+            let encoding = match syntax.deflated {
+                true => syntax.encoding,
+                false => found(dataset, syntax.encoding),
+            };
+            Syntax { encoding, ..syntax }
+        }
+        None => Syntax::native(guess(dataset)),
     };
-    let mut stated = None;
+    Ok(Meta {
+        syntax,
+        stated,
+        start: at,
+    })
+}
+
+/// The UID of the transfer syntax, and the end of the file meta information.
+fn meta_elements(
+    file: &[u8],
+    start: usize,
+    encoding: Encoding,
+) -> Result<(Option<&[u8]>, usize), DicomError> {
+    let (mut stated, mut at) = (None, start);
     let reader = Elements {
         bytes: file,
-        encoding: Encoding::ExplicitLittle,
+        encoding,
     };
     while file.get(at..at + 2) == Some(&[2, 0]) {
         let element = reader.element(at, file.len())?;
@@ -179,15 +241,20 @@ fn read_meta(file: &[u8]) -> Result<Meta<'_>, DicomError> {
         }
         at = value.end;
     }
-    let syntax = match stated {
-        Some(uid) => Syntax::from_uid(uid),
-        None => Syntax::native(guess(&file[at..])),
+    Ok((stated, at))
+}
+
+/// The encoding of a data set: the stated one, unless its first element shows that it is the other little-endian one.
+fn found(dataset: &[u8], stated: Encoding) -> Encoding {
+    let Some(&[_, _, _, _, first, second, ..]) = dataset.first_chunk::<8>() else {
+        return stated;
     };
-    Ok(Meta {
-        syntax,
-        stated,
-        start: at,
-    })
+    let has_vr = VR::from_binary([first, second]).is_some();
+    match (stated, has_vr) {
+        (Encoding::ExplicitLittle, false) => Encoding::ImplicitLittle,
+        (Encoding::ImplicitLittle, true) => Encoding::ExplicitLittle,
+        _ => stated,
+    }
 }
 
 /// The encoding of a data set without file meta information, from its first element.
@@ -287,7 +354,7 @@ impl Elements<'_> {
         }
         let vr = [self.bytes[at + 4], self.bytes[at + 5]];
         if !vr.iter().all(u8::is_ascii_uppercase) {
-            return Err(damaged("an element has no value representation"));
+            return self.private(tag, at, end);
         }
         let (length, value) = if is_long(vr) {
             (self.number::<4>(at + 8, end)?, at + 12)
@@ -304,6 +371,43 @@ impl Elements<'_> {
             },
             value,
         })
+    }
+}
+
+impl Elements<'_> {
+    /// A private element without a value representation: its length is where what follows it is an element.
+    fn private(self, tag: Tag, at: usize, end: usize) -> Result<Element, DicomError> {
+        let fault = damaged("an element has no value representation");
+        if tag.0.is_multiple_of(2) || self.encoding != Encoding::ExplicitLittle {
+            return Err(fault);
+        }
+        let lengths = [
+            (self.number::<2>(at + 6, end), at + 8),
+            (self.number::<4>(at + 8, end), at + 12),
+            (self.number::<4>(at + 4, end), at + 8),
+        ];
+        let follows = |next: usize| {
+            let half = |at| self.number::<2>(at, end).map(|half| half as u16);
+            let (Ok(group), Ok(element)) = (half(next), half(next + 2)) else {
+                return next == end;
+            };
+            let has_vr = self.bytes[next + 4..end.min(next + 6)]
+                .iter()
+                .all(u8::is_ascii_uppercase);
+            let is_later = Tag(group, element) > tag && (has_vr || group == tag.0);
+            group == ITEM.0 || is_later
+        };
+        let mut fitting = lengths.into_iter().filter_map(|(length, value)| {
+            let length = length.ok()? as usize;
+            let next = value.checked_add(length).filter(|&next| next <= end)?;
+            follows(next).then_some(Element {
+                tag,
+                vr: Some(*b"UN"),
+                length: Some(length),
+                value,
+            })
+        });
+        fitting.next().ok_or(fault)
     }
 }
 
@@ -331,12 +435,29 @@ fn is_long(vr: [u8; 2]) -> bool {
     )
 }
 
+/// The value representation of an element; that of the dictionary, if the file does not know it.
+fn known_vr(element: &Element) -> Option<[u8; 2]> {
+    match element.vr {
+        None | Some([b'U', b'N']) => StandardDataDictionary
+            .by_tag(element.tag)
+            .map(|entry| entry.vr().relaxed().to_bytes())
+            .or(element.vr),
+        vr => vr,
+    }
+}
+
 struct Walk<'a> {
     bytes: &'a [u8],
+    /// The encoding of what is read.
     encoding: Encoding,
+    /// The encoding of the data set and of the header.
+    written: Encoding,
     wanted: Wanted<'a>,
     header: Vec<u8>,
     character_sets: Vec<Range<usize>>,
+    has_real_pixels: bool,
+    /// Lengths of the header and of the character sets after the last whole element of the data set.
+    sound: (usize, usize),
 }
 
 impl Walk<'_> {
@@ -363,14 +484,14 @@ impl Walk<'_> {
             match element.tag {
                 tags::PIXEL_DATA => return self.pixels(&element).map(Some),
                 tags::FLOAT_PIXEL_DATA | tags::DOUBLE_FLOAT_PIXEL_DATA => {
-                    return Err(DicomError::Unsupported {
-                        what: "an image of real numbers",
-                    });
+                    self.has_real_pixels = true;
+                    return Ok(None);
                 }
                 _ => {}
             }
             let keep = self.wants(element.tag);
             at = self.element(at, end, keep, 0)?;
+            self.sound = (self.header.len(), self.character_sets.len());
         }
         Ok(None)
     }
@@ -390,14 +511,19 @@ impl Walk<'_> {
         if self.header.len() > MAX_HEADER_BYTES {
             return Err(damaged("its header is too large"));
         }
-        let keep = keep && !self.wanted.drops(element.vr);
-        match (
-            element.is_sequence() || self.is_known_sequence(&element),
-            keep,
-        ) {
+        // The value would be in the other byte order.
+        let is_big = self.written == Encoding::ExplicitBig;
+        let vr = match is_big {
+            true => element.vr,
+            false => known_vr(&element),
+        };
+        let is_sequence = element.is_sequence() || self.is_known_sequence(&element);
+        let is_unread_sequence = !is_sequence && element.vr.is_some() && vr == Some(*b"SQ");
+        let keep = keep && !is_unread_sequence && !self.wanted.drops(vr);
+        match (is_sequence, keep) {
             (false, true) => {
                 let range = element.value_range(end)?;
-                self.header.extend_from_slice(&self.bytes[at..range.end]);
+                self.write_element(at, &element, vr, &range);
                 if element.tag == tags::SPECIFIC_CHARACTER_SET {
                     let end = self.header.len();
                     self.character_sets.push(end - range.len()..end);
@@ -412,7 +538,38 @@ impl Walk<'_> {
 
     /// Whether the element is a wanted sequence, although its encoding does not state it.
     fn is_known_sequence(&self, element: &Element) -> bool {
-        element.vr.is_none() && super::sequences::SEQUENCES.contains(&element.tag)
+        matches!(element.vr, None | Some([b'U', b'N'])) && SEQUENCES.contains(&element.tag)
+    }
+
+    /// Copies an element, or writes it again if it has another encoding than the header or no value representation in it.
+    fn write_element(
+        &mut self,
+        at: usize,
+        element: &Element,
+        vr: Option<[u8; 2]>,
+        value: &Range<usize>,
+    ) {
+        if self.encoding == self.written && vr == element.vr {
+            self.header.extend_from_slice(&self.bytes[at..value.end]);
+            return;
+        }
+        self.write_tag(element.tag);
+        let length = value.len() as u32;
+        match vr.filter(|_| self.written != Encoding::ImplicitLittle) {
+            Some(vr) if is_long(vr) || value.len() > usize::from(u16::MAX) => {
+                let vr = if is_long(vr) { vr } else { *b"UN" };
+                self.header.extend_from_slice(&vr);
+                self.header.extend_from_slice(&[0; 2]);
+                self.header.extend_from_slice(&length.to_le_bytes());
+            }
+            Some(vr) => {
+                self.header.extend_from_slice(&vr);
+                self.header
+                    .extend_from_slice(&(length as u16).to_le_bytes());
+            }
+            None => self.header.extend_from_slice(&length.to_le_bytes()),
+        }
+        self.header.extend_from_slice(&self.bytes[value.clone()]);
     }
 
     fn sequence(
@@ -425,16 +582,27 @@ impl Walk<'_> {
         if depth >= MAX_DEPTH {
             return Err(damaged("its sequences are nested too deeply"));
         }
-        // A value of unknown representation and undefined length has implicit encoding (PS3.5 §6.2.2).
+        // A sequence of unknown representation has implicit encoding (PS3.5 §6.2.2), if its writer knew that.
         let encoding = self.encoding;
-        let keep = keep && head.vr != Some(*b"UN");
+        let is_big = self.written == Encoding::ExplicitBig;
+        let keep = keep && !(is_big && head.vr == Some(*b"UN"));
         if head.vr == Some(*b"UN") {
             self.encoding = Encoding::ImplicitLittle;
         }
         if keep {
             self.write_sequence_head(head);
         }
-        let ended = self.items(head, end, keep, depth);
+        let begun = (self.header.len(), self.character_sets.len());
+        let mut ended = self.items(head, end, keep, depth);
+        if let (Err(_), false, ..=MAX_OTHER_DEPTH) = (&ended, is_big, depth) {
+            self.header.truncate(begun.0);
+            self.character_sets.truncate(begun.1);
+            self.encoding = match self.encoding {
+                Encoding::ImplicitLittle => Encoding::ExplicitLittle,
+                _ => Encoding::ImplicitLittle,
+            };
+            ended = self.items(head, end, keep, depth).or(ended);
+        }
         self.encoding = encoding;
         if keep {
             self.write_delimiter(SEQUENCE_END, 0);
@@ -546,7 +714,7 @@ impl Walk<'_> {
 
     fn write_sequence_head(&mut self, head: &Element) {
         self.write_tag(head.tag);
-        if self.encoding != Encoding::ImplicitLittle {
+        if self.written != Encoding::ImplicitLittle {
             self.header.extend_from_slice(b"SQ\0\0");
         }
         self.header.extend_from_slice(&UNDEFINED.to_le_bytes());
@@ -559,7 +727,7 @@ impl Walk<'_> {
 
     fn write_tag(&mut self, tag: Tag) {
         for half in [tag.0, tag.1] {
-            self.header.extend_from_slice(&match self.encoding {
+            self.header.extend_from_slice(&match self.written {
                 Encoding::ExplicitBig => half.to_be_bytes(),
                 _ => half.to_le_bytes(),
             });

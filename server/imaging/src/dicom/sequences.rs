@@ -4,9 +4,11 @@ use dicom_core::Tag;
 use dicom_dictionary_std::tags;
 
 /// Sequences that are read. Sorted, for binary search.
-pub(super) const SEQUENCES: [Tag; 11] = [
+pub(super) const SEQUENCES: [Tag; 13] = [
     tags::DEIDENTIFICATION_METHOD_CODE_SEQUENCE,
     tags::MR_ECHO_SEQUENCE,
+    tags::MR_IMAGE_FRAME_TYPE_SEQUENCE,
+    tags::MR_VELOCITY_ENCODING_SEQUENCE,
     tags::FRAME_CONTENT_SEQUENCE,
     tags::PLANE_POSITION_SEQUENCE,
     tags::PLANE_ORIENTATION_SEQUENCE,

@@ -25,6 +25,38 @@ pub struct SeriesSummary {
     pub token: String,
 }
 
+/// A file of an image that cannot be read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct UnreadFile {
+    /// Its number among the files, from 1, in the order of an archive, of the parts of a form, or of the names in a folder.
+    pub file: usize,
+    /// Its instance number, if it can be read.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instance: Option<i64>,
+    /// The token of its series, if that can be read.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub series: Option<String>,
+    /// Why it cannot be read.
+    pub reason: String,
+}
+
+impl fmt::Display for UnreadFile {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "file {}", self.file)?;
+        if let Some(instance) = self.instance {
+            write!(formatter, " (instance number {instance})")?;
+        }
+        write!(formatter, ": {}", self.reason)
+    }
+}
+
+/// The token of a series: the first four bytes of the BLAKE3 digest of its instance UID in hexadecimal digits.
+pub(super) fn token_of(series_uid: &str) -> String {
+    let digest = blake3::hash(series_uid.as_bytes()).to_hex();
+    digest[..8].to_owned()
+}
+
 impl fmt::Display for SeriesSummary {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [columns, rows, slices] = self.size;

@@ -85,15 +85,16 @@ pub(super) fn stack(series: &Series, allow_gaps: bool) -> Result<Stack, DicomErr
             slices: slices.len(),
         });
     }
-    check_lean(&slices, normal)?;
-    let places = places(&slices, allow_gaps)?;
+    let rounding_mm = rounding_mm(&slices);
+    check_lean(&slices, normal, rounding_mm)?;
+    let places = places(&slices, allow_gaps, rounding_mm)?;
     Ok(assemble(&slices, &places))
 }
 
 /// Every frame with its position; the error lists frames without one.
 fn placed(images: &[Image]) -> Result<Vec<Slice<'_>>, DicomError> {
     let mut slices = Vec::new();
-    let mut unplaced = Vec::new();
+    let (mut unplaced, mut fault) = (Vec::new(), None);
     for (image, of_image) in images.iter().enumerate() {
         let format = of_image.format.as_ref().map_err(Clone::clone)?;
         let frames = of_image.frames.as_ref().map_err(Clone::clone)?;
@@ -108,7 +109,10 @@ fn placed(images: &[Image]) -> Result<Vec<Slice<'_>>, DicomError> {
                     spacing_mm,
                     height_mm: 0.0,
                 }),
-                _ => unplaced.push(of_frame.instance),
+                _ => {
+                    unplaced.push(of_frame.instance);
+                    fault = fault.or(of_frame.fault);
+                }
             }
         }
     }
@@ -117,7 +121,7 @@ fn placed(images: &[Image]) -> Result<Vec<Slice<'_>>, DicomError> {
     }
     unplaced.sort_unstable();
     Err(DicomError::NotPlaced {
-        what: "some slices lack Image Position, Pixel Spacing or Image Orientation, or their orientation is not two perpendicular directions of length 1",
+        what: fault.unwrap_or("there are no slices"),
         instances: unplaced,
     })
 }
@@ -205,8 +209,34 @@ fn difference(group: &[Slice]) -> &'static str {
     })
 }
 
+/// How far the rounding of oblique positions to one decimal may move two slices against each other: half a decimal in each of
+/// three directions, for both. Zero if they have more decimals, or if the slices differ along one axis alone, whose rounding
+/// does not bend the stack.
+fn rounding_mm(slices: &[Slice]) -> f64 {
+    const DECIMAL_MM: f64 = 0.1;
+    let is_rounded = |coordinate: f64| {
+        let decimals = coordinate / DECIMAL_MM;
+        (decimals - decimals.round()).abs() < 1e-6
+    };
+    let coordinates = |slice: &Slice| slice.position.to_array();
+    let first = coordinates(&slices[0]);
+    let moves = |&axis: &usize| {
+        let has_moved =
+            |slice: &Slice| (coordinates(slice)[axis] - first[axis]).abs() > DECIMAL_MM / 2.0;
+        slices.iter().any(has_moved)
+    };
+    let is_oblique = (0..3).filter(moves).count() > 1;
+    let are_rounded = slices
+        .iter()
+        .all(|slice| coordinates(slice).into_iter().all(is_rounded));
+    match is_oblique && are_rounded {
+        true => DECIMAL_MM * 3f64.sqrt(),
+        false => 0.0,
+    }
+}
+
 /// The stack must be upright, except for rounding.
-fn check_lean(slices: &[Slice], normal: DVec3) -> Result<(), DicomError> {
+fn check_lean(slices: &[Slice], normal: DVec3, rounding_mm: f64) -> Result<(), DicomError> {
     let (first, last) = (&slices[0], &slices[slices.len() - 1]);
     let across = |offset: DVec3| offset - normal * offset.dot(normal);
     let whole = last.position - first.position;
@@ -222,7 +252,7 @@ fn check_lean(slices: &[Slice], normal: DVec3) -> Result<(), DicomError> {
         let offset = slice.position - first.position;
         let share = offset.dot(normal) / whole.dot(normal);
         let shift_mm = across(offset - whole * share).length();
-        if shift_mm > SHIFT_TOLERANCE_MM {
+        if shift_mm > SHIFT_TOLERANCE_MM + rounding_mm {
             return Err(DicomError::SliceShifted {
                 slice: number + 1,
                 shift_mm,
@@ -252,7 +282,7 @@ fn check_jump(
 }
 
 /// The number of each slice, from 0, counting missing slices.
-fn places(slices: &[Slice], allow_gaps: bool) -> Result<Vec<usize>, DicomError> {
+fn places(slices: &[Slice], allow_gaps: bool, rounding_mm: f64) -> Result<Vec<usize>, DicomError> {
     let steps: Vec<f64> = slices
         .windows(2)
         .map(|pair| pair[1].height_mm - pair[0].height_mm)
@@ -266,7 +296,7 @@ fn places(slices: &[Slice], allow_gaps: bool) -> Result<Vec<usize>, DicomError> 
         let slots = (found_mm / usual_mm).round().max(1.0);
         let off_mm = (found_mm - slots * usual_mm).abs();
         // A gap of thousands of slices does not belong to one volume.
-        if off_mm > share * usual_mm * slots + rounding || slots > 1e4 {
+        if off_mm > share * usual_mm * slots + rounding + rounding_mm || slots > 1e4 {
             return Err(DicomError::SlicesUneven {
                 usual_mm,
                 found_mm,
@@ -276,18 +306,18 @@ fn places(slices: &[Slice], allow_gaps: bool) -> Result<Vec<usize>, DicomError> 
         places.push(places[before] + slots as usize);
     }
     check_missing(&places, usual_mm, allow_gaps)?;
-    check_drift(slices, &places)?;
+    check_drift(slices, &places, rounding_mm)?;
     Ok(places)
 }
 
 /// Small differences must not add up.
-fn check_drift(slices: &[Slice], places: &[usize]) -> Result<(), DicomError> {
+fn check_drift(slices: &[Slice], places: &[usize], rounding_mm: f64) -> Result<(), DicomError> {
     let last = slices.len() - 1;
     let first_mm = slices[0].height_mm;
     let mean_mm = (slices[last].height_mm - first_mm) / places[last] as f64;
     let off =
         |index: usize| (slices[index].height_mm - first_mm - places[index] as f64 * mean_mm).abs();
-    match (1..last).find(|&index| off(index) > DRIFT_TOLERANCE * mean_mm) {
+    match (1..last).find(|&index| off(index) > DRIFT_TOLERANCE * mean_mm + rounding_mm) {
         None => Ok(()),
         Some(index) => Err(DicomError::SlicesUneven {
             usual_mm: mean_mm,

@@ -6,11 +6,46 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::ImagingError;
 
+/// The greatest relative difference between the sizes of voxels in the sform and in `pixdim`.
+const SIZE_TOLERANCE: f64 = 0.01;
+
+/// The greatest shear of an sform that stands beside a qform: the cosine between two of its axes.
+const SHEAR_TOLERANCE: f64 = 1e-3;
+
+/// The longest and the shortest edge of a voxel of a head in mm, if the header states another unit than mm.
+const EDGES_IN_OTHER_UNITS_MM: [f64; 2] = [0.02, 20.0];
+
 /// By how much rounding may make the vector part of a quaternion longer than 1.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
 
 /// The greatest deviation of the axes of a grid from orthonormal for which a qform is written.
 const ORTHOGONAL_TOLERANCE: f64 = 1e-6;
+
+/// One of the two forms by which a header may place its voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// The affine of `srow_x`, `srow_y` and `srow_z`.
+    Sform,
+    /// The rotation of the quaternion and the sizes of `pixdim`.
+    Qform,
+}
+
+impl Form {
+    /// The name of the form, as in the headers of the standard.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sform => "sform",
+            Self::Qform => "qform",
+        }
+    }
+
+    /// The form of a name; `None` for any other text.
+    pub fn of_name(name: &str) -> Option<Self> {
+        [Self::Sform, Self::Qform]
+            .into_iter()
+            .find(|form| form.name() == name)
+    }
+}
 
 /// The entries of a header that define the positions of the voxels.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,7 +67,7 @@ impl Placement {
     /// The affine from voxel indices to LPS millimetres: the sform, or the qform if there is no sform.
     ///
     /// # Errors
-    /// If there is neither, if the two place left on opposite sides, or if the chosen one is unusable.
+    /// If there is neither, if the two contradict each other about left, sizes or angles, or if the chosen one is unusable.
     pub(crate) fn patient_from_voxel(&self) -> Result<DAffine3, ImagingError> {
         let scale = self.millimetres_per_unit()?;
         if self.pixdim[1..4].iter().any(|edge| !edge.is_finite()) {
@@ -41,14 +76,21 @@ impl Placement {
         let ras_from_voxel = match (self.sform_code > 0, self.qform_code > 0) {
             (true, true) => {
                 let sform = self.sform()?;
-                self.qform().map_or(Ok(sform), |qform| {
-                    check_that_left_is_left(sform, qform).map(|()| sform)
-                })
+                if let Ok(qform) = self.qform() {
+                    check_that_left_is_left(sform, qform)?;
+                }
+                self.check_agreement(sform)?;
+                sform
             }
-            (true, false) => self.sform(),
-            (false, true) => self.qform(),
-            (false, false) => Err(ImagingError::NiftiOrientationUnknown),
-        }?;
+            (true, false) => {
+                let sform = self.sform()?;
+                self.check_agreement(sform)?;
+                sform
+            }
+            (false, true) => self.qform()?,
+            (false, false) => return Err(ImagingError::NiftiOrientationUnknown),
+        };
+        self.check_unit(ras_from_voxel, scale)?;
         Ok(DAffine3::from_scale(DVec3::splat(scale)) * lps_from_ras() * ras_from_voxel)
     }
 
@@ -58,6 +100,73 @@ impl Placement {
         match self.sform_code {
             1.. => self.sform_code == SCANNER,
             _ => self.qform_code == SCANNER,
+        }
+    }
+
+    /// The entries with one of the two forms alone; `pixdim` then has its sizes.
+    ///
+    /// # Errors
+    /// If the header does not have the form, or it is unusable.
+    pub(crate) fn keeping(&self, form: Form) -> Result<Self, ImagingError> {
+        let mut kept = self.clone();
+        let code = match form {
+            Form::Sform => {
+                kept.qform_code = 0;
+                self.sform_code
+            }
+            Form::Qform => {
+                kept.sform_code = 0;
+                self.qform_code
+            }
+        };
+        if code <= 0 {
+            return Err(ImagingError::NiftiFormMissing { form: form.name() });
+        }
+        if form == Form::Sform {
+            let axes = self.sform()?.matrix3;
+            for axis in 0..3 {
+                kept.pixdim[axis + 1] = axes.col(axis).length();
+            }
+        }
+        kept.patient_from_voxel().map(|_| kept)
+    }
+
+    /// Checks that the sform has the sizes of `pixdim`, and right angles if there is a qform, which always has them.
+    fn check_agreement(&self, sform: DAffine3) -> Result<(), ImagingError> {
+        let sizes = [0, 1, 2].map(|axis| sform.matrix3.col(axis).length());
+        let stated = [1, 2, 3].map(|axis| self.pixdim[axis]);
+        let has_qform = self.qform_code > 0;
+        // Zero states nothing.
+        let differs = |(size, stated): (f64, f64)| {
+            stated > 0.0 && (size - stated).abs() > SIZE_TOLERANCE * stated
+        };
+        let are_other_sizes = sizes.into_iter().zip(stated).any(differs);
+        let shear = shear(sform.matrix3);
+        if !are_other_sizes && !(has_qform && shear > SHEAR_TOLERANCE) {
+            return Ok(());
+        }
+        let scale = self.millimetres_per_unit()?;
+        Err(ImagingError::NiftiFormsContradict {
+            sform_mm: sizes.map(|size| size * scale),
+            lean_degrees: shear.asin().to_degrees(),
+            pixdim_mm: stated.map(|size| size * scale),
+            has_qform,
+        })
+    }
+
+    /// Metres or micrometres that make voxels of an impossible size are a mistake.
+    fn check_unit(&self, ras_from_voxel: DAffine3, scale: f64) -> Result<(), ImagingError> {
+        let axes = ras_from_voxel.matrix3;
+        let [least, most] = EDGES_IN_OTHER_UNITS_MM;
+        let edges = [0, 1, 2].map(|axis| axes.col(axis).length());
+        let is_odd = |edge: &f64| !(least..=most).contains(&(edge * scale));
+        match edges.into_iter().find(is_odd) {
+            Some(edge) if scale != 1.0 => Err(ImagingError::NiftiUnitImplausible {
+                unit: if scale > 1.0 { "metres" } else { "micrometres" },
+                edge,
+                edge_mm: edge * scale,
+            }),
+            _ => Ok(()),
         }
     }
 
@@ -76,7 +185,13 @@ impl Placement {
             matrix3: DMat3::from_cols_array_2d(&rows.map(|row| row.to_array())).transpose(),
             translation: DVec3::from_array(self.srow.map(|row| row[3])),
         };
-        check_affine("sform", affine)
+        let has_qform = self.qform_code > 0 && self.qform().is_ok();
+        check_affine("sform", affine).map_err(|error| match error {
+            ImagingError::NiftiAffine { what, .. } if has_qform => {
+                ImagingError::NiftiSformUnusable { what }
+            }
+            error => error,
+        })
     }
 
     /// The rotation of a unit quaternion with three stored components, times the edges (`nifti1.h`, "method 2").
@@ -140,6 +255,13 @@ impl Placement {
             }),
         }
     }
+}
+
+/// The greatest cosine between two axes; 0 if all are perpendicular.
+fn shear(axes: DMat3) -> f64 {
+    let unit = [axes.x_axis, axes.y_axis, axes.z_axis].map(DVec3::normalize);
+    let cosine = |a: usize, b: usize| unit[a].dot(unit[b]).abs();
+    cosine(0, 1).max(cosine(0, 2)).max(cosine(1, 2)).min(1.0)
 }
 
 /// Flips between RAS and LPS; its own inverse.

@@ -2,8 +2,10 @@
 
 use geometry::Grid;
 
+use crate::sniff::recognised;
 use crate::{ImagingError, Limits};
 
+use super::affine::Form;
 use super::header::{Header, LONGEST_HEADER, header_length};
 use super::source::{Source, check_promise};
 
@@ -13,6 +15,8 @@ const CHUNK_BYTES: usize = 256 << 10;
 /// An opened file: its checked header, and its source of bytes.
 pub(crate) struct NiftiFile<'a> {
     pub(crate) header: Header,
+    /// The bytes of the header.
+    pub(crate) header_bytes: Vec<u8>,
     pub(crate) grid: Grid,
     source: Source<'a>,
     /// Bytes read from the source.
@@ -28,13 +32,34 @@ impl<'a> NiftiFile<'a> {
         Ok(file)
     }
 
+    /// As [`NiftiFile::open`], with one of the two forms of the header alone.
+    pub(crate) fn open_keeping(
+        bytes: &'a [u8],
+        form: Form,
+        limits: &Limits,
+    ) -> Result<Self, ImagingError> {
+        let file = Self::open_header_with(bytes, Some(form), limits)?;
+        check_promise(bytes, file.header.file_bytes())?;
+        Ok(file)
+    }
+
     /// Reads and checks the header; `bytes` may end anywhere after it.
     pub(crate) fn open_header(bytes: &'a [u8], limits: &Limits) -> Result<Self, ImagingError> {
+        Self::open_header_with(bytes, None, limits)
+    }
+
+    fn open_header_with(
+        bytes: &'a [u8],
+        form: Option<Form>,
+        limits: &Limits,
+    ) -> Result<Self, ImagingError> {
         let mut source = Source::new(bytes);
         let mut buffer = [0; LONGEST_HEADER];
         let (start, rest) = buffer.split_at_mut(4);
         let started = source.fill(start)?;
-        let length = header_length(&start[..started])?;
+        let length = header_length(&start[..started]).ok_or(ImagingError::NotNifti {
+            found: recognised(bytes),
+        })?;
         let followed = source.fill(&mut rest[..length - 4])?;
         if followed < length - 4 {
             return Err(ImagingError::NiftiTruncated {
@@ -42,19 +67,24 @@ impl<'a> NiftiFile<'a> {
                 found: (4 + followed) as u64,
             });
         }
-        let header = Header::parse(&buffer[..length])?;
+        let header_bytes = buffer[..length].to_vec();
+        let mut header = Header::parse(&header_bytes)?;
+        if let Some(form) = form {
+            header.placement = header.placement.keeping(form)?;
+        }
         check_limits(&header, limits)?;
         let grid = Grid::new(header.size, header.placement.patient_from_voxel()?)?;
         Ok(Self {
             header,
+            header_bytes,
             grid,
             source,
             taken: length as u64,
         })
     }
 
-    /// Passes the bytes of all voxels to `take`, a whole number of voxels at a time, and checks that the file ends
-    /// after them.
+    /// Passes the bytes of all voxels to `take`, a whole number of voxels at a time, and checks that less than a slice
+    /// follows them.
     ///
     /// # Errors
     /// If the file is too short or too long, or its checksum is wrong; and the errors of `take`.
@@ -92,14 +122,22 @@ impl<'a> NiftiFile<'a> {
         Ok(chunk)
     }
 
+    /// Some writers fill the last block of a file; what is as long as a slice may be voxels, and the header wrong.
+    ///
     /// Reading past the end is what makes the decoder verify the last checksum.
     fn expect_end(&mut self) -> Result<(), ImagingError> {
-        match self.source.fill(&mut [0])? {
-            0 => Ok(()),
-            _ => Err(ImagingError::NiftiTrailingData {
-                expected: self.header.file_bytes(),
-            }),
+        let slice = self.header.voxel_bytes() / self.header.size[2] as u64;
+        let mut buffer = [0; 4096];
+        let mut following = 0;
+        while following < slice {
+            match self.source.fill(&mut buffer)? {
+                0 => return Ok(()),
+                more => following += more as u64,
+            }
         }
+        Err(ImagingError::NiftiTrailingData {
+            expected: self.header.file_bytes(),
+        })
     }
 
     /// Memory for one value per voxel.

@@ -1,6 +1,7 @@
 //! The fixed-size header at the start of a file, in either version and byte order.
 
 use crate::ImagingError;
+use crate::sniff::recognised;
 
 use super::affine::Placement;
 use super::datatype::DataType;
@@ -51,12 +52,11 @@ pub(crate) struct Scaling {
 }
 
 /// The length of the header that starts with `bytes`; four bytes are enough.
-pub(crate) fn header_length(bytes: &[u8]) -> Result<usize, ImagingError> {
-    match kind(bytes) {
-        Some((Version::One, _)) => Ok(NIFTI_1_HEADER),
-        Some((Version::Two, _)) => Ok(LONGEST_HEADER),
-        None => Err(ImagingError::NotNifti),
-    }
+pub(crate) fn header_length(bytes: &[u8]) -> Option<usize> {
+    Some(match kind(bytes)? {
+        (Version::One, _) => NIFTI_1_HEADER,
+        (Version::Two, _) => LONGEST_HEADER,
+    })
 }
 
 /// Whether bytes start like a NIfTI or Analyze header, which may be damaged.
@@ -79,7 +79,9 @@ fn kind(bytes: &[u8]) -> Option<(Version, ByteOrder)> {
 impl Header {
     /// Reads a header from its bytes; [`header_length`] states how many there must be.
     pub(crate) fn parse(bytes: &[u8]) -> Result<Self, ImagingError> {
-        let (version, order) = kind(bytes).ok_or(ImagingError::NotNifti)?;
+        let (version, order) = kind(bytes).ok_or(ImagingError::NotNifti {
+            found: recognised(bytes),
+        })?;
         check_magic(version, bytes)?;
         let fields = Fields { bytes, order };
         match version {
@@ -130,6 +132,40 @@ impl Header {
                 }),
             },
         })
+    }
+
+    /// The bytes of a header with the forms and sizes of this one, and with voxels that follow four bytes after it.
+    pub(crate) fn written_over(&self, bytes: &[u8]) -> Vec<u8> {
+        let mut written = bytes.to_vec();
+        let mut put = |at: usize, little_endian: &[u8]| {
+            let place = &mut written[at..at + little_endian.len()];
+            place.copy_from_slice(little_endian);
+            if self.order == ByteOrder::Big {
+                place.reverse();
+            }
+        };
+        let Placement {
+            qform_code,
+            sform_code,
+            pixdim,
+            ..
+        } = self.placement;
+        if bytes.len() == NIFTI_1_HEADER {
+            put(108, &352f32.to_le_bytes());
+            put(252, &(qform_code as i16).to_le_bytes());
+            put(254, &(sform_code as i16).to_le_bytes());
+            for axis in 1..4 {
+                put(76 + 4 * axis, &(pixdim[axis] as f32).to_le_bytes());
+            }
+        } else {
+            put(168, &544i64.to_le_bytes());
+            put(344, &qform_code.to_le_bytes());
+            put(348, &sform_code.to_le_bytes());
+            for axis in 1..4 {
+                put(104 + 8 * axis, &pixdim[axis].to_le_bytes());
+            }
+        }
+        written
     }
 
     /// Number of voxels, saturating.
@@ -183,7 +219,11 @@ fn volume_size(dim: [i64; 8]) -> Result<[usize; 3], ImagingError> {
         })?;
     let mut sides = [1u64; 7];
     for (axis, side) in sides.iter_mut().enumerate().take(dimensions) {
-        let value = dim[axis + 1];
+        // Some writers count axes that they do not fill.
+        let value = match dim[axis + 1] {
+            0 if axis >= 3 => 1,
+            value => value,
+        };
         *side = u64::try_from(value).ok().filter(|&side| side > 0).ok_or(
             ImagingError::NiftiDimension {
                 axis: axis + 1,
@@ -204,8 +244,11 @@ fn volume_size(dim: [i64; 8]) -> Result<[usize; 3], ImagingError> {
     Ok(size)
 }
 
-/// The offset of the voxels: after the header and the four bytes that announce extensions.
+/// The offset of the voxels: after the header and the four bytes that announce extensions. Zero is the least one.
 fn vox_offset(value: f64, least: u64) -> Result<u64, ImagingError> {
+    if value == 0.0 {
+        return Ok(least);
+    }
     let whole = value == value.trunc();
     if whole && (least as f64..=MAX_VOX_OFFSET as f64).contains(&value) {
         Ok(value as u64)

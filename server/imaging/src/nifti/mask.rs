@@ -19,7 +19,7 @@ const LIKELY: f64 = 0.5;
 ///
 /// A voxel belongs to the mask if its scaled value is above 0: so 0 and 1, 0 and 255, labels, and a skull-stripped head
 /// all work. A file with values between 0 and 1 and none above 1.25 (interpolation overshoots) is a probability map:
-/// there a voxel belongs to the mask if its value is above ½.
+/// there a voxel belongs to the mask if its value is above ½. A voxel that is NaN or infinite does not belong to it.
 ///
 /// # Errors
 /// If the file is not a single volume, is damaged, or exceeds a limit.
@@ -37,7 +37,7 @@ pub fn read_mask(bytes: &[u8], limits: &Limits) -> Result<Mask, ImagingError> {
         DataType::F32 => read_classes::<f32>(&mut file),
         DataType::F64 => read_classes::<f64>(&mut file),
     }?;
-    Ok(Mask::new(file.grid, classes.belonging()?)?)
+    Ok(Mask::new(file.grid, classes.belonging())?)
 }
 
 /// Facts about a value, as bits.
@@ -50,8 +50,6 @@ mod fact {
     pub(super) const FRACTION: u8 = 4;
     /// Above any probability.
     pub(super) const LARGE: u8 = 8;
-    /// NaN or infinite.
-    pub(super) const NON_FINITE: u8 = 16;
 }
 
 /// Facts about the values, collected until all are known.
@@ -86,33 +84,28 @@ fn read_classes<T: Element>(file: &mut NiftiFile) -> Result<Classes, ImagingErro
 
 fn facts_of<T: Element>(value: T, scaling: Scaling) -> u8 {
     let intensity = scaling.intensity(value.to_f64());
+    if !intensity.is_finite() {
+        return 0;
+    }
     let flag = |holds: bool, fact: u8| if holds { fact } else { 0 };
     flag(intensity > 0.0, fact::POSITIVE)
         | flag(intensity > LIKELY, fact::LIKELY)
         | flag(intensity > MAX_PROBABILITY, fact::LARGE)
         | flag(intensity > 0.0 && intensity < 1.0, fact::FRACTION)
-        | flag(!intensity.is_finite(), fact::NON_FINITE)
 }
 
 impl Classes {
-    fn belonging(self) -> Result<Vec<bool>, ImagingError> {
+    fn belonging(self) -> Vec<bool> {
         let Self { facts, any } = self;
-        if any & fact::NON_FINITE != 0 {
-            let bad = facts.iter().filter(|&&facts| facts & fact::NON_FINITE != 0);
-            return Err(ImagingError::NiftiNonFinite {
-                count: bad.count() as u64,
-                voxels: facts.len() as u64,
-            });
-        }
         let probabilities = any & fact::FRACTION != 0 && any & fact::LARGE == 0;
         let belongs = if probabilities {
             fact::LIKELY
         } else {
             fact::POSITIVE
         };
-        Ok(facts
+        facts
             .into_iter()
             .map(|facts| facts & belongs != 0)
-            .collect())
+            .collect()
     }
 }

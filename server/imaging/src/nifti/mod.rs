@@ -2,9 +2,9 @@
 //!
 //! Supported are integers and floating-point numbers of 8 to 64 bits and one volume, placed by the sform (if its code
 //! is set) or the qform. Rejected are files that do not state which side of the head is left (Analyze 7.5, and NIfTI
-//! without either form), forms that disagree about it, complex numbers, colours, pairs of `.hdr` and `.img`, several
-//! volumes, voxels that are NaN or infinite, and files shorter or longer than their header describes. A gzip stream is
-//! read to its end, so that its checksums are verified.
+//! without either form), forms that contradict each other about it, about sizes or about angles, complex numbers, colours, pairs of
+//! `.hdr` and `.img`, several volumes, and files shorter than their header describes, or longer by a slice. A gzip stream is read to
+//! its end, so that its checksums are verified.
 //!
 //! Source: the headers `nifti1.h` (2007) and `nifti2.h` (2011) of the NIfTI Data Format Working Group, at
 //! <https://nifti.nimh.nih.gov>.
@@ -15,6 +15,7 @@ mod element;
 mod file;
 mod header;
 mod mask;
+mod outliers;
 mod range;
 mod source;
 mod stored;
@@ -24,8 +25,12 @@ mod write;
 pub(crate) use header::{LONGEST_HEADER, looks_like_header};
 pub(crate) use source::GZIP_MAGIC;
 
+pub use affine::Form;
 pub use mask::read_mask;
-pub use stored::{read_grid, read_volume};
+pub use outliers::{SAMPLE, kept_range};
+pub use stored::{Replaced, read_counted, read_grid, read_volume};
 pub use values::{Values, is_in_scanner_space, read_values};
 pub(crate) use write::write_samples;
-pub use write::{write_depth_map, write_labels, write_mask, write_numbers, write_volume};
+pub use write::{
+    keeping_form, write_depth_map, write_labels, write_mask, write_numbers, write_volume,
+};

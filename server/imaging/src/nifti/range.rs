@@ -1,11 +1,9 @@
 //! The range of numbers that come in chunks.
 
-use crate::ImagingError;
-
 use super::element::{Element, for_each};
 use super::header::ByteOrder;
 
-/// The range of the numbers so far.
+/// The range of the finite numbers so far.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Range<T> {
     /// Least and greatest.
@@ -13,7 +11,7 @@ pub(crate) struct Range<T> {
     /// Whether all are integers.
     pub(crate) whole: bool,
     /// Count of NaN and infinite values.
-    non_finite: u64,
+    pub(crate) non_finite: u64,
 }
 
 impl<T: Element> Range<T> {
@@ -33,10 +31,14 @@ impl<T: Element> Range<T> {
             mut non_finite,
         } = *self;
         let Some([mut least, mut greatest]) = ends.or_else(|| first_twice(bytes, order)) else {
+            self.non_finite += (bytes.len() / T::BYTES) as u64;
             return;
         };
         for_each(bytes, order, |value: T| {
-            non_finite += u64::from(!value.to_f64().is_finite());
+            if !value.to_f64().is_finite() {
+                non_finite += 1;
+                return;
+            }
             least = if value < least { value } else { least };
             greatest = if value > greatest { value } else { greatest };
             whole = whole && value.is_whole();
@@ -48,22 +50,27 @@ impl<T: Element> Range<T> {
         };
     }
 
-    /// Least and greatest number.
-    ///
-    /// # Errors
-    /// If some are not finite; `voxels` is the count of all numbers.
-    pub(crate) fn ends(&self, voxels: u64) -> Result<[T; 2], ImagingError> {
-        match (self.non_finite, self.ends) {
-            (0, Some(ends)) => Ok(ends),
-            (count, _) => Err(ImagingError::NiftiNonFinite { count, voxels }),
+    /// Least and greatest number, with zero for those that are not finite.
+    pub(crate) fn ends(&self) -> [T; 2] {
+        let [mut least, mut greatest] = self.ends.unwrap_or([T::ZERO; 2]);
+        if self.non_finite > 0 {
+            least = if T::ZERO < least { T::ZERO } else { least };
+            greatest = if T::ZERO > greatest {
+                T::ZERO
+            } else {
+                greatest
+            };
         }
+        [least, greatest]
     }
 }
 
 fn first_twice<T: Element>(bytes: &[u8], order: ByteOrder) -> Option<[T; 2]> {
     let mut first = None;
-    for_each(bytes.get(..T::BYTES)?, order, |value: T| {
-        first = Some(value);
+    for_each(bytes, order, |value: T| {
+        if first.is_none() && value.to_f64().is_finite() {
+            first = Some(value);
+        }
     });
     first.map(|value| [value, value])
 }

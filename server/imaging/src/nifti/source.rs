@@ -2,7 +2,7 @@
 
 use std::io::{self, Read};
 
-use flate2::bufread::MultiGzDecoder;
+use flate2::bufread::GzDecoder;
 
 use crate::ImagingError;
 
@@ -13,15 +13,18 @@ pub(crate) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 const MAX_EXPANSION: u64 = 1032;
 
 /// The bytes of a file, plain or in any number of gzip members.
+///
+/// Bytes after a member that begin no further one are passed over, as gzip itself does: the checksum of the member
+/// was verified, and what is missing then is missed by whoever reads.
 pub(crate) enum Source<'a> {
     Plain(&'a [u8]),
-    Gzip(Box<MultiGzDecoder<&'a [u8]>>),
+    Gzip(Box<GzDecoder<&'a [u8]>>),
 }
 
 impl<'a> Source<'a> {
     pub(crate) fn new(bytes: &'a [u8]) -> Self {
         if bytes.starts_with(&GZIP_MAGIC) {
-            Self::Gzip(Box::new(MultiGzDecoder::new(bytes)))
+            Self::Gzip(Box::new(GzDecoder::new(bytes)))
         } else {
             Self::Plain(bytes)
         }
@@ -42,7 +45,14 @@ impl<'a> Source<'a> {
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, ImagingError> {
         let read = match self {
             Self::Plain(bytes) => bytes.read(buffer),
-            Self::Gzip(stream) => stream.read(buffer),
+            Self::Gzip(stream) => loop {
+                match stream.read(buffer) {
+                    Ok(0) if stream.get_ref().starts_with(&GZIP_MAGIC) => {
+                        **stream = GzDecoder::new(*stream.get_ref());
+                    }
+                    read => break read,
+                }
+            },
         };
         read.map_err(|error| match error.kind() {
             io::ErrorKind::UnexpectedEof => ImagingError::GzipTruncated,
@@ -55,10 +65,9 @@ impl<'a> Source<'a> {
 pub(crate) fn check_promise(file: &[u8], promised: u64) -> Result<(), ImagingError> {
     let at_hand = file.len() as u64;
     if !file.starts_with(&GZIP_MAGIC) {
-        return match promised.cmp(&at_hand) {
-            std::cmp::Ordering::Equal => Ok(()),
-            std::cmp::Ordering::Less => Err(ImagingError::NiftiTrailingData { expected: promised }),
-            std::cmp::Ordering::Greater => Err(ImagingError::NiftiTruncated {
+        return match promised > at_hand {
+            false => Ok(()),
+            true => Err(ImagingError::NiftiTruncated {
                 expected: promised,
                 found: at_hand,
             }),

@@ -5,9 +5,10 @@ use geometry::{Grid, Rescale, Volume};
 use crate::{ImagingError, Limits};
 
 use super::datatype::DataType;
-use super::element::{Element, extend_with};
+use super::element::{Element, extend_with, for_each};
 use super::file::{NiftiFile, reserve_exact};
 use super::header::{ByteOrder, Scaling};
+use super::outliers::{SAMPLE, kept_range};
 use super::range::Range;
 
 /// The greatest stored value.
@@ -21,9 +22,31 @@ const STORED_MAX: f64 = u16::MAX as f64;
 /// background of a skull-stripped head does not change). Intensities are in single precision, which rounds to 6·10⁻⁸ of
 /// the largest one.
 ///
+/// Values that are not finite become 0, and values that lie so far beyond all others that the steps would be too coarse become
+/// the end of the range.
+///
 /// # Errors
 /// If the file is not such a volume, is damaged, or exceeds a limit.
 pub fn read_volume(bytes: &[u8], limits: &Limits) -> Result<Volume, ImagingError> {
+    read_counted(bytes, limits).map(|(volume, _)| volume)
+}
+
+/// The voxels of a file whose values were replaced.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Replaced {
+    /// Those that are NaN or infinite, and became 0.
+    pub not_finite: u64,
+    /// Those among them that are not connected with a face of the volume by others of their kind.
+    pub enclosed: u64,
+    /// Those that lie far beyond all others, and became the end of the range.
+    pub clipped: u64,
+}
+
+/// As [`read_volume`], with the number of voxels that were replaced.
+///
+/// # Errors
+/// As [`read_volume`].
+pub fn read_counted(bytes: &[u8], limits: &Limits) -> Result<(Volume, Replaced), ImagingError> {
     let mut file = NiftiFile::open(bytes, limits)?;
     let stored = match file.header.data_type {
         DataType::U8 => read_narrow(&mut file, 0.0, |value: u8| value.into()),
@@ -39,16 +62,17 @@ pub fn read_volume(bytes: &[u8], limits: &Limits) -> Result<Volume, ImagingError
         DataType::F32 => read_wide::<f32>(&mut file),
         DataType::F64 => read_wide::<f64>(&mut file),
     }?;
-    let Stored { mut voxels, steps } = stored;
+    let Stored {
+        mut voxels,
+        steps,
+        replaced,
+    } = stored;
     let intensities = steps.scaled(file.header.scaling);
     if intensities.slope < 0.0 {
         voxels.iter_mut().for_each(|stored| *stored = !*stored);
     }
-    Ok(Volume::new(
-        file.grid,
-        voxels,
-        intensities.rising().rescale()?,
-    )?)
+    let volume = Volume::new(file.grid, voxels, intensities.rising().rescale()?)?;
+    Ok((volume, replaced))
 }
 
 /// The grid of a NIfTI file. The first 64 kB of the file are enough for every header, plain or gzipped.
@@ -63,6 +87,7 @@ pub fn read_grid(start: &[u8], limits: &Limits) -> Result<Grid, ImagingError> {
 struct Stored {
     voxels: Vec<u16>,
     steps: Steps,
+    replaced: Replaced,
 }
 
 /// Number = slope · stored + intercept, in double precision.
@@ -141,8 +166,11 @@ fn read_narrow<T: Element>(
         extend_with(&mut voxels, chunk, order, convert);
         Ok(())
     })?;
-    let steps = Steps::unit_from(least);
-    Ok(Stored { voxels, steps })
+    Ok(Stored {
+        voxels,
+        steps: Steps::unit_from(least),
+        replaced: Replaced::default(),
+    })
 }
 
 /// Wider numbers, kept unchanged until their range is known.
@@ -155,11 +183,90 @@ fn read_wide<T: Element>(file: &mut NiftiFile) -> Result<Stored, ImagingError> {
         chunks.push(copy(chunk)?);
         Ok(())
     })?;
-    let ends = range.ends(file.header.voxel_count())?;
-    if range.whole && ends[1].is_within_16_bits_of(ends[0]) {
-        keep_whole(chunks, order, ends)
+    let mut replaced = Replaced {
+        not_finite: range.non_finite,
+        ..Replaced::default()
+    };
+    if range.non_finite > 0 {
+        replaced.enclosed = enclosed::<T>(&chunks, order, file.header.size);
+    }
+    let ends = range.ends();
+    let (voxels, steps) = if range.whole && ends[1].is_within_16_bits_of(ends[0]) {
+        keep_whole(chunks, order, ends)?
     } else {
-        quantise(chunks, order, ends)
+        let ends = ends.map(T::to_f64);
+        let kept = kept_range(sample::<T>(&chunks, order), ends);
+        if kept != ends {
+            let is_beyond = |value: f64| value < kept[0] || value > kept[1];
+            for chunk in &chunks {
+                for_each(chunk, order, |value: T| {
+                    let value = value.to_f64();
+                    replaced.clipped += u64::from(value.is_finite() && is_beyond(value));
+                });
+            }
+        }
+        quantise::<T>(chunks, order, kept)?
+    };
+    Ok(Stored {
+        voxels,
+        steps,
+        replaced,
+    })
+}
+
+/// Evenly chosen values that are neither zero nor undefined.
+fn sample<T: Element>(chunks: &[Vec<u8>], order: ByteOrder) -> Vec<f64> {
+    let count: usize = chunks.iter().map(|chunk| chunk.len() / T::BYTES).sum();
+    let every = (count / SAMPLE).max(1);
+    let (mut sample, mut number) = (Vec::new(), 0);
+    for chunk in chunks {
+        for_each(chunk, order, |value: T| {
+            if number % every == 0 {
+                sample.push(value.to_f64());
+            }
+            number += 1;
+        });
+    }
+    sample
+}
+
+/// How many of the values that are not finite are not connected with a face of the volume by others.
+fn enclosed<T: Element>(chunks: &[Vec<u8>], order: ByteOrder, size: [usize; 3]) -> u64 {
+    let mut is_left = Vec::new();
+    for chunk in chunks {
+        for_each(chunk, order, |value: T| {
+            is_left.push(!value.to_f64().is_finite());
+        });
+    }
+    let strides = [1, size[0], size[0] * size[1]];
+    let place = |index: usize, axis: usize| index / strides[axis] % size[axis];
+    let is_on_face =
+        |index: usize| (0..3).any(|axis| [0, size[axis] - 1].contains(&place(index, axis)));
+    let mut reached: Vec<usize> = (0..is_left.len())
+        .filter(|&index| is_left[index] && is_on_face(index))
+        .collect();
+    reached.iter().for_each(|&index| is_left[index] = false);
+    while let Some(index) = reached.pop() {
+        for axis in 0..3 {
+            let at = place(index, axis);
+            let before = (at > 0).then(|| index - strides[axis]);
+            let after = (at + 1 < size[axis]).then(|| index + strides[axis]);
+            for next in [before, after].into_iter().flatten() {
+                if is_left[next] {
+                    is_left[next] = false;
+                    reached.push(next);
+                }
+            }
+        }
+    }
+    is_left.into_iter().filter(|&is_left| is_left).count() as u64
+}
+
+/// The value, or zero in place of one that is not finite.
+fn finite<T: Element>(value: T) -> T {
+    match value.to_f64().is_finite() {
+        true => value,
+        false => T::ZERO,
     }
 }
 
@@ -175,26 +282,26 @@ fn keep_whole<T: Element>(
     chunks: Vec<Vec<u8>>,
     order: ByteOrder,
     [least, greatest]: [T; 2],
-) -> Result<Stored, ImagingError> {
+) -> Result<(Vec<u16>, Steps), ImagingError> {
     let fit_as_they_are = least.to_f64() >= 0.0 && greatest.to_f64() <= STORED_MAX;
     let first = if fit_as_they_are { T::ZERO } else { least };
-    let voxels = convert_chunks(chunks, order, |value: T| value.steps_above(first))?;
-    let steps = Steps::unit_from(first.to_f64());
-    Ok(Stored { voxels, steps })
+    let voxels = convert_chunks(chunks, order, |value: T| finite(value).steps_above(first))?;
+    Ok((voxels, Steps::unit_from(first.to_f64())))
 }
 
-/// Numbers rounded to the nearest of 65,536 equidistant levels. If the range includes zero, zero is one of the levels.
+/// Numbers rounded to the nearest of 65,536 equidistant levels; those beyond the ends, to the last one. If the range includes
+/// zero, zero is one of the levels.
 fn quantise<T: Element>(
     chunks: Vec<Vec<u8>>,
     order: ByteOrder,
-    ends: [T; 2],
-) -> Result<Stored, ImagingError> {
-    let steps = Steps::across(ends.map(T::to_f64));
+    ends: [f64; 2],
+) -> Result<(Vec<u16>, Steps), ImagingError> {
+    let steps = Steps::across(ends);
     let per_step = 1.0 / steps.slope;
     let voxels = convert_chunks(chunks, order, |value: T| {
-        ((value.to_f64() - steps.intercept) * per_step + 0.5) as u16
+        ((finite(value).to_f64() - steps.intercept) * per_step + 0.5) as u16
     })?;
-    Ok(Stored { voxels, steps })
+    Ok((voxels, steps))
 }
 
 impl Steps {

@@ -8,9 +8,10 @@ use std::io::Write;
 use flate2::{Compression, GzBuilder, write::GzEncoder};
 use geometry::{Grid, Mask, Rescale, Volume};
 
-use crate::ImagingError;
+use crate::{ImagingError, Limits};
 
-use super::affine::Placement;
+use super::affine::{Form, Placement};
+use super::file::NiftiFile;
 
 /// The offset of the voxels: after the header and four bytes that announce no extension.
 const VOX_OFFSET: usize = 352;
@@ -165,6 +166,24 @@ pub fn write_labels(
     pack(&start, labels, |label, bytes| {
         bytes.extend_from_slice(&label.to_le_bytes());
     })
+}
+
+/// A NIfTI file, plain or gzipped, with one of the two forms of its header alone, without extensions, as `.nii.gz`. The same file
+/// gives the same bytes.
+///
+/// # Errors
+/// If the header does not have that form, or the file is not a single volume, is damaged, or exceeds a limit.
+pub fn keeping_form(bytes: &[u8], form: Form, limits: &Limits) -> Result<Vec<u8>, ImagingError> {
+    let mut file = NiftiFile::open_keeping(bytes, form, limits)?;
+    let mut encoder = GzBuilder::new().write(Vec::new(), Compression::fast());
+    write_all(&mut encoder, &file.header.written_over(&file.header_bytes));
+    // No extension follows.
+    write_all(&mut encoder, &[0; 4]);
+    file.for_each_chunk(|chunk| {
+        write_all(&mut encoder, chunk);
+        Ok(())
+    })?;
+    Ok(encoder.finish().expect("memory does not fail"))
 }
 
 /// Header and encoded values in one gzip member without a name or time.

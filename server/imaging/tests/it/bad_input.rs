@@ -43,7 +43,10 @@ fn dimensions_that_are_none_are_refused() {
     };
     assert_kind(&dims([3, 0, 3, 4, 1, 1, 1, 1]), "nifti-dimension");
     assert_kind(&dims([3, 2, -3, 4, 1, 1, 1, 1]), "nifti-dimension");
-    assert_kind(&dims([4, 2, 3, 4, 0, 1, 1, 1]), "nifti-dimension");
+    assert_kind(&dims([4, 2, 3, 4, -1, 1, 1, 1]), "nifti-dimension");
+    // An axis that was counted and not filled.
+    assert_kind(&dims([4, 2, 3, 4, 0, 1, 1, 1]), "sound");
+    assert_kind(&dims([7, 2, 3, 4, 0, 0, 0, 0]), "sound");
     assert_kind(&dims([0, 2, 3, 4, 1, 1, 1, 1]), "nifti-dimension");
     assert_kind(&dims([8, 2, 3, 4, 1, 1, 1, 1]), "nifti-dimension");
     assert_kind(&dims([-1, 2, 3, 4, 1, 1, 1, 1]), "nifti-dimension");
@@ -91,7 +94,7 @@ fn a_bitpix_that_is_not_the_types_is_refused() {
 
 #[test]
 fn a_vox_offset_into_the_header_or_beyond_reason_is_refused() {
-    for offset in [-1.0, 0.0, 351.0, 1e18] {
+    for offset in [-1.0, 348.0, 351.0, 1e18] {
         let file = Nifti {
             vox_offset: Some(offset),
             ..Nifti::default()
@@ -161,20 +164,50 @@ fn scalings_that_are_none_are_refused() {
 }
 
 #[test]
-fn voxels_that_are_no_numbers_are_counted() {
+fn voxels_that_are_no_numbers_become_0_and_are_counted() {
     for datatype in [F32, F64] {
-        for first in [0, 5] {
-            let mut values: Vec<f64> = (0..24).map(f64::from).collect();
+        for (first, offset) in [(0, 0.0), (5, 0.0), (0, 100.0), (5, -7.5), (1, 0.25)] {
+            let mut values: Vec<f64> = (0..24).map(|value| f64::from(value) + offset).collect();
             values[first] = f64::NAN;
             values[22] = f64::INFINITY;
             values[23] = f64::NEG_INFINITY;
-            let file = Nifti::of(datatype, &values, 1, true);
-            let expected = ImagingError::NiftiNonFinite {
-                count: 3,
-                voxels: 24,
-            };
-            assert_eq!(file.read(), Err(expected));
+            let bytes = Nifti::of(datatype, &values, 1, true).bytes();
+            let (volume, replaced) = nifti::read_counted(&bytes, &Limits::default()).unwrap();
+            assert_eq!((replaced.not_finite, replaced.enclosed), (3, 0));
+            for (found, value) in intensities(&volume).into_iter().zip(values) {
+                let expected = if value.is_finite() { value } else { 0.0 };
+                assert!((found - expected).abs() < 1e-3, "{found} for {expected}");
+            }
         }
+    }
+    let nothing = Nifti::of(F32, &[f64::NAN; 24], 1, false).read().unwrap();
+    assert!(intensities(&nothing).iter().all(|&value| value == 0.0));
+}
+
+#[test]
+fn voxels_without_a_number_within_the_others_are_told_from_those_around_them() {
+    let mut file = Nifti {
+        dim: [3, 5, 5, 5, 1, 1, 1, 1],
+        datatype: F32,
+        ..Nifti::default()
+    };
+    let at = |[x, y, z]: [usize; 3]| x + 5 * (y + 5 * z);
+    for (holes, enclosed) in [
+        (vec![[2, 2, 2]], 1),
+        (vec![[2, 2, 2], [2, 2, 1], [2, 2, 0]], 0),
+        (vec![[0, 2, 2], [1, 2, 2], [3, 3, 3]], 1),
+        (vec![[1, 1, 1], [3, 1, 1], [1, 3, 3]], 3),
+        (vec![[4, 4, 4], [3, 3, 3]], 1),
+    ] {
+        let mut values = vec![7.0; 125];
+        holes.iter().for_each(|&hole| values[at(hole)] = f64::NAN);
+        file.data = values
+            .iter()
+            .flat_map(|&value| encode(F32, value, false))
+            .collect();
+        let (_, replaced) = nifti::read_counted(&file.bytes(), &Limits::default()).unwrap();
+        assert_eq!(replaced.not_finite, holes.len() as u64);
+        assert_eq!(replaced.enclosed, enclosed, "{holes:?}");
     }
 }
 
@@ -206,14 +239,20 @@ fn a_file_cut_anywhere_is_truncated() {
 }
 
 #[test]
-fn bytes_after_the_voxels_are_refused() {
+fn fewer_bytes_than_a_slice_after_the_voxels_are_passed_over() {
     let mut file = Nifti::default();
+    // A slice is 2 × 3 voxels.
+    for length in 1..6 {
+        file.data.push(0);
+        assert_kind(&file, "sound");
+        assert_eq!(file.read(), Nifti::default().read(), "{length}");
+    }
     file.data.push(0);
     assert_kind(&file, "nifti-trailing-data");
 }
 
 #[test]
-fn a_wrong_checksum_or_garbage_after_the_stream_is_found() {
+fn a_wrong_checksum_is_found_and_what_follows_the_stream_is_passed_over() {
     let packed = Nifti::default().packed();
     for from_end in 1..=8 {
         let mut damaged = packed.clone();
@@ -225,8 +264,16 @@ fn a_wrong_checksum_or_garbage_after_the_stream_is_found() {
             "byte {from_end} from the end"
         );
     }
-    let followed = [&packed[..], b"something else"].concat();
-    assert_eq!(kind_of(&followed), "gzip-corrupt");
+    let tails: [&[u8]; 5] = [b"something else", b"\n", &[0; 10_240], &[0xff], b"\x1f"];
+    for tail in tails {
+        let followed = [&packed[..], tail].concat();
+        assert_eq!(kind_of(&followed), "sound", "{tail:?}");
+    }
+    let halves = Nifti::default().bytes();
+    let members = [pack(&halves[..360]), pack(&halves[360..])].concat();
+    assert_eq!(kind_of(&members), "sound");
+    let lost = [pack(&halves[..360]), b"lost".to_vec()].concat();
+    assert_eq!(kind_of(&lost), "nifti-truncated");
 }
 
 #[test]

@@ -303,7 +303,7 @@ fn bad_stacks_are_refused_with_the_slices_named() {
         ),
         (
             "dicom-mixed-patients",
-            "patient or study: instance number 2",
+            "Patient ID: instance number 2",
             &|slices| {
                 slices[1].patient_id = "P-78";
             },

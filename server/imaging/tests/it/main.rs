@@ -12,5 +12,6 @@ mod placement;
 mod real_heads;
 mod real_series;
 mod series_builder;
+mod variations;
 mod voxels;
 mod writing;

@@ -11,6 +11,8 @@ fn another_reader_finds_the_same_intensities_and_affine() {
             let values: Vec<f64> = (0..24).map(|i| f64::from(i * i) / 6.0).collect();
             let mut file = Nifti::of(datatype, &values, 1, big_endian);
             (file.slope, file.intercept) = (1.5, -20.0);
+            // It states nothing about sizes.
+            file.pixdim = [0.0; 8];
             file.srow = [
                 [-0.9, 0.1, 0.0, 80.0],
                 [0.1, 0.8, 0.2, -120.5],

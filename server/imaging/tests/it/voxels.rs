@@ -218,3 +218,68 @@ fn gzip_in_several_members_is_one_file() {
     let volume = nifti::read_volume(&packed, &Limits::default()).unwrap();
     assert_eq!(volume, file.read().unwrap());
 }
+
+/// A head of 40 × 20 × 10 voxels from 0.5 to 2.5, with odd values at its corner.
+fn with_odd(datatype: i16, scale: f64, odd: &[f64]) -> Nifti {
+    let mut values: Vec<f64> = (0..8000)
+        .map(|at| scale * (0.5 + f64::from(at % 997) / 498.5))
+        .collect();
+    values[..odd.len()].copy_from_slice(odd);
+    Nifti {
+        dim: [3, 40, 20, 10, 1, 1, 1, 1],
+        ..Nifti::of(datatype, &values, 1, false)
+    }
+}
+
+fn levels(volume: &geometry::Volume) -> usize {
+    let all: std::collections::BTreeSet<u16> = volume.voxels().iter().copied().collect();
+    all.len()
+}
+
+#[test]
+fn odd_voxels_do_not_take_the_levels_of_all_others() {
+    for (datatype, scale, odd) in [
+        (F32, 1.0, vec![5e3]),
+        (F32, 1.0, vec![5e4, -5e4]),
+        (F64, 1.0, vec![1e9]),
+        (F32, 1e-3, vec![10.0, 20.0, 30.0]),
+        (I32, 1000.0, vec![2e9]),
+        (I32, 1000.0, vec![-2e9, 2e9]),
+    ] {
+        let file = with_odd(datatype, scale, &odd);
+        let (volume, replaced) = nifti::read_counted(&file.bytes(), &Limits::default()).unwrap();
+        assert_eq!(replaced.clipped, odd.len() as u64, "{datatype} {odd:?}");
+        assert!(levels(&volume) > 190, "{} levels", levels(&volume));
+        let all = intensities(&volume);
+        for (at, found) in all.iter().enumerate().skip(odd.len()) {
+            let expected = scale * (0.5 + (at % 997) as f64 / 498.5);
+            let expected = if datatype == I32 {
+                expected.trunc()
+            } else {
+                expected
+            };
+            assert!(
+                (found - expected).abs() < 0.005 * 1.5 * scale,
+                "{found} for {expected}"
+            );
+        }
+    }
+}
+
+#[test]
+fn values_that_leave_fine_steps_keep_their_range() {
+    for (datatype, odd) in [(F32, vec![]), (F32, vec![100.0]), (F64, vec![-20.0, 200.0])] {
+        let file = with_odd(datatype, 1.0, &odd);
+        let (volume, replaced) = nifti::read_counted(&file.bytes(), &Limits::default()).unwrap();
+        assert_eq!(replaced.clipped, 0);
+        let greatest = odd.iter().copied().fold(2.498, f64::max);
+        assert!((f64::from(volume.intensity_range()[1]) - greatest).abs() < 0.01);
+    }
+    // Whole numbers within 16 bits are exact, whatever lies between.
+    let file = with_odd(I32, 2.0, &[60_000.0]);
+    let (volume, replaced) = nifti::read_counted(&file.bytes(), &Limits::default()).unwrap();
+    assert_eq!(
+        (replaced.clipped, volume.intensity_range()[1]),
+        (0, 60_000.0)
+    );
+}

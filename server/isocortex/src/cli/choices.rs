@@ -1,6 +1,7 @@
 //! The values of options on the command line, each with a description for `--help`.
 
 use case::{Contrast, LayerKind, MaskKind, MaskSource};
+use cases::dicom::Form;
 use cases::pictures::GpuUse;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
@@ -45,6 +46,18 @@ pub(super) fn mask_source() -> impl TypedValueParser<Value = MaskSource> {
             "pruning",
             "Extracted by tree pruning; `auto` becomes this if the brain must be extracted without a network",
         ),
+    ])
+}
+
+/// A form of a NIfTI header.
+pub(super) fn form() -> impl TypedValueParser<Value = Form> {
+    one_of(&[
+        (
+            Form::Sform,
+            "sform",
+            "The affine of srow_x, srow_y and srow_z",
+        ),
+        (Form::Qform, "qform", "The quaternion and pixdim"),
     ])
 }
 

@@ -33,7 +33,7 @@ use clap::{Args, Parser, Subcommand};
 
 use self::status::{CliError, ExitStatus};
 use case::{MaskKind, MaskSource, Parameters};
-use cases::dicom::SeriesName;
+use cases::dicom::{Form, SeriesName};
 use imaging::START_BYTES;
 use pipeline::{Extractor, Pipeline};
 
@@ -156,6 +156,9 @@ struct VolumeOptions {
         allow_negative_numbers = true
     )]
     offset_mm: f64,
+    /// Which form of the NIfTI headers of volume and mask is true, if they contradict each other.
+    #[arg(long, value_name = "FORM", value_parser = choices::form())]
+    affine: Option<Form>,
     /// The DICOM series to read: its number, instance UID or token.
     #[arg(long, value_name = "SERIES", value_parser = series_name)]
     series: Option<SeriesName>,

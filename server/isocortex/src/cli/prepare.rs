@@ -59,10 +59,17 @@ pub(super) async fn source(
     volume: &Path,
     options: &VolumeOptions,
 ) -> Result<(Source, Vec<Image>), CliError> {
-    let mask = options.mask.as_deref().map(read_input).transpose()?;
+    let read = |path: &Path| {
+        let bytes = read_input(path)?;
+        Ok::<_, CliError>(match options.affine {
+            Some(form) => pipeline::keeping_form(&bytes, form, &Limits::default())?.into(),
+            None => bytes,
+        })
+    };
+    let mask = options.mask.as_deref().map(read).transpose()?;
     if !volume.is_dir() && !sniff(&head_of(volume)?).may_be_dicom() {
         let source = Source {
-            volume: read_input(volume)?,
+            volume: read(volume)?,
             mask,
             ..Source::default()
         };
@@ -101,6 +108,12 @@ fn tell(choice: &Choice) {
         choice.others.len(),
         choice.ignored_files
     );
+    for file in &choice.unread {
+        eprintln!(
+            "an image cannot be read, file {}: {}",
+            file.file, file.reason
+        );
+    }
     let filled = &choice.interpolated_slices;
     if !filled.is_empty() {
         eprintln!("interpolated missing slices: {filled:?}");

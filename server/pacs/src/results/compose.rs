@@ -469,7 +469,11 @@ fn no_frame_of_reference() -> AppError {
 
 fn unwritable(error: WriteError) -> AppError {
     match error {
-        WriteError::NoStudy => no_patient(),
+        WriteError::NoStudy => refuse(
+            "no-patient",
+            "the Study Instance UID of the case is missing or not valid (digits and points, at most 64 of them), as some anonymisers \
+             write it, so no result can refer to its study; anonymise the images again with valid UIDs",
+        ),
         WriteError::NoFrameOfReference => no_frame_of_reference(),
         WriteError::Empty => refuse(
             "mask-empty",

@@ -93,6 +93,7 @@ pub fn prepare_layer(
         patient_from_voxel: rows_of(voxels.volume.grid().patient_from_voxel()),
         placement,
         range: voxels.range,
+        clipped: voxels.clipped,
         window: voxels.window(&seen, parameters)?,
         labels: voxels.labels.clone(),
         sequence: dicom.and_then(|dicom| sequence_of(&dicom.attributes)),

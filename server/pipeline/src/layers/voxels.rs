@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use case::{Failure, LabelFacts, LayerKind, LayerParameters};
 use geometry::{Envelope, Rescale, Volume};
 use glam::{DAffine3, DVec3};
-use imaging::nifti::Values;
+use imaging::nifti::{SAMPLE, Values, kept_range};
 
 use crate::failure::from_geometry;
 
@@ -38,6 +38,8 @@ pub(super) struct Voxels {
     pub(super) labels: Vec<LabelFacts>,
     /// Least and greatest value.
     pub(super) range: [f32; 2],
+    /// How many values lie so far beyond all others that they became the end of the range.
+    pub(super) clipped: u64,
 }
 
 impl Voxels {
@@ -68,6 +70,12 @@ impl Voxels {
                 format!("every voxel of the layer has the value {least}; there is nothing to show");
             return Err(Failure::unusable("layer-empty", detail));
         }
+        let range = match steps(&values.numbers, range).slope {
+            1.0 => range,
+            _ => kept(&values.numbers, range),
+        };
+        let is_clipped = |number: &&f32| **number < range[0] || **number > range[1];
+        let clipped = values.numbers.iter().filter(is_clipped).count() as u64;
         let rescale = steps(&values.numbers, range);
         let code = |&number: &f32| {
             if number.is_nan() {
@@ -82,6 +90,7 @@ impl Voxels {
             volume: Volume::new(values.grid, codes, rescale).map_err(from_geometry)?,
             labels: Vec::new(),
             range,
+            clipped,
         })
     }
 
@@ -140,6 +149,7 @@ impl Voxels {
             volume: Volume::new(values.grid, voxels, whole).map_err(from_geometry)?,
             labels: counts.into_iter().map(named).collect(),
             range,
+            clipped: 0,
         })
     }
 
@@ -202,6 +212,14 @@ pub(super) fn outside() -> Failure {
         "layer-outside-head",
         "nothing of the layer lies in the head; is it of another head, or is its header wrong?",
     )
+}
+
+/// The range without values far beyond all others.
+fn kept(numbers: &[f32], range: [f32; 2]) -> [f32; 2] {
+    let every = (numbers.len() / SAMPLE).max(1);
+    let sample = numbers.iter().step_by(every);
+    let sample = sample.map(|&number| f64::from(number)).collect();
+    kept_range(sample, range.map(f64::from)).map(|end| end as f32)
 }
 
 /// The value of a stored unit and of the stored 0.

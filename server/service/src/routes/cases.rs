@@ -171,6 +171,12 @@ pub struct VolumeView {
     /// axis, in runs of even steps; interpolated slices are in none. Absent if unknown, or if two images have the same number.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     images: Vec<ImageRun>,
+    /// How many voxels were not finite numbers and are shown as 0; absent if none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    not_finite_voxels: Option<u64>,
+    /// How many voxels lay so far beyond all others that they are shown as the end of the range; absent if none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    clipped_voxels: Option<u64>,
 }
 
 /// A sphere in the patient.
@@ -343,6 +349,8 @@ impl From<CaseFacts> for ReadyView {
         let window = window_of(&facts);
         let dicom = facts.dicom;
         let known = dicom.as_ref();
+        let voxels = facts.voxels.as_ref();
+        let count = |count: Option<u64>| count.filter(|&count| count > 0);
         Self {
             surface: SurfaceName::Whole,
             grid: GridView {
@@ -357,6 +365,8 @@ impl From<CaseFacts> for ReadyView {
                 sequence: known.and_then(|dicom| dicom.sequence.clone()),
                 series_number: known.and_then(|dicom| dicom.series_number),
                 images: known.map_or_else(Vec::new, |dicom| dicom.images.clone()),
+                not_finite_voxels: count(voxels.map(|voxels| voxels.not_finite)),
+                clipped_voxels: count(voxels.map(|voxels| voxels.clipped)),
                 interpolated_slices: dicom
                     .map(|dicom| dicom.interpolated_slices)
                     .unwrap_or_default(),

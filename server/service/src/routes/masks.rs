@@ -6,11 +6,12 @@ use axum::extract::{Request, State};
 use axum::http::{HeaderMap, header};
 use axum::response::Response;
 use bytes::Bytes;
+use cases::dicom::Form;
 use cases::{Cases, Error};
 use geometry::Mask;
 use render::Scene;
 use serde::{Deserialize, Serialize};
-use utoipa::IntoParams;
+use utoipa::{IntoParams, ToSchema};
 
 use super::cases::CaseView;
 use super::render::PNG;
@@ -149,6 +150,26 @@ pub struct VersionQuery {
     /// the body, because a downloaded mask is moved already; with an empty body, the default comes from the case.
     #[param(minimum = -20, maximum = 20)]
     offset_mm: Option<f64>,
+    /// With a mask in the body: which form of its header is true, if they contradict each other.
+    #[param(inline)]
+    affine: Option<Affine>,
+}
+
+/// A form of a NIfTI header.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+enum Affine {
+    Sform,
+    Qform,
+}
+
+impl From<Affine> for Form {
+    fn from(affine: Affine) -> Self {
+        match affine {
+            Affine::Sform => Self::Sform,
+            Affine::Qform => Self::Qform,
+        }
+    }
 }
 
 impl Asked for VersionQuery {
@@ -244,7 +265,10 @@ pub async fn put_mask(
     let _room = uploads.begin(&request)?;
     let case = cases.case(&id).await?;
     let body = Incoming::begin(cases.store(), &uploads).await?;
-    let body = body.spool(request.into_body().into_data_stream()).await?;
+    let mut body = body.spool(request.into_body().into_data_stream()).await?;
+    if let Some(affine) = query.values.affine.filter(|_| !body.is_empty()) {
+        body = cases.keeping_form(body, affine.into()).await?;
+    }
     let version = query.values.version(id, case.parameters, body)?;
     Ok(submitted(cases.submit_version(version).await?, None))
 }

@@ -9,7 +9,7 @@ use crate::jobs::NewJob;
 use crate::rows::{Inserted, NewCase, Pinned, Referred};
 use crate::{CaseQuery, Cursor, ObjectName, Page, StoreError};
 use case::images::Closed;
-use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
+use case::{AXES_CORRECTED, Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
 
 /// A case with its job's progress, which `read` understands. A `WHERE` or `ORDER BY` may follow.
 macro_rules! select_case {
@@ -469,6 +469,7 @@ pub(super) async fn delete(
     id: &CaseId,
     now: i64,
 ) -> Result<bool, StoreError> {
+    let known = one(connection, id).await?;
     let needed = objects(connection, id).await?;
     pins::abandon(connection, needed, now).await?;
     layers::abandon_all(connection, id, now).await?;
@@ -485,7 +486,41 @@ pub(super) async fn delete(
         .bind(id.to_string())
         .execute()
         .await?;
+    if let Some(values) = known
+        .as_ref()
+        .and_then(|case| values_of(case.facts.as_ref()?))
+    {
+        forget_contradictions(connection, values).await?;
+    }
     Ok(deleted > 0)
+}
+
+/// How many cases with the same voxels are compared.
+const MOST_COMPARED: usize = 100;
+
+/// Withdraws the doubt about the axes of cases with these stored values that no other case contradicts any more.
+async fn forget_contradictions(
+    connection: &mut Connection,
+    values: &str,
+) -> Result<(), StoreError> {
+    let same = with_voxels(connection, values, MOST_COMPARED).await?;
+    let voxels = |case: &Case| case.facts.as_ref()?.voxels.clone();
+    for case in &same {
+        let Some(own) = voxels(case) else { continue };
+        let mut others = same.iter().filter_map(voxels);
+        let is_contradicted = others.any(|other| own.has_other_axes(&other));
+        let Some(mut facts) = case.facts.clone().filter(|_| !is_contradicted) else {
+            continue;
+        };
+        match &mut facts.quality {
+            Some(quality) if quality.has_reason(AXES_CORRECTED) => {
+                quality.withdraw(AXES_CORRECTED);
+            }
+            _ => continue,
+        }
+        change_facts(connection, &case.id, &facts).await?;
+    }
+    Ok(())
 }
 
 pub(super) async fn objects(

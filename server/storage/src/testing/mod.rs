@@ -28,7 +28,9 @@ pub fn facts() -> CaseFacts {
         native_patient_from_voxel: [[0.0; 4]; 4],
         voxels: Some(VoxelFacts {
             values: "0".repeat(64),
-            moments: [0; 3],
+            profiles: [[0; 2]; 3],
+            not_finite: 0,
+            clipped: 0,
         }),
         envelope_sphere: SphereFacts {
             center_in_patient: [0.0; 3],
@@ -74,6 +76,7 @@ pub fn layer_facts() -> LayerFacts {
             residual_mm: Some(0.1),
         },
         range: [0.0, 1.0],
+        clipped: 0,
         window: [0.0, 1.0],
         labels: Vec::new(),
         sequence: None,

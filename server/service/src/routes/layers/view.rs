@@ -79,6 +79,9 @@ pub struct LayerView {
     /// Least and greatest value of an added layer.
     #[serde(skip_serializing_if = "Option::is_none")]
     range: Option<[f32; 2]>,
+    /// How many values of an added layer lay so far beyond all others that they are shown as the end of the range; absent if none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    clipped_voxels: Option<u64>,
     /// The grid of the acquisition of an added layer, in its own patient space.
     #[serde(skip_serializing_if = "Option::is_none")]
     grid: Option<LayerGrid>,
@@ -270,6 +273,7 @@ impl LayerView {
         Self {
             placement: Some(facts.placement.clone()),
             range: Some(facts.range),
+            clipped_voxels: Some(facts.clipped).filter(|&count| count > 0),
             grid: Some(LayerGrid {
                 size: facts.size,
                 spacing_mm: facts.spacing_mm,
@@ -319,6 +323,7 @@ impl LayerView {
             placement: None,
             transform: None,
             range: None,
+            clipped_voxels: None,
             grid: None,
             labels: Vec::new(),
             sequence: None,

@@ -4,7 +4,7 @@ use axum::extract::multipart::{Field, Multipart};
 use axum::extract::{FromRequest as _, Request};
 use case::Parameters;
 use cases::VolumeFiles;
-use cases::dicom::{Options, SeriesName};
+use cases::dicom::{Form as NiftiForm, Options, SeriesName};
 use serde_json::{Map, Value};
 use storage::Spooled;
 use tempfile::TempDir;
@@ -178,7 +178,16 @@ pub(super) fn take_options(object: &mut Map<String, Value>) -> Result<Options, A
         let detail = "must be the number, the instance UID or the token of a series";
         return Err(unreadable("series", &detail));
     }
+    let form = match object.remove("affine") {
+        None | Some(Value::Null) => None,
+        Some(Value::String(text)) => Some(NiftiForm::of_name(&text)),
+        Some(_) => Some(None),
+    };
+    if form == Some(None) {
+        return Err(unreadable("affine", &"must be `sform` or `qform`"));
+    }
     Ok(Options {
+        form: form.flatten(),
         series: series.flatten(),
         allow_gaps: take_flag(object, "allow_gaps", false)?,
         ..Options::default()
@@ -209,11 +218,12 @@ mod tests {
     #[test]
     fn options_are_told_from_parameters() {
         let sent = parse(
-            r#"{"series": 7, "allow_gaps": true, "keep_name": false, "closing_radius_mm": 5, "name": "A"}"#,
+            r#"{"series": 7, "allow_gaps": true, "affine": "qform", "keep_name": false, "closing_radius_mm": 5, "name": "A"}"#,
         );
         let sent = sent.unwrap();
         assert_eq!(sent.options.series, SeriesName::parse("7"));
         assert!(sent.options.allow_gaps && sent.renames);
+        assert_eq!(sent.options.form, Some(NiftiForm::Qform));
         assert_eq!(sent.parameters.closing_radius_mm, 5.0);
         assert_eq!(sent.parameters.name.as_deref(), Some("A"));
     }
@@ -240,6 +250,14 @@ mod tests {
             (
                 r#"{"allow_gaps": "Smith"}"#,
                 "`allow_gaps` in the part `parameters` must be true or false",
+            ),
+            (
+                r#"{"affine": "Smith"}"#,
+                "`affine` in the part `parameters` must be `sform` or `qform`",
+            ),
+            (
+                r#"{"affine": 1}"#,
+                "`affine` in the part `parameters` must be `sform` or `qform`",
             ),
             (
                 r#"{"keep_name": 1}"#,

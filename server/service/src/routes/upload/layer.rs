@@ -44,7 +44,7 @@ pub struct LayerForm {
     /// JSON: `name`, unique in the case; `kind` (`mr`, `ct`, `pet`, `map` or `labels`; by default from DICOM, otherwise
     /// `mr`); `unit`; `contrast` of an MR (`t1`, `t2`, `flair` or `other`; by default from DICOM, otherwise from the name);
     /// `transform` (`auto`, `none`, `rigid`, or 4 rows of 4 numbers: the rigid `case_from_layer`, LPS
-    /// mm). For DICOM files also `series` and `allow_gaps`, as for cases.
+    /// mm). For DICOM files also `series` and `allow_gaps`, and for NIfTI files `affine`, as for cases.
     parameters: Option<String>,
 }
 

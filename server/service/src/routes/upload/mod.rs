@@ -9,7 +9,7 @@ use axum::extract::{Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use cases::Cases;
-use cases::dicom::{Choice, Options};
+use cases::dicom::Choice;
 use storage::Submitted;
 use utoipa::ToSchema;
 
@@ -43,7 +43,8 @@ pub struct UploadForm {
     /// JSON: `closing_radius_mm` (0 to 50), `mask` (if none is supplied: `auto`, `volume`, `network` or `pruning`),
     /// `mask_kind` (`brain` or `envelope`), `threshold` (0.05 to 0.95), `offset_mm` (-20 to 20), and `name`, a label.
     /// For DICOM files also `series`, the number, instance UID or token of the series to read, and `allow_gaps`: true
-    /// interpolates single missing slices and lists them. A case that has a label keeps it, unless `keep_name` is false. DICOM
+    /// interpolates single missing slices and lists them. For NIfTI files `affine`, `sform` or `qform`: which form of the headers of
+    /// volume and mask is true, if they contradict each other. A case that has a label keeps it, unless `keep_name` is false. DICOM
     /// files without `name` are named after their series.
     parameters: Option<String>,
 }
@@ -82,8 +83,12 @@ pub async fn create_case(
     // Before the DICOM files are read, which takes long.
     sent.parameters.check()?;
     let (upload, choice) = cases.upload(volume, mask, &sent.options).await?;
-    if choice.is_none() && sent.options != Options::default() {
+    let of_dicom = sent.options.series.is_some() || sent.options.allow_gaps;
+    if choice.is_none() && of_dicom {
         return Err(not_of_nifti());
+    }
+    if choice.is_some() && sent.options.form.is_some() && upload.mask.is_none() {
+        return Err(not_of_dicom());
     }
     let accepted = cases.submit(upload, sent.parameters, !sent.renames).await?;
     Ok(submitted(accepted, choice))
@@ -113,6 +118,13 @@ fn not_of_nifti() -> AppError {
         detail:
             "`series` and `allow_gaps` are only accepted for DICOM files; `volume` is not DICOM"
                 .to_owned(),
+    }
+}
+
+fn not_of_dicom() -> AppError {
+    AppError::Upload {
+        kind: "parameters-unreadable",
+        detail: "`affine` is only accepted for NIfTI files; `volume` is DICOM".to_owned(),
     }
 }
 
