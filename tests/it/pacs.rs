@@ -378,7 +378,7 @@ async fn a_rejection_note_needs_a_right_by_http_and_by_dimse_and_is_refused_alon
         let refused = (source, storage::ImageStatus::Refused, count);
         assert!(counted.contains(&refused), "{counted:?}");
     }
-    for by in ["by=\"orthanc\"", "by=\"aet:SENDER\""] {
+    for by in ["orthanc", "aet:SENDER"] {
         let is_refusal = |line: &str| line.contains("rejection note was refused");
         let logged = lines.text();
         let mut refusals = logged.lines().filter(|line| is_refusal(line));
