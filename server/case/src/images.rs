@@ -121,9 +121,9 @@ impl<'de> Deserialize<'de> for Fingerprint {
 pub struct Image {
     pub uid: Uid,
     pub fingerprint: Fingerprint,
-    /// How often a PACS had sent it when it was read.
-    #[serde(skip)]
-    pub times: Option<u64>,
+    /// How often a PACS had sent it when it was read; 0 if it was uploaded.
+    #[serde(default)]
+    pub times: u64,
 }
 
 /// Why a case, a layer or a result is closed. The first that holds is stated.

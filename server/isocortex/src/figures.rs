@@ -168,7 +168,7 @@ async fn rows(store: &Store) -> Vec<Figure> {
         ),
         (
             "closed",
-            "",
+            "reason",
             "isocortex_closed_cases",
             "Cases that are closed, by whether their images were corrected or rejected",
         ),

@@ -38,6 +38,8 @@ pub struct MadeCase {
     pub case: CaseId,
     pub state: CaseState,
     pub closed: Option<Closed>,
+    /// Whether a PACS has sent its images; otherwise they were uploaded.
+    pub is_received: bool,
     pub images: Vec<MadeImage>,
 }
 

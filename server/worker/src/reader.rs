@@ -258,7 +258,7 @@ fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
         Some(Image {
             uid: Uid::parse(&uid)?,
             fingerprint: Fingerprint::new(&print.contents, print.is_lossy, print.corners_mm)?,
-            times: None,
+            times: 0,
         })
     };
     let images = images.into_iter().map(image).collect::<Option<_>>();

@@ -50,7 +50,10 @@ pub(crate) fn becomes(images: &[Image], made: &[MadeCase], is_taken: bool) -> Be
     if let Some(known) = first(known) {
         return Becomes::Known(known.case);
     }
-    let closed = made.iter().filter(|made| made.closed.is_some());
+    // What was uploaded is nothing that the PACS would correct.
+    let closed = made
+        .iter()
+        .filter(|made| made.closed.is_some() && made.is_received);
     let count = |made: &MadeCase| {
         let again = made.images.iter().filter(|image| image.has_come_again);
         (again.count(), made.images.len())
@@ -86,7 +89,7 @@ mod tests {
             .map(|number| Image {
                 uid: uid(number),
                 fingerprint: print(version),
-                times: None,
+                times: 0,
             })
             .collect()
     }
@@ -101,6 +104,7 @@ mod tests {
             case: CaseId::parse(&format!("{case:032x}")).unwrap(),
             state: CaseState::Ready,
             closed,
+            is_received: true,
             images: of
                 .map(|number| MadeImage {
                     uid: uid(number),
@@ -143,6 +147,9 @@ mod tests {
         let incomplete = Becomes::Incomplete { again: 4, of: 10 };
         assert_eq!(becomes(&new, &partly, false), incomplete);
         assert_eq!(becomes(&new, &partly, true), Becomes::New(None));
+        let mut uploaded = partly.clone();
+        uploaded[0].is_received = false;
+        assert_eq!(becomes(&new, &uploaded, false), Becomes::New(None));
         let wholly = [made(1, corrected, 0..10, |_| true)];
         assert_eq!(becomes(&new, &wholly, false), Becomes::New(None));
         // The correction was taken back, which opened the case.

@@ -120,7 +120,7 @@ impl Cases {
         let others = others.flat_map(|(arrival, patients)| others_of(arrival, patients));
         let is_other = |other: &Other| !is_head(&other.uids, other.patient.as_ref());
         let mut others: Vec<_> = others.filter(is_other).collect();
-        // Arrivals are forgotten before their cases. What was corrected says nothing any more.
+        // Arrivals are forgotten before their cases. What was corrected says nothing any more, nor what the series has a head instead of.
         for series in self.store().cases_of(query).await? {
             let case = self.store().case(&series.case).await?;
             if case.and_then(|case| case.closed) != Some(Closed::Rejected) {
@@ -128,7 +128,7 @@ impl Cases {
             }
             let source = self.attributes_of(&series.case).await?;
             let patient = source.map(|source| Patient::of(|keyword| source.value(keyword)));
-            if is_head(&series.uids, patient.as_ref()) {
+            if heads_of(series.uids.clone()).next().is_some() {
                 continue;
             }
             let known = others.iter_mut().find(|other| other.uids == series.uids);
@@ -166,13 +166,13 @@ impl Cases {
     async fn images_that_tell(&self, arrival: &Arrival) -> Result<Vec<ObjectName>, Error> {
         let mut images: Vec<_> = match arrival.instances {
             0 => Vec::new(),
-            _ => self.store().images_of(&arrival.uids).await?,
+            _ => self.store().counting_images_of(&arrival.uids).await?,
         };
         // Of all series but these, one image is enough.
         if !may_be_of_several(arrival) {
             images.truncate(1);
         }
-        Ok(images.into_iter().map(|(_, image)| image).collect())
+        Ok(images)
     }
 
     /// The patients of a study, in its cases and in what makes none.
@@ -199,8 +199,7 @@ impl Cases {
         uids: &SeriesUids,
         patient: &Patient,
     ) -> Result<bool, Error> {
-        let of_series = self.store().images_of(uids).await?.into_iter();
-        let stored: Vec<_> = of_series.map(|(_, image)| image).collect();
+        let stored = self.store().counting_images_of(uids).await?;
         self.states_another(&stored, patient).await
     }
 

@@ -128,7 +128,7 @@ impl Cases {
             .map(|image| (&image.uid, image.times))
             .collect();
         for image in &mut upload.images {
-            image.times = times.get(&image.uid).copied();
+            image.times = times.get(&image.uid).copied().unwrap_or(0);
         }
         let is_t1 = choice.is_some_and(|choice| choice.is_t1);
         let (is_case, otherwise) = match due.taken.map(|taken| taken.kind) {

@@ -241,7 +241,7 @@ fn image(contents: &str) -> Image {
     Image {
         uid: uid("1.2.3.4"),
         fingerprint: Fingerprint::new(&digest[..32], false, Vec::new()).unwrap(),
-        times: None,
+        times: 0,
     }
 }
 

@@ -7,8 +7,8 @@ use super::images::{self, Arrived};
 use super::{jobs, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
-    BECAME_LAYER, CaseSeries, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, Outcome,
-    PatientDigest, REJECTED, Reception, Rejection, SeriesQuery, SeriesUids, Taken, Uid,
+    BECAME_LAYER, CaseSeries, DueTerms, INCOMPLETE_CORRECTION, MOVED, NO_CASE, NOT_T1, NewInstance,
+    Outcome, PatientDigest, REJECTED, Reception, Rejection, SeriesQuery, SeriesUids, Taken, Uid,
 };
 use crate::rows::{DueImage, DueSeries};
 use crate::{ObjectName, StoreError};
@@ -40,7 +40,7 @@ pub(super) async fn add(
     now: i64,
     changed: &mut Vec<CaseId>,
 ) -> Result<Reception, StoreError> {
-    let arrived = images::arrive(connection, new, source, now, changed).await?;
+    let (arrived, has_returned) = images::arrive(connection, new, source, now, changed).await?;
     if arrived == Arrived::Following(Following::Unusable) {
         pins::abandon(connection, vec![ObjectName::from(new)], now).await?;
         return Ok(Reception::Refused);
@@ -62,6 +62,9 @@ pub(super) async fn add(
         .await?;
     if added == 0 && !is_another {
         pins::abandon(connection, vec![ObjectName::from(new)], now).await?;
+        if has_returned {
+            read_again(connection, &id, std::slice::from_ref(&new.sop_instance_uid)).await?;
+        }
         return Ok(Reception::Known);
     }
     if added == 0 {
@@ -516,7 +519,15 @@ pub(super) async fn to_read(
     let Some(row) = row else {
         return Ok(None);
     };
-    let uids = read_uids(&row)?;
+    Ok(Some(DueSeries {
+        uids: read_uids(&row)?,
+        taken: read_taken(&row)?,
+        images: due_images(connection, id).await?,
+    }))
+}
+
+/// The images of a series that are not rejected, by UID.
+async fn due_images(connection: &mut Connection, id: &str) -> Result<Vec<DueImage>, StoreError> {
     let rows = connection
         .query(
             "SELECT arrival_instances.sop_instance_uid, digest, times
@@ -538,11 +549,7 @@ pub(super) async fn to_read(
             times: row.get::<i64>("times")?.unsigned_abs(),
         })
     };
-    Ok(Some(DueSeries {
-        uids,
-        taken: read_taken(&row)?,
-        images: rows.iter().map(read_image).collect::<Result<_, _>>()?,
-    }))
+    rows.iter().map(read_image).collect()
 }
 
 async fn objects(connection: &mut Connection, id: &str) -> Result<Vec<ObjectName>, StoreError> {
@@ -597,8 +604,9 @@ pub(super) async fn settle(
         .await?;
     if let Outcome::Case(_) = outcome {
         wake_others(connection, id).await?;
-        wake_layers_of_closed(connection, &case).await?;
     }
+    // It may have closed since it was read.
+    wake_layers_of_closed(connection, &case).await?;
     Ok(true)
 }
 
@@ -738,6 +746,24 @@ pub(super) async fn of(
     rows.fetch_all().await?.iter().map(read).collect()
 }
 
+/// The images of a series that are here and are not rejected.
+pub(super) async fn counting_images_of(
+    connection: &mut Connection,
+    uids: &SeriesUids,
+) -> Result<Vec<ObjectName>, StoreError> {
+    let row = connection
+        .query("SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2")
+        .bind(uids.study.as_str())
+        .bind(uids.series.as_str())
+        .fetch_optional()
+        .await?;
+    let images = match row {
+        Some(row) => due_images(connection, &row.get::<String>("id")?).await?,
+        None => Vec::new(),
+    };
+    Ok(images.into_iter().map(|image| image.object).collect())
+}
+
 pub(super) async fn images_of(
     connection: &mut Connection,
     uids: &SeriesUids,
@@ -791,6 +817,17 @@ pub(super) async fn remove_of_case(
     for row in &rows {
         remove(connection, &row.get::<String>("id")?, now).await?;
     }
+    // A correction of it waits for nothing any more.
+    connection
+        .query(
+            "UPDATE arrivals SET state = 'receiving', reason = NULL
+             WHERE state = 'nothing' AND reason LIKE $2
+               AND (study_uid, series_uid) IN (SELECT study_uid, series_uid FROM case_series WHERE case_id = $1)",
+        )
+        .bind(case.to_string())
+        .bind(format!("%\"{INCOMPLETE_CORRECTION}\"%"))
+        .execute()
+        .await?;
     Ok(())
 }
 

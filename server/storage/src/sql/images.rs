@@ -74,13 +74,14 @@ pub(super) enum Arrived {
 }
 
 /// Notes that an image was sent, unless it is unusable, and judges what was made of the one before it. Adds the cases that were judged.
+/// Returns also whether it was rejected until it came again.
 pub(super) async fn arrive(
     connection: &mut Connection,
     new: &NewInstance,
     source: ArrivalSource,
     now: i64,
     changed: &mut Vec<CaseId>,
-) -> Result<Arrived, StoreError> {
+) -> Result<(Arrived, bool), StoreError> {
     let uid = &new.sop_instance_uid;
     let arrived = match last(connection, uid).await? {
         None => Arrived::First,
@@ -92,7 +93,7 @@ pub(super) async fn arrive(
         }),
     };
     match arrived {
-        Arrived::Following(Following::Unusable) => return Ok(arrived),
+        Arrived::Following(Following::Unusable) => return Ok((arrived, false)),
         Arrived::Following(Following::Same) => {
             connection
                 .query("UPDATE images SET times = times + 1, sender = $1, last_at = $2 WHERE sop_instance_uid = $3")
@@ -137,7 +138,7 @@ pub(super) async fn arrive(
     if returned > 0 || arrived != Arrived::Following(Following::Same) {
         changed.extend(judge(connection, uid).await?);
     }
-    Ok(arrived)
+    Ok((arrived, returned > 0))
 }
 
 /// A fingerprint as the rows have it, if something is made of the same image: a corner may differ by rounding.
@@ -177,9 +178,10 @@ pub(super) async fn make(
         connection
             .query(
                 "INSERT INTO made_of (case_id, layer_id, sop_instance_uid, fingerprint, times)
-                 VALUES ($1, $2, $3, $4, coalesce($5, (SELECT times FROM images WHERE sop_instance_uid = $3), 0))
+                 VALUES ($1, $2, $3, $4, $5)
                  ON CONFLICT (case_id, layer_id, result_id, sop_instance_uid) DO UPDATE
-                 SET fingerprint = excluded.fingerprint, times = excluded.times
+                 SET fingerprint = excluded.fingerprint,
+                     times = CASE WHEN excluded.times > made_of.times THEN excluded.times ELSE made_of.times END
                  WHERE excluded.fingerprint = (SELECT images.fingerprint FROM images
                                                WHERE images.sop_instance_uid = excluded.sop_instance_uid)",
             )
@@ -187,7 +189,7 @@ pub(super) async fn make(
             .bind(layer.clone())
             .bind(image.uid.as_str())
             .bind(fingerprint)
-            .bind(image.times.map(|times| i64::try_from(times).unwrap_or(i64::MAX)))
+            .bind(i64::try_from(image.times).unwrap_or(i64::MAX))
             .execute()
             .await?;
     }
@@ -590,7 +592,7 @@ pub(super) async fn of(
         Ok(Image {
             uid: read_uid(row)?,
             fingerprint: read_fingerprint(row)?.ok_or_else(|| unreadable("fingerprint"))?,
-            times: Some(row.get::<i64>("times")?.unsigned_abs()),
+            times: row.get::<i64>("times")?.unsigned_abs(),
         })
     };
     rows.iter().map(read).collect()
@@ -647,12 +649,15 @@ pub(super) async fn made_of_any(
                 has_come_again: row.get::<i64>("again")? != 0 || row.get::<i64>("rejected")? != 0,
             })
         };
+        let times = rows.iter().map(|row| row.get::<i64>("times"));
+        let times = times.collect::<Result<Vec<_>, _>>()?;
         cases.push((
             created_at,
             MadeCase {
                 case,
                 state,
                 closed,
+                is_received: times.into_iter().any(|times| times > 0),
                 images: rows.iter().map(read).collect::<Result<_, _>>()?,
             },
         ));

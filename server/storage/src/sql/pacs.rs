@@ -443,6 +443,17 @@ impl Store {
         arrivals::of(&mut self.rows().connect().await?, query).await
     }
 
+    /// The images of a series that are here and are not rejected.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn counting_images_of(
+        &self,
+        uids: &SeriesUids,
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        arrivals::counting_images_of(&mut self.rows().connect().await?, uids).await
+    }
+
     /// The images of a series that are here, by their UIDs.
     ///
     /// # Errors
@@ -461,7 +472,7 @@ impl Store {
         let rows = connection
             .query(
                 "SELECT 'cases' AS what, '' AS part, state, count(*) AS number FROM cases GROUP BY state
-                 UNION ALL SELECT 'closed', '', CASE closed WHEN 1 THEN 'rejected' ELSE 'corrected' END, count(*)
+                 UNION ALL SELECT 'closed', CASE closed WHEN 1 THEN 'rejected' ELSE 'corrected' END, 'closed', count(*)
                      FROM cases WHERE closed > 0 GROUP BY closed
                  UNION ALL SELECT 'arrivals', '', state, count(*) FROM arrivals GROUP BY state
                  UNION ALL SELECT 'jobs', kind, state, count(*) FROM jobs GROUP BY kind, state

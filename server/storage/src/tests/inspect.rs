@@ -270,7 +270,7 @@ async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
     let of = |number: usize| Image {
         uid: uid(&format!("1.2.3.{number}")),
         fingerprint: print(number),
-        times: None,
+        times: 0,
     };
     let of: Vec<_> = (0..3).map(of).collect();
     store.make_copied(&id, None, &of).await.unwrap();
