@@ -264,7 +264,7 @@ impl Store {
             other.index_series(&series).await?;
         }
         other
-            .make_copied(id, None, &self.images_of_case(id).await?)
+            .note_images(id, None, &self.images_of_case(id).await?)
             .await?;
         let findings = self.findings(id).await?;
         if findings != other.findings(id).await? {
@@ -319,7 +319,7 @@ impl Store {
             .await?;
         let images = self.images_of_layer(&layer.case, &layer.id).await?;
         other
-            .make_copied(&layer.case, Some(&layer.id), &images)
+            .note_images(&layer.case, Some(&layer.id), &images)
             .await?;
         other.abandon(&pinned).await;
         Ok(true)

@@ -142,7 +142,13 @@ impl Cases {
         }
         let made = self.store().made_of_any(&upload.images).await?;
         let (of, parameters) = match becomes(&upload.images, &made, due.taken.is_some()) {
-            Becomes::Known(case) => return Ok(Outcome::Case(case)),
+            Becomes::Known(case) => {
+                // From now on they have not come again.
+                self.store()
+                    .note_images(&case, None, &upload.images)
+                    .await?;
+                return Ok(Outcome::Case(case));
+            }
             Becomes::Incomplete { again, of } => {
                 return Ok(Outcome::Nothing(incomplete_correction(again, of)));
             }

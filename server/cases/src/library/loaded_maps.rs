@@ -132,14 +132,6 @@ pub(super) const FLAIR_NOT_PLACED: NoMaps = NoMaps {
     sentence: Cow::Borrowed("no FLAIR of this case could be placed in its head"),
 };
 
-/// The reason for no map of a FLAIR if all of them are closed.
-pub(super) const FLAIR_CLOSED: NoMaps = NoMaps {
-    code: Cow::Borrowed("flair-closed"),
-    sentence: Cow::Borrowed(
-        "the PACS has corrected or rejected the images of the FLAIR of this case",
-    ),
-};
-
 /// The cached state of the maps of a case.
 pub(super) type Known = Result<Arc<LoadedMaps>, NoMaps>;
 

@@ -13,9 +13,7 @@ use pipeline::surfaces::{DividedCase, compute_maps_and_surfaces};
 use storage::{NewJob, ObjectName, Publisher, StoreError, frame_all};
 
 use super::Library;
-use super::loaded_maps::{
-    FLAIR_CLOSED, FLAIR_NOT_PLACED, FlairState, Known, LoadedMaps, MapsState, Owner,
-};
+use super::loaded_maps::{FLAIR_NOT_PLACED, FlairState, Known, LoadedMaps, MapsState, Owner};
 use crate::cache::Part;
 
 /// Why maps were not read.
@@ -46,16 +44,14 @@ impl Library {
                 state: self.maps_of((*id, Some(newest.id))).await?,
             }));
         }
-        let flairs = || layers.iter().filter(|layer| layer.is_flair());
-        if flairs().next().is_none() {
+        let open = layers.iter().filter(|layer| layer.closed.is_none());
+        let mut flairs = open.filter(|layer| layer.is_flair()).peekable();
+        if flairs.peek().is_none() {
             return Ok(None);
         }
-        let mut open = flairs().filter(|layer| layer.closed.is_none()).peekable();
         let state = if !self.makes_maps() {
             MapsState::Off
-        } else if open.peek().is_none() {
-            MapsState::Undefined(FLAIR_CLOSED)
-        } else if open.all(|layer| layer.state == CaseState::Failed) {
+        } else if flairs.all(|layer| layer.state == CaseState::Failed) {
             MapsState::Undefined(FLAIR_NOT_PLACED)
         } else {
             MapsState::Making

@@ -437,7 +437,7 @@ pub const MAPS_OFF: NoMaps = NoMaps {
 pub const NO_FLAIR: NoMaps = NoMaps {
     code: Cow::Borrowed("no-flair"),
     sentence: Cow::Borrowed(
-        "no layer of this case is a FLAIR; add one, or state the `contrast` of the layer that is one",
+        "no layer of this case is a FLAIR, or it is closed; add one, or state the `contrast` of the layer that is one",
     ),
 };
 

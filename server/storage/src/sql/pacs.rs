@@ -209,8 +209,12 @@ impl Store {
         images::of(&mut connection, Owner::Layer(case, layer)).await
     }
 
-    /// Notes of which images a case or one of its layers is made in another store.
-    pub(crate) async fn make_copied(
+    /// Notes of which images a case or one of its layers was made, and how often each had come. Of those that are known, the last
+    /// counts.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn note_images(
         &self,
         case: &CaseId,
         layer: Option<&LayerId>,

@@ -273,7 +273,7 @@ async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
         times: 0,
     };
     let of: Vec<_> = (0..3).map(of).collect();
-    store.make_copied(&id, None, &of).await.unwrap();
+    store.note_images(&id, None, &of).await.unwrap();
     let file = b"a result";
     let new = NewResult {
         study: uid("1.2"),

@@ -328,6 +328,7 @@ impl World {
             "is_t1": is_head,
             "others": [],
             "ignored_files": 0,
+            "unread": [],
             "images": images,
         }});
         let file = self.folder.path().join("outcome.json");

@@ -36,7 +36,7 @@ pub struct LayerView {
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<String>,
     /// The stable name of that reason: `coarse-voxels`, `low-contrast`, `no-white-matter`, `noise-unknown`,
-    /// `failed-envelope`, `nothing-deep`, `maps-failed` or `maps-off`; of the map `flair` also `no-flair`, `flair-closed`, `flair-not-placed`,
+    /// `failed-envelope`, `nothing-deep`, `maps-failed` or `maps-off`; of the map `flair` also `no-flair`, `flair-not-placed`,
     /// `flair-place-doubtful`, `flair-coarse-voxels`, `flair-shows-too-little`, `flair-no-signal` or `flair-bright-fluid`.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason_code: Option<String>,
