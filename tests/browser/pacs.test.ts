@@ -457,7 +457,7 @@ test("a series that the server refused is taken from the list, and its case open
   // The PACS corrects the patient of the first image: what is read here is closed.
   assert.equal(await store(markedSeries({ ...patient, id: "P-87" }, series).slice(0, 1)), 202);
   // The open page hears of it.
-  await notice.waitFor({ timeout: 5000 });
+  await notice.waitFor();
   assert.match(await notice.innerText(), /^Closed: the archive has sent other images/);
   assert.equal(await badge.innerText(), "Closed");
   assert.deepEqual(await violations(page), []);

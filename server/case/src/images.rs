@@ -29,7 +29,8 @@ impl Fingerprint {
     pub fn new(contents: &str, is_lossy: bool, corners_mm: Vec<f64>) -> Option<Self> {
         let is_digit = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
         let is_digest = contents.len() == DIGITS && contents.bytes().all(is_digit);
-        let are_points = corners_mm.len() % 3 == 0 && corners_mm.iter().all(|mm| mm.is_finite());
+        let are_points =
+            corners_mm.len().is_multiple_of(3) && corners_mm.iter().all(|mm| mm.is_finite());
         (is_digest && are_points).then(|| Self {
             contents: contents.to_owned(),
             is_lossy,

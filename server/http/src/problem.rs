@@ -106,7 +106,7 @@ pub enum AppError {
         /// The key of the query with the error.
         parameter: Option<String>,
         /// The header that belongs to the status.
-        header: Option<(HeaderName, HeaderValue)>,
+        header: Option<Box<(HeaderName, HeaderValue)>>,
     },
     /// The answer took too long.
     #[error("the answer was not ready in time; try again in a moment")]
@@ -160,7 +160,7 @@ impl AppError {
                 kind,
                 detail,
                 parameter,
-                header: Some((name, value)),
+                header: Some(Box::new((name, value))),
             },
             other => other,
         }
@@ -326,7 +326,7 @@ fn extra_header(error: &AppError, status: StatusCode) -> Option<(HeaderName, Hea
         AppError::Other {
             header: Some(header),
             ..
-        } => Some(header.clone()),
+        } => Some((**header).clone()),
         // A repeated request would not help.
         AppError::TooSlow { .. } => None,
         _ if status == StatusCode::SERVICE_UNAVAILABLE => {

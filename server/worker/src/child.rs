@@ -114,7 +114,7 @@ fn read_series(order: &SeriesOrder, instead: Option<Instead<'_>>) -> io::Result<
             Ok((volume, summary)) => {
                 io::copy(&mut io::repeat(0).take(order.room), &mut volume_file)?;
                 volume_file.write_all(&volume)?;
-                Outcome::Read(summary)
+                Outcome::Read(Box::new(summary))
             }
             Err(error) => Outcome::Refused(refusal(&error)),
         },

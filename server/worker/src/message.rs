@@ -115,7 +115,7 @@ pub(crate) struct SeriesOrder {
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "snake_case")]
 pub(crate) enum Outcome {
-    Read(Summary),
+    Read(Box<Summary>),
     Refused(Failure),
 }
 

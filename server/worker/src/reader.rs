@@ -185,7 +185,7 @@ fn take(status: ExitStatus, output: TempDir, limits: &Limits) -> Result<Reading,
         Outcome::Read(summary) => {
             let largest = 4 * limits.max_voxels as u64 + (1 << 20);
             check_file(&output.path().join(VOLUME), Spooled::START + largest)?;
-            reading(output, summary)
+            reading(output, *summary)
         }
     }
 }

@@ -12,7 +12,7 @@ import { ROW_PIXELS, isCovered, rowsInSight, scrolledTo } from "../model/rows.ts
 import { Row } from "./case-row.ts";
 import { choice } from "./elements.ts";
 
-const IDLE_MS = 8000;
+const IDLE_MS = 4000;
 /** While more cases are being prepared than are followed. */
 const BUSY_MS = 1000;
 /** So many cases are asked for together, behind the newest; and so many are listed at the most. */

@@ -142,7 +142,7 @@ impl Placement {
         };
         let are_other_sizes = sizes.into_iter().zip(stated).any(differs);
         let shear = shear(sform.matrix3);
-        if !are_other_sizes && !(has_qform && shear > SHEAR_TOLERANCE) {
+        if !(are_other_sizes || has_qform && shear > SHEAR_TOLERANCE) {
             return Ok(());
         }
         let scale = self.millimetres_per_unit()?;

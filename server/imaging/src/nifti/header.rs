@@ -154,15 +154,15 @@ impl Header {
             put(108, &352f32.to_le_bytes());
             put(252, &(qform_code as i16).to_le_bytes());
             put(254, &(sform_code as i16).to_le_bytes());
-            for axis in 1..4 {
-                put(76 + 4 * axis, &(pixdim[axis] as f32).to_le_bytes());
+            for (axis, side) in pixdim.into_iter().enumerate().take(4).skip(1) {
+                put(76 + 4 * axis, &(side as f32).to_le_bytes());
             }
         } else {
             put(168, &544i64.to_le_bytes());
             put(344, &qform_code.to_le_bytes());
             put(348, &sform_code.to_le_bytes());
-            for axis in 1..4 {
-                put(104 + 8 * axis, &pixdim[axis].to_le_bytes());
+            for (axis, side) in pixdim.into_iter().enumerate().take(4).skip(1) {
+                put(104 + 8 * axis, &side.to_le_bytes());
             }
         }
         written

@@ -456,8 +456,8 @@ impl World {
 
     async fn delete(&mut self, case: CaseId) {
         // Its series go with it, so that nothing of the patient stays.
-        for series in 0..SERIES.len() {
-            let query = SeriesQuery::Study(uid("1.2"), Some(uid(SERIES[series])));
+        for (series, uid_of_series) in SERIES.iter().enumerate() {
+            let query = SeriesQuery::Study(uid("1.2"), Some(uid(uid_of_series)));
             for arrival in self.store().arrivals_of(&query).await.unwrap() {
                 let became = [ArrivalState::Case, ArrivalState::Layer].contains(&arrival.state);
                 if became && arrival.case == Some(case) {
