@@ -293,7 +293,7 @@ test("a marked point is broken where the head is before it", { skip }, async () 
   await page.waitForSelector("#surface > .overlay:not(.other) .cursor.mark");
   await page.locator(".layouts button[value=mirror]").click();
   await page.waitForSelector("#surface > .overlay:not(.other) .cursor.mark");
-  await page.waitForSelector("#surface > .overlay.other .cursor.ghost line");
+  await page.waitForSelector("#surface > .overlay.other .cursor.ghost");
   assert.ok(
     (await page.locator("#surface .cube").isVisible()) &&
       (await page.locator("#surface .colour-bar:not(.map-bar)").isVisible()),
