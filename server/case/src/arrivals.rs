@@ -317,6 +317,9 @@ pub const REJECTED: &str = "rejected";
 /// The reason of a series whose images have come again under another study or series.
 pub const MOVED: &str = "moved";
 
+/// The reason of a series with a stored image that is damaged.
+pub const IMAGES_LOST: &str = "images-lost";
+
 /// The reason of a corrected series of which not all images have come again.
 pub const INCOMPLETE_CORRECTION: &str = "incomplete-correction";
 

@@ -229,6 +229,8 @@ impl Images<'_> {
         let is_ignored = !identity.is_image && self.pacs.ignores_other_objects();
         match refusal(&identity, self.study.as_ref()) {
             Some(FailureReason::ClassNotSupported) if is_ignored => {
+                // What came before a note came before it.
+                self.flush().await?;
                 let source = ArrivalSource::Stow;
                 let reference = identity.clone();
                 let by = &self.holder.name;

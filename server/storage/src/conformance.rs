@@ -115,6 +115,7 @@ macro_rules! conformance {
                 holders_that_are_dead_hold_nothing
                 an_image_is_received_once
                 a_case_is_closed_while_the_last_image_is_another_one
+                an_unchanged_image_wakes_a_series_that_waits_for_it
                 what_replaces_a_closed_case_inherits_nothing
                 objects_that_are_not_kept_are_counted
                 an_image_that_comes_under_another_series_leaves_its_own

@@ -153,9 +153,13 @@ impl Store {
             }
             match next {
                 Some(next) => after = Some(next),
-                None => return Ok(copied),
+                None => break,
             }
         }
+        // What came while the series were copied.
+        self.copy_images(other).await?;
+        self.copy_withdrawn(other).await?;
+        Ok(copied)
     }
 
     /// Copies the images that are whole; returns the others.

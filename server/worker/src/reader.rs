@@ -254,14 +254,17 @@ fn reading(output: TempDir, summary: Summary) -> Result<Reading, Failure> {
     if !are_plain || !are_texts(&attributes) {
         return Err(died());
     }
-    let image = |(uid, print): (String, imaging::dicom::Fingerprint)| {
+    // No PACS sends an image without a valid UID.
+    let named = images.into_iter();
+    let named = named.filter_map(|(uid, print)| Uid::parse(&uid).zip(Some(print)));
+    let image = |(uid, print): (Uid, imaging::dicom::Fingerprint)| {
         Some(Image {
-            uid: Uid::parse(&uid)?,
+            uid,
             fingerprint: Fingerprint::new(&print.contents, print.is_lossy, print.corners_mm)?,
             times: 0,
         })
     };
-    let images = images.into_iter().map(image).collect::<Option<_>>();
+    let images = named.map(image).collect::<Option<_>>();
     let stored = serde_json::to_vec(&attributes).map_err(|_| died())?;
     Ok(Reading {
         output,

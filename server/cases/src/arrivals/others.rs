@@ -4,8 +4,8 @@ use case::{CaseState, Closed, Failure};
 use serde_json::Value;
 use storage::ObjectName;
 use storage::arrivals::{
-    AccessionNumber, Arrival, ArrivalState, MOVED, OTHER_OBJECTS, REJECTED, SeriesQuery,
-    SeriesUids, Uid,
+    AccessionNumber, Arrival, ArrivalState, INCOMPLETE_CORRECTION, MOVED, OTHER_OBJECTS, REJECTED,
+    SeriesQuery, SeriesUids, Uid,
 };
 
 use super::{Head, Patient};
@@ -304,7 +304,8 @@ fn distinct(patients: impl IntoIterator<Item = Option<Patient>>) -> Vec<Patient>
 
 /// Whether the images of a series may be of several patients: those that are still coming, or that were refused for it.
 fn may_be_of_several(arrival: &Arrival) -> bool {
-    let is_mixed = |reason: &Failure| reason.name == MIXED_PATIENTS;
+    let is_mixed =
+        |reason: &Failure| [MIXED_PATIENTS, INCOMPLETE_CORRECTION].contains(&&*reason.name);
     arrival.state == ArrivalState::Receiving || arrival.reason.as_ref().is_some_and(is_mixed)
 }
 

@@ -4,13 +4,14 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use async_trait::async_trait;
+use case::images::Image;
 use case::{
     CaseId, CaseState, Failure, FailureKind, JobKind, LayerId, LayerParameters, MaskSource,
     Parameters,
 };
 use storage::arrivals::{
-    DueTerms, INCOMPLETE_CORRECTION, NO_CASE, NOT_T1, Outcome, REJECTED, SeriesQuery, SeriesUids,
-    TakenAs,
+    DueTerms, IMAGES_LOST, INCOMPLETE_CORRECTION, NO_CASE, NOT_T1, Outcome, REJECTED, SeriesQuery,
+    SeriesUids, TakenAs,
 };
 use storage::{Count, DueSeries, Store, StoreError, Unreadable, Upload};
 use tempfile::TempDir;
@@ -253,9 +254,18 @@ impl Cases {
     ) -> Result<(), StoreError> {
         let open = self.store().layers(case).await?.into_iter();
         let open: Vec<_> = open.filter(|layer| layer.closed.is_none()).collect();
+        let all = self.store().images_of_layer(case, kept).await?;
+        let has = |image: &Image| {
+            let mut all = all.iter().filter(|known| known.uid == image.uid);
+            all.any(|known| known.fingerprint.is_same(&image.fingerprint))
+        };
         for (of, layer) in self.store().layers_of_series(&uids.series).await? {
             let is_open = open.iter().any(|open| open.id == layer);
-            if of == *case && layer != *kept && is_open {
+            if of != *case || layer == *kept || !is_open {
+                continue;
+            }
+            let some = self.store().images_of_layer(case, &layer).await?;
+            if some.len() < all.len() && some.iter().all(has) {
                 self.store().delete_layer(case, &layer).await?;
             }
         }
@@ -293,7 +303,7 @@ fn incomplete_correction(again: usize, of: usize) -> Failure {
 
 fn images_damaged() -> Failure {
     Failure::unusable(
-        "images-lost",
+        IMAGES_LOST,
         "a stored image of the series is damaged; send the series again",
     )
 }

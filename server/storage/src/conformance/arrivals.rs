@@ -9,8 +9,9 @@ use case::{CaseId, CaseState, Closed, Failure, JobKind, ObjectKind};
 use super::Subject;
 use crate::arrivals::{
     AccessionNumber, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState, BECAME_LAYER,
-    CaseSeries, DueTerms, MOVED, NO_CASE, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome,
-    PatientDigest, REJECTED, Reception, Rejection, SeriesQuery, SeriesUids, Taken, TakenAs, Uid,
+    CaseSeries, DueTerms, INCOMPLETE_CORRECTION, MOVED, NO_CASE, NOT_T1, NewInstance,
+    OTHER_OBJECTS, Outcome, PatientDigest, REJECTED, Reception, Rejection, SeriesQuery, SeriesUids,
+    Taken, TakenAs, Uid,
 };
 use crate::jobs::{Claim, Release};
 use crate::rows::{DueSeries, NewCase, Referred, Sweep};
@@ -262,6 +263,36 @@ pub(crate) async fn a_case_is_closed_while_the_last_image_is_another_one(subject
     assert_eq!(closed(store, first).await, Some(Closed::Corrected));
     a_case_of(store, "a", &[image(1, 1), other]).await;
     assert_eq!(closed(store, first).await, None);
+}
+
+pub(crate) async fn an_unchanged_image_wakes_a_series_that_waits_for_it(subject: &Subject) {
+    let store = &subject.store;
+    let images = [image(1, 1), image(1, 2)];
+    receive(store, &images).await;
+    subject.pass(21);
+    let case = a_case_of(store, "a", &images).await;
+    let (leased, _) = due(store).await.unwrap();
+    assert!(store.settle(&leased, &Outcome::Case(case)).await.unwrap());
+    // What is sent twice is read once more, so that it has not come again when a correction comes.
+    for outcome in [
+        Outcome::Case(case),
+        Outcome::Nothing(Failure::unusable(INCOMPLETE_CORRECTION, "words")),
+        Outcome::Nothing(failure()),
+    ] {
+        assert_eq!(receive(store, &images[..1]).await, 0);
+        let arrival = store.arrivals_of(&study()).await.unwrap().remove(0);
+        assert_eq!(
+            (arrival.state, arrival.case),
+            (ArrivalState::Receiving, Some(case))
+        );
+        subject.pass(21);
+        let (leased, _) = due(store).await.expect("it is read again");
+        assert!(store.settle(&leased, &outcome).await.unwrap());
+    }
+    // A series that is nothing for another reason waits for no image that is here.
+    assert_eq!(receive(store, &images[..1]).await, 0);
+    subject.pass(21);
+    assert!(due(store).await.is_none());
 }
 
 pub(crate) async fn what_replaces_a_closed_case_inherits_nothing(subject: &Subject) {

@@ -7,8 +7,9 @@ use super::images::{self, Arrived};
 use super::{jobs, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
-    BECAME_LAYER, CaseSeries, DueTerms, INCOMPLETE_CORRECTION, MOVED, NO_CASE, NOT_T1, NewInstance,
-    Outcome, PatientDigest, REJECTED, Reception, Rejection, SeriesQuery, SeriesUids, Taken, Uid,
+    BECAME_LAYER, CaseSeries, DueTerms, IMAGES_LOST, INCOMPLETE_CORRECTION, MOVED, NO_CASE, NOT_T1,
+    NewInstance, Outcome, PatientDigest, REJECTED, Reception, Rejection, SeriesQuery, SeriesUids,
+    Taken, Uid,
 };
 use crate::rows::{DueImage, DueSeries};
 use crate::{ObjectName, StoreError};
@@ -65,6 +66,7 @@ pub(super) async fn add(
         if has_returned {
             read_again(connection, &id, std::slice::from_ref(&new.sop_instance_uid)).await?;
         }
+        came_again(connection, &id, now).await?;
         return Ok(Reception::Known);
     }
     if added == 0 {
@@ -97,6 +99,28 @@ pub(super) async fn add(
         true => Reception::Corrected,
         false => Reception::New,
     })
+}
+
+/// Notes that an image of a series came again unchanged. A series that waits for that is read again, and so is one that is a case: from
+/// then on, its images have not come again.
+async fn came_again(connection: &mut Connection, id: &str, now: i64) -> Result<(), StoreError> {
+    jobs::cancel(connection, JobKind::SERIES, id).await?;
+    let waits = |name: &str| format!("%\"{name}\"%");
+    connection
+        .query(
+            "UPDATE arrivals SET last_at = $1,
+                    state = CASE WHEN state = 'case' OR state = 'nothing' AND (reason LIKE $2 OR reason LIKE $3)
+                                 THEN 'receiving' ELSE state END,
+                    reason = CASE WHEN state = 'nothing' AND (reason LIKE $2 OR reason LIKE $3) THEN NULL ELSE reason END
+             WHERE id = $4",
+        )
+        .bind(now)
+        .bind(waits(INCOMPLETE_CORRECTION))
+        .bind(waits(IMAGES_LOST))
+        .bind(id)
+        .execute()
+        .await?;
+    Ok(())
 }
 
 /// Removes an image from other series, in which it was known before its study or series was corrected. What is left of them is read

@@ -61,6 +61,8 @@ pub(super) async fn submit(
     .await?;
     let inserted = if known.is_some() {
         queue_again(connection, &new.case, &new.id, &new.client, now).await?;
+        let owner = images::Owner::Layer(&new.case, &new.id);
+        images::make(connection, owner, &new.images).await?;
         Inserted::Requeued
     } else {
         let name = free_name(&new.name, &others).ok_or(StoreError::LayerNameTaken)?;
