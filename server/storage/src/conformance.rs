@@ -305,7 +305,8 @@ pub(crate) async fn one_client_takes_a_quarter_of_the_queue(subject: &Subject) {
     }
     subject.pass(10);
     // Nothing has ended yet, and the first has waited for so long.
-    assert_eq!(wait_of("third", greedy).await, 10);
+    // The clock of a database goes on by itself.
+    assert!((10..13).contains(&wait_of("third", greedy).await));
     insert("other".to_owned(), other).await.unwrap();
     subject.pass(20);
     for _ in 0..2 {
@@ -315,7 +316,7 @@ pub(crate) async fn one_client_takes_a_quarter_of_the_queue(subject: &Subject) {
     }
     // One of this client and the one of the other have ended meanwhile, and one waits.
     insert("third".to_owned(), greedy).await.unwrap();
-    assert_eq!(wait_of("fourth", greedy).await, 30);
+    assert!((30..33).contains(&wait_of("fourth", greedy).await));
     // Two of eight are taken.
     for number in 0..6 {
         let name = format!("another {number}");
