@@ -268,7 +268,7 @@ pub struct Arrival {
     pub instances: usize,
     /// How many the sender says there are.
     pub expected: Option<usize>,
-    /// Images that took the place of others with the same UID since it was read before.
+    /// Images that took the place of others with the same UID since it was read before, or taken.
     pub corrected: usize,
     /// Objects that are no images and were not kept.
     pub ignored: usize,
@@ -313,6 +313,11 @@ pub const NO_CASE: &str = "no-case-of-study";
 
 /// The reason of a series whose images the PACS has rejected.
 pub const REJECTED: &str = "rejected";
+
+/// Why a series becomes nothing whose images are rejected.
+pub fn images_rejected() -> Failure {
+    Failure::unusable(REJECTED, "the PACS has rejected images of the series")
+}
 
 /// The reason of a series whose images have come again under another study or series.
 pub const MOVED: &str = "moved";

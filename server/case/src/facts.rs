@@ -90,22 +90,15 @@ impl VoxelFacts {
     /// Whether one of two headers exchanges or reverses axes of the same voxels. Voxels that lie elsewhere for another reason, such
     /// as a shift, are not the same picture.
     pub fn has_other_axes(&self, other: &Self) -> bool {
-        const ORDERS: [[usize; 3]; 6] = [
-            [0, 1, 2],
-            [0, 2, 1],
-            [1, 0, 2],
-            [1, 2, 0],
-            [2, 0, 1],
-            [2, 1, 0],
-        ];
-        let is_along = |axis: usize, there: usize| {
-            let [forward, backward] = other.profiles[there];
-            self.profiles[axis] == [forward, backward] || self.profiles[axis] == [backward, forward]
+        let in_any_order = |facts: &Self| {
+            let mut profiles = facts.profiles;
+            profiles.iter_mut().for_each(|both| both.sort_unstable());
+            profiles.sort_unstable();
+            profiles
         };
-        let is_exchanged = |order: &[usize; 3]| (0..3).all(|axis| is_along(axis, order[axis]));
         self.values == other.values
             && self.profiles != other.profiles
-            && ORDERS.iter().any(is_exchanged)
+            && in_any_order(self) == in_any_order(other)
     }
 }
 

@@ -60,9 +60,14 @@ impl Fingerprint {
         self.contents == other.contents && here.len() == there.len() && here.zip(there).all(is_near)
     }
 
+    /// Whether this one is compressed with loss, and another one is not.
+    pub fn has_lost(&self, other: &Self) -> bool {
+        self.is_lossy && !other.is_lossy
+    }
+
     /// What another image under the same UID is, if this one came last.
     pub fn followed_by(&self, new: &Self) -> Following {
-        if self.is_same(new) || new.is_lossy && !self.is_lossy {
+        if self.is_same(new) || new.has_lost(self) {
             Following::Same
         } else if new.corners_mm.is_empty() && !self.corners_mm.is_empty() {
             Following::Unusable
@@ -79,7 +84,7 @@ pub enum Following {
     Same,
     /// It is another one, and counts from now on.
     Another,
-    /// It states no place, and the known one does.
+    /// It states no place, and the known one does, or it has lost something and comes under another series.
     Unusable,
 }
 

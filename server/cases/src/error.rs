@@ -201,6 +201,7 @@ impl From<StoreError> for Error {
         match error {
             StoreError::QueueFull(wait) => Self::BusyFor(wait),
             StoreError::NoSuchCase => Self::NoSuchCase,
+            StoreError::NoSuchLayer => Self::NoSuchLayer,
             StoreError::SourceMissing => Self::SourceMissing,
             StoreError::LayerNameTaken => Self::LayerNameTaken,
             StoreError::Mismatch(found) => Self::Mismatch(found),
@@ -281,8 +282,9 @@ mod tests {
     #[test]
     fn an_error_of_the_store_is_told_as_the_store_tells_it() {
         let disk = |kind| StoreError::Disk(std::io::Error::from(kind));
-        let errors: [fn() -> StoreError; 4] = [
+        let errors: [fn() -> StoreError; 5] = [
             || StoreError::NoSuchCase,
+            || StoreError::NoSuchLayer,
             || StoreError::SourceMissing,
             || StoreError::LayerNameTaken,
             || StoreError::QueueFull(Duration::from_millis(8300)),

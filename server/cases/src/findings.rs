@@ -11,7 +11,7 @@ use imaging::dicom::{Mark, MarkedPatient};
 use jiff::Timestamp;
 use pipeline::findings::voxels_of;
 use pipeline::maps::side_at;
-use storage::{FindingsVersion, Replaced, StoreError, StoredFindings};
+use storage::{FindingsVersion, Made, Replaced, StoreError, StoredFindings};
 
 use crate::arrivals::Patient;
 use crate::{Cases, Error};
@@ -273,8 +273,8 @@ impl Cases {
     /// Whether two cases were made of different images with the same UID.
     async fn differ(&self, one: &CaseId, other: &CaseId) -> Result<bool, StoreError> {
         let [images, others] = [
-            self.store().images_of_case(one).await?,
-            self.store().images_of_case(other).await?,
+            self.store().made_of(&Made::case(one)).await?,
+            self.store().made_of(&Made::case(other)).await?,
         ];
         let others: HashMap<_, _> = others.iter().map(|image| (&image.uid, image)).collect();
         Ok(images.iter().any(|image| {

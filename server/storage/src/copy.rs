@@ -7,6 +7,7 @@ use case::{CaseId, CaseState, Layer, ObjectKind};
 
 use super::arrivals::{Arrival, ArrivalQuery, NewInstance, TransferQuery};
 use super::results::SentResult;
+use super::rows::Made;
 use super::{ObjectName, Store, StoreError};
 
 /// Rows to read at a time.
@@ -220,9 +221,13 @@ impl Store {
         result: &SentResult,
         copied: &mut Copied,
     ) -> Result<bool, StoreError> {
+        // The layers that it shows may be gone.
+        let made_of = self
+            .made_of(&Made::result(&result.case, &result.id))
+            .await?;
         let pinned = other.pin([result.object]).await?;
         let written = self.copy_object(other, &result.object, copied).await?
-            && other.write_copied_result(result, &pinned).await?;
+            && other.write_copied_result(result, &made_of, &pinned).await?;
         other.abandon(&pinned).await;
         if written {
             copied.for_pacs.results += 1;
@@ -268,7 +273,7 @@ impl Store {
             other.index_series(&series).await?;
         }
         other
-            .note_images(id, None, &self.images_of_case(id).await?)
+            .note_made_of(&Made::case(id), &self.made_of(&Made::case(id)).await?)
             .await?;
         let findings = self.findings(id).await?;
         if findings != other.findings(id).await? {
@@ -321,10 +326,9 @@ impl Store {
         other
             .write_copied_layer(&layer, series.as_ref(), &pinned)
             .await?;
-        let images = self.images_of_layer(&layer.case, &layer.id).await?;
-        other
-            .note_images(&layer.case, Some(&layer.id), &images)
-            .await?;
+        let made = Made::layer(&layer.case, &layer.id);
+        let images = self.made_of(&made).await?;
+        other.note_made_of(&made, &images).await?;
         other.abandon(&pinned).await;
         Ok(true)
     }

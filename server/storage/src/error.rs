@@ -36,6 +36,9 @@ pub enum StoreError {
     /// There is no such case.
     #[error("there is no case with this id")]
     NoSuchCase,
+    /// There is no such layer.
+    #[error("the case has no layer with this name; `/v1/cases/{{id}}/layers` lists its layers")]
+    NoSuchLayer,
     /// A stored upload, or a stored image of a PACS, that the operation needs is missing.
     #[error("a stored upload is missing; tell the administrator of this server")]
     SourceMissing,
@@ -182,7 +185,7 @@ pub const STORE_AWAY: &str = "the server cannot answer now; try again in a momen
 impl PublicError for StoreError {
     fn kind(&self) -> PublicKind {
         match self {
-            Self::NoSuchCase => PublicKind::NotFound,
+            Self::NoSuchCase | Self::NoSuchLayer => PublicKind::NotFound,
             Self::LayerNameTaken => PublicKind::Conflict,
             Self::QueueFull(_) | Self::SourceMissing | Self::Mismatch(_) => PublicKind::Unavailable,
             full if full.is_full() || full.is_unwritable() => PublicKind::Full,
@@ -194,6 +197,7 @@ impl PublicError for StoreError {
     fn name(&self) -> Cow<'static, str> {
         let name = match self {
             Self::NoSuchCase => "no-such-case",
+            Self::NoSuchLayer => "no-such-layer",
             Self::LayerNameTaken => "layer-name-taken",
             Self::QueueFull(_) => "busy",
             Self::SourceMissing => SOURCE_MISSING,
@@ -208,7 +212,9 @@ impl PublicError for StoreError {
 
     fn sentence(&self) -> String {
         match self {
-            Self::NoSuchCase | Self::SourceMissing | Self::Mismatch(_) => self.to_string(),
+            Self::NoSuchCase | Self::NoSuchLayer | Self::SourceMissing | Self::Mismatch(_) => {
+                self.to_string()
+            }
             Self::LayerNameTaken => format!("{self}; choose another name"),
             Self::QueueFull(wait) => {
                 let seconds = wait.as_secs_f64().ceil().max(1.0);

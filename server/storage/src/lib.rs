@@ -94,7 +94,8 @@ pub use self::objects::{
 pub use self::page::{CaseQuery, Cursor, Page};
 pub use self::publish::{Attempt, Publisher, frame_all};
 pub use self::rows::{
-    DueImage, DueSeries, LayerChange, LayerName, MadeCase, MadeImage, Pinned, Published, RowCounts,
+    DueImage, DueSeries, LayerChange, LayerName, Made, MadeCase, MadeImage, Pinned, Published,
+    RowCounts,
 };
 pub use self::signals::{Count, Counters, ImageStatus, Signals};
 pub use self::submit::{NewMask, Submitted, Upload, Version};

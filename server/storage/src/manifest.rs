@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::arrivals::Uid;
 use super::pinned::{Writing, unique_holder};
-use super::rows::{LayerName, NewCase, NewLayer, Pinned};
+use super::rows::{LayerName, Made, NewCase, NewLayer, Pinned};
 use super::{Framed, ObjectName, Spooled, Store, StoreError, Unreadable, frame};
 
 /// What was uploaded.
@@ -231,7 +231,7 @@ impl Store {
         };
         let objects = self.case_objects(id).await?;
         if !self.has_manifest(&objects).await? {
-            let images = self.images_of_case(id).await?;
+            let images = self.made_of(&Made::case(id)).await?;
             let manifest = Manifest::of_case(*id, objects, &case.parameters, case.previous, images);
             self.put_manifest(id, None, &manifest).await?;
         }
@@ -247,7 +247,7 @@ impl Store {
                 continue;
             }
             let series = self.series_of_layer(id, &layer).await?;
-            let images = self.images_of_layer(id, &layer).await?;
+            let images = self.made_of(&Made::layer(id, &layer)).await?;
             let manifest = Manifest::of_layer(
                 *id,
                 layer,

@@ -182,8 +182,43 @@ pub struct DueSeries {
     pub uids: SeriesUids,
     /// How somebody took it.
     pub taken: Option<Taken>,
+    /// Whether images of it were corrected since then.
+    pub is_corrected: bool,
     /// Its images that are not rejected, in the order of their UIDs.
     pub images: Vec<DueImage>,
+}
+
+/// What is made of images: a case, a layer of it, or a result that shows layers of it. Its fields are columns.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Made {
+    pub(crate) case: String,
+    pub(crate) layer: String,
+    pub(crate) result: String,
+}
+
+impl Made {
+    /// A case.
+    pub fn case(case: &CaseId) -> Self {
+        Self::result(case, "")
+    }
+
+    /// A layer of a case.
+    pub fn layer(case: &CaseId, layer: &LayerId) -> Self {
+        let layer = layer.to_string();
+        Self {
+            layer,
+            ..Self::case(case)
+        }
+    }
+
+    /// A result that was made from a case.
+    pub(crate) fn result(case: &CaseId, result: &str) -> Self {
+        Self {
+            case: case.to_string(),
+            layer: String::new(),
+            result: result.to_owned(),
+        }
+    }
 }
 
 /// An image of a series that a job is to read.

@@ -1,7 +1,7 @@
 //! Makes a queued case from an upload.
 
 use super::pinned::Writing;
-use super::rows::{Inserted, NewCase, Pinned, Referred};
+use super::rows::{Inserted, Made, NewCase, Pinned, Referred};
 use super::{Manifest, ObjectName, Spooled, Store, StoreError};
 use case::images::Image;
 use case::{Case, CaseId, CaseState, JobKind, ObjectKind, Parameters};
@@ -238,7 +238,7 @@ impl Store {
 
     async fn images_of_previous(&self, previous: Option<CaseId>) -> Result<Vec<Image>, StoreError> {
         match previous {
-            Some(previous) => self.images_of_case(&previous).await,
+            Some(previous) => self.made_of(&Made::case(&previous)).await,
             None => Ok(Vec::new()),
         }
     }

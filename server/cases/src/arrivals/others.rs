@@ -5,7 +5,7 @@ use serde_json::Value;
 use storage::ObjectName;
 use storage::arrivals::{
     AccessionNumber, Arrival, ArrivalState, INCOMPLETE_CORRECTION, MOVED, OTHER_OBJECTS, REJECTED,
-    SeriesQuery, SeriesUids, Uid,
+    SeriesQuery, SeriesUids, Uid, images_rejected,
 };
 
 use super::{Head, Patient};
@@ -139,7 +139,7 @@ impl Cases {
                     accession_number: series.accession_number,
                     label: None,
                     state: ArrivalState::Nothing,
-                    reason: Some(Failure::unusable(REJECTED, Closed::Rejected.sentence())),
+                    reason: Some(images_rejected()),
                     patient,
                 }),
             }

@@ -10,10 +10,10 @@ use case::{
     Parameters,
 };
 use storage::arrivals::{
-    DueTerms, IMAGES_LOST, INCOMPLETE_CORRECTION, NO_CASE, NOT_T1, Outcome, REJECTED, SeriesQuery,
-    SeriesUids, TakenAs,
+    DueTerms, IMAGES_LOST, INCOMPLETE_CORRECTION, NO_CASE, NOT_T1, Outcome, SeriesQuery,
+    SeriesUids, TakenAs, images_rejected,
 };
-use storage::{Count, DueSeries, Store, StoreError, Unreadable, Upload};
+use storage::{Count, DueSeries, Made, Store, StoreError, Unreadable, Upload};
 use tempfile::TempDir;
 
 use crate::application::Cases;
@@ -142,11 +142,15 @@ impl Cases {
             return Ok(layer.unwrap_or(Outcome::Nothing(otherwise)));
         }
         let made = self.store().made_of_any(&upload.images).await?;
-        let (of, parameters) = match becomes(&upload.images, &made, due.taken.is_some()) {
+        let (of, parameters) = match becomes(
+            &upload.images,
+            &made,
+            due.taken.is_some() && !due.is_corrected,
+        ) {
             Becomes::Known(case) => {
                 // From now on they have not come again.
                 self.store()
-                    .note_images(&case, None, &upload.images)
+                    .note_made_of(&Made::case(&case), &upload.images)
                     .await?;
                 return Ok(Outcome::Case(case));
             }
@@ -254,7 +258,7 @@ impl Cases {
     ) -> Result<(), StoreError> {
         let open = self.store().layers(case).await?.into_iter();
         let open: Vec<_> = open.filter(|layer| layer.closed.is_none()).collect();
-        let all = self.store().images_of_layer(case, kept).await?;
+        let all = self.store().made_of(&Made::layer(case, kept)).await?;
         let has = |image: &Image| {
             let mut all = all.iter().filter(|known| known.uid == image.uid);
             all.any(|known| known.fingerprint.is_same(&image.fingerprint))
@@ -264,7 +268,7 @@ impl Cases {
             if of != *case || layer == *kept || !is_open {
                 continue;
             }
-            let some = self.store().images_of_layer(case, &layer).await?;
+            let some = self.store().made_of(&Made::layer(case, &layer)).await?;
             if some.len() < all.len() && some.iter().all(has) {
                 self.store().delete_layer(case, &layer).await?;
             }
@@ -287,10 +291,6 @@ fn is_about_the_series(failure: &Failure) -> bool {
         failure.kind,
         FailureKind::Cancelled | FailureKind::Internal | FailureKind::OutOfMemory
     )
-}
-
-fn images_rejected() -> Failure {
-    Failure::unusable(REJECTED, "the PACS has rejected images of the series")
 }
 
 fn incomplete_correction(again: usize, of: usize) -> Failure {

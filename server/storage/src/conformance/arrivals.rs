@@ -250,6 +250,24 @@ pub(crate) async fn a_case_is_closed_while_the_last_image_is_another_one(subject
         ..image(1, 2)
     };
     assert_eq!(received(store, &[undecodable]).await, [Reception::Refused]);
+    // One that has lost something is the same in its own series, and has no place in another one.
+    let lossy = |of: NewInstance| {
+        let print = blake3::hash(b"lossy").to_hex();
+        NewInstance {
+            digest: blake3::hash(b"lossy"),
+            fingerprint: Fingerprint::new(&print[..32], true, vec![0.0; 9]),
+            ..of
+        }
+    };
+    assert_eq!(
+        received(store, &[lossy(image(1, 1))]).await,
+        [Reception::Known]
+    );
+    let elsewhere = NewInstance {
+        uids: series(7),
+        ..lossy(image(1, 1))
+    };
+    assert_eq!(received(store, &[elsewhere]).await, [Reception::Refused]);
     // It is corrected back.
     assert_eq!(
         received(store, &[image(1, 2)]).await,
@@ -986,6 +1004,17 @@ pub(crate) async fn a_series_that_was_refused_is_taken_and_the_reason_stays(subj
         (arrival.state, arrival.refused, arrival.taken),
         (ArrivalState::Case, Some(failure()), Some(taken))
     );
+    assert!(!read.is_corrected);
+    // A correction is another question than the one that was answered, until that is taken, too.
+    receive(store, &[corrected(image(1, 1), "after")]).await;
+    subject.pass(21);
+    let (leased, read) = due(store).await.unwrap();
+    assert!(read.is_corrected && read.taken == Some(taken));
+    assert!(store.settle(&leased, &refused).await.unwrap());
+    store.take(&leased.key, &taken).await.unwrap();
+    let (leased, read) = due(store).await.unwrap();
+    assert!(!read.is_corrected);
+    assert!(store.settle(&leased, &Outcome::Case(case)).await.unwrap());
     // Whoever reads it at the moment when it is taken does not decide.
     receive(store, &[image(1, 2)]).await;
     subject.pass(21);

@@ -10,9 +10,9 @@ use super::layers::insert_layer_of;
 use crate::arrivals::{ArrivalCursor, ArrivalSource, NewInstance, SeriesUids, TransferQuery, Uid};
 use crate::jobs::Claim;
 use crate::results::{NewResult, ResultSeries, SentResult};
-use crate::rows::{Referred, Sweep};
+use crate::rows::{Made, Referred, Sweep};
 use crate::testing::{failure, new_case, new_result, pinned};
-use crate::{ObjectName, Store};
+use crate::{ObjectName, Store, StoreError};
 
 const LEASE: Duration = Duration::from_secs(30);
 
@@ -231,6 +231,16 @@ pub(crate) async fn a_result_does_not_count_while_what_it_shows_is_closed(subjec
     // It is known of which images the layer was made, also when that is gone.
     assert!(store.delete_layer(&case, &layer).await.unwrap());
     assert!(!is_valid(&sent).await);
+    let made_of = store.made_of(&Made::result(&case, &sent.id)).await.unwrap();
+    assert_eq!(made_of, [image("one")]);
+    // What shows a layer that is gone by now is not queued.
+    let late = NewResult {
+        instance: uid("1.2.99"),
+        ..of("late", vec![layer])
+    };
+    let pinned = pinned(store, &[late.object()]).await;
+    let queued = store.insert_result(&late, SEND, &pinned).await;
+    assert!(matches!(queued, Err(StoreError::NoSuchLayer)), "{queued:?}");
     come(store, &image("one")).await;
     assert!(is_valid(&sent).await && is_valid(&waiting).await);
 }

@@ -8,8 +8,8 @@ use super::{jobs, pins};
 use crate::arrivals::{
     AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
     BECAME_LAYER, CaseSeries, DueTerms, IMAGES_LOST, INCOMPLETE_CORRECTION, MOVED, NO_CASE, NOT_T1,
-    NewInstance, Outcome, PatientDigest, REJECTED, Reception, Rejection, SeriesQuery, SeriesUids,
-    Taken, Uid,
+    NewInstance, Outcome, PatientDigest, Reception, Rejection, SeriesQuery, SeriesUids, Taken, Uid,
+    images_rejected,
 };
 use crate::rows::{DueImage, DueSeries};
 use crate::{ObjectName, StoreError};
@@ -247,18 +247,13 @@ pub(super) async fn reject(
             .bind(uids.study.as_str())
             .bind(uids.series.as_str())
             .bind(source.name())
-            .bind(serde_json::to_string(&rejected())?)
+            .bind(serde_json::to_string(&images_rejected())?)
             .bind(now)
             .fetch_one()
             .await?;
         here += read_again(connection, &row.get::<String>("id")?, instances).await?;
     }
     Ok(here)
-}
-
-/// Why a series becomes nothing whose images are rejected.
-pub(super) fn rejected() -> Failure {
-    Failure::unusable(REJECTED, "the PACS has rejected images of the series")
 }
 
 /// Lifts a rejection, and lets its series be read again; whether there was one.
@@ -536,7 +531,7 @@ pub(super) async fn to_read(
     id: &str,
 ) -> Result<Option<DueSeries>, StoreError> {
     let row = connection
-        .query("SELECT study_uid, series_uid, taken FROM arrivals WHERE id = $1")
+        .query("SELECT study_uid, series_uid, taken, corrected FROM arrivals WHERE id = $1")
         .bind(id)
         .fetch_optional()
         .await?;
@@ -546,6 +541,7 @@ pub(super) async fn to_read(
     Ok(Some(DueSeries {
         uids: read_uids(&row)?,
         taken: read_taken(&row)?,
+        is_corrected: row.get::<i64>("corrected")? > 0,
         images: due_images(connection, id).await?,
     }))
 }
@@ -677,7 +673,7 @@ pub(super) async fn take(
     connection
         .query(
             "UPDATE arrivals SET taken = $1, refused = CASE WHEN state = 'nothing' THEN reason ELSE refused END,
-                    state = 'receiving', reason = NULL
+                    state = 'receiving', reason = NULL, corrected = 0
              WHERE id = $2",
         )
         .bind(serde_json::to_string(taken)?)
@@ -846,7 +842,9 @@ pub(super) async fn remove_of_case(
         .query(
             "UPDATE arrivals SET state = 'receiving', reason = NULL
              WHERE state = 'nothing' AND reason LIKE $2
-               AND (study_uid, series_uid) IN (SELECT study_uid, series_uid FROM case_series WHERE case_id = $1)",
+               AND id IN (SELECT arrival_id FROM arrival_instances
+                          JOIN made_of ON made_of.sop_instance_uid = arrival_instances.sop_instance_uid
+                          WHERE case_id = $1 AND layer_id = '' AND result_id = '')",
         )
         .bind(case.to_string())
         .bind(format!("%\"{INCOMPLETE_CORRECTION}\"%"))

@@ -6,7 +6,7 @@ use super::connection::{Connection, Row};
 use super::{arrivals, findings, images, jobs, layers, pins, results, upkeep};
 use crate::arrivals::{AccessionNumber, PatientDigest, Uid};
 use crate::jobs::NewJob;
-use crate::rows::{Inserted, NewCase, Pinned, Referred};
+use crate::rows::{Inserted, Made, NewCase, Pinned, Referred};
 use crate::{CaseQuery, Cursor, ObjectName, Page, StoreError};
 use case::images::Closed;
 use case::{AXES_CORRECTED, Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
@@ -119,7 +119,7 @@ pub(super) async fn submit(
 async fn make(connection: &mut Connection, new: &NewCase) -> Result<(), StoreError> {
     match (&new.images, &new.previous) {
         (Some(own), _) if own.is_empty() => Ok(()),
-        (Some(own), _) => images::make(connection, images::Owner::Case(&new.id), own).await,
+        (Some(own), _) => images::make(connection, &Made::case(&new.id), own).await,
         (None, Some(previous)) => {
             images::inherit(connection, &new.id, previous, images::Inherited::Images).await
         }

@@ -2,6 +2,8 @@
 //!
 //! Whoever changes one of the three, an image, a rejection or what something was made of, calls [`judge`] in the same transaction.
 
+use std::collections::BTreeSet;
+
 use case::images::{Closed, Fingerprint, Following, Image};
 use case::{CaseId, LayerId};
 
@@ -9,44 +11,30 @@ use super::arrivals::{self, count, read_time, read_uids, unreadable};
 use super::connection::{Connection, Row};
 use crate::StoreError;
 use crate::arrivals::{ArrivalSource, NewInstance, Rejected, Rejection, SeriesUids, Uid};
-use crate::rows::{LastImage, MadeCase, MadeImage, Withdrawn};
+use crate::rows::{LastImage, Made, MadeCase, MadeImage, Withdrawn};
 
-/// What the images of something are named by.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Owner<'a> {
-    Case(&'a CaseId),
-    Layer(&'a CaseId, &'a LayerId),
-}
-
-impl Owner<'_> {
-    /// The columns `case_id` and `layer_id`.
-    fn columns(self) -> (String, String) {
-        match self {
-            Self::Case(case) => (case.to_string(), String::new()),
-            Self::Layer(case, layer) => (case.to_string(), layer.to_string()),
-        }
-    }
-}
-
-/// The last image with a UID.
-struct Last {
-    fingerprint: Option<Fingerprint>,
-    uids: SeriesUids,
-}
-
-async fn last(connection: &mut Connection, uid: &Uid) -> Result<Option<Last>, StoreError> {
+async fn last(connection: &mut Connection, uid: &Uid) -> Result<Option<LastImage>, StoreError> {
     let row = connection
-        .query("SELECT study_uid, series_uid, fingerprint FROM images WHERE sop_instance_uid = $1")
+        .query(
+            "SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
+             WHERE sop_instance_uid = $1",
+        )
         .bind(uid.as_str())
         .fetch_optional()
         .await?;
-    let read = |row: Row| {
-        Ok(Last {
-            fingerprint: read_fingerprint(&row)?,
-            uids: read_uids(&row)?,
-        })
-    };
-    row.map(read).transpose()
+    row.as_ref().map(read_last).transpose()
+}
+
+fn read_last(row: &Row) -> Result<LastImage, StoreError> {
+    let sender: String = row.get("sender")?;
+    Ok(LastImage {
+        uid: read_uid(row)?,
+        uids: read_uids(row)?,
+        fingerprint: read_fingerprint(row)?,
+        times: row.get("times")?,
+        sender: ArrivalSource::from_name(&sender).ok_or_else(|| unreadable("source"))?,
+        last_at: row.get("last_at")?,
+    })
 }
 
 /// Whether an image with a UID was sent.
@@ -83,49 +71,41 @@ pub(super) async fn arrive(
     changed: &mut Vec<CaseId>,
 ) -> Result<(Arrived, bool), StoreError> {
     let uid = &new.sop_instance_uid;
-    let arrived = match last(connection, uid).await? {
+    let last = last(connection, uid).await?;
+    let arrived = match &last {
         None => Arrived::First,
         Some(last) => Arrived::Following(match (&last.fingerprint, &new.fingerprint) {
+            // It replaces nothing, and what is made of it would be closed at once.
+            (Some(print), Some(lossy)) if lossy.has_lost(print) && last.uids != new.uids => {
+                Following::Unusable
+            }
             (Some(last), Some(new)) => last.followed_by(new),
             (Some(_), None) => Following::Unusable,
             (None, None) if last.uids == new.uids => Following::Same,
             (None, _) => Following::Another,
         }),
     };
-    match arrived {
-        Arrived::Following(Following::Unusable) => return Ok((arrived, false)),
-        Arrived::Following(Following::Same) => {
-            connection
-                .query("UPDATE images SET times = times + 1, sender = $1, last_at = $2 WHERE sop_instance_uid = $3")
-                .bind(source.name())
-                .bind(now)
-                .bind(uid.as_str())
-                .execute()
-                .await?;
-        }
-        Arrived::First | Arrived::Following(Following::Another) => {
-            let fingerprint = match &new.fingerprint {
-                Some(fingerprint) => as_it_is_known(connection, uid, fingerprint).await?,
-                None => String::new(),
-            };
-            connection
-                .query(
-                    "INSERT INTO images (sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at)
-                     VALUES ($1, $2, $3, $4, 1, $5, $6)
-                     ON CONFLICT (sop_instance_uid) DO UPDATE
-                     SET study_uid = excluded.study_uid, series_uid = excluded.series_uid, fingerprint = excluded.fingerprint,
-                         times = images.times + 1, sender = excluded.sender, last_at = excluded.last_at",
-                )
-                .bind(uid.as_str())
-                .bind(new.uids.study.as_str())
-                .bind(new.uids.series.as_str())
-                .bind(fingerprint)
-                .bind(source.name())
-                .bind(now)
-                .execute()
-                .await?;
-        }
-    }
+    let times = last.as_ref().map_or(0, |last| last.times) + 1;
+    let (uids, fingerprint) = match (arrived, last) {
+        (Arrived::Following(Following::Unusable), _) => return Ok((arrived, false)),
+        (Arrived::Following(Following::Same), Some(last)) => (last.uids, last.fingerprint),
+        _ => match &new.fingerprint {
+            Some(fingerprint) => {
+                let known = as_it_is_known(connection, uid, fingerprint).await?;
+                (new.uids.clone(), Some(known))
+            }
+            None => (new.uids.clone(), None),
+        },
+    };
+    let image = LastImage {
+        uid: uid.clone(),
+        uids,
+        fingerprint,
+        times,
+        sender: source,
+        last_at: now,
+    };
+    write(connection, &image).await?;
     let returned = connection
         .query(
             "DELETE FROM rejections WHERE sop_instance_uid = $1 AND study_uid = $2 AND series_uid = $3 AND may_return = 1",
@@ -136,7 +116,7 @@ pub(super) async fn arrive(
         .execute()
         .await?;
     if returned > 0 || arrived != Arrived::Following(Following::Same) {
-        changed.extend(judge(connection, uid).await?);
+        changed.extend(judge(connection, &[uid]).await?);
     }
     Ok((arrived, returned > 0))
 }
@@ -146,7 +126,7 @@ async fn as_it_is_known(
     connection: &mut Connection,
     uid: &Uid,
     fingerprint: &Fingerprint,
-) -> Result<String, StoreError> {
+) -> Result<Fingerprint, StoreError> {
     let rows = connection
         .query(
             "SELECT fingerprint FROM images WHERE sop_instance_uid = $1 AND fingerprint <> ''
@@ -159,41 +139,41 @@ async fn as_it_is_known(
         if let Some(known) = read_fingerprint(row)?
             && known.is_same(fingerprint)
         {
-            return Ok(known.to_string());
+            return Ok(known);
         }
     }
-    Ok(fingerprint.to_string())
+    Ok(fingerprint.clone())
 }
 
 /// Writes of which images something was made. If it is there, and was made of other images with the same UIDs, those count that the PACS
 /// has sent last.
 pub(super) async fn make(
     connection: &mut Connection,
-    owner: Owner<'_>,
+    made: &Made,
     images: &[Image],
 ) -> Result<(), StoreError> {
-    let (case, layer) = owner.columns();
     for image in images {
         let fingerprint = as_it_is_known(connection, &image.uid, &image.fingerprint).await?;
         connection
             .query(
-                "INSERT INTO made_of (case_id, layer_id, sop_instance_uid, fingerprint, times)
-                 VALUES ($1, $2, $3, $4, $5)
+                "INSERT INTO made_of (case_id, layer_id, result_id, sop_instance_uid, fingerprint, times)
+                 VALUES ($1, $2, $3, $4, $5, $6)
                  ON CONFLICT (case_id, layer_id, result_id, sop_instance_uid) DO UPDATE
                  SET fingerprint = excluded.fingerprint,
                      times = CASE WHEN excluded.times > made_of.times THEN excluded.times ELSE made_of.times END
                  WHERE excluded.fingerprint = (SELECT images.fingerprint FROM images
                                                WHERE images.sop_instance_uid = excluded.sop_instance_uid)",
             )
-            .bind(case.clone())
-            .bind(layer.clone())
+            .bind(&made.case)
+            .bind(&made.layer)
+            .bind(&made.result)
             .bind(image.uid.as_str())
-            .bind(fingerprint)
+            .bind(fingerprint.to_string())
             .bind(i64::try_from(image.times).unwrap_or(i64::MAX))
             .execute()
             .await?;
     }
-    judge_owner(connection, owner).await
+    judge_made(connection, made).await
 }
 
 /// Lets a case be made of the images of another one, or have the layers of it.
@@ -222,7 +202,7 @@ pub(super) async fn inherit(
         .execute()
         .await?;
     match what {
-        Inherited::Images => judge_owner(connection, Owner::Case(case)).await,
+        Inherited::Images => judge_made(connection, &Made::case(case)).await,
         // The column is copied with the layers.
         Inherited::Layers => Ok(()),
     }
@@ -238,8 +218,7 @@ pub(super) enum Inherited {
 /// Notes of which images the layers were made that a result shows; they outlive the layers.
 pub(super) async fn make_result(
     connection: &mut Connection,
-    result: &str,
-    case: &CaseId,
+    result: &Made,
     layers: &[LayerId],
 ) -> Result<(), StoreError> {
     for layer in layers {
@@ -249,71 +228,67 @@ pub(super) async fn make_result(
                  SELECT case_id, $1, sop_instance_uid, fingerprint, times FROM made_of
                  WHERE case_id = $2 AND layer_id = $3 AND result_id = '' ON CONFLICT DO NOTHING",
             )
-            .bind(result)
-            .bind(case.to_string())
+            .bind(&result.result)
+            .bind(&result.case)
             .bind(layer.to_string())
             .execute()
             .await?;
     }
-    // Bound values reach into the view, where columns of another table would let SQLite read all of it.
-    judge_row(connection, &case.to_string(), "", result).await
+    judge_made(connection, result).await
 }
 
-/// Forgets of which images a layer, or the layers of a result, were made.
+/// Forgets of which images something was made.
 pub(super) async fn forget_made(
     connection: &mut Connection,
-    case: &CaseId,
-    layer: &str,
-    result: &str,
+    made: &Made,
 ) -> Result<(), StoreError> {
     connection
         .query("DELETE FROM made_of WHERE case_id = $1 AND layer_id = $2 AND result_id = $3")
-        .bind(case.to_string())
-        .bind(layer)
-        .bind(result)
+        .bind(&made.case)
+        .bind(&made.layer)
+        .bind(&made.result)
         .execute()
         .await?;
     Ok(())
 }
 
-/// Writes again what is closed of all that was made of an image; the cases that it belongs to.
+/// Writes again what is closed of all that was made of images; the cases that it belongs to.
 pub(super) async fn judge(
     connection: &mut Connection,
-    uid: &Uid,
+    uids: &[&Uid],
 ) -> Result<Vec<CaseId>, StoreError> {
-    let mut judged = Vec::new();
-    let owners = connection
-        .query(
-            "SELECT DISTINCT case_id, layer_id, result_id FROM made_of WHERE sop_instance_uid = $1",
-        )
-        .bind(uid.as_str())
-        .fetch_all()
-        .await?;
-    for row in &owners {
-        let [case, layer, result]: [String; 3] = [
-            row.get("case_id")?,
-            row.get("layer_id")?,
-            row.get("result_id")?,
-        ];
-        judge_row(connection, &case, &layer, &result).await?;
-        judged.push(CaseId::parse(&case).ok_or_else(|| unreadable("case"))?);
+    let mut all = BTreeSet::new();
+    for uid in uids {
+        let rows = connection
+            .query("SELECT case_id, layer_id, result_id FROM made_of WHERE sop_instance_uid = $1")
+            .bind(uid.as_str())
+            .fetch_all()
+            .await?;
+        for row in &rows {
+            all.insert(Made {
+                case: row.get("case_id")?,
+                layer: row.get("layer_id")?,
+                result: row.get("result_id")?,
+            });
+        }
+    }
+    let mut judged = Vec::with_capacity(all.len());
+    for made in &all {
+        judge_made(connection, made).await?;
+        judged.push(CaseId::parse(&made.case).ok_or_else(|| unreadable("case"))?);
     }
     Ok(judged)
 }
 
-async fn judge_owner(connection: &mut Connection, owner: Owner<'_>) -> Result<(), StoreError> {
-    let (case, layer) = owner.columns();
-    judge_row(connection, &case, &layer, "").await
-}
-
-/// Writes whether a case, a layer or a result is closed. Series that are layers of a case which is closed are read again, for another one.
-async fn judge_row(
-    connection: &mut Connection,
-    case: &str,
-    layer: &str,
-    result: &str,
-) -> Result<(), StoreError> {
-    let sql = match (layer, result) {
+/// Writes whether something is closed. Series that are layers of a case which is closed are read again, for another one.
+async fn judge_made(connection: &mut Connection, made: &Made) -> Result<(), StoreError> {
+    let Made {
+        case,
+        layer,
+        result,
+    } = made;
+    // Bound values reach into the view, where columns of another table would let SQLite read all of it.
+    let sql = match (&**layer, &**result) {
         ("", "") => {
             "UPDATE cases SET closed = coalesce((SELECT why FROM closed_by
                                                  WHERE case_id = $1 AND layer_id = $2 AND result_id = $3), 0)
@@ -345,15 +320,11 @@ async fn judge_row(
 
 /// A column `closed`.
 pub(super) fn read_closed(row: &Row, column: &str) -> Result<Option<Closed>, StoreError> {
-    Ok(closed_of(row.get::<Option<i64>>(column)?.unwrap_or(0)))
-}
-
-pub(super) fn closed_of(why: i64) -> Option<Closed> {
-    match why {
-        0 => None,
-        1 => Some(Closed::Rejected),
-        _ => Some(Closed::Corrected),
-    }
+    Ok(match row.get::<Option<i64>>(column)? {
+        None | Some(0) => None,
+        Some(1) => Some(Closed::Rejected),
+        Some(_) => Some(Closed::Corrected),
+    })
 }
 
 /// Notes what a note rejects, and judges what was made of it; the cases that were judged.
@@ -363,7 +334,6 @@ pub(super) async fn reject(
     by: &str,
     now: i64,
 ) -> Result<Vec<CaseId>, StoreError> {
-    let mut changed = Vec::new();
     for (uids, instances) in &rejection.series {
         let id = uuid::Uuid::now_v7().simple().to_string();
         for uid in instances {
@@ -376,10 +346,12 @@ pub(super) async fn reject(
                 may_return: rejection.may_return,
             };
             withdraw(connection, &withdrawn).await?;
-            changed.extend(judge(connection, uid).await?);
         }
     }
-    Ok(changed)
+    let rejected: Vec<_> = (rejection.series.iter())
+        .flat_map(|(_, instances)| instances)
+        .collect();
+    judge(connection, &rejected).await
 }
 
 /// Writes that an instance is rejected. One that was rejected before keeps the later time, and does not return if either note forbids it.
@@ -427,12 +399,8 @@ pub(super) async fn lift(
         return Ok(None);
     };
     let uids = read_uids(first)?;
-    let mut instances = Vec::with_capacity(rows.len());
-    for row in &rows {
-        let uid = read_uid(row)?;
-        changed.extend(judge(connection, &uid).await?);
-        instances.push(uid);
-    }
+    let instances = rows.iter().map(read_uid).collect::<Result<Vec<_>, _>>()?;
+    changed.extend(judge(connection, &instances.iter().collect::<Vec<_>>()).await?);
     Ok(Some((uids, instances)))
 }
 
@@ -525,33 +493,17 @@ pub(super) async fn all(
         .bind(count(limit))
         .fetch_all()
         .await?;
-    let read = |row: &Row| {
-        let sender: String = row.get("sender")?;
-        Ok(LastImage {
-            uid: read_uid(row)?,
-            uids: read_uids(row)?,
-            fingerprint: read_fingerprint(row)?,
-            times: row.get("times")?,
-            sender: ArrivalSource::from_name(&sender).ok_or_else(|| unreadable("source"))?,
-            last_at: row.get("last_at")?,
-        })
-    };
-    rows.iter().map(read).collect()
+    rows.iter().map(read_last).collect()
 }
 
-/// Writes an image as another store has it, unless one has come here since.
-pub(super) async fn write_copied(
-    connection: &mut Connection,
-    image: &LastImage,
-) -> Result<(), StoreError> {
+async fn write(connection: &mut Connection, image: &LastImage) -> Result<(), StoreError> {
     connection
         .query(
             "INSERT INTO images (sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at)
              VALUES ($1, $2, $3, $4, $5, $6, $7)
              ON CONFLICT (sop_instance_uid) DO UPDATE
              SET study_uid = excluded.study_uid, series_uid = excluded.series_uid, fingerprint = excluded.fingerprint,
-                 times = excluded.times, sender = excluded.sender, last_at = excluded.last_at
-             WHERE images.last_at <= excluded.last_at",
+                 times = excluded.times, sender = excluded.sender, last_at = excluded.last_at",
         )
         .bind(image.uid.as_str())
         .bind(image.uids.study.as_str())
@@ -562,22 +514,31 @@ pub(super) async fn write_copied(
         .bind(image.last_at)
         .execute()
         .await?;
-    judge(connection, &image.uid).await.map(drop)
+    Ok(())
 }
 
-/// The images that a case or a layer was made of, by UID.
-pub(super) async fn of(
+/// Writes an image as another store has it, unless one has come here since.
+pub(super) async fn write_copied(
     connection: &mut Connection,
-    owner: Owner<'_>,
-) -> Result<Vec<Image>, StoreError> {
-    let (case, layer) = owner.columns();
+    image: &LastImage,
+) -> Result<(), StoreError> {
+    let here = last(connection, &image.uid).await?;
+    if here.is_none_or(|here| here.last_at <= image.last_at) {
+        write(connection, image).await?;
+    }
+    judge(connection, &[&image.uid]).await.map(drop)
+}
+
+/// The images that something was made of, by UID.
+pub(super) async fn of(connection: &mut Connection, made: &Made) -> Result<Vec<Image>, StoreError> {
     let rows = connection
         .query(
             "SELECT sop_instance_uid, fingerprint, times FROM made_of
-             WHERE case_id = $1 AND layer_id = $2 AND result_id = '' ORDER BY sop_instance_uid",
+             WHERE case_id = $1 AND layer_id = $2 AND result_id = $3 ORDER BY sop_instance_uid",
         )
-        .bind(case)
-        .bind(layer)
+        .bind(&made.case)
+        .bind(&made.layer)
+        .bind(&made.result)
         .fetch_all()
         .await?;
     let read = |row: &Row| {
@@ -595,7 +556,7 @@ pub(super) async fn made_of_any(
     connection: &mut Connection,
     images: &[Image],
 ) -> Result<Vec<MadeCase>, StoreError> {
-    let mut ids = std::collections::BTreeSet::new();
+    let mut ids = BTreeSet::new();
     for image in images {
         let rows = connection
             .query(
@@ -634,23 +595,24 @@ pub(super) async fn made_of_any(
             .bind(&id)
             .fetch_all()
             .await?;
+        let mut is_received = false;
         let read = |row: &Row| {
+            is_received |= row.get::<i64>("times")? > 0;
             Ok::<_, StoreError>(MadeImage {
                 uid: read_uid(row)?,
                 fingerprint: read_fingerprint(row)?.ok_or_else(|| unreadable("fingerprint"))?,
                 has_come_again: row.get::<i64>("again")? != 0 || row.get::<i64>("rejected")? != 0,
             })
         };
-        let times = rows.iter().map(|row| row.get::<i64>("times"));
-        let times = times.collect::<Result<Vec<_>, _>>()?;
+        let images = rows.iter().map(read).collect::<Result<_, _>>()?;
         cases.push((
             created_at,
             MadeCase {
                 case,
                 state,
                 closed,
-                is_received: times.into_iter().any(|times| times > 0),
-                images: rows.iter().map(read).collect::<Result<_, _>>()?,
+                is_received,
+                images,
             },
         ));
     }

@@ -10,7 +10,7 @@ use super::connection::{Connection, Row};
 use super::{images, jobs, pins, upkeep};
 use crate::arrivals::Uid;
 use crate::jobs::{NewJob, layer_key};
-use crate::rows::{Inserted, LayerChange, LayerName, NewLayer, Pinned, Referred};
+use crate::rows::{Inserted, LayerChange, LayerName, Made, NewLayer, Pinned, Referred};
 use crate::{ObjectName, StoreError};
 
 /// A layer, which `read` understands. A `WHERE` or `ORDER BY` may follow.
@@ -44,8 +44,8 @@ pub(super) async fn submit(
     let others = of_case(connection, &new.case).await?;
     let known = others.iter().find(|layer| layer.id == new.id);
     if known.is_some_and(|layer| layer.state != CaseState::Failed) {
-        let owner = images::Owner::Layer(&new.case, &new.id);
-        images::make(connection, owner, &new.images).await?;
+        let made = Made::layer(&new.case, &new.id);
+        images::make(connection, &made, &new.images).await?;
         return Ok(Referred::Unneeded(Inserted::Exists));
     }
     if known.is_none() && others.len() >= new.most {
@@ -61,8 +61,8 @@ pub(super) async fn submit(
     .await?;
     let inserted = if known.is_some() {
         queue_again(connection, &new.case, &new.id, &new.client, now).await?;
-        let owner = images::Owner::Layer(&new.case, &new.id);
-        images::make(connection, owner, &new.images).await?;
+        let made = Made::layer(&new.case, &new.id);
+        images::make(connection, &made, &new.images).await?;
         Inserted::Requeued
     } else {
         let name = free_name(&new.name, &others).ok_or(StoreError::LayerNameTaken)?;
@@ -107,8 +107,8 @@ async fn insert_row(
         .bind(new.series.as_ref().map(Uid::as_str))
         .execute()
         .await?;
-    let owner = images::Owner::Layer(&new.case, &new.id);
-    images::make(connection, owner, &new.images).await?;
+    let made = Made::layer(&new.case, &new.id);
+    images::make(connection, &made, &new.images).await?;
     let job = NewJob::layer(&new.case, &new.id);
     jobs::enqueue_for(connection, &job, &new.client, now).await
 }
@@ -344,7 +344,7 @@ pub(super) async fn delete(
     let needed = objects(connection, case, layer).await?;
     pins::abandon(connection, needed, now).await?;
     jobs::remove(connection, &layer_key(case, layer)).await?;
-    images::forget_made(connection, case, &layer.to_string(), "").await?;
+    images::forget_made(connection, &Made::layer(case, layer)).await?;
     let deleted = connection
         .query("DELETE FROM layers WHERE case_id = $1 AND id = $2")
         .bind(case.to_string())

@@ -39,7 +39,7 @@ use sqlx::{Pool, SqlSafeStr as _};
 pub(crate) use self::connection::microseconds;
 use self::connection::{Connection, Database};
 use super::jobs::{Claim, NewJob};
-use super::rows::{Change, Inserted, NewCase, NewLayer, Pinned, Published, Referred, Sweep};
+use super::rows::{Change, Inserted, Made, NewCase, NewLayer, Pinned, Published, Referred, Sweep};
 use super::{CaseQuery, Cursor, ObjectName, Page, Store, StoreError};
 use case::images::{Closed, Image};
 use case::{Case, CaseFacts, CaseId, Failure, JobKind, LayerId, ObjectKind};
@@ -390,7 +390,7 @@ impl Store {
         let (mut transaction, now) = self.rows().write().await?;
         let exists = cases::uploaded_again(&mut transaction, id, now).await?;
         if exists && !images.is_empty() {
-            images::make(&mut transaction, images::Owner::Case(id), images).await?;
+            images::make(&mut transaction, &Made::case(id), images).await?;
         }
         transaction.commit().await?;
         Ok(exists)

@@ -5,17 +5,17 @@ use std::time::Duration;
 use jiff::Timestamp;
 
 use super::connection::{Connection, Row, microseconds};
-use super::images::{self, Owner};
+use super::images;
 use super::{arrivals, jobs, pins, results};
 use crate::arrivals::{
     Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, CaseSeries, DueTerms, NewInstance,
     Outcome, Reception, Rejected, Rejection, SeriesQuery, SeriesUids, Taken, Uid,
 };
 use crate::jobs::{Claim, NewJob};
-use crate::rows::{DueSeries, LastImage, MadeCase, Pinned, Referred, RowCounts, Withdrawn};
+use crate::rows::{DueSeries, LastImage, Made, MadeCase, Pinned, Referred, RowCounts, Withdrawn};
 use crate::{ForPacs, ObjectName, Store, StoreError};
 use case::images::Image;
-use case::{CaseId, Failure, JobKind, LayerId, ObjectKind};
+use case::{CaseId, Failure, JobKind, ObjectKind};
 
 /// How long to remember what rejection notes have withdrawn: a PACS that sends the images again does so within days, and
 /// UIDs should not stay for ever.
@@ -187,45 +187,21 @@ impl Store {
         images::made_of_any(&mut self.rows().connect().await?, of).await
     }
 
-    /// The images that a case was made of.
+    /// The images that something was made of.
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn images_of_case(&self, case: &CaseId) -> Result<Vec<Image>, StoreError> {
-        let mut connection = self.rows().connect().await?;
-        images::of(&mut connection, Owner::Case(case)).await
+    pub async fn made_of(&self, made: &Made) -> Result<Vec<Image>, StoreError> {
+        images::of(&mut self.rows().connect().await?, made).await
     }
 
-    /// The images that a layer was made of.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn images_of_layer(
-        &self,
-        case: &CaseId,
-        layer: &LayerId,
-    ) -> Result<Vec<Image>, StoreError> {
-        let mut connection = self.rows().connect().await?;
-        images::of(&mut connection, Owner::Layer(case, layer)).await
-    }
-
-    /// Notes of which images a case or one of its layers was made, and how often each had come. Of those that are known, the last
-    /// counts.
+    /// Notes of which images something was made, and how often each had come. Of those that are known, the last counts.
     ///
     /// # Errors
     /// If the rows cannot be written.
-    pub async fn note_images(
-        &self,
-        case: &CaseId,
-        layer: Option<&LayerId>,
-        of: &[Image],
-    ) -> Result<(), StoreError> {
+    pub async fn note_made_of(&self, made: &Made, of: &[Image]) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
-        let owner = match layer {
-            Some(layer) => Owner::Layer(case, layer),
-            None => Owner::Case(case),
-        };
-        images::make(&mut transaction, owner, of).await?;
+        images::make(&mut transaction, made, of).await?;
         transaction.commit().await
     }
 
@@ -333,8 +309,9 @@ impl Store {
         let (mut transaction, _) = self.rows().write().await?;
         for withdrawn in withdrawn {
             images::withdraw(&mut transaction, withdrawn).await?;
-            images::judge(&mut transaction, &withdrawn.instance).await?;
         }
+        let instances: Vec<_> = withdrawn.iter().map(|one| &one.instance).collect();
+        images::judge(&mut transaction, &instances).await?;
         transaction.commit().await
     }
 

@@ -6,6 +6,7 @@ use crate::results::{NewResult, ResultSeries, SentResult};
 use crate::rows::{Pinned, Referred};
 use crate::{ObjectName, Store, StoreError};
 use case::JobKind;
+use case::images::Image;
 
 impl Store {
     /// Queues a result for its node, and turns the pin of its object into a reference. A result that was sent to the node
@@ -25,11 +26,12 @@ impl Store {
         Ok(Referred::Done(queued))
     }
 
-    /// Makes a result of another store as it is there, and turns the pin of its object into a reference; one that was on
+    /// Makes a result of another store as it is there, whose layers are made of these images, and turns the pin of its object into a reference; one that was on
     /// its way waits again. `false`, and nothing has changed, if the pin is gone or its case is not here.
     pub(crate) async fn write_copied_result(
         &self,
         result: &SentResult,
+        made_of: &[Image],
         pinned: &Pinned,
     ) -> Result<bool, StoreError> {
         let (mut transaction, now) = self.rows().write().await?;
@@ -38,7 +40,7 @@ impl Store {
         {
             return Ok(false);
         }
-        results::write_copied(&mut transaction, result, now).await?;
+        results::write_copied(&mut transaction, result, made_of, now).await?;
         transaction.commit().await?;
         Ok(true)
     }

@@ -2,11 +2,13 @@
 
 use super::arrivals::{count, read_time, unreadable};
 use super::connection::{Connection, Row};
-use super::{images, jobs, pins};
+use super::{images, jobs, layers, pins};
 use crate::arrivals::{ArrivalCursor, TransferQuery, Uid};
 use crate::jobs::{Job, NewJob};
 use crate::results::{NewResult, NotValid, ResultSeries, SentResult, object};
+use crate::rows::Made;
 use crate::{ObjectName, StoreError};
+use case::images::Image;
 use case::{CaseId, Failure, JobKind, JobState, LayerId};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
@@ -30,8 +32,14 @@ pub(super) async fn queue(
     job: JobKind,
     now: i64,
 ) -> Result<SentResult, StoreError> {
+    let here = layers::of_case(connection, &new.case).await?;
+    let is_here = |id: &LayerId| here.iter().any(|layer| layer.id == *id);
+    // A note rejects what it was.
+    if new.series.sop_class_uid.as_str() != REJECTION_NOTE && !new.layers.iter().all(is_here) {
+        return Err(StoreError::NoSuchLayer);
+    }
     let id = insert(connection, new, now).await?;
-    images::make_result(connection, &id, &new.case, &new.layers).await?;
+    images::make_result(connection, &Made::result(&new.case, &id), &new.layers).await?;
     let job = NewJob {
         case: Some(new.case),
         ..NewJob::new(job, id.clone())
@@ -83,6 +91,7 @@ async fn insert(
 pub(super) async fn write_copied(
     connection: &mut Connection,
     result: &SentResult,
+    made_of: &[Image],
     now: i64,
 ) -> Result<(), StoreError> {
     let new = NewResult {
@@ -103,7 +112,8 @@ pub(super) async fn write_copied(
         .bind(known)
         .execute()
         .await?;
-    images::make_result(connection, &result.id, &result.case, &result.layers).await?;
+    let made = Made::result(&result.case, &result.id);
+    images::make(connection, &made, made_of).await?;
     match &result.job {
         Some(job) => jobs::write_copied(connection, job, now).await,
         None => Ok(()),
@@ -243,7 +253,7 @@ pub(super) async fn forget(
     for row in &rows {
         let id: String = row.get("id")?;
         jobs::remove(connection, &id).await?;
-        images::forget_made(connection, &read_case(row)?, "", &id).await?;
+        images::forget_made(connection, &Made::result(&read_case(row)?, &id)).await?;
     }
     abandon(connection, &rows, now).await
 }

@@ -7,7 +7,7 @@ use crate::arrivals::{
 };
 use crate::results::NewResult;
 use crate::testing::new_result;
-use crate::{CopyStep, ForPacs, LayerName, LayerUpload, frame};
+use crate::{CopyStep, ForPacs, LayerName, LayerUpload, Made, frame};
 use case::images::{Fingerprint, Image};
 use case::{Closed, Failure, JobKind, JobState, LayerParameters};
 
@@ -273,7 +273,7 @@ async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
         times: 0,
     };
     let of: Vec<_> = (0..3).map(of).collect();
-    store.note_images(&id, None, &of).await.unwrap();
+    store.note_made_of(&Made::case(&id), &of).await.unwrap();
     let file = b"a result";
     let new = NewResult {
         study: uid("1.2"),

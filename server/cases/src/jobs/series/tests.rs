@@ -7,6 +7,7 @@ use bytes::Bytes;
 use case::Closed;
 use case::images::{Fingerprint, Image};
 use proptest::prelude::*;
+use storage::Made;
 use storage::arrivals::{
     ArrivalSource, ArrivalState, NewInstance, Reception, Rejection, SeriesUids, Uid,
 };
@@ -413,7 +414,7 @@ impl World {
         let file = Bytes::from(format!("result {number}"));
         let (mut layers, mut made_of) = (Vec::new(), Vec::new());
         for layer in self.store().layers(&case).await.unwrap() {
-            let of = self.store().images_of_layer(&case, &layer.id).await;
+            let of = self.store().made_of(&Made::layer(&case, &layer.id)).await;
             made_of.push(of.unwrap().iter().map(known).collect());
             layers.push(layer.id);
         }
@@ -558,7 +559,7 @@ impl World {
             for layer in self.store().layers(&case).await.unwrap() {
                 let of = self
                     .store()
-                    .images_of_layer(&case, &layer.id)
+                    .made_of(&Made::layer(&case, &layer.id))
                     .await
                     .unwrap();
                 let of = of.iter().map(known);
