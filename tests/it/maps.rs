@@ -650,7 +650,7 @@ async fn candidates_descend_and_come_as_csv_as_well() {
     let csv = server
         .get_with(&format!("{case}/candidates?limit=5"), &accept)
         .await;
-    assert_eq!(csv.header("content-type"), "text/csv");
+    assert_eq!(csv.header("content-type"), "text/csv; charset=utf-8");
     let text = String::from_utf8(csv.body.to_vec()).unwrap();
     let rows: Vec<_> = text.split_terminator("\r\n").collect();
     assert_eq!(rows.len(), 6);

@@ -559,6 +559,10 @@ impl Layer {
             );
             return Err(Failure::unusable("name-unusable", detail));
         }
+        if name.bytes().all(|byte| byte == b'.') {
+            let detail = "the name of a layer must not be dots alone, because its address would be another one";
+            return Err(Failure::unusable("name-unusable", detail));
+        }
         let lower = name.to_lowercase();
         let is_map = match MapName::from_name(&lower) {
             Some(MapName::Flair) => lower == name,

@@ -274,10 +274,11 @@ impl Representation {
         };
         let headers = response.headers_mut();
         headers.extend(self.headers);
-        headers.insert(
-            header::CONTENT_TYPE,
-            HeaderValue::from_static(self.media_type),
-        );
+        let media_type = match self.media_type {
+            "text/csv" => "text/csv; charset=utf-8",
+            other => other,
+        };
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(media_type));
         headers.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
         if let Some(name) = self.coding.name() {
             headers.insert(header::CONTENT_ENCODING, HeaderValue::from_static(name));

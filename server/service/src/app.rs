@@ -3,9 +3,9 @@
 use std::any::Any;
 
 use axum::Router;
-use axum::extract::FromRef as _;
-use axum::http::{HeaderName, HeaderValue, header};
-use axum::middleware;
+use axum::extract::{FromRef as _, Request};
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use cases::Error;
 use tower_http::catch_panic::CatchPanicLayer;
@@ -99,6 +99,7 @@ fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Route
             access.origins().clone(),
             origins::share,
         ))
+        .layer(middleware::from_fn(refuse_coding))
         .layer(middleware::from_fn(routes::in_turn))
         .layer(CatchPanicLayer::custom(panicked))
         .layer(middleware::map_response(move |response: Response| {
@@ -109,6 +110,22 @@ fn finish(state: AppState, routes: Router<AppState>, openapi: &OpenApi) -> Route
         .layer(SetRequestIdLayer::new(REQUEST_ID, MakeId))
         .layer(middleware::from_fn(logs::drop_bad_request_id))
         .with_state(state)
+}
+
+/// Bodies are read as they come: what is compressed says so itself, as gzipped NIfTI does.
+async fn refuse_coding(request: Request, next: Next) -> Result<Response, AppError> {
+    let coding = request.headers().get(header::CONTENT_ENCODING);
+    if coding.is_some_and(|coding| !coding.as_bytes().eq_ignore_ascii_case(b"identity")) {
+        let detail = "the body has a `Content-Encoding`; send it as it is (a gzipped NIfTI file is a file, and needs no coding)";
+        let refusal = AppError::new(
+            StatusCode::UNSUPPORTED_MEDIA_TYPE,
+            "content-encoding",
+            detail,
+        );
+        let identity = HeaderValue::from_static("identity");
+        return Err(refusal.with_header(header::ACCEPT_ENCODING, identity));
+    }
+    Ok(next.run(request).await)
 }
 
 fn content_policy(ancestors: &FrameAncestors) -> HeaderValue {

@@ -173,7 +173,7 @@ impl StoreError {
 }
 
 /// What clients are told of a full store.
-pub const FULL_STORE: &str = "the store is full; delete cases, or enlarge its disk";
+pub const FULL_STORE: &str = "the store is full; free space on its disk, or enlarge it";
 
 /// What clients are told of a disk that has room, but cannot be written.
 pub const FAILED_DISK: &str =

@@ -340,6 +340,8 @@ async fn steepness(cases: &Cases, id: &CaseId) -> Result<Option<(KeyedLayers, St
         layer: Some(LayerRef::from(MapName::Blur)),
         ..LayerChoice::default()
     };
+    // A case that is not there has no maps either, and never will.
+    cases.ready(id).await?;
     let chosen = blur.of_case(&cases.library, id).await?;
     match chosen.load(&cases.library, id).await {
         Ok(layers) => Ok(Some((layers.keyed, chosen.version().unwrap_or_default()))),

@@ -357,7 +357,7 @@ pub async fn get_profile(
 
 /// A text as a field of CSV (RFC 4180). One that a spreadsheet would compute is written with an apostrophe before it.
 pub(super) fn quoted(text: &str) -> String {
-    let is_computed = text.starts_with(['=', '+', '-', '@']);
+    let is_computed = text.starts_with(['=', '+', '-', '@', '\t', '\r', '＝', '＋', '－', '＠']);
     let guard = if is_computed { "'" } else { "" };
     format!("\"{guard}{}\"", text.replace('"', "\"\""))
 }

@@ -1,8 +1,9 @@
 //! The common part of the descriptions of all guarded routes.
 
 use utoipa::openapi::path::{Operation, ParameterIn};
+use utoipa::openapi::schema::{AnyOf, ObjectBuilder, SchemaType, Type};
 use utoipa::openapi::security::{HttpAuthScheme, HttpBuilder, SecurityRequirement, SecurityScheme};
-use utoipa::openapi::{Components, Content, OpenApi, Ref, RefOr, ResponseBuilder};
+use utoipa::openapi::{Components, Content, OpenApi, Ref, RefOr, ResponseBuilder, Schema};
 
 /// The names of the schemes in the description.
 const BEARER: &str = "bearer";
@@ -26,6 +27,9 @@ pub(crate) fn describe(api: &mut OpenApi) {
         let scheme = HttpBuilder::new().scheme(scheme);
         let scheme = scheme.description(Some(description)).build();
         components.add_security_scheme(name, SecurityScheme::Http(scheme));
+    }
+    for schema in components.schemas.values_mut() {
+        let_be_absent(schema);
     }
     for (path, item) in &mut api.paths.paths {
         let reads = [&mut item.get, &mut item.head];
@@ -53,6 +57,30 @@ pub(crate) fn describe(api: &mut OpenApi) {
         for operation in writes.into_iter().flatten() {
             guard(operation, path);
         }
+    }
+}
+
+/// Describes groups of fields that are there in some states only, such as the facts of a ready case: derived is that they are `null`
+/// otherwise, and they are absent.
+fn let_be_absent(schema: &mut RefOr<Schema>) {
+    let is_null = |item: &RefOr<Schema>| matches!(item, RefOr::T(Schema::Object(object)) if object.schema_type == SchemaType::Type(Type::Null));
+    let RefOr::T(Schema::AllOf(all)) = schema else {
+        return;
+    };
+    for item in &mut all.items {
+        let RefOr::T(Schema::OneOf(one)) = item else {
+            continue;
+        };
+        if !one.items.iter().any(is_null) {
+            continue;
+        }
+        let mut items = std::mem::take(&mut one.items);
+        items.retain(|item| !is_null(item));
+        let anything = ObjectBuilder::new().schema_type(SchemaType::AnyValue);
+        items.push(Schema::from(anything).into());
+        let mut any = AnyOf::new();
+        any.items = items;
+        *item = Schema::AnyOf(any).into();
     }
 }
 

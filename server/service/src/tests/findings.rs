@@ -155,7 +155,7 @@ async fn findings_come_as_csv_that_no_spreadsheet_computes() {
     put(&server, &case, none.header("etag"), &json!([line])).await;
     let accept = [("accept", "text/csv")];
     let csv = server.get_with(&format!("{case}/findings"), &accept).await;
-    assert_eq!(csv.header("content-type"), "text/csv");
+    assert_eq!(csv.header("content-type"), "text/csv; charset=utf-8");
     let text = String::from_utf8(csv.body.to_vec()).unwrap();
     let rows: Vec<_> = text.split("\r\n").collect();
     assert_eq!(rows.len(), 4, "{text}");

@@ -333,6 +333,7 @@ async fn layers_are_renamed_moved_limited_and_deleted_with_their_objects() {
     for (body, status, kind) in [
         (json!({"name": "map"}), 409, "layer-name-taken"),
         (json!({"name": "blur"}), 422, "name-unusable"),
+        (json!({"name": ".."}), 422, "name-unusable"),
         (json!({"name": ""}), 422, "name-unusable"),
         (json!({"nom": "x"}), 400, "body-unreadable"),
     ] {

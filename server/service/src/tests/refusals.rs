@@ -120,6 +120,28 @@ async fn addresses_and_methods_that_there_are_not() {
         server.get(&plane).await.refusal(),
         (404, "no-such-address".to_owned())
     );
+    // Which plane it is depends on the map of a case.
+    let oblique = format!("{NOBODY}/slices/oblique?position=0,0,0");
+    assert_eq!(
+        server.get(&oblique).await.refusal(),
+        (404, "no-such-case".to_owned())
+    );
+}
+
+#[tokio::test]
+async fn bodies_have_no_coding() {
+    let server = Server::start().await;
+    for (coding, expected) in [
+        ("gzip", (415, "content-encoding")),
+        ("identity", (415, "unsupported-media-type")),
+    ] {
+        let headers = [("content-encoding", coding)];
+        let answer = server
+            .ask(Method::POST, "/v1/cases", &headers, Body::from("x"))
+            .await;
+        let (status, kind) = answer.refusal();
+        assert_eq!((status.into(), kind.as_str()), expected);
+    }
 }
 
 #[tokio::test]

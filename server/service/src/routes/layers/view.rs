@@ -70,7 +70,6 @@ pub struct LayerView {
     format: Option<u32>,
     /// Where the matrix of an added layer comes from, and its verdict. Absent until it is ready.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = PlacementFacts)]
     placement: Option<PlacementFacts>,
     /// The requested transform of an added layer: `auto`, `none`, `rigid`, or the matrix.
     #[serde(skip_serializing_if = "Option::is_none")]
