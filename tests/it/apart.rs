@@ -7,7 +7,7 @@ use crate::dicom::reader;
 use crate::head::plain_head;
 use crate::server::Server;
 
-pub(crate) fn apart(config: &mut Config) {
+fn apart(config: &mut Config) {
     config.dicom_program = reader();
     config.prepares_apart = true;
 }

@@ -7,7 +7,6 @@ use std::process::{Command, Stdio};
 use axum::http::Request;
 use serde_json::Value;
 
-use crate::apart::apart;
 use crate::head::plain_head;
 use crate::results::python_with;
 use crate::server::{Answer, Server, form, form_type};
@@ -133,10 +132,10 @@ impl Answers {
     async fn read(&mut self, server: &Server, case: &str) {
         let id = case.rsplit('/').next().unwrap();
         let layers = server.get(&format!("{case}/layers")).await.json();
-        let layers = layers["layers"].as_array().unwrap().iter();
-        let ids: Vec<_> = layers
-            .map(|layer| layer["id"].as_str().unwrap().to_owned())
-            .collect();
+        // None are listed before the case is ready; maps have a name alone.
+        let layers = layers["layers"].as_array().into_iter().flatten();
+        let ids = layers.filter_map(|layer| layer["id"].as_str().or(layer["name"].as_str()));
+        let ids: Vec<_> = ids.map(str::to_owned).collect();
         let paths: Vec<_> = self.description["paths"]
             .as_object()
             .unwrap()
@@ -179,24 +178,29 @@ async fn the_description_is_valid_and_answers_in_every_state_are_as_it_says() {
         let address = format!("{case}/layers");
         let request = Request::post(&address)
             .header("content-type", form_type())
-            .body(form(&[("volume", &head[..]), ("name", b"again")]).into());
+            .body(
+                form(&[
+                    ("volume", &head[..]),
+                    ("parameters", br#"{"name": "again"}"#),
+                ])
+                .into(),
+            );
         (address, server.send(request.unwrap()).await)
     };
     let (address, refused) = add(&server).await;
     answers.keep("post", "/v1/cases/{id}/layers", &address, &refused);
     answers.read(&server, &case).await;
-    // It takes more time than it may, and fails.
+    // It has more voxels than it may have by now, and fails.
     server = server
         .restart_with(|config| {
-            apart(config);
             config.prepare.workers = 1;
-            config.prepare.max_secs = 0;
+            config.limits.max_voxels = 1000;
         })
         .await;
     assert_eq!(server.until_settled(&case).await["state"], "failed");
     answers.read(&server, &case).await;
     server = server
-        .restart_with(|config| config.prepare.max_secs = 900)
+        .restart_with(|config| config.limits = isocortex::config::Config::default().limits)
         .await;
     let again = server.upload(&[("volume", &head)]).await;
     answers.keep("post", "/v1/cases", "/v1/cases", &again);
