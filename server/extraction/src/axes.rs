@@ -6,7 +6,7 @@ use geometry::{AXIS_ORDERS, BrainMask, Grid, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::methods::{Extraction, Method, closed, predict};
-use crate::quality::Quality;
+use crate::quality::{Masked, Origin, Quality, judge};
 use crate::{ExtractionError, Network, Observe};
 
 /// The least agreement of the two passes of the network for other axes to be offered.
@@ -97,11 +97,15 @@ fn turned_back(
     let mask = Mask::new(grid, mask.voxels().to_vec())?;
     let brain = BrainMask::from_mask(&mask, volume.grid())?;
     let (closed, cuts) = closed(&brain, volume)?;
-    let mut quality = Quality {
-        agreement: found.quality.agreement,
-        uncertain: found.quality.uncertain,
-        ..Quality::of_found(&mask, &brain, &closed, &cuts, volume)
+    let masked = Masked {
+        mask: &mask,
+        brain: &brain,
+        closed: &closed,
+        cuts: &cuts,
+        volume,
     };
+    let certainty = [found.quality.agreement, found.quality.uncertain];
+    let mut quality = judge(masked, Origin::Turned(certainty))?;
     quality.offer_axes(about * volume.grid().patient_from_voxel());
     Ok(Extraction {
         brain,

@@ -31,6 +31,6 @@ pub use network::{Network, Prediction};
 pub use observe::Observe;
 pub use probability::Probability;
 pub use pruning::{PruningParameters, prune_with};
-pub use quality::{Doubt, MaskNumbers, Quality, Reason, Verdict};
+pub use quality::{Because, Masked, Origin, Quality, Reason, Shape, Verdict, judge};
 pub use rim::Rim;
-pub use supplied::{Apart, Comparison, Judgement, Supplied, judge};
+pub use supplied::{Apart, Comparison};

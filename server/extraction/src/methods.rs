@@ -4,7 +4,7 @@ use geometry::{BrainCuts, BrainMask, DistanceMap, Volume, cut_envelope, distance
 
 use crate::observe::go_on;
 use crate::pruning::{PruningParameters, prune_with};
-use crate::quality::{Because, Quality};
+use crate::quality::{Because, Masked, Origin, Quality, judge};
 use crate::{ExtractionError, Network, Observe};
 
 /// How a brain was found.
@@ -55,7 +55,15 @@ pub fn predict(
     let brain = prediction.fine.brain(volume.grid(), threshold)?;
     go_on(observe, 0.95)?;
     let (closed, cuts) = closed(&brain, volume)?;
-    let quality = Quality::of_predicted(&prediction, &brain, &closed, &cuts, volume)?;
+    let mask = prediction.fine.above(0.5)?;
+    let masked = Masked {
+        mask: &mask,
+        brain: &brain,
+        closed: &closed,
+        cuts: &cuts,
+        volume,
+    };
+    let quality = judge(masked, Origin::Predicted(&prediction))?;
     Ok(Extraction {
         brain,
         closed,
@@ -86,8 +94,14 @@ pub(crate) fn pruned(
     let brain = BrainMask::from_mask(&pruned, volume.grid())?;
     go_on(observe, 0.95)?;
     let (closed, cuts) = closed(&brain, volume)?;
-    let mut quality = Quality::of_found(&pruned, &brain, &closed, &cuts, volume);
-    quality.put_to_review(because);
+    let masked = Masked {
+        mask: &pruned,
+        brain: &brain,
+        closed: &closed,
+        cuts: &cuts,
+        volume,
+    };
+    let quality = judge(masked, Origin::Pruned(because))?;
     Ok(Extraction {
         brain,
         closed,

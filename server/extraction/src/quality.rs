@@ -7,6 +7,8 @@ use geometry::{BrainCuts, BrainMask, DistanceMap, Face, Grid, Mask, Volume};
 use glam::{DAffine3, DVec3};
 
 use crate::flatness::flatness;
+use crate::rim::{Rim, rim};
+use crate::supplied::{Comparison, doubts_of_border};
 use crate::{ExtractionError, Prediction};
 
 /// The rating of a mask, from best to worst.
@@ -31,13 +33,36 @@ pub struct Quality {
     pub reasons: Vec<Reason>,
     /// Volume of the mask, in millilitres: ok from 900 to 2200, failed outside of 700 to 2500.
     pub volume_ml: f64,
-    /// Size of the mask from left to right, front to back and bottom to top, in mm.
-    pub extents_mm: [f64; 3],
-    /// Fraction of the found voxels in the largest component, 0 to 1: ok from 0.98.
+    /// Fraction of the marked voxels in the largest component, 0 to 1: ok from 0.98.
     pub largest_component: f64,
     /// The area of the mask on each face of the field of view, in cm², in the order of [`Face::ALL`]: ok up to 1, on the
     /// inferior face below 15.
     pub cut_area_cm2: [f64; 6],
+    /// The shape of a mask that this crate found. A supplied mask may follow the sulci, and is compared with the brain that the
+    /// network finds instead.
+    pub shape: Option<Shape>,
+    /// How much brighter the inside of the brain is than its rim, as a fraction of the intensity range: ok from 0.05;
+    /// with tree pruning, from 0.1.
+    pub contrast: Option<f64>,
+    /// The agreement (Dice) of the coarse pass of the network with the mask: ok from 0.97, failed below 0.90.
+    pub agreement: Option<f64>,
+    /// Voxels of which the network is uncertain (0.05 < p < 0.95), as a fraction of the voxels of the brain: ok up to
+    /// 0.035, failed from 0.1.
+    pub uncertain: Option<f64>,
+    /// How well the border of a supplied mask fits the volume.
+    pub rim: Option<Rim>,
+    /// How a supplied mask compares with the brain that the network finds.
+    pub comparison: Option<Comparison>,
+    /// An alternative affine from voxels to LPS mm, with which the network finds a brain although it does not with the
+    /// affine in the header: the header may be wrong. A person must confirm this; nothing is turned.
+    pub other_patient_from_voxel: Option<DAffine3>,
+}
+
+/// The shape of a mask.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shape {
+    /// Size of the mask from left to right, front to back and bottom to top, in mm.
+    pub extents_mm: [f64; 3],
     /// The volume that a closing by 10 mm adds, as a fraction of the mask: ok up to 0.05.
     pub closing_added: f64,
     /// The overlap (Dice) of the mask with its mirror image from left to right, front to back and bottom to top: ok if
@@ -48,17 +73,6 @@ pub struct Quality {
     /// The standard deviation of the mask along its shortest principal axis, as a fraction of that along its longest one: ok from
     /// 0.62.
     pub flatness: f64,
-    /// How much brighter the inside of the brain is than its rim, as a fraction of the intensity range: ok from 0.05;
-    /// with tree pruning, from 0.1.
-    pub contrast: Option<f64>,
-    /// The agreement (Dice) of the coarse pass of the network with the mask: ok from 0.97, failed below 0.90.
-    pub agreement: Option<f64>,
-    /// Voxels of which the network is uncertain (0.05 < p < 0.95), as a fraction of the voxels of the brain: ok up to
-    /// 0.035, failed from 0.1.
-    pub uncertain: Option<f64>,
-    /// An alternative affine from voxels to LPS mm, with which the network finds a brain although it does not with the
-    /// affine in the header: the header may be wrong. A person must confirm this; nothing is turned.
-    pub other_patient_from_voxel: Option<DAffine3>,
 }
 
 /// A reason why a mask is not ok.
@@ -88,57 +102,11 @@ const LEAST_HEIGHT: f64 = 0.65;
 /// The least [`flatness`] of a brain. Of eight sound heads, from 0.67 to 0.79; with 0.75 times their slice distance, 0.52 to 0.60.
 const LEAST_FLATNESS: f64 = 0.62;
 
-/// The measurements that apply to every mask.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MaskNumbers {
-    /// Volume of the mask, in millilitres: ok from 900 to 2200, failed outside of 700 to 2500.
-    pub volume_ml: f64,
-    /// Fraction of the marked voxels in the largest component, which is kept, 0 to 1: ok from 0.98.
-    pub largest_component: f64,
-    /// The area of the mask on each face of the volume, in cm², in the order of [`Face::ALL`]: ok up to 1; below 15 on
-    /// the inferior face, because the brain stem leaves the volume there.
-    pub cut_area_cm2: [f64; 6],
-}
-
-/// Something unusual about a mask.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Doubt {
-    /// Its severity; never [`Verdict::Ok`].
-    pub verdict: Verdict,
-    /// Its code and sentence.
-    pub reason: Reason,
-}
-
-impl MaskNumbers {
-    /// Everything unusual about the mask.
-    pub fn doubts(&self) -> Vec<Doubt> {
-        let of_faces = Face::ALL.into_iter().zip(self.cut_area_cm2);
-        [self.doubt_of_volume(), self.doubt_of_pieces()]
-            .into_iter()
-            .flatten()
-            .chain(of_faces.filter_map(|(face, area_cm2)| doubt_of_face(face, area_cm2)))
-            .collect()
-    }
-
-    fn doubt_of_volume(&self) -> Option<Doubt> {
-        let volume_ml = self.volume_ml;
-        let lies_in = |least, most| (least..=most).contains(&volume_ml);
-        let verdict = graded(!lies_in(900.0, 2200.0), !lies_in(700.0, 2500.0));
-        doubt(verdict, "mask-volume", || {
-            format!("the mask has {volume_ml:.0} ml; a brain has 900 to 2200 ml")
-        })
-    }
-
-    fn doubt_of_pieces(&self) -> Option<Doubt> {
-        doubt(
-            review_if(self.largest_component < 0.98),
-            "mask-pieces",
-            || {
-                let lost = 100.0 * (1.0 - self.largest_component);
-                format!("{lost:.1} % of the mask lay outside its largest component and was dropped")
-            },
-        )
-    }
+/// Something unusual about a mask: never [`Verdict::Ok`].
+#[derive(Debug)]
+pub(crate) struct Doubt {
+    verdict: Verdict,
+    reason: Reason,
 }
 
 fn doubt_of_face(face: Face, area_cm2: f64) -> Option<Doubt> {
@@ -182,7 +150,7 @@ pub(crate) fn doubt(
 
 /// Why tree pruning was used.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Because {
+pub enum Because {
     /// It was requested.
     Asked,
     /// There is no network.
@@ -205,90 +173,166 @@ impl Because {
 const RIM_MM: f32 = 8.0;
 const INSIDE_MM: f32 = 18.0;
 
+/// A mask in all its forms, with the volume to which it belongs.
+#[derive(Debug, Clone, Copy)]
+pub struct Masked<'a> {
+    /// The mask as it was found or supplied, on its own grid.
+    pub mask: &'a Mask,
+    /// The mask on the working grid.
+    pub brain: &'a BrainMask,
+    /// The depth below its envelope, from [`closed`](crate::closed()).
+    pub closed: &'a DistanceMap,
+    /// What cuts it.
+    pub cuts: &'a BrainCuts,
+    /// The volume.
+    pub volume: &'a Volume,
+}
+
+/// Where a mask comes from, with what is known about it beside the volume. It decides what is measured.
+#[derive(Debug, Clone, Copy)]
+pub enum Origin<'a> {
+    /// The network predicted it.
+    Predicted(&'a Prediction),
+    /// The network predicted it with other axes than those of the volume, and it passed as such: its agreement and uncertainty.
+    Turned([Option<f64>; 2]),
+    /// Tree pruning found it.
+    Pruned(Because),
+    /// Somebody supplied it. The depth below the envelope of the brain that the network finds, if there is a network and it is
+    /// certain of its result.
+    Supplied(Option<&'a DistanceMap>),
+    /// The volume is skull-stripped, and it is what is not 0.
+    Stripped,
+}
+
+/// Rates a mask: the one place that decides what is unusual about it.
+///
+/// A mask that came with the upload is at worst [`Verdict::Review`], because somebody chose it.
+///
+/// # Errors
+/// If the mask cannot be compared on its grid.
+pub fn judge(masked: Masked<'_>, origin: Origin<'_>) -> Result<Quality, ExtractionError> {
+    let mut quality = Quality::measure(masked);
+    quality.judge_volume();
+    quality.judge_pieces();
+    quality.judge_cuts();
+    match origin {
+        Origin::Predicted(prediction) => {
+            quality.judge_as_found(masked);
+            quality.agreement = Some(agreement(prediction, masked.brain)?);
+            quality.uncertain = Some(uncertain_share(prediction));
+            quality.judge_prediction();
+        }
+        Origin::Turned([agreement, uncertain]) => {
+            quality.judge_as_found(masked);
+            (quality.agreement, quality.uncertain) = (agreement, uncertain);
+        }
+        Origin::Pruned(because) => {
+            quality.judge_as_found(masked);
+            quality.judge_pruning(because);
+        }
+        Origin::Supplied(network) => {
+            quality.judge_as_supplied(masked, network)?;
+            quality.verdict = quality.verdict.min(Verdict::Review);
+        }
+        Origin::Stripped => quality.verdict = quality.verdict.min(Verdict::Review),
+    }
+    Ok(quality)
+}
+
 impl Quality {
-    /// Rates a mask that was found in a volume, by its size, components, shape and contrast.
-    ///
-    /// `found` is the original mask, `brain` the result on the working grid, `closed` the depth below its envelope, `cuts`
-    /// what cuts it.
-    pub(crate) fn of_found(
-        found: &Mask,
-        brain: &BrainMask,
-        closed: &DistanceMap,
-        cuts: &BrainCuts,
-        volume: &Volume,
-    ) -> Self {
-        let numbers = MaskNumbers {
-            volume_ml: brain.mask().volume_ml(),
-            largest_component: found.largest_component_share(),
-            cut_area_cm2: cuts.area_cm2,
-        };
-        let mut quality = Self::measure(brain, closed, &numbers);
-        quality.contrast = contrast(volume, closed);
-        quality.judge_shape();
-        quality.judge_contrast();
-        quality
-    }
-
-    /// Rates a mask that the network found.
-    pub(crate) fn of_predicted(
-        prediction: &Prediction,
-        brain: &BrainMask,
-        closed: &DistanceMap,
-        cuts: &BrainCuts,
-        volume: &Volume,
-    ) -> Result<Self, ExtractionError> {
-        let found = prediction.fine.above(0.5)?;
-        let mut quality = Self::of_found(&found, brain, closed, cuts, volume);
-        quality.agreement = Some(agreement(prediction, brain)?);
-        quality.uncertain = Some(uncertain_share(prediction));
-        quality.judge_prediction();
-        Ok(quality)
-    }
-
-    fn measure(brain: &BrainMask, closed: &DistanceMap, numbers: &MaskNumbers) -> Self {
-        let mask = brain.mask();
-        let &MaskNumbers {
-            volume_ml,
-            largest_component,
-            cut_area_cm2,
-        } = numbers;
-        let [first, last] = mask.bounds().unwrap_or_default();
-        let centre = centre(mask);
-        let mut quality = Self {
+    /// The measurements of every mask; nothing is judged yet.
+    fn measure(masked: Masked<'_>) -> Self {
+        Self {
             verdict: Verdict::Ok,
             reasons: Vec::new(),
-            volume_ml,
-            extents_mm: brain.extents_mm(),
-            largest_component,
-            cut_area_cm2,
-            closing_added: closed.envelope().volume_ml() / volume_ml - 1.0,
-            symmetry: symmetry(mask, centre),
-            centre_from_front: (centre.y + 0.5 - first[1] as f64) / (last[1] + 1 - first[1]) as f64,
-            flatness: flatness(mask, centre),
+            volume_ml: masked.brain.volume_ml(),
+            largest_component: masked.mask.largest_component_share(),
+            cut_area_cm2: masked.cuts.area_cm2,
+            shape: None,
             contrast: None,
             agreement: None,
             uncertain: None,
+            rim: None,
+            comparison: None,
             other_patient_from_voxel: None,
-        };
-        for doubt in numbers.doubts() {
-            quality.add(doubt);
         }
-        quality.judge_closing();
-        quality
     }
 
-    fn judge_closing(&mut self) {
-        let added = self.closing_added;
+    /// By shape and contrast, which every mask of this crate has.
+    fn judge_as_found(&mut self, masked: Masked<'_>) {
+        let shape = Shape::of(masked);
+        self.judge_shape(shape);
+        self.shape = Some(shape);
+        self.contrast = contrast(masked.volume, masked.closed);
+        self.judge_contrast();
+    }
+
+    /// By the brain that the network finds; without one, by the border alone.
+    fn judge_as_supplied(
+        &mut self,
+        masked: Masked<'_>,
+        network: Option<&DistanceMap>,
+    ) -> Result<(), ExtractionError> {
+        let Masked {
+            mask,
+            closed,
+            volume,
+            ..
+        } = masked;
+        self.contrast = contrast(volume, closed);
+        self.rim = rim(volume, closed);
+        if let Some(network) = network {
+            self.comparison = Comparison::new(closed, network, volume.grid())?;
+        }
+        let doubts: Vec<Doubt> = match &self.comparison {
+            Some(comparison) => comparison.doubts().collect(),
+            None => doubts_of_border(self.rim, mask.grid(), volume.grid()).collect(),
+        };
+        for doubt in doubts {
+            self.add(doubt);
+        }
+        Ok(())
+    }
+
+    fn judge_volume(&mut self) {
+        let volume_ml = self.volume_ml;
+        let lies_in = |least, most| (least..=most).contains(&volume_ml);
+        let verdict = graded(!lies_in(900.0, 2200.0), !lies_in(700.0, 2500.0));
+        self.say(verdict, "mask-volume", || {
+            format!("the mask has {volume_ml:.0} ml; a brain has 900 to 2200 ml")
+        });
+    }
+
+    fn judge_pieces(&mut self) {
+        let lost = 100.0 * (1.0 - self.largest_component);
+        let verdict = review_if(self.largest_component < 0.98);
+        self.say(verdict, "mask-pieces", || {
+            format!("{lost:.1} % of the mask lay outside its largest component and was dropped")
+        });
+    }
+
+    fn judge_cuts(&mut self) {
+        for (face, area_cm2) in Face::ALL.into_iter().zip(self.cut_area_cm2) {
+            if let Some(doubt) = doubt_of_face(face, area_cm2) {
+                self.add(doubt);
+            }
+        }
+    }
+
+    fn judge_shape(&mut self, shape: Shape) {
+        let Shape {
+            extents_mm: [width, length, height],
+            closing_added: added,
+            symmetry: [across, along, upwards],
+            centre_from_front,
+            flatness,
+        } = shape;
         self.say(review_if(added > 0.05), "mask-ragged", || {
             format!(
                 "closing the mask by 10 mm adds {:.1} % to it; a mask up to the dura gains less than 5 %",
                 added * 100.0
             )
         });
-    }
-
-    fn judge_shape(&mut self) {
-        let [width, length, height] = self.extents_mm;
         let usual = [
             (100.0..=175.0, width),
             (130.0..=215.0, length),
@@ -298,7 +342,7 @@ impl Quality {
         self.say(review_if(is_unusual), "mask-extents", || {
             format!("the mask is {width:.0} mm wide, {length:.0} mm long and {height:.0} mm high, which is unusual for a brain")
         });
-        let (is_low, flatness) = (height < LEAST_HEIGHT * length, self.flatness);
+        let is_low = height < LEAST_HEIGHT * length;
         self.say(review_if(is_low || flatness < LEAST_FLATNESS), "mask-flat", || {
             let found = match is_low {
                 true => format!("the mask is {height:.0} mm high and {length:.0} mm long, but a brain is at least 0.65 times as high as long"),
@@ -315,19 +359,14 @@ impl Quality {
                  header correct?"
             )
         });
-        let [across, along, upwards] = self.symmetry;
         self.say(review_if(across < along || across < upwards), "axes-symmetry", || {
             "the mask is more symmetric along another axis than from left to right; are the axes in the header correct?"
                 .to_owned()
         });
-        self.say(
-            review_if(self.centre_from_front < 0.5),
-            "axes-front",
-            || {
-                "the mask is wider at the front than at the back; are the axes in the header correct?"
-                    .to_owned()
-            },
-        );
+        self.say(review_if(centre_from_front < 0.5), "axes-front", || {
+            "the mask is wider at the front than at the back; are the axes in the header correct?"
+                .to_owned()
+        });
     }
 
     fn judge_contrast(&mut self) {
@@ -357,7 +396,7 @@ impl Quality {
     }
 
     /// A mask found without the network is never ok, because tree pruning does not measure its certainty.
-    pub(crate) fn put_to_review(&mut self, because: Because) {
+    fn judge_pruning(&mut self, because: Because) {
         self.say(Verdict::Review, "tree-pruning", || {
             format!(
                 "the brain was found by tree pruning{}; this method does not measure its certainty",
@@ -418,7 +457,7 @@ const LEAST_CONTRAST: f64 = 0.05;
 const LEAST_CONTRAST_OF_PRUNING: f64 = 0.1;
 
 /// The doubt that follows from the contrast between inside and rim.
-pub(crate) fn doubt_of_contrast(contrast: Option<f64>) -> Option<Doubt> {
+fn doubt_of_contrast(contrast: Option<f64>) -> Option<Doubt> {
     match contrast {
         None => doubt(Verdict::Review, "mask-thin", || {
             "the mask is too thin to have an inside".to_owned()
@@ -456,6 +495,21 @@ fn nearest_voxel(grid: &Grid, position: DVec3) -> Option<usize> {
 
 fn as_position(voxel: [usize; 3]) -> DVec3 {
     DVec3::from_array(voxel.map(|place| place as f64))
+}
+
+impl Shape {
+    fn of(Masked { brain, closed, .. }: Masked<'_>) -> Self {
+        let mask = brain.mask();
+        let [first, last] = mask.bounds().unwrap_or_default();
+        let centre = centre(mask);
+        Self {
+            extents_mm: brain.extents_mm(),
+            closing_added: closed.envelope().volume_ml() / brain.volume_ml() - 1.0,
+            symmetry: symmetry(mask, centre),
+            centre_from_front: (centre.y + 0.5 - first[1] as f64) / (last[1] + 1 - first[1]) as f64,
+            flatness: flatness(mask, centre),
+        }
+    }
 }
 
 /// The centroid of a set, in voxels.
@@ -502,7 +556,7 @@ fn symmetry(mask: &Mask, centre: DVec3) -> [f64; 3] {
 
 /// How much brighter the inside of the brain is than its rim: the difference of medians, as a fraction of the range
 /// from the 5th to the 95th percentile of both. `None` if there is no inside.
-pub(crate) fn contrast(volume: &Volume, distance: &DistanceMap) -> Option<f64> {
+fn contrast(volume: &Volume, distance: &DistanceMap) -> Option<f64> {
     let grid = distance.grid();
     let native_from_working = volume.grid().voxel_from_patient() * grid.patient_from_voxel();
     let (mut rim, mut inside) = (Vec::new(), Vec::new());
@@ -559,4 +613,67 @@ fn uncertain_share(prediction: &Prediction) -> f64 {
     let uncertain = values.iter().filter(is_uncertain).count();
     let brain = values.iter().filter(|&&value| value > 0.5).count();
     uncertain as f64 / brain.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A rating of a usual brain, whose stem leaves the volume.
+    fn usual() -> Quality {
+        Quality {
+            verdict: Verdict::Ok,
+            reasons: Vec::new(),
+            volume_ml: 1300.0,
+            largest_component: 1.0,
+            cut_area_cm2: [0.0, 0.0, 0.0, 0.0, 0.0, 9.0],
+            shape: None,
+            contrast: None,
+            agreement: None,
+            uncertain: None,
+            rim: None,
+            comparison: None,
+            other_patient_from_voxel: None,
+        }
+    }
+
+    fn codes(mut quality: Quality) -> Vec<&'static str> {
+        quality.judge_volume();
+        quality.judge_pieces();
+        quality.judge_cuts();
+        let codes: Vec<_> = quality.reasons.iter().map(|reason| reason.code).collect();
+        assert_eq!(quality.verdict == Verdict::Ok, codes.is_empty());
+        codes
+    }
+
+    #[test]
+    fn a_usual_brain_is_ok_even_where_its_stem_leaves_the_volume() {
+        assert!(codes(usual()).is_empty());
+    }
+
+    #[test]
+    fn what_is_unusual_is_put_to_review_with_its_reason() {
+        let mut cut = usual();
+        cut.cut_area_cm2[4] = 30.0;
+        let apart = Quality {
+            largest_component: 0.9,
+            ..usual()
+        };
+        let small = Quality {
+            volume_ml: 420.0,
+            ..apart.clone()
+        };
+        assert_eq!(codes(cut), ["mask-cut-superior"]);
+        assert_eq!(codes(apart), ["mask-pieces"]);
+        assert_eq!(codes(small), ["mask-volume", "mask-pieces"]);
+    }
+
+    #[test]
+    fn a_brain_that_is_cut_off_below_is_told_from_one_whose_stem_leaves_the_volume() {
+        for (area_cm2, expected) in [(14.9, vec![]), (15.0, vec!["mask-cut-inferior"])] {
+            let mut cut = usual();
+            cut.cut_area_cm2[5] = area_cm2;
+            assert_eq!(codes(cut), expected);
+        }
+    }
 }

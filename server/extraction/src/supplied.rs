@@ -1,45 +1,14 @@
-//! Rates supplied masks.
+//! Compares supplied masks with the brain that the network finds.
 //!
-//! A mask is rated by its size, its components and what cuts it, and by the distance between its envelope and that of the
-//! brain that the network finds. Without a network, or if the network is not certain of what it found, it is rated by the contrast
-//! across its border and by its share of the head.
+//! The distance between the two envelopes counts. Without a network, or if the network is not certain of what it found, the
+//! contrast across the border of the mask does.
 
-use geometry::{BorderField, BrainCuts, BrainMask, Cut, DistanceMap, Grid, Mask, Volume};
+use geometry::{BorderField, Cut, DistanceMap, Grid, Mask};
 use glam::{DAffine3, DVec3};
 
 use crate::ExtractionError;
-use crate::quality::{Doubt, MaskNumbers, Verdict, contrast, doubt, review_if};
-use crate::rim::{Rim, flips, rim};
-
-/// A supplied mask, in all its forms.
-#[derive(Debug, Clone, Copy)]
-pub struct Supplied<'a> {
-    /// The supplied mask, on its own grid.
-    pub mask: &'a Mask,
-    /// The mask on the working grid.
-    pub brain: &'a BrainMask,
-    /// The depth below its envelope and what cuts it, from [`closed`](crate::closed()).
-    pub closed: &'a DistanceMap,
-    /// What cuts it.
-    pub cuts: &'a BrainCuts,
-    /// The volume it was supplied with.
-    pub volume: &'a Volume,
-}
-
-/// The rating of a supplied mask.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Judgement {
-    /// The worst of the doubts.
-    pub verdict: Verdict,
-    /// The doubts; empty if the verdict is [`Verdict::Ok`].
-    pub doubts: Vec<Doubt>,
-    /// As [`crate::Quality::contrast`].
-    pub contrast: Option<f64>,
-    /// How well its border fits the volume.
-    pub rim: Option<Rim>,
-    /// How it compares with the mask from the network, if there is one to trust.
-    pub comparison: Option<Comparison>,
-}
+use crate::quality::{Doubt, Verdict, doubt, review_if};
+use crate::rim::{Rim, flips};
 
 /// A supplied mask compared with the mask from the network, by their envelopes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,64 +64,23 @@ const LEAST_GAIN_OF_FLIP: f64 = 0.03;
 /// The greatest distance between voxel centres of two grids that still coincide, in voxels.
 const SAME_PLACE: f64 = 0.05;
 
-/// Rates a supplied mask.
-///
-/// `ask` gives the depth below the envelope of the brain that the network finds, if there is a network and it is certain of its
-/// result.
-///
-/// # Errors
-/// The errors of `ask`, except [`ExtractionError::NoBrain`]; and if the voxels are too small for the default closing.
-pub fn judge(
-    supplied: Supplied<'_>,
-    ask: impl FnOnce() -> Result<Option<DistanceMap>, ExtractionError>,
-) -> Result<Judgement, ExtractionError> {
-    let Supplied {
-        mask,
-        brain,
-        closed,
-        cuts,
-        volume,
-    } = supplied;
-    let numbers = MaskNumbers {
-        volume_ml: brain.volume_ml(),
-        largest_component: mask.largest_component_share(),
-        cut_area_cm2: cuts.area_cm2,
-    };
-    let contrast = contrast(volume, closed);
-    let rim = rim(volume, closed);
-    let found = match ask() {
-        Err(ExtractionError::NoBrain { .. }) => None,
-        found => found?,
-    };
-    let comparison = match found {
-        Some(found) => Comparison::new(closed, &found, volume.grid())?,
-        None => None,
-    };
-    let mut doubts = numbers.doubts();
-    match &comparison {
-        Some(comparison) => doubts.extend(comparison.doubts()),
-        None => {
-            let by_border = [
-                rim.and_then(doubt_of_side),
-                doubt_of_rim(rim),
-                doubt_of_grid(mask.grid(), volume.grid()),
-            ];
-            doubts.extend(by_border.into_iter().flatten());
-        }
-    }
-    let verdicts = doubts.iter().map(|doubt| doubt.verdict);
-    Ok(Judgement {
-        verdict: verdicts.max().unwrap_or(Verdict::Ok),
-        doubts,
-        contrast,
-        rim,
-        comparison,
-    })
+/// What is unusual about the border of a mask that is compared with nothing else.
+pub(crate) fn doubts_of_border(
+    rim: Option<Rim>,
+    mask: &Grid,
+    volume: &Grid,
+) -> impl Iterator<Item = Doubt> {
+    let doubts = [
+        rim.and_then(doubt_of_side),
+        doubt_of_rim(rim),
+        doubt_of_grid(mask, volume),
+    ];
+    doubts.into_iter().flatten()
 }
 
 impl Comparison {
     /// Compares a mask with that from the network; `None` if nothing of either border is dura.
-    fn new(
+    pub(crate) fn new(
         supplied: &DistanceMap,
         network: &DistanceMap,
         volume_grid: &Grid,
@@ -199,7 +127,7 @@ impl Comparison {
         }))
     }
 
-    fn doubts(&self) -> impl Iterator<Item = Doubt> {
+    pub(crate) fn doubts(&self) -> impl Iterator<Item = Doubt> {
         [
             self.doubt_of_overlap(),
             self.doubt_of_side(),

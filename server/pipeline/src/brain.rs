@@ -1,9 +1,8 @@
 //! Finds the brain mask: supplied, from a skull-stripped volume, or extracted.
 
-use extraction::{Judgement, Supplied, closed, judge};
+use extraction::{ExtractionError, Masked, Origin, closed, judge};
 use geometry::{
-    BrainCuts, BrainMask, ClosedBrain, Cut, DistanceMap, Envelope, GeometryError, Grid, Mask,
-    Volume,
+    BrainMask, ClosedBrain, Cut, DistanceMap, Envelope, GeometryError, Grid, Mask, Volume,
 };
 
 use super::cuts::cuts_of;
@@ -30,15 +29,9 @@ pub(super) struct Found {
     verdict: Verdict,
 }
 
-/// The origin of a mask.
+/// The rating of a mask.
 enum Verdict {
-    Measured {
-        method: MaskMethod,
-        largest_component: f64,
-        cut_area_cm2: [f64; 6],
-        judgement: Option<Box<Judgement>>,
-    },
-    Extracted(extraction::Method, Box<extraction::Quality>),
+    Rated(MaskMethod, Box<extraction::Quality>),
     /// From an earlier preparation.
     Known(Box<Quality>),
 }
@@ -58,20 +51,8 @@ impl Found {
     pub(super) fn quality(&self, envelope: &Envelope, volume_grid: &Grid) -> Quality {
         match &self.verdict {
             Verdict::Known(quality) => (**quality).clone(),
-            Verdict::Extracted(method, found) => {
-                let of_found = (found.largest_component, found.cut_area_cm2);
-                let measured = quality::measure(&self.brain, envelope, of_found);
-                quality::of_extracted(measured, quality::method_of(*method), found, volume_grid)
-            }
-            Verdict::Measured {
-                method,
-                largest_component,
-                cut_area_cm2,
-                judgement,
-            } => {
-                let of_given = (*largest_component, *cut_area_cm2);
-                let measured = quality::measure(&self.brain, envelope, of_given);
-                quality::of_supplied(measured, *method, judgement.as_deref())
+            Verdict::Rated(method, rating) => {
+                quality::of(&self.brain, envelope, *method, rating, volume_grid)
             }
         }
     }
@@ -117,33 +98,26 @@ pub(super) fn find_brain(
         method,
         brain,
     } = placed;
-    let (judgement, distance, cuts) = match method {
-        MaskMethod::Supplied => {
-            let (distance, cuts) = closed(&brain, volume).map_err(from_extraction)?;
-            let supplied = Supplied {
-                mask: &mask,
-                brain: &brain,
-                closed: &distance,
-                cuts: &cuts,
-                volume,
-            };
-            let judgement = judged(supplied, extractor, steps)?;
-            let distance = is_closed_so(parameters).then_some(distance);
-            (Some(judgement), distance, cuts)
-        }
-        _ => (None, None, brain.cut_by(volume)),
+    let (closed, cuts) = closed(&brain, volume).map_err(from_extraction)?;
+    let masked = Masked {
+        mask: &mask,
+        brain: &brain,
+        closed: &closed,
+        cuts: &cuts,
+        volume,
     };
-    let BrainCuts { cuts, area_cm2 } = cuts;
+    let rating = match method {
+        MaskMethod::Supplied => {
+            let network = second_opinion(volume, extractor, steps)?;
+            judge(masked, Origin::Supplied(network.as_ref()))
+        }
+        _ => judge(masked, Origin::Stripped),
+    };
     Ok(Found {
-        cuts: moved_cuts(cuts, parameters.offset_mm),
+        cuts: moved_cuts(cuts.cuts, parameters.offset_mm),
         brain: moved(brain, parameters.offset_mm)?,
-        closed: distance,
-        verdict: Verdict::Measured {
-            method,
-            largest_component: mask.largest_component_share(),
-            cut_area_cm2: area_cm2,
-            judgement: judgement.map(Box::new),
-        },
+        closed: is_closed_so(parameters).then_some(closed),
+        verdict: Verdict::Rated(method, Box::new(rating.map_err(from_extraction)?)),
     })
 }
 
@@ -160,14 +134,16 @@ fn stage_after(is_given: bool) -> Stage {
     }
 }
 
-/// Rates a supplied mask; with a network, by the brain that it finds.
-fn judged(
-    supplied: Supplied<'_>,
+/// The depth below the envelope of the brain that the network finds, if it finds one and is certain of it.
+fn second_opinion(
+    volume: &Volume,
     extractor: &Extractor,
     steps: &Steps<'_>,
-) -> Result<Judgement, Failure> {
-    let ask = || extractor.second_opinion(supplied.volume, steps.cancelled());
-    judge(supplied, ask).map_err(from_extraction)
+) -> Result<Option<DistanceMap>, Failure> {
+    match extractor.second_opinion(volume, steps.cancelled()) {
+        Err(ExtractionError::NoBrain { .. }) => Ok(None),
+        found => found.map_err(from_extraction),
+    }
 }
 
 /// The faces that cut a brain, adjusted for a later offset of its surface.
@@ -198,7 +174,7 @@ fn extracted(
         cuts: moved_cuts(found.cuts.cuts, parameters.offset_mm),
         closed: is_closed_so(parameters).then_some(found.closed),
         brain: moved(found.brain, parameters.offset_mm)?,
-        verdict: Verdict::Extracted(found.method, Box::new(found.quality)),
+        verdict: Verdict::Rated(quality::method_of(found.method), Box::new(found.quality)),
     })
 }
 

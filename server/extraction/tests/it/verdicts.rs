@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use extraction::{
-    Extraction, Judgement, Network, Supplied, Verdict, closed, extract, judge, predict,
+    Extraction, Masked, Network, Origin, Quality, Verdict, closed, extract, judge, predict,
 };
 use geometry::{BrainMask, DistanceMap, Face, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
@@ -44,17 +44,17 @@ fn mask_of(folder: &str, name: &str) -> Option<Mask> {
     Some(imaging::nifti::read_mask(&bytes, &imaging::Limits::default()).expect("a mask"))
 }
 
-fn judged(volume: &Volume, mask: &Mask, found: Option<&DistanceMap>) -> Option<Judgement> {
+fn judged(volume: &Volume, mask: &Mask, found: Option<&DistanceMap>) -> Option<Quality> {
     let brain = BrainMask::from_mask(mask, volume.grid()).ok()?;
     let (distance, cuts) = closed(&brain, volume).expect("a closed brain");
-    let supplied = Supplied {
+    let masked = Masked {
         mask,
         brain: &brain,
         closed: &distance,
         cuts: &cuts,
         volume,
     };
-    Some(judge(supplied, || Ok(found.cloned())).expect("a judgement"))
+    Some(judge(masked, Origin::Supplied(found)).expect("a rating"))
 }
 
 /// What came out, by kind and by half of the heads.
@@ -129,20 +129,16 @@ impl Tally {
     }
 }
 
-fn row(head: &str, what: &str, judgement: Option<&Judgement>) {
-    let Some(judgement) = judgement else {
+fn row(head: &str, what: &str, rating: Option<&Quality>) {
+    let Some(rating) = rating else {
         println!("| {head} | {what} | refused | | | |");
         return;
     };
-    let codes: Vec<&str> = judgement
-        .doubts
-        .iter()
-        .map(|doubt| doubt.reason.code)
-        .collect();
-    let rim = judgement.rim.map_or(String::new(), |rim| {
+    let codes: Vec<&str> = rating.reasons.iter().map(|reason| reason.code).collect();
+    let rim = rating.rim.map_or(String::new(), |rim| {
         format!("{:.3}, {:.3}, {:.3}", rim.here, rim.elsewhere, rim.flipped)
     });
-    let apart = judgement.comparison.map_or(String::new(), |comparison| {
+    let apart = rating.comparison.map_or(String::new(), |comparison| {
         let apart = comparison.apart;
         format!(
             "{:.3} | {:.1} | {:.1} | {:.0} | rms {:.2}, flipped {:.2}",
@@ -156,7 +152,7 @@ fn row(head: &str, what: &str, judgement: Option<&Judgement>) {
     });
     println!(
         "| {head} | {what} | {} | {rim} | {apart} | {} |",
-        name(judgement.verdict),
+        name(rating.verdict),
         codes.join(", ")
     );
 }
@@ -202,15 +198,15 @@ fn verdicts_on_supplied_masks() {
         for (number, one) in heads.iter().enumerate() {
             let (folder, _, files) = one.head;
             let mut check = |what: &str, mask: &Mask, is_right: bool| {
-                let judgement = judged(&one.volume, mask, Some(&one.found.closed));
-                row(folder, what, judgement.as_ref());
-                let verdict = judgement.as_ref().map(|judgement| judgement.verdict);
+                let rating = judged(&one.volume, mask, Some(&one.found.closed));
+                row(folder, what, rating.as_ref());
+                let verdict = rating.as_ref().map(|rating| rating.verdict);
                 tally.add(half, folder, (what, is_right), verdict == Some(Verdict::Ok));
                 let is_flipped =
                     matches!(what, "mirrored" | "flipped front to back" | "upside down");
-                let codes = judgement.iter().flat_map(|judgement| &judgement.doubts);
-                let said = codes
-                    .filter(|doubt| doubt.reason.code == "mask-flipped")
+                let reasons = rating.iter().flat_map(|rating| &rating.reasons);
+                let said = reasons
+                    .filter(|reason| reason.code == "mask-flipped")
                     .count();
                 if said > 0 && !is_flipped {
                     falsely_flipped.push(format!("{folder}: {what}"));
@@ -246,13 +242,13 @@ fn a_ragged_mask_that_fits_is_ok_without_a_network_and_beside_its_place_it_is_no
     let verdict_at = |offset_mm: DVec3| {
         let shift = DAffine3::from_translation(offset_mm);
         let mask = moved(&mask, volume.grid(), shift);
-        let judgement = judged(&volume, &mask, None);
+        let rating = judged(&volume, &mask, None);
         row(
             "colin27",
             &format!("ch2bet at {offset_mm}"),
-            judgement.as_ref(),
+            rating.as_ref(),
         );
-        judgement.map(|judgement| judgement.verdict)
+        rating.map(|rating| rating.verdict)
     };
     assert_eq!(verdict_at(DVec3::ZERO), Some(Verdict::Ok));
     for along in DVec3::AXES {
@@ -368,7 +364,7 @@ fn on_volumes(network: &Network, halves: &[usize]) -> Tally {
                         let numbers = format!(
                             "{:.0} | {:.3} | {}",
                             quality.volume_ml,
-                            quality.flatness,
+                            quality.shape.map_or(f64::NAN, |shape| shape.flatness),
                             agreement.unwrap_or_default()
                         );
                         (name(quality.verdict), numbers, codes.join(", "))
