@@ -309,6 +309,40 @@ async fn meshes_textures_facts_slices_and_profiles_are_of_the_surface_that_is_as
         assert!(known.iter().all(|place| is_on_side(place[0], surface)));
         assert!(mesh.header("cache-control").contains("no-cache"));
 
+        // A file has no triangle where the depth is unknown.
+        let is_known: Vec<bool> = (mesh.positions().iter())
+            .map(|place| !place[0].is_nan())
+            .collect();
+        let triangles = server.get(&format!("{case}/mesh/triangles")).await.body;
+        let corner = |bytes: &[u8]| u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
+        let kept = triangles
+            .chunks_exact(12)
+            .filter(|triangle| {
+                let mut corners = triangle.chunks_exact(4).map(corner);
+                corners.all(|vertex| is_known[vertex as usize])
+            })
+            .count();
+        let address = format!("{case}/mesh?depth_mm=6&paths=flow&surface={surface}");
+        let stl = server
+            .get_with(&address, &[("accept", "model/stl")])
+            .await
+            .body;
+        assert_eq!(corner(&stl[80..]) as usize, kept);
+        assert!(kept < triangles.len() / 12, "{kept}");
+        let obj = server
+            .get_with(&address, &[("accept", "model/obj")])
+            .await
+            .body;
+        let text = String::from_utf8(obj.to_vec()).unwrap();
+        assert_eq!(
+            text.lines().filter(|line| line.starts_with("f ")).count(),
+            kept
+        );
+        assert_eq!(
+            text.lines().filter(|line| line.starts_with("v ")).count(),
+            902
+        );
+
         let distance = server
             .get(&format!("{case}/distance?surface={surface}"))
             .await;

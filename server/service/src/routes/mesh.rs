@@ -153,7 +153,7 @@ impl Asked for PathsQuery {
         (status = 200, description = "The mesh", headers(
             ("X-Isocortex-Depth-Mm" = f32, description = "The depth of this mesh"),
             ("X-Isocortex-Depth-Clamped" = bool, description = "Whether the requested depth exceeded the maximum"),
-            ("X-Isocortex-Unknown-Vertices" = usize, description = "How many vertices have no known depth, because a face that cuts the brain, or the fence of a part, is nearer than the dura; their positions are NaN in `application/octet-stream`"),
+            ("X-Isocortex-Unknown-Vertices" = usize, description = "How many vertices have no known depth, because a face that cuts the brain, or the fence of a part, is nearer than the dura; their positions are NaN in `application/octet-stream`, and the other formats leave out their triangles"),
             ("X-Isocortex-Shallow-Vertices" = usize, description = "How many vertices are shallower than the mesh, because their paths end before its depth"),
             ("ETag" = String, description = "A strong tag"),
         ), content(
@@ -232,12 +232,18 @@ fn encode(
         }
         return (wire::positions(&shrunk.positions_in_patient), lacking);
     }
-    (encode_file(&shrunk, size, format), lacking)
+    (encode_file(&shrunk, &unknown, size, format), lacking)
 }
 
-/// A mesh as a file. Programs that read such files expect a position for each vertex.
-fn encode_file(shrunk: &ShrunkMesh, size: MeshSize, format: &str) -> Bytes {
-    let triangles = size.triangles();
+/// A mesh as a file, without the triangles that touch a vertex of unknown depth. Programs that read such files expect a position
+/// for each vertex.
+fn encode_file(shrunk: &ShrunkMesh, unknown: &[usize], size: MeshSize, format: &str) -> Bytes {
+    let mut is_known = vec![true; shrunk.positions_in_patient.len()];
+    for &vertex in unknown {
+        is_known[vertex] = false;
+    }
+    let mut triangles = size.triangles();
+    triangles.retain(|triangle| triangle.iter().all(|&vertex| is_known[vertex as usize]));
     let mesh = wire::Mesh {
         shrunk,
         triangles: &triangles,
