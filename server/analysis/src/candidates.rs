@@ -7,7 +7,8 @@ use glam::DVec3;
 use crate::block::{Block, Zone, depth_at};
 use crate::convolve::{Kernel, smooth_within};
 use crate::regions::Regions;
-use crate::{Head, MapKind, Region};
+use crate::slices::{LEAST_SHARE, USUAL_SHARE, least_detail};
+use crate::{Head, MapKind, MapsUndefined, Region, TissueScale};
 
 /// A side of the patient.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -93,6 +94,22 @@ pub enum ScoreCaveat {
         /// The longest edge of a voxel.
         largest_mm: f64,
     },
+    /// The volume shows less detail along one axis.
+    #[error(
+        "along one axis the volume has only {:.0} % of the fine detail that it has along another, as if its slices had been interpolated: that a place stands out, or that none does, means less", 100.0 * .share
+    )]
+    InterpolatedSlices {
+        /// The least fine detail along an axis, as a share of the greatest.
+        share: f32,
+    },
+    /// The contrast is low.
+    #[error(
+        "the contrast between grey and white matter is only {contrast:.1} times the noise: noise makes places stand out in `thickness`, and hides them in `blur`. The limits were read off heads with more contrast"
+    )]
+    LowContrast {
+        /// The contrast, in deviations of the noise.
+        contrast: f32,
+    },
     /// The voxels are too coarse for the limits of `blur` to mean the same.
     #[error(
         "with voxels of {largest_mm} mm, a place that stands out means less: of four heads without a lesion, none had one at 1 mm; averaged to 1.1 to 1.5 mm, 7 of 24 lists had one, and to 1.75 to 2 mm, 11 of 16"
@@ -103,6 +120,38 @@ pub enum ScoreCaveat {
     },
 }
 
+/// What is unusual about a head, so that its scores mean less. Nothing in most.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct HeadDoubts {
+    /// The least fine detail along an axis as a share of the greatest, if it is low.
+    pub detail_share: Option<f32>,
+    /// The contrast between grey and white matter in deviations of the noise, if it is low.
+    pub contrast: Option<f32>,
+}
+
+/// The contrast below which scores mean less, in deviations of the noise. Eight heads without a lesion have more.
+const USUAL_CONTRAST: f32 = 7.0;
+
+impl HeadDoubts {
+    /// # Errors
+    /// If the slices of the head were interpolated.
+    pub(crate) fn of(
+        head: Head<'_>,
+        block: &Block,
+        tissue: &TissueScale,
+    ) -> Result<Self, MapsUndefined> {
+        let share = least_detail(head.volume, block).unwrap_or(1.0);
+        if share < LEAST_SHARE {
+            return Err(MapsUndefined::InterpolatedSlices { share });
+        }
+        let contrast = 1.0 / tissue.noise;
+        Ok(Self {
+            detail_share: (share < USUAL_SHARE).then_some(share as f32),
+            contrast: (contrast < USUAL_CONTRAST).then_some(contrast),
+        })
+    }
+}
+
 impl ScoreCaveat {
     /// Its stable name.
     pub fn code(self) -> &'static str {
@@ -110,6 +159,8 @@ impl ScoreCaveat {
             Self::UntestedFlair => "untested-flair",
             Self::CoarseThickness { .. } => "thickness-coarse-voxels",
             Self::CoarseBlur { .. } => "blur-coarse-voxels",
+            Self::InterpolatedSlices { .. } => "interpolated",
+            Self::LowContrast { .. } => "scores-low-contrast",
         }
     }
 }
@@ -124,8 +175,8 @@ pub struct Judgement {
 }
 
 impl Judgement {
-    /// Of a map at voxels with these edges, in mm. Maps that list no places have no limits.
-    pub fn of(kind: MapKind, spacing_mm: [f64; 3]) -> Self {
+    /// Of a map of a head with voxels of these edges, in mm, and these doubts. Maps that list no places have no limits.
+    pub fn of(kind: MapKind, spacing_mm: [f64; 3], doubts: HeadDoubts) -> Self {
         let largest_mm = spacing_mm.into_iter().fold(0.0, f64::max);
         let is_coarse = largest_mm > LIMITS_HOLD_TO_MM + EDGE_TOLERANCE_MM;
         let largest_mm = (largest_mm * 100.0).round() / 100.0;
@@ -141,7 +192,15 @@ impl Judgement {
             MapKind::Flair => (None, Some(ScoreCaveat::UntestedFlair)),
             _ => (None, None),
         };
-        Self { limits, caveat }
+        let of_head = || {
+            let smooth =
+                (doubts.detail_share).map(|share| ScoreCaveat::InterpolatedSlices { share });
+            smooth.or((doubts.contrast).map(|contrast| ScoreCaveat::LowContrast { contrast }))
+        };
+        Self {
+            caveat: caveat.or_else(|| limits.and_then(|_| of_head())),
+            limits,
+        }
     }
 }
 
@@ -359,7 +418,7 @@ pub(crate) fn candidates(
     let Head { depth, plane, .. } = head;
     let voxel_mm3 = block.grid.patient_from_voxel().matrix3.determinant().abs();
     let rows = scores.rows(block);
-    let Judgement { limits, .. } = Judgement::of(kind, block.spacing_mm);
+    let Judgement { limits, .. } = Judgement::of(kind, block.spacing_mm, HeadDoubts::default());
     let working_from_patient = depth.grid().voxel_from_patient();
     let depth_mm = |position| {
         depth_at(
@@ -399,7 +458,8 @@ mod tests {
 
     #[test]
     fn coarse_voxels_have_no_limit_of_thickness_and_a_caveat_of_blur() {
-        let at = |kind, largest_mm| Judgement::of(kind, [1.0, largest_mm, 1.0]);
+        let at =
+            |kind, largest_mm| Judgement::of(kind, [1.0, largest_mm, 1.0], HeadDoubts::default());
         let known = |limits| Judgement {
             limits: Some(limits),
             caveat: None,

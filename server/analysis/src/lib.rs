@@ -28,6 +28,7 @@ mod registration;
 mod robust;
 mod sharpness;
 mod slant;
+mod slices;
 mod spans;
 mod stored;
 #[cfg(test)]
@@ -39,7 +40,8 @@ mod width;
 
 pub use block::{Block, Zone, depth_at};
 pub use candidates::{
-    BORDERLINE_FROM, Candidate, Judgement, ScoreCaveat, ScoreLimits, Side, UNUSUAL_ABOVE, Unusual,
+    BORDERLINE_FROM, Candidate, HeadDoubts, Judgement, ScoreCaveat, ScoreLimits, Side,
+    UNUSUAL_ABOVE, Unusual,
 };
 pub use flair::{Flair, FlairMap, FlairUndefined, flair_map};
 pub use head::Head;

@@ -4,6 +4,7 @@ use geometry::{Grid, Volume};
 
 use crate::MidsagittalPlane;
 use crate::block::{Block, Zone};
+use crate::candidates::HeadDoubts;
 use crate::candidates::{Candidate, Choice, Scores, candidates};
 use crate::detail::{Band, detail};
 use crate::gradient::{Slope, Weighted, weighted_gradient};
@@ -99,6 +100,8 @@ pub struct Maps {
     pub tissue: TissueScale,
     /// The table from sharpness to the width of a junction, for these voxels.
     pub widths: WidthTable,
+    /// Why scores mean less than in other heads.
+    pub doubts: HeadDoubts,
 }
 
 impl Maps {
@@ -129,8 +132,10 @@ impl Maps {
 /// If the voxels, the contrast or the envelope are unsuitable.
 pub fn maps(head: Head<'_>, parameters: &MapParameters) -> Result<Maps, MapsUndefined> {
     let (block, values, tissue) = tissue_of(head)?;
+    let doubts = HeadDoubts::of(head, &block, &tissue)?;
     let regions = regions(head, &block, &values, parameters.doubt);
-    Ok(maps_of(head, (block, values, tissue), regions, parameters))
+    let maps = maps_of(head, (block, values, tissue), regions, parameters);
+    Ok(Maps { doubts, ..maps })
 }
 
 /// The maps of a head, and its parts, for which the same regions are found.
@@ -142,10 +147,11 @@ pub fn maps_and_division(
     parameters: &MapParameters,
 ) -> Result<(Maps, Result<Division, NoDivision>), MapsUndefined> {
     let (block, values, tissue) = tissue_of(head)?;
+    let doubts = HeadDoubts::of(head, &block, &tissue)?;
     let regions = regions(head, &block, &values, parameters.doubt);
     let division = Division::of(head, (&block, &values), &regions);
     let maps = maps_of(head, (block, values, tissue), regions, parameters);
-    Ok((maps, division))
+    Ok((Maps { doubts, ..maps }, division))
 }
 
 fn maps_of(
@@ -217,6 +223,7 @@ fn maps_of(
         depth_bands,
         tissue,
         widths: parameters.width_table(block.spacing_mm),
+        doubts: HeadDoubts::default(),
         grid: block.grid,
     }
 }

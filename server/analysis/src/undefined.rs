@@ -29,6 +29,15 @@ pub enum MapsUndefined {
         /// The share of the mask.
         share: f64,
     },
+    /// The slices were interpolated from thicker ones.
+    #[error(
+        "along one axis the volume has only {:.0} % of the fine detail that it has along another, as if thicker slices had been interpolated; maps of the junction need a volume that was acquired with voxels of at most 2 mm, and at least {:.0} %",
+        100.0 * .share, 100.0 * crate::slices::LEAST_SHARE
+    )]
+    InterpolatedSlices {
+        /// The least fine detail along an axis, as a share of the greatest.
+        share: f64,
+    },
     /// There is no white matter below the envelope.
     #[error(
         "no white matter was found below the envelope; maps of the junction need a T1-weighted head"
@@ -62,6 +71,7 @@ impl MapsUndefined {
             Self::CoarseVoxels { .. } => "coarse-voxels",
             Self::LowContrast { .. } => "low-contrast",
             Self::EmptyVolume { .. } => "empty-volume",
+            Self::InterpolatedSlices { .. } => "interpolated-slices",
             Self::NoWhiteMatter => "no-white-matter",
             Self::NoiseUnknown { .. } => "noise-unknown",
             Self::FailedEnvelope => "failed-envelope",

@@ -35,17 +35,9 @@ pub struct PlaneFacts {
     pub offset_mm: f64,
     /// The correlation of the intensities with those at their mirror images, 0 to 1.
     pub correlation: f64,
-}
-
-impl PlaneFacts {
-    /// The least correlation of a head that can be compared with its mirror image: sound heads have 0.85 to 0.94, and those
-    /// with a mass that displaces the middle by 12 mm at most 0.4.
-    pub const LEAST_CORRELATION: f64 = 0.5;
-
     /// Whether the two sides are so unlike that the plane may be wrong.
-    pub fn is_doubtful(&self) -> bool {
-        self.correlation < Self::LEAST_CORRELATION
-    }
+    #[serde(default)]
+    pub doubtful: bool,
 }
 
 /// A face of the volume that cuts the brain, or a plane within it beyond which it is constant: the points `p` (LPS mm) with
@@ -262,18 +254,6 @@ impl Case {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_plane_is_doubtful_if_the_sides_are_unlike() {
-        for (correlation, is_doubtful) in [(0.0, true), (0.49, true), (0.5, false), (1.0, false)] {
-            let plane = PlaneFacts {
-                normal: [1.0, 0.0, 0.0],
-                offset_mm: 2.5,
-                correlation,
-            };
-            assert_eq!(plane.is_doubtful(), is_doubtful);
-        }
-    }
 
     #[test]
     fn numbers_of_images_are_joined_while_they_are_evenly_spaced() {

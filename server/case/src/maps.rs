@@ -78,7 +78,7 @@ pub enum PatientSide {
     Right,
     /// Within 5 mm of the plane between the hemispheres.
     Middle,
-    /// That plane is in doubt, and the patient's coordinates say otherwise: in half a brain, it lies within that half.
+    /// That plane is in doubt: in half a brain, it lies within that half.
     Unknown,
 }
 

@@ -30,7 +30,7 @@ mod voxels;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use analysis::{MidsagittalFit, midsagittal_fit};
+use analysis::midsagittal_fit;
 use bytes::Bytes;
 use case::{
     CaseFacts, DicomFacts, Failure, FailureKind, ImageRun, ObjectKind, Parameters, PlaneFacts,
@@ -283,7 +283,7 @@ fn facts_with(built: &BuiltModel, native: &Volume, replaced: Replaced) -> CaseFa
     let [low, high] = volume
         .percentiles_inside(distance.envelope(), [0.02, 0.98])
         .unwrap_or([intensity_min, intensity_max]);
-    let MidsagittalFit { plane, correlation } = midsagittal_fit(distance.envelope(), volume);
+    let fit = midsagittal_fit(distance.envelope(), volume);
     let sphere = built.model.bounds();
     CaseFacts {
         grid_size: grid.size(),
@@ -298,9 +298,10 @@ fn facts_with(built: &BuiltModel, native: &Volume, replaced: Replaced) -> CaseFa
             radius_mm: sphere.radius_mm,
         },
         midsagittal: PlaneFacts {
-            normal: plane.normal().to_array(),
-            offset_mm: plane.offset_mm(),
-            correlation,
+            normal: fit.plane.normal().to_array(),
+            offset_mm: fit.plane.offset_mm(),
+            correlation: fit.correlation,
+            doubtful: fit.is_doubtful(),
         },
         cuts: cuts::cut_facts(distance.envelope().cuts()),
         pipeline: cuts::PIPELINE,

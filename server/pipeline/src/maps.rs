@@ -16,7 +16,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 pub use analysis::{
-    Judgement, JunctionWidth, MAP_FORMAT, Scale, ScoreCaveat, ScoreLimits,
+    HeadDoubts, Judgement, JunctionWidth, MAP_FORMAT, Scale, ScoreCaveat, ScoreLimits,
     UNDEFINED as UNDEFINED_CODE,
 };
 
@@ -37,6 +37,8 @@ pub struct CaseMaps {
     pub regions: RegionFacts,
     /// How slantwise isosurfaces meet the junction, from the surface inwards.
     pub junction_by_depth: Vec<JunctionBandFacts>,
+    /// Why scores mean less than in other heads.
+    pub doubts: HeadDoubts,
 }
 
 /// Why a case has no maps.
@@ -113,9 +115,9 @@ pub fn map_unit(name: MapName) -> &'static str {
     kind_of(name).unit()
 }
 
-/// What is known about the scores of a map at voxels with these edges, in mm.
-pub fn judgement(name: MapName, spacing_mm: [f64; 3]) -> Judgement {
-    Judgement::of(kind_of(name), spacing_mm)
+/// What is known about the scores of a map of a head with voxels of these edges, in mm, and these doubts.
+pub fn judgement(name: MapName, spacing_mm: [f64; 3], doubts: HeadDoubts) -> Judgement {
+    Judgement::of(kind_of(name), spacing_mm, doubts)
 }
 
 /// Converts the sharpness of a junction to its width, for voxels with these edges.
@@ -193,6 +195,7 @@ pub fn compute_flair(
         thick: Default::default(),
         regions: region_facts(&found.regions),
         junction_by_depth: Vec::new(),
+        doubts: HeadDoubts::default(),
     })
 }
 
@@ -232,19 +235,18 @@ impl CaseMaps {
             thick: (maps.thick.each_ref()).map(|places| facts_of(places)),
             regions: region_facts(&maps.regions),
             junction_by_depth: maps.depth_bands.iter().map(junction_band_facts).collect(),
+            doubts: maps.doubts,
             maps: maps.into_maps(),
         }
     }
 }
 
-/// The side of a position (LPS mm). If the plane between the hemispheres is in doubt, it is unknown unless the patient's own
-/// coordinate says the same: the plane of half a brain lies within that half.
+/// The side of a position (LPS mm); unknown if the plane between the hemispheres is in doubt, because the plane of half a brain lies
+/// within that half.
 pub fn side_at(facts: &CaseFacts, position_in_patient: DVec3) -> PatientSide {
-    let side = side_of(&mirror_plane(facts), position_in_patient);
-    let is_told = || side == patient_side(Side::at(position_in_patient.x));
-    match facts.midsagittal.is_doubtful() && !is_told() {
+    match facts.midsagittal.doubtful {
         true => PatientSide::Unknown,
-        false => side,
+        false => side_of(&mirror_plane(facts), position_in_patient),
     }
 }
 
@@ -446,17 +448,15 @@ mod tests {
     }
 
     #[test]
-    fn a_plane_in_doubt_tells_no_side_that_the_coordinates_contradict() {
+    fn a_plane_in_doubt_tells_no_side() {
         let mut facts = prepared().facts.clone();
         let at = |facts: &CaseFacts, x: f64| side_at(facts, DVec3::new(x, 10.0, 20.0));
         let sides = |facts: &CaseFacts| [30.0, 0.0, -20.0, -60.0].map(|x| at(facts, x));
         use PatientSide::{Left, Middle, Right, Unknown};
         assert_eq!(sides(&facts), [Left, Middle, Right, Right]);
         // Of the right half alone, the plane lies within that half.
-        facts.midsagittal.correlation = 0.3;
-        assert_eq!(sides(&facts), [Left, Middle, Right, Right]);
-        facts.midsagittal.offset_mm -= 35.0;
-        assert_eq!(sides(&facts), [Left, Unknown, Unknown, Right]);
+        facts.midsagittal.doubtful = true;
+        assert_eq!(sides(&facts), [Unknown; 4]);
         let maps = maps(&facts).unwrap();
         let mut places = maps.candidates.iter();
         assert!(places.all(|place| place.side == at_place(&facts, place)));

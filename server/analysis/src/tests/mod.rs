@@ -5,3 +5,4 @@ mod edges;
 mod heads;
 mod masses;
 pub(crate) mod real;
+mod thick;

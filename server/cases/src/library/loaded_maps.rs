@@ -6,7 +6,7 @@ use std::sync::Arc;
 use case::{CandidateFacts, CaseId, JunctionBandFacts, LayerId, MapName, RegionFacts};
 use geometry::Grid;
 use glam::DAffine3;
-use pipeline::maps::{CaseMaps, Judgement, NoMaps, judgement, map_unit};
+use pipeline::maps::{CaseMaps, HeadDoubts, Judgement, NoMaps, judgement, map_unit};
 use render::{KeyedLayer, Layer, LayerKey, LayerValues};
 
 use crate::cache::CacheValue;
@@ -30,6 +30,7 @@ pub struct LoadedMaps {
     pub regions: RegionFacts,
     /// How slantwise isosurfaces meet the junction, from the surface inwards.
     pub junction_by_depth: Vec<JunctionBandFacts>,
+    doubts: HeadDoubts,
 }
 
 impl LoadedMaps {
@@ -41,6 +42,7 @@ impl LoadedMaps {
         let regions = maps.regions.clone();
         let junction_by_depth = std::mem::take(&mut maps.junction_by_depth);
         let grid = maps.grid().clone();
+        let doubts = maps.doubts;
         let layers = maps.into_named().map(|(name, map)| {
             let scale = map.scale();
             let values = LayerValues::Codes {
@@ -61,6 +63,7 @@ impl LoadedMaps {
             thick,
             regions,
             junction_by_depth,
+            doubts,
         }
     }
 
@@ -69,9 +72,9 @@ impl LoadedMaps {
         !self.candidates.iter().any(CandidateFacts::stands_out)
     }
 
-    /// What is known about the scores of a map at the voxels of the case.
+    /// What is known about the scores of a map of the case.
     pub fn judgement(&self, name: MapName) -> Judgement {
-        judgement(name, self.grid.spacing_mm())
+        judgement(name, self.grid.spacing_mm(), self.doubts)
     }
 
     /// The grid of all maps: a block of the grid of the volume.

@@ -126,10 +126,11 @@ pub(super) async fn warn_of_doubts(store: &Store, id: &CaseId) -> Result<(), Cli
     let Some(facts) = case.and_then(|case| case.facts) else {
         return Ok(());
     };
-    if facts.midsagittal.is_doubtful() {
+    if facts.midsagittal.doubtful {
         let correlation = facts.midsagittal.correlation;
         eprintln!(
-            "isocortex: the two sides of the head correlate by only {correlation:.2}; the plane of the mirror view may be wrong"
+            "isocortex: the two sides of the head are unlike (their correlation is {correlation:.2}); the plane between them may be wrong, and \
+             every side is in doubt"
         );
     }
     if let Some(quality) = &facts.quality {

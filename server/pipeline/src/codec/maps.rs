@@ -1,6 +1,6 @@
 //! The maps of a case, or the reason why it has none.
 
-use analysis::{MapKind, StoredMap};
+use analysis::{HeadDoubts, MapKind, StoredMap};
 use case::{CandidateFacts, JunctionBandFacts, RegionFacts};
 use serde::{Deserialize, Serialize};
 
@@ -28,6 +28,10 @@ struct Places {
     thick: [Vec<CandidateFacts>; 2],
     regions: RegionFacts,
     junction_by_depth: Vec<JunctionBandFacts>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    detail_share: Option<f32>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    contrast: Option<f32>,
 }
 
 /// The payload of maps, or of the reason for none.
@@ -41,6 +45,8 @@ pub fn encode_maps(maps: &MapsOrReason) -> Vec<u8> {
             thick: maps.thick.clone(),
             regions: maps.regions.clone(),
             junction_by_depth: maps.junction_by_depth.clone(),
+            detail_share: maps.doubts.detail_share,
+            contrast: maps.doubts.contrast,
         }),
     };
     let head = serde_json::to_vec(&head).expect("numbers and names");
@@ -84,5 +90,9 @@ pub fn decode_maps(payload: &[u8]) -> Option<MapsOrReason> {
         thick: places.thick,
         regions: places.regions,
         junction_by_depth: places.junction_by_depth,
+        doubts: HeadDoubts {
+            detail_share: places.detail_share,
+            contrast: places.contrast,
+        },
     }))
 }

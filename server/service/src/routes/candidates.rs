@@ -132,7 +132,7 @@ pub struct LimitsView {
 pub struct CaveatView {
     /// The sentence, in English.
     reason: String,
-    /// Its stable code: `untested-flair`, `thickness-coarse-voxels` or `blur-coarse-voxels`.
+    /// Its stable code: `untested-flair`, `thickness-coarse-voxels`, `blur-coarse-voxels`, `interpolated` or `scores-low-contrast`.
     reason_code: &'static str,
 }
 

@@ -383,7 +383,7 @@ impl From<CaseFacts> for ReadyView {
                 normal: facts.midsagittal.normal,
                 offset_mm: facts.midsagittal.offset_mm,
                 correlation: facts.midsagittal.correlation,
-                doubtful: facts.midsagittal.is_doubtful(),
+                doubtful: facts.midsagittal.doubtful,
             },
             intensity: IntensityView {
                 min: facts.intensity_min,

@@ -48,6 +48,7 @@ pub fn facts() -> CaseFacts {
             normal: [1.0, 0.0, 0.0],
             offset_mm: 0.0,
             correlation: 0.9,
+            doubtful: false,
         },
         cuts: Vec::new(),
         pipeline: 2,
