@@ -20,6 +20,7 @@ mod probability;
 mod pruning;
 mod quality;
 mod rim;
+mod slices;
 mod supplied;
 
 pub use canonical::canonical_axes;
@@ -31,6 +32,7 @@ pub use network::{Network, Prediction};
 pub use observe::Observe;
 pub use probability::Probability;
 pub use pruning::{PruningParameters, prune_with};
-pub use quality::{Because, Masked, Origin, Quality, Reason, Shape, Verdict, judge};
+pub use quality::{Because, Masked, Opinion, Origin, Quality, Reason, Shape, Verdict, judge};
 pub use rim::Rim;
+pub use slices::Slices;
 pub use supplied::{Apart, Comparison};

@@ -8,6 +8,7 @@ use glam::{DAffine3, DVec3};
 
 use crate::flatness::flatness;
 use crate::rim::{Rim, rim};
+use crate::slices::{Slices, lateral_axis, slices};
 use crate::supplied::{Comparison, doubts_of_border};
 use crate::{ExtractionError, Prediction};
 
@@ -53,6 +54,8 @@ pub struct Quality {
     pub rim: Option<Rim>,
     /// How a supplied mask compares with the brain that the network finds.
     pub comparison: Option<Comparison>,
+    /// The slices of the volume within the brain, along each of its axes.
+    pub slices: [Option<Slices>; 3],
     /// An alternative affine from voxels to LPS mm, with which the network finds a brain although it does not with the
     /// affine in the header: the header may be wrong. A person must confirm this; nothing is turned.
     pub other_patient_from_voxel: Option<DAffine3>,
@@ -169,6 +172,17 @@ impl Because {
     }
 }
 
+/// The fewest different values of a volume that shows two tissues: 8 bits give 100 and more, label maps and masks a few dozen.
+const LEAST_VALUES: usize = 64;
+
+/// The limits of [`Slices`]: of its order, by how much it exceeds those along the other axes, and of its step.
+const MOST_ORDER: f64 = 0.88;
+const MORE_THAN_OTHERS: f64 = 1.15;
+const MOST_STEP: f64 = 2.2;
+
+/// The names of the axes of a file.
+const AXES: [&str; 3] = ["first", "second", "third"];
+
 /// The rim of the brain ends at this depth, and its inside begins at that one, in mm.
 const RIM_MM: f32 = 8.0;
 const INSIDE_MM: f32 = 18.0;
@@ -197,11 +211,23 @@ pub enum Origin<'a> {
     Turned([Option<f64>; 2]),
     /// Tree pruning found it.
     Pruned(Because),
-    /// Somebody supplied it. The depth below the envelope of the brain that the network finds, if there is a network and it is
-    /// certain of its result.
-    Supplied(Option<&'a DistanceMap>),
+    /// Somebody supplied it.
+    Supplied(Opinion<'a>),
     /// The volume is skull-stripped, and it is what is not 0.
-    Stripped,
+    Stripped(Opinion<'a>),
+}
+
+/// What the network says of a volume whose mask it did not make.
+#[derive(Debug, Clone, Copy)]
+pub enum Opinion<'a> {
+    /// There is no network.
+    NotAsked,
+    /// It finds no brain.
+    NoBrain,
+    /// It is not certain of the brain that it finds.
+    Uncertain,
+    /// The depth below the envelope of the brain that it finds.
+    Brain(&'a DistanceMap),
 }
 
 /// Rates a mask: the one place that decides what is unusual about it.
@@ -215,6 +241,7 @@ pub fn judge(masked: Masked<'_>, origin: Origin<'_>) -> Result<Quality, Extracti
     quality.judge_volume();
     quality.judge_pieces();
     quality.judge_cuts();
+    quality.judge_slices(masked);
     match origin {
         Origin::Predicted(prediction) => {
             quality.judge_as_found(masked);
@@ -234,7 +261,10 @@ pub fn judge(masked: Masked<'_>, origin: Origin<'_>) -> Result<Quality, Extracti
             quality.judge_as_supplied(masked, network)?;
             quality.verdict = quality.verdict.min(Verdict::Review);
         }
-        Origin::Stripped => quality.verdict = quality.verdict.min(Verdict::Review),
+        Origin::Stripped(network) => {
+            quality.judge_as_stripped(masked, network)?;
+            quality.verdict = quality.verdict.min(Verdict::Review);
+        }
     }
     Ok(quality)
 }
@@ -254,6 +284,7 @@ impl Quality {
             uncertain: None,
             rim: None,
             comparison: None,
+            slices: [None; 3],
             other_patient_from_voxel: None,
         }
     }
@@ -264,14 +295,14 @@ impl Quality {
         self.judge_shape(shape);
         self.shape = Some(shape);
         self.contrast = contrast(masked.volume, masked.closed);
-        self.judge_contrast();
+        self.judge_contrast(LEAST_CONTRAST);
     }
 
     /// By the brain that the network finds; without one, by the border alone.
     fn judge_as_supplied(
         &mut self,
         masked: Masked<'_>,
-        network: Option<&DistanceMap>,
+        network: Opinion<'_>,
     ) -> Result<(), ExtractionError> {
         let Masked {
             mask,
@@ -281,9 +312,8 @@ impl Quality {
         } = masked;
         self.contrast = contrast(volume, closed);
         self.rim = rim(volume, closed);
-        if let Some(network) = network {
-            self.comparison = Comparison::new(closed, network, volume.grid())?;
-        }
+        self.compare(masked, network)?;
+        self.judge_opinion(network);
         let doubts: Vec<Doubt> = match &self.comparison {
             Some(comparison) => comparison.doubts().collect(),
             None => doubts_of_border(self.rim, mask.grid(), volume.grid()).collect(),
@@ -292,6 +322,99 @@ impl Quality {
             self.add(doubt);
         }
         Ok(())
+    }
+
+    /// A brain over zeros may be anything over zeros: it is one if it looks like a brain, to the network too.
+    fn judge_as_stripped(
+        &mut self,
+        masked: Masked<'_>,
+        network: Opinion<'_>,
+    ) -> Result<(), ExtractionError> {
+        let values = distinct_values(masked);
+        self.say(review_if(values < LEAST_VALUES), "volume-few-values", || {
+            format!(
+                "the volume has only {values} different values where it is not 0; is it a mask or a label map, or was it stored with too few \
+                 grey levels?"
+            )
+        });
+        self.contrast = contrast(masked.volume, masked.closed);
+        // Of a single value there is nothing more to say.
+        if values >= LEAST_VALUES {
+            self.judge_contrast(LEAST_CONTRAST_OF_STRIPPED);
+        }
+        self.compare(masked, network)?;
+        self.judge_opinion(network);
+        if matches!(network, Opinion::Uncertain) {
+            self.say(Verdict::Review, "network-uncertain", || {
+                "the network is not certain of a brain in this volume, which is 0 around something; is it a skull-stripped T1-weighted head?"
+                    .to_owned()
+            });
+        }
+        let doubts: Vec<Doubt> = self
+            .comparison
+            .iter()
+            .flat_map(Comparison::doubts)
+            .collect();
+        for doubt in doubts {
+            self.add(doubt);
+        }
+        Ok(())
+    }
+
+    fn compare(&mut self, masked: Masked<'_>, network: Opinion<'_>) -> Result<(), ExtractionError> {
+        if let Opinion::Brain(network) = network {
+            self.comparison = Comparison::new(masked.closed, network, masked.volume.grid())?;
+        }
+        Ok(())
+    }
+
+    fn judge_opinion(&mut self, network: Opinion<'_>) {
+        let finds_none = matches!(network, Opinion::NoBrain);
+        self.say(review_if(finds_none), "network-no-brain", || {
+            "the network finds no brain in this volume, so that the mask was compared with nothing; is it a T1-weighted head?"
+                .to_owned()
+        });
+    }
+
+    /// Whether the slices follow one another as those of one head.
+    fn judge_slices(&mut self, masked: Masked<'_>) {
+        let grid = masked.volume.grid();
+        self.slices = slices(masked.volume, masked.closed);
+        let orders = self
+            .slices
+            .map(|slices| slices.map_or(0.0, |slices| slices.order));
+        for (axis, slices) in self.slices.into_iter().enumerate() {
+            let Some(Slices {
+                order,
+                step,
+                step_at,
+            }) = slices
+            else {
+                continue;
+            };
+            let others = (0..3)
+                .filter(|&other| other != axis)
+                .map(|other| orders[other]);
+            // Noise makes all axes alike.
+            let is_mixed =
+                order > MOST_ORDER && order > MORE_THAN_OTHERS * others.fold(0.0, f64::max);
+            // From left to right, the fissure is a step in every head.
+            let is_moved = step > MOST_STEP && axis != lateral_axis(grid);
+            let name = AXES[axis];
+            self.say(review_if(is_mixed), "slices-order", || {
+                format!(
+                    "along its {name} axis, neighbouring slices of the volume differ {order:.2} times as much as slices two apart, but in a \
+                     sound head 0.5 to 0.7 times; are slices exchanged or mirrored? Convert the original images again"
+                )
+            });
+            self.say(review_if(is_moved && !is_mixed), "slices-step", || {
+                format!(
+                    "along its {name} axis, two neighbouring slices of the volume, at {:.0} % of the brain, differ {step:.1} times as much as \
+                     those around them; was a part of the head mirrored or moved? Convert the original images again",
+                    100.0 * step_at
+                )
+            });
+        }
     }
 
     fn judge_volume(&mut self) {
@@ -369,8 +492,8 @@ impl Quality {
         });
     }
 
-    fn judge_contrast(&mut self) {
-        if let Some(doubt) = doubt_of_contrast(self.contrast) {
+    fn judge_contrast(&mut self, least: f64) {
+        if let Some(doubt) = doubt_of_contrast(self.contrast, least) {
             self.add(doubt);
         }
     }
@@ -446,7 +569,7 @@ impl Quality {
             "the network finds the brain only with other axes than those in the header; check the letters on the picture. The picture cannot \
              tell left from right: if the header reverses one axis or exchanges two, `corrected_header.mirrored` is correct, and \
              `corrected_header.turned` exchanges left and right. Ask whoever made the file which side is left, then upload the volume with \
-             that header"
+             that header; its rows are LPS, and those of a NIfTI header have the opposite sign in the first two"
                 .to_owned()
         });
     }
@@ -456,20 +579,19 @@ impl Quality {
 const LEAST_CONTRAST: f64 = 0.05;
 const LEAST_CONTRAST_OF_PRUNING: f64 = 0.1;
 
+/// The same of a skull-stripped volume, whose rim may lack the fluid: T2 and FLAIR, in which the cortex is brighter, have less.
+const LEAST_CONTRAST_OF_STRIPPED: f64 = 0.0;
+
 /// The doubt that follows from the contrast between inside and rim.
-fn doubt_of_contrast(contrast: Option<f64>) -> Option<Doubt> {
+fn doubt_of_contrast(contrast: Option<f64>, least: f64) -> Option<Doubt> {
     match contrast {
         None => doubt(Verdict::Review, "mask-thin", || {
             "the mask is too thin to have an inside".to_owned()
         }),
-        Some(contrast) => doubt(
-            review_if(contrast < LEAST_CONTRAST),
-            "contrast-inverted",
-            || {
-                "the inside of the brain is not brighter than its rim; is this a T1-weighted volume?"
-                    .to_owned()
-            },
-        ),
+        Some(contrast) => doubt(review_if(contrast < least), "contrast-inverted", || {
+            "the inside of the brain is not brighter than its rim; is this a T1-weighted volume?"
+                .to_owned()
+        }),
     }
 }
 
@@ -495,6 +617,16 @@ fn nearest_voxel(grid: &Grid, position: DVec3) -> Option<usize> {
 
 fn as_position(voxel: [usize; 3]) -> DVec3 {
     DVec3::from_array(voxel.map(|place| place as f64))
+}
+
+/// How many different values a volume has in a mask on its own grid, as that of a skull-stripped volume is.
+fn distinct_values(Masked { mask, volume, .. }: Masked<'_>) -> usize {
+    let mut occurs = vec![false; 1 << 16];
+    let voxels = volume.voxels().iter().zip(mask.voxels());
+    for (&stored, _) in voxels.filter(|(_, is_brain)| **is_brain) {
+        occurs[usize::from(stored)] = true;
+    }
+    occurs.into_iter().filter(|&occurs| occurs).count()
 }
 
 impl Shape {
@@ -633,6 +765,7 @@ mod tests {
             uncertain: None,
             rim: None,
             comparison: None,
+            slices: [None; 3],
             other_patient_from_voxel: None,
         }
     }

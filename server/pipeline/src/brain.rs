@@ -1,6 +1,6 @@
 //! Finds the brain mask: supplied, from a skull-stripped volume, or extracted.
 
-use extraction::{ExtractionError, Masked, Origin, closed, judge};
+use extraction::{ExtractionError, Masked, Opinion, Origin, closed, judge};
 use geometry::{
     BrainMask, ClosedBrain, Cut, DistanceMap, Envelope, GeometryError, Grid, Mask, Volume,
 };
@@ -106,18 +106,24 @@ pub(super) fn find_brain(
         cuts: &cuts,
         volume,
     };
-    let rating = match method {
-        MaskMethod::Supplied => {
-            let network = second_opinion(volume, extractor, steps)?;
-            judge(masked, Origin::Supplied(network.as_ref()))
-        }
-        _ => judge(masked, Origin::Stripped),
+    let found = extractor.second_opinion(volume, steps.cancelled());
+    let network = match &found {
+        Ok(None) => Opinion::NotAsked,
+        Ok(Some(None)) => Opinion::Uncertain,
+        Ok(Some(Some(found))) => Opinion::Brain(found),
+        Err(ExtractionError::NoBrain { .. }) => Opinion::NoBrain,
+        Err(error) => return Err(from_extraction(error.clone())),
     };
+    let origin = match method {
+        MaskMethod::Volume => Origin::Stripped(network),
+        _ => Origin::Supplied(network),
+    };
+    let rating = judge(masked, origin).map_err(from_extraction)?;
     Ok(Found {
         cuts: moved_cuts(cuts.cuts, parameters.offset_mm),
         brain: moved(brain, parameters.offset_mm)?,
         closed: is_closed_so(parameters).then_some(closed),
-        verdict: Verdict::Rated(method, Box::new(rating.map_err(from_extraction)?)),
+        verdict: Verdict::Rated(method, Box::new(rating)),
     })
 }
 
@@ -131,18 +137,6 @@ fn stage_after(is_given: bool) -> Stage {
     match is_given {
         true => Stage::Mask,
         false => Stage::Extracting,
-    }
-}
-
-/// The depth below the envelope of the brain that the network finds, if it finds one and is certain of it.
-fn second_opinion(
-    volume: &Volume,
-    extractor: &Extractor,
-    steps: &Steps<'_>,
-) -> Result<Option<DistanceMap>, Failure> {
-    match extractor.second_opinion(volume, steps.cancelled()) {
-        Err(ExtractionError::NoBrain { .. }) => Ok(None),
-        found => found.map_err(from_extraction),
     }
 }
 
@@ -210,7 +204,17 @@ impl Given {
     pub(super) fn on_working_grid(self, volume_grid: &Grid) -> Result<Placed, Failure> {
         let Self { mask, method } = self;
         let brain = BrainMask::from_mask(&mask, volume_grid).map_err(from_geometry)?;
-        refuse_absurd(&brain)?;
+        refuse_absurd(&brain).map_err(|failure| match POSSIBLE_ML.contains(&mask.volume_ml()) {
+            true => Failure {
+                detail: format!(
+                    "{}; the whole mask has {:.0} ml, but the largest piece counts: are slices of it missing?",
+                    failure.detail,
+                    mask.volume_ml()
+                ),
+                ..failure
+            },
+            false => failure,
+        })?;
         Ok(Placed {
             mask,
             method,

@@ -158,8 +158,8 @@ impl Extractor {
         Ok(found)
     }
 
-    /// The depth below the envelope of the brain that the network finds, for comparison with a supplied mask, after waiting for
-    /// its turn; `None` without a network, or if it is not certain.
+    /// The depth below the envelope of the brain that the network finds, for comparison with a mask that came with the upload, after
+    /// waiting for its turn; `None` without a network, and `None` in it if the network is not certain.
     ///
     /// What it found in a volume is remembered.
     ///
@@ -169,7 +169,7 @@ impl Extractor {
         &self,
         volume: &Volume,
         is_cancelled: &AtomicBool,
-    ) -> Result<Option<DistanceMap>, ExtractionError> {
+    ) -> Result<Option<Option<DistanceMap>>, ExtractionError> {
         let Some(network) = &self.network else {
             return Ok(None);
         };
@@ -179,7 +179,7 @@ impl Extractor {
         if let Some(known) = turn.recall(&key) {
             let brain = known.as_deref().and_then(decode_brain);
             let closed = brain.map(|brain| closed(&brain, volume)).transpose()?;
-            return Ok(closed.map(|(distance, _)| distance));
+            return Ok(Some(closed.map(|(distance, _)| distance)));
         }
         let go_on = |_: f32| {
             if is_cancelled.load(Ordering::Relaxed) {
@@ -190,7 +190,7 @@ impl Extractor {
         };
         let found = predict(volume, network, USUAL_THRESHOLD, &go_on)?;
         turn.remember(key, &found);
-        Ok(found.is_certain().then_some(found.closed))
+        Ok(Some(found.is_certain().then_some(found.closed)))
     }
 
     fn await_turn(&self, is_cancelled: &AtomicBool) -> Result<MutexGuard<'_, Memory>, Failure> {

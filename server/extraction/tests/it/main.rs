@@ -9,5 +9,6 @@ mod network;
 mod pruning;
 mod spoiled;
 mod support;
+mod unseen;
 mod verdicts;
 mod wrong_heads;

