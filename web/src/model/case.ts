@@ -88,7 +88,8 @@ export interface Quality {
   readonly state: "ok" | "review" | "failed";
   /** How the mask was made: `supplied`, `volume`, `network` or `tree_pruning`. */
   readonly method: string;
-  readonly numbers?: { readonly brain_ml: number };
+  /** Its extents are those from left to right, front to back and bottom to top. */
+  readonly numbers?: { readonly brain_ml: number; readonly extents_mm: readonly [number, number, number] };
   /** In the server's words. */
   readonly reasons: readonly string[];
   /** What each of them is called; absent where the case is older than these names. */

@@ -215,6 +215,7 @@ function factsOf(shown: ReadyCase, age: Case, series: readonly Fact[]): readonly
   const brain_ml = quality?.numbers?.brain_ml;
   const missing = volume.interpolated_slices?.length ?? 0;
   const mask = [method && t(method), brain_ml !== undefined && `${number(brain_ml)} ml`].filter(Boolean).join(", ");
+  const [width, length, height] = quality?.numbers?.extents_mm ?? [];
   const verdict = [...doubts.map((doubt) => t(`quality.${doubt}`)), ...(quality ? reasonWords(quality) : [])];
   const radius = mask_kind === "envelope" ? t("case.not-closed") : `${number(shown.closing_radius_mm, 1)} mm`;
   return [
@@ -226,6 +227,9 @@ function factsOf(shown: ReadyCase, age: Case, series: readonly Fact[]): readonly
     [t("case.volume"), `${volume.size.map((side) => number(side)).join(" × ")}, ${voxelWords(shown)}`],
     ...(missing > 0 ? [[t("case.interpolated"), number(missing)] as const] : []),
     [t("case.mask"), mask || "–"],
+    ...(width && length && height
+      ? [[t("case.extents"), `${[length, width, height].map((mm) => number(mm)).join(" × ")} mm`] as const]
+      : []),
     [t("case.verdict"), verdict.join("\n")],
     [t("case.radius"), radius],
     ...(shown.offset_mm === 0 ? [] : [[t("case.offset"), `${number(shown.offset_mm, 1)} mm`] as const]),
