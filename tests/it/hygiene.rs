@@ -1,4 +1,4 @@
-//! The documents name only commands, files and variables that exist.
+//! The documents name only commands, files and variables that exist, and state what was measured.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -239,5 +239,117 @@ fn every_test_that_a_measurement_was_made_with_exists() {
                     .is_some_and(|it| it.contains(module))
             });
         assert!(is_there, "no test has {name} in its name");
+    }
+}
+
+/// The rows of the table after an anchor of the study: the first cell, the number in the second, and the last.
+fn rows_of_study(anchor: &str) -> Vec<(String, f64, String)> {
+    let study = read("lab/docs/study.md");
+    let (_, after) = study
+        .split_once(&format!("<a id=\"{anchor}\"></a>"))
+        .unwrap_or_else(|| panic!("the study has no {anchor}"));
+    let table = after.trim_start().lines().skip(2);
+    let rows = table.take_while(|line| line.starts_with('|')).map(|line| {
+        let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
+        let number = cells[1].parse().expect("a number");
+        let last = cells.last().expect("cells").replace('*', "");
+        (cells[0].to_owned(), number, last)
+    });
+    rows.collect()
+}
+
+/// The 95 % interval of a share, by Wilson's formula.
+fn interval(count: f64, number: f64) -> [f64; 2] {
+    let z = 1.96f64;
+    let share = count / number;
+    let spread = (share * (1.0 - share) / number + z * z / (4.0 * number * number)).sqrt();
+    [-1.0, 1.0]
+        .map(|sign| (share + z * z / (2.0 * number) + sign * z * spread) / (1.0 + z * z / number))
+}
+
+#[test]
+fn documents_and_page_state_the_shares_that_the_study_measured() {
+    let (sound, lesions) = (rows_of_study("sound"), rows_of_study("texture"));
+    for (what, number, measured) in sound.iter().chain(&lesions) {
+        let share: f64 = measured[..4].parse().expect("a share");
+        let count = (share * number).round();
+        let [low, high] = interval(count, *number);
+        let written = format!("{:.2} ({:.2} to {:.2})", count / number, low.abs(), high);
+        assert_eq!(measured, &written, "{what}: {count} of {number}");
+    }
+
+    // The least and the greatest share of a lesion over all simulators, in percent; the first check has one row for the limit.
+    let study = read("lab/docs/study.md");
+    let by_limit = study
+        .lines()
+        .find(|line| line.starts_with("| **2.25**"))
+        .expect("the limit");
+    let first: Vec<u32> = by_limit
+        .split(['|', '*'])
+        .filter_map(|cell| cell.strip_suffix(" %")?.parse().ok())
+        .collect();
+    let percent = |text: &str| (text.parse::<f64>().expect("a share") * 100.0).round();
+    let range = |kind: &str, first: Option<u32>| {
+        let shares = lesions
+            .iter()
+            .filter(|(what, ..)| what.starts_with(kind))
+            .map(|(_, _, measured)| percent(&measured[..4]) as u32)
+            .chain(first);
+        let shares: Vec<u32> = shares.collect();
+        let least = *shares.iter().min().expect("shares");
+        (least, *shares.iter().max().expect("shares"))
+    };
+    let blurs = range("blur, 6 mm", Some(first[0]));
+    let small = range("blur, 4 mm", Some(first[1]));
+    let mixtures = range("mixture", Some(first[3]));
+    let (reading, readme, words) = (
+        read("docs/reading.md"),
+        read("README.md"),
+        read("web/src/words.en.json"),
+    );
+    for ((least, most), name) in [
+        (blurs, "blurs of 6 mm"),
+        (small, "blurs of 4 mm"),
+        (
+            mixtures,
+            "mixtures of blur, thickening and changed intensities",
+        ),
+    ] {
+        let sentence = format!("{name}: {least} to {most} %");
+        assert!(reading.contains(&sentence), "reading.md: {sentence}");
+    }
+    let missed = |(least, most): (u32, u32), to| format!("{} {to} {} %", 100 - most, 100 - least);
+    let [six, four, mixed] = [blurs, small, mixtures].map(|range| missed(range, "to"));
+    let of_page =
+        format!("{six} of blurs of 6 mm radius, {four} of blurs of 4 mm, {mixed} of mixed signs");
+    assert!(words.contains(&of_page), "words.en.json: {of_page}");
+    let [six, four, mixed] = [blurs, small, mixtures].map(|range| missed(range, "a"));
+    let of_page =
+        format!("{six} dos borramentos de 6 mm de raio, {four} dos de 4 mm, {mixed} das de sinais");
+    assert!(
+        read("web/src/words.pt-BR.json").contains(&of_page),
+        "{of_page}"
+    );
+    let (least, most) = range("blur, 6 mm, texture kept", None);
+    let of_readme = format!("{least} to {most} % of the blurs of 6 mm");
+    assert!(readme.contains(&of_readme), "README.md: {of_readme}");
+
+    for (document, text, list) in [
+        ("README.md", &readme, 0),
+        ("docs/reading.md", &reading, 0),
+        ("docs/reading.md", &reading, 1),
+    ] {
+        let (_, number, measured) = &sound[list];
+        let none = (percent(&measured[..4]) * number / 100.0).round();
+        let sentence = format!("{none} of {number} ");
+        let interval = format!(
+            "{} to {} %",
+            percent(&measured[6..10]),
+            percent(&measured[14..18])
+        );
+        let said = text
+            .lines()
+            .any(|line| line.contains(&sentence) && line.contains(&interval));
+        assert!(said, "{document}: {sentence}, {interval}");
     }
 }
