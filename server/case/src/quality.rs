@@ -61,6 +61,10 @@ impl MaskMethod {
 /// The code of the doubt about left and right, which is no doubt about the mask.
 pub const AXES_CORRECTED: &str = "axes-corrected";
 
+const OTHER_AXES: &str = "another case has the same voxels with other axes, so that one of the two headers is wrong. The picture cannot tell left \
+                          from right: ask whoever made the file which side is left, then delete both cases and upload the volume with the \
+                          correct header";
+
 /// The quality of the mask of a case.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -88,22 +92,29 @@ impl Quality {
         self.reason_codes.iter().any(|reason| reason == code)
     }
 
-    /// Adds a reason for a review, with its code.
-    pub fn put_to_review(&mut self, code: &str, sentence: &str) {
-        self.state = self.state.max(QualityState::Review);
-        self.reasons.push(sentence.to_owned());
-        self.reason_codes.push(code.to_owned());
-    }
-
-    /// Removes a reason for a review that holds no more.
-    pub fn withdraw(&mut self, code: &str) {
-        while let Some(at) = self.reason_codes.iter().position(|reason| reason == code) {
-            self.reason_codes.remove(at);
-            self.reasons.remove(at);
+    /// Takes in whether another case has the same voxels with other axes, the one doubt that comes and goes after the mask was rated.
+    /// Returns whether this changed anything.
+    pub fn set_axes_corrected(&mut self, is_contradicted: bool) -> bool {
+        let known = self
+            .reason_codes
+            .iter()
+            .position(|code| code == AXES_CORRECTED);
+        match (known, is_contradicted) {
+            (None, true) => {
+                self.state = self.state.max(QualityState::Review);
+                self.reasons.push(OTHER_AXES.to_owned());
+                self.reason_codes.push(AXES_CORRECTED.to_owned());
+            }
+            (Some(at), false) => {
+                self.reason_codes.remove(at);
+                self.reasons.remove(at);
+                if self.reasons.is_empty() && self.state == QualityState::Review {
+                    self.state = QualityState::Ok;
+                }
+            }
+            _ => return false,
         }
-        if self.reasons.is_empty() && self.state == QualityState::Review {
-            self.state = QualityState::Ok;
-        }
+        true
     }
 }
 

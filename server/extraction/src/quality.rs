@@ -172,6 +172,9 @@ impl Because {
     }
 }
 
+/// How far the axes of a header may be from right angles, as for the slices of a DICOM series.
+const MOST_LEAN_DEGREES: f64 = 0.5;
+
 /// The fewest different values of a volume that shows two tissues: 8 bits give 100 and more, label maps and masks a few dozen.
 const LEAST_VALUES: usize = 64;
 
@@ -289,6 +292,27 @@ impl Quality {
         }
     }
 
+    /// Whether the header and the stored values describe a head: whether the axes are perpendicular, and how many voxels within the
+    /// volume were no finite numbers.
+    pub fn judge_source(&mut self, volume_grid: &Grid, not_finite: u64) {
+        let axes = volume_grid.patient_from_voxel().matrix3;
+        let unit = [0, 1, 2].map(|axis| axes.col(axis).normalize());
+        let cosine = |a: usize, b: usize| unit[a].dot(unit[b]).abs();
+        let most = cosine(0, 1).max(cosine(0, 2)).max(cosine(1, 2)).min(1.0);
+        let lean = most.asin().to_degrees();
+        self.say(review_if(lean > MOST_LEAN_DEGREES), "axes-sheared", || {
+            format!(
+                "the axes of the header lean by {lean:.1}° from right angles; lengths and depths are true only if the head was scanned so, \
+                 and wrong if it was registered to a template"
+            )
+        });
+        self.say(review_if(not_finite > 0), "voxels-not-finite", || {
+            format!(
+                "{not_finite} voxels within the volume are not finite numbers and are shown as 0; do they lie in the brain?"
+            )
+        });
+    }
+
     /// By shape and contrast, which every mask of this crate has.
     fn judge_as_found(&mut self, masked: Masked<'_>) {
         let shape = Shape::of(masked);
@@ -350,12 +374,8 @@ impl Quality {
                     .to_owned()
             });
         }
-        let doubts: Vec<Doubt> = self
-            .comparison
-            .iter()
-            .flat_map(Comparison::doubts)
-            .collect();
-        for doubt in doubts {
+        // How far apart the borders are says nothing: without dura around it, the network's brain is less exact than the zeros are.
+        if let Some(doubt) = self.comparison.and_then(|found| found.doubt_of_overlap()) {
             self.add(doubt);
         }
         Ok(())
@@ -808,5 +828,26 @@ mod tests {
             cut.cut_area_cm2[5] = area_cm2;
             assert_eq!(codes(cut), expected);
         }
+    }
+
+    #[test]
+    fn leaning_axes_and_voxels_that_are_not_finite_are_doubted() {
+        let leaning = |degrees: f64| {
+            let axes = glam::DMat3::from_cols(
+                DVec3::X,
+                DVec3::new(degrees.to_radians().sin(), degrees.to_radians().cos(), 0.0),
+                DVec3::Z,
+            );
+            Grid::new([4, 4, 4], DAffine3::from_mat3(axes)).expect("a grid")
+        };
+        let codes = |degrees: f64, not_finite: u64| {
+            let mut quality = usual();
+            quality.judge_source(&leaning(degrees), not_finite);
+            let codes: Vec<_> = quality.reasons.iter().map(|reason| reason.code).collect();
+            codes
+        };
+        assert!(codes(0.4, 0).is_empty());
+        assert_eq!(codes(0.6, 0), ["axes-sheared"]);
+        assert_eq!(codes(0.0, 1), ["voxels-not-finite"]);
     }
 }

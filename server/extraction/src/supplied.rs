@@ -150,7 +150,7 @@ impl Comparison {
         .flatten()
     }
 
-    fn doubt_of_overlap(&self) -> Option<Doubt> {
+    pub(crate) fn doubt_of_overlap(&self) -> Option<Doubt> {
         let is_another = self.overlap < LEAST_OVERLAP;
         let verdict = if is_another {
             Verdict::Failed

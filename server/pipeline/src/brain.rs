@@ -4,6 +4,7 @@ use extraction::{ExtractionError, Masked, Opinion, Origin, closed, judge};
 use geometry::{
     BrainMask, ClosedBrain, Cut, DistanceMap, Envelope, GeometryError, Grid, Mask, Volume,
 };
+use imaging::nifti::Replaced;
 
 use super::cuts::cuts_of;
 use super::extractor::from_extraction;
@@ -45,6 +46,13 @@ impl Found {
         let radius_mm = closing_radius_mm(parameters);
         let envelope = geometry::cut_envelope(&self.brain, radius_mm, &self.cuts);
         Ok(ClosedBrain::Envelope(envelope.map_err(from_geometry)?))
+    }
+
+    /// Adds to the rating what the source of the volume puts in doubt. A rebuilt case has the doubts of its first preparation.
+    pub(super) fn judge_source(&mut self, volume_grid: &Grid, replaced: Replaced) {
+        if let Verdict::Rated(_, rating) = &mut self.verdict {
+            rating.judge_source(volume_grid, replaced.enclosed);
+        }
     }
 
     /// The quality of the mask.

@@ -34,10 +34,10 @@ use analysis::midsagittal_fit;
 use bytes::Bytes;
 use case::{
     CaseFacts, DicomFacts, Failure, FailureKind, ImageRun, ObjectKind, Parameters, PlaneFacts,
-    Progress, Quality, SphereFacts, Stage, WindowFacts,
+    Progress, SphereFacts, Stage, WindowFacts,
 };
 use geometry::{
-    BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Grid, Volume,
+    BrainMask, BuildStep, BuiltModel, DeformableModel, Envelope, GeometryError, Volume,
 };
 use imaging::dicom::{Attributes, sequence_name};
 use imaging::nifti::Replaced;
@@ -106,11 +106,11 @@ fn prepare(
         }
     };
     let mut found = find_brain(source, given, &native, how, &mut steps)?;
+    found.judge_source(native.grid(), replaced);
 
     steps.begin(Stage::Closing)?;
     let closed = found.close(parameters)?;
-    let mut quality = found.quality(closed.envelope(), native.grid());
-    doubt_volume(&mut quality, native.grid(), replaced);
+    let quality = found.quality(closed.envelope(), native.grid());
     let volume = crop(&native, closed.envelope())?;
 
     let observe = |step| match stage_of(step) {
@@ -133,42 +133,6 @@ fn prepare(
         built,
         facts,
     })
-}
-
-/// How far the axes of a header may be from right angles, as for the slices of a DICOM series.
-const MOST_LEAN_DEGREES: f64 = 0.5;
-
-/// Doubts about the volume, whatever the mask: axes that are not perpendicular, and voxels inside that are not finite.
-fn doubt_volume(quality: &mut Quality, grid: &Grid, replaced: Replaced) {
-    let axes = grid.patient_from_voxel().matrix3;
-    let unit = [0, 1, 2].map(|axis| axes.col(axis).normalize());
-    let cosine = |a: usize, b: usize| unit[a].dot(unit[b]).abs();
-    let most = cosine(0, 1).max(cosine(0, 2)).max(cosine(1, 2)).min(1.0);
-    let lean = most.asin().to_degrees();
-    let mut doubt = |code: &str, sentence: String| {
-        // A rebuilt case has the doubts of its first preparation.
-        if !quality.has_reason(code) {
-            quality.put_to_review(code, &sentence);
-        }
-    };
-    if lean > MOST_LEAN_DEGREES {
-        doubt(
-            "axes-sheared",
-            format!(
-                "the axes of the header lean by {lean:.1}° from right angles; lengths and depths are true only if the head was scanned so, \
-                 and wrong if it was registered to a template"
-            ),
-        );
-    }
-    if replaced.enclosed > 0 {
-        doubt(
-            "voxels-not-finite",
-            format!(
-                "{} voxels within the volume are not finite numbers and are shown as 0; do they lie in the brain?",
-                replaced.enclosed
-            ),
-        );
-    }
 }
 
 /// The stage that begins with a step; `None` for a step within a stage.

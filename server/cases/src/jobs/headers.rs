@@ -1,11 +1,7 @@
 //! Doubts two cases that have the same voxels with other axes.
 
-use case::{AXES_CORRECTED, CaseFacts, CaseId};
+use case::{CaseFacts, CaseId};
 use storage::{Store, StoreError};
-
-pub(super) const SENTENCE: &str = "another case has the same voxels with other axes, so that one of the two headers is wrong. The picture cannot tell \
-                        left from right: ask whoever made the file which side is left, then delete both cases and upload the volume with the \
-                        correct header";
 
 /// How many cases with the same voxels are compared.
 const MOST_COMPARED: usize = 100;
@@ -29,9 +25,7 @@ pub(super) async fn contradicts_header(
         let other = case.facts.as_ref().and_then(|facts| facts.voxels.as_ref());
         if other.is_some_and(|other| voxels.has_other_axes(other)) {
             is_doubtful = true;
-            store
-                .put_to_review(&case.id, AXES_CORRECTED, SENTENCE)
-                .await?;
+            store.doubt_axes(&case.id).await?;
         }
     }
     Ok(is_doubtful)

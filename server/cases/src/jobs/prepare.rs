@@ -4,11 +4,11 @@ use std::any::Any;
 use std::sync::atomic::AtomicBool;
 
 use async_trait::async_trait;
-use case::{AXES_CORRECTED, Case, Failure, FailureKind, JobKind, Progress, Stage};
+use case::{Case, Failure, FailureKind, JobKind, Progress, Stage};
 use pipeline::{Derived, Input};
 use storage::{Count, Published, Publisher, StoreError, frame_all};
 
-use super::headers::{SENTENCE, contradicts_header};
+use super::headers::contradicts_header;
 use super::usual_terms;
 use crate::library::Library;
 use crate::runner::{End, Failed, Running, Terms, Work};
@@ -35,8 +35,8 @@ impl Work for PrepareCase {
         };
         let mut derived = self.derive(job, case).await?;
         let is_doubtful = contradicts_header(store, &id, &derived.facts).await?;
-        if let Some(quality) = derived.facts.quality.as_mut().filter(|_| is_doubtful) {
-            quality.put_to_review(AXES_CORRECTED, SENTENCE);
+        if let Some(quality) = derived.facts.quality.as_mut() {
+            quality.set_axes_corrected(is_doubtful);
         }
         let storing = Progress::at(Stage::Storing);
         job.report(&storing);
@@ -53,7 +53,7 @@ impl Work for PrepareCase {
                 tracing::info!(job = job.claim.fence, case = id.short(), "a case is ready");
                 // Another one may have become ready meanwhile.
                 if contradicts_header(store, &id, &derived.facts).await? {
-                    store.put_to_review(&id, AXES_CORRECTED, SENTENCE).await?;
+                    store.doubt_axes(&id).await?;
                 }
             }
             Published::Fenced => tracing::info!(

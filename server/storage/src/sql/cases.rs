@@ -9,7 +9,7 @@ use crate::jobs::NewJob;
 use crate::rows::{Inserted, Made, NewCase, Pinned, Referred};
 use crate::{CaseQuery, Cursor, ObjectName, Page, StoreError};
 use case::images::Closed;
-use case::{AXES_CORRECTED, Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
+use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
 
 /// A case with its job's progress, which `read` understands. A `WHERE` or `ORDER BY` may follow.
 macro_rules! select_case {
@@ -512,13 +512,10 @@ async fn forget_contradictions(
         let Some(mut facts) = case.facts.clone().filter(|_| !is_contradicted) else {
             continue;
         };
-        match &mut facts.quality {
-            Some(quality) if quality.has_reason(AXES_CORRECTED) => {
-                quality.withdraw(AXES_CORRECTED);
-            }
-            _ => continue,
+        let quality = facts.quality.as_mut();
+        if quality.is_some_and(|quality| quality.set_axes_corrected(false)) {
+            change_facts(connection, &case.id, &facts).await?;
         }
-        change_facts(connection, &case.id, &facts).await?;
     }
     Ok(())
 }

@@ -339,24 +339,19 @@ impl Store {
         cases::objects(&mut self.rows().connect().await?, id).await
     }
 
-    /// Puts a ready case to review for a further reason; nothing if it has the reason already, or no verdict.
+    /// Doubts the axes of a ready case, because another one has the same voxels with other axes; nothing if it has no verdict.
     ///
     /// # Errors
     /// If the rows cannot be read or written.
-    pub async fn put_to_review(
-        &self,
-        id: &CaseId,
-        code: &str,
-        sentence: &str,
-    ) -> Result<(), StoreError> {
+    pub async fn doubt_axes(&self, id: &CaseId) -> Result<(), StoreError> {
         let (mut transaction, _) = self.rows().write().await?;
         let case = cases::one(&mut transaction, id).await?;
         let Some(mut facts) = case.and_then(|case| case.facts) else {
             return Ok(());
         };
-        match &mut facts.quality {
-            Some(quality) if !quality.has_reason(code) => quality.put_to_review(code, sentence),
-            _ => return Ok(()),
+        let quality = facts.quality.as_mut();
+        if !quality.is_some_and(|quality| quality.set_axes_corrected(true)) {
+            return Ok(());
         }
         cases::change_facts(&mut transaction, id, &facts).await?;
         transaction.commit().await?;
