@@ -7,7 +7,7 @@ use geometry::{BrainCuts, BrainMask, DistanceMap, Face, Grid, Mask, Volume};
 use glam::{DAffine3, DVec3};
 
 use crate::flatness::flatness;
-use crate::rim::{Rim, rim};
+use crate::rim::{Rim, rim, without_scalp};
 use crate::slices::{Slices, lateral_axis, slices};
 use crate::supplied::{Comparison, doubts_of_border};
 use crate::{ExtractionError, Prediction};
@@ -175,6 +175,14 @@ impl Because {
 /// How far the axes of a header may be from right angles, as for the slices of a DICOM series.
 const MOST_LEAN_DEGREES: f64 = 0.5;
 
+/// The sides on which a head has scalp: faces are removed in front, and below is the neck.
+const SCALP_SIDES: [Face; 4] = [Face::Left, Face::Right, Face::Posterior, Face::Superior];
+
+/// The share of a side beyond which there may be nothing but air, and the same of each other side. Along the axes, three sound heads have
+/// 0 on each side; with the uppermost 20 mm faded out, they have 0.36 to 0.42 above, and with noise there 0.59 to 0.66.
+const MOST_BARE: f64 = 0.2;
+const MOST_BARE_ELSEWHERE: f64 = 0.1;
+
 /// The fewest different values of a volume that shows two tissues: 8 bits give 100 and more, label maps and masks a few dozen.
 const LEAST_VALUES: usize = 64;
 
@@ -245,6 +253,9 @@ pub fn judge(masked: Masked<'_>, origin: Origin<'_>) -> Result<Quality, Extracti
     quality.judge_pieces();
     quality.judge_cuts();
     quality.judge_slices(masked);
+    if !matches!(origin, Origin::Stripped(_)) {
+        quality.judge_scalp(masked);
+    }
     match origin {
         Origin::Predicted(prediction) => {
             quality.judge_as_found(masked);
@@ -289,6 +300,25 @@ impl Quality {
             comparison: None,
             slices: [None; 3],
             other_patient_from_voxel: None,
+        }
+    }
+
+    /// Whether a side of the brain ends in air while the others lie below scalp: the head fades out there, or its slices are noise.
+    fn judge_scalp(&mut self, masked: Masked<'_>) {
+        let bare = without_scalp(masked.volume, masked.closed).unwrap_or_default();
+        let share = |face: Face| bare[face as usize];
+        for face in SCALP_SIDES {
+            let others = SCALP_SIDES.into_iter().filter(|&other| other != face);
+            let is_alone = others.map(share).fold(0.0, f64::max) < MOST_BARE_ELSEWHERE;
+            let is_bare = share(face) > MOST_BARE;
+            self.say(review_if(is_alone && is_bare), "scalp-missing", || {
+                format!(
+                    "beyond {:.0} % of the {} side of the brain there is nothing but air, and scalp on the other sides; does the brain \
+                     fade out or end in noise there?",
+                    100.0 * share(face),
+                    face.name()
+                )
+            });
         }
     }
 

@@ -8,8 +8,20 @@ use rayon::prelude::*;
 const WITHIN_MM: [f32; 4] = [3.0, 4.5, 6.0, 7.5];
 const AROUND_MM: [f32; 3] = [2.0, 3.5, 5.0];
 
+/// Where scalp is looked for beyond the border, in mm, and how bright it is at least, on the scale of [`LIKE_BRAIN`].
+const SCALP_MM: [f32; 14] = [
+    4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 18.0, 20.0, 22.0, 24.0, 26.0, 28.0, 30.0,
+];
+const SCALP: f32 = 0.2;
+
+/// The least room between the border and the end of the volume, in mm, for scalp to be expected there.
+const ROOM_MM: f32 = 14.0;
+
 /// The approximate number of sampled border points.
 const PLACES: usize = 10_000;
+
+/// The fewest border points by which a side is judged.
+const LEAST_PLACES: u32 = 100;
 
 /// The depth below which the inside of the brain begins, in mm.
 const INSIDE_MM: f32 = 18.0;
@@ -52,6 +64,43 @@ pub(crate) fn rim(volume: &Volume, distance: &DistanceMap) -> Option<Rim> {
         elsewhere: most(moves(middle)),
         flipped: most(flips(volume.grid()).to_vec()),
     })
+}
+
+/// The share of the border, towards each side in the order of [`geometry::Face::ALL`], beyond which there is nothing but air although the volume
+/// goes on; 0 where too little of the border faces a side.
+pub(crate) fn without_scalp(volume: &Volume, distance: &DistanceMap) -> Option<[f64; 6]> {
+    let scale = Scale::of(volume, distance)?;
+    let native_from_patient = volume.grid().voxel_from_patient();
+    let (mut bare, mut all) = ([0u32; 6], [0u32; 6]);
+    for place in border(distance) {
+        let outwards = -place.inwards;
+        // Within 45° of one side.
+        if outwards.abs().max_element() < std::f64::consts::FRAC_1_SQRT_2 {
+            continue;
+        }
+        let at = |mm: f32| {
+            let position = place.position + outwards * f64::from(mm);
+            let stored = volume.sample(native_from_patient.transform_point3(position).as_vec3());
+            stored.map(|stored| scale.of_stored(stored))
+        };
+        if at(ROOM_MM).is_none() {
+            continue;
+        }
+        let axis = outwards.abs().max_position();
+        let face = 2 * axis + usize::from(outwards[axis] < 0.0);
+        all[face] += 1;
+        bare[face] += u32::from(
+            SCALP_MM
+                .into_iter()
+                .filter_map(at)
+                .all(|value| value < SCALP),
+        );
+    }
+    let share = |face: usize| match all[face] >= LEAST_PLACES {
+        true => f64::from(bare[face]) / f64::from(all[face]),
+        false => 0.0,
+    };
+    Some([0, 1, 2, 3, 4, 5].map(share))
 }
 
 /// The affines that flip the voxels of a grid along its axes.

@@ -96,6 +96,47 @@ pub(crate) fn zeros(volume: &Volume, brain: &BrainMask, face: Face, mm: f64) -> 
     })
 }
 
+/// A volume of which `kept` tells how much remains above air, by the distance below a brain's top in mm.
+fn above_air(volume: &Volume, brain: &BrainMask, kept: impl Fn(f64, [usize; 3]) -> f64) -> Volume {
+    let (axis, is_at_end, top) = plane_within(volume.grid(), brain, Face::Superior, 0.0);
+    let (air, spacing_mm) = (air(volume), volume.grid().spacing_mm()[axis]);
+    with_values(volume, |stored, voxel| {
+        let below = top as f64 - voxel[axis] as f64;
+        let below_mm = spacing_mm * if is_at_end { below } else { -below };
+        air + (f64::from(stored) - air) * kept(below_mm, voxel)
+    })
+}
+
+/// A volume that fades to air from `mm` below a brain's top upwards.
+pub(crate) fn fading(volume: &Volume, brain: &BrainMask, mm: f64) -> Volume {
+    above_air(volume, brain, |below_mm, _| {
+        (below_mm / mm).clamp(0.0, 1.0).powi(2)
+    })
+}
+
+/// A volume with faint noise in place of what lies less than `mm` below a brain's top, and above it.
+pub(crate) fn ending_in_noise(volume: &Volume, brain: &BrainMask, mm: f64) -> Volume {
+    above_air(volume, brain, |below_mm, voxel| match below_mm < mm {
+        true => 0.05 * noise(voxel),
+        false => 1.0,
+    })
+}
+
+/// A mask without what lies less than `mm` below its top.
+pub(crate) fn lowered(brain: &BrainMask, mm: f64) -> Mask {
+    let mask = brain.mask();
+    let [_, high] = bounds(mask);
+    let grid = mask.grid();
+    let voxel = |index: usize| {
+        let place = grid
+            .patient_from_voxel()
+            .transform_point3(as_position(grid.voxel(index)));
+        mask.voxels()[index] && place.z < high.z - mm
+    };
+    let voxels = (0..grid.voxel_count()).map(voxel).collect();
+    Mask::new(grid.clone(), voxels).expect("the same grid")
+}
+
 /// The same above a plane that leans by an angle, as of a slab that was turned before it was resampled.
 pub(crate) fn oblique_zeros(volume: &Volume, brain: &BrainMask, mm: f64, angle_rad: f64) -> Volume {
     let [low, high] = bounds(brain.mask());

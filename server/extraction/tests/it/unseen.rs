@@ -4,7 +4,7 @@ use extraction::{Masked, Network, Opinion, Origin, Quality, Verdict, closed, jud
 use geometry::{BrainMask, Mask, Volume, phantom};
 use glam::DVec3;
 
-use crate::spoiled::{bare, biased, noisy, thick};
+use crate::spoiled::{bare, biased, ending_in_noise, fading, lowered, noisy, thick};
 use crate::support::{black, go_on, head, network, silver};
 use crate::wrong_heads::with_values;
 
@@ -249,4 +249,29 @@ fn a_mask_is_doubted_if_the_network_finds_no_brain_to_compare_it_with() {
     assert!(!alone.contains(&"network-no-brain"), "{alone:?}");
     assert!(of(Opinion::NoBrain).contains(&"network-no-brain"));
     assert_eq!(of(Opinion::Uncertain), alone);
+}
+
+#[test]
+fn a_brain_that_fades_out_or_ends_in_noise_is_doubted_and_a_sound_one_is_not() {
+    for (name, volume, brain) in heads() {
+        let is_doubted = |volume: &Volume, mask: &Mask| {
+            let quality = rated(volume, mask, Origin::Supplied(Opinion::NotAsked));
+            println!("{name}: {:?}", quality.reasons);
+            codes(&quality).contains(&"scalp-missing")
+        };
+        let sound = [
+            volume.clone(),
+            biased(&volume),
+            noisy(&volume, &brain, 0.3),
+            bare(&volume, &brain),
+        ];
+        for volume in sound {
+            assert!(!is_doubted(&volume, brain.mask()), "{name}");
+        }
+        // Masks end where half of the signal is lost.
+        let faded = fading(&volume, &brain, 20.0);
+        assert!(is_doubted(&faded, &lowered(&brain, 12.0)), "{name}");
+        let noise = ending_in_noise(&volume, &brain, 20.0);
+        assert!(is_doubted(&noise, &lowered(&brain, 20.0)), "{name}");
+    }
 }
