@@ -191,6 +191,9 @@ const MOST_ORDER: f64 = 0.88;
 const MORE_THAN_OTHERS: f64 = 1.15;
 const MOST_STEP: f64 = 2.2;
 
+/// The greatest distance of slices whose steps are judged, in mm: a smooth pattern in voxels of 4 mm has a step of 3.
+const COARSEST_STEP_MM: f64 = 2.05;
+
 /// The names of the axes of a file.
 const AXES: [&str; 3] = ["first", "second", "third"];
 
@@ -448,8 +451,9 @@ impl Quality {
             // Noise makes all axes alike.
             let is_mixed =
                 order > MOST_ORDER && order > MORE_THAN_OTHERS * others.fold(0.0, f64::max);
-            // From left to right, the fissure is a step in every head.
-            let is_moved = step > MOST_STEP && axis != lateral_axis(grid);
+            // From left to right, the fissure is a step in every head; of coarse slices, too few lie around one to compare it with.
+            let is_fine = grid.spacing_mm()[axis] <= COARSEST_STEP_MM;
+            let is_moved = step > MOST_STEP && is_fine && axis != lateral_axis(grid);
             let name = AXES[axis];
             self.say(review_if(is_mixed), "slices-order", || {
                 format!(
