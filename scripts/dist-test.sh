@@ -9,8 +9,8 @@ set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
 
-dist=$PWD/$(target_dir)/dist
-work=$PWD/$(target_dir)/dist-test
+dist=$(target_dir)/dist
+work=$(target_dir)/dist-test
 golden=$(cat tests/golden/colin27-left-12mm.sha256)
 failed=()
 mkdir -p "$work"

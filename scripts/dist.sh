@@ -35,7 +35,7 @@ tools() {
     python3 -m venv "$folder" && "$folder/bin/pip" install --quiet "${PYTHON_TOOLS[@]}"
   }
   [ -x "$folder/bin/cargo-auditable" ] || cargo install --quiet --locked --version 0.7.7 --root "$folder" cargo-auditable
-  PATH=$PWD/$folder/bin:$PATH
+  PATH=$folder/bin:$PATH
 }
 
 build() {
