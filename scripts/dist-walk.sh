@@ -109,7 +109,7 @@ case $kind in
     authorization=()
     rm -r /etc/systemd/system/isocortex.service.d
     systemctl daemon-reload
-    sed -i 's,^data = ,date = ,' /etc/isocortex/isocortex.toml
+    sed -i 's,^token_file,# token_file,; s,^data = ,date = ,' /etc/isocortex/isocortex.toml
     ! systemctl restart isocortex 2>/dev/null || fail "it restarts with a wrong configuration"
     journalctl -u isocortex --no-pager | grep -q 'unknown field .date.' || fail "the log does not name the wrong setting"
     sed -i 's,^date = ,data = ,' /etc/isocortex/isocortex.toml
