@@ -30,7 +30,7 @@ sbom: ## write the list of the crates that the program is made of, as CycloneDX 
 dist: ## make everything that is released, in target/dist/: archive, Debian package, wheel, list of crates, checksums
 	@scripts/dist.sh
 
-dist-test: ## install, start, upgrade and remove what `make dist` made, without a network; needs root
+dist-test: ## install, start, upgrade and remove what `make dist` made; needs root
 	@scripts/dist-test.sh
 
 lab: ## check, build and test the laboratory: the paper, the study, comparisons with other programs

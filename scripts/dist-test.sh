@@ -1,16 +1,16 @@
 #!/usr/bin/env bash
 # Tests what `make dist` has made, as somebody who gets it: dist-walk.sh, where nothing of Isocortex was ever installed, without a network.
 #
-#   scripts/dist-test.sh [archive|wheel|bookworm|trixie]    by default all of these
-#   IMAGE=NAME scripts/dist-test.sh image                   an image, with Docker
+#   scripts/dist-test.sh [archive|wheel|bookworm|trixie|image]    by default all of these
 #
-# The package is installed in a fresh Debian, which systemd boots (systemd-nspawn); that needs root. The seconds are those since the walk began.
+# The package is installed in a fresh Debian, which systemd boots (systemd-nspawn); that needs root. The image is IMAGE, or the one that Docker builds
+# of the archive; without Docker, buildah builds it and no container engine runs it. The seconds are those since the walk began.
 set -euo pipefail
 # shellcheck source=scripts/lib.sh
 . "$(dirname "$0")/lib.sh"
 
-dist=$PWD/$(target_dir)/dist
-work=$PWD/$(target_dir)/dist-test
+dist=$(target_dir)/dist
+work=$(target_dir)/dist-test
 golden=$(cat tests/golden/colin27-left-12mm.sha256)
 failed=()
 mkdir -p "$work"
@@ -62,8 +62,9 @@ oldest_python() {
 }
 
 booted() {
-  local suite=$1 file=$2 tree=$work/$1/tree
-  { have mmdebstrap && have systemd-nspawn; } || install_packages mmdebstrap systemd-container
+  local suite=$1 file=$2 archive=$3 tree=$work/$1/tree
+  # The keys are there on Debian, but not on Ubuntu.
+  { have mmdebstrap && have systemd-nspawn; } || install_packages mmdebstrap systemd-container debian-archive-keyring
   [ -e "$work/$suite.tar" ] || {
     say "making a Debian $suite"
     mmdebstrap --quiet --variant=minbase --include=systemd,systemd-sysv,dbus,adduser,curl,procps "$suite" "$work/part.$suite.tar" &&
@@ -72,7 +73,7 @@ booted() {
   rm -rf "${work:?}/$suite"
   mkdir -p "$tree/root/out"
   tar -C "$tree" -xf "$work/$suite.tar"
-  cp "$file" scripts/dist-walk.sh "$tree/root/"
+  cp "$file" "$archive" scripts/dist-walk.sh "$tree/root/"
   cat >"$tree/etc/systemd/system/walk.service" <<E2
 [Unit]
 After=multi-user.target
@@ -94,17 +95,26 @@ E2
   rm -rf "$tree"
 }
 
+image() {
+  rm -rf "${work:?}/image"
+  mkdir -p "$work/image/out"
+  if docker info >/dev/null 2>&1; then
+    [ -n "${IMAGE-}" ] || docker build --file docker/Dockerfile --build-arg PROGRAM=archive --tag "${IMAGE:=isocortex}" .
+    scripts/dist-walk.sh image "$IMAGE" "$work/image/out"
+  else
+    { have buildah && have debootstrap; } || install_packages buildah debootstrap
+    python3 tests/faults/built_image.py --archive "$work/image/out"
+  fi
+}
+
 [ "$(id -u)" = 0 ] || [ "${1-}" = image ] || die "systemd-nspawn and namespaces of the network need root"
 case ${1-} in
   archive) walk archive "$(one '*.tar.gz')" ;;
   wheel) PYTHON=${PYTHON:-$(oldest_python)} walk wheel "$(one '*.whl')" ;;
-  image)
-    mkdir -p "$work/image/out"
-    scripts/dist-walk.sh image "$IMAGE" "$work/image/out"
-    ;;
-  bookworm | trixie) booted "$1" "$(one '*.deb')" ;;
+  image) image ;;
+  bookworm | trixie) booted "$1" "$(one '*.deb')" "$(one '*.tar.gz')" ;;
   *)
-    for name in archive wheel bookworm trixie; do "$PWD/scripts/dist-test.sh" "$name" || failed+=("$name"); done
+    for name in archive wheel bookworm trixie image; do "$PWD/scripts/dist-test.sh" "$name" || failed+=("$name"); done
     [ "${#failed[@]}" = 0 ] || die "failed: ${failed[*]}"
     exit 0
     ;;

@@ -45,13 +45,21 @@ demo() {
 
 # The blocks of docs/install.md that are marked for this test, as root would type them.
 documented() {
-  sed -n "/<!-- dist-test: $1 -->/,/^\`\`\`\$/p" /usr/share/doc/isocortex/install.md | sed '1,2d;$d' >"$out/$1.sh"
+  sed -n "/<!-- dist-test: $1 -->/,/^\`\`\`\$/p" "$out/install.md" | sed '1,2d;$d' >"$out/$1.sh"
   [ -s "$out/$1.sh" ] || fail "docs/install.md has no block \`$1\`"
   bash -euxo pipefail "$out/$1.sh" >"$out/$1.txt" 2>&1 || fail "$1: $(tail -n 5 "$out/$1.txt")"
   step "as documented: $1"
 }
 
-answers() { curl -sSf --retry 50 --retry-connrefused --retry-delay 1 -o /dev/null $server/healthz 2>/dev/null; }
+answers() {
+  curl -sSf --retry 50 --retry-connrefused --retry-delay 1 -o /dev/null $server/healthz 2>/dev/null || fail "no answer: $(log 2>&1 | tail -n 5)"
+}
+log() {
+  case $kind in
+    image) docker logs isocortex-walk ;;
+    *) journalctl -u isocortex --no-pager ;;
+  esac
+}
 
 case $kind in
   archive)
@@ -77,7 +85,7 @@ case $kind in
     cd "$(dirname "$file")"
     apt-get install -y --no-install-recommends "$file" >"$out/install.txt" 2>&1 || fail "$(tail -n 5 "$out/install.txt")"
     step "installed"
-    answers || fail "the service does not answer: $(journalctl -u isocortex --no-pager | tail -n 5)"
+    answers
     [ "$(ps -o user= -p "$(systemctl show -p MainPID --value isocortex)")" = isocortex ] || fail "it runs as another user"
     step "the service listens"
     upload /usr/share/isocortex/ch2.nii.gz
@@ -86,9 +94,27 @@ case $kind in
     systemd-analyze verify --man=no isocortex.service || fail "the unit"
     systemd-analyze security --no-pager isocortex.service | tail -n 1 || true
     dpkg --install "$file" >>"$out/install.txt" 2>&1 || fail "$(tail -n 5 "$out/install.txt")"
-    answers && picture $server "$id" upgraded
+    answers
+    picture $server "$id" upgraded
+    cp /usr/share/doc/isocortex/docs/install.md "$out/"
     documented tokens
     documented check
+    tr -d - </proc/sys/kernel/random/uuid >/root/token
+    chmod 600 /root/token
+    documented credential
+    authorization=(-H "Authorization: Bearer $(cat /root/token)")
+    answers
+    picture $server "$id" token
+    [ "$(curl -s -o /dev/null -w '%{http_code}' $server/v1/cases)" = 401 ] || fail "it answers without a token"
+    authorization=()
+    rm -r /etc/systemd/system/isocortex.service.d
+    systemctl daemon-reload
+    sed -i 's,^token_file,# token_file,; s,^data = ,date = ,' /etc/isocortex/isocortex.toml
+    ! systemctl restart isocortex 2>/dev/null || fail "it restarts with a wrong configuration"
+    journalctl -u isocortex --no-pager | grep -q 'unknown field .date.' || fail "the log does not name the wrong setting"
+    sed -i 's,^date = ,data = ,' /etc/isocortex/isocortex.toml
+    systemctl restart isocortex
+    answers
     systemctl stop isocortex
     [ "$(systemctl show -p Result --value isocortex)" = success ] || fail "the service did not end well"
     step "stopped"
@@ -99,10 +125,19 @@ case $kind in
     [ ! -e /etc/isocortex/isocortex.toml ] || fail "the purge left the configuration"
     [ -e /var/lib/isocortex/rows.sqlite ] || fail "the purge removed the store"
     apt-get install -y --no-install-recommends "$file" >>"$out/install.txt" 2>&1
-    answers && picture $server "$id" kept
+    answers
+    picture $server "$id" kept
     echo 'isocortex isocortex/remove-store boolean true' | debconf-set-selections
     apt-get purge -y isocortex >>"$out/remove.txt" 2>&1
     [ ! -e /var/lib/isocortex ] || fail "the store is left although its removal was asked for"
+    # On a machine that has never seen the package.
+    userdel isocortex
+    rm -r /var/log/isocortex /etc/isocortex /root/token
+    documented archive
+    answers
+    upload /usr/local/share/isocortex/ch2.nii.gz
+    picture $server "$id" archive
+    systemctl stop isocortex
     ;;
   image)
     token=$(openssl rand -hex 16)
@@ -115,11 +150,12 @@ case $kind in
       --env ISOCORTEX_CREATE=true "$file"
     trap 'docker rm --force --volumes isocortex-walk >/dev/null' EXIT
     docker cp isocortex-walk:/usr/local/share/isocortex/ch2.nii.gz "$out/"
-    answers || fail "the server does not answer: $(docker logs isocortex-walk 2>&1 | tail -n 5)"
+    answers
     upload "$out/ch2.nii.gz"
     picture $server "$id" first
     docker restart isocortex-walk
-    answers && picture $server "$id" restarted
+    answers
+    picture $server "$id" restarted
     docker stop isocortex-walk
     ;;
   *) fail "no such kind" ;;

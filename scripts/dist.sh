@@ -35,7 +35,7 @@ tools() {
     python3 -m venv "$folder" && "$folder/bin/pip" install --quiet "${PYTHON_TOOLS[@]}"
   }
   [ -x "$folder/bin/cargo-auditable" ] || cargo install --quiet --locked --version 0.7.7 --root "$folder" cargo-auditable
-  PATH=$PWD/$folder/bin:$PATH
+  PATH=$folder/bin:$PATH
 }
 
 build() {
@@ -55,20 +55,22 @@ build() {
 
 # The tree that all packages hold.
 stage() {
-  local weights head
+  local weights head doc=$root/share/doc/isocortex
   weights=$(scripts/network.sh)
   head=$(scripts/head.sh)
   gzip -dc "$head/ch2.nii.gz" | sha256sum | grep -q "^$HEAD_SHA256 " || die "$head/ch2.nii.gz is another head than Colin27 of mricron-data"
   rm -rf "$root"
-  mkdir -p "$root/bin" "$root/share/isocortex" "$root/share/doc/isocortex"
+  mkdir -p "$root/bin" "$root/share/isocortex" "$doc"
   cp "$program" "$root/bin/isocortex"
   cp "$weights" "$head/ch2.nii.gz" "$root/share/isocortex/"
-  cp README.md SECURITY.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE NOTICE docs/*.md "$root/share/doc/isocortex/"
-  cp "$head/../../doc/mricron-data/copyright" "$root/share/doc/isocortex/COLIN27"
+  # Where they are in the checkout, so that their links lead somewhere.
+  git ls-files -z README.md SECURITY.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE NOTICE docs docker scripts/debian/isocortex.{toml,service} |
+    tar -cf - --null -T - | tar -xf - -C "$doc"
+  cp "$head/../../doc/mricron-data/copyright" "$doc/COLIN27"
   # It runs the program, so a package is made on a machine of its own kind.
   "$root/bin/isocortex" manual "$root/share"
   chmod -R u=rwX,go=rX "$root"
-  chmod 644 "$root"/share/*/isocortex/* "$root"/share/isocortex/*
+  find "$root/share" -type f -exec chmod 644 {} +
 }
 
 say "== Isocortex $version for $target"
@@ -80,6 +82,9 @@ stage
 scripts/pack.py "$root" "$dist" "$version" "$target"
 case $target in *-linux-gnu) scripts/deb.sh "$root" "$dist" "$version" "$target" ;; esac
 scripts/sbom.py "$dist/isocortex-$version-$target.cdx.json" "$target"
-(cd "$dist" && sha256sum ./*.{tar.gz,whl,deb,json} 2>/dev/null | sed 's, \./, ,' >SHA256SUMS)
-"$root/bin/isocortex" --version
-(cd "$dist" && du -b -- *.* SHA256SUMS | awk '{ printf "%8.1f MB  %s\n", $1 / 1e6, $2 }')
+shopt -s nullglob
+cd "$dist"
+made=(*.{tar.gz,whl,deb,json})
+sha256sum "${made[@]}" >SHA256SUMS
+root/bin/isocortex --version
+wc -c "${made[@]}" | awk '{ printf "%8.1f MB  %s\n", $1 / 1e6, $2 }'

@@ -10,7 +10,12 @@ die() {
   exit 1
 }
 
-target_dir() { printf '%s' "${CARGO_TARGET_DIR:-target}"; }
+target_dir() {
+  case ${CARGO_TARGET_DIR:=target} in
+    /*) printf '%s' "$CARGO_TARGET_DIR" ;;
+    *) printf '%s' "$PWD/$CARGO_TARGET_DIR" ;;
+  esac
+}
 
 # Runs a command of cargo in the laboratory, a workspace of its own that shares the target directory.
 lab_cargo() {

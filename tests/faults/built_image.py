@@ -3,7 +3,8 @@
 The images that it begins with are replaced by stand-ins of the same names (stand_ins.py): Debian by debootstrap, and this machine's Rust, Node and
 Python. It is built twice from the same sources, which must give the same image. By default it compiles with little optimisation, and the second time
 only what is not there. `--release` compiles as the Dockerfile does, both times from nothing; `--short` does not compile: it puts the program of
-ISOCORTEX_BINARY into the image. What is made stays in target/image; remove that folder to begin again.
+ISOCORTEX_BINARY into the image. `--archive FOLDER` takes what `make dist` made, with PROGRAM=archive, and writes pictures of the sample head into the
+folder (scripts/dist-test.sh). What is made stays in target/image; remove that folder to begin again.
 
 The program runs in namespaces of its own for processes, mounts and network: with the image's user, variables and command, without capabilities, and
 with nothing to write to but /data and /tmp, as docker/compose.yaml asks.
@@ -25,7 +26,7 @@ import time
 
 from attack import FORM, Report, Server, form, head, program
 from proxy import ROOT
-from stand_ins import Buildah, is_possible, make_all, run, say
+from stand_ins import Buildah, is_possible, make_debian, make_toolchains, run, say
 
 IMAGE = "localhost/isocortex"
 TOKEN = "t" * 64
@@ -36,22 +37,23 @@ QUICK = {
 }
 
 
-def dockerfile(folder):
+def dockerfile(folder, archive):
     """docker/Dockerfile as this buildah can read it: Debian's 1.28 does not know --start-interval."""
     with open(os.path.join(ROOT, "docker/Dockerfile")) as file:
         text = file.read()
     version = re.search(r"(\d+)\.(\d+)", run("buildah", "--version"))
     if tuple(map(int, version.groups())) < (1, 33):
         text = text.replace(" --start-interval=1s", "")
-        # It builds all stages, of which `archive` needs what `make dist` makes, and follows no variable to a stage.
-        text = re.sub(r"FROM \S+ AS archive\n.*?\n\n", "", text, flags=re.DOTALL).replace("FROM ${PROGRAM} AS", "FROM source AS")
+        # It builds all stages and follows no variable to a stage.
+        unused = r"FROM .*(?=FROM \S+ AS archive\n)" if archive else r"FROM \S+ AS archive\n.*?\n\n"
+        text = re.sub(unused, "", text, count=1, flags=re.DOTALL).replace("FROM ${PROGRAM} AS", f"FROM {'archive' if archive else 'source'} AS")
     adapted = os.path.join(folder, "Dockerfile")
     with open(adapted, "w") as file:
         file.write(text)
     return adapted
 
 
-def build(buildah, turn, keeps_compiled):
+def build(buildah, turn, keeps_compiled, archive):
     """Builds the image; the digests of its layers, and its configuration."""
     compiled = os.path.join(buildah.environment["TMPDIR"], "buildah-cache")
     if not keeps_compiled:
@@ -60,8 +62,8 @@ def build(buildah, turn, keeps_compiled):
     begun = time.monotonic()
     buildah(
         "bud", "--pull-never", "--isolation", "chroot", "--timestamp", "0", "--no-cache", "--format", "docker",
-        "--ignorefile", os.path.join(ROOT, "docker/Dockerfile.dockerignore"), "-f", dockerfile(buildah.folder),
-        "-t", f"{IMAGE}:{turn}", ROOT,
+        "--ignorefile", os.path.join(ROOT, "docker/Dockerfile.dockerignore"), "-f", dockerfile(buildah.folder, archive),
+        "--build-arg", f"PROGRAM={'archive' if archive else 'source'}", "-t", f"{IMAGE}:{turn}", ROOT,
     )
     say(f"built in {time.monotonic() - begun:.0f} s")
     image = json.loads(buildah("inspect", "--type", "image", f"{IMAGE}:{turn}"))["Docker"]
@@ -88,17 +90,20 @@ def main():
     options = argparse.ArgumentParser()
     options.add_argument("--release", action="store_true")
     options.add_argument("--short", action="store_true")
+    options.add_argument("--archive", metavar="FOLDER")
     options.add_argument("--folder", default=os.path.join(ROOT, "target/image"))
     options.add_argument("--inside", help=argparse.SUPPRESS)
     asked = options.parse_args()
     if asked.inside:
         return inside(asked.inside)
     report = Report("the image of docker/Dockerfile, built and run")
-    is_possible()
+    is_possible(*([] if asked.archive else ["rustc", "node", "npm"]))
     buildah = Buildah(os.path.abspath(asked.folder))
-    make_all(buildah, program() if asked.short else None, None if asked.release else QUICK)
+    make_debian(buildah)
+    if not asked.archive:
+        make_toolchains(buildah, program() if asked.short else None, None if asked.release else QUICK)
     turns = ["first", "second"]
-    (layers, config), (layers_again, config_again) = [build(buildah, turn, keeps_compiled=not asked.release) for turn in turns]
+    (layers, config), (layers_again, config_again) = [build(buildah, turn, not asked.release, asked.archive) for turn in turns]
     last = [of[-1][:19] for of in (layers, layers_again)]
     report.expect("two builds of the same sources have the same layers", layers == layers_again, " ".join(last))
     if layers != layers_again:
@@ -119,7 +124,7 @@ def main():
         report.expect("no source is in it", not os.path.exists(f"{files}/source") and not os.path.exists(f"{files}/out"))
         with tempfile.TemporaryDirectory(prefix="isocortex-image-") as folder:
             with open(f"{folder}/run.json", "w") as file:
-                json.dump({"files": files, "config": config}, file)
+                json.dump({"files": files, "config": config, "pictures": asked.archive and os.path.abspath(asked.archive)}, file)
             shell = ["unshare", "--net", "--mount", "--pid", "--fork", "--kill-child"]
             done = subprocess.run([*shell, sys.executable, __file__, "--inside", folder], stdin=subprocess.DEVNULL)
         report.failed += done.returncode != 0
@@ -204,17 +209,22 @@ def inside(folder):
     report.expect("it does not start without a store", without.returncode == 78 and "init-store" in without.stderr, without.stderr[-200:].strip())
     made = as_user(*config["Entrypoint"], "init-store")
     report.expect("`init-store` makes one", made.returncode == 0, made.stderr[-200:].strip())
-    with open(f"{folder}/log", "wb") as log:
-        process = subprocess.Popen(
-            [*user, *config["Entrypoint"], *config["Cmd"]], env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log
-        )
-    try:
+
+    def started():
+        with open(f"{folder}/log", "ab") as log:
+            process = subprocess.Popen(
+                [*user, *config["Entrypoint"], *config["Cmd"]], env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log
+            )
         begun = time.monotonic()
         while as_user(config["Healthcheck"]["Test"][1]).returncode != 0:
             with open(f"{folder}/log") as log:
                 assert process.poll() is None and time.monotonic() < begun + 60, log.read()[-2000:]
             time.sleep(0.1)
         report.figure("healthy after", f"{time.monotonic() - begun:.1f} s")
+        return process
+
+    process = started()
+    try:
         # Not /proc, which is of the machine's processes.
         with open(f"{root}/proc/{process.pid}/status") as file:
             status = {name: value.strip() for name, _, value in (line.partition(":") for line in file)}
@@ -225,7 +235,11 @@ def inside(folder):
         client.port = int(environment["ISOCORTEX_LISTEN"].rsplit(":", 1)[1])
         report.expect("without the token it answers 401", client.ask("GET", "/v1/cases")[0] == 401)
         token = {"Authorization": f"Bearer {TOKEN}"}
-        body = form([("volume", head(4.0))])
+        volume = head(4.0)
+        if image["pictures"]:
+            with open(f"{root}/usr/local/share/isocortex/ch2.nii.gz", "rb") as file:
+                volume = file.read()
+        body = form([("volume", volume)])
         code, headers, answer = client.ask("POST", "/v1/cases", body, {"Content-Type": FORM, **token}, 120)
         assert code == 202, (code, answer)
         address, state, end = headers["location"], {}, time.monotonic() + 300
@@ -234,12 +248,21 @@ def inside(folder):
             state = json.loads(client.ask("GET", address, headers=token)[2])
         method = (state.get("quality") or {}).get("method")
         report.expect("a head is prepared", state.get("state") == "ready", f"{state.get('state')}, brain found by {method}")
-        code, headers, picture = client.ask("GET", f"{address}/render?depth_mm=8&view=left", headers=token, timeout=300)
-        report.expect("it is drawn", code == 200 and picture.startswith(b"\x89PNG"), f"{code}, {len(picture)} bytes")
-        process.send_signal(getattr(signal, config.get("StopSignal") or "SIGTERM"))
-        begun = time.monotonic()
-        ended = process.wait(60)
-        report.expect("it stops in time", ended == 0 and time.monotonic() - begun <= 30, f"status {ended}, {time.monotonic() - begun:.1f} s")
+
+        def draw_and_stop(name):
+            code, headers, picture = client.ask("GET", f"{address}/render?depth_mm=12&view=left", headers=token, timeout=300)
+            report.expect("it is drawn", code == 200 and picture.startswith(b"\x89PNG"), f"{code}, {len(picture)} bytes")
+            if image["pictures"]:
+                with open(f"{image['pictures']}/{name}.png", "wb") as file:
+                    file.write(picture)
+            process.send_signal(getattr(signal, config.get("StopSignal") or "SIGTERM"))
+            begun = time.monotonic()
+            ended = process.wait(60)
+            report.expect("it stops in time", ended == 0 and time.monotonic() - begun <= 30, f"status {ended}, {time.monotonic() - begun:.1f} s")
+
+        draw_and_stop("first")
+        process = started()
+        draw_and_stop("restarted")
         with open(f"{folder}/log") as log:
             said = log.read()
         report.expect("it has found the network's weights", "brains are extracted by the network" in said)

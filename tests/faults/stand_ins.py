@@ -63,11 +63,11 @@ def put_certificates(folder):
         shutil.copyfile(f"/{CERTIFICATES}", os.path.join(folder, CERTIFICATES))
 
 
-def is_possible():
+def is_possible(*programs):
     """Skips where this machine cannot build."""
     if os.geteuid() != 0:
         skip("building needs root")
-    for name in ("buildah", "debootstrap", "unshare", "rustc", "node", "npm"):
+    for name in ("buildah", "debootstrap", "unshare", *programs):
         if not shutil.which(name):
             skip(f"{name} is missing")
 
@@ -88,12 +88,8 @@ esac
 """
 
 
-def make_all(buildah, compiled=None, compiler=None):
-    """The four images of docker/Dockerfile.
-
-    With `compiled`, the path of a program, the one with Rust hands that over; otherwise it compiles, with these variables.
-    """
-    debian = "docker.io/library/debian:bookworm-slim"
+def make_debian(buildah):
+    """The image that the others, and the last stage of docker/Dockerfile, begin with."""
     # What earlier runs made and no name leads to any more.
     buildah("rmi", "--prune")
 
@@ -106,6 +102,16 @@ def make_all(buildah, compiled=None, compiler=None):
         with open(os.path.join(files, "etc/apt/apt.conf.d/docker-clean"), "w") as file:
             file.write(CLEAN)
         put_certificates(files)
+
+    buildah.image("debian:bookworm-slim", "scratch", of_debian)
+
+
+def make_toolchains(buildah, compiled=None, compiler=None):
+    """The other three images of docker/Dockerfile.
+
+    With `compiled`, the path of a program, the one with Rust hands that over; otherwise it compiles, with these variables.
+    """
+    debian = "docker.io/library/debian:bookworm-slim"
 
     def of_node(_, files):
         shutil.copy2(os.path.realpath(shutil.which("node")), f"{files}/usr/local/bin/node")
@@ -129,7 +135,6 @@ def make_all(buildah, compiled=None, compiler=None):
         packages = "apt-get update && apt-get install -y --no-install-recommends python3-pip && rm -rf /var/lib/apt/lists/*"
         buildah("run", "--isolation", "chroot", container, "--", "sh", "-c", packages)
 
-    buildah.image("debian:bookworm-slim", "scratch", of_debian)
     buildah.image("node:22-bookworm-slim", debian, of_node, {"NODE_EXTRA_CA_CERTS": f"/{CERTIFICATES}"})
     path = "/usr/local/toolchain/bin:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
     buildah.image("rust:1.95-slim-bookworm", debian, of_rust, {"CARGO_HOME": "/usr/local/cargo", "PATH": path, **(compiler or {})}, anew=True)

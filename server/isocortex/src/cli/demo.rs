@@ -120,7 +120,7 @@ pub(super) fn run(args: &DemoArgs) -> Result<(), CliError> {
         let address = format!("http://{}/#{id}&{FIRST_CUT}", server.address);
         println!("Open {address}");
         println!(
-            "Drag to turn, scroll to zoom, move the depth slider to peel; click a place to see its slices."
+            "Drag to turn, scroll to zoom, move the depth slider to peel; double-click a place, and choose `With slices` to see it there."
         );
         println!("{} Ctrl-C ends the demo.", render::RESEARCH_USE_NOTICE);
         open_page(&address);

@@ -14,6 +14,9 @@ use super::serve::ServeArgs;
 use super::status::CliError;
 use crate::config::Config;
 
+/// The configuration of the service that a package installs.
+const SERVICE: &str = "/etc/isocortex/isocortex.toml";
+
 /// How long a graphics driver may take to answer.
 const DRIVER: Duration = Duration::from_secs(10);
 
@@ -42,7 +45,10 @@ pub(super) fn run(args: &DoctorArgs) -> Result<(), CliError> {
         ("memory", memory(&config)?),
         ("temporary", temporary()),
         ("address", address(&config)),
-        ("store", store(&config)),
+        (
+            "store",
+            store(&config).map_err(|problem| of_service(problem, args, Path::new(SERVICE))),
+        ),
     ];
     for (name, finding) in findings {
         match finding {
@@ -185,6 +191,17 @@ fn store(config: &Config) -> Finding {
     }
 }
 
+/// A problem with a store that may be another one than meant: whoever names no configuration gets that of the folder they are in.
+fn of_service(problem: String, args: &DoctorArgs, service: &Path) -> String {
+    match args.serve.common.store.config.is_none() && service.exists() {
+        true => format!(
+            "{problem}; the service has another one: `--config {}`",
+            service.display()
+        ),
+        false => problem,
+    }
+}
+
 /// The bytes of all files below a folder.
 fn size_of(folder: &Path) -> std::io::Result<u64> {
     let mut bytes = 0;
@@ -232,6 +249,24 @@ mod tests {
             problem.contains("`isocortex init-store --data /nowhere/cases`"),
             "{problem}"
         );
+    }
+
+    #[test]
+    fn the_configuration_of_the_service_is_named_unless_one_was_given() {
+        #[derive(Debug, clap::Parser)]
+        struct Doctor {
+            #[command(flatten)]
+            args: DoctorArgs,
+        }
+        let words = |line: &[&str], service: &str| {
+            let doctor = <Doctor as clap::Parser>::try_parse_from(line).unwrap();
+            of_service("none".to_owned(), &doctor.args, Path::new(service))
+        };
+        let here = tempfile::NamedTempFile::new().unwrap();
+        let here = here.path().to_str().unwrap();
+        assert!(words(&["doctor"], here).ends_with(&format!("`--config {here}`")));
+        assert_eq!(words(&["doctor", "--config", "a.toml"], here), "none");
+        assert_eq!(words(&["doctor"], "/nowhere"), "none");
     }
 
     #[test]
