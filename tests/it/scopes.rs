@@ -6,7 +6,8 @@ use std::process::Command;
 use std::time::Duration;
 
 use access::audited::Audited;
-use access::scopes::{Role, ScopeTable};
+use access::routes::ScopeTable;
+use access::scopes::Role;
 use axum::body::Body;
 use axum::http::{Method, Request};
 use http_body_util::BodyExt as _;

@@ -22,7 +22,7 @@ use crate::audited::Recorder;
 use crate::error::AccessError;
 use crate::origins::Origins;
 use crate::proxy::{ASKED_AGAIN_AFTER, SignInProxy};
-use crate::scopes::ScopeTable;
+use crate::routes::ScopeTable;
 use crate::tokens::{ANYBODY, Holder, Mismatch, NamedToken, Tokens, UNNAMED};
 use http::listen::{ByProxy, is_endless};
 

@@ -28,7 +28,8 @@ mod stow;
 mod transfers;
 
 use access::audited::Audited;
-use access::scopes::{Row, Scope};
+use access::routes::Row;
+use access::scopes::Scope;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::Method;

@@ -16,7 +16,7 @@ use crate::routes;
 use crate::state::{AnswerTimeout, AppState, FrameAncestors, GuardAll};
 use access::auth::{self, Access};
 use access::origins;
-use access::scopes::{Row, ScopeTable};
+use access::routes::{Row, ScopeTable};
 use http::logs::{self, MakeId, REQUEST_ID};
 use http::metrics::Metrics;
 use http::problem::AppError;

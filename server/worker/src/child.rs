@@ -12,7 +12,7 @@ use imaging::dicom::{
 };
 use rustix::process::{Resource, Rlimit, setrlimit};
 
-use crate::confine::{Confinement, Directory, Needs, confine};
+use crate::confine::{Confinement, Directory, Instead, Needs, confine, said};
 use crate::files::{FilesBelow, Place};
 use crate::message::{
     HeaderOrder, OUTCOME, Order, Outcome, SeriesOrder, Stated, StoredOrder, StoredOutcome, Summary,
@@ -28,10 +28,6 @@ const BASE_FILE_BYTES: u64 = 1 << 30;
 
 /// Files open at a time: the three standard ones, those that are read and written, and some that libraries want.
 const OPEN_FILES: u64 = 32;
-
-/// Other code to run once this process is confined, in place of reading a series or preparing a case; it returns words about what it
-/// reached. Tests have it.
-pub(crate) type Instead<'a> = &'a mut dyn FnMut(&Confinement) -> String;
 
 /// Handles the request on standard input. Errors in the files are written as an outcome.
 pub fn run() -> ExitCode {
@@ -120,11 +116,6 @@ fn read_series(order: &SeriesOrder, instead: Option<Instead<'_>>) -> io::Result<
         },
     };
     outcome_file.write_all(&serde_json::to_vec(&outcome)?)
-}
-
-/// What other code has said, as a failure.
-pub(crate) fn said(words: String) -> Failure {
-    Failure::unusable("other-code", words)
 }
 
 /// What `read` finds in a file, given its bytes, the room before an output, and that output.

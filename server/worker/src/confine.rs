@@ -22,6 +22,8 @@ use seccompiler::{
 };
 use serde::{Deserialize, Serialize};
 
+use case::Failure;
+
 /// The first user of confined processes of a server that runs as root: each process adds its number. Accounts, systemd
 /// and containers leave these numbers free.
 const OWN_USERS: u32 = 2_000_000_000;
@@ -66,6 +68,15 @@ pub struct Confinement {
     pub own_files: bool,
     /// Whether it makes no system calls but those that reading needs (seccomp).
     pub few_calls: bool,
+}
+
+/// Other code to run once this process is confined, in place of reading a series or preparing a case; it returns words about what it
+/// reached. Tests have it.
+pub(crate) type Instead<'a> = &'a mut dyn FnMut(&Confinement) -> String;
+
+/// What other code has said, as a failure.
+pub(crate) fn said(words: String) -> Failure {
+    Failure::unusable("other-code", words)
 }
 
 impl Confinement {

@@ -6,12 +6,23 @@ use imaging::Limits;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use crate::prepare;
-use crate::reader::series_bytes;
 
 /// What readers may use together beside preparations, in bytes: two of the largest series, or one and some files.
 const READER_BYTES: u64 = 3 << 30;
 
 const MIB: u64 = 1 << 20;
+
+/// Memory for the program itself, one file and one picture.
+pub(crate) const READER_BASE_BYTES: u64 = 1 << 30;
+
+/// Memory for each voxel: its sample in single precision while slices are collected, and its result.
+const BYTES_PER_VOXEL: u64 = 8;
+
+/// What the process may use that reads a series, in bytes.
+pub(crate) fn series_bytes(limits: &Limits) -> u64 {
+    let voxels = limits.max_voxels as u64;
+    READER_BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(voxels))
+}
 
 /// What the processes of one server may use, in bytes. Each has a limit of its own, which the kernel keeps; the limits of those that run at a
 /// time are within the budget.

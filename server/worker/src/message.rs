@@ -5,9 +5,7 @@ use std::path::PathBuf;
 use imaging::dicom::{Attributes, Fingerprint, SeriesSummary, UnreadFile};
 use serde::{Deserialize, Serialize};
 
-use case::Failure;
-
-use crate::prepare::PrepareOrder;
+use case::{CutFacts, Failure, Parameters, Quality};
 
 /// The file of the volume, in the output directory.
 pub(crate) const VOLUME: &str = "volume.nii.gz";
@@ -31,6 +29,22 @@ pub(crate) enum Order {
     Prepare(Box<PrepareOrder>),
     /// Only confine the process; a [`Confinement`](crate::Confinement) on the standard output answers it.
     Confine,
+}
+
+/// What to prepare. The files of the upload, and later the results, are in `folder`.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct PrepareOrder {
+    pub(crate) source: PathBuf,
+    /// An empty directory.
+    pub(crate) output: PathBuf,
+    /// What is known of a stored brain, whose mask is a file.
+    pub(crate) brain: Option<(Quality, Vec<CutFacts>)>,
+    pub(crate) parameters: Parameters,
+    pub(crate) max_voxels: usize,
+    pub(crate) network: Option<PathBuf>,
+    pub(crate) threads: usize,
+    pub(crate) cpu_seconds: u64,
 }
 
 /// What to read of stored files.

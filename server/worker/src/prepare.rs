@@ -14,14 +14,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use bytes::Bytes;
-use case::{CaseFacts, CutFacts, Failure, FailureKind, ObjectKind, Parameters, Progress, Quality};
+use case::{CaseFacts, Failure, FailureKind, ObjectKind, Parameters, Progress};
 use imaging::Limits;
 use pipeline::{Derived, Extractor, Input, Pipeline, Source, StoredBrain};
 use serde::{Deserialize, Serialize};
 
-use crate::child::{Instead, said};
-use crate::confine::{Needs, confine};
-use crate::message::Order;
+use crate::confine::{Instead, Needs, confine, said};
+use crate::message::{Order, PrepareOrder};
 use crate::program::Program;
 
 /// How often to look whether the process has ended, or shall end.
@@ -55,22 +54,6 @@ pub struct PrepareProcess {
     pub threads: usize,
     /// The limit for CPU time, of all threads together.
     pub cpu_seconds: u64,
-}
-
-/// What to prepare. The files of the upload, and later the results, are in `folder`.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct PrepareOrder {
-    source: PathBuf,
-    /// An empty directory.
-    output: PathBuf,
-    /// What is known of a stored brain, whose mask is a file.
-    brain: Option<(Quality, Vec<CutFacts>)>,
-    parameters: Parameters,
-    max_voxels: usize,
-    network: Option<PathBuf>,
-    threads: usize,
-    cpu_seconds: u64,
 }
 
 #[derive(Debug, Serialize, Deserialize)]

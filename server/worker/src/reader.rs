@@ -14,7 +14,7 @@ use tempfile::TempDir;
 
 use crate::confine::Confinement;
 use crate::error::Error;
-use crate::memory::ChildMemory;
+use crate::memory::{ChildMemory, series_bytes};
 use crate::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
 use crate::program::{Program, cannot_run};
 use crate::reading::{Choice, Input, Reading};
@@ -24,12 +24,6 @@ use case::{Failure, FailureKind};
 
 /// The time limit for a series. The largest ones take seconds.
 const LONGEST: Duration = Duration::from_secs(120);
-
-/// Memory for the program itself, one file and one picture.
-pub(crate) const BASE_BYTES: u64 = 1 << 30;
-
-/// Memory for each voxel: its sample in single precision while slices are collected, and its result.
-const BYTES_PER_VOXEL: u64 = 8;
 
 /// The largest outcome: identifiers of some thousand slices.
 const MAX_OUTCOME_BYTES: u64 = 16 << 20;
@@ -145,12 +139,6 @@ impl SeriesReader {
             }
         }
     }
-}
-
-/// What the process may use that reads a series, in bytes.
-pub(crate) fn series_bytes(limits: &Limits) -> u64 {
-    let voxels = limits.max_voxels as u64;
-    BASE_BYTES.saturating_add(BYTES_PER_VOXEL.saturating_mul(voxels))
 }
 
 fn too_slow(longest: Duration) -> Failure {

@@ -7,9 +7,10 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::error::Error;
+use crate::memory::READER_BASE_BYTES;
 use crate::message::{OUTCOME, Order, StoredOrder, StoredOutcome};
 use crate::program::cannot_run;
-use crate::reader::{BASE_BYTES, SeriesReader, checked_failure, died, read_json_of};
+use crate::reader::{SeriesReader, checked_failure, died, read_json_of};
 
 /// The largest outcome: the attributes of some thousand images.
 const MAX_OUTCOME_BYTES: u64 = 256 << 20;
@@ -37,12 +38,12 @@ impl SeriesReader {
         count: usize,
     ) -> Result<StoredOutcome, Error> {
         let absolute = |folder: &TempDir| std::path::absolute(folder.path()).map_err(cannot_run);
-        let _memory = self.memory.take(BASE_BYTES).await;
+        let _memory = self.memory.take(READER_BASE_BYTES).await;
         let order = StoredOrder {
             input: absolute(&input)?,
             count,
             output: absolute(&output)?,
-            memory_bytes: BASE_BYTES,
+            memory_bytes: READER_BASE_BYTES,
             max_file_bytes: self.max_input_bytes,
             seconds: self.longest.as_secs().max(1),
         };

@@ -6,9 +6,9 @@ use std::fs::File;
 use std::io::{self, BufRead as _, BufReader, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
-use crate::audit::line::read;
+use crate::audit::line::{Named, read};
 
 /// The longest line that is read here, in bytes.
 const LONGEST_LINE: u64 = 4 << 20;
@@ -18,14 +18,6 @@ const MOST_NAMED: usize = 1000;
 
 /// The files of each process, by their numbers.
 pub(crate) type Files = BTreeMap<String, BTreeMap<u32, PathBuf>>;
-
-/// The last line of the record of a process, when another one began.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub(crate) struct Named {
-    pub(crate) process: String,
-    pub(crate) seq: u64,
-    pub(crate) digest: String,
-}
 
 /// What the first line of a file has.
 #[derive(Debug, Deserialize)]

@@ -4,7 +4,14 @@ use jiff::{Timestamp, Unit};
 use serde::{Deserialize, Serialize};
 
 use crate::audit::event::{Action, Event, Outcome};
-use crate::audit::found::Named;
+
+/// The last line of the record of a process, when another one began.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub(crate) struct Named {
+    pub(crate) process: String,
+    pub(crate) seq: u64,
+    pub(crate) digest: String,
+}
 
 /// What stands before the digest, which is the last key of a line.
 const BEFORE_DIGEST: &[u8] = b",\"digest\":\"";

@@ -5,8 +5,8 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::audit::found::{Files, Named, files_in, first_line};
-use crate::audit::line::{NO_DIGEST, Read, read};
+use crate::audit::found::{Files, files_in, first_line};
+use crate::audit::line::{NO_DIGEST, Named, Read, read};
 
 /// What was found in a folder.
 #[derive(Debug, Default)]

@@ -13,6 +13,7 @@ mod layers;
 mod manual;
 mod migrate_store;
 mod prepare;
+mod process;
 mod progress;
 mod remove_expired;
 mod render;

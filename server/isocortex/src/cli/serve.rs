@@ -7,10 +7,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
-use tokio::net::TcpListener;
 
 use super::choices;
 use super::common::{CommonArgs, set, set_some};
+use super::process::{bind, told_to_stop};
 use super::status::{CliError, ExitStatus};
 use super::waiting;
 use crate::config::{Config, ConfigError, Network};
@@ -468,19 +468,6 @@ pub(super) async fn tell_confinement(reader: Arc<DicomReader>, does: &'static st
     }
 }
 
-/// A listener, and its address.
-pub(super) async fn bind(listen: SocketAddr) -> Result<(TcpListener, SocketAddr), CliError> {
-    let taken = |error| {
-        let message = format!(
-            "cannot listen on {listen}: {error}; end what listens there, or choose another port"
-        );
-        CliError::new(ExitStatus::Unavailable, message)
-    };
-    let listener = TcpListener::bind(listen).await.map_err(taken)?;
-    let address = listener.local_addr().map_err(taken)?;
-    Ok((listener, address))
-}
-
 /// A socket in the file system, which is removed with this.
 struct SocketFile(PathBuf);
 
@@ -526,37 +513,6 @@ fn stop_of(state: AppState) -> impl Future<Output = ()> {
         told.await;
         tracing::info!("stopping");
         state.stopping().begin();
-    }
-}
-
-/// Resolves when a signal tells the process to stop. It listens from the call on, so that a signal that comes
-/// immediately after the address is printed is not lost.
-#[cfg(unix)]
-pub(super) fn told_to_stop() -> impl Future<Output = ()> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let signals = [SignalKind::terminate(), SignalKind::interrupt()].map(|kind| signal(kind).ok());
-    // SIGHUP asks a program to read its configuration again; it must not end one that reads nothing.
-    let hangups = signal(SignalKind::hangup());
-    async move {
-        let _hangups = hangups;
-        let [terminated, interrupted] = signals.map(|listener| async move {
-            match listener {
-                Some(mut signal) => _ = signal.recv().await,
-                None => std::future::pending().await,
-            }
-        });
-        tokio::select! {
-            () = terminated => {}
-            () = interrupted => {}
-        }
-    }
-}
-
-#[cfg(not(unix))]
-pub(super) async fn told_to_stop() {
-    // An error means that no signal can come; then only the end of the process stops it.
-    if tokio::signal::ctrl_c().await.is_err() {
-        std::future::pending::<()>().await;
     }
 }
 

@@ -12,7 +12,7 @@ use http::tls::ReloadedTls;
 use serde_json::json;
 use tokio::sync::oneshot;
 
-use super::serve::{bind, told_to_stop};
+use super::process::{bind, told_to_stop};
 use super::status::CliError;
 use crate::config::Config;
 use crate::start::StartError;

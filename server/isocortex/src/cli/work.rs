@@ -10,7 +10,8 @@ use http::listen;
 use pipeline::Limits;
 
 use super::common::{CommonArgs, set_some};
-use super::serve::{bind, tell_confinement, told_to_stop};
+use super::process::{bind, told_to_stop};
+use super::serve::tell_confinement;
 use super::status::CliError;
 use super::waiting;
 use crate::config::ConfigError;

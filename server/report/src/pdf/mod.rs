@@ -2,6 +2,7 @@
 //!
 //! Pictures keep their compressed pixels, marks and letters are drawn over them, and the same report gives the same bytes.
 
+mod deflate;
 mod paper;
 mod typeface;
 

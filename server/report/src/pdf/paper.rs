@@ -1,13 +1,11 @@
 //! Pages: what is drawn on them, in mm from their upper left corner, and the file that they become.
 
 use std::collections::BTreeMap;
-use std::io::Write as _;
 
-use flate2::Compression;
-use flate2::write::ZlibEncoder;
 use pdf_writer::types::{LineCapStyle, LineJoinStyle, Predictor, TextRenderingMode};
 use pdf_writer::{Content, Filter, Finish as _, Name, Pdf, Rect, Ref, Str, TextStr};
 
+use super::deflate::deflated;
 use super::typeface::{self, Letter, Text, glyph};
 use crate::Error;
 use crate::contents::Picture;
@@ -343,14 +341,6 @@ impl Png {
             pixels,
         })
     }
-}
-
-pub(crate) fn deflated(bytes: &[u8]) -> Vec<u8> {
-    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::new(6));
-    let written = encoder.write_all(bytes);
-    written
-        .and_then(|()| encoder.finish())
-        .expect("memory takes all bytes")
 }
 
 /// A number with three digits after the point, which no eye tells from the whole one.

@@ -6,7 +6,7 @@ use ab_glyph::{Font as _, FontRef};
 use pdf_writer::types::{CidFontType, FontFlags, SystemInfo, UnicodeCmap};
 use pdf_writer::{Filter, Finish as _, Name, Pdf, Rect, Ref, Str};
 
-use super::paper::deflated;
+use super::deflate::deflated;
 use crate::contents::{Line, Piece};
 
 /// DejaVu Sans Condensed, its Latin, Greek and Cyrillic; its licence is in `fonts/LICENSE.txt`.

@@ -13,7 +13,8 @@ use utoipa::openapi::OpenApi;
 
 use crate::state::AppState;
 use access::audited::Audited;
-use access::scopes::{Scope, ScopeTable};
+use access::routes::ScopeTable;
+use access::scopes::Scope;
 use http::conditional::{
     EntityTag, PUBLIC_IMMUTABLE, PUBLIC_REVALIDATE, Representation, coding_among,
 };
