@@ -6,7 +6,6 @@ use std::process::Command;
 use std::time::Duration;
 
 use access::audited::Audited;
-use access::routes::ScopeTable;
 use access::scopes::Role;
 use axum::body::Body;
 use axum::http::{Method, Request};
@@ -143,7 +142,9 @@ fn paths_of(router: &axum::Router) -> BTreeSet<String> {
 /// The rows of all routes by method and path.
 fn rows(server: &Server) -> BTreeMap<(String, String), (&'static str, Audited)> {
     let service = service::routes::scopes(&server.state);
-    let all = service.and(ScopeTable::of(pacs::SCOPES));
+    let pacs::Guarded { uploads, answers } = pacs::guarded_routes(&server.pacs);
+    let (_, of_pacs) = uploads.and(answers).into_parts();
+    let all = service.and(of_pacs);
     let rows: BTreeMap<_, _> = (all.rows())
         .map(|(method, path, scope, audited)| {
             (

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use axum::http::Method;
+use axum::routing::MethodRouter;
 use utoipa::openapi::path::PathItem;
 use utoipa_axum::router::{OpenApiRouter, UtoipaMethodRouter};
 
@@ -86,6 +87,20 @@ impl<S: Clone + Send + Sync + 'static> GuardedRoutes<S> {
         self
     }
 
+    /// These and a handler of one path and method that no description names.
+    #[must_use]
+    pub fn with_undescribed(
+        mut self,
+        scope: Scope,
+        audited: Audited,
+        (method, path): (Method, &str),
+        handler: MethodRouter<S>,
+    ) -> Self {
+        self.scopes.add(method, path, scope, audited);
+        self.routes = self.routes.route(path, handler);
+        self
+    }
+
     /// These and others.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
@@ -101,6 +116,14 @@ impl<S: Clone + Send + Sync + 'static> GuardedRoutes<S> {
         Self {
             routes: change(self.routes),
             ..self
+        }
+    }
+
+    /// These with their state.
+    pub fn with_state<T: Clone + Send + Sync + 'static>(self, state: S) -> GuardedRoutes<T> {
+        GuardedRoutes {
+            routes: self.routes.with_state(state),
+            scopes: self.scopes,
         }
     }
 

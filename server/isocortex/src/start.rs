@@ -293,17 +293,8 @@ pub fn pacs(config: &Config, state: &AppState) -> Result<Pacs, ConfigError> {
 
 /// Everything that is served over HTTP.
 pub fn router(state: &AppState, pacs: &Pacs) -> Router {
-    let pacs::Guarded {
-        uploads,
-        answers,
-        description,
-    } = pacs::guarded_routes(pacs);
-    let beside = Beside {
-        uploads,
-        answers,
-        scopes: pacs::SCOPES,
-        description,
-    };
+    let pacs::Guarded { uploads, answers } = pacs::guarded_routes(pacs);
+    let beside = Beside { uploads, answers };
     app_beside(state.clone(), beside)
 }
 

@@ -16,7 +16,7 @@ use crate::routes;
 use crate::state::{AnswerTimeout, AppState, FrameAncestors, GuardAll};
 use access::auth::{self, Access};
 use access::origins;
-use access::routes::{Row, ScopeTable};
+use access::routes::GuardedRoutes;
 use http::logs::{self, MakeId, REQUEST_ID};
 use http::metrics::Metrics;
 use http::problem::AppError;
@@ -43,15 +43,12 @@ const SECURITY_HEADERS: [(HeaderName, &str); 5] = [
     ),
 ];
 
-/// Routes of another protocol, which stand beside those of the service and behind the same guards.
+/// Routes of another protocol that need a token, which stand beside those of the service and behind the same guards.
 pub struct Beside {
-    /// Those that need a token and take files, which have the time of an upload.
-    pub uploads: Router,
-    /// The others that need a token, which have the time of an answer.
-    pub answers: Router,
-    /// What the token must permit, and what is recorded.
-    pub scopes: &'static [Row],
-    pub description: OpenApi,
+    /// Those that take files, which have the time of an upload.
+    pub uploads: GuardedRoutes<()>,
+    /// The others, which have the time of an answer.
+    pub answers: GuardedRoutes<()>,
 }
 
 /// Builds the whole service. Serve it, or call `oneshot` without a socket.
@@ -63,16 +60,15 @@ pub fn app(state: AppState) -> Router {
 /// As [`app`], with the routes of another protocol.
 pub fn app_beside(state: AppState, beside: Beside) -> Router {
     let (routes, openapi) = routes::all(&state);
-    let mut description = beside.description;
-    routes::guarded::describe(&mut description);
-    let guard = routes::guard(&state, ScopeTable::of(beside.scopes));
-    let guard = middleware::from_fn_with_state(guard, auth::require_token);
     let in_time =
         middleware::from_fn_with_state(AnswerTimeout::from_ref(&state), routes::answer_in_time);
-    let answers = beside.answers.route_layer(in_time);
+    let answers = beside.answers.map(|routes| routes.route_layer(in_time));
+    let (guarded, scopes) = beside.uploads.and(answers).into_parts();
+    let guard = middleware::from_fn_with_state(routes::guard(&state, scopes), auth::require_token);
     let in_turn = middleware::from_fn(routes::in_turn);
-    let guarded = beside.uploads.merge(answers);
     let guarded = guarded.route_layer(in_turn).route_layer(guard);
+    let (guarded, mut description) = guarded.split_for_parts();
+    routes::guarded::describe(&mut description);
     let routes = routes.merge(guarded.with_state(()));
     finish(state, routes, &openapi.merge_from(description))
 }
