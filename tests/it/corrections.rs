@@ -1159,7 +1159,7 @@ async fn one_image_of_another_patient_closes_the_case_of_images_that_are_forgott
         200
     );
     ready_flair(server, &case, 1).await;
-    let store = server.pacs.cases().store().clone();
+    let store = server.pacs.store().clone();
     store.forget(Duration::ZERO).await.unwrap();
     assert_eq!(arrival_of(server, SERIES).await, Value::Null);
     for (slices, series) in [(flair_slices(), FLAIR), (head_slices(), SERIES)] {

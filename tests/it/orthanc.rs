@@ -204,7 +204,7 @@ async fn orthanc_sends_a_series_in_both_ways_and_it_is_fetched_from_there() {
     let grace = Duration::from_secs(1);
     tokio::spawn(dimse::serve(
         listener,
-        server.state.cases.clone(),
+        server.pacs.arrivals().clone(),
         options,
         stop,
         grace,

@@ -4,18 +4,16 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use ::pacs::dimse::{self, DimseOptions, NotStored, Peer, StorageNode};
+use ::pacs::{ArrivalOptions, ImageStatus, start_series_reader};
 use axum::body::Body;
 use axum::http::Request;
-use cases::arrivals::ArrivalOptions;
-use cases::jobs::start_series_reader;
+use case::series::{SeriesUids, Uid};
 use cases::runner::Runner;
+use imaging::dicom::write::KeyObjectTitle;
 use serde_json::{Value, json};
-use storage::arrivals::{SeriesUids, Uid};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
-
-use ::pacs::dimse::{self, DimseOptions, NotStored, Peer, StorageNode};
-use imaging::dicom::write::KeyObjectTitle;
 
 use crate::corrections::note_of;
 use crate::dicom::{head_slices, reader};
@@ -69,7 +67,7 @@ impl Neighbour {
             ..ArrivalOptions::default()
         };
         Self {
-            reader: start_series_reader(server.state.cases.clone(), options),
+            reader: start_series_reader(server.pacs.arrivals().clone(), options),
             server,
         }
     }
@@ -211,9 +209,9 @@ async fn every_image_that_is_not_stored_is_listed_with_its_reason() {
     assert_eq!(reasons(&answer.json(), "00081198"), [0xA900]);
     let same_study = stow("/dicomweb/studies/1.2.3", related(&parts[..1]));
     assert_eq!(neighbour.server.send(same_study).await.status, 200);
-    let counted = neighbour.server.state.cases.store().signals().images();
+    let counted = neighbour.server.pacs.store().images();
     assert!(
-        counted.contains(&("stow", storage::ImageStatus::Refused, 7)),
+        counted.contains(&("stow", ImageStatus::Refused, 7)),
         "{counted:?}"
     );
     // One slice is no volume.
@@ -373,9 +371,9 @@ async fn a_rejection_note_needs_a_right_by_http_and_by_dimse_and_is_refused_alon
     let refused = store(refusing, &retention).await;
     assert_eq!(refused, Err(NotStored::Status(0x0124)));
     assert_eq!(launched().await, case);
-    let counted = neighbour.server.state.cases.store().signals().images();
+    let counted = neighbour.server.pacs.store().images();
     for (source, count) in [("stow", 2), ("c-store", 1)] {
-        let refused = (source, storage::ImageStatus::Refused, count);
+        let refused = (source, ImageStatus::Refused, count);
         assert!(counted.contains(&refused), "{counted:?}");
     }
     for by in ["orthanc", "aet:SENDER"] {
@@ -658,7 +656,7 @@ pub(crate) async fn an_image(server: &Server, study: &str, series: &str) -> Vec<
         study: uid(study),
         series: uid(series),
     };
-    let store = server.state.cases.store();
+    let store = server.pacs.store();
     let (_, object) = store.images_of(&uids).await.unwrap().remove(0);
     store.object(&object).await.unwrap().to_vec()
 }
@@ -805,7 +803,7 @@ async fn no_attribute_of_an_image_shows_anywhere_else() {
 pub(crate) async fn dimse(neighbour: &Neighbour, options: DimseOptions) -> std::net::SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
-    let cases = neighbour.server.state.cases.clone();
+    let arrivals = neighbour.server.pacs.arrivals().clone();
     let options = DimseOptions {
         audit: neighbour.server.state.audit().clone(),
         ..options
@@ -813,7 +811,7 @@ pub(crate) async fn dimse(neighbour: &Neighbour, options: DimseOptions) -> std::
     let grace = Duration::from_secs(1);
     tokio::spawn(dimse::serve(
         listener,
-        cases,
+        arrivals,
         options,
         std::future::pending(),
         grace,

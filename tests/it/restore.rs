@@ -6,8 +6,7 @@ use std::time::{Duration, SystemTime};
 use axum::body::Body;
 use axum::http::{Method, Request, StatusCode, header};
 use cases::Adopted;
-use cases::arrivals::ArrivalOptions;
-use cases::jobs::start_series_reader;
+use pacs::{ArrivalOptions, start_series_reader};
 use storage::testing::files_below;
 
 use crate::command_line::{done, run};
@@ -154,13 +153,13 @@ async fn images_that_came_after_a_backup_become_their_case() {
     let sent = stow("/dicomweb/studies", crate::pacs::related(&images));
     assert_eq!(server.send(sent).await.status, StatusCode::OK);
     let server = server.restart_with(|_| restore_rows(&store, &backup)).await;
-    let adopted = server.state.cases.adopt().await.unwrap();
-    assert_eq!((adopted.images, adopted.left), (images.len(), Vec::new()));
+    let adopted = server.pacs.arrivals().adopt().await.unwrap();
+    assert_eq!(adopted, (images.len(), Vec::new()));
     let options = ArrivalOptions {
         stable: Duration::ZERO,
         ..ArrivalOptions::default()
     };
-    let _reader = start_series_reader(server.state.cases.clone(), options);
+    let _reader = start_series_reader(server.pacs.arrivals().clone(), options);
     let case = until("the images are a case", async || {
         let cases = server.get("/v1/cases").await.json();
         let id = cases["cases"][0]["id"].as_str()?.to_owned();

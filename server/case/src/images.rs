@@ -7,7 +7,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::arrivals::Uid;
+use crate::series::Uid;
 
 /// How far a corner of an image may move, in mm: numbers may be written with fewer digits.
 const ROUNDING_MM: f64 = 0.1;

@@ -18,8 +18,6 @@ impl JobKind {
     pub const MAPS: Self = Self::new("maps", "computation");
     /// Makes the derived objects of a ready case again.
     pub const REBUILD: Self = Self::new("rebuild", "preparation");
-    /// Reads a series that came from a PACS.
-    pub const SERIES: Self = Self::new("series", "reading");
 
     /// Another kind, with its word in rows, and what such work is called.
     pub const fn new(name: &'static str, noun: &'static str) -> Self {
@@ -116,7 +114,7 @@ mod tests {
     #[test]
     fn the_last_reason_is_told_with_the_number_of_attempts() {
         let last = Failure::new(FailureKind::OutOfMemory, "too-little", "not enough memory");
-        let failure = Failure::after_attempts(JobKind::SERIES, 30, Some(last));
+        let failure = Failure::after_attempts(JobKind::MAPS, 30, Some(last));
         assert_eq!(failure.name, "too-little");
         assert_eq!(
             failure.detail,

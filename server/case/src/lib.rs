@@ -3,7 +3,6 @@
 //! Nothing here does I/O or knows a protocol. Types that are stored or sent implement `serde`, and with the feature `openapi`
 //! also `utoipa`.
 
-pub mod arrivals;
 mod client;
 mod facts;
 mod failure;
@@ -19,6 +18,7 @@ mod parameters;
 mod progress;
 mod public_error;
 mod quality;
+pub mod series;
 mod surface;
 
 pub use client::Client;

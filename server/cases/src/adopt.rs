@@ -1,15 +1,14 @@
-//! Submits again what was uploaded after the backup from which the rows were restored: by the manifests and the images of a
-//! PACS that are still among the objects, though no row names them.
+//! Submits again what was uploaded after the backup from which the rows were restored: by the manifests that are still among the objects,
+//! though no row names them.
 
 use std::collections::HashMap;
 
 use case::{CaseId, LayerId, ObjectKind, Parameters};
-use storage::arrivals::ArrivalSource;
 use storage::{Manifest, Manifested, ObjectName, Spooled, StoreError, Upload};
 
 use crate::application::Cases;
-use crate::arrivals::{Reception, SeriesOfUpload};
 use crate::error::Error;
+use crate::series::SeriesOfUpload;
 
 /// What became of the objects that no row named.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -17,15 +16,12 @@ pub struct Adopted {
     pub cases: Vec<CaseId>,
     /// Layers, by their cases.
     pub layers: Vec<(CaseId, LayerId)>,
-    /// Images of a PACS that were received again.
-    pub images: usize,
-    /// Manifests and images that stay as they are: they are damaged, or a source of theirs or the case of a layer is lost.
+    /// Manifests that stay as they are: they are damaged, or a source of theirs or the case of a layer is lost.
     pub left: Vec<ObjectName>,
 }
 
 impl Cases {
-    /// Submits each manifest again that no row names, with the same ids, and receives the images of a PACS again that no row
-    /// names. Run again, it finds nothing more.
+    /// Submits each manifest again that no row names, with the same ids. Run again, it finds nothing more.
     ///
     /// # Errors
     /// If the store cannot be reached.
@@ -47,12 +43,6 @@ impl Cases {
                 Again::Layer(layer) => adopted.layers.push((case, layer)),
                 Again::Known => {}
                 Again::Impossible => adopted.left.push(name),
-            }
-        }
-        for name in store.unreferenced_of(ObjectKind::Instance).await? {
-            match self.receive_again(&name).await? {
-                true => adopted.images += 1,
-                false => adopted.left.push(name),
             }
         }
         Ok(adopted)
@@ -116,21 +106,6 @@ impl Cases {
             }
         }
     }
-
-    /// Whether an image could be received.
-    async fn receive_again(&self, name: &ObjectName) -> Result<bool, Error> {
-        let Some(file): Option<Spooled> = self.store().spool_object(name).await? else {
-            return Ok(false);
-        };
-        let identity = match self.headers.read(&file).await {
-            Ok(identity) => identity,
-            Err(Error::Failure(_)) => return Ok(false),
-            Err(error) => return Err(error),
-        };
-        // The file has lost the identity of its patient before it was stored, if it was to.
-        let received = self.receive_as_is(vec![(identity, file)], ArrivalSource::Retrieval, true);
-        Ok(!received.await?.contains(&Reception::Refused))
-    }
 }
 
 /// What became of a manifest.
@@ -175,7 +150,7 @@ mod tests {
     use tempfile::TempDir;
 
     use super::*;
-    use crate::arrivals::tests::application;
+    use crate::testing::application;
     use crate::testing::{options, source};
 
     /// A store that has the rows of its first day each time that it is opened.
@@ -280,7 +255,7 @@ mod tests {
             "a case before its versions"
         );
         assert_eq!(adopted.layers, [(first, t2), (third, flair)]);
-        assert_eq!((adopted.images, adopted.left), (0, Vec::new()));
+        assert_eq!(adopted.left, Vec::new());
         let store = cases.store();
         let case = store.case(&third).await.unwrap().unwrap();
         assert_eq!(

@@ -10,10 +10,9 @@ use imaging::Limits;
 use pipeline::atlas::{Atlas, AtlasChoice, NoAtlas};
 use pipeline::{Extractor, HeadLimits, NoNetwork, Pipeline};
 use quick_cache::sync::Cache;
-use storage::{Location, ObjectName, Store, StoreError};
+use storage::{Location, Store, StoreError};
 use worker::{ChildBudget, FileReader, PrepareProcess, Program};
 
-use crate::arrivals::Patient;
 use crate::cache::Part;
 use crate::check_memory::CheckMemory;
 use crate::dicom::{DicomReader, HeaderReader};
@@ -29,9 +28,6 @@ pub const MAX_INSTANCE_BYTES: u64 = 512 << 20;
 
 /// The number of cases that are remembered as ready.
 const REMEMBERED_CASES: usize = 4096;
-
-/// The most images whose patients are remembered.
-const REMEMBERED_PATIENTS: usize = 4096;
 
 /// How long a case is remembered as ready; another server on the same store may delete it.
 pub(crate) const REMEMBERED_FOR: Duration = Duration::from_secs(10);
@@ -160,8 +156,6 @@ pub struct Cases {
     deidentify: bool,
     /// The cases that were ready recently. They are not in the cache of the library: if the database is away, they stay.
     remembered: Arc<Cache<CaseId, (Instant, Arc<CaseFacts>)>>,
-    /// The patients of stored images, which never change.
-    pub(crate) patients: Arc<Cache<ObjectName, Patient>>,
 }
 
 impl Cases {
@@ -210,7 +204,6 @@ impl Cases {
             atlas: None,
             deidentify: options.deidentify,
             remembered,
-            patients: Arc::new(Cache::new(REMEMBERED_PATIENTS)),
         }
     }
 

@@ -13,7 +13,7 @@ use pipeline::findings::voxels_of;
 use pipeline::maps::side_at;
 use storage::{FindingsVersion, Made, Replaced, StoreError, StoredFindings};
 
-use crate::arrivals::Patient;
+use crate::patient::Patient;
 use crate::{Cases, Error};
 
 /// The findings of a case.

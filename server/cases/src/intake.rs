@@ -16,11 +16,11 @@ use tempfile::TempDir;
 use tokio::sync::OwnedSemaphorePermit;
 
 use crate::application::Cases;
-use crate::arrivals::SeriesOfUpload;
 use crate::client::{in_store, this_client};
 use crate::decoded_uploads::OfferedUpload;
 use crate::dicom::{Choice, Form, Input, Options};
 use crate::error::Error;
+use crate::series::SeriesOfUpload;
 
 /// The received files of a volume.
 #[derive(Debug)]
@@ -48,7 +48,10 @@ impl Cases {
     }
 
     /// As [`Cases::upload`], whether or not the identity of the patient is removed.
-    pub(crate) async fn read_upload(
+    ///
+    /// # Errors
+    /// As [`Cases::upload`].
+    pub async fn read_upload(
         &self,
         volume: VolumeFiles,
         mask: Option<Spooled>,
@@ -133,7 +136,10 @@ impl Cases {
     }
 
     /// Checks an upload and queues it as a version of another case, if there is one.
-    pub(crate) async fn submit_after(
+    ///
+    /// # Errors
+    /// As [`Cases::submit`].
+    pub async fn submit_after(
         &self,
         upload: Upload,
         parameters: Parameters,

@@ -5,15 +5,12 @@ mod layer;
 mod maps;
 mod prepare;
 mod rebuild;
-mod series;
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use storage::{Expired, Removal, Store, Waiting};
 
-use crate::application::Cases;
-use crate::arrivals::ArrivalOptions;
 use crate::library::Library;
 use crate::removal::{BeforeRemoval, remove_expired};
 use crate::runner::{Runner, Terms, Work};
@@ -22,7 +19,6 @@ use self::layer::PrepareLayer;
 use self::maps::ComputeMaps;
 use self::prepare::PrepareCase;
 use self::rebuild::Rebuild;
-use self::series::ReadSeries;
 
 /// How long the rows of ended jobs stay, for lists and metrics.
 const KEEP_ENDED: Duration = Duration::from_secs(7 * 24 * 3600);
@@ -56,23 +52,6 @@ pub fn start_workers(library: Library, count: usize) -> Runner {
         clean_up(store.clone(), before.clone(), Arc::clone(&waiting))
     });
     runner
-}
-
-/// Starts to read the series of a PACS on the current runtime, one at a time.
-pub fn start_series_reader(cases: Cases, options: ArrivalOptions) -> Runner {
-    let store = cases.store().clone();
-    let work = Arc::new(ReadSeries { cases, options });
-    let mut runner = Runner::start(&store, vec![vec![work]]);
-    runner.repeat(COLLECT_EVERY, move || forget(store.clone(), options));
-    runner
-}
-
-/// Reads one series that is due; `false` if there is none.
-#[cfg(test)]
-pub(crate) async fn read_one_series(cases: &Cases, options: ArrivalOptions) -> bool {
-    let cases = cases.clone();
-    let store = cases.store().clone();
-    crate::runner::once(&store, Arc::new(ReadSeries { cases, options })).await
 }
 
 /// Prepares one case; `false` if none waits.
@@ -152,16 +131,6 @@ async fn clean_up(store: Store, before: BeforeRemoval, waiting: Arc<Daily>) {
         tracing::warn!(
             error = &error as &dyn std::error::Error,
             "cannot remove left-over objects"
-        );
-    }
-}
-
-/// Forgets what came some days ago, and results that were sent then.
-async fn forget(store: Store, options: ArrivalOptions) {
-    if let Err(error) = store.forget(options.keep).await {
-        tracing::warn!(
-            error = &error as &dyn std::error::Error,
-            "series and results of some days ago will be forgotten later"
         );
     }
 }

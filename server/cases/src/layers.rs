@@ -6,11 +6,11 @@ use pipeline::layers::{LayerSource, check_layer};
 use storage::{LayerChange, LayerName, LayerUpload, StoreError, SubmittedLayer};
 
 use crate::application::Cases;
-use crate::arrivals::SeriesOfUpload;
 use crate::dicom::{Choice, Options, SeriesView};
 use crate::error::Error;
 use crate::intake::VolumeFiles;
 use crate::pictures::LayerRef;
+use crate::series::SeriesOfUpload;
 
 /// A layer to be added, with its received files.
 #[derive(Debug)]
@@ -82,7 +82,10 @@ impl Cases {
     }
 
     /// As [`Cases::add_layer`], whether or not the identity of the patient is removed.
-    pub(crate) async fn add_layer_of(
+    ///
+    /// # Errors
+    /// As [`Cases::add_layer`].
+    pub async fn add_layer_of(
         &self,
         new: ReceivedLayer,
         is_identity_removed: bool,

@@ -4,7 +4,6 @@
 
 mod adopt;
 mod application;
-pub mod arrivals;
 pub mod cache;
 mod check_memory;
 mod client;
@@ -19,6 +18,7 @@ pub mod layers;
 pub mod library;
 mod limit;
 pub mod models;
+mod patient;
 pub mod pictures;
 pub mod profile;
 pub mod ready;
@@ -27,8 +27,9 @@ mod removal;
 pub mod report;
 pub mod runner;
 pub mod search;
-#[cfg(test)]
-mod testing;
+mod series;
+#[cfg(any(test, feature = "testing"))]
+pub mod testing;
 
 pub use adopt::Adopted;
 pub use application::{Cases, MAX_INSTANCE_BYTES, Options, StartError, open_library};
@@ -37,4 +38,5 @@ pub use error::Error;
 pub use intake::VolumeFiles;
 pub use library::{Library, LibraryOptions, Preparation};
 pub use limit::{ConcurrencyLimit, Queued, Turn};
+pub use patient::Patient;
 pub use removal::{BeforeRemoval, remove_expired};

@@ -16,9 +16,9 @@ use imaging::dicom::Attributes;
 use pipeline::atlas::Gyri;
 use pipeline::maps::NoMaps;
 
-use crate::arrivals::{Patient, day};
 use crate::gyri::named;
 use crate::library::{LoadedMaps, MapsState};
+use crate::patient::{Patient, day};
 use crate::pictures::{LayerRef, ready};
 use crate::profile::{PointProfile, profile};
 use crate::{Cases, Error};

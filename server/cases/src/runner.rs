@@ -166,7 +166,7 @@ impl Runner {
     }
 
     /// Does something now, and then each time the interval has passed.
-    pub(crate) fn repeat<F: Future<Output = ()> + Send + 'static>(
+    pub fn repeat<F: Future<Output = ()> + Send + 'static>(
         &mut self,
         every: Duration,
         act: impl Fn() -> F + Send + Sync + 'static,
@@ -438,8 +438,8 @@ impl Lane {
 }
 
 /// Does one job of a kind; `false` if there is none.
-#[cfg(test)]
-pub(crate) async fn once(store: &Store, work: Arc<dyn Work>) -> bool {
+#[cfg(any(test, feature = "testing"))]
+pub async fn once(store: &Store, work: Arc<dyn Work>) -> bool {
     let phase = watch::Sender::new(Phase::Working);
     let lane = Lane {
         store: store.clone(),

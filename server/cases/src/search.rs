@@ -1,11 +1,11 @@
 //! Finds cases by what they are and whose they are.
 
 use case::Case;
-use storage::arrivals::CaseSeries;
+use case::series::CaseSeries;
 use storage::{CaseQuery, Cursor, StoreError};
 
 use crate::application::Cases;
-use crate::arrivals::Patient;
+use crate::patient::Patient;
 
 /// A case that a search has found. It shows a patient.
 #[derive(Debug)]

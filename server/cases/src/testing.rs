@@ -1,40 +1,48 @@
-//! What the tests of the library, of the workers and of the models share.
+//! What the tests of the library, of the workers and of the models share, and those of the crates above.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use bytes::Bytes;
 use case::{Case, CaseId, CaseState, Failure, ObjectKind, Parameters, Progress, Stage};
-use pipeline::{Derived, Source};
+use imaging::Limits;
+use pipeline::atlas::AtlasChoice;
+use pipeline::{Derived, HeadLimits, Source};
 use storage::testing::{facts, failure};
 use storage::{Options, Store};
+use worker::ChildBudget;
 
+use crate::application::Cases;
+use crate::dicom::Program;
 use crate::library::{Library, LibraryOptions, Preparation};
+use crate::pictures::{GpuUse, GraphicsOptions};
+use crate::removal::BeforeRemoval;
 
 /// A preparation that takes as long as it is told, and whose results are made of the source's bytes.
 #[derive(Debug, Default)]
-pub(crate) struct Fake {
+pub struct Fake {
     /// Volumes that were prepared, in order.
-    pub(crate) runs: Mutex<Vec<Bytes>>,
+    pub runs: Mutex<Vec<Bytes>>,
     /// While raised, preparations go on until they are cancelled or it is lowered.
-    pub(crate) hold: AtomicBool,
+    pub hold: AtomicBool,
     /// Preparations at work.
-    pub(crate) active: AtomicUsize,
+    pub active: AtomicUsize,
     /// The most that were at work at a time.
-    pub(crate) most: AtomicUsize,
+    pub most: AtomicUsize,
 }
 
 impl Fake {
-    pub(crate) fn run_count(&self) -> usize {
+    pub fn run_count(&self) -> usize {
         self.runs.lock().unwrap().len()
     }
 
-    pub(crate) fn hold(&self, hold: bool) {
+    pub fn hold(&self, hold: bool) {
         self.hold.store(hold, Ordering::Relaxed);
     }
 
-    pub(crate) async fn until_active(&self) {
+    pub async fn until_active(&self) {
         while self.active.load(Ordering::Relaxed) == 0 {
             tokio::time::sleep(Duration::from_millis(2)).await;
         }
@@ -43,7 +51,7 @@ impl Fake {
 
 impl Fake {
     /// It as what prepares cases.
-    pub(crate) fn preparation(self: &Arc<Self>) -> Preparation {
+    pub fn preparation(self: &Arc<Self>) -> Preparation {
         let fake = Arc::clone(self);
         Preparation {
             has_network: true,
@@ -83,7 +91,7 @@ impl Fake {
 }
 
 /// Waits until something holds.
-pub(crate) async fn until(holds: impl Fn() -> bool) {
+pub async fn until(holds: impl Fn() -> bool) {
     let wait = async {
         while !holds() {
             tokio::time::sleep(Duration::from_millis(2)).await;
@@ -94,18 +102,18 @@ pub(crate) async fn until(holds: impl Fn() -> bool) {
         .expect("it comes to hold");
 }
 
-pub(crate) fn fake_objects(volume: &[u8]) -> Vec<(ObjectKind, Bytes)> {
+pub fn fake_objects(volume: &[u8]) -> Vec<(ObjectKind, Bytes)> {
     let payload = |kind: ObjectKind| [kind.name().as_bytes(), volume, &[0; 999]].concat().into();
     ObjectKind::DERIVED.map(|kind| (kind, payload(kind))).into()
 }
 
 /// The library of a store whose cases are prepared by a fake.
-pub(crate) fn library_on(store: Store, fake: &Arc<Fake>) -> Library {
+pub fn library_on(store: Store, fake: &Arc<Fake>) -> Library {
     Library::new(store, fake.preparation(), LibraryOptions::default())
 }
 
 /// Options of a store whose workers are quick to look for work.
-pub(crate) fn options() -> Options {
+pub fn options() -> Options {
     Options {
         heartbeat: Duration::from_millis(20),
         poll: Duration::from_millis(20),
@@ -114,7 +122,7 @@ pub(crate) fn options() -> Options {
     }
 }
 
-pub(crate) fn source(volume: &str) -> Source {
+pub fn source(volume: &str) -> Source {
     Source {
         volume: Bytes::copy_from_slice(volume.as_bytes()),
         ..Source::default()
@@ -122,7 +130,7 @@ pub(crate) fn source(volume: &str) -> Source {
 }
 
 /// Submits a volume without a mask.
-pub(crate) async fn submit(library: &Library, volume: &str) -> Case {
+pub async fn submit(library: &Library, volume: &str) -> Case {
     library
         .submit(source(volume), Parameters::default())
         .await
@@ -131,7 +139,7 @@ pub(crate) async fn submit(library: &Library, volume: &str) -> Case {
 }
 
 /// Waits until a case is ready or failed, or gone.
-pub(crate) async fn settled(library: &Library, id: &CaseId) -> Option<Case> {
+pub async fn settled(library: &Library, id: &CaseId) -> Option<Case> {
     let mut watch = library.store().subscribe(id);
     let wait = async {
         loop {
@@ -146,6 +154,34 @@ pub(crate) async fn settled(library: &Library, id: &CaseId) -> Option<Case> {
         .expect("a case settles")
 }
 
-pub(crate) async fn settled_state(library: &Library, id: &CaseId) -> Option<CaseState> {
+pub async fn settled_state(library: &Library, id: &CaseId) -> Option<CaseState> {
     settled(library, id).await.map(|case| case.state)
+}
+
+/// An application whose DICOM files are read by a script of the shell.
+pub fn application(store: Store, script: &str) -> Cases {
+    let arguments = vec!["-c".into(), script.into()];
+    let options = crate::Options {
+        location: Path::new("unused").into(),
+        preparation_threads: 1,
+        prepares_apart: false,
+        preparation_cpu_seconds: 120,
+        makes_maps: false,
+        max_layers: 20,
+        store: options(),
+        network: None,
+        atlas: AtlasChoice::Off,
+        limits: Limits::default(),
+        head: HeadLimits::default(),
+        render_threads: 1,
+        max_queued_renders: 4,
+        cache_bytes: 1 << 20,
+        children: ChildBudget::default(),
+        graphics: GraphicsOptions::of_one(GpuUse::Off),
+        dicom_program: Program::other("/bin/sh".into(), arguments),
+        max_dicom_bytes: 1 << 20,
+        deidentify: false,
+        before_removal: BeforeRemoval::default(),
+    };
+    Cases::on(Library::of(store), &options)
 }

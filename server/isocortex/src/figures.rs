@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use access::audit::Audit;
 use http::metrics::{Figure, Metrics};
-use pacs::Pacs;
 use pacs::dimse::{AssociationCounts, Rejection};
+use pacs::{Pacs, PacsStore};
 use storage::{Store, failures};
 
 /// The clock ticks of `/proc` in a second, the same on every Linux.
@@ -41,12 +41,12 @@ pub(crate) fn add_store(metrics: &Metrics, store: &Store) {
     }));
 }
 
-/// Adds the figures of the nodes of a PACS.
+/// Adds the figures of the nodes of a PACS, and of what it has sent.
 pub(crate) fn add_pacs(metrics: &Metrics, pacs: &Pacs) {
     let pacs = pacs.clone();
     metrics.add_source(Arc::new(move || {
         let pacs = pacs.clone();
-        Box::pin(async move { vec![nodes(&pacs)] })
+        Box::pin(async move { vec![nodes(&pacs), images(&pacs)] })
     }));
 }
 
@@ -65,6 +65,15 @@ fn nodes(pacs: &Pacs) -> Figure {
     let reached = pacs.reached();
     reached.iter().fold(figure, |figure, (node, is_reached)| {
         figure.with(&[("node", node)], f64::from(u8::from(*is_reached)))
+    })
+}
+
+fn images(pacs: &Pacs) -> Figure {
+    let help = "Images that came from a PACS by their way, and what became of them";
+    let figure = Figure::counter("isocortex_images_received", help);
+    let images = pacs.store().images().into_iter();
+    images.fold(figure, |figure, (way, status, count)| {
+        figure.with(&[("way", way), ("status", status.name())], count as f64)
     })
 }
 
@@ -96,18 +105,6 @@ fn associations(counts: &AssociationCounts) -> Vec<Figure> {
 fn counts(store: &Store) -> Vec<Figure> {
     let counters = store.counters();
     let failed = failures();
-    let images = Figure::counter(
-        "isocortex_images_received",
-        "Images that came from a PACS by their way, and what became of them",
-    );
-    let images =
-        store
-            .signals()
-            .images()
-            .into_iter()
-            .fold(images, |figure, (way, status, count)| {
-                figure.with(&[("way", way), ("status", status.name())], count as f64)
-            });
     let preparations = [
         ("ready", counters.prepared),
         ("failed", counters.failed),
@@ -129,7 +126,6 @@ fn counts(store: &Store) -> Vec<Figure> {
         "Operations of the store that failed",
     );
     vec![
-        images,
         prepared,
         bad.with(&[], counters.bad_objects as f64),
         missing.with(&[], counters.missing_sources as f64),
@@ -150,9 +146,11 @@ async fn rows(store: &Store) -> Vec<Figure> {
     let counted = store.row_counts().await;
     let up = Figure::gauge("isocortex_database_up", "Whether the database answers");
     figures.push(up.with(&[], f64::from(u8::from(counted.is_ok()))));
-    let Ok(counted) = counted else {
+    let Ok(mut counted) = counted else {
         return figures;
     };
+    let of_pacs = PacsStore::new(store.clone()).counts_by_state().await;
+    counted.by_state.extend(of_pacs.unwrap_or_default());
     if let Ok(expired) = store.expired_count().await {
         let help = "Cases that are older than storage.keep_days and are not removed yet";
         let waiting = Figure::gauge("isocortex_expired_cases", help);

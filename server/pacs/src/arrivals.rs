@@ -5,17 +5,17 @@ use axum::extract::rejection::BytesRejection;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::response::Response;
+use case::series::SeriesQuery;
 use case::{CaseId, CaseState};
 use cases::pictures::check_count;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use storage::arrivals::{
-    Arrival, ArrivalCursor, ArrivalQuery, ArrivalState, SeriesQuery, Taken, TakenAs, is_id,
-};
+use storage::{ListCursor, is_id};
 use utoipa::{IntoParams, ToSchema};
 
 use crate::error::ReasonView;
 use crate::state::Pacs;
+use crate::values::{Arrival, ArrivalQuery, ArrivalState, Taken, TakenAs};
 use http::fresh::fresh_json;
 use http::problem::AppError;
 use http::query::{ApiQuery, Asked, MAX_PAGE, usual_page};
@@ -177,7 +177,7 @@ pub(crate) struct PageQuery {
 #[derive(Debug)]
 pub(crate) struct Checked {
     of: ArrivalQuery,
-    after: Option<ArrivalCursor>,
+    after: Option<ListCursor>,
     limit: usize,
 }
 
@@ -219,7 +219,7 @@ impl Asked for PageQuery {
                 since: value("since", &self.since, a_time, time)?,
                 until: value("until", &self.until, a_time, time)?,
             },
-            after: value("after", &self.after, cursor, ArrivalCursor::parse)?,
+            after: value("after", &self.after, cursor, ListCursor::parse)?,
             limit: self.limit,
         })
     }
@@ -240,7 +240,7 @@ pub(crate) async fn list_arrivals(
     State(pacs): State<Pacs>,
     ApiQuery { values: asked, .. }: ApiQuery<PageQuery>,
 ) -> Result<Response, AppError> {
-    let store = pacs.cases().store();
+    let store = pacs.store();
     let (arrivals, next) = store
         .arrivals(&asked.of, asked.after.as_ref(), asked.limit)
         .await?;
@@ -270,7 +270,7 @@ pub(crate) async fn get_arrival(
 
 async fn arrival(pacs: &Pacs, id: &str) -> Result<Arrival, AppError> {
     let found = match is_id(id) {
-        true => pacs.cases().store().arrival(id).await?,
+        true => pacs.store().arrival(id).await?,
         false => None,
     };
     found.ok_or_else(|| {
@@ -320,7 +320,7 @@ pub(crate) async fn take_arrival(
         let detail = "there is no case of the study that the series could be a layer of; take a T1-weighted series of it first";
         return conflict("no-case-of-study", detail);
     }
-    pacs.cases().store().take(&id, &wanted).await?;
+    pacs.store().take(&id, &wanted).await?;
     tracing::info!(
         arrival = id,
         "a series is taken, whatever it was refused for"
@@ -332,7 +332,7 @@ pub(crate) async fn take_arrival(
 /// Whether the study of a series has a case that can have layers.
 async fn has_case(pacs: &Pacs, arrival: &Arrival) -> Result<bool, AppError> {
     let study = SeriesQuery::Study(arrival.uids.study.clone(), None);
-    let heads = pacs.cases().heads(&study).await?;
+    let heads = pacs.arrivals().heads(&study).await?;
     Ok(heads
         .iter()
         .any(|head| head.case.state != CaseState::Failed))

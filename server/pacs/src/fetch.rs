@@ -3,18 +3,19 @@
 use std::time::Duration;
 
 use async_trait::async_trait;
+use case::series::{SeriesUids, Uid};
 use case::{Failure, JobKind};
 use cases::Error;
 use cases::dicom::InstanceIdentity;
 use cases::runner::{End, Failed, Running, Terms, Work};
 use serde::{Deserialize, Serialize};
-use storage::arrivals::{ArrivalSource, SeriesUids, Uid};
 use storage::{NewJob, Spooled, StoreError};
 
 use crate::background::{TransferError, end};
 use crate::node::{Node, NodeError, WebNode};
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
+use crate::values::ArrivalSource;
 
 /// Fetches a series.
 pub(crate) const FETCH: JobKind = JobKind::new("fetch", "retrieval");
@@ -192,7 +193,7 @@ async fn fetch(pacs: &Pacs, job: &Running, wanted: Option<&Wanted>) -> Result<()
         }
         _ => {}
     }
-    let store = pacs.cases().store();
+    let store = pacs.store();
     // All that the node has is here: the series need not wait.
     store.expect(&uids, received).await?;
     let progress = Received { received, expected };
@@ -220,7 +221,7 @@ impl Images<'_> {
                 parts.skip().await?;
                 continue;
             }
-            let Some(file) = parts.spool(self.pacs.cases().store()).await? else {
+            let Some(file) = parts.spool(self.pacs.store()).await? else {
                 return Err(PartsError::TooLarge(cases::MAX_INSTANCE_BYTES).into());
             };
             let identity = self.pacs.cases().headers.read(&file).await?;
@@ -239,7 +240,7 @@ impl Images<'_> {
         let count = batch.len();
         if count > 0 {
             let source = ArrivalSource::Retrieval;
-            self.pacs.cases().receive(batch, source).await?;
+            self.pacs.arrivals().receive(batch, source).await?;
         }
         self.received += count;
         self.job.report(&Received {

@@ -9,15 +9,17 @@ use axum::extract::State;
 use axum::extract::rejection::BytesRejection;
 use axum::http::StatusCode;
 use axum::response::Response;
+use case::series::{AccessionNumber, SeriesQuery, Uid};
 use case::{CaseId, CaseState};
-use cases::arrivals::{Fitting, Head, Other, Patient};
+use cases::Patient;
 use imaging::dicom::kind_of_series;
 use serde::{Deserialize, Serialize};
-use storage::arrivals::{AccessionNumber, ArrivalState, SeriesQuery, Uid};
 use utoipa::ToSchema;
 
 use crate::error::ReasonView;
+use crate::series::{Fitting, Head, Other};
 use crate::state::Pacs;
+use crate::values::ArrivalState;
 use http::fresh::fresh_json;
 use http::problem::AppError;
 use http::sent::json_body;
@@ -315,7 +317,7 @@ fn ignored(pairs: &[(String, String)]) -> Vec<String> {
 async fn find(pacs: &Pacs, asked: &Asked) -> Result<LaunchView, AppError> {
     let mut fitting = Fitting::default();
     for query in &asked.queries {
-        let found = pacs.cases().fitting(query).await?;
+        let found = pacs.arrivals().fitting(query).await?;
         fitting.heads.extend(found.heads);
         fitting.others.extend(found.others);
     }
@@ -442,7 +444,7 @@ async fn coming(pacs: &Pacs, queries: &[SeriesQuery]) -> Result<LaunchView, AppE
         ..LaunchView::default()
     };
     for query in queries {
-        let arrivals = pacs.cases().store().arrivals_of(query).await?;
+        let arrivals = pacs.store().arrivals_of(query).await?;
         if arrivals
             .iter()
             .any(|arrival| arrival.state == ArrivalState::Receiving)

@@ -2,6 +2,8 @@
 //! (QIDO-RS, WADO-RS), viewers of the PACS open cases by the UIDs of their studies, and results are sent back as DICOM
 //! objects. It is no archive: what came is not found or retrieved here.
 //!
+//! All of a PACS is here, with tables of its own ([`PacsTables`]): what comes (`series`, on the rows of `store`), and results.
+//!
 //! Only the framing of messages is read in this process, by bounded parsers. Data sets are read by the limited child of
 //! `cases`.
 
@@ -23,9 +25,12 @@ mod rendered;
 mod results;
 mod retrievals;
 mod send;
+mod series;
 mod state;
+mod store;
 mod stow;
 mod transfers;
+mod values;
 
 use access::audited::Audited;
 use access::routes::GuardedRoutes;
@@ -33,12 +38,15 @@ use access::scopes::Scope;
 use axum::extract::DefaultBodyLimit;
 use axum::http::Method;
 use axum::routing::get;
-use http::sent::MAX_BODY_BYTES;
 use utoipa_axum::routes;
+
+use http::sent::MAX_BODY_BYTES;
 
 pub use self::background::start_transfers;
 pub use self::node_tests::test_in_words;
+pub use self::series::{ArrivalOptions, Arrivals, SeriesRule, start_series_reader};
 pub use self::state::{Options, Pacs};
+pub use self::store::{CopiedStep, ImageStatus, OfPacs, PacsStore, PacsTables};
 
 /// The routes that need a token. Each states what the token must permit, and what is recorded.
 pub struct Guarded {

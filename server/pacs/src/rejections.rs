@@ -3,13 +3,14 @@
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::response::Response;
-use http::fresh::fresh_json;
-use http::problem::AppError;
 use serde::Serialize;
-use storage::arrivals::{Rejected, is_id};
+use storage::is_id;
 use utoipa::ToSchema;
 
 use crate::state::Pacs;
+use crate::values::Rejected;
+use http::fresh::fresh_json;
+use http::problem::AppError;
 
 /// The most rejections of an answer.
 const MOST: usize = 200;
@@ -64,7 +65,7 @@ pub(crate) struct RejectionList {
     responses((status = 200, description = "The latest rejections", body = RejectionList)),
 )]
 pub(crate) async fn list_rejections(State(pacs): State<Pacs>) -> Result<Response, AppError> {
-    let rejections = pacs.cases().store().rejections(MOST).await?;
+    let rejections = pacs.store().rejections(MOST).await?;
     let list = RejectionList {
         rejections: rejections.into_iter().map(Into::into).collect(),
     };
@@ -87,7 +88,7 @@ pub(crate) async fn lift_rejection(
     Path(id): Path<String>,
 ) -> Result<StatusCode, AppError> {
     let lifted = match is_id(&id) {
-        true => pacs.cases().store().lift(&id).await?,
+        true => pacs.store().lift(&id).await?,
         false => false,
     };
     if !lifted {

@@ -5,15 +5,16 @@ use axum::extract::rejection::BytesRejection;
 use axum::extract::{Path, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::Response;
+use case::series::{SeriesQuery, SeriesUids, Uid};
 use case::{CaseId, JobState};
 use serde::{Deserialize, Serialize};
-use storage::Job;
-use storage::arrivals::{ArrivalState, SeriesQuery, SeriesUids, Uid, is_id};
+use storage::{Job, is_id};
 use utoipa::ToSchema;
 
 use crate::error::ReasonView;
 use crate::fetch::{FETCH, Received, Wanted};
 use crate::state::Pacs;
+use crate::values::ArrivalState;
 use http::fresh::fresh_json;
 use http::problem::AppError;
 use http::sent::json_body;
@@ -121,7 +122,7 @@ pub(crate) async fn queue(
         series: uid(series, "series")?,
     };
     let wanted = Wanted::new(node.name(), &uids);
-    let store = pacs.cases().store();
+    let store = pacs.store();
     let mut new = wanted.job();
     let latest = store.latest_job(FETCH, &new.key).await?;
     // A request while it is fetched may be about images that came since it began.
@@ -163,7 +164,7 @@ pub(crate) async fn get_retrieval(
     if !is_id(&id) {
         return Err(missing());
     }
-    let job = pacs.cases().store().job(&id).await?;
+    let job = pacs.store().job(&id).await?;
     let job = job.filter(|job| job.kind == FETCH.name());
     let view = view(&pacs, job.ok_or_else(missing)?).await?;
     Ok(fresh_json(StatusCode::OK, &view))
@@ -173,7 +174,7 @@ pub(crate) async fn view(pacs: &Pacs, job: Job) -> Result<RetrievalView, AppErro
     let wanted = Wanted::of(&job.payload).ok_or(cases::Error::Internal)?;
     let uids = wanted.uids().ok_or(cases::Error::Internal)?;
     let query = SeriesQuery::Study(uids.study.clone(), Some(uids.series.clone()));
-    let arrivals = pacs.cases().store().arrivals_of(&query).await?;
+    let arrivals = pacs.store().arrivals_of(&query).await?;
     let arrival = arrivals.into_iter().next();
     // A series that was here before may still be what it was before.
     let is_done = job.state == JobState::Done;
@@ -181,7 +182,7 @@ pub(crate) async fn view(pacs: &Pacs, job: Job) -> Result<RetrievalView, AppErro
     let became =
         ended.filter(|arrival| matches!(arrival.state, ArrivalState::Case | ArrivalState::Layer));
     let case = match became.and_then(|arrival| arrival.case) {
-        Some(id) => pacs.cases().store().case(&id).await?,
+        Some(id) => pacs.store().case(&id).await?,
         None => None,
     };
     let case = case.filter(|case| case.closed.is_none());

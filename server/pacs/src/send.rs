@@ -6,17 +6,14 @@ use access::audit::{Action, Event, EventKind, Outcome};
 use async_trait::async_trait;
 use axum::body::Bytes;
 use case::{Failure, JobKind};
-use cases::arrivals::Contradiction;
 use cases::runner::{End, Failed, Running, Terms, Work};
 use storage::Unreadable;
-use storage::results::SentResult;
 
 use crate::background::{TransferError, end};
 use crate::node::NodeError;
+use crate::series::Contradiction;
 use crate::state::Pacs;
-
-/// Sends a result, whose id is the key of the job.
-pub(crate) const SEND: JobKind = JobKind::new("send", "delivery");
+use crate::store::{SEND, SentResult};
 
 /// The terms of a delivery.
 const TERMS: Terms = Terms {
@@ -40,7 +37,7 @@ impl Work for SendResult {
     async fn run(&self, job: &Running) -> Result<End, Failed> {
         let id = &job.claim.key;
         let pacs = &self.0;
-        let Some(result) = pacs.cases().store().result(id).await? else {
+        let Some(result) = pacs.store().result(id).await? else {
             return Ok(End::Done);
         };
         let (case, node) = (result.case.short(), result.node.as_str());
@@ -132,7 +129,7 @@ async fn recorded(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
 
 async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
     let node = pacs.node(&result.node).ok_or(SendError::NoSuchNode)?;
-    let file = pacs.cases().store().object(&result.object).await;
+    let file = pacs.store().object(&result.object).await;
     let file = file.map_err(|error| match error {
         // What is not found now may be back in a moment.
         Unreadable::Store(_) | Unreadable::Missing => SendError::Store,
@@ -144,9 +141,9 @@ async fn send(pacs: &Pacs, result: &SentResult) -> Result<(), SendError> {
 
 /// Whether the study that was named for a result of a case that is not DICOM is another patient's by now.
 async fn of_study(pacs: &Pacs, result: &SentResult) -> Result<Option<Contradiction>, cases::Error> {
-    match pacs.cases().patient_of(result.object).await? {
+    match pacs.arrivals().patient_of(result.object).await? {
         Some(named) => {
-            pacs.cases()
+            pacs.arrivals()
                 .contradiction_of_study(&result.study, &named)
                 .await
         }
@@ -164,10 +161,10 @@ fn contradicted(
 /// Refuses a result of a case whose series or study the PACS has as another patient's. A rejection note may leave all the same: it withdraws
 /// what was sent of the wrong patient. What is closed or withdrawn was refused when the job was claimed.
 async fn may_leave(pacs: &Pacs, result: &SentResult, file: &Bytes) -> Result<(), SendError> {
-    let store = pacs.cases().store();
+    let store = pacs.store();
     let of_store = |_| SendError::Store;
     let why = match store.series_of(&result.case).await.map_err(of_store)? {
-        Some(series) => contradicted(pacs.cases().contradiction(&series).await)?,
+        Some(series) => contradicted(pacs.arrivals().contradiction(&series).await)?,
         None => contradicted(of_study(pacs, result).await)?,
     };
     let Some(why) = why else {

@@ -7,13 +7,15 @@ use access::audit::Audit;
 use axum::extract::Request;
 use axum::http::StatusCode;
 use cases::Cases;
+use jiff::tz::TimeZone;
+
+use crate::node::Node;
+use crate::series::Arrivals;
+use crate::store::PacsStore;
 use http::client_limit::{ClientLimit, ClientPermit};
 use http::listen::client_of;
 use http::problem::AppError;
 use http::uploads::UploadLimits;
-use jiff::tz::TimeZone;
-
-use crate::node::Node;
 
 /// The options of the PACS interface.
 #[derive(Debug)]
@@ -35,7 +37,7 @@ pub struct Options {
 /// What the requests share. Cheap to clone.
 #[derive(Debug, Clone)]
 pub struct Pacs {
-    cases: Cases,
+    arrivals: Arrivals,
     inner: Arc<Inner>,
 }
 
@@ -52,7 +54,7 @@ impl Pacs {
     pub fn new(cases: Cases, options: Options) -> Self {
         let room = ClientLimit::new(options.uploads.at_a_time);
         Self {
-            cases,
+            arrivals: Arrivals::new(cases),
             inner: Arc::new(Inner {
                 options,
                 room,
@@ -63,7 +65,17 @@ impl Pacs {
 
     /// The application.
     pub fn cases(&self) -> &Cases {
-        &self.cases
+        &self.arrivals.cases
+    }
+
+    /// What comes from a PACS.
+    pub fn arrivals(&self) -> &Arrivals {
+        &self.arrivals
+    }
+
+    /// The store with the rows of the PACS.
+    pub fn store(&self) -> &PacsStore {
+        self.arrivals.store()
     }
 
     /// The record of who does what.

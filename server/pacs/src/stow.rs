@@ -1,24 +1,24 @@
 //! STOW-RS (PS3.18 §10.5): images come as the parts of a request.
 
+use access::audited::StoredImages;
+use access::scopes::Scope;
+use access::tokens::Holder;
 use axum::body::{Body, HttpBody as _};
 use axum::extract::{Path, Request, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse as _, Response};
+use case::series::Uid;
 use cases::Error;
-use cases::arrivals::Reception;
 use cases::dicom::InstanceIdentity;
 use cases::ready::check_before_upload;
 use serde_json::{Value, json};
 use storage::Spooled;
-use storage::arrivals::{ArrivalSource, Uid};
 
 use crate::address::StudyPath;
 use crate::multipart::MediaType;
 use crate::parts::{Parts, PartsError, is_dicom};
 use crate::state::Pacs;
-use access::audited::StoredImages;
-use access::scopes::Scope;
-use access::tokens::Holder;
+use crate::values::{ArrivalSource, Reception};
 use http::fresh::fresh_json;
 use http::problem::AppError;
 
@@ -121,7 +121,7 @@ async fn store(pacs: &Pacs, study: Option<Uid>, request: Request) -> Result<Resp
         return Err(PartsError::TooLarge(limits.max_bytes).into());
     }
     let _room = pacs.room(&request)?;
-    check_before_upload(pacs.cases().store()).await?;
+    check_before_upload(pacs.store()).await?;
     let holder = request.extensions().get::<Holder>().cloned();
     let mut images = Images {
         pacs,
@@ -204,7 +204,7 @@ impl Images<'_> {
                 self.unknown(FailureReason::CannotUnderstand);
                 continue;
             }
-            match parts.spool(self.pacs.cases().store()).await? {
+            match parts.spool(self.pacs.store()).await? {
                 Some(file) => self.add(file).await?,
                 None => self.unknown(FailureReason::OutOfResources),
             }
@@ -236,13 +236,13 @@ impl Images<'_> {
                 let by = &self.holder.name;
                 let may_reject = self.holder.scopes.contains(&Scope::DicomReject);
                 if identity.rejection.is_some() && !may_reject {
-                    (self.pacs.cases())
+                    (self.pacs.arrivals())
                         .refuse_rejection(identity, source, by)
                         .await?;
                     self.failed(&reference, FailureReason::NotAuthorized);
                     return Ok(());
                 }
-                let is_known = self.pacs.cases().ignore(identity, source, by).await?;
+                let is_known = self.pacs.arrivals().ignore(identity, source, by).await?;
                 self.report
                     .ignored(&reference, is_known.then_some(CORRECTED));
                 return Ok(());
@@ -267,7 +267,7 @@ impl Images<'_> {
         }
         let identities: Vec<_> = batch.iter().map(|(identity, _)| identity.clone()).collect();
         let source = ArrivalSource::Stow;
-        let receptions = self.pacs.cases().receive(batch, source).await?;
+        let receptions = self.pacs.arrivals().receive(batch, source).await?;
         for (identity, reception) in identities.iter().zip(receptions) {
             if reception != Reception::Refused {
                 let study = identity.uids.study.as_str().to_owned();
@@ -286,13 +286,13 @@ impl Images<'_> {
     }
 
     fn failed(&mut self, identity: &InstanceIdentity, reason: FailureReason) {
-        self.pacs.cases().refused(ArrivalSource::Stow);
+        self.pacs.arrivals().refused(ArrivalSource::Stow);
         self.report.failed(identity, reason);
     }
 
     /// An image without a known instance UID.
     fn unknown(&mut self, reason: FailureReason) {
-        self.pacs.cases().refused(ArrivalSource::Stow);
+        self.pacs.arrivals().refused(ArrivalSource::Stow);
         self.report.unknown(reason);
     }
 

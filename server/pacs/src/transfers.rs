@@ -6,8 +6,7 @@ use axum::response::Response;
 use case::{CaseId, JobState};
 use cases::pictures::check_count;
 use serde::{Deserialize, Serialize};
-use storage::JobQuery;
-use storage::arrivals::{ArrivalCursor, TransferQuery};
+use storage::{JobQuery, ListCursor};
 use utoipa::{IntoParams, ToSchema};
 
 use crate::arrivals::value;
@@ -15,6 +14,7 @@ use crate::fetch::{FETCH, Wanted};
 use crate::results::ResultView;
 use crate::retrievals::{self, RetrievalView};
 use crate::state::Pacs;
+use crate::values::TransferQuery;
 use http::fresh::fresh_json;
 use http::problem::AppError;
 use http::query::{ApiQuery, Asked, MAX_PAGE, usual_page};
@@ -60,7 +60,7 @@ pub(crate) struct RetrievalList {
 #[derive(Debug)]
 pub(crate) struct Checked {
     of: TransferQuery,
-    after: Option<ArrivalCursor>,
+    after: Option<ListCursor>,
     limit: usize,
 }
 
@@ -77,7 +77,7 @@ impl Asked for ListQuery {
                 case: value("case", &self.case, a_case, CaseId::parse)?,
                 state: value("state", &self.state, a_state, JobState::from_name)?,
             },
-            after: value("after", &self.after, cursor, ArrivalCursor::parse)?,
+            after: value("after", &self.after, cursor, ListCursor::parse)?,
             limit: self.limit,
         })
     }
@@ -97,7 +97,7 @@ pub(crate) async fn list_results(
     State(pacs): State<Pacs>,
     ApiQuery { values: asked, .. }: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    let store = pacs.cases().store();
+    let store = pacs.store();
     let (results, next) = store
         .results(&asked.of, asked.after.as_ref(), asked.limit)
         .await?;
@@ -122,7 +122,7 @@ pub(crate) async fn list_retrievals(
     State(pacs): State<Pacs>,
     ApiQuery { values: asked, .. }: ApiQuery<ListQuery>,
 ) -> Result<Response, AppError> {
-    let store = pacs.cases().store();
+    let store = pacs.store();
     let mut page = RetrievalList {
         retrievals: Vec::new(),
         next: None,

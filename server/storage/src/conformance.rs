@@ -1,10 +1,9 @@
 //! Checks of a store: one suite, for SQLite in memory and in a file, and for PostgreSQL.
 
-mod arrivals;
 mod findings;
 mod layers;
 mod objects;
-mod results;
+mod series;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,10 +13,9 @@ use case::{
     VoxelFacts,
 };
 
-pub(crate) use self::arrivals::*;
 pub(crate) use self::findings::*;
 pub(crate) use self::layers::*;
-pub(crate) use self::results::*;
+pub(crate) use self::series::*;
 
 use super::expiry::{Allowance, Removal};
 use super::identity::Label;
@@ -54,12 +52,12 @@ impl Subject {
     }
 
     pub(crate) async fn in_memory() -> Self {
-        Self::new(Rows::in_memory().await.unwrap(), ()).await
+        Self::new(Rows::in_memory(Arc::new(())).await.unwrap(), ()).await
     }
 
     async fn in_a_file() -> Self {
         let directory = tempfile::tempdir().unwrap();
-        let rows = Rows::sqlite(&directory.path().join("rows.sqlite")).await;
+        let rows = Rows::sqlite(&directory.path().join("rows.sqlite"), Arc::new(())).await;
         Self::new(rows.unwrap(), directory).await
     }
 
@@ -113,30 +111,8 @@ macro_rules! conformance {
                 ready_cases_are_found_by_their_voxels
                 what_nobody_needs_is_told
                 holders_that_are_dead_hold_nothing
-                an_image_is_received_once
-                a_case_is_closed_while_the_last_image_is_another_one
-                an_unchanged_image_wakes_a_series_that_waits_for_it
-                what_replaces_a_closed_case_inherits_nothing
-                objects_that_are_not_kept_are_counted
-                an_image_that_comes_under_another_series_leaves_its_own
-                what_is_made_of_rejected_images_is_closed_until_that_is_lifted
-                what_a_pacs_has_sent_is_known_for_a_year_and_while_something_is_made_of_it
-                a_series_is_due_when_nothing_came_for_a_while
-                a_corrected_or_grown_series_waits_as_if_no_number_were_known
-                a_series_with_all_announced_images_waits_no_longer
-                a_late_image_fences_the_reader_off_and_makes_the_series_due_again
-                a_series_that_is_not_t1_waits_for_a_case_of_its_study
-                an_image_is_kept_until_its_series_is_forgotten_or_its_case_deleted
-                images_that_have_changed_do_not_go_with_the_case_that_was_made_before
                 cases_are_found_by_their_series
                 cases_are_searched_by_what_they_are_and_whose
-                series_are_listed_newest_first_in_pages
-                series_are_listed_by_state_case_label_and_time
-                a_series_that_was_refused_is_taken_and_the_reason_stays
-                a_result_is_queued_once_for_a_node_and_sent_until_it_is_there
-                a_result_is_kept_until_it_is_forgotten_or_its_case_deleted
-                results_are_listed_by_case_and_state_in_pages
-                a_result_does_not_count_while_what_it_shows_is_closed
                 a_layer_is_inserted_once_and_as_many_as_may
                 layers_are_named_and_ordered
                 a_layer_is_leased_once_its_case_is_ready

@@ -193,7 +193,7 @@ impl Store {
         let mut after: Option<ObjectName> = None;
         loop {
             let names = self
-                .pacs_objects(kind, after.as_ref(), REMOVALS_AT_ONCE)
+                .objects_of_tables(kind, after.as_ref(), REMOVALS_AT_ONCE)
                 .await?;
             let Some(last) = names.last() else {
                 return Ok(());

@@ -4,11 +4,11 @@ use bytes::Bytes;
 use case::images::Image;
 use case::{CaseId, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind};
 
-use super::arrivals::Uid;
 use super::jobs::Claim;
 use super::pinned::Writing;
 use super::rows::{LayerName, NewLayer, Pinned, Published};
 use super::{Framed, Manifest, ObjectName, Spooled, Store, StoreError, Unreadable};
+use case::series::Uid;
 
 /// How often to insert a layer again that others delete meanwhile.
 const ATTEMPTS: usize = 16;

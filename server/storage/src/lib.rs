@@ -14,14 +14,16 @@
 //! | `forest` | a predecessor for each voxel of the envelope | the second transform costs a third of a second |
 //! | `paths` | the table of the default mesh | the first request of a client |
 //! | `maps` | the maps of the junction, or why there are none | computing them takes seconds |
-//! | `instance` | a DICOM file from a PACS ([`arrivals`]) | a series becomes a case only when all of it is there, and late images change it |
-//! | `result` | a DICOM object made from a case ([`results`]) | it is sent again, with the same bytes, until the PACS has it |
+//! | `instance` | a DICOM file from a PACS | a series becomes a case only when all of it is there, and late images change it |
+//! | `result` | a DICOM object made from a case | it is sent again, with the same bytes, until the PACS has it |
 //! | `source-layer` | the uploaded bytes of a layer; for DICOM files, the volume made from them | the layer comes from them |
 //! | `layer` | 16-bit values of a layer, cropped to the envelope where it lies | reading the source and registering it takes seconds |
 //! | `manifest` | the parameters and the names of the sources of a case or a layer ([`Manifest`]) | after a restore of older rows, what was uploaded since is submitted again |
 //!
 //! The distance map, the depth fields and the shell index are not stored: computing them from the envelope takes tens
 //! of milliseconds, no longer than reading and checking their tens of megabytes.
+//!
+//! Other crates may have tables beside those of the store ([`tables`]).
 //!
 //! Every object is pinned before it is written and gets an expired pin when a case no longer needs it. A sweep leaves a
 //! tombstone on each unneeded object, deletes the object and buries the tombstone. So a removal never
@@ -45,12 +47,11 @@ mod objects;
 mod page;
 mod pinned;
 mod publish;
-mod receive;
-pub mod results;
 mod rows;
 mod signals;
 mod sql;
 mod submit;
+pub mod tables;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
 #[cfg(test)]
@@ -71,11 +72,10 @@ use self::directory::Directory;
 use self::objects::Objects;
 use self::rows::{Change, Sweep};
 use self::sql::Rows;
+use self::tables::{Connection, Tables};
 use case::{Case, CaseId};
 
-pub use case::arrivals;
-
-pub use self::copy::{Copied, CopyStep, ForPacs};
+pub use self::copy::{Copied, CopyStep};
 pub use self::error::{
     FAILED_DISK, FULL_STORE, FailureCounts, STORE_AWAY, StoreError, failures, unless_missing,
 };
@@ -91,13 +91,10 @@ pub use self::objects::{
     Framed, ObjectError, ObjectName, Spool, Spooled, Unreadable, frame, keep_private,
     open_to_others,
 };
-pub use self::page::{CaseQuery, Cursor, Page};
+pub use self::page::{CaseQuery, Cursor, ListCursor, Page, is_id};
 pub use self::publish::{Attempt, Publisher, frame_all};
-pub use self::rows::{
-    DueImage, DueSeries, LayerChange, LayerName, Made, MadeCase, MadeImage, Pinned, Published,
-    RowCounts,
-};
-pub use self::signals::{Count, Counters, ImageStatus, Signals};
+pub use self::rows::{LayerChange, LayerName, Made, Pinned, Published, RowCounts};
+pub use self::signals::{Count, Counters, Signals};
 pub use self::submit::{NewMask, Submitted, Upload, Version};
 pub use self::watch::Watch;
 
@@ -140,6 +137,8 @@ pub struct Options {
     pub keep: Option<Duration>,
     /// Whether opening the store removes what nobody needs any more.
     pub sweeps_at_start: bool,
+    /// The tables of another crate that the store has.
+    pub tables: Arc<dyn Tables>,
 }
 
 impl Default for Options {
@@ -156,6 +155,7 @@ impl Default for Options {
             poll: Duration::from_secs(1),
             keep: None,
             sweeps_at_start: true,
+            tables: Arc::new(()),
         }
     }
 }
@@ -253,11 +253,14 @@ impl Store {
     ///
     /// # Errors
     /// As [`Store::open_at`].
-    pub async fn open_with_new_id(location: &Location) -> Result<Self, StoreError> {
+    pub async fn open_with_new_id(
+        location: &Location,
+        options: Options,
+    ) -> Result<Self, StoreError> {
         let options = Options {
             // Before `--adopt`, nothing of the copy may go.
             sweeps_at_start: false,
-            ..Options::default()
+            ..options
         };
         Self::open_by(location, options, Opening::WithNewId).await
     }
@@ -292,7 +295,7 @@ impl Store {
         }
         let has_own_rows = location.database.is_none();
         let prepare = async |is_alone| {
-            let rows = open_rows(location).await?;
+            let rows = open_rows(location, Arc::clone(&options.tables)).await?;
             if is_alone && has_own_rows {
                 rows.check_file().await?;
             }
@@ -336,7 +339,8 @@ impl Store {
     /// If there is no memory or no temporary directory for it.
     pub async fn in_memory(options: Options) -> Result<Self, StoreError> {
         let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
-        Self::on(Rows::in_memory().await?, objects, options).await
+        let rows = Rows::in_memory(Arc::clone(&options.tables)).await?;
+        Self::on(rows, objects, options).await
     }
 
     fn new(rows: Rows, objects: Objects, place: Place, options: Options) -> Self {
@@ -535,6 +539,30 @@ impl Store {
         lock(&self.inner.deletion_hooks).push(Box::new(hook));
     }
 
+    /// A connection on which each statement is a transaction.
+    ///
+    /// # Errors
+    /// If the database cannot be reached.
+    pub async fn connect(&self) -> Result<Connection, StoreError> {
+        self.rows().connect().await
+    }
+
+    /// Begins a writing transaction; with it the time, in microseconds since 1970. There is one at a time in all processes.
+    ///
+    /// # Errors
+    /// If the database cannot be reached.
+    pub async fn write(&self) -> Result<(Connection, i64), StoreError> {
+        self.rows().write().await
+    }
+
+    /// The time by the database's clock.
+    ///
+    /// # Errors
+    /// If the database cannot be reached.
+    pub async fn now(&self, connection: &mut Connection) -> Result<i64, StoreError> {
+        self.rows().now(connection).await
+    }
+
     fn rows(&self) -> &Rows {
         &self.inner.rows
     }
@@ -626,11 +654,13 @@ fn check_disk(directory: &Path, wanted: u64) -> std::io::Result<()> {
     probe.as_file().sync_data()
 }
 
-async fn open_rows(location: &Location) -> Result<Rows, StoreError> {
+async fn open_rows(location: &Location, tables: Arc<dyn Tables>) -> Result<Rows, StoreError> {
     match &location.database {
-        None => Rows::sqlite(&rows_file(&location.folder)).await,
-        Some(DatabaseAddress::Sqlite(file)) => Rows::sqlite(file).await,
-        Some(DatabaseAddress::Postgres(options)) => Rows::postgres((**options).clone()).await,
+        None => Rows::sqlite(&rows_file(&location.folder), tables).await,
+        Some(DatabaseAddress::Sqlite(file)) => Rows::sqlite(file, tables).await,
+        Some(DatabaseAddress::Postgres(options)) => {
+            Rows::postgres((**options).clone(), tables).await
+        }
     }
 }
 

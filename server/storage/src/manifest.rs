@@ -9,10 +9,10 @@ use case::images::Image;
 use case::{CaseId, Layer, LayerId, LayerParameters, ObjectKind, Parameters};
 use serde::{Deserialize, Serialize};
 
-use super::arrivals::Uid;
 use super::pinned::{Writing, unique_holder};
 use super::rows::{LayerName, Made, NewCase, NewLayer, Pinned};
 use super::{Framed, ObjectName, Spooled, Store, StoreError, Unreadable, frame};
+use case::series::Uid;
 
 /// What was uploaded.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

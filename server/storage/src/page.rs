@@ -1,10 +1,10 @@
-//! Pages of the list of cases, and searches for cases.
+//! Pages of lists, and searches for cases.
 
 use std::fmt;
 
 use jiff::Timestamp;
 
-use case::arrivals::{AccessionNumber, PatientDigest, Uid};
+use case::series::{AccessionNumber, PatientDigest, Uid};
 use case::{Case, CaseId, CaseState};
 
 /// Which cases to list: those that fulfil each condition that is given; without one, all.
@@ -60,6 +60,38 @@ impl fmt::Display for Cursor {
     }
 }
 
+/// The place in a list after an item, given by its time and id.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ListCursor {
+    /// Microseconds since 1970.
+    pub at: i64,
+    /// The id of the item.
+    pub id: String,
+}
+
+impl ListCursor {
+    /// Parses the output of `Display`; `None` for anything else.
+    pub fn parse(text: &str) -> Option<Self> {
+        let (at, id) = text.split_once('-')?;
+        is_id(id).then_some(Self {
+            at: at.parse().ok()?,
+            id: id.to_owned(),
+        })
+    }
+}
+
+impl fmt::Display for ListCursor {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}-{}", self.at, self.id)
+    }
+}
+
+/// Whether a text can be the id of an arrival, a result or a job.
+pub fn is_id(text: &str) -> bool {
+    let allowed = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
+    text.len() == 32 && text.bytes().all(allowed)
+}
+
 /// A page of the list of cases.
 #[derive(Debug, Clone)]
 pub struct Page {
@@ -90,6 +122,18 @@ mod tests {
             "99999999999999999999-0",
         ] {
             assert_eq!(Cursor::parse(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_cursor_of_any_list_is_read_back_as_it_was_written() {
+        let cursor = ListCursor {
+            at: 17,
+            id: "0123456789abcdef0123456789abcdef".to_owned(),
+        };
+        assert_eq!(ListCursor::parse(&cursor.to_string()), Some(cursor));
+        for text in ["", "1-2", "x-0123456789abcdef0123456789abcdef"] {
+            assert_eq!(ListCursor::parse(text), None, "{text}");
         }
     }
 }

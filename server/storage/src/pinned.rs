@@ -25,7 +25,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 /// An object to be written.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Writing<'a> {
+pub enum Writing<'a> {
     /// A spooled file.
     File(ObjectName, &'a Spooled),
     /// A derived object.
@@ -43,10 +43,23 @@ impl Writing<'_> {
     }
 }
 
+impl Pinned {
+    /// Objects to be pinned by a holder of their own.
+    pub fn new(names: impl IntoIterator<Item = ObjectName>) -> Self {
+        Self {
+            holder: unique_holder(),
+            names: names.into_iter().collect(),
+        }
+    }
+}
+
 impl Store {
     /// Makes objects durable, then refers to them in the transaction of `refer`. Leaves nothing behind if that fails or
     /// does not need them.
-    pub(crate) async fn with_pinned<T, F>(
+    ///
+    /// # Errors
+    /// That of `refer`, or if the objects cannot be written.
+    pub async fn with_pinned<T, F>(
         &self,
         objects: &[Writing<'_>],
         refer: impl Fn(Pinned) -> F,
@@ -74,12 +87,15 @@ impl Store {
     }
 
     async fn write_all(&self, objects: &[Writing<'_>]) -> Result<(), StoreError> {
-        let writes: Vec<_> = objects.iter().map(|object| self.write(object)).collect();
+        let writes: Vec<_> = objects
+            .iter()
+            .map(|object| self.write_object(object))
+            .collect();
         let writes = stream::iter(writes).buffer_unordered(WRITES_AT_ONCE);
         writes.try_collect().await
     }
 
-    async fn write(&self, object: &Writing<'_>) -> Result<(), StoreError> {
+    async fn write_object(&self, object: &Writing<'_>) -> Result<(), StoreError> {
         match object {
             Writing::File(name, file) => self.objects().put_file(name, file).await?,
             Writing::Framed(framed) => self.objects().put(framed).await?,
@@ -89,14 +105,14 @@ impl Store {
     }
 
     /// Pins objects before they are written. Waits for objects that are being removed.
-    pub(crate) async fn pin(
+    ///
+    /// # Errors
+    /// If the rows cannot be written, or a removal takes too long.
+    pub async fn pin(
         &self,
         names: impl IntoIterator<Item = ObjectName>,
     ) -> Result<Pinned, StoreError> {
-        let pinned = Pinned {
-            holder: unique_holder(),
-            names: names.into_iter().collect(),
-        };
+        let pinned = Pinned::new(names);
         self.check_id().await?;
         let begun = Instant::now();
         while !self.try_pin(&pinned, PIN_FOR).await? {
@@ -113,7 +129,7 @@ impl Store {
     }
 
     /// Abandons pinned objects. If this fails, they are removed after their pins expire.
-    pub(crate) async fn abandon(&self, pinned: &Pinned) {
+    pub async fn abandon(&self, pinned: &Pinned) {
         let unpinned = self.unpin(pinned).await;
         let collected = match unpinned {
             Ok(()) => self.collect().await,

@@ -11,46 +11,11 @@
 
 use std::time::Duration;
 
-use case::arrivals::{ArrivalSource, SeriesUids, Taken, Uid};
-use case::images::{Closed, Fingerprint, Image};
-use case::{CaseId, CaseState, Contrast, LayerId, LayerParameters, Parameters};
-use jiff::Timestamp;
+use case::images::Image;
+use case::series::Uid;
+use case::{CaseId, Contrast, LayerId, LayerParameters, Parameters};
 
 use super::ObjectName;
-
-/// The last image that a PACS has sent with a UID.
-#[derive(Debug, Clone)]
-pub(crate) struct LastImage {
-    pub uid: Uid,
-    pub uids: SeriesUids,
-    /// What it states and shows; none if it cannot be decoded.
-    pub fingerprint: Option<Fingerprint>,
-    /// How often it was sent.
-    pub times: i64,
-    pub sender: ArrivalSource,
-    /// Microseconds since 1970.
-    pub last_at: i64,
-}
-
-/// A case and the images that it was made of.
-#[derive(Debug, Clone)]
-pub struct MadeCase {
-    pub case: CaseId,
-    pub state: CaseState,
-    pub closed: Option<Closed>,
-    /// Whether a PACS has sent its images; otherwise they were uploaded.
-    pub is_received: bool,
-    pub images: Vec<MadeImage>,
-}
-
-/// An image that a case was made of.
-#[derive(Debug, Clone)]
-pub struct MadeImage {
-    pub uid: Uid,
-    pub fingerprint: Fingerprint,
-    /// Whether the PACS has sent it again since then, wherever, or has rejected it.
-    pub has_come_again: bool,
-}
 
 /// A case to be inserted.
 #[derive(Debug, Clone)]
@@ -91,22 +56,6 @@ pub(crate) struct NewLayer {
     pub queue_limit: usize,
     /// Whose it is: see [`Store::for_client`](crate::Store::for_client).
     pub client: String,
-}
-
-/// An instance that was withdrawn.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Withdrawn {
-    /// The series in which it was withdrawn; none for results, which are the same in every series.
-    pub uids: Option<SeriesUids>,
-    pub instance: Uid,
-    /// When the latest note of it came.
-    pub at: Timestamp,
-    /// Names what one note rejects of one series; empty for results.
-    pub id: String,
-    /// Who has sent the note.
-    pub by: String,
-    /// Whether it counts again when it comes again.
-    pub may_return: bool,
 }
 
 /// The name of a new layer.
@@ -158,7 +107,7 @@ pub struct Pinned {
 
 /// What became of pins in a transaction.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Referred<T> {
+pub enum Referred<T> {
     /// They are references now.
     Done(T),
     /// The objects are not needed. Nothing of them has changed.
@@ -176,24 +125,12 @@ pub enum Published {
     Fenced,
 }
 
-/// A series that a job is to read.
-#[derive(Debug, Clone)]
-pub struct DueSeries {
-    pub uids: SeriesUids,
-    /// How somebody took it.
-    pub taken: Option<Taken>,
-    /// Whether images of it were corrected since then.
-    pub is_corrected: bool,
-    /// Its images that are not rejected, in the order of their UIDs.
-    pub images: Vec<DueImage>,
-}
-
 /// What is made of images: a case, a layer of it, or a result that shows layers of it. Its fields are columns.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Made {
-    pub(crate) case: String,
-    pub(crate) layer: String,
-    pub(crate) result: String,
+    pub case: String,
+    pub layer: String,
+    pub result: String,
 }
 
 impl Made {
@@ -212,22 +149,13 @@ impl Made {
     }
 
     /// A result that was made from a case.
-    pub(crate) fn result(case: &CaseId, result: &str) -> Self {
+    pub fn result(case: &CaseId, result: &str) -> Self {
         Self {
             case: case.to_string(),
             layer: String::new(),
             result: result.to_owned(),
         }
     }
-}
-
-/// An image of a series that a job is to read.
-#[derive(Debug, Clone)]
-pub struct DueImage {
-    pub uid: Uid,
-    pub object: ObjectName,
-    /// How often it was sent.
-    pub times: u64,
 }
 
 /// The holder of tombstones, and their lease.
@@ -242,8 +170,7 @@ pub(crate) struct Sweep {
 /// How many rows are in which state.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct RowCounts {
-    /// What they are (`cases`, `arrivals`, `results` or `jobs`), the node of results or the kind of jobs, their state, and
-    /// how many.
+    /// What they are (`cases`, `closed` or `jobs`), why they are closed or the kind of jobs, their state, and how many.
     pub by_state: Vec<(String, String, String, u64)>,
     /// For how long the oldest job of each kind has not ended.
     pub oldest: Vec<(String, Duration)>,

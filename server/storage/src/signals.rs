@@ -7,7 +7,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use tokio::sync::watch;
 
 use super::lock;
-use crate::arrivals::ArrivalSource;
 use case::{Case, CaseId, CaseState, Progress};
 
 /// Counts since the process started.
@@ -26,37 +25,6 @@ pub struct Counters {
     pub failed: u64,
     /// Preparations that must be tried again because the store failed.
     pub retried: u64,
-}
-
-/// What became of images of a PACS, by the way on which they came.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum ImageStatus {
-    /// They are new, and durable.
-    Stored,
-    /// They were there already.
-    Known,
-    /// They took the place of others with the same UID.
-    Corrected,
-    /// They are no images, or cannot be read.
-    Refused,
-    /// They are of a class of which nothing is kept.
-    Ignored,
-    /// They could not be stored.
-    Failed,
-}
-
-impl ImageStatus {
-    /// Its name in metrics.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Stored => "stored",
-            Self::Known => "known",
-            Self::Corrected => "corrected",
-            Self::Refused => "refused",
-            Self::Ignored => "ignored",
-            Self::Failed => "failed",
-        }
-    }
 }
 
 /// Something to count.
@@ -90,28 +58,9 @@ pub struct Signals {
     queued: watch::Sender<u64>,
     watched: Mutex<HashMap<CaseId, watch::Sender<Signal>>>,
     counts: [AtomicU64; 6],
-    images: Mutex<HashMap<(&'static str, ImageStatus), u64>>,
 }
 
 impl Signals {
-    /// Counts images that came.
-    pub fn images_came(&self, source: ArrivalSource, status: ImageStatus, count: usize) {
-        *lock(&self.images)
-            .entry((source.name(), status))
-            .or_default() += count as u64;
-    }
-
-    /// How many images came on which way and what became of them, since the process started.
-    pub fn images(&self) -> Vec<(&'static str, ImageStatus, u64)> {
-        let images = lock(&self.images);
-        let each = images
-            .iter()
-            .map(|(&(way, status), &count)| (way, status, count));
-        let mut images: Vec<_> = each.collect();
-        images.sort_unstable();
-        images
-    }
-
     /// A receiver that changes when a job is queued.
     pub fn watch_queue(&self) -> watch::Receiver<u64> {
         self.queued.subscribe()

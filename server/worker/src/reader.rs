@@ -6,6 +6,9 @@ use std::path::Path;
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
+use case::images::{Fingerprint, Image};
+use case::series::Uid;
+use case::{Failure, FailureKind};
 use imaging::Limits;
 use imaging::dicom::{Attributes, MOST_LISTED, Options, Purpose, SeriesSummary, UnreadFile};
 use serde::de::DeserializeOwned;
@@ -18,9 +21,6 @@ use crate::memory::{ChildMemory, series_bytes};
 use crate::message::{OUTCOME, Order, Outcome, SeriesOrder, Summary, VOLUME};
 use crate::program::{Program, cannot_run};
 use crate::reading::{Choice, Input, Reading};
-use case::arrivals::Uid;
-use case::images::{Fingerprint, Image};
-use case::{Failure, FailureKind};
 
 /// The time limit for a series. The largest ones take seconds.
 const LONGEST: Duration = Duration::from_secs(120);

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use case::images::Fingerprint;
+use case::series::{AccessionNumber, SeriesUids, Uid};
 use case::{Failure, Parameters};
 use imaging::dicom::{Identity, MarkedPatient};
 use storage::Spooled;
-use storage::arrivals::{AccessionNumber, Rejection, SeriesUids, Uid};
 
 use worker::{FileReader, at_a_time};
 
@@ -15,6 +15,15 @@ use crate::limit::ConcurrencyLimit;
 
 /// Files that may wait.
 const WAITING: usize = 256;
+
+/// What a rejection note withdraws.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rejection {
+    /// Whether an instance counts again when it comes again.
+    pub may_return: bool,
+    /// The instances of each series.
+    pub series: Vec<(SeriesUids, Vec<Uid>)>,
+}
 
 /// What an instance is and which series it belongs to.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,7 +47,7 @@ pub struct InstanceIdentity {
 
 impl InstanceIdentity {
     /// The same with other UIDs, and without accession number and label.
-    pub(crate) fn deidentified(self) -> Self {
+    pub fn deidentified(self) -> Self {
         let replaced = |uid: &Uid| {
             let uid = imaging::dicom::replaced_uid(uid.as_str());
             Uid::parse(&uid).expect("digits and points are a UID")
@@ -159,7 +168,7 @@ impl HeaderReader {
     ///
     /// # Errors
     /// As [`HeaderReader::read`].
-    pub(crate) async fn deidentify(
+    pub async fn deidentify(
         &self,
         file: &Spooled,
         output: &Path,

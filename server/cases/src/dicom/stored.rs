@@ -13,10 +13,7 @@ impl Cases {
     /// # Errors
     /// A [`Failure`](case::Failure) that states what is wrong with an image, [`Error::Busy`] if too many clients wait, or an error of
     /// the store.
-    pub(crate) async fn stored_metadata(
-        &self,
-        names: &[ObjectName],
-    ) -> Result<Option<Vec<Value>>, Error> {
+    pub async fn stored_metadata(&self, names: &[ObjectName]) -> Result<Option<Vec<Value>>, Error> {
         let input = self.store().spool_directory().await?;
         if !copy_objects(self.store(), names, &input).await? {
             return Ok(None);
@@ -30,7 +27,10 @@ impl Cases {
 }
 
 /// Copies objects into a directory, under their places in the list; `false` if one is lost.
-pub(crate) async fn copy_objects(
+///
+/// # Errors
+/// If the store or the disk fails.
+pub async fn copy_objects(
     store: &Store,
     names: &[ObjectName],
     directory: &TempDir,

@@ -15,10 +15,10 @@ use storage::{DatabaseAddress, Location, Options, Store};
 
 use super::*;
 use crate::application::REMEMBERED_FOR;
-use crate::arrivals::tests::application;
 use crate::error::Error;
 use crate::jobs::start_workers;
 use crate::library::{LibraryOptions, Preparation};
+use crate::testing::application;
 use crate::testing::settled_state;
 
 struct Ready {

@@ -7,6 +7,7 @@ use case::{CaseId, LayerId, ObjectKind};
 use cases::pictures::{GpuUse, GraphicsOptions};
 use cases::{Adopted, Cases, Library};
 use clap::Args;
+use pacs::Arrivals;
 use storage::{Amount, Defect, ObjectName, Store, StoreError};
 
 use super::common::{StoreArgs, set_some};
@@ -180,7 +181,10 @@ pub(super) fn run(args: &CheckStoreArgs) -> Result<(), CliError> {
         let cases = open(&config).await?;
         let store = cases.store();
         if args.adopt {
-            report(&cases.adopt().await?);
+            let mut adopted = cases.adopt().await?;
+            let (images, left) = Arrivals::new(cases.clone()).adopt().await?;
+            adopted.left.extend(left);
+            report(&adopted, images);
         }
         let mut defects = Defects::default();
         let inspected = store.inspect(&mut |defect| defects.add(defect)).await?;
@@ -230,7 +234,7 @@ async fn open(config: &Config) -> Result<Cases, CliError> {
     Ok(Cases::on(library.map_err(StartError::from)?, &options))
 }
 
-fn report(adopted: &Adopted) {
+fn report(adopted: &Adopted, images: usize) {
     for case in &adopted.cases {
         println!("submitted again: case {case}");
     }
@@ -244,7 +248,7 @@ fn report(adopted: &Adopted) {
         "adopted: {} cases, {} layers, {} images from a PACS",
         adopted.cases.len(),
         adopted.layers.len(),
-        adopted.images
+        images
     );
     println!(
         "not in the objects, and gone since the backup: labels, findings, which cases are kept, names of layers that were changed, and which results were sent"

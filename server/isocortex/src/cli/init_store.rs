@@ -5,6 +5,7 @@ use storage::{Options, Store};
 
 use super::common::StoreArgs;
 use super::status::CliError;
+use crate::config::store_options;
 
 /// Make a new store, and print its id
 ///
@@ -33,7 +34,7 @@ pub(super) fn init(args: &InitStoreArgs) -> Result<(), CliError> {
     let location = args.store.config()?.cases()?.location;
     let options = Options {
         create: true,
-        ..Options::default()
+        ..store_options()
     };
     super::block_on(async { print_id(Store::open_at(&location, options).await?).await })
 }
@@ -42,7 +43,9 @@ pub(super) fn init(args: &InitStoreArgs) -> Result<(), CliError> {
 pub(super) fn new_id(args: &NewStoreIdArgs) -> Result<(), CliError> {
     super::keep_files_private();
     let location = args.store.config()?.cases()?.location;
-    super::block_on(async { print_id(Store::open_with_new_id(&location).await?).await })
+    super::block_on(async {
+        print_id(Store::open_with_new_id(&location, store_options()).await?).await
+    })
 }
 
 async fn print_id(store: Store) -> Result<(), CliError> {

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use bytes::Bytes;
+use case::series::Uid;
 use case::{CaseId, CaseState, Contrast, Layer, LayerKind, LayerParameters, QualityState};
 use cases::dicom::{DicomReader, Input, Options, Program, Purpose};
 use cases::layers::parameters_of;
@@ -10,7 +11,6 @@ use clap::Args;
 use imaging::sniff;
 use pipeline::Limits;
 use pipeline::layers::{LayerSource, check_layer};
-use storage::arrivals::Uid;
 use storage::{LayerName, LayerUpload, Store, StoreError};
 
 use super::status::{CliError, ExitStatus};

@@ -3,13 +3,14 @@
 use std::path::Path;
 
 use clap::Args;
+use pacs::{CopiedStep, OfPacs, PacsStore};
 use storage::{
-    BadAddress, Copied, CopyStep, DatabaseAddress, ForPacs, Location, ObjectsAddress, Options,
-    Store,
+    BadAddress, Copied, CopyStep, DatabaseAddress, Location, ObjectsAddress, Options, Store,
 };
 use tempfile::TempDir;
 
 use super::status::{CliError, ExitStatus};
+use crate::config::store_options;
 
 /// Copy every case of a store into another one, with the images from a PACS and the results for one
 ///
@@ -60,12 +61,13 @@ impl Named {
         })
     }
 
-    async fn open(&self, create: bool) -> Result<Store, CliError> {
+    async fn open(&self, create: bool) -> Result<PacsStore, CliError> {
         let options = Options {
             create,
-            ..Options::default()
+            ..store_options()
         };
-        Ok(Store::open_at(&self.location, options).await?)
+        let store = Store::open_at(&self.location, options).await?;
+        Ok(PacsStore::new(store))
     }
 }
 
@@ -74,25 +76,27 @@ fn report(step: CopyStep, copied: &Copied) {
         CopyStep::Case(_) if copied.cases.is_multiple_of(100) => {
             eprintln!("{} cases, {} objects so far", copied.cases, copied.objects);
         }
-        CopyStep::ForPacs if copied.for_pacs.series.is_multiple_of(100) => {
-            eprintln!(
-                "{}, {} objects so far",
-                words(&copied.for_pacs),
-                copied.objects
-            );
-        }
-        CopyStep::Case(_) | CopyStep::ForPacs => {}
+        CopyStep::Case(_) => {}
         CopyStep::LostCase(id) => {
             println!("not copied, because its source is missing or damaged: case {id}");
         }
-        CopyStep::LostForPacs(name) => println!("not copied: {name}"),
     }
 }
 
-fn words(for_pacs: &ForPacs) -> String {
+fn report_of_pacs(step: CopiedStep, copied: &OfPacs) {
+    match step {
+        CopiedStep::Done if copied.series.is_multiple_of(100) => {
+            eprintln!("{} so far", words(copied));
+        }
+        CopiedStep::Done => {}
+        CopiedStep::Lost(name) => println!("not copied: {name}"),
+    }
+}
+
+fn words(of_pacs: &OfPacs) -> String {
     format!(
         "{} series with {} images, {} results",
-        for_pacs.series, for_pacs.images, for_pacs.results
+        of_pacs.series, of_pacs.images, of_pacs.results
     )
 }
 
@@ -103,15 +107,12 @@ pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
         let [from, to] = [&args.from, &args.to].map(|store| Named::parse(store));
         let (from, to) = (from?, to?);
         let (source, target) = (from.open(false).await?, to.open(true).await?);
+        // What is made of images is judged by them.
+        source.copy_images_into(&target).await?;
         let mut copied = source.copy_into(&target, &mut report).await?;
-        let left = match args.without_images {
-            true => source.count_for_pacs().await?,
-            false => {
-                copied = source
-                    .copy_for_pacs_into(&target, copied, &mut report)
-                    .await?;
-                ForPacs::default()
-            }
+        let of_pacs = match args.without_images {
+            true => source.count().await?,
+            false => (source.copy_series_into(&target, &mut copied, &mut report_of_pacs)).await?,
         };
         source.close().await;
         target.close().await;
@@ -120,8 +121,8 @@ pub(super) fn run(args: &MigrateStoreArgs) -> Result<(), CliError> {
             copied.cases, copied.objects, copied.bytes, copied.kept
         );
         match args.without_images {
-            true => println!("for the PACS, not copied: {}", words(&left)),
-            false => println!("for the PACS, copied: {}", words(&copied.for_pacs)),
+            true => println!("for the PACS, not copied: {}", words(&of_pacs)),
+            false => println!("for the PACS, copied: {}", words(&of_pacs)),
         }
         match copied.lost {
             0 => Ok(()),

@@ -10,6 +10,7 @@ use super::layers::{LayerFile, LayerOptions, add_layers};
 use super::progress::ProgressDisplay;
 use super::status::{CliError, ExitStatus};
 use super::{MAX_DICOM_BYTES, VolumeOptions, head_of, read_input};
+use crate::config::store_options;
 use case::images::Image;
 use case::{CaseId, CaseState, Parameters};
 use cases::dicom::{Choice, DicomReader, Input, Options, Program};
@@ -48,7 +49,7 @@ pub(super) fn run(args: &PrepareArgs) -> Result<(), CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| crate::config::Config::default().storage.data);
     super::block_on(async {
-        let store = Store::open(&data).await?;
+        let store = Store::open_with(&data, store_options()).await?;
         let library = Library::new(store, pipeline.into(), LibraryOptions::default());
         into_store(library, source, images, parameters, layers).await
     })

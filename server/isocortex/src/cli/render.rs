@@ -15,7 +15,7 @@ use storage::{Location, Store};
 use super::prepare::{GRACE, source, wait_until_ready, warn_of_doubts};
 use super::status::{CliError, ExitStatus};
 use super::{VolumeOptions, check_output, choices, write_output};
-use crate::config::Config;
+use crate::config::{Config, store_options};
 
 /// Draw the cut of a case or a volume as PNG
 ///
@@ -156,7 +156,7 @@ fn case_id(input: &Path) -> Option<CaseId> {
 async fn open(args: &RenderArgs) -> Result<Store, CliError> {
     let data = args.data.clone();
     let data = data.unwrap_or_else(|| Config::default().storage.data);
-    Ok(Store::open_at(&Location::from(&*data), storage::Options::default()).await?)
+    Ok(Store::open_at(&Location::from(&*data), store_options()).await?)
 }
 
 /// The case of a volume, in a store in memory.

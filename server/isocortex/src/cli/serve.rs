@@ -17,13 +17,13 @@ use crate::config::{Config, ConfigError, Network};
 use crate::{figures, logs, start};
 use access::auth::Access;
 use cases::dicom::DicomReader;
-use cases::jobs::{start_series_reader, start_workers};
+use cases::jobs::start_workers;
 use cases::pictures::GpuUse;
 use cases::runner::Runner;
 use http::listen;
 use http::tls::ListeningTls;
 use pacs::dimse::{self, ReloadedTls};
-use pacs::start_transfers;
+use pacs::{start_series_reader, start_transfers};
 use service::state::AppState;
 
 /// Serve the cases of a store over HTTP
@@ -373,7 +373,7 @@ impl Server {
                 figures::add_associations(state.metrics(), &options.counts);
                 reload.dimse_tls.clone_from(&options.tls);
                 let stop = state.stopping().begun();
-                let serving = dimse::serve(listener, state.cases.clone(), options, stop, grace);
+                let serving = dimse::serve(listener, pacs.arrivals().clone(), options, stop, grace);
                 Some(tokio::spawn(serving))
             }
             None => None,
@@ -406,7 +406,7 @@ impl Server {
         let reader = Arc::clone(&state.cases.dicom);
         tokio::spawn(tell_confinement(reader, "reads DICOM files"));
         Ok(Some(Self {
-            arrivals: start_series_reader(state.cases.clone(), config.pacs.arrivals()),
+            arrivals: start_series_reader(pacs.arrivals().clone(), config.pacs.arrivals()),
             transfers: start_transfers(pacs),
             state,
             address,

@@ -9,6 +9,7 @@ mod tokens;
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use access::audit::Audit;
@@ -37,6 +38,14 @@ pub(crate) use self::tokens::check_name as check_token_name;
 
 /// The limit for unpacked DICOM files, relative to the limit for an upload.
 pub(crate) const DICOM_UNPACKING: u64 = 4;
+
+/// The usual options of a store, which has the tables of the PACS.
+pub fn store_options() -> storage::Options {
+    storage::Options {
+        tables: Arc::new(::pacs::PacsTables),
+        ..storage::Options::default()
+    }
+}
 
 /// All settings with their defaults. The keys of the file are the names of the fields.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -609,7 +618,7 @@ impl Config {
                 min_free_bytes: self.storage.min_free_bytes,
                 longest_preparation: Duration::from_secs(self.prepare.max_secs),
                 keep: self.storage.keep_days.map(days),
-                ..storage::Options::default()
+                ..store_options()
             },
             network: self.prepare.network.clone(),
             atlas: self.prepare.atlas.clone(),

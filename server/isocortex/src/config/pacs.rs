@@ -9,8 +9,8 @@ use ::pacs::dimse::{
     TlsIdentity, connecting_tls, is_aet, listening_tls,
 };
 use ::pacs::node::{self, Credentials, WebNode};
-use cases::arrivals::{ArrivalOptions, SeriesRule};
 use jiff::tz::{Offset, TimeZone};
+use pacs::{ArrivalOptions, SeriesRule};
 use serde::Deserialize;
 
 use super::{ConfigError, read_file};

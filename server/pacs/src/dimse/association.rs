@@ -5,11 +5,9 @@ use std::net::IpAddr;
 use std::time::Duration;
 
 use access::audit::{Action, Audit, Event, EventKind, Outcome, digest_of_uid};
-use cases::arrivals::Reception;
-use cases::{Cases, Error, MAX_INSTANCE_BYTES};
+use cases::{Error, MAX_INSTANCE_BYTES};
 use dicom_ul::pdu::{AbortRQServiceProviderReason, AbortRQSource, PDataValue, PDataValueType, Pdu};
 use imaging::dicom::IMAGE_CLASSES;
-use storage::arrivals::ArrivalSource;
 use storage::{Spool, Spooled};
 use tokio::io::{AsyncRead, AsyncWrite};
 
@@ -20,6 +18,8 @@ use crate::dimse::negotiate::{Accepted, Context, negotiate, rejection};
 use crate::dimse::options::{DimseOptions, is_aet};
 use crate::dimse::peers::Peer;
 use crate::dimse::wire::{Wire, WireError, fragments, peer_max_length};
+use crate::series::Arrivals;
+use crate::values::{ArrivalSource, Reception};
 
 /// What the name of a peer begins with in the audit record, so that none is the name of a token, or of somebody who has signed in.
 const TITLE_PREFIX: &str = "aet:";
@@ -87,11 +87,11 @@ fn shown(title: &str) -> &str {
 pub(crate) async fn associate<S: AsyncRead + AsyncWrite + Unpin>(
     stream: S,
     caller: &Caller,
-    cases: &Cases,
+    arrivals: &Arrivals,
     options: &DimseOptions,
 ) -> Result<usize, Abort> {
     let mut wire = Wire::new(stream, options.idle);
-    let served = serve(&mut wire, caller, cases, options).await;
+    let served = serve(&mut wire, caller, arrivals, options).await;
     if let Err(abort) = &served
         && let Some(reason) = abort.reason()
     {
@@ -105,7 +105,7 @@ pub(crate) async fn associate<S: AsyncRead + AsyncWrite + Unpin>(
 async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     wire: &mut Wire<S>,
     caller: &Caller,
-    cases: &Cases,
+    arrivals: &Arrivals,
     options: &DimseOptions,
 ) -> Result<usize, Abort> {
     let asked = wire.receive_within(caller.patience).await?;
@@ -141,7 +141,7 @@ async fn serve<S: AsyncRead + AsyncWrite + Unpin>(
     let _running = options.counts.begin();
     wire.send(&Pdu::AssociationAC(answer)).await?;
     let mut messages = Messages {
-        cases,
+        arrivals,
         audit: &options.audit,
         counts: &options.counts,
         contexts: &contexts,
@@ -218,7 +218,7 @@ async fn exchange<S: AsyncRead + AsyncWrite + Unpin>(
 
 /// Messages, put together of fragments.
 struct Messages<'a> {
-    cases: &'a Cases,
+    arrivals: &'a Arrivals,
     audit: &'a Audit,
     counts: &'a AssociationCounts,
     contexts: &'a [Context],
@@ -344,7 +344,7 @@ impl Messages<'_> {
                 | Status::NotAuthorized
         );
         if is_refused {
-            self.cases.refused(ArrivalSource::CStore);
+            self.arrivals.refused(ArrivalSource::CStore);
         }
         let is_stored = matches!(status, Status::Success | Status::Corrected);
         self.counts.answered(is_stored);
@@ -437,7 +437,7 @@ impl Messages<'_> {
 
     /// A file with the head of Part 10, which a data set lacks on the way.
     async fn open(&self, request: &Request, context: &Context) -> Result<Spool, Error> {
-        let mut file = self.cases.store().spool().await?;
+        let mut file = self.arrivals.store().spool().await?;
         if let Request::Store { object, .. } = request {
             let head = file_head(object, &context.transfer_syntax);
             file.write(head.into()).await?;
@@ -450,7 +450,7 @@ impl Messages<'_> {
         let Request::Store { object, .. } = request else {
             return Status::ProcessingFailure;
         };
-        let identity = match self.cases.headers.read(&file).await {
+        let identity = match self.arrivals.cases.headers.read(&file).await {
             Ok(identity) => identity,
             // Nothing of it is kept, so nothing of it need be understood, unless it may be a rejection note.
             Err(Error::Failure(_)) if self.is_ignored(request) && !is_list(request) => {
@@ -470,13 +470,13 @@ impl Messages<'_> {
             }
             if identity.rejection.is_some() && !self.may_reject {
                 let by = &self.event.who;
-                return match self.cases.refuse_rejection(identity, source, by).await {
+                return match self.arrivals.refuse_rejection(identity, source, by).await {
                     Ok(()) => Status::NotAuthorized,
                     Err(error) => status_of(&error),
                 };
             }
             let by = &self.event.who;
-            return match self.cases.ignore(identity, source, by).await {
+            return match self.arrivals.ignore(identity, source, by).await {
                 Ok(true) => Status::Corrected,
                 Ok(false) => Status::Success,
                 Err(error) => status_of(&error),
@@ -484,7 +484,7 @@ impl Messages<'_> {
         }
         let study = digest_of_uid(identity.uids.study.as_str());
         let images = vec![(identity, file)];
-        let received = match self.cases.receive(images, source).await {
+        let received = match self.arrivals.receive(images, source).await {
             Ok(received) => received,
             Err(error) => return status_of(&error),
         };

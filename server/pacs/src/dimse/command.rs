@@ -197,7 +197,7 @@ fn number(value: &[u8]) -> Option<u16> {
 /// A UID, with the byte that makes its length even or without it.
 pub(crate) fn uid(value: &[u8]) -> Option<String> {
     let text = std::str::from_utf8(value).ok()?;
-    storage::arrivals::Uid::parse(text).map(|uid| uid.as_str().to_owned())
+    case::series::Uid::parse(text).map(|uid| uid.as_str().to_owned())
 }
 
 /// An element of group 0000.

@@ -4,8 +4,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use case::Client;
-use cases::Cases;
-use http::client_limit::ClientLimit;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
 use tokio_rustls::TlsAcceptor;
@@ -15,6 +13,8 @@ use crate::dimse::counts::Rejection;
 use crate::dimse::options::DimseOptions;
 use crate::dimse::peers::Peers;
 use crate::dimse::wire::{Connection, WireError};
+use crate::series::Arrivals;
+use http::client_limit::ClientLimit;
 
 /// Connections beyond the associations that there may be, which are told so, if they ask soon.
 const REJECTED_AT_A_TIME: usize = 16;
@@ -28,7 +28,7 @@ const PAUSE: Duration = Duration::from_millis(100);
 /// Serves associations until `stop` resolves; then running ones may end within `grace`.
 pub async fn serve(
     listener: TcpListener,
-    cases: Cases,
+    arrivals: Arrivals,
     options: DimseOptions,
     stop: impl Future<Output = ()>,
     grace: Duration,
@@ -65,7 +65,7 @@ pub async fn serve(
             }
             continue;
         }
-        let (cases, options) = (cases.clone(), Arc::clone(&options));
+        let (arrivals, options) = (arrivals.clone(), Arc::clone(&options));
         let client = Client::at(address);
         let accepted = accepting.try_acquire(client);
         let is_beyond_limit = accepted.is_none();
@@ -87,7 +87,7 @@ pub async fn serve(
                     false => options.idle,
                 },
             };
-            serve_one(stream, &caller, &cases, &options).await;
+            serve_one(stream, &caller, &arrivals, &options).await;
         });
     }
     drop(listener);
@@ -111,13 +111,18 @@ async fn secured(
     Ok(Box::new(accepted.map_err(|_elapsed| WireError::Silent)??))
 }
 
-async fn serve_one(stream: TcpStream, caller: &Caller, cases: &Cases, options: &DimseOptions) {
+async fn serve_one(
+    stream: TcpStream,
+    caller: &Caller,
+    arrivals: &Arrivals,
+    options: &DimseOptions,
+) {
     if let Err(error) = stream.set_nodelay(true) {
         tracing::debug!(%error, "TCP_NODELAY refused");
     }
     let association = async {
         let stream = secured(stream, caller.patience, options).await?;
-        associate(stream, caller, cases, options).await
+        associate(stream, caller, arrivals, options).await
     };
     let address = caller.address;
     match tokio::time::timeout(options.whole, association).await {

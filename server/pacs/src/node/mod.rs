@@ -5,9 +5,10 @@
 
 mod web;
 
-use crate::dimse::{BadStorageNode, NotStored, StorageNode};
 use bytes::Bytes;
-use storage::arrivals::Uid;
+use case::series::Uid;
+
+use crate::dimse::{BadStorageNode, NotStored, StorageNode};
 
 pub use self::web::{Credentials, WebNode};
 

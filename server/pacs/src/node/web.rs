@@ -7,14 +7,14 @@ use axum::http::{HeaderValue, Request, Response, StatusCode, Uri, header};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use bytes::Bytes;
-use http::client::{HttpClient, http_client};
+use case::series::{SeriesUids, Uid};
 use http_body_util::{BodyExt as _, Full, Limited};
 use hyper::body::Incoming;
 use serde_json::Value;
-use storage::arrivals::{SeriesUids, Uid};
 
 use super::{BadNode, NodeError};
 use crate::multipart::MediaType;
+use http::client::{HttpClient, http_client};
 
 /// How long to wait for the head of an answer: an archive may fetch a series from a tape first.
 const ANSWER: Duration = Duration::from_secs(120);

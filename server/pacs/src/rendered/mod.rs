@@ -11,11 +11,11 @@ use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
+use case::series::{SeriesQuery, Uid};
 use case::{CaseFacts, CaseId, CaseState, SurfaceName};
 use cases::pictures::{PictureSeries, SeriesPicture};
 use cases::{Cases, Error};
 use serde_json::{Value, json};
-use storage::arrivals::{SeriesQuery, Uid};
 
 use self::media::{Answer, Kind, accepted};
 use self::query::{RenderedParams, RenderedQuery, Shown};
@@ -132,7 +132,7 @@ async fn held_case(pacs: &Pacs, named: &Named) -> Result<CaseId, AppError> {
     let uid = |text: &str| Uid::parse(text).ok_or_else(missing);
     let series = named.series.as_deref().map(uid);
     let query = SeriesQuery::Study(uid(&named.study)?, series.transpose()?);
-    let fitting = pacs.cases().fitting(&query).await?;
+    let fitting = pacs.arrivals().fitting(&query).await?;
     if fitting.is_ambiguous() {
         let detail = "there are cases of several patients; request a picture of the right one by its id, which `POST /v1/cases/search` lists with its patient";
         return Err(AppError::new(

@@ -5,13 +5,13 @@ use std::sync::{Arc, LazyLock};
 use axum::body::Bytes;
 use axum::http::StatusCode;
 use case::findings::Finding;
+use case::series::Uid;
 use case::{
     Case, CaseFacts, CaseId, Closed, LayerId, MaskMethod, ObjectKind, PatientSide, QualityState,
 };
-use cases::arrivals::Patient;
 use cases::pictures::{Layout, PictureRequest, window_of};
 use cases::report::ReportSubject;
-use cases::{Cases, Error};
+use cases::{Cases, Error, Patient};
 use geometry::{Grid, Mask};
 use imaging::dicom::write::{
     self, Algorithm, Head, KeyObjectTitle, Listed, Property, Segment, WriteError, uid_of,
@@ -24,13 +24,12 @@ use render::{
     Frame, FrameSize, PixelFormat, RESEARCH_USE_NOTICE, SHORT_NOTICE, WindowFunction, encode_png,
 };
 use report::ReportFormat;
-use storage::arrivals::Uid;
-use storage::results::ResultSeries;
 
 use super::draw::Drawing;
 use super::moment::Moment;
 use super::request::{FindingsPlan, KeyObjectPlan, MaskPlan, Plan, ResultRequest, Title, What};
 use crate::state::Pacs;
+use crate::store::ResultSeries;
 use http::problem::AppError;
 
 /// A part of every UID. Raise it if the same request gives another object.
@@ -94,7 +93,7 @@ impl Composer {
         }
         let source = source(cases, &id, asked).await?;
         if let Some(series) = series.filter(|_| !is_rejection)
-            && let Some(why) = cases.contradiction(&series).await?
+            && let Some(why) = pacs.arrivals().contradiction(&series).await?
         {
             let detail = format!("{}; use a case of what the PACS has sent", why.sentence());
             return Err(AppError::new(StatusCode::CONFLICT, why.name(), detail));
@@ -103,7 +102,11 @@ impl Composer {
         let study = study.ok_or_else(no_patient)?;
         if asked.study.is_some() && !is_rejection {
             let named = Patient::of(|keyword| source.value(keyword));
-            if let Some(why) = cases.contradiction_of_study(&study, &named).await? {
+            if let Some(why) = pacs
+                .arrivals()
+                .contradiction_of_study(&study, &named)
+                .await?
+            {
                 return Err(AppError::new(
                     StatusCode::CONFLICT,
                     why.name(),
@@ -124,7 +127,7 @@ impl Composer {
                 Content::Mask(mask)
             }
             Plan::KeyObject(plan) => {
-                let listed = listed(cases, &study, &plan).await?;
+                let listed = listed(pacs, &study, &plan).await?;
                 Content::KeyObject(key_object_title(plan.title), listed)
             }
             Plan::Findings(plan) => {
@@ -422,8 +425,8 @@ fn key_object_title(title: Title) -> KeyObjectTitle {
 }
 
 /// Classes and series of the results that a note withdraws, also of those that do not count any more. Images of a PACS are not ours to withdraw.
-async fn listed(cases: &Cases, study: &Uid, plan: &KeyObjectPlan) -> Result<Vec<Listed>, AppError> {
-    let results = cases.store().results_of(study).await?;
+async fn listed(pacs: &Pacs, study: &Uid, plan: &KeyObjectPlan) -> Result<Vec<Listed>, AppError> {
+    let results = pacs.store().results_of(study).await?;
     let of_result = |uid: &Uid| {
         let (_, series) = results.iter().find(|(result, _)| result == uid)?;
         Some(Listed {

@@ -13,16 +13,15 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::Response;
 use case::{CaseId, JobState};
 use serde::Serialize;
-use storage::arrivals::is_id;
-use storage::results::{NewResult, NotValid, SentResult};
+use storage::is_id;
 use utoipa::ToSchema;
 
 use self::compose::Composer;
 use self::request::ResultRequest;
 use crate::error::ReasonView;
 use crate::rendered::media::accepted_ranges;
-use crate::send::SEND;
 use crate::state::Pacs;
+use crate::store::{NewResult, NotValid, SentResult};
 use http::fresh::fresh_json;
 use http::problem::AppError;
 use http::sent::json_body;
@@ -123,7 +122,7 @@ pub(crate) async fn create_result(
     let node = node.transpose()?;
     let plan = asked.plan()?;
     let composer = Composer::begin(&pacs, id, &asked, plan).await?;
-    let store = pacs.cases().store();
+    let store = pacs.store();
     let instance = composer.instance();
     if store.are_withdrawn(std::slice::from_ref(&instance)).await? == [true] {
         return Err(AppError::new(
@@ -173,8 +172,8 @@ pub(crate) async fn create_result(
 }
 
 async fn queue(pacs: &Pacs, new: NewResult, file: Bytes) -> Result<SentResult, AppError> {
-    let (store, case) = (pacs.cases().store(), new.case);
-    let queued = store.queue_result(new, file, SEND).await;
+    let (store, case) = (pacs.store(), new.case);
+    let queued = store.queue_result(new, file).await;
     if queued.is_err() && store.case(&case).await?.is_none() {
         return Err(cases::Error::NoSuchCase.into());
     }
@@ -250,7 +249,7 @@ pub(crate) async fn get_result(
     if !is_id(&id) {
         return Err(missing());
     }
-    let result = pacs.cases().store().result(&id).await?;
+    let result = pacs.store().result(&id).await?;
     let view = ResultView::from(result.ok_or_else(missing)?);
     Ok(fresh_json(StatusCode::OK, &view))
 }

@@ -1,5 +1,6 @@
 //! The request for a result, and the checked plan.
 
+use case::series::Uid;
 use cases::Error;
 use cases::pictures::{Part, PicturePlan, PictureRequest, PlanError};
 use imaging::dicom::Attributes;
@@ -7,7 +8,6 @@ use render::NamedView;
 use report::ReportQuery;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
-use storage::arrivals::Uid;
 use utoipa::ToSchema;
 
 use http::problem::AppError;

@@ -7,13 +7,9 @@ use axum::extract::rejection::BytesRejection;
 use axum::http::StatusCode;
 use axum::response::Response;
 use case::CaseState;
-use case::arrivals::{AccessionNumber, PatientDigest, Uid};
+use case::series::{AccessionNumber, PatientDigest, Uid};
 use cases::Cases;
 use cases::search::Found;
-use http::fresh::fresh_json;
-use http::problem::AppError;
-use http::query::{ApiQuery, MAX_PAGE, NoQuery, usual_page};
-use http::sent::json_body;
 use jiff::Timestamp;
 use jiff::civil::Date;
 use jiff::tz::TimeZone;
@@ -22,6 +18,10 @@ use storage::{CaseQuery, Cursor};
 use utoipa::ToSchema;
 
 use super::cases::CaseView;
+use http::fresh::fresh_json;
+use http::problem::AppError;
+use http::query::{ApiQuery, MAX_PAGE, NoQuery, usual_page};
+use http::sent::json_body;
 
 /// The longest part of a label to look for, in characters.
 const MAX_LABEL: usize = 100;

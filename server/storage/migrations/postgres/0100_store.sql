@@ -25,7 +25,7 @@ CREATE TABLE cases (
     uploaded_at       BIGINT,
     kept              BOOLEAN          NOT NULL DEFAULT FALSE,
     previous          TEXT COLLATE "C" REFERENCES cases (id),
-    closed            BIGINT           NOT NULL DEFAULT 0 -- why it is closed: 1 rejected, 2 corrected; written with `images`, `rejections` and `made_of`
+    closed            BIGINT           NOT NULL DEFAULT 0 -- why it is closed: 1 rejected, 2 corrected; see `made_of`
 );
 
 CREATE INDEX cases_by_age ON cases (created_at, id);
@@ -175,60 +175,6 @@ CREATE TABLE findings (
     changed_at BIGINT           NOT NULL
 );
 
--- Series that come from a PACS, until they are cases and for some days after. UIDs and accession numbers are here because
--- requests name series by them; names and birth dates are not.
-CREATE TABLE arrivals (
-    id               TEXT COLLATE "C" NOT NULL PRIMARY KEY,
-    study_uid        TEXT COLLATE "C" NOT NULL,
-    series_uid       TEXT COLLATE "C" NOT NULL,
-    accession_number TEXT,
-    source           TEXT COLLATE "C" NOT NULL CHECK (source IN ('stow', 'c-store', 'retrieval')),
-    label            TEXT,    -- from the series, never from the patient; NULL in a store without identities
-    state            TEXT COLLATE "C" NOT NULL CHECK (state IN ('receiving', 'case', 'layer', 'nothing')),
-    reason           TEXT,    -- JSON, when it became nothing
-    taken            TEXT,    -- JSON, when somebody took it although it was refused
-    refused          TEXT,    -- JSON: the reason for which it was refused before
-    -- The case that it is or of which it is a layer, until its images are corrected or rejected.
-    case_id          TEXT COLLATE "C" REFERENCES cases (id) ON DELETE SET NULL,
-    instances        BIGINT NOT NULL DEFAULT 0,
-    corrected        BIGINT NOT NULL DEFAULT 0, -- images that took the place of others with the same UID
-    ignored          BIGINT NOT NULL DEFAULT 0, -- objects that were not kept
-    expected         BIGINT, -- how many the sender says there are
-    first_at         BIGINT NOT NULL,
-    last_at          BIGINT NOT NULL,
-    UNIQUE (study_uid, series_uid)
-);
-
-CREATE INDEX arrivals_by_age ON arrivals (first_at, id);
-CREATE INDEX arrivals_by_case ON arrivals (case_id);
-CREATE INDEX arrivals_by_accession_number ON arrivals (accession_number);
-
--- Their images: objects of the kind `instance`.
-CREATE TABLE arrival_instances (
-    arrival_id       TEXT COLLATE "C" NOT NULL REFERENCES arrivals (id) ON DELETE CASCADE,
-    sop_instance_uid TEXT COLLATE "C" NOT NULL,
-    digest           TEXT COLLATE "C" NOT NULL,
-    PRIMARY KEY (arrival_id, sop_instance_uid)
-);
-
-CREATE INDEX arrival_instances_by_digest ON arrival_instances (digest);
--- An image that is known may come again under another study or series.
-CREATE INDEX arrival_instances_by_uid ON arrival_instances (sop_instance_uid);
-
--- Images as a PACS has sent them last, one for each SOP Instance UID. A row outlives its file and its series: it stays while something
--- is made of its image, and for a year.
-CREATE TABLE images (
-    sop_instance_uid TEXT COLLATE "C" NOT NULL PRIMARY KEY,
-    study_uid        TEXT COLLATE "C" NOT NULL,
-    series_uid       TEXT COLLATE "C" NOT NULL,
-    fingerprint      TEXT COLLATE "C" NOT NULL, -- what it states and shows, as a keyed digest, and its corners; empty if it cannot be decoded
-    times            BIGINT  NOT NULL, -- how often it was sent
-    sender           TEXT COLLATE "C" NOT NULL CHECK (sender IN ('stow', 'c-store', 'retrieval')),
-    last_at          BIGINT  NOT NULL
-);
-
-CREATE INDEX images_by_age ON images (last_at);
-
 -- Which images a case, a layer or the layers of a result were made of, whoever brought them.
 CREATE TABLE made_of (
     case_id          TEXT COLLATE "C" NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
@@ -241,35 +187,6 @@ CREATE TABLE made_of (
 );
 
 CREATE INDEX made_of_by_image ON made_of (sop_instance_uid);
-
--- Instances that rejection notes have rejected, until that is lifted; and results of ours that a note of ours has withdrawn.
-CREATE TABLE rejections (
-    -- As the note states them; empty for results of ours, whose UIDs are in no other series.
-    study_uid        TEXT COLLATE "C" NOT NULL,
-    series_uid       TEXT COLLATE "C" NOT NULL,
-    sop_instance_uid TEXT COLLATE "C" NOT NULL,
-    rejected_at      BIGINT  NOT NULL,
-    id               TEXT COLLATE "C" NOT NULL, -- of what one note rejects of one series
-    rejected_by      TEXT COLLATE "C" NOT NULL,
-    may_return       BIGINT  NOT NULL, -- whether an image counts again when it comes again
-    PRIMARY KEY (sop_instance_uid, study_uid, series_uid)
-);
-
-CREATE INDEX rejections_by_age ON rejections (rejected_at);
-CREATE INDEX rejections_by_id ON rejections (id);
-
--- Why what is made of images is closed; 0 if it is open. An image that moved to another study is not rejected by a note about the former
--- one.
-CREATE VIEW closed_by AS
-SELECT made_of.case_id, made_of.layer_id, made_of.result_id,
-       max(CASE WHEN images.fingerprint <> '' AND images.fingerprint <> made_of.fingerprint THEN 2
-                WHEN EXISTS (SELECT 1 FROM rejections
-                             WHERE rejections.sop_instance_uid = made_of.sop_instance_uid AND rejections.study_uid <> ''
-                               AND (images.sop_instance_uid IS NULL
-                                    OR rejections.study_uid = images.study_uid AND rejections.series_uid = images.series_uid))
-                THEN 1 ELSE 0 END) AS why
-FROM made_of LEFT JOIN images ON images.sop_instance_uid = made_of.sop_instance_uid
-GROUP BY made_of.case_id, made_of.layer_id, made_of.result_id;
 
 -- The series that cases were made of, for requests that name one.
 CREATE TABLE case_series (
@@ -284,24 +201,3 @@ CREATE INDEX case_series_by_study ON case_series (study_uid, series_uid);
 CREATE INDEX case_series_by_series ON case_series (series_uid);
 CREATE INDEX case_series_by_patient ON case_series (patient);
 CREATE INDEX case_series_by_accession_number ON case_series (accession_number);
-
--- Results that are sent to a node, or were. Each is an object of the kind `result`.
-CREATE TABLE results (
-    id                TEXT COLLATE "C" NOT NULL PRIMARY KEY,
-    case_id           TEXT COLLATE "C" NOT NULL REFERENCES cases (id) ON DELETE CASCADE,
-    node              TEXT COLLATE "C" NOT NULL,
-    sop_instance_uid  TEXT COLLATE "C" NOT NULL,
-    study_uid         TEXT COLLATE "C" NOT NULL,
-    digest            TEXT COLLATE "C" NOT NULL,
-    created_at        BIGINT NOT NULL,
-    sop_class_uid      TEXT COLLATE "C" NOT NULL,
-    series_uid         TEXT COLLATE "C" NOT NULL,
-    layers             TEXT             NOT NULL DEFAULT '', -- the ids of the layers that it shows or may show, separated by spaces
-    closed             BIGINT           NOT NULL DEFAULT 0, -- as of `cases`, for those layers
-    UNIQUE (sop_instance_uid, node)
-);
-
-CREATE INDEX results_by_case ON results (case_id);
-CREATE INDEX results_by_age ON results (created_at, id);
-CREATE INDEX results_by_digest ON results (digest);
-CREATE INDEX results_by_study ON results (study_uid);

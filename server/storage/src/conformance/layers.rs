@@ -8,13 +8,13 @@ use case::{
 };
 
 use super::{Subject, derived, insert, removed};
-use crate::arrivals::Uid;
 use crate::jobs::{Claim, Release};
 use crate::rows::{
     Inserted, LayerChange, LayerName, NewCase, NewLayer, Pinned, Published, Referred,
 };
 use crate::testing::{claim, facts, failure, layer_facts, name, new_case, pinned};
 use crate::{ObjectName, Store, StoreError};
+use case::series::Uid;
 
 /// A case that is ready.
 pub(super) async fn ready_case(store: &Store, contents: &str) -> NewCase {

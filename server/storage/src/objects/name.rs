@@ -3,7 +3,6 @@
 use std::fmt;
 
 use case::ObjectKind;
-use case::arrivals::NewInstance;
 
 /// The address of an object: its kind and the BLAKE3 digest of its payload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -26,16 +25,6 @@ impl ObjectName {
     pub fn path(&self) -> object_store::path::Path {
         let digest = self.digest.to_hex();
         object_store::path::Path::from_iter([self.kind.name(), &digest[..2], digest.as_str()])
-    }
-}
-
-/// The object with the file of an instance.
-impl From<&NewInstance> for ObjectName {
-    fn from(instance: &NewInstance) -> Self {
-        Self {
-            kind: ObjectKind::Instance,
-            digest: instance.digest,
-        }
     }
 }
 

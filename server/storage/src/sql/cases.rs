@@ -2,13 +2,14 @@
 
 use jiff::Timestamp;
 
-use super::connection::{Connection, Row};
-use super::{arrivals, findings, images, jobs, layers, pins, results, upkeep};
-use crate::arrivals::{AccessionNumber, PatientDigest, Uid};
+use super::connection::{Connection, Row, containing};
+use super::made::{self, read_closed};
+use super::{findings, jobs, layers, pins, upkeep};
 use crate::jobs::NewJob;
 use crate::rows::{Inserted, Made, NewCase, Pinned, Referred};
 use crate::{CaseQuery, Cursor, ObjectName, Page, StoreError};
 use case::images::Closed;
+use case::series::{AccessionNumber, PatientDigest, Uid};
 use case::{Case, CaseFacts, CaseId, CaseState, Failure, JobKind, Parameters};
 
 /// A case with its job's progress, which `read` understands. A `WHERE` or `ORDER BY` may follow.
@@ -119,10 +120,8 @@ pub(super) async fn submit(
 async fn make(connection: &mut Connection, new: &NewCase) -> Result<(), StoreError> {
     match (&new.images, &new.previous) {
         (Some(own), _) if own.is_empty() => Ok(()),
-        (Some(own), _) => images::make(connection, &Made::case(&new.id), own).await,
-        (None, Some(previous)) => {
-            images::inherit(connection, &new.id, previous, images::Inherited::Images).await
-        }
+        (Some(own), _) => made::make(connection, &Made::case(&new.id), own).await,
+        (None, Some(previous)) => made::inherit(connection, &new.id, previous).await,
         (None, None) => Ok(()),
     }
 }
@@ -138,7 +137,7 @@ pub(super) async fn closed(
         .fetch_optional()
         .await?;
     match row {
-        Some(row) => images::read_closed(&row, "closed"),
+        Some(row) => read_closed(&row, "closed"),
         None => Ok(None),
     }
 }
@@ -473,14 +472,14 @@ pub(super) async fn delete(
     let needed = objects(connection, id).await?;
     pins::abandon(connection, needed, now).await?;
     layers::abandon_all(connection, id, now).await?;
-    arrivals::remove_of_case(connection, id, now).await?;
-    results::abandon_of_case(connection, id, now).await?;
+    let tables = connection.tables();
+    tables.leave_case(connection, id, now).await?;
     // Its versions become those of the case that it is itself a version of.
     connection.query("UPDATE cases SET previous = (SELECT previous FROM cases WHERE id = $1) WHERE previous = $1")
         .bind(id.to_string())
         .execute()
         .await?;
-    // The jobs, the layers, the results and the references go with the case (ON DELETE CASCADE).
+    // The jobs, the layers and the references go with the case (ON DELETE CASCADE).
     let deleted = connection
         .query("DELETE FROM cases WHERE id = $1")
         .bind(id.to_string())
@@ -593,7 +592,7 @@ pub(super) async fn page(
         .bind(id)
         .bind(i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX))
         .bind(query.since.map_or(i64::MIN, Timestamp::as_microsecond))
-        .bind(label.map_or_else(String::new, arrivals::containing))
+        .bind(label.map_or_else(String::new, containing))
         .bind(query.state.map_or("", CaseState::name));
     if study.is_some() || series.is_some() || number.is_some() || patient.is_some() {
         statement = statement
@@ -650,14 +649,14 @@ fn read(row: &Row) -> Result<Case, StoreError> {
         next: versions(next)?,
         created_at: time("created_at")?,
         uploaded_at: time("uploaded_at")?,
-        closed: images::read_closed(row, "closed")?,
+        closed: read_closed(row, "closed")?,
         kept: row.get("kept")?,
         expires_at: None,
     })
 }
 
 /// The state of a case or a layer, and of its job.
-pub(super) fn read_state(row: &Row) -> Option<CaseState> {
+pub fn read_state(row: &Row) -> Option<CaseState> {
     let state: String = row.get("state").ok()?;
     let job: Option<String> = row.get("job_state").ok()?;
     match (state.as_str(), job.as_deref()) {

@@ -10,6 +10,7 @@ use std::time::Duration;
 use futures_util::FutureExt as _;
 use futures_util::future::BoxFuture;
 use futures_util::stream::BoxStream;
+use jiff::Timestamp;
 use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgArguments, PgConnection, PgRow};
 use sqlx::sqlite::{SqliteArguments, SqliteConnection, SqliteRow};
@@ -18,10 +19,38 @@ use sqlx::{Decode, Encode, Postgres, Row as _, Sqlite, Transaction, Type};
 use super::{postgres, sqlite};
 use crate::StoreError;
 use crate::rows::Change;
+use crate::tables::Tables;
+
+/// A new id for a row: 32 hexadecimal digits without a meaning.
+pub fn new_id() -> String {
+    uuid::Uuid::now_v7().simple().to_string()
+}
+
+/// What a row has that nothing here has written.
+pub fn unreadable(what: &str) -> StoreError {
+    StoreError::Rows(format!("a row has {what} that is unknown").into())
+}
 
 /// A duration in the unit of the rows.
-pub(crate) fn microseconds(duration: Duration) -> i64 {
+pub fn microseconds(duration: Duration) -> i64 {
     i64::try_from(duration.as_micros()).unwrap_or(i64::MAX / 2)
+}
+
+/// A pattern of LIKE that finds a text anywhere.
+pub fn containing(text: &str) -> String {
+    let mut pattern = String::from("%");
+    for letter in text.chars() {
+        if matches!(letter, '%' | '_' | '!') {
+            pattern.push('!');
+        }
+        pattern.push(letter);
+    }
+    pattern + "%"
+}
+
+/// A column with a time.
+pub fn read_time(row: &Row, column: &str) -> Result<Timestamp, StoreError> {
+    Timestamp::from_microsecond(row.get(column)?).map_err(|_| unreadable("a time"))
 }
 
 /// Connections to a database.
@@ -32,7 +61,13 @@ pub(super) enum Database {
 }
 
 /// A connection, in a transaction or in none. Dropping it rolls back.
-pub(super) enum Connection {
+pub struct Connection {
+    way: Way,
+    tables: Arc<dyn Tables>,
+}
+
+/// How a connection goes.
+pub(super) enum Way {
     Sqlite(PoolConnection<Sqlite>),
     SqliteTransaction(Transaction<'static, Sqlite>, Arc<sqlite::Log>),
     Postgres(PoolConnection<Postgres>),
@@ -41,13 +76,11 @@ pub(super) enum Connection {
 
 impl Database {
     /// A connection on which each statement is a transaction.
-    pub(super) fn connect(&self) -> BoxFuture<'_, Result<Connection, StoreError>> {
+    pub(super) fn connect(&self) -> BoxFuture<'_, Result<Way, StoreError>> {
         async move {
             Ok(match self {
-                Self::Sqlite(connections) => {
-                    Connection::Sqlite(connections.pool().acquire().await?)
-                }
-                Self::Postgres(connections) => Connection::Postgres(connections.acquire().await?),
+                Self::Sqlite(connections) => Way::Sqlite(connections.pool().acquire().await?),
+                Self::Postgres(connections) => Way::Postgres(connections.acquire().await?),
             })
         }
         .boxed()
@@ -62,16 +95,14 @@ impl Database {
     }
 
     /// A writing transaction. There is one at a time in all processes, so what it reads stays true until it ends.
-    pub(super) fn begin(&self) -> BoxFuture<'_, Result<Connection, StoreError>> {
+    pub(super) fn begin(&self) -> BoxFuture<'_, Result<Way, StoreError>> {
         async move {
             Ok(match self {
                 Self::Sqlite(connections) => {
                     let (transaction, log) = connections.begin().await?;
-                    Connection::SqliteTransaction(transaction, log)
+                    Way::SqliteTransaction(transaction, log)
                 }
-                Self::Postgres(connections) => {
-                    Connection::PostgresTransaction(connections.begin().await?)
-                }
+                Self::Postgres(connections) => Way::PostgresTransaction(connections.begin().await?),
             })
         }
         .boxed()
@@ -110,20 +141,27 @@ impl Database {
 }
 
 impl Connection {
+    pub(super) fn new(way: Way, tables: Arc<dyn Tables>) -> Self {
+        Self { way, tables }
+    }
+
+    /// The tables of another crate.
+    pub(super) fn tables(&self) -> Arc<dyn Tables> {
+        Arc::clone(&self.tables)
+    }
+
     /// A statement to be bound and run.
-    pub(super) fn query(&mut self, sql: &'static str) -> Query<'_> {
-        match self {
-            Self::Sqlite(connection) => Query::Sqlite(connection, sqlx::query(sql)),
-            Self::SqliteTransaction(transaction, _) => Query::Sqlite(transaction, sqlx::query(sql)),
-            Self::Postgres(connection) => Query::Postgres(connection, sqlx::query(sql)),
-            Self::PostgresTransaction(transaction) => {
-                Query::Postgres(transaction, sqlx::query(sql))
-            }
+    pub fn query(&mut self, sql: &'static str) -> Query<'_> {
+        match &mut self.way {
+            Way::Sqlite(connection) => Query::Sqlite(connection, sqlx::query(sql)),
+            Way::SqliteTransaction(transaction, _) => Query::Sqlite(transaction, sqlx::query(sql)),
+            Way::Postgres(connection) => Query::Postgres(connection, sqlx::query(sql)),
+            Way::PostgresTransaction(transaction) => Query::Postgres(transaction, sqlx::query(sql)),
         }
     }
 
     /// Whether there is a case with this id.
-    pub(super) async fn has_case(&mut self, id: &str) -> Result<bool, StoreError> {
+    pub async fn has_case(&mut self, id: &str) -> Result<bool, StoreError> {
         let row = self
             .query("SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1) AS found")
             .bind(id)
@@ -133,10 +171,10 @@ impl Connection {
     }
 
     /// Microseconds since 1970 by the database's clock.
-    pub(super) async fn now(&mut self) -> Result<i64, StoreError> {
-        let sql = match self {
-            Self::Sqlite(_) | Self::SqliteTransaction(..) => sqlite::NOW,
-            Self::Postgres(_) | Self::PostgresTransaction(_) => postgres::NOW,
+    pub async fn now(&mut self) -> Result<i64, StoreError> {
+        let sql = match &self.way {
+            Way::Sqlite(_) | Way::SqliteTransaction(..) => sqlite::NOW,
+            Way::Postgres(_) | Way::PostgresTransaction(_) => postgres::NOW,
         };
         self.query(sql).fetch_one().await?.get("now")
     }
@@ -144,7 +182,7 @@ impl Connection {
     /// Commits a transaction whose loss in a power cut costs only work that is done again, without waiting for PostgreSQL's disk while other writers
     /// wait. It is durable within a second, and before anything that is committed after it.
     pub(super) async fn commit_soon(mut self) -> Result<(), StoreError> {
-        if let Self::PostgresTransaction(_) = self {
+        if let Way::PostgresTransaction(_) = self.way {
             let asynchronous = self.query("SET LOCAL synchronous_commit = off");
             asynchronous.execute().await?;
         }
@@ -152,12 +190,12 @@ impl Connection {
     }
 
     /// Commits the transaction. If that fails, nothing of it happens later either, as far as the database knows.
-    pub(super) fn commit(self) -> BoxFuture<'static, Result<(), StoreError>> {
+    pub fn commit(self) -> BoxFuture<'static, Result<(), StoreError>> {
         async move {
-            match self {
-                Self::SqliteTransaction(transaction, log) => log.commit(transaction).await?,
-                Self::PostgresTransaction(transaction) => transaction.commit().await?,
-                Self::Sqlite(_) | Self::Postgres(_) => {}
+            match self.way {
+                Way::SqliteTransaction(transaction, log) => log.commit(transaction).await?,
+                Way::PostgresTransaction(transaction) => transaction.commit().await?,
+                Way::Sqlite(_) | Way::Postgres(_) => {}
             }
             Ok(())
         }
@@ -166,7 +204,7 @@ impl Connection {
 }
 
 /// A statement with its parameters so far.
-pub(super) enum Query<'c> {
+pub enum Query<'c> {
     Sqlite(
         &'c mut SqliteConnection,
         sqlx::query::Query<'static, Sqlite, SqliteArguments>,
@@ -179,7 +217,7 @@ pub(super) enum Query<'c> {
 
 impl<'c> Query<'c> {
     /// Binds the next parameter.
-    pub(super) fn bind<'t>(self, value: impl Parameter<'t>) -> Self {
+    pub fn bind<'t>(self, value: impl Parameter<'t>) -> Self {
         match self {
             Self::Sqlite(connection, query) => Self::Sqlite(connection, query.bind(value)),
             Self::Postgres(connection, query) => Self::Postgres(connection, query.bind(value)),
@@ -187,7 +225,7 @@ impl<'c> Query<'c> {
     }
 
     /// Runs it and returns the number of changed rows.
-    pub(super) fn execute(self) -> BoxFuture<'c, Result<u64, StoreError>> {
+    pub fn execute(self) -> BoxFuture<'c, Result<u64, StoreError>> {
         async move {
             Ok(match self {
                 Self::Sqlite(connection, query) => query.execute(connection).await?.rows_affected(),
@@ -200,7 +238,7 @@ impl<'c> Query<'c> {
     }
 
     /// Its rows.
-    pub(super) fn fetch_all(self) -> BoxFuture<'c, Result<Vec<Row>, StoreError>> {
+    pub fn fetch_all(self) -> BoxFuture<'c, Result<Vec<Row>, StoreError>> {
         async move {
             Ok(match self {
                 Self::Sqlite(connection, query) => {
@@ -217,7 +255,7 @@ impl<'c> Query<'c> {
     }
 
     /// Its first row, if there is any.
-    pub(super) fn fetch_optional(self) -> BoxFuture<'c, Result<Option<Row>, StoreError>> {
+    pub fn fetch_optional(self) -> BoxFuture<'c, Result<Option<Row>, StoreError>> {
         async move {
             Ok(match self {
                 Self::Sqlite(connection, query) => {
@@ -232,21 +270,21 @@ impl<'c> Query<'c> {
     }
 
     /// Its first row.
-    pub(super) async fn fetch_one(self) -> Result<Row, StoreError> {
+    pub async fn fetch_one(self) -> Result<Row, StoreError> {
         let row = self.fetch_optional().await?;
         row.ok_or_else(|| sqlx::Error::RowNotFound.into())
     }
 }
 
 /// A row of either database.
-pub(super) enum Row {
+pub enum Row {
     Sqlite(SqliteRow),
     Postgres(PgRow),
 }
 
 impl Row {
     /// The value of a column.
-    pub(super) fn get<T: Column>(&self, column: &str) -> Result<T, StoreError> {
+    pub fn get<T: Column>(&self, column: &str) -> Result<T, StoreError> {
         Ok(match self {
             Self::Sqlite(row) => row.try_get(column)?,
             Self::Postgres(row) => row.try_get(column)?,
@@ -255,7 +293,7 @@ impl Row {
 }
 
 /// What can be bound to a parameter in both databases.
-pub(super) trait Parameter<'t>:
+pub trait Parameter<'t>:
     Encode<'t, Sqlite> + Type<Sqlite> + Encode<'t, Postgres> + Type<Postgres>
 {
 }
@@ -266,7 +304,7 @@ impl<'t, T> Parameter<'t> for T where
 }
 
 /// What can be read from a column in both databases.
-pub(super) trait Column:
+pub trait Column:
     for<'r> Decode<'r, Sqlite> + Type<Sqlite> + for<'r> Decode<'r, Postgres> + Type<Postgres>
 {
 }

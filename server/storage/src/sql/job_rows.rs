@@ -6,9 +6,8 @@ use case::{Failure, JobKind};
 
 use super::connection::microseconds;
 use super::jobs::{self, Wanted};
-use crate::arrivals::ArrivalCursor;
 use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
-use crate::{Store, StoreError};
+use crate::{ListCursor, Store, StoreError};
 
 impl Store {
     /// Queues a job, unless there is an open one of its kind and key; returns the open one. `None` if there is no such
@@ -53,14 +52,14 @@ impl Store {
     pub async fn jobs(
         &self,
         query: &JobQuery,
-        after: Option<&ArrivalCursor>,
+        after: Option<&ListCursor>,
         limit: usize,
-    ) -> Result<(Vec<Job>, Option<ArrivalCursor>), StoreError> {
+    ) -> Result<(Vec<Job>, Option<ListCursor>), StoreError> {
         let mut connection = self.rows().connect().await?;
         jobs::page(&mut connection, query, after, limit).await
     }
 
-    /// Forgets jobs that ended this long ago, except those of results, which go with their results.
+    /// Forgets jobs that ended this long ago, but those that other tables keep.
     ///
     /// # Errors
     /// If the rows cannot be written.

@@ -5,11 +5,10 @@ use std::time::Duration;
 use case::{CaseId, Failure, JobKind, JobState, STORE_FAILED};
 use jiff::Timestamp;
 
-use super::connection::{Connection, Row, microseconds};
-use super::{arrivals, cases, fence, layers, results};
-use crate::StoreError;
-use crate::arrivals::ArrivalCursor;
+use super::connection::{Connection, Row, microseconds, new_id};
+use super::{cases, fence, layers};
 use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
+use crate::{ListCursor, StoreError};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_job {
@@ -26,7 +25,7 @@ fn unreadable(what: &str) -> StoreError {
 }
 
 /// Adds a job, unless there is an open one of its kind and key, which stays as it is.
-pub(super) async fn enqueue(
+pub async fn enqueue(
     connection: &mut Connection,
     new: &NewJob,
     now: i64,
@@ -47,7 +46,7 @@ pub(super) async fn enqueue_for(
              VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7, $8)
              ON CONFLICT DO NOTHING",
         )
-        .bind(uuid::Uuid::now_v7().simple().to_string())
+        .bind(new_id())
         .bind(new.kind.name())
         .bind(&new.key)
         .bind(new.case.map(|case| case.to_string()))
@@ -61,7 +60,7 @@ pub(super) async fn enqueue_for(
 }
 
 /// Makes a job of another store, whose case is here, as it is there; one that is open waits here.
-pub(super) async fn write_copied(
+pub async fn write_copied(
     connection: &mut Connection,
     job: &Job,
     now: i64,
@@ -122,7 +121,7 @@ pub(super) async fn latest(
 }
 
 /// The latest job with a key, of any kind.
-pub(super) async fn latest_of_key(
+pub async fn latest_of_key(
     connection: &mut Connection,
     key: &str,
 ) -> Result<Option<Job>, StoreError> {
@@ -140,9 +139,9 @@ pub(super) async fn latest_of_key(
 pub(super) async fn page(
     connection: &mut Connection,
     query: &JobQuery,
-    after: Option<&ArrivalCursor>,
+    after: Option<&ListCursor>,
     limit: usize,
-) -> Result<(Vec<Job>, Option<ArrivalCursor>), StoreError> {
+) -> Result<(Vec<Job>, Option<ListCursor>), StoreError> {
     let (at, id) = match after {
         Some(cursor) => (cursor.at, cursor.id.clone()),
         None => (i64::MAX, String::new()),
@@ -165,7 +164,7 @@ pub(super) async fn page(
     let has_more = jobs.len() > limit;
     jobs.truncate(limit);
     let last = jobs.last().filter(|_| has_more);
-    let next = last.map(|last| ArrivalCursor {
+    let next = last.map(|last| ListCursor {
         at: last.created_at.as_microsecond(),
         id: last.id.clone(),
     });
@@ -351,7 +350,8 @@ pub(super) async fn claim(
 ) -> Result<Option<Claim>, StoreError> {
     let kind = wanted.kind;
     while let Some(job) = oldest_available(connection, wanted, now).await? {
-        if let Some(failure) = results::not_to_send(connection, &job.key).await? {
+        let tables = connection.tables();
+        if let Some(failure) = tables.refusal(connection, kind, &job.key).await? {
             end(connection, &job.id, Err(&failure), now).await?;
             continue;
         }
@@ -448,7 +448,7 @@ pub(super) async fn release(
 }
 
 /// Ends a job if the lease is still the claim's; whether it was.
-pub(super) async fn finish(
+pub async fn finish(
     connection: &mut Connection,
     claim: &Claim,
     result: Result<(), &Failure>,
@@ -487,7 +487,7 @@ async fn end(
 }
 
 /// Notes the case that came of a job. The job goes with it.
-pub(super) async fn became(
+pub async fn became(
     connection: &mut Connection,
     claim: &Claim,
     case: &CaseId,
@@ -520,13 +520,15 @@ pub(super) async fn fail_item(
             let (case, layer) = layers::of_key(key).ok_or_else(|| unreadable("layer"))?;
             layers::make_failed(connection, &case, &layer, failure, now).await
         }
-        JobKind::SERIES => arrivals::make_nothing(connection, key, failure).await,
-        _ => Ok(()),
+        _ => {
+            let tables = connection.tables();
+            tables.job_failed(connection, kind, key, failure).await
+        }
     }
 }
 
 /// Removes the open job of a kind and a key, so that its holder can neither renew nor end it.
-pub(super) async fn cancel(
+pub async fn cancel(
     connection: &mut Connection,
     kind: JobKind,
     key: &str,
@@ -541,7 +543,7 @@ pub(super) async fn cancel(
 }
 
 /// Removes all jobs with a key.
-pub(super) async fn remove(connection: &mut Connection, key: &str) -> Result<(), StoreError> {
+pub async fn remove(connection: &mut Connection, key: &str) -> Result<(), StoreError> {
     connection
         .query("DELETE FROM jobs WHERE key = $1")
         .bind(key)
@@ -550,14 +552,15 @@ pub(super) async fn remove(connection: &mut Connection, key: &str) -> Result<(),
     Ok(())
 }
 
-/// Removes the jobs that ended before a time. Those of results go with their results.
+/// Removes the jobs that ended before a time, but those that other tables keep.
 pub(super) async fn forget(connection: &mut Connection, before: i64) -> Result<(), StoreError> {
+    let kept = connection.tables().kept_jobs().map_or("", JobKind::name);
     connection
         .query(
-            "DELETE FROM jobs WHERE state IN ('done', 'failed') AND ended_at <= $1
-               AND NOT EXISTS (SELECT 1 FROM results WHERE results.id = jobs.key)",
+            "DELETE FROM jobs WHERE state IN ('done', 'failed') AND ended_at <= $1 AND kind <> $2",
         )
         .bind(before)
+        .bind(kept)
         .execute()
         .await?;
     Ok(())

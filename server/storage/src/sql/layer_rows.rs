@@ -1,9 +1,9 @@
 //! The transactions of layers.
 
+use case::series::Uid;
 use case::{CaseId, CaseState, Layer, LayerFacts, LayerId};
 
 use super::{jobs, layers};
-use crate::arrivals::Uid;
 use crate::jobs::Claim;
 use crate::rows::{Inserted, LayerChange, NewLayer, Pinned, Published, Referred};
 use crate::{ObjectName, Store, StoreError};

@@ -1,5 +1,6 @@
 //! Layers of cases.
 
+use case::series::Uid;
 use case::{
     CaseId, CaseState, Failure, JobKind, Layer, LayerFacts, LayerId, LayerParameters, ObjectKind,
 };
@@ -7,8 +8,8 @@ use jiff::Timestamp;
 
 use super::cases::read_state;
 use super::connection::{Connection, Row};
-use super::{images, jobs, pins, upkeep};
-use crate::arrivals::Uid;
+use super::made::{self, read_closed};
+use super::{jobs, pins, upkeep};
 use crate::jobs::{NewJob, layer_key};
 use crate::rows::{Inserted, LayerChange, LayerName, Made, NewLayer, Pinned, Referred};
 use crate::{ObjectName, StoreError};
@@ -45,7 +46,7 @@ pub(super) async fn submit(
     let known = others.iter().find(|layer| layer.id == new.id);
     if known.is_some_and(|layer| layer.state != CaseState::Failed) {
         let made = Made::layer(&new.case, &new.id);
-        images::make(connection, &made, &new.images).await?;
+        made::make(connection, &made, &new.images).await?;
         return Ok(Referred::Unneeded(Inserted::Exists));
     }
     if known.is_none() && others.len() >= new.most {
@@ -62,7 +63,7 @@ pub(super) async fn submit(
     let inserted = if known.is_some() {
         queue_again(connection, &new.case, &new.id, &new.client, now).await?;
         let made = Made::layer(&new.case, &new.id);
-        images::make(connection, &made, &new.images).await?;
+        made::make(connection, &made, &new.images).await?;
         Inserted::Requeued
     } else {
         let name = free_name(&new.name, &others).ok_or(StoreError::LayerNameTaken)?;
@@ -108,7 +109,7 @@ async fn insert_row(
         .execute()
         .await?;
     let made = Made::layer(&new.case, &new.id);
-    images::make(connection, &made, &new.images).await?;
+    made::make(connection, &made, &new.images).await?;
     let job = NewJob::layer(&new.case, &new.id);
     jobs::enqueue_for(connection, &job, &new.client, now).await
 }
@@ -149,7 +150,7 @@ pub(super) async fn inherit(
     for layer in of_case(connection, case).await? {
         jobs::enqueue(connection, &NewJob::layer(case, &layer.id), now).await?;
     }
-    images::inherit(connection, case, previous, images::Inherited::Layers).await?;
+    made::inherit_layers(connection, case, previous).await?;
     connection
         .query(
             "INSERT INTO layer_objects (case_id, layer_id, kind, digest)
@@ -223,10 +224,7 @@ pub(super) async fn abandon_all(
     pins::abandon(connection, names.collect::<Result<_, _>>()?, now).await
 }
 
-pub(super) async fn of_case(
-    connection: &mut Connection,
-    case: &CaseId,
-) -> Result<Vec<Layer>, StoreError> {
+pub async fn of_case(connection: &mut Connection, case: &CaseId) -> Result<Vec<Layer>, StoreError> {
     let rows = connection
         .query(select_layer!("WHERE case_id = $1 ORDER BY place, id"))
         .bind(case.to_string())
@@ -344,7 +342,7 @@ pub(super) async fn delete(
     let needed = objects(connection, case, layer).await?;
     pins::abandon(connection, needed, now).await?;
     jobs::remove(connection, &layer_key(case, layer)).await?;
-    images::forget_made(connection, &Made::layer(case, layer)).await?;
+    made::forget(connection, &Made::layer(case, layer)).await?;
     let deleted = connection
         .query("DELETE FROM layers WHERE case_id = $1 AND id = $2")
         .bind(case.to_string())
@@ -536,6 +534,6 @@ fn read(row: &Row) -> Result<Layer, StoreError> {
             .map(serde_json::from_str::<LayerFacts>)
             .transpose()?,
         created_at: created_at.map_err(|_| unreadable("time"))?,
-        closed: images::read_closed(row, "closed")?,
+        closed: read_closed(row, "closed")?,
     })
 }

@@ -4,22 +4,19 @@
 //! transactions come one after another in both. The time of a transaction is read from the database inside of it, in
 //! microseconds since 1970.
 
-mod arrivals;
-mod cases;
-mod connection;
+pub(crate) mod cases;
+pub(crate) mod connection;
 mod expiry;
 mod fence;
 mod findings;
-mod images;
 mod job_rows;
-mod jobs;
+pub(crate) mod jobs;
 mod layer_rows;
 pub(crate) mod layers;
-mod pacs;
-mod pins;
+pub(crate) mod made;
+pub(crate) mod pins;
 mod postgres;
-mod result_rows;
-mod results;
+pub(crate) mod series;
 mod sqlite;
 mod store_id;
 mod tombstones;
@@ -37,16 +34,16 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{Pool, SqlSafeStr as _};
 
 pub(crate) use self::connection::microseconds;
-use self::connection::{Connection, Database};
+use self::connection::{Connection, Database, Row};
 use super::jobs::{Claim, NewJob};
-use super::rows::{Change, Inserted, Made, NewCase, NewLayer, Pinned, Published, Referred, Sweep};
+use super::rows::{
+    Change, Inserted, Made, NewCase, NewLayer, Pinned, Published, Referred, RowCounts, Sweep,
+};
+use super::tables::{Migrations, Tables};
 use super::{CaseQuery, Cursor, ObjectName, Page, Store, StoreError};
 use case::images::{Closed, Image};
+use case::series::{CaseSeries, SeriesQuery};
 use case::{Case, CaseFacts, CaseId, Failure, JobKind, LayerId, ObjectKind};
-
-/// The migrations of a database, oldest first: a number, a name and the statements of each. A database remembers the digests of those that
-/// it has had, so what stands here never changes.
-type Migrations = [(i64, &'static str, &'static str)];
 
 const SQLITE: &Migrations = &[(
     100,
@@ -64,6 +61,7 @@ const POSTGRES: &Migrations = &[(
 #[derive(Debug, Clone)]
 pub(crate) struct Rows {
     database: Database,
+    tables: Arc<dyn Tables>,
     /// An offset of the clock in microseconds, for tests of leases; otherwise 0.
     ahead_us: Arc<AtomicI64>,
 }
@@ -73,28 +71,33 @@ impl Rows {
     ///
     /// # Errors
     /// If the file cannot be used, or was written by a newer version.
-    pub(crate) async fn sqlite(file: &Path) -> Result<Self, StoreError> {
-        Self::on_sqlite(sqlite::in_file(file), sqlite::CONNECTIONS).await
+    pub(crate) async fn sqlite(file: &Path, tables: Arc<dyn Tables>) -> Result<Self, StoreError> {
+        Self::on_sqlite(sqlite::in_file(file), sqlite::CONNECTIONS, tables).await
     }
 
     /// A database in memory, which ends with its last user.
     ///
     /// # Errors
     /// If there is no memory for it.
-    pub(crate) async fn in_memory() -> Result<Self, StoreError> {
-        Self::on_connections(sqlite::Connections::in_memory().await?).await
+    pub(crate) async fn in_memory(tables: Arc<dyn Tables>) -> Result<Self, StoreError> {
+        Self::on_connections(sqlite::Connections::in_memory().await?, tables).await
     }
 
     async fn on_sqlite(
         options: SqliteConnectOptions,
         connections: u32,
+        tables: Arc<dyn Tables>,
     ) -> Result<Self, StoreError> {
-        Self::on_connections(sqlite::Connections::open(options, connections).await?).await
+        let connections = sqlite::Connections::open(options, connections).await?;
+        Self::on_connections(connections, tables).await
     }
 
-    async fn on_connections(connections: sqlite::Connections) -> Result<Self, StoreError> {
-        migrate(SQLITE, connections.pool()).await?;
-        Ok(Self::of(Database::Sqlite(connections)))
+    async fn on_connections(
+        connections: sqlite::Connections,
+        tables: Arc<dyn Tables>,
+    ) -> Result<Self, StoreError> {
+        migrate([SQLITE, tables.for_sqlite()], connections.pool()).await?;
+        Ok(Self::of(Database::Sqlite(connections), tables))
     }
 
     /// Whether a database has the tables of a store.
@@ -109,16 +112,20 @@ impl Rows {
     ///
     /// # Errors
     /// If it cannot be reached or used, or was written by a newer version.
-    pub(crate) async fn postgres(options: PgConnectOptions) -> Result<Self, StoreError> {
+    pub(crate) async fn postgres(
+        options: PgConnectOptions,
+        tables: Arc<dyn Tables>,
+    ) -> Result<Self, StoreError> {
         let connections = postgres::open(options).await?;
         // One process migrates at a time: the migrator takes a lock.
-        migrate(POSTGRES, connections.pool()).await?;
-        Ok(Self::of(Database::Postgres(connections)))
+        migrate([POSTGRES, tables.for_postgres()], connections.pool()).await?;
+        Ok(Self::of(Database::Postgres(connections), tables))
     }
 
-    fn of(database: Database) -> Self {
+    fn of(database: Database, tables: Arc<dyn Tables>) -> Self {
         Self {
             database,
+            tables,
             ahead_us: Arc::default(),
         }
     }
@@ -136,8 +143,9 @@ impl Rows {
     }
 
     /// A connection on which each statement is a transaction.
-    async fn connect(&self) -> Result<Connection, StoreError> {
-        self.database.connect().await
+    pub(crate) async fn connect(&self) -> Result<Connection, StoreError> {
+        let way = self.database.connect().await?;
+        Ok(Connection::new(way, Arc::clone(&self.tables)))
     }
 
     /// Ends every lease and expires every pin, because no other process runs that could hold one.
@@ -173,13 +181,14 @@ impl Rows {
     }
 
     /// The time by the database's clock.
-    async fn now(&self, connection: &mut Connection) -> Result<i64, StoreError> {
+    pub(crate) async fn now(&self, connection: &mut Connection) -> Result<i64, StoreError> {
         Ok(connection.now().await? + self.ahead_us.load(Ordering::Relaxed))
     }
 
     /// Begins a writing transaction; with it the time.
-    async fn write(&self) -> Result<(Connection, i64), StoreError> {
-        let mut transaction = self.database.begin().await?;
+    pub(crate) async fn write(&self) -> Result<(Connection, i64), StoreError> {
+        let way = self.database.begin().await?;
+        let mut transaction = Connection::new(way, Arc::clone(&self.tables));
         let now = self.now(&mut transaction).await?;
         Ok((transaction, now))
     }
@@ -201,7 +210,14 @@ impl Rows {
 }
 
 /// Pins objects that are there until the end of the transaction.
-async fn hold(transaction: &mut Connection, objects: &Pinned, now: i64) -> Result<(), StoreError> {
+///
+/// # Errors
+/// If one of them is being removed, or the rows cannot be written.
+pub async fn hold(
+    transaction: &mut Connection,
+    objects: &Pinned,
+    now: i64,
+) -> Result<(), StoreError> {
     if tombstones::any_of(transaction, &objects.names).await? {
         return Err(StoreError::Rows("an object is being removed".into()));
     }
@@ -210,12 +226,13 @@ async fn hold(transaction: &mut Connection, objects: &Pinned, now: i64) -> Resul
 
 /// Migrates the tables. Tables of a newer version, and of one before 0.1.0, are not changed.
 async fn migrate<D: sqlx::Database>(
-    migrations: &Migrations,
+    migrations: [&'static Migrations; 2],
     pool: &Pool<D>,
 ) -> Result<(), StoreError>
 where
     D::Connection: Migrate,
 {
+    let migrations = migrations.concat();
     let known = migrations.iter().map(|&(version, ..)| version).max();
     let known = known.unwrap_or_default();
     let steps = migrations.iter().map(|&(version, name, statements)| {
@@ -385,7 +402,7 @@ impl Store {
         let (mut transaction, now) = self.rows().write().await?;
         let exists = cases::uploaded_again(&mut transaction, id, now).await?;
         if exists && !images.is_empty() {
-            images::make(&mut transaction, &Made::case(id), images).await?;
+            made::make(&mut transaction, &Made::case(id), images).await?;
         }
         transaction.commit().await?;
         Ok(exists)
@@ -607,15 +624,16 @@ impl Store {
         tombstones::unneeded(&mut connection, names).await
     }
 
-    /// The next objects of one kind that came from a PACS and are no case yet (`instance`), or that are sent to one (`result`), by digest.
-    pub(crate) async fn pacs_objects(
+    /// The next objects of one kind to which rows of other tables refer, by digest.
+    pub(crate) async fn objects_of_tables(
         &self,
         kind: ObjectKind,
         after: Option<&ObjectName>,
         limit: usize,
     ) -> Result<Vec<ObjectName>, StoreError> {
         let mut connection = self.rows().connect().await?;
-        pacs::objects(&mut connection, kind, after, limit).await
+        let tables = connection.tables();
+        tables.objects(&mut connection, kind, after, limit).await
     }
 
     /// Inserts a case of another store as it is there, or makes the one that is here so, and turns its pins into
@@ -644,5 +662,77 @@ impl Store {
     /// Checks the integrity of the database itself. Takes as long as reading it.
     pub(crate) async fn check_file(&self) -> Result<(), StoreError> {
         self.rows().check_file().await
+    }
+
+    /// The images that something was made of.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn made_of(&self, made: &Made) -> Result<Vec<Image>, StoreError> {
+        made::of(&mut self.rows().connect().await?, made).await
+    }
+
+    /// Notes of which images something was made, and how often each had come. Of those that are known, the last counts.
+    ///
+    /// # Errors
+    /// If the rows cannot be written.
+    pub async fn note_made_of(&self, made: &Made, of: &[Image]) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        made::make(&mut transaction, made, of).await?;
+        transaction.commit().await
+    }
+
+    /// How many cases and jobs are in which state, and how long jobs have waited, for metrics.
+    ///
+    /// # Errors
+    /// If the rows cannot be read.
+    pub async fn row_counts(&self) -> Result<RowCounts, StoreError> {
+        let mut connection = self.rows().connect().await?;
+        let now = self.rows().now(&mut connection).await?;
+        let rows = connection
+            .query(
+                "SELECT 'cases' AS what, '' AS part, state, count(*) AS number FROM cases GROUP BY state
+                 UNION ALL SELECT 'closed', CASE closed WHEN 1 THEN 'rejected' ELSE 'corrected' END, 'closed', count(*)
+                     FROM cases WHERE closed > 0 GROUP BY closed
+                 UNION ALL SELECT 'jobs', kind, state, count(*) FROM jobs GROUP BY kind, state",
+            )
+            .fetch_all()
+            .await?;
+        let read = |row: &Row| {
+            let [what, part, state] = ["what", "part", "state"].map(|column| row.get(column));
+            let number: i64 = row.get("number")?;
+            Ok((what?, part?, state?, number.unsigned_abs()))
+        };
+        let by_state = rows.iter().map(read).collect::<Result<_, StoreError>>()?;
+        Ok(RowCounts {
+            by_state,
+            oldest: jobs::oldest_of_each_kind(&mut connection, now).await?,
+        })
+    }
+
+    /// Enters the series of a case into the index; nothing if there is no such case.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn index_series(&self, series: &CaseSeries) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.rows().write().await?;
+        series::index(&mut transaction, series).await?;
+        transaction.commit().await
+    }
+
+    /// The indexed series of a case.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn series_of(&self, case: &CaseId) -> Result<Option<CaseSeries>, StoreError> {
+        series::series_of(&mut self.rows().connect().await?, case).await
+    }
+
+    /// The cases that a request names, newest first.
+    ///
+    /// # Errors
+    /// If the rows cannot be read or written.
+    pub async fn cases_of(&self, query: &SeriesQuery) -> Result<Vec<CaseSeries>, StoreError> {
+        series::cases_of(&mut self.rows().connect().await?, query).await
     }
 }

@@ -52,10 +52,7 @@ pub(super) async fn expire_all(connection: &mut Connection, now: i64) -> Result<
 }
 
 /// Takes the holder's pins away; `false` if one of them has gone already.
-pub(super) async fn consume(
-    connection: &mut Connection,
-    pinned: &Pinned,
-) -> Result<bool, StoreError> {
+pub async fn consume(connection: &mut Connection, pinned: &Pinned) -> Result<bool, StoreError> {
     for name in &pinned.names {
         let taken = connection
             .query("DELETE FROM pins WHERE kind = $1 AND digest = $2 AND holder = $3")
@@ -82,7 +79,7 @@ pub(super) async fn forget_writers(connection: &mut Connection) -> Result<(), St
 }
 
 /// Leaves an expired pin on an object that may be unneeded, so that a sweep checks it.
-pub(super) async fn abandon(
+pub async fn abandon(
     connection: &mut Connection,
     names: Vec<ObjectName>,
     now: i64,

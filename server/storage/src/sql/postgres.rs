@@ -262,7 +262,7 @@ mod tests {
     use crate::{NewJob, Store};
 
     async fn store_at(address: &str) -> Store {
-        let rows = Rows::postgres(address.parse().unwrap()).await;
+        let rows = Rows::postgres(address.parse().unwrap(), Arc::new(())).await;
         Subject::new(rows.unwrap(), ()).await.store
     }
 
@@ -280,7 +280,7 @@ mod tests {
         };
         let subject = async || {
             let address = server.database().await;
-            let rows = Rows::postgres(address.parse().unwrap()).await;
+            let rows = Rows::postgres(address.parse().unwrap(), Arc::new(())).await;
             Subject::new(rows.unwrap(), ()).await
         };
         crate::conformance::conformance! { in_turn subject }
@@ -367,7 +367,9 @@ mod tests {
         .execute(pool(&store))
         .await
         .unwrap();
-        let error = Rows::postgres(address.parse().unwrap()).await.unwrap_err();
+        let error = Rows::postgres(address.parse().unwrap(), Arc::new(()))
+            .await
+            .unwrap_err();
         assert!(matches!(error, StoreError::NewerSchema { found: 9999, .. }));
         assert!(error.to_string().contains("newer version"), "{error}");
     }

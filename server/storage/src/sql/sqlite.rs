@@ -232,7 +232,7 @@ mod tests {
     }
 
     async fn at(file: &Path) -> Result<Store, StoreError> {
-        Ok(on(Rows::sqlite(file).await?).await)
+        Ok(on(Rows::sqlite(file, Arc::new(())).await?).await)
     }
 
     const HOUR: Duration = Duration::from_secs(3600);
@@ -250,7 +250,7 @@ mod tests {
             .filename(directory.join("rows.sqlite"))
             .create_if_missing(true)
             .journal_mode(SqliteJournalMode::Wal);
-        let store = on(Rows::on_sqlite(options, 1).await.unwrap()).await;
+        let store = on(Rows::on_sqlite(options, 1, Arc::new(())).await.unwrap()).await;
         // Less than there is: SQLite takes the size of the file for it.
         sqlx::query("PRAGMA max_page_count = 1")
             .execute(pool(&store))
@@ -460,7 +460,7 @@ mod tests {
         let store = at(&directory.path().join("rows.sqlite")).await;
         let store = store.unwrap();
         let fence = async || {
-            let mut connection = store.rows().database.connect().await.unwrap();
+            let mut connection = store.rows().connect().await.unwrap();
             let query = connection.query("SELECT value FROM fence");
             query
                 .fetch_one()
@@ -470,7 +470,7 @@ mod tests {
                 .unwrap()
         };
         for (is_committed, expected) in [(false, 0), (true, 7)] {
-            let mut transaction = store.rows().database.begin().await.unwrap();
+            let (mut transaction, _) = store.rows().write().await.unwrap();
             let changed = transaction.query("UPDATE fence SET value = $1").bind(7_i64);
             assert_eq!(changed.execute().await.unwrap(), 1);
             assert_eq!(fence().await, 0, "others do not see it yet");
@@ -523,7 +523,7 @@ mod tests {
 
     #[tokio::test]
     async fn a_check_writes_nothing() {
-        let store = on(Rows::in_memory().await.unwrap()).await;
+        let store = on(Rows::in_memory(Arc::new(())).await.unwrap()).await;
         store.rows().check().await.unwrap();
         let value: i64 = sqlx::query_scalar("SELECT value FROM fence")
             .fetch_one(pool(&store))

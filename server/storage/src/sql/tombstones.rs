@@ -1,7 +1,5 @@
 //! Tombstones, which mark objects that a sweep is removing.
 
-use case::ObjectKind;
-
 use super::connection::{Connection, microseconds};
 use super::pins;
 use crate::rows::Sweep;
@@ -78,23 +76,20 @@ async fn forget_expired_pins(
     Ok(())
 }
 
-/// Whether a case, a layer, an arrival or a result refers to the object, or a pin that is left protects it.
+/// Whether a case, a layer or a row of other tables refers to the object, or a pin that is left protects it.
 async fn is_needed(connection: &mut Connection, name: &ObjectName) -> Result<bool, StoreError> {
     let row = connection
         .query(
             "SELECT EXISTS (SELECT 1 FROM case_objects WHERE kind = $1 AND digest = $2)
              OR EXISTS (SELECT 1 FROM layer_objects WHERE kind = $1 AND digest = $2)
-             OR EXISTS (SELECT 1 FROM pins WHERE kind = $1 AND digest = $2)
-             OR ($1 = $3 AND EXISTS (SELECT 1 FROM arrival_instances WHERE digest = $2))
-             OR ($1 = $4 AND EXISTS (SELECT 1 FROM results WHERE digest = $2)) AS needed",
+             OR EXISTS (SELECT 1 FROM pins WHERE kind = $1 AND digest = $2) AS needed",
         )
         .bind(name.kind.name())
         .bind(name.digest.to_string())
-        .bind(ObjectKind::Instance.name())
-        .bind(ObjectKind::Result.name())
         .fetch_one()
         .await?;
-    row.get("needed")
+    let tables = connection.tables();
+    Ok(row.get("needed")? || tables.needs(connection, name).await?)
 }
 
 /// Those that no case needs, no pin protects and no sweep removes.

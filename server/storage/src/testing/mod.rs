@@ -1,6 +1,5 @@
 //! What tests of the store share with those of the crates above.
 
-#[cfg(test)]
 mod items;
 pub mod postgres;
 pub mod s3;
@@ -14,7 +13,7 @@ use case::{
 };
 
 #[cfg(test)]
-pub(crate) use self::items::{claim, new_case, new_result, pinned};
+pub(crate) use self::items::{claim, new_case, pinned};
 use super::{ObjectName, Store};
 
 /// The facts of a case, made up.

@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use case::CaseId;
+use case::images::Image;
+use case::{CaseId, ObjectKind};
 
-use crate::rows::{Pinned, Sweep};
+use crate::rows::{NewCase, Pinned, Sweep};
 use crate::{Framed, ObjectName, Spooled, Store, StoreError};
 
 /// Pins objects, as before they are written.
@@ -71,12 +72,25 @@ pub async fn begin_sweep(
     holder: &str,
     lease: Duration,
 ) -> Result<Vec<ObjectName>, StoreError> {
+    let unneeded = store.abandoned(100).await?;
+    mark(store, &unneeded, holder, lease).await
+}
+
+/// Leaves the tombstones of a sweep on those of these objects that nobody needs, and returns them.
+///
+/// # Errors
+/// If the rows cannot be written.
+pub async fn mark(
+    store: &Store,
+    names: &[ObjectName],
+    holder: &str,
+    lease: Duration,
+) -> Result<Vec<ObjectName>, StoreError> {
     let sweep = Sweep {
         holder: holder.to_owned(),
         lease,
     };
-    let unneeded = store.abandoned(100).await?;
-    store.mark(&unneeded, &sweep).await
+    store.mark(names, &sweep).await
 }
 
 /// Ends a sweep, whose objects are deleted.
@@ -85,4 +99,62 @@ pub async fn begin_sweep(
 /// If the rows cannot be written.
 pub async fn end_sweep(store: &Store, holder: &str) -> Result<(), StoreError> {
     store.remove_tombstones(holder).await
+}
+
+/// Pins objects for an hour, which are not written.
+pub async fn pinned(store: &Store, names: &[ObjectName]) -> Pinned {
+    super::items::pinned(store, names).await
+}
+
+/// Abandons pinned objects, and leaves them to a sweep.
+///
+/// # Errors
+/// If the rows cannot be written.
+pub async fn unpin(store: &Store, pinned: &Pinned) -> Result<(), StoreError> {
+    store.unpin(pinned).await
+}
+
+/// Inserts the rows of a case that is made of these images, or of those of the case of which it is a version.
+pub async fn insert_case(
+    store: &Store,
+    contents: &str,
+    images: Option<Vec<Image>>,
+    previous: Option<CaseId>,
+) -> CaseId {
+    let new = NewCase {
+        images,
+        previous,
+        ..super::items::new_case(store, contents).await
+    };
+    store.insert_case(&new).await.unwrap();
+    new.id
+}
+
+/// Those of these objects that nothing refers to.
+///
+/// # Errors
+/// If the rows cannot be read.
+pub async fn unneeded(store: &Store, names: &[ObjectName]) -> Result<Vec<ObjectName>, StoreError> {
+    store.unneeded(names).await
+}
+
+/// The objects of a kind to which rows of other tables refer.
+///
+/// # Errors
+/// If the rows cannot be read.
+pub async fn objects_of_tables(
+    store: &Store,
+    kind: ObjectKind,
+    after: Option<&ObjectName>,
+    limit: usize,
+) -> Result<Vec<ObjectName>, StoreError> {
+    store.objects_of_tables(kind, after, limit).await
+}
+
+/// At most so many objects that a sweep would look at.
+///
+/// # Errors
+/// If the rows cannot be read.
+pub async fn abandoned(store: &Store, limit: usize) -> Result<Vec<ObjectName>, StoreError> {
+    store.abandoned(limit).await
 }

@@ -167,10 +167,14 @@ async fn a_pair_that_was_half_made_is_completed_once_and_by_whoever_may_make_one
     let file = folder.join("rows.sqlite");
     std::fs::create_dir_all(folder.join("objects")).unwrap();
     // Killed after the tables, and after the row.
-    Rows::sqlite(&file).await.unwrap().close().await;
+    Rows::sqlite(&file, Arc::new(()))
+        .await
+        .unwrap()
+        .close()
+        .await;
     let refused = mismatch(open(&location(&folder), false).await);
     assert_eq!((refused.rows, refused.objects), (None, Label::Missing));
-    let rows = Rows::sqlite(&file).await.unwrap();
+    let rows = Rows::sqlite(&file, Arc::new(())).await.unwrap();
     let id = rows.make_store_id(StoreId::new()).await.unwrap();
     assert_eq!(rows.make_store_id(StoreId::new()).await.unwrap(), id);
     rows.close().await;
@@ -246,7 +250,9 @@ async fn a_copy_keeps_the_id_until_it_gets_its_own_and_an_interruption_is_made_g
     for name in ["rows.sqlite", "objects/store-id"] {
         std::fs::copy(original.join(name), copy.join(name)).unwrap();
     }
-    let store = Store::open_with_new_id(&location(&copy)).await.unwrap();
+    let store = Store::open_with_new_id(&location(&copy), Options::default())
+        .await
+        .unwrap();
     let second = store.id().await.unwrap();
     assert_ne!(second, id);
     store.close().await;
@@ -256,7 +262,7 @@ async fn a_copy_keeps_the_id_until_it_gets_its_own_and_an_interruption_is_made_g
         ..location(&copy)
     };
     mismatch(open(&crossed, true).await);
-    mismatch(Store::open_with_new_id(&crossed).await);
+    mismatch(Store::open_with_new_id(&crossed, Options::default()).await);
     assert_eq!(made(&location(&original)).await, id);
     // Killed after the object, and after the row.
     let label = copy.join("objects/store-id");
@@ -268,7 +274,9 @@ async fn a_copy_keeps_the_id_until_it_gets_its_own_and_an_interruption_is_made_g
     std::fs::write(&label, changing.text()).unwrap();
     let found = mismatch(open(&location(&copy), true).await);
     assert_eq!((found.rows, found.objects), (Some(second), changing));
-    let store = Store::open_with_new_id(&location(&copy)).await.unwrap();
+    let store = Store::open_with_new_id(&location(&copy), Options::default())
+        .await
+        .unwrap();
     assert_eq!(store.id().await.unwrap(), third);
     store.close().await;
     let changing = Label::Changing {
@@ -325,7 +333,7 @@ async fn they_become_one_store(rows: [Rows; 2], objects: [Objects; 2]) -> StoreI
     assert_eq!(both.1.unwrap(), id);
     assert_eq!(identity::compare(&rows[0], &objects[1]).await.unwrap(), id);
     // Somebody else's rows.
-    let others = Rows::in_memory().await.unwrap();
+    let others = Rows::in_memory(Arc::new(())).await.unwrap();
     let refused = identity::compare_or_make(&others, &objects[0]).await;
     assert!(
         matches!(refused, Err(StoreError::Mismatch(_))),
@@ -346,14 +354,14 @@ async fn rows_and_objects_of_any_kind_become_one_store() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("rows.sqlite");
     let rows = [
-        Rows::sqlite(&file).await.unwrap(),
-        Rows::sqlite(&file).await.unwrap(),
+        Rows::sqlite(&file, Arc::new(())).await.unwrap(),
+        Rows::sqlite(&file, Arc::new(())).await.unwrap(),
     ];
     let folder = directory.path().join("objects");
     let objects = [(); 2].map(|()| Objects::in_directory(&folder).unwrap());
     they_become_one_store(rows, objects).await;
     let memory: Arc<object_store::memory::InMemory> = Arc::default();
-    let rows = Rows::in_memory().await.unwrap();
+    let rows = Rows::in_memory(Arc::new(())).await.unwrap();
     let objects = [(); 2].map(|()| Objects::new(Arc::clone(&memory) as _));
     they_become_one_store([rows.clone(), rows], objects).await;
 }
@@ -369,7 +377,7 @@ async fn a_database_and_a_bucket_become_one_store_and_what_is_away_is_not_missin
     let variables = s3.variables().map(owned).into();
     let bucket = |prefix: &str| Objects::in_bucket_with(BUCKET, prefix, &variables).unwrap();
     let address = postgres.database().await;
-    let database = async || Rows::postgres(address.parse().unwrap()).await;
+    let database = async || Rows::postgres(address.parse().unwrap(), Arc::new(())).await;
     let rows = [database().await.unwrap(), database().await.unwrap()];
     let id = they_become_one_store(rows, [bucket("a/b"), bucket("a/b")]).await;
     let rows = database().await.unwrap();

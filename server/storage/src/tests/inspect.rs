@@ -1,15 +1,8 @@
 //! Inspections, and copies from one store into another.
 
 use super::*;
-use crate::arrivals::{
-    AccessionNumber, ArrivalSource, ArrivalState, DueTerms, NewInstance, Outcome, Reception,
-    Rejection, SeriesQuery, SeriesUids, TransferQuery, Uid,
-};
-use crate::results::NewResult;
-use crate::testing::new_result;
-use crate::{CopyStep, ForPacs, LayerName, LayerUpload, Made, frame};
-use case::images::{Fingerprint, Image};
-use case::{Closed, Failure, JobKind, JobState, LayerParameters};
+use crate::{CopyStep, LayerName, LayerUpload, frame};
+use case::{Failure, JobKind, LayerParameters};
 
 fn closer() -> Parameters {
     Parameters {
@@ -98,59 +91,6 @@ async fn an_inspection_counts_what_is_sound_and_reports_the_rest() {
     assert!(file_of(&directory, &stray.name).exists(), "nothing changes");
 }
 
-fn uid(text: &str) -> Uid {
-    Uid::parse(text).unwrap()
-}
-
-/// The fingerprint of an image of a series.
-fn print(number: usize) -> Fingerprint {
-    Fingerprint::new(&format!("{number:032}"), false, Vec::new()).unwrap()
-}
-
-/// Three images of a series.
-async fn three_images(store: &Store) -> [ObjectName; 3] {
-    let mut images = Vec::new();
-    for (number, content) in ["image 0", "image 1", "image 2"].into_iter().enumerate() {
-        let file = store.spool_all(content.into()).await.unwrap();
-        let new = NewInstance {
-            uids: SeriesUids {
-                study: uid("1.2"),
-                series: uid("1.2.3"),
-            },
-            accession_number: AccessionNumber::parse("A7"),
-            sop_instance_uid: uid(&format!("1.2.3.{number}")),
-            digest: *file.digest(),
-            label: None,
-            fingerprint: Some(print(number)),
-        };
-        images.push((new, file));
-    }
-    let names = [0, 1, 2].map(|number| ObjectName::from(&images[number].0));
-    let source = ArrivalSource::Stow;
-    let received = store.receive(images, source).await.unwrap();
-    assert_eq!(received, [Reception::New; 3]);
-    names
-}
-
-#[tokio::test]
-async fn an_inspection_reads_the_images_of_a_pacs() {
-    let directory = tempfile::tempdir().unwrap();
-    let store = store(&directory).await;
-    let names = three_images(&store).await;
-    let (sound, findings) = inspected(&store).await;
-    assert_eq!((sound.cases, sound.objects, findings), (0, 3, vec![]));
-
-    std::fs::write(file_of(&directory, &names[0]), b"damaged").unwrap();
-    std::fs::remove_file(file_of(&directory, &names[1])).unwrap();
-    let (_, mut findings) = inspected(&store).await;
-    findings.sort_by_key(|finding| matches!(finding, Defect::DamagedForPacs(_)));
-    let expected = [
-        Defect::MissingForPacs(names[1]),
-        Defect::DamagedForPacs(names[0]),
-    ];
-    assert_eq!(findings, expected);
-}
-
 #[tokio::test]
 async fn an_inspection_turns_the_pages() {
     let options = Options {
@@ -177,7 +117,6 @@ async fn copied(from: &Store, to: &Store) -> (Copied, Vec<(CaseId, bool)>) {
     let mut report = |step: CopyStep, _: &Copied| match step {
         CopyStep::Case(id) => reported.push((id, true)),
         CopyStep::LostCase(id) => reported.push((id, false)),
-        CopyStep::ForPacs | CopyStep::LostForPacs(_) => unreachable!("cases are copied"),
     };
     let copied = from.copy_into(to, &mut report).await.unwrap();
     (copied, reported)
@@ -241,185 +180,6 @@ async fn without_its_source_a_case_is_not_copied_but_without_derived_objects_it_
     assert!(!file_of(&there, &source).exists());
     // It is rebuilt there when it is first read.
     assert!(matches!(read(&to, &of).await, Attempt::Bad));
-}
-
-/// Copies what came from a PACS, and returns the result with the objects that were not copied.
-async fn copied_for_pacs(from: &Store, to: &Store) -> (Copied, Vec<ObjectName>) {
-    let mut lost = Vec::new();
-    let mut report = |step: CopyStep, _: &Copied| match step {
-        CopyStep::LostForPacs(name) => lost.push(name),
-        step => assert_eq!(step, CopyStep::ForPacs),
-    };
-    let copied = from
-        .copy_for_pacs_into(to, Copied::default(), &mut report)
-        .await;
-    (copied.unwrap(), lost)
-}
-
-/// A case of three images that are kept, and a result of it that was sent.
-async fn a_kept_series(store: &Store) -> (CaseId, [ObjectName; 3], String) {
-    let id = ready(store, "volume").await;
-    let images = three_images(store).await;
-    let terms = DueTerms {
-        stable: Duration::ZERO,
-        patience: Duration::ZERO,
-    };
-    assert_eq!(store.queue_due_series(&terms).await.unwrap(), 1);
-    let due = store.claim(JobKind::SERIES, 3).await.unwrap().unwrap();
-    assert!(store.settle(&due, &Outcome::Case(id)).await.unwrap());
-    let of = |number: usize| Image {
-        uid: uid(&format!("1.2.3.{number}")),
-        fingerprint: print(number),
-        times: 0,
-    };
-    let of: Vec<_> = (0..3).map(of).collect();
-    store.note_made_of(&Made::case(&id), &of).await.unwrap();
-    let file = b"a result";
-    let new = NewResult {
-        study: uid("1.2"),
-        ..new_result(id, "pacs", "a result")
-    };
-    let send = JobKind::new("send", "delivery");
-    let queued = store.queue_result(new, file[..].into(), send).await;
-    let leased = store.claim(send, 3).await.unwrap().unwrap();
-    assert!(store.finish(&leased).await.unwrap());
-    (id, images, queued.unwrap().id)
-}
-
-#[tokio::test]
-async fn a_copy_has_the_images_and_the_results_of_a_pacs() {
-    let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    let (from, to) = (store(&here).await, store(&there).await);
-    let (case, images, result) = a_kept_series(&from).await;
-    copied(&from, &to).await;
-    let (first, lost) = copied_for_pacs(&from, &to).await;
-    let whole = ForPacs {
-        series: 1,
-        images: 3,
-        results: 1,
-    };
-    assert_eq!((first.for_pacs, first.objects, lost), (whole, 4, vec![]));
-    assert_eq!(from.count_for_pacs().await.unwrap(), whole);
-    assert_eq!(to.count_for_pacs().await.unwrap(), whole);
-
-    let series = SeriesQuery::Study(uid("1.2"), None);
-    let arrivals = to.arrivals_of(&series).await.unwrap();
-    assert_eq!(arrivals, from.arrivals_of(&series).await.unwrap());
-    assert_eq!(
-        (arrivals[0].state, arrivals[0].case),
-        (ArrivalState::Case, Some(case))
-    );
-    let number = SeriesQuery::AccessionNumber(AccessionNumber::parse("A7").unwrap());
-    assert_eq!(to.arrivals_of(&number).await.unwrap(), arrivals);
-    let sent = to.result(&result).await.unwrap().unwrap();
-    assert_eq!(
-        (
-            sent.job.as_ref().unwrap().state,
-            sent.case,
-            sent.node.as_str()
-        ),
-        (JobState::Done, case, "pacs")
-    );
-    assert_eq!(
-        &to.objects().get(&sent.object).await.unwrap()[..],
-        b"a result"
-    );
-    assert_eq!(files_below(&there.path().join("uploads")).len(), 0);
-
-    // Again, nothing is written and nothing is lost.
-    let (again, _) = copied_for_pacs(&from, &to).await;
-    assert_eq!((again.for_pacs, again.objects, again.kept), (whole, 0, 4));
-    assert_eq!(inspected(&to).await.1, []);
-    assert_eq!(to.result(&result).await.unwrap(), Some(sent));
-    for name in images {
-        to.objects().get(&name).await.unwrap();
-    }
-}
-
-#[tokio::test]
-async fn a_copy_follows_what_was_corrected_and_rejected_since() {
-    let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    let (from, to) = (store(&here).await, store(&there).await);
-    let (case, ..) = a_kept_series(&from).await;
-    let spooled = from.spool_all("a FLAIR".into()).await.unwrap();
-    let upload = LayerUpload {
-        case,
-        volume: spooled,
-        dicom: None,
-        images: Vec::new(),
-        series: Some(uid("1.2.7")),
-        name: LayerName::Usual("FLAIR".to_owned()),
-        parameters: LayerParameters::default(),
-        most: 20,
-    };
-    let layer = from.submit_layer(upload).await.unwrap().layer;
-    copied(&from, &to).await;
-    copied_for_pacs(&from, &to).await;
-    // The series of a layer, by which it is found when the PACS rejects it, is copied too.
-    let of_series = to.layers_of_series(&uid("1.2.7")).await.unwrap();
-    assert_eq!(of_series, [(case, layer.id)]);
-    from.delete_layer(&case, &layer.id).await.unwrap();
-    copied(&from, &to).await;
-    assert_eq!(to.layers(&case).await.unwrap(), []);
-    let study = SeriesQuery::Study(uid("1.2"), None);
-    let arrival = from.arrivals_of(&study).await.unwrap().remove(0);
-    let images = from.images_of(&arrival.uids).await.unwrap();
-    let reject = async |may_return, instances: Vec<Uid>| {
-        let rejection = Rejection {
-            may_return,
-            series: vec![(arrival.uids.clone(), instances)],
-        };
-        let rejected = from.reject(&rejection, ArrivalSource::Stow, "a peer");
-        rejected.await.unwrap();
-        copied(&from, &to).await;
-        copied_for_pacs(&from, &to).await;
-    };
-    let first = images[0].0.clone();
-    reject(false, vec![first.clone()]).await;
-    let closed = async |store: &Store| store.closed(&case).await.unwrap();
-    assert_eq!(closed(&from).await, Some(Closed::Rejected));
-    assert_eq!(closed(&to).await, Some(Closed::Rejected));
-    assert_eq!(to.images_of(&arrival.uids).await.unwrap(), images);
-    assert_eq!(to.are_withdrawn(&[first]).await.unwrap(), [true]);
-    assert_eq!(
-        to.rejections(9).await.unwrap(),
-        from.rejections(9).await.unwrap()
-    );
-    let left = from.arrivals_of(&study).await.unwrap();
-    assert_eq!(to.arrivals_of(&study).await.unwrap(), left);
-    // What was sent is known there also when nothing of it is kept.
-    assert!(to.has_come(&images[0].0).await.unwrap());
-    assert_eq!(inspected(&to).await.1, []);
-}
-
-#[tokio::test]
-async fn what_was_withdrawn_is_copied_without_images_too() {
-    let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    let (from, to) = (store(&here).await, store(&there).await);
-    let withdrawn = [uid("1.2.3.4")];
-    from.withdraw(&withdrawn).await.unwrap();
-    copied(&from, &to).await;
-    assert_eq!(to.are_withdrawn(&withdrawn).await.unwrap(), [true]);
-}
-
-#[tokio::test]
-async fn what_is_damaged_is_named_and_the_rest_is_copied() {
-    let [here, there] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    let (from, to) = (store(&here).await, store(&there).await);
-    let (_, images, _) = a_kept_series(&from).await;
-    std::fs::write(file_of(&here, &images[1]), b"damaged").unwrap();
-    // Without its case, the series is read again there, and a result has nothing to belong to.
-    let (first, lost) = copied_for_pacs(&from, &to).await;
-    assert_eq!((first.lost, first.for_pacs.images), (2, 2));
-    assert_eq!(lost[0], images[1]);
-    let series = SeriesQuery::Study(uid("1.2"), None);
-    let arrival = to.arrivals_of(&series).await.unwrap().remove(0);
-    assert_eq!(
-        (arrival.state, arrival.case, arrival.instances),
-        (ArrivalState::Receiving, None, 2)
-    );
-    let every = TransferQuery::default();
-    assert_eq!(to.results(&every, None, 9).await.unwrap(), (vec![], None));
 }
 
 /// Makes a file look some days old.

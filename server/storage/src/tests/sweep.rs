@@ -7,7 +7,7 @@ use crate::testing::{name, pinned};
 
 /// A store with rows in memory, on objects in a directory.
 async fn movable(directory: &TempDir) -> Store {
-    let rows = Rows::in_memory().await.unwrap();
+    let rows = Rows::in_memory(Arc::new(())).await.unwrap();
     let objects = Objects::in_directory(directory.path()).unwrap();
     Store::on(rows, objects, Options::default()).await.unwrap()
 }
@@ -97,7 +97,7 @@ async fn only_what_is_still_unneeded_is_removed() {
 async fn cases_that_are_too_old_go_with_their_objects_and_say_before_when() {
     let day = Duration::from_secs(86_400);
     let directory = tempfile::tempdir().unwrap();
-    let rows = Rows::in_memory().await.unwrap();
+    let rows = Rows::in_memory(Arc::new(())).await.unwrap();
     let objects = Objects::in_directory(directory.path()).unwrap();
     let options = Options {
         keep: Some(day),
@@ -149,7 +149,7 @@ struct Kept {
 
 impl Kept {
     async fn new() -> Self {
-        let rows = Rows::in_memory().await.unwrap();
+        let rows = Rows::in_memory(Arc::new(())).await.unwrap();
         let objects = Objects::new(Arc::new(object_store::memory::InMemory::new()));
         let store = Self::store_on(&rows, &objects).await;
         let kept = Self {

@@ -1,20 +1,23 @@
 //! Series that come from a PACS, and the index of the series of cases.
 
-use jiff::Timestamp;
-
-use super::connection::{Connection, Row, microseconds};
-use super::images::{self, Arrived};
-use super::{jobs, pins};
-use crate::arrivals::{
-    AccessionNumber, Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState,
-    BECAME_LAYER, CaseSeries, DueTerms, IMAGES_LOST, INCOMPLETE_CORRECTION, MOVED, NO_CASE, NOT_T1,
-    NewInstance, Outcome, PatientDigest, Reception, Rejection, SeriesQuery, SeriesUids, Taken, Uid,
-    images_rejected,
-};
-use crate::rows::{DueImage, DueSeries};
-use crate::{ObjectName, StoreError};
 use case::images::Following;
-use case::{CaseId, Failure, JobKind, ObjectKind};
+use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
+use case::{CaseId, Failure, ObjectKind};
+use cases::dicom::Rejection;
+use jiff::Timestamp;
+use storage::tables::{
+    Connection, Row, containing, jobs, microseconds, new_id, pins, read_accession_number,
+    read_case, read_time, read_uid, read_uids, unreadable,
+};
+use storage::{ListCursor, ObjectName, StoreError};
+
+use super::columns::{count, read_count};
+use super::images::{self, Arrived, wake_layers_of_closed};
+use crate::values::{
+    Arrival, ArrivalQuery, ArrivalSource, ArrivalState, BECAME_LAYER, DueImage, DueSeries,
+    DueTerms, IMAGES_LOST, INCOMPLETE_CORRECTION, MOVED, NO_CASE, NOT_T1, NewInstance, Outcome,
+    Reception, SERIES, Taken, images_rejected,
+};
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_arrival {
@@ -26,10 +29,6 @@ macro_rules! select_arrival {
             $rest
         )
     };
-}
-
-pub(super) fn unreadable(what: &str) -> StoreError {
-    StoreError::Rows(format!("a row of an arrival or a result has an unknown {what}").into())
 }
 
 /// Adds an image, and the cases that may have closed or opened by it. The pin of a file that is kept becomes a reference; that of another
@@ -73,7 +72,7 @@ pub(super) async fn add(
         replace(connection, &id, new, now).await?;
     }
     // Whoever reads the series at this moment does not know this image.
-    jobs::cancel(connection, JobKind::SERIES, &id).await?;
+    jobs::cancel(connection, SERIES, &id).await?;
     let sql = match is_another {
         // A series that was complete has more images than its sender has stated.
         false => {
@@ -104,7 +103,7 @@ pub(super) async fn add(
 /// Notes that an image of a series came again unchanged. A series that waits for that is read again, and so is one that is a case: from
 /// then on, its images have not come again.
 async fn came_again(connection: &mut Connection, id: &str, now: i64) -> Result<(), StoreError> {
-    jobs::cancel(connection, JobKind::SERIES, id).await?;
+    jobs::cancel(connection, SERIES, id).await?;
     let waits = |name: &str| format!("%\"{name}\"%");
     connection
         .query(
@@ -159,7 +158,7 @@ async fn leave_others(
             .bind(&other)
             .execute()
             .await?;
-        jobs::cancel(connection, JobKind::SERIES, &other).await?;
+        jobs::cancel(connection, SERIES, &other).await?;
     }
     Ok(())
 }
@@ -212,7 +211,7 @@ pub(super) async fn ignore(
              VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, 1)
              ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
         )
-        .bind(uuid::Uuid::now_v7().simple().to_string())
+        .bind(new_id())
         .bind(uids.study.as_str())
         .bind(uids.series.as_str())
         .bind(source.name())
@@ -243,7 +242,7 @@ pub(super) async fn reject(
                  ON CONFLICT (study_uid, series_uid) DO UPDATE SET last_at = $6
                  RETURNING id",
             )
-            .bind(uuid::Uuid::now_v7().simple().to_string())
+            .bind(new_id())
             .bind(uids.study.as_str())
             .bind(uids.series.as_str())
             .bind(source.name())
@@ -301,26 +300,9 @@ async fn read_again(
             .bind(id)
             .execute()
             .await?;
-        jobs::cancel(connection, JobKind::SERIES, id).await?;
+        jobs::cancel(connection, SERIES, id).await?;
     }
     Ok(here)
-}
-
-/// Lets the series be read again that became layers of a case, if it is closed: another head of the study may have them.
-pub(super) async fn wake_layers_of_closed(
-    connection: &mut Connection,
-    case: &str,
-) -> Result<(), StoreError> {
-    connection
-        .query(
-            "UPDATE arrivals SET state = 'receiving', reason = NULL, case_id = NULL
-             WHERE case_id = $1 AND instances > 0 AND state = 'layer'
-               AND (SELECT closed FROM cases WHERE cases.id = $1) > 0",
-        )
-        .bind(case)
-        .execute()
-        .await?;
-    Ok(())
 }
 
 /// The arrival of an image's series, which is made if there is none.
@@ -336,7 +318,7 @@ async fn series(
              VALUES ($1, $2, $3, $4, $5, $6, 'receiving', $7, $7)
              ON CONFLICT (study_uid, series_uid) DO UPDATE SET label = coalesce(arrivals.label, excluded.label)",
         )
-        .bind(uuid::Uuid::now_v7().simple().to_string())
+        .bind(new_id())
         .bind(new.uids.study.as_str())
         .bind(new.uids.series.as_str())
         .bind(new.accession_number.as_ref().map(AccessionNumber::as_str))
@@ -562,9 +544,8 @@ async fn due_images(connection: &mut Connection, id: &str) -> Result<Vec<DueImag
         .fetch_all()
         .await?;
     let read_image = |row: &Row| {
-        let uid: String = row.get("sop_instance_uid")?;
         Ok::<_, StoreError>(DueImage {
-            uid: Uid::parse(&uid).ok_or_else(|| unreadable("UID"))?,
+            uid: read_uid(row, "sop_instance_uid")?,
             object: read_object(row)?,
             times: row.get::<i64>("times")?.unsigned_abs(),
         })
@@ -585,7 +566,7 @@ async fn objects(connection: &mut Connection, id: &str) -> Result<Vec<ObjectName
 
 fn read_object(row: &Row) -> Result<ObjectName, StoreError> {
     let digest: String = row.get("digest")?;
-    let digest = blake3::Hash::from_hex(digest).map_err(|_| unreadable("digest"))?;
+    let digest = blake3::Hash::from_hex(digest).map_err(|_| unreadable("a digest"))?;
     Ok(ObjectName {
         kind: ObjectKind::Instance,
         digest,
@@ -681,27 +662,15 @@ pub(super) async fn take(
         .execute()
         .await?;
     // Whoever reads it at this moment does not decide.
-    jobs::cancel(connection, JobKind::SERIES, id).await
-}
-
-/// A pattern of LIKE that finds a text anywhere.
-pub(super) fn containing(text: &str) -> String {
-    let mut pattern = String::from("%");
-    for letter in text.chars() {
-        if matches!(letter, '%' | '_' | '!') {
-            pattern.push('!');
-        }
-        pattern.push(letter);
-    }
-    pattern + "%"
+    jobs::cancel(connection, SERIES, id).await
 }
 
 pub(super) async fn page(
     connection: &mut Connection,
     query: &ArrivalQuery,
-    after: Option<&ArrivalCursor>,
+    after: Option<&ListCursor>,
     limit: usize,
-) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError> {
+) -> Result<(Vec<Arrival>, Option<ListCursor>), StoreError> {
     let (at, id) = match after {
         Some(cursor) => (cursor.at, cursor.id.clone()),
         None => (i64::MAX, String::new()),
@@ -727,7 +696,7 @@ pub(super) async fn page(
     let mut arrivals = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let more = arrivals.len() > limit;
     arrivals.truncate(limit);
-    let next = arrivals.last().filter(|_| more).map(|last| ArrivalCursor {
+    let next = arrivals.last().filter(|_| more).map(|last| ListCursor {
         at: last.first_at.as_microsecond(),
         id: last.id.clone(),
     });
@@ -797,11 +766,7 @@ pub(super) async fn images_of(
         .bind(uids.series.as_str())
         .fetch_all()
         .await?;
-    let read = |row: &Row| {
-        let uid: String = row.get("sop_instance_uid")?;
-        let uid = Uid::parse(&uid).ok_or_else(|| unreadable("UID"))?;
-        Ok((uid, read_object(row)?))
-    };
+    let read = |row: &Row| Ok((read_uid(row, "sop_instance_uid")?, read_object(row)?));
     rows.iter().map(read).collect()
 }
 
@@ -866,126 +831,6 @@ async fn remove(connection: &mut Connection, id: &str, now: i64) -> Result<(), S
     Ok(())
 }
 
-pub(super) async fn index(
-    connection: &mut Connection,
-    series: &CaseSeries,
-) -> Result<(), StoreError> {
-    connection
-        .query(
-            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, patient)
-             SELECT id, $2, $3, $4, $5 FROM cases WHERE id = $1
-             ON CONFLICT (case_id) DO NOTHING",
-        )
-        .bind(series.case.to_string())
-        .bind(series.uids.study.as_str())
-        .bind(series.uids.series.as_str())
-        .bind(
-            series
-                .accession_number
-                .as_ref()
-                .map(AccessionNumber::as_str),
-        )
-        .bind(series.patient.map(PatientDigest::to_hex))
-        .execute()
-        .await?;
-    Ok(())
-}
-
-pub(super) async fn series_of(
-    connection: &mut Connection,
-    case: &CaseId,
-) -> Result<Option<CaseSeries>, StoreError> {
-    let row = connection
-        .query("SELECT case_id, study_uid, series_uid, accession_number, patient FROM case_series WHERE case_id = $1")
-        .bind(case.to_string())
-        .fetch_optional()
-        .await?;
-    row.as_ref().map(read_case_series).transpose()
-}
-
-pub(super) async fn cases_of(
-    connection: &mut Connection,
-    query: &SeriesQuery,
-) -> Result<Vec<CaseSeries>, StoreError> {
-    let rows = match query {
-        SeriesQuery::Study(study, series) => connection
-            .query(
-                "SELECT case_id, study_uid, series_uid, accession_number, patient
-                 FROM case_series JOIN cases ON cases.id = case_series.case_id
-                 WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid
-                 ORDER BY created_at DESC, id",
-            )
-            .bind(study.as_str())
-            .bind(series.as_ref().map(Uid::as_str)),
-        SeriesQuery::AccessionNumber(number) => connection
-            .query(
-                "SELECT case_id, study_uid, series_uid, accession_number, patient
-                 FROM case_series JOIN cases ON cases.id = case_series.case_id
-                 WHERE accession_number = $1
-                 ORDER BY created_at DESC, id",
-            )
-            .bind(number.as_str()),
-    };
-    rows.fetch_all()
-        .await?
-        .iter()
-        .map(read_case_series)
-        .collect()
-}
-
-fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
-    Ok(CaseSeries {
-        case: read_case(row, "case_id")?.ok_or_else(|| unreadable("case"))?,
-        uids: read_uids(row)?,
-        accession_number: read_accession_number(row)?,
-        patient: read_patient(row)?,
-    })
-}
-
-fn read_patient(row: &Row) -> Result<Option<PatientDigest>, StoreError> {
-    let digest: Option<String> = row.get("patient")?;
-    let read = |digest: String| PatientDigest::from_hex(&digest);
-    digest
-        .map(|digest| read(digest).ok_or_else(|| unreadable("patient")))
-        .transpose()
-}
-
-fn read_accession_number(row: &Row) -> Result<Option<AccessionNumber>, StoreError> {
-    let number: Option<String> = row.get("accession_number")?;
-    Ok(number.as_deref().and_then(AccessionNumber::parse))
-}
-
-/// A number of images for a column.
-pub(super) fn count(number: usize) -> i64 {
-    i64::try_from(number).unwrap_or(i64::MAX)
-}
-
-/// A number of images in a column.
-pub(super) fn read_count(number: i64) -> usize {
-    usize::try_from(number).unwrap_or(0)
-}
-
-pub(super) fn read_uids(row: &Row) -> Result<SeriesUids, StoreError> {
-    let uid = |column| {
-        let text: String = row.get(column)?;
-        Uid::parse(&text).ok_or_else(|| unreadable("UID"))
-    };
-    Ok(SeriesUids {
-        study: uid("study_uid")?,
-        series: uid("series_uid")?,
-    })
-}
-
-fn read_case(row: &Row, column: &str) -> Result<Option<CaseId>, StoreError> {
-    let id: Option<String> = row.get(column)?;
-    id.map(|id| CaseId::parse(&id).ok_or_else(|| unreadable("case")))
-        .transpose()
-}
-
-pub(super) fn read_time(row: &Row, column: &str) -> Result<Timestamp, StoreError> {
-    Timestamp::from_microsecond(row.get(column)?).map_err(|_| unreadable("time"))
-}
-
 fn read_reason(row: &Row) -> Result<Option<Failure>, StoreError> {
     read_failure(row, "reason")
 }
@@ -1007,9 +852,9 @@ fn read(row: &Row) -> Result<Arrival, StoreError> {
         id: row.get("id")?,
         uids: read_uids(row)?,
         accession_number: read_accession_number(row)?,
-        source: ArrivalSource::from_name(&source).ok_or_else(|| unreadable("source"))?,
+        source: ArrivalSource::from_name(&source).ok_or_else(|| unreadable("a source"))?,
         label: row.get("label")?,
-        state: ArrivalState::from_name(&state).ok_or_else(|| unreadable("state"))?,
+        state: ArrivalState::from_name(&state).ok_or_else(|| unreadable("a state"))?,
         reason: read_reason(row)?,
         taken: read_taken(row)?,
         refused: read_failure(row, "refused")?,

@@ -2,18 +2,20 @@
 
 use std::collections::HashMap;
 
-use super::arrivals::{ArrivalSource, NewInstance, Reception};
-use super::pinned::{Writing, unique_holder};
-use super::rows::Pinned;
-use super::{ImageStatus, ObjectName, Spooled, Store, StoreError};
+use storage::Pinned;
+use storage::tables::Writing;
+use storage::{ObjectName, Spooled, StoreError};
 
-impl Store {
+use super::{ImageStatus, PacsStore};
+use crate::values::{ArrivalSource, NewInstance, Reception};
+
+impl PacsStore {
     /// Adds images with their files to their series, and returns what became of each. Afterwards they are durable. The operation completes
     /// even if the caller drops the future.
     ///
     /// # Errors
     /// If the rows or the objects cannot be written. Nothing is acknowledged then, and nothing is left behind.
-    pub async fn receive(
+    pub(crate) async fn receive(
         &self,
         images: Vec<(NewInstance, Spooled)>,
         source: ArrivalSource,
@@ -21,7 +23,6 @@ impl Store {
         let (store, count) = (self.clone(), images.len());
         let received = tokio::spawn(async move { store.receive_now(&images, source).await });
         let received = received.await?;
-        let signals = self.signals();
         match &received {
             Ok(receptions) => {
                 for (reception, status) in [
@@ -31,7 +32,7 @@ impl Store {
                     (Reception::Refused, ImageStatus::Refused),
                 ] {
                     let of_status = receptions.iter().filter(|became| **became == reception);
-                    signals.images_came(source, status, of_status.count());
+                    self.images_came(source, status, of_status.count());
                 }
                 if receptions.contains(&Reception::Corrected) {
                     tracing::warn!(
@@ -39,7 +40,7 @@ impl Store {
                     );
                 }
             }
-            Err(_) => signals.images_came(source, ImageStatus::Failed, count),
+            Err(_) => self.images_came(source, ImageStatus::Failed, count),
         }
         received
     }
@@ -49,15 +50,12 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be written, or one of the objects is being removed.
-    pub async fn adopt_images(
+    pub(crate) async fn adopt_images(
         &self,
         images: &[NewInstance],
         source: ArrivalSource,
     ) -> Result<Vec<Reception>, StoreError> {
-        let pinned = Pinned {
-            holder: unique_holder(),
-            names: images.iter().map(ObjectName::from).collect(),
-        };
+        let pinned = Pinned::new(images.iter().map(ObjectName::from));
         self.insert_adopted_images(images, &pinned, source).await
     }
 
@@ -91,15 +89,29 @@ impl Store {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+    use std::sync::Arc;
+
+    use case::series::{SeriesQuery, SeriesUids, Uid};
+    use storage::testing::{files_below, objects_below};
+    use storage::{Options, Store};
+
     use super::*;
-    use crate::arrivals::{SeriesQuery, SeriesUids, Uid};
-    use crate::testing::{files_below, objects_below};
+    use crate::store::PacsTables;
+
+    async fn open(folder: &Path) -> PacsStore {
+        let options = Options {
+            tables: Arc::new(PacsTables),
+            ..Options::default()
+        };
+        PacsStore::new(Store::open_with(folder, options).await.unwrap())
+    }
 
     fn uid(text: &str) -> Uid {
         Uid::parse(text).unwrap()
     }
 
-    async fn image(store: &Store, number: u32, contents: &str) -> (NewInstance, Spooled) {
+    async fn image(store: &PacsStore, number: u32, contents: &str) -> (NewInstance, Spooled) {
         let file = store.spool_all(contents.to_owned().into()).await.unwrap();
         let new = NewInstance {
             uids: SeriesUids {
@@ -118,7 +130,7 @@ mod tests {
     #[tokio::test]
     async fn images_are_durable_and_what_is_sent_twice_is_there_once() {
         let directory = tempfile::tempdir().unwrap();
-        let store = Store::open(directory.path()).await.unwrap();
+        let store = open(directory.path()).await;
         let images = vec![image(&store, 1, "one").await, image(&store, 2, "two").await];
         let source = ArrivalSource::CStore;
         let received = store.receive(images, source).await.unwrap();
@@ -141,7 +153,7 @@ mod tests {
         );
         assert_eq!(files_below(&directory.path().join("uploads")).len(), 0);
         store.close().await;
-        let store = Store::open(directory.path()).await.unwrap();
+        let store = open(directory.path()).await;
         let query = SeriesQuery::Study(uid("1.2"), None);
         let arrivals = store.arrivals_of(&query).await.unwrap();
         assert_eq!(arrivals[0].instances, 3);

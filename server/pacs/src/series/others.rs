@@ -1,49 +1,48 @@
 //! What a query finds besides the heads: series that make no case (yet). They can belong to another patient.
 
+use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
 use case::{CaseState, Closed, Failure};
+use cases::{Error, Patient};
 use serde_json::Value;
 use storage::ObjectName;
-use storage::arrivals::{
-    AccessionNumber, Arrival, ArrivalState, INCOMPLETE_CORRECTION, MOVED, OTHER_OBJECTS, REJECTED,
-    SeriesQuery, SeriesUids, Uid, images_rejected,
-};
 
-use super::{Head, Patient};
-use crate::application::Cases;
-use crate::error::Error;
+use super::{Arrivals, Head};
+use crate::values::{
+    Arrival, ArrivalState, INCOMPLETE_CORRECTION, MOVED, OTHER_OBJECTS, REJECTED, images_rejected,
+};
 
 /// The reason of a series with images of several patients.
 const MIXED_PATIENTS: &str = "dicom-mixed-patients";
 
 /// What a query finds.
 #[derive(Debug, Default)]
-pub struct Fitting {
-    /// The cases, as [`Cases::heads`].
-    pub heads: Vec<Head>,
+pub(crate) struct Fitting {
+    /// The cases, as [`Arrivals::heads`].
+    pub(crate) heads: Vec<Head>,
     /// The series that make no case.
-    pub others: Vec<Other>,
+    pub(crate) others: Vec<Other>,
 }
 
 /// A series that makes no case.
 #[derive(Debug)]
-pub struct Other {
+pub(crate) struct Other {
     /// The series and its study.
-    pub uids: SeriesUids,
+    pub(crate) uids: SeriesUids,
     /// The accession number of its study.
-    pub accession_number: Option<AccessionNumber>,
+    pub(crate) accession_number: Option<AccessionNumber>,
     /// What lists call it.
-    pub label: Option<String>,
+    pub(crate) label: Option<String>,
     /// What has become of it; never a case.
-    pub state: ArrivalState,
+    pub(crate) state: ArrivalState,
     /// Why it is no case.
-    pub reason: Option<Failure>,
+    pub(crate) reason: Option<Failure>,
     /// Its patient; `None` if none of its images is kept.
-    pub patient: Option<Patient>,
+    pub(crate) patient: Option<Patient>,
 }
 
 impl Other {
     /// The word for what has become of it, in answers.
-    pub fn word(&self) -> &'static str {
+    pub(crate) fn word(&self) -> &'static str {
         let reason = self.reason.as_ref();
         match self.state {
             ArrivalState::Nothing if reason.is_some_and(|reason| reason.name == REJECTED) => {
@@ -65,7 +64,7 @@ impl Other {
 impl Fitting {
     /// Whether the query does not tell which patient is meant, or which study: its cases are of several ones, or something that
     /// makes no case is of another patient.
-    pub fn is_ambiguous(&self) -> bool {
+    pub(crate) fn is_ambiguous(&self) -> bool {
         let Some(first) = self.heads.first() else {
             return false;
         };
@@ -83,20 +82,20 @@ impl Fitting {
     }
 
     /// The series that make no case and are of another patient than the first head.
-    pub fn of_another(&self) -> impl Iterator<Item = &Other> {
+    pub(crate) fn of_another(&self) -> impl Iterator<Item = &Other> {
         let first = self.heads.first();
         let others = self.others.iter();
         others.filter(move |other| first.is_some_and(|first| other.is_of_another(first)))
     }
 }
 
-impl Cases {
+impl Arrivals {
     /// What a query finds: its heads, and what makes no case but says that another patient is there. What a PACS has corrected
     /// or moved says so no longer.
     ///
     /// # Errors
     /// If the rows or the patient of an image cannot be read.
-    pub async fn fitting(&self, query: &SeriesQuery) -> Result<Fitting, Error> {
+    pub(crate) async fn fitting(&self, query: &SeriesQuery) -> Result<Fitting, Error> {
         let heads = self.heads(query).await?;
         let heads_of = |uids: SeriesUids| heads.iter().filter(move |head| head.series.uids == uids);
         // An upload may have the UIDs of a series of another patient. One whose patient is not known counts as of the same.
@@ -126,7 +125,7 @@ impl Cases {
             if case.and_then(|case| case.closed) != Some(Closed::Rejected) {
                 continue;
             }
-            let source = self.attributes_of(&series.case).await?;
+            let source = self.cases.attributes_of(&series.case).await?;
             let patient = source.map(|source| Patient::of(|keyword| source.value(keyword)));
             if heads_of(series.uids.clone()).next().is_some() {
                 continue;
@@ -185,7 +184,7 @@ impl Cases {
         for series in self.store().cases_of(&query).await? {
             let case = self.store().case(&series.case).await?;
             if case.is_some_and(|case| case.closed.is_none())
-                && let Some(source) = self.attributes_of(&series.case).await?
+                && let Some(source) = self.cases.attributes_of(&series.case).await?
             {
                 patients.push(Patient::of(|keyword| source.value(keyword)));
             }
@@ -261,10 +260,10 @@ impl Cases {
     }
 }
 
-impl Cases {
+impl Arrivals {
     /// The attributes of stored images; `None` if one is lost, or cannot be read now or ever.
     async fn metadata_of(&self, images: &[ObjectName]) -> Result<Option<Vec<Value>>, Error> {
-        match self.stored_metadata(images).await {
+        match self.cases.stored_metadata(images).await {
             Err(Error::Failure(_)) => Ok(None),
             read => read,
         }

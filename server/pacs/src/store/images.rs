@@ -4,14 +4,20 @@
 
 use std::collections::BTreeSet;
 
-use case::images::{Closed, Fingerprint, Following, Image};
+use case::images::{Fingerprint, Following, Image};
+use case::series::{SeriesUids, Uid};
 use case::{CaseId, LayerId};
+use cases::dicom::Rejection;
+use storage::tables::{
+    Connection, Row, as_it_is_known, new_id, read_closed, read_fingerprint, read_state, read_time,
+    read_uid, read_uids, unreadable,
+};
+use storage::{Made, StoreError};
 
-use super::arrivals::{self, count, read_time, read_uids, unreadable};
-use super::connection::{Connection, Row};
-use crate::StoreError;
-use crate::arrivals::{ArrivalSource, NewInstance, Rejected, Rejection, SeriesUids, Uid};
-use crate::rows::{LastImage, Made, MadeCase, MadeImage, Withdrawn};
+use super::columns::{count, read_count};
+use crate::values::{
+    ArrivalSource, LastImage, MadeCase, MadeImage, NewInstance, Rejected, Withdrawn,
+};
 
 async fn last(connection: &mut Connection, uid: &Uid) -> Result<Option<LastImage>, StoreError> {
     let row = connection
@@ -28,29 +34,28 @@ async fn last(connection: &mut Connection, uid: &Uid) -> Result<Option<LastImage
 fn read_last(row: &Row) -> Result<LastImage, StoreError> {
     let sender: String = row.get("sender")?;
     Ok(LastImage {
-        uid: read_uid(row)?,
+        uid: read_uid(row, "sop_instance_uid")?,
         uids: read_uids(row)?,
         fingerprint: read_fingerprint(row)?,
         times: row.get("times")?,
-        sender: ArrivalSource::from_name(&sender).ok_or_else(|| unreadable("source"))?,
+        sender: ArrivalSource::from_name(&sender).ok_or_else(|| unreadable("a source"))?,
         last_at: row.get("last_at")?,
     })
+}
+
+/// The fingerprint of the last image with a UID.
+pub(super) async fn last_sent(
+    connection: &mut Connection,
+    uid: &Uid,
+) -> Result<Option<Fingerprint>, StoreError> {
+    Ok(last(connection, uid)
+        .await?
+        .and_then(|last| last.fingerprint))
 }
 
 /// Whether an image with a UID was sent.
 pub(super) async fn has_come(connection: &mut Connection, uid: &Uid) -> Result<bool, StoreError> {
     Ok(last(connection, uid).await?.is_some())
-}
-
-/// The fingerprint of a row; `None` if its image cannot be decoded.
-fn read_fingerprint(row: &Row) -> Result<Option<Fingerprint>, StoreError> {
-    let text: String = row.get("fingerprint")?;
-    match &*text {
-        "" => Ok(None),
-        text => Fingerprint::parse(text)
-            .map(Some)
-            .ok_or_else(|| unreadable("fingerprint")),
-    }
 }
 
 /// What an image is, beside the last one with its UID.
@@ -89,9 +94,10 @@ pub(super) async fn arrive(
     let (uids, fingerprint) = match (arrived, last) {
         (Arrived::Following(Following::Unusable), _) => return Ok((arrived, false)),
         (Arrived::Following(Following::Same), Some(last)) => (last.uids, last.fingerprint),
-        _ => match &new.fingerprint {
+        (_, last) => match &new.fingerprint {
             Some(fingerprint) => {
-                let known = as_it_is_known(connection, uid, fingerprint).await?;
+                let last = last.and_then(|last| last.fingerprint);
+                let known = as_it_is_known(connection, uid, fingerprint, last.as_ref()).await?;
                 (new.uids.clone(), Some(known))
             }
             None => (new.uids.clone(), None),
@@ -121,100 +127,6 @@ pub(super) async fn arrive(
     Ok((arrived, returned > 0))
 }
 
-/// A fingerprint as the rows have it, if something is made of the same image: a corner may differ by rounding.
-async fn as_it_is_known(
-    connection: &mut Connection,
-    uid: &Uid,
-    fingerprint: &Fingerprint,
-) -> Result<Fingerprint, StoreError> {
-    let rows = connection
-        .query(
-            "SELECT fingerprint FROM images WHERE sop_instance_uid = $1 AND fingerprint <> ''
-             UNION SELECT fingerprint FROM made_of WHERE sop_instance_uid = $1",
-        )
-        .bind(uid.as_str())
-        .fetch_all()
-        .await?;
-    for row in &rows {
-        if let Some(known) = read_fingerprint(row)?
-            && known.is_same(fingerprint)
-        {
-            return Ok(known);
-        }
-    }
-    Ok(fingerprint.clone())
-}
-
-/// Writes of which images something was made. If it is there, and was made of other images with the same UIDs, those count that the PACS
-/// has sent last.
-pub(super) async fn make(
-    connection: &mut Connection,
-    made: &Made,
-    images: &[Image],
-) -> Result<(), StoreError> {
-    for image in images {
-        let fingerprint = as_it_is_known(connection, &image.uid, &image.fingerprint).await?;
-        connection
-            .query(
-                "INSERT INTO made_of (case_id, layer_id, result_id, sop_instance_uid, fingerprint, times)
-                 VALUES ($1, $2, $3, $4, $5, $6)
-                 ON CONFLICT (case_id, layer_id, result_id, sop_instance_uid) DO UPDATE
-                 SET fingerprint = excluded.fingerprint,
-                     times = CASE WHEN excluded.times > made_of.times THEN excluded.times ELSE made_of.times END
-                 WHERE excluded.fingerprint = (SELECT images.fingerprint FROM images
-                                               WHERE images.sop_instance_uid = excluded.sop_instance_uid)",
-            )
-            .bind(&made.case)
-            .bind(&made.layer)
-            .bind(&made.result)
-            .bind(image.uid.as_str())
-            .bind(fingerprint.to_string())
-            .bind(i64::try_from(image.times).unwrap_or(i64::MAX))
-            .execute()
-            .await?;
-    }
-    judge_made(connection, made).await
-}
-
-/// Lets a case be made of the images of another one, or have the layers of it.
-pub(super) async fn inherit(
-    connection: &mut Connection,
-    case: &CaseId,
-    previous: &CaseId,
-    what: Inherited,
-) -> Result<(), StoreError> {
-    let sql = match what {
-        Inherited::Images => {
-            "INSERT INTO made_of (case_id, sop_instance_uid, fingerprint, times)
-             SELECT $1, sop_instance_uid, fingerprint, times FROM made_of
-             WHERE case_id = $2 AND layer_id = '' AND result_id = '' ON CONFLICT DO NOTHING"
-        }
-        Inherited::Layers => {
-            "INSERT INTO made_of (case_id, layer_id, sop_instance_uid, fingerprint, times)
-             SELECT $1, layer_id, sop_instance_uid, fingerprint, times FROM made_of
-             WHERE case_id = $2 AND result_id = '' AND layer_id IN (SELECT id FROM layers WHERE case_id = $1) ON CONFLICT DO NOTHING"
-        }
-    };
-    connection
-        .query(sql)
-        .bind(case.to_string())
-        .bind(previous.to_string())
-        .execute()
-        .await?;
-    match what {
-        Inherited::Images => judge_made(connection, &Made::case(case)).await,
-        // The column is copied with the layers.
-        Inherited::Layers => Ok(()),
-    }
-}
-
-/// What a case has from another one.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Inherited {
-    Images,
-    Layers,
-}
-
 /// Notes of which images the layers were made that a result shows; they outlive the layers.
 pub(super) async fn make_result(
     connection: &mut Connection,
@@ -235,21 +147,6 @@ pub(super) async fn make_result(
             .await?;
     }
     judge_made(connection, result).await
-}
-
-/// Forgets of which images something was made.
-pub(super) async fn forget_made(
-    connection: &mut Connection,
-    made: &Made,
-) -> Result<(), StoreError> {
-    connection
-        .query("DELETE FROM made_of WHERE case_id = $1 AND layer_id = $2 AND result_id = $3")
-        .bind(&made.case)
-        .bind(&made.layer)
-        .bind(&made.result)
-        .execute()
-        .await?;
-    Ok(())
 }
 
 /// Writes again what is closed of all that was made of images; the cases that it belongs to.
@@ -275,13 +172,13 @@ pub(super) async fn judge(
     let mut judged = Vec::with_capacity(all.len());
     for made in &all {
         judge_made(connection, made).await?;
-        judged.push(CaseId::parse(&made.case).ok_or_else(|| unreadable("case"))?);
+        judged.push(CaseId::parse(&made.case).ok_or_else(|| unreadable("a case"))?);
     }
     Ok(judged)
 }
 
 /// Writes whether something is closed. Series that are layers of a case which is closed are read again, for another one.
-async fn judge_made(connection: &mut Connection, made: &Made) -> Result<(), StoreError> {
+pub(super) async fn judge_made(connection: &mut Connection, made: &Made) -> Result<(), StoreError> {
     let Made {
         case,
         layer,
@@ -313,18 +210,26 @@ async fn judge_made(connection: &mut Connection, made: &Made) -> Result<(), Stor
         .execute()
         .await?;
     if layer.is_empty() && result.is_empty() {
-        arrivals::wake_layers_of_closed(connection, case).await?;
+        wake_layers_of_closed(connection, case).await?;
     }
     Ok(())
 }
 
-/// A column `closed`.
-pub(super) fn read_closed(row: &Row, column: &str) -> Result<Option<Closed>, StoreError> {
-    Ok(match row.get::<Option<i64>>(column)? {
-        None | Some(0) => None,
-        Some(1) => Some(Closed::Rejected),
-        Some(_) => Some(Closed::Corrected),
-    })
+/// Lets the series be read again that became layers of a case, if it is closed: another head of the study may have them.
+pub(super) async fn wake_layers_of_closed(
+    connection: &mut Connection,
+    case: &str,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            "UPDATE arrivals SET state = 'receiving', reason = NULL, case_id = NULL
+             WHERE case_id = $1 AND instances > 0 AND state = 'layer'
+               AND (SELECT closed FROM cases WHERE cases.id = $1) > 0",
+        )
+        .bind(case)
+        .execute()
+        .await?;
+    Ok(())
 }
 
 /// Notes what a note rejects, and judges what was made of it; the cases that were judged.
@@ -335,12 +240,12 @@ pub(super) async fn reject(
     now: i64,
 ) -> Result<Vec<CaseId>, StoreError> {
     for (uids, instances) in &rejection.series {
-        let id = uuid::Uuid::now_v7().simple().to_string();
+        let id = new_id();
         for uid in instances {
             let withdrawn = Withdrawn {
                 uids: Some(uids.clone()),
                 instance: uid.clone(),
-                at: jiff::Timestamp::from_microsecond(now).map_err(|_| unreadable("time"))?,
+                at: jiff::Timestamp::from_microsecond(now).map_err(|_| unreadable("a time"))?,
                 id: id.clone(),
                 by: by.to_owned(),
                 may_return: rejection.may_return,
@@ -399,7 +304,10 @@ pub(super) async fn lift(
         return Ok(None);
     };
     let uids = read_uids(first)?;
-    let instances = rows.iter().map(read_uid).collect::<Result<Vec<_>, _>>()?;
+    let instances = rows
+        .iter()
+        .map(|row| read_uid(row, "sop_instance_uid"))
+        .collect::<Result<Vec<_>, _>>()?;
     changed.extend(judge(connection, &instances.iter().collect::<Vec<_>>()).await?);
     Ok(Some((uids, instances)))
 }
@@ -423,7 +331,7 @@ pub(super) async fn rejected(
         Ok(Rejected {
             id: row.get("id")?,
             uids: read_uids(row)?,
-            instances: arrivals::read_count(row.get("instances")?),
+            instances: read_count(row.get("instances")?),
             may_return: row.get::<i64>("may_return")? != 0,
             by: row.get("rejected_by")?,
             at: read_time(row, "rejected_at")?,
@@ -468,7 +376,7 @@ pub(super) async fn withdrawn(
         let study: String = row.get("study_uid")?;
         Ok(Withdrawn {
             uids: (!study.is_empty()).then(|| read_uids(row)).transpose()?,
-            instance: read_uid(row)?,
+            instance: read_uid(row, "sop_instance_uid")?,
             at: read_time(row, "rejected_at")?,
             id: row.get("id")?,
             by: row.get("rejected_by")?,
@@ -529,28 +437,6 @@ pub(super) async fn write_copied(
     judge(connection, &[&image.uid]).await.map(drop)
 }
 
-/// The images that something was made of, by UID.
-pub(super) async fn of(connection: &mut Connection, made: &Made) -> Result<Vec<Image>, StoreError> {
-    let rows = connection
-        .query(
-            "SELECT sop_instance_uid, fingerprint, times FROM made_of
-             WHERE case_id = $1 AND layer_id = $2 AND result_id = $3 ORDER BY sop_instance_uid",
-        )
-        .bind(&made.case)
-        .bind(&made.layer)
-        .bind(&made.result)
-        .fetch_all()
-        .await?;
-    let read = |row: &Row| {
-        Ok(Image {
-            uid: read_uid(row)?,
-            fingerprint: read_fingerprint(row)?.ok_or_else(|| unreadable("fingerprint"))?,
-            times: row.get::<i64>("times")?.unsigned_abs(),
-        })
-    };
-    rows.iter().map(read).collect()
-}
-
 /// The cases that were made of any of these images, each with all of its own, newest first.
 pub(super) async fn made_of_any(
     connection: &mut Connection,
@@ -576,10 +462,10 @@ pub(super) async fn made_of_any(
             .bind(&id)
             .fetch_one()
             .await?;
-        let state = super::cases::read_state(&row).ok_or_else(|| unreadable("state"))?;
+        let state = read_state(&row).ok_or_else(|| unreadable("a state"))?;
         let created_at: i64 = row.get("created_at")?;
         let closed = read_closed(&row, "closed")?;
-        let case = CaseId::parse(&id).ok_or_else(|| unreadable("case"))?;
+        let case = CaseId::parse(&id).ok_or_else(|| unreadable("a case"))?;
         let rows = connection
             .query(
                 "SELECT made_of.sop_instance_uid, made_of.fingerprint, made_of.times,
@@ -599,8 +485,8 @@ pub(super) async fn made_of_any(
         let read = |row: &Row| {
             is_received |= row.get::<i64>("times")? > 0;
             Ok::<_, StoreError>(MadeImage {
-                uid: read_uid(row)?,
-                fingerprint: read_fingerprint(row)?.ok_or_else(|| unreadable("fingerprint"))?,
+                uid: read_uid(row, "sop_instance_uid")?,
+                fingerprint: read_fingerprint(row)?.ok_or_else(|| unreadable("a fingerprint"))?,
                 has_come_again: row.get::<i64>("again")? != 0 || row.get::<i64>("rejected")? != 0,
             })
         };
@@ -641,9 +527,4 @@ pub(super) async fn forget(connection: &mut Connection, before: i64) -> Result<(
         .execute()
         .await?;
     Ok(())
-}
-
-fn read_uid(row: &Row) -> Result<Uid, StoreError> {
-    let text: String = row.get("sop_instance_uid")?;
-    Uid::parse(&text).ok_or_else(|| unreadable("UID"))
 }

@@ -3,44 +3,73 @@
 use std::time::Duration;
 
 use case::images::{Fingerprint, Image};
-use case::{CaseId, Closed, JobKind, JobState, ObjectKind};
+use case::series::{SeriesUids, Uid};
+use case::{CaseId, Closed, JobState, LayerId, LayerParameters, ObjectKind};
+use storage::tables::Referred;
+use storage::testing::failure;
+use storage::testing::steps::{
+    delete_rows, insert_case, mark, objects_of_tables, pinned, unneeded, unpin,
+};
+use storage::{Claim, LayerName, LayerUpload, ListCursor, Made, ObjectName, StoreError};
 
 use super::Subject;
-use super::layers::insert_layer_of;
-use crate::arrivals::{ArrivalCursor, ArrivalSource, NewInstance, SeriesUids, TransferQuery, Uid};
-use crate::jobs::Claim;
-use crate::results::{NewResult, ResultSeries, SentResult};
-use crate::rows::{Made, Referred, Sweep};
-use crate::testing::{failure, new_case, new_result, pinned};
-use crate::{ObjectName, Store, StoreError};
+use crate::store::{NewResult, PacsStore, ResultSeries, SEND, SentResult};
+use crate::values::{ArrivalSource, NewInstance, TransferQuery};
 
 const LEASE: Duration = Duration::from_secs(30);
-
-pub(super) const SEND: JobKind = JobKind::new("send", "delivery");
 
 fn uid(text: &str) -> Uid {
     Uid::parse(text).unwrap()
 }
 
-async fn a_case(store: &Store) -> CaseId {
-    let new = new_case(store, "a").await;
-    store.insert_case(&new).await.unwrap();
-    new.id
+async fn a_case(store: &PacsStore) -> CaseId {
+    insert_case(store, "a", Some(Vec::new()), None).await
 }
 
-pub(super) async fn queue(store: &Store, new: &NewResult) -> SentResult {
+/// A result of a case of the study 1.2.3, to be sent to a node. Its contents are told apart by their digest alone.
+pub(crate) fn new_result(case: CaseId, node: &str, contents: &str) -> NewResult {
+    NewResult {
+        case,
+        node: node.to_owned(),
+        study: uid("1.2.3"),
+        series: ResultSeries {
+            sop_class_uid: uid("1.2.840.10008.5.1.4.1.1.7"),
+            series_uid: uid("2.25.8"),
+        },
+        instance: uid("2.25.7"),
+        layers: Vec::new(),
+        digest: blake3::hash(contents.as_bytes()),
+    }
+}
+
+/// A layer that is made of this image.
+async fn a_layer_of(store: &PacsStore, case: CaseId, image: Image) -> LayerId {
+    let upload = LayerUpload {
+        case,
+        volume: store.spool_all("a layer".into()).await.unwrap(),
+        dicom: None,
+        images: vec![image],
+        series: None,
+        name: LayerName::Usual("a layer".to_owned()),
+        parameters: LayerParameters::default(),
+        most: 20,
+    };
+    store.submit_layer(upload).await.unwrap().layer.id
+}
+
+pub(crate) async fn queue(store: &PacsStore, new: &NewResult) -> SentResult {
     let pinned = pinned(store, &[new.object()]).await;
-    match store.insert_result(new, SEND, &pinned).await.unwrap() {
+    match store.insert_result(new, &pinned).await.unwrap() {
         Referred::Done(queued) => queued,
         other => panic!("{other:?}"),
     }
 }
 
-async fn claim(store: &Store) -> Option<Claim> {
+async fn claim(store: &PacsStore) -> Option<Claim> {
     store.claim(SEND, 3).await.unwrap()
 }
 
-async fn state(store: &Store, result: &SentResult) -> JobState {
+async fn state(store: &PacsStore, result: &SentResult) -> JobState {
     let found = store.result(&result.id).await.unwrap();
     found.unwrap().job.unwrap().state
 }
@@ -60,18 +89,16 @@ pub(crate) async fn a_result_is_queued_once_for_a_node_and_sent_until_it_is_ther
     let known = store.object_of_result(&uid("2.25.7")).await.unwrap();
     assert_eq!(known, Some(first.object));
     assert_eq!(store.object_of_result(&uid("2.25.8")).await.unwrap(), None);
-    let listed = async |kind| store.pacs_objects(kind, None, 9).await.unwrap();
+    let listed = async |kind| objects_of_tables(store, kind, None, 9).await.unwrap();
     assert_eq!(listed(ObjectKind::Result).await, [first.object]);
     assert_eq!(listed(ObjectKind::Volume).await, []);
     let gone = pinned(store, &[first.object]).await;
-    store.unpin(&gone).await.unwrap();
-    let sweep = Sweep {
-        holder: "sweep".to_owned(),
-        lease: LEASE,
-    };
+    unpin(store, &gone).await.unwrap();
     let two = new_result(case, "pacs", "two").object();
     assert_eq!(
-        store.mark(&[first.object, two], &sweep).await.unwrap(),
+        mark(store, &[first.object, two], "sweep", LEASE)
+            .await
+            .unwrap(),
         [two]
     );
 
@@ -114,19 +141,18 @@ pub(crate) async fn a_result_is_kept_until_it_is_forgotten_or_its_case_deleted(s
     store.forget(Duration::from_secs(60)).await.unwrap();
     assert_eq!(store.result(&sent.id).await.unwrap(), None);
     // The other node still waits for the same object.
-    assert_eq!(store.unneeded(&objects).await.unwrap(), []);
-    store.delete_case(&case).await.unwrap();
+    assert_eq!(unneeded(store, &objects).await.unwrap(), []);
+    delete_rows(store, &case).await.unwrap();
     assert_eq!(claim(store).await, None);
-    let sweep = Sweep {
-        holder: "sweep".to_owned(),
-        lease: LEASE,
-    };
     subject.pass(1);
-    assert_eq!(store.mark(&objects, &sweep).await.unwrap(), objects);
+    assert_eq!(
+        mark(store, &objects, "sweep", LEASE).await.unwrap(),
+        objects
+    );
     // A case that is gone gets no results.
     let pinned = pinned(store, &[new_result(case, "pacs", "three").object()]).await;
     let late = new_result(case, "pacs", "three");
-    assert!(store.insert_result(&late, SEND, &pinned).await.is_err());
+    assert!(store.insert_result(&late, &pinned).await.is_err());
 }
 
 pub(crate) async fn results_are_listed_by_case_and_state_in_pages(subject: &Subject) {
@@ -138,7 +164,7 @@ pub(crate) async fn results_are_listed_by_case_and_state_in_pages(subject: &Subj
         ids.push(queue(store, &new_result(case, node, "one")).await.id);
     }
     ids.reverse();
-    let list = async |query: &TransferQuery, after: Option<&ArrivalCursor>, limit| {
+    let list = async |query: &TransferQuery, after: Option<&ListCursor>, limit| {
         let (page, next) = store.results(query, after, limit).await.unwrap();
         let ids: Vec<_> = page.into_iter().map(|result| result.id).collect();
         (ids, next)
@@ -172,9 +198,7 @@ pub(crate) async fn results_are_listed_by_case_and_state_in_pages(subject: &Subj
 pub(crate) async fn a_result_does_not_count_while_what_it_shows_is_closed(subject: &Subject) {
     let store = &subject.store;
     let case = a_case(store).await;
-    let layer = insert_layer_of(store, &case, "a layer", &[image("one")])
-        .await
-        .id;
+    let layer = a_layer_of(store, case, image("one")).await;
     let of = |node, layers| NewResult {
         layers,
         ..new_result(case, node, "one")
@@ -239,7 +263,7 @@ pub(crate) async fn a_result_does_not_count_while_what_it_shows_is_closed(subjec
         ..of("late", vec![layer])
     };
     let pinned = pinned(store, &[late.object()]).await;
-    let queued = store.insert_result(&late, SEND, &pinned).await;
+    let queued = store.insert_result(&late, &pinned).await;
     assert!(matches!(queued, Err(StoreError::NoSuchLayer)), "{queued:?}");
     come(store, &image("one")).await;
     assert!(is_valid(&sent).await && is_valid(&waiting).await);
@@ -256,7 +280,7 @@ fn image(contents: &str) -> Image {
 }
 
 /// Lets a PACS send an image.
-async fn come(store: &Store, image: &Image) {
+async fn come(store: &PacsStore, image: &Image) {
     let new = NewInstance {
         uids: SeriesUids {
             study: uid("1.2"),

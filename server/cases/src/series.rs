@@ -1,7 +1,7 @@
 //! Enters the series of cases into the index, by which viewers of a PACS find them.
 
 use case::CaseId;
-use storage::arrivals::{AccessionNumber, CaseSeries, PatientDigest, SeriesUids, Uid};
+use case::series::{AccessionNumber, CaseSeries, PatientDigest, SeriesUids, Uid};
 use storage::{StoreError, Upload};
 
 use crate::application::Cases;

@@ -1,60 +1,63 @@
-//! The interface of the rows of what comes from a PACS.
+//! The rows of the PACS in the store: what came from it, what it has rejected, and what is sent to it.
 
+mod arrivals;
+mod columns;
+#[cfg(test)]
+mod conformance;
+mod copy;
+mod counts;
+mod images;
+mod receive;
+mod results;
+mod sent;
+mod tables;
+#[cfg(test)]
+mod tests;
+
+use std::ops::Deref;
+use std::sync::Arc;
 use std::time::Duration;
 
-use jiff::Timestamp;
-
-use super::connection::{Connection, Row, microseconds};
-use super::images;
-use super::{arrivals, jobs, pins, results};
-use crate::arrivals::{
-    Arrival, ArrivalCursor, ArrivalQuery, ArrivalSource, CaseSeries, DueTerms, NewInstance,
-    Outcome, Reception, Rejected, Rejection, SeriesQuery, SeriesUids, Taken, Uid,
-};
-use crate::jobs::{Claim, NewJob};
-use crate::rows::{DueSeries, LastImage, Made, MadeCase, Pinned, Referred, RowCounts, Withdrawn};
-use crate::{ForPacs, ObjectName, Store, StoreError};
 use case::images::Image;
-use case::{CaseId, Failure, JobKind, ObjectKind};
+use case::series::{SeriesQuery, SeriesUids, Uid};
+use case::{CaseId, Failure};
+use cases::dicom::Rejection;
+use jiff::Timestamp;
+use storage::Pinned;
+use storage::tables::{Connection, Referred, Row, jobs, microseconds, pins, unreadable};
+use storage::{Claim, ListCursor, NewJob, ObjectName, Store, StoreError};
+
+pub use self::copy::{CopiedStep, OfPacs};
+use self::counts::ImageCounts;
+pub use self::counts::ImageStatus;
+pub(crate) use self::sent::{NewResult, NotValid, ResultSeries, SEND, SentResult};
+pub use self::tables::PacsTables;
+use crate::values::{
+    Arrival, ArrivalQuery, ArrivalSource, DueSeries, DueTerms, LastImage, MadeCase, NewInstance,
+    Outcome, Reception, Rejected, SERIES, Taken, Withdrawn,
+};
 
 /// How long to remember what rejection notes have withdrawn: a PACS that sends the images again does so within days, and
 /// UIDs should not stay for ever.
 const REJECTIONS_KEPT: Duration = Duration::from_secs(365 * 24 * 3600);
 
-fn timestamp(now: i64) -> Result<Timestamp, StoreError> {
-    Timestamp::from_microsecond(now).map_err(|_| arrivals::unreadable("time"))
+/// The store with the rows of the PACS. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct PacsStore {
+    store: Store,
+    counts: Arc<ImageCounts>,
 }
 
-/// The next objects of a kind that has rows of its own, by digest; none of another kind.
-pub(super) async fn objects(
-    connection: &mut Connection,
-    kind: ObjectKind,
-    after: Option<&ObjectName>,
-    limit: usize,
-) -> Result<Vec<ObjectName>, StoreError> {
-    let sql = match kind {
-        ObjectKind::Instance => {
-            "SELECT DISTINCT digest FROM arrival_instances WHERE digest > $1 ORDER BY digest LIMIT $2"
-        }
-        ObjectKind::Result => {
-            "SELECT DISTINCT digest FROM results WHERE digest > $1 ORDER BY digest LIMIT $2"
-        }
-        _ => return Ok(Vec::new()),
-    };
-    let after = after.map(|name| name.digest.to_string());
-    let rows = connection
-        .query(sql)
-        .bind(after.unwrap_or_default())
-        .bind(i64::try_from(limit).unwrap_or(i64::MAX))
-        .fetch_all()
-        .await?;
-    let read = |row: &Row| {
-        let digest: String = row.get("digest")?;
-        let unreadable = |_| StoreError::Rows("a row has an unreadable digest".into());
-        let digest = blake3::Hash::from_hex(digest).map_err(unreadable)?;
-        Ok(ObjectName { kind, digest })
-    };
-    rows.iter().map(read).collect()
+impl Deref for PacsStore {
+    type Target = Store;
+
+    fn deref(&self) -> &Store {
+        &self.store
+    }
+}
+
+fn timestamp(now: i64) -> Result<Timestamp, StoreError> {
+    Timestamp::from_microsecond(now).map_err(|_| unreadable("a time"))
 }
 
 async fn add_images(
@@ -71,7 +74,25 @@ async fn add_images(
     Ok((receptions, changed))
 }
 
-impl Store {
+impl PacsStore {
+    /// Of a store that was opened with [`PacsTables`].
+    pub fn new(store: Store) -> Self {
+        Self {
+            store,
+            counts: Arc::default(),
+        }
+    }
+
+    /// How many images came on which way and what became of them, since the process started.
+    pub fn images(&self) -> Vec<(&'static str, ImageStatus, u64)> {
+        self.counts.images()
+    }
+
+    /// Counts images that came.
+    pub(crate) fn images_came(&self, source: ArrivalSource, status: ImageStatus, count: usize) {
+        self.counts.came(source, status, count);
+    }
+
     /// Adds images, whose objects are durable and pinned, to their series; what became of each. An image that is there already stays as it
     /// is, unless the new one is another one.
     pub(crate) async fn insert_images(
@@ -80,7 +101,7 @@ impl Store {
         pinned: &Pinned,
         source: ArrivalSource,
     ) -> Result<Referred<Vec<Reception>>, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
+        let (mut transaction, now) = self.write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(Referred::PinLost);
         }
@@ -97,8 +118,8 @@ impl Store {
         pinned: &Pinned,
         source: ArrivalSource,
     ) -> Result<Vec<Reception>, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
-        super::hold(&mut transaction, pinned, now).await?;
+        let (mut transaction, now) = self.write().await?;
+        pins::hold(&mut transaction, pinned, now).await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Err(StoreError::Rows("an image is being removed".into()));
         }
@@ -112,8 +133,8 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn has_come(&self, image: &Uid) -> Result<bool, StoreError> {
-        images::has_come(&mut self.rows().connect().await?, image).await
+    pub(crate) async fn has_come(&self, image: &Uid) -> Result<bool, StoreError> {
+        images::has_come(&mut self.connect().await?, image).await
     }
 
     /// Counts an object that is not kept in the arrival of its series. An arrival that has nothing else became nothing, for
@@ -121,13 +142,13 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be written.
-    pub async fn ignore(
+    pub(crate) async fn ignore(
         &self,
         uids: &SeriesUids,
         source: ArrivalSource,
         reason: &Failure,
     ) -> Result<(), StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
+        let (mut transaction, now) = self.write().await?;
         arrivals::ignore(&mut transaction, uids, source, reason, now).await?;
         transaction.commit().await
     }
@@ -137,13 +158,13 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be written.
-    pub async fn reject(
+    pub(crate) async fn reject(
         &self,
         rejection: &Rejection,
         source: ArrivalSource,
         by: &str,
     ) -> Result<usize, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
+        let (mut transaction, now) = self.write().await?;
         let mut changed = Vec::new();
         let here =
             arrivals::reject(&mut transaction, rejection, source, by, now, &mut changed).await?;
@@ -156,16 +177,16 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn rejections(&self, limit: usize) -> Result<Vec<Rejected>, StoreError> {
-        images::rejected(&mut self.rows().connect().await?, limit).await
+    pub(crate) async fn rejections(&self, limit: usize) -> Result<Vec<Rejected>, StoreError> {
+        images::rejected(&mut self.connect().await?, limit).await
     }
 
     /// Lifts a rejection: its images count again. `false` if there is none with this id.
     ///
     /// # Errors
     /// If the rows cannot be written.
-    pub async fn lift(&self, rejection: &str) -> Result<bool, StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
+    pub(crate) async fn lift(&self, rejection: &str) -> Result<bool, StoreError> {
+        let (mut transaction, _) = self.write().await?;
         let mut changed = Vec::new();
         let lifted = arrivals::lift(&mut transaction, rejection, &mut changed).await?;
         transaction.commit().await?;
@@ -183,45 +204,27 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn made_of_any(&self, of: &[Image]) -> Result<Vec<MadeCase>, StoreError> {
-        images::made_of_any(&mut self.rows().connect().await?, of).await
-    }
-
-    /// The images that something was made of.
-    ///
-    /// # Errors
-    /// If the rows cannot be read.
-    pub async fn made_of(&self, made: &Made) -> Result<Vec<Image>, StoreError> {
-        images::of(&mut self.rows().connect().await?, made).await
-    }
-
-    /// Notes of which images something was made, and how often each had come. Of those that are known, the last counts.
-    ///
-    /// # Errors
-    /// If the rows cannot be written.
-    pub async fn note_made_of(&self, made: &Made, of: &[Image]) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
-        images::make(&mut transaction, made, of).await?;
-        transaction.commit().await
+    pub(crate) async fn made_of_any(&self, of: &[Image]) -> Result<Vec<MadeCase>, StoreError> {
+        images::made_of_any(&mut self.connect().await?, of).await
     }
 
     /// Queues a job for each series that is due; returns how many.
     ///
     /// # Errors
     /// If the rows cannot be read or written.
-    pub async fn queue_due_series(&self, terms: &DueTerms) -> Result<usize, StoreError> {
+    pub(crate) async fn queue_due_series(&self, terms: &DueTerms) -> Result<usize, StoreError> {
         // Most queries find nothing and must not wait for writers.
-        let mut reader = self.rows().connect().await?;
-        let now = self.rows().now(&mut reader).await?;
+        let mut reader = self.connect().await?;
+        let now = self.now(&mut reader).await?;
         let found = arrivals::due(&mut reader, terms, now).await?;
         drop(reader);
         if found.is_empty() {
             return Ok(0);
         }
-        let (mut transaction, now) = self.rows().write().await?;
+        let (mut transaction, now) = self.write().await?;
         let due = arrivals::due(&mut transaction, terms, now).await?;
         for id in &due {
-            let job = NewJob::new(JobKind::SERIES, id.clone());
+            let job = NewJob::new(SERIES, id.clone());
             jobs::enqueue(&mut transaction, &job, now).await?;
         }
         transaction.commit().await?;
@@ -232,8 +235,11 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn series_to_read(&self, claim: &Claim) -> Result<Option<DueSeries>, StoreError> {
-        arrivals::to_read(&mut self.rows().connect().await?, &claim.key).await
+    pub(crate) async fn series_to_read(
+        &self,
+        claim: &Claim,
+    ) -> Result<Option<DueSeries>, StoreError> {
+        arrivals::to_read(&mut self.connect().await?, &claim.key).await
     }
 
     /// Notes what became of a series and ends its job; `false`, and nothing has changed, if the lease is not ours any
@@ -241,8 +247,12 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be read or written.
-    pub async fn settle(&self, claim: &Claim, outcome: &Outcome) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
+    pub(crate) async fn settle(
+        &self,
+        claim: &Claim,
+        outcome: &Outcome,
+    ) -> Result<bool, StoreError> {
+        let (mut transaction, now) = self.write().await?;
         // A series that became nothing was read: the job is done, and the series has the reason.
         let settled = jobs::finish(&mut transaction, claim, Ok(()), now).await?
             && arrivals::settle(&mut transaction, &claim.key, outcome).await?;
@@ -261,7 +271,7 @@ impl Store {
     /// # Errors
     /// If the rows or the objects cannot be written.
     pub async fn forget(&self, unchanged: Duration) -> Result<(), StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
+        let (mut transaction, now) = self.write().await?;
         let before = now - microseconds(unchanged);
         arrivals::forget(&mut transaction, before, now).await?;
         results::forget(&mut transaction, before, now).await?;
@@ -275,8 +285,8 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be written.
-    pub async fn withdraw(&self, instances: &[Uid]) -> Result<(), StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
+    pub(crate) async fn withdraw(&self, instances: &[Uid]) -> Result<(), StoreError> {
+        let (mut transaction, now) = self.write().await?;
         let at = timestamp(now)?;
         for instance in instances {
             let withdrawn = Withdrawn {
@@ -298,7 +308,7 @@ impl Store {
         after: Option<&Withdrawn>,
         limit: usize,
     ) -> Result<Vec<Withdrawn>, StoreError> {
-        images::withdrawn(&mut self.rows().connect().await?, after, limit).await
+        images::withdrawn(&mut self.connect().await?, after, limit).await
     }
 
     /// Notes that instances were withdrawn at these times in another store.
@@ -306,7 +316,7 @@ impl Store {
         &self,
         withdrawn: &[Withdrawn],
     ) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
+        let (mut transaction, _) = self.write().await?;
         for withdrawn in withdrawn {
             images::withdraw(&mut transaction, withdrawn).await?;
         }
@@ -321,12 +331,12 @@ impl Store {
         after: Option<&LastImage>,
         limit: usize,
     ) -> Result<Vec<LastImage>, StoreError> {
-        images::all(&mut self.rows().connect().await?, after, limit).await
+        images::all(&mut self.connect().await?, after, limit).await
     }
 
     /// Notes that images came as another store has them.
     pub(crate) async fn write_copied_images(&self, all: &[LastImage]) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
+        let (mut transaction, _) = self.write().await?;
         for image in all {
             images::write_copied(&mut transaction, image).await?;
         }
@@ -337,8 +347,8 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn are_withdrawn(&self, instances: &[Uid]) -> Result<Vec<bool>, StoreError> {
-        let mut connection = self.rows().connect().await?;
+    pub(crate) async fn are_withdrawn(&self, instances: &[Uid]) -> Result<Vec<bool>, StoreError> {
+        let mut connection = self.connect().await?;
         let mut are = Vec::with_capacity(instances.len());
         for instance in instances {
             are.push(images::is_withdrawn(&mut connection, instance).await?);
@@ -354,7 +364,7 @@ impl Store {
         images: &[NewInstance],
         pinned: &Pinned,
     ) -> Result<bool, StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
+        let (mut transaction, now) = self.write().await?;
         if !pins::consume(&mut transaction, pinned).await? {
             return Ok(false);
         }
@@ -369,7 +379,7 @@ impl Store {
         arrival: &Arrival,
         kept: &[(Uid, ObjectName)],
     ) -> Result<(), StoreError> {
-        let (mut transaction, now) = self.rows().write().await?;
+        let (mut transaction, now) = self.write().await?;
         arrivals::keep(&mut transaction, &arrival.uids, kept, now).await?;
         transaction.commit().await
     }
@@ -378,8 +388,12 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be read or written.
-    pub async fn expect(&self, uids: &SeriesUids, instances: usize) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
+    pub(crate) async fn expect(
+        &self,
+        uids: &SeriesUids,
+        instances: usize,
+    ) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
         arrivals::expect(&mut transaction, uids, instances).await?;
         transaction.commit().await
     }
@@ -388,8 +402,8 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be read or written.
-    pub async fn take(&self, arrival: &str, taken: &Taken) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
+    pub(crate) async fn take(&self, arrival: &str, taken: &Taken) -> Result<(), StoreError> {
+        let (mut transaction, _) = self.write().await?;
         arrivals::take(&mut transaction, arrival, taken).await?;
         transaction.commit().await
     }
@@ -398,13 +412,13 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be read or written.
-    pub async fn arrivals(
+    pub(crate) async fn arrivals(
         &self,
         query: &ArrivalQuery,
-        after: Option<&ArrivalCursor>,
+        after: Option<&ListCursor>,
         limit: usize,
-    ) -> Result<(Vec<Arrival>, Option<ArrivalCursor>), StoreError> {
-        let mut connection = self.rows().connect().await?;
+    ) -> Result<(Vec<Arrival>, Option<ListCursor>), StoreError> {
+        let mut connection = self.connect().await?;
         arrivals::page(&mut connection, query, after, limit).await
     }
 
@@ -412,27 +426,30 @@ impl Store {
     ///
     /// # Errors
     /// If the rows cannot be read or written.
-    pub async fn arrival(&self, id: &str) -> Result<Option<Arrival>, StoreError> {
-        arrivals::one(&mut self.rows().connect().await?, id).await
+    pub(crate) async fn arrival(&self, id: &str) -> Result<Option<Arrival>, StoreError> {
+        arrivals::one(&mut self.connect().await?, id).await
     }
 
     /// The series that came and that a request names.
     ///
     /// # Errors
     /// If the rows cannot be read or written.
-    pub async fn arrivals_of(&self, query: &SeriesQuery) -> Result<Vec<Arrival>, StoreError> {
-        arrivals::of(&mut self.rows().connect().await?, query).await
+    pub(crate) async fn arrivals_of(
+        &self,
+        query: &SeriesQuery,
+    ) -> Result<Vec<Arrival>, StoreError> {
+        arrivals::of(&mut self.connect().await?, query).await
     }
 
     /// The images of a series that are here and are not rejected.
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn counting_images_of(
+    pub(crate) async fn counting_images_of(
         &self,
         uids: &SeriesUids,
     ) -> Result<Vec<ObjectName>, StoreError> {
-        arrivals::counting_images_of(&mut self.rows().connect().await?, uids).await
+        arrivals::counting_images_of(&mut self.connect().await?, uids).await
     }
 
     /// The images of a series that are here, by their UIDs.
@@ -440,23 +457,19 @@ impl Store {
     /// # Errors
     /// If the rows cannot be read or written.
     pub async fn images_of(&self, uids: &SeriesUids) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
-        arrivals::images_of(&mut self.rows().connect().await?, uids).await
+        arrivals::images_of(&mut self.connect().await?, uids).await
     }
 
-    /// How many cases, series, results and jobs are in which state, and how long jobs have waited, for metrics.
+    /// How many series and results are in which state, as [`storage::RowCounts`] has them.
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn row_counts(&self) -> Result<RowCounts, StoreError> {
-        let mut connection = self.rows().connect().await?;
-        let now = self.rows().now(&mut connection).await?;
-        let rows = connection
+    pub async fn counts_by_state(&self) -> Result<Vec<(String, String, String, u64)>, StoreError> {
+        let rows = self
+            .connect()
+            .await?
             .query(
-                "SELECT 'cases' AS what, '' AS part, state, count(*) AS number FROM cases GROUP BY state
-                 UNION ALL SELECT 'closed', CASE closed WHEN 1 THEN 'rejected' ELSE 'corrected' END, 'closed', count(*)
-                     FROM cases WHERE closed > 0 GROUP BY closed
-                 UNION ALL SELECT 'arrivals', '', state, count(*) FROM arrivals GROUP BY state
-                 UNION ALL SELECT 'jobs', kind, state, count(*) FROM jobs GROUP BY kind, state
+                "SELECT 'arrivals' AS what, '' AS part, state, count(*) AS number FROM arrivals GROUP BY state
                  UNION ALL SELECT 'results', node, state, count(*) FROM
                      (SELECT node, coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
                                              ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done') AS state
@@ -466,22 +479,22 @@ impl Store {
             .await?;
         let read = |row: &Row| {
             let [what, part, state] = ["what", "part", "state"].map(|column| row.get(column));
-            let number: i64 = row.get("number")?;
-            Ok((what?, part?, state?, number.unsigned_abs()))
+            Ok((
+                what?,
+                part?,
+                state?,
+                row.get::<i64>("number")?.unsigned_abs(),
+            ))
         };
-        let by_state = rows.iter().map(read).collect::<Result<_, StoreError>>()?;
-        Ok(RowCounts {
-            by_state,
-            oldest: jobs::oldest_of_each_kind(&mut connection, now).await?,
-        })
+        rows.iter().map(read).collect()
     }
 
     /// How many series with how many images have come, and how many results there are.
     ///
     /// # Errors
     /// If the rows cannot be read.
-    pub async fn count_for_pacs(&self) -> Result<ForPacs, StoreError> {
-        let mut connection = self.rows().connect().await?;
+    pub async fn count(&self) -> Result<OfPacs, StoreError> {
+        let mut connection = self.connect().await?;
         let row = connection
             .query(
                 "SELECT (SELECT count(*) FROM arrivals) AS series, (SELECT count(*) FROM arrival_instances) AS images,
@@ -490,36 +503,10 @@ impl Store {
             .fetch_one()
             .await?;
         let count = |column| row.get::<i64>(column).map(i64::unsigned_abs);
-        Ok(ForPacs {
+        Ok(OfPacs {
             series: count("series")?,
             images: count("images")?,
             results: count("results")?,
         })
-    }
-
-    /// Enters the series of a case into the index; nothing if there is no such case.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn index_series(&self, series: &CaseSeries) -> Result<(), StoreError> {
-        let (mut transaction, _) = self.rows().write().await?;
-        arrivals::index(&mut transaction, series).await?;
-        transaction.commit().await
-    }
-
-    /// The indexed series of a case.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn series_of(&self, case: &CaseId) -> Result<Option<CaseSeries>, StoreError> {
-        arrivals::series_of(&mut self.rows().connect().await?, case).await
-    }
-
-    /// The cases that a request names, newest first.
-    ///
-    /// # Errors
-    /// If the rows cannot be read or written.
-    pub async fn cases_of(&self, query: &SeriesQuery) -> Result<Vec<CaseSeries>, StoreError> {
-        arrivals::cases_of(&mut self.rows().connect().await?, query).await
     }
 }

@@ -1,28 +1,33 @@
 //! Reads series that are due, and makes cases or layers of them.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use async_trait::async_trait;
 use case::images::Image;
+use case::series::{SeriesQuery, SeriesUids};
 use case::{
     CaseId, CaseState, Failure, FailureKind, JobKind, LayerId, LayerParameters, MaskSource,
     Parameters,
 };
-use storage::arrivals::{
-    DueTerms, IMAGES_LOST, INCOMPLETE_CORRECTION, NO_CASE, NOT_T1, Outcome, SeriesQuery,
-    SeriesUids, TakenAs, images_rejected,
-};
-use storage::{Count, DueSeries, Made, Store, StoreError, Unreadable, Upload};
+use cases::dicom::{Options, Purpose, copy_objects};
+use cases::layers::ReceivedLayer;
+use cases::runner::{End, Failed, Runner, Running, Terms, Work};
+use cases::{Error, VolumeFiles};
+use storage::{Count, Made, Store, StoreError, Unreadable, Upload};
 use tempfile::TempDir;
 
-use crate::application::Cases;
-use crate::arrivals::{ArrivalOptions, Becomes, SeriesRule, becomes};
-use crate::dicom::{Options, Purpose, copy_objects};
-use crate::error::Error;
-use crate::intake::VolumeFiles;
-use crate::layers::ReceivedLayer;
-use crate::runner::{End, Failed, Running, Terms, Work};
+use super::becomes::{Becomes, becomes};
+use super::{ArrivalOptions, Arrivals, SeriesRule};
+use crate::store::PacsStore;
+use crate::values::{
+    DueSeries, DueTerms, IMAGES_LOST, INCOMPLETE_CORRECTION, NO_CASE, NOT_T1, Outcome, SERIES,
+    TakenAs, images_rejected,
+};
+
+/// How often to forget what came some days ago.
+const FORGET_EVERY: Duration = Duration::from_secs(600);
 
 /// How long to wait before the second attempt if the server, not the series, was the reason.
 const RETRY_AFTER: Duration = Duration::from_secs(15);
@@ -30,19 +35,46 @@ const RETRY_AFTER: Duration = Duration::from_secs(15);
 /// How many times as long as for other series to wait for images that were announced.
 const PATIENCE: u32 = 10;
 
-pub(super) struct ReadSeries {
-    pub(super) cases: Cases,
-    pub(super) options: ArrivalOptions,
+/// Starts to read the series of a PACS on the current runtime, one at a time.
+pub fn start_series_reader(arrivals: Arrivals, options: ArrivalOptions) -> Runner {
+    let store = arrivals.store().clone();
+    let work = Arc::new(ReadSeries { arrivals, options });
+    let mut runner = Runner::start(&store, vec![vec![work]]);
+    runner.repeat(FORGET_EVERY, move || forget(store.clone(), options));
+    runner
+}
+
+/// Reads one series that is due; `false` if there is none.
+#[cfg(test)]
+pub(super) async fn read_one_series(arrivals: &Arrivals, options: ArrivalOptions) -> bool {
+    let arrivals = arrivals.clone();
+    let store = arrivals.store().clone();
+    cases::runner::once(&store, Arc::new(ReadSeries { arrivals, options })).await
+}
+
+/// Forgets what came some days ago, and results that were sent then.
+async fn forget(store: PacsStore, options: ArrivalOptions) {
+    if let Err(error) = store.forget(options.keep).await {
+        tracing::warn!(
+            error = &error as &dyn std::error::Error,
+            "series and results of some days ago will be forgotten later"
+        );
+    }
+}
+
+struct ReadSeries {
+    arrivals: Arrivals,
+    options: ArrivalOptions,
 }
 
 #[async_trait]
 impl Work for ReadSeries {
     fn kind(&self) -> JobKind {
-        JobKind::SERIES
+        SERIES
     }
 
     fn terms(&self) -> Terms {
-        let options = self.cases.store().options();
+        let options = self.arrivals.store().options();
         Terms {
             max_attempts: options.max_attempts,
             retry_after: RETRY_AFTER,
@@ -51,11 +83,11 @@ impl Work for ReadSeries {
     }
 
     async fn run(&self, job: &Running) -> Result<End, Failed> {
-        let (store, arrival) = (self.cases.store(), &job.claim.key);
+        let (store, arrival) = (self.arrivals.store(), &job.claim.key);
         let Some(due) = store.series_to_read(&job.claim).await? else {
             return Ok(End::Done);
         };
-        let outcome = self.cases.read_series(&due, &self.options).await?;
+        let outcome = self.arrivals.read_series(&due, &self.options).await?;
         match &outcome {
             Outcome::Case(case) => {
                 tracing::info!(arrival, case = case.short(), "a series became a case");
@@ -75,16 +107,17 @@ impl Work for ReadSeries {
     }
 
     /// Queues the series for which nothing has come for a while.
-    async fn look(&self, store: &Store) -> Result<(), StoreError> {
+    async fn look(&self, _: &Store) -> Result<(), StoreError> {
         let terms = DueTerms {
             stable: self.options.stable,
             patience: self.options.stable * PATIENCE,
         };
+        let store = self.arrivals.store();
         store.queue_due_series(&terms).await.map(drop)
     }
 }
 
-impl Cases {
+impl Arrivals {
     /// What a series becomes.
     async fn read_series(
         &self,
@@ -121,6 +154,7 @@ impl Cases {
         }
         let files = VolumeFiles::Dicom(directory);
         let (mut upload, choice) = self
+            .cases
             // Images have lost the identity of the patient when they came, if it is not to be kept.
             .read_upload(files, None, &reading(due), false)
             .await?;
@@ -160,11 +194,11 @@ impl Cases {
             Becomes::New(None) => (None, Parameters::default()),
             // A version uses the parameters of its original.
             Becomes::New(Some(of)) => {
-                let parameters = self.case(&of).await?.parameters;
+                let parameters = self.cases.case(&of).await?.parameters;
                 (Some(of), self.of_whole_series(parameters))
             }
         };
-        let submitted = self.submit_after(upload, parameters, of).await?;
+        let submitted = self.cases.submit_after(upload, parameters, of).await?;
         Ok(Outcome::Case(submitted.case.id))
     }
 
@@ -190,7 +224,7 @@ impl Cases {
     /// a part of it did not look so.
     fn of_whole_series(&self, parameters: Parameters) -> Parameters {
         let mask = match parameters.mask {
-            MaskSource::Pruning if !self.library.has_network() => MaskSource::Auto,
+            MaskSource::Pruning if !self.cases.library.has_network() => MaskSource::Auto,
             mask => mask,
         };
         Parameters { mask, ..parameters }
@@ -202,7 +236,7 @@ impl Cases {
         let heads = self.heads(&study).await?.into_iter();
         let (mut of_patient, mut is_another_here) = (None, false);
         for head in heads.filter(|head| head.case.state != CaseState::Failed) {
-            match self.is_of_patient(upload, &head.case.id).await? {
+            match self.cases.is_of_patient(upload, &head.case.id).await? {
                 Some(true) => {
                     of_patient = Some(head.case.id);
                     break;
@@ -230,7 +264,7 @@ impl Cases {
             unit: None,
             parameters: LayerParameters::default(),
         };
-        let outcome = match self.add_layer_of(new, false).await {
+        let outcome = match self.cases.add_layer_of(new, false).await {
             Ok((added, _)) => {
                 // Of fewer images than have come since.
                 self.remove_smaller_layers_of(&due.uids, &case, &added.layer.id)
@@ -247,7 +281,7 @@ impl Cases {
     }
 }
 
-impl Cases {
+impl Arrivals {
     /// Removes the open layers of a case that are made of fewer images of a series than another one, but for that. What shows them stays
     /// valid.
     async fn remove_smaller_layers_of(

@@ -6,21 +6,19 @@ use std::path::Path;
 use bytes::Bytes;
 use case::Closed;
 use case::images::{Fingerprint, Image};
+use case::series::Uid;
+use cases::dicom::Rejection;
+use cases::testing::application;
 use proptest::prelude::*;
 use storage::Made;
-use storage::arrivals::{
-    ArrivalSource, ArrivalState, NewInstance, Reception, Rejection, SeriesUids, Uid,
-};
-use storage::results::{NewResult, ResultSeries};
 
 use super::*;
-use crate::arrivals::tests::application;
-
-/// The job that sends a result.
-const SEND: JobKind = JobKind::new("send", "delivery");
+use crate::series::tests::with_tables;
+use crate::store::{NewResult, ResultSeries, SEND};
+use crate::values::{ArrivalSource, ArrivalState, NewInstance, Reception};
 
 /// Series of the study: two are heads, and the third a layer.
-const SERIES: [&str; 3] = ["1.2.1", "1.2.2", "1.2.3"];
+const SERIES_UIDS: [&str; 3] = ["1.2.1", "1.2.2", "1.2.3"];
 
 /// Images of a series.
 const IMAGES: usize = 3;
@@ -32,7 +30,7 @@ fn uid(text: &str) -> Uid {
 fn uids(series: usize) -> SeriesUids {
     SeriesUids {
         study: uid("1.2"),
-        series: uid(SERIES[series]),
+        series: uid(SERIES_UIDS[series]),
     }
 }
 
@@ -40,7 +38,7 @@ fn uids(series: usize) -> SeriesUids {
 type ImageName = (usize, usize);
 
 fn uid_of((series, number): ImageName) -> Uid {
-    uid(&format!("{}.{number}", SERIES[series]))
+    uid(&format!("{}.{number}", SERIES_UIDS[series]))
 }
 
 /// What a file of an image is: its series, and a version of its contents.
@@ -101,7 +99,7 @@ enum Step {
 }
 
 fn version() -> impl Strategy<Value = Version> {
-    (0..SERIES.len(), 0..2_u8).prop_map(|(series, contents)| Version { series, contents })
+    (0..SERIES_UIDS.len(), 0..2_u8).prop_map(|(series, contents)| Version { series, contents })
 }
 
 fn numbers() -> impl Strategy<Value = Vec<usize>> {
@@ -113,7 +111,7 @@ fn numbers() -> impl Strategy<Value = Vec<usize>> {
 
 /// Mostly, images stay in their series.
 fn step() -> impl Strategy<Value = Step> {
-    let of = || 0..SERIES.len();
+    let of = || 0..SERIES_UIDS.len();
     let own = (of(), numbers(), 0..2_u8).prop_map(|(of, numbers, contents)| Step::Send {
         of,
         numbers,
@@ -215,7 +213,7 @@ impl Fold {
 struct World {
     place: TempDir,
     folder: TempDir,
-    cases: Cases,
+    arrivals: Arrivals,
     fold: Fold,
     /// Of which images each case was made.
     made: BTreeMap<String, BTreeMap<ImageName, Version>>,
@@ -227,9 +225,9 @@ struct World {
     ahead: Duration,
 }
 
-async fn open(place: &Path, folder: &Path) -> Cases {
-    let store = Store::open_with(place, crate::testing::options());
-    application(store.await.unwrap(), &copy_from(folder))
+async fn open(place: &Path, folder: &Path) -> Arrivals {
+    let store = Store::open_with(place, with_tables());
+    Arrivals::new(application(store.await.unwrap(), &copy_from(folder)))
 }
 
 fn copy_from(folder: &Path) -> String {
@@ -247,7 +245,7 @@ impl World {
         let file = [&room[..], &volume].concat();
         std::fs::write(folder.path().join("volume.nii.gz"), file).unwrap();
         Self {
-            cases: open(place.path(), folder.path()).await,
+            arrivals: open(place.path(), folder.path()).await,
             place,
             folder,
             fold: Fold::default(),
@@ -258,8 +256,8 @@ impl World {
         }
     }
 
-    fn store(&self) -> &Store {
-        self.cases.store()
+    fn store(&self) -> &PacsStore {
+        self.arrivals.store()
     }
 
     fn pass(&mut self, by: Duration) {
@@ -312,7 +310,7 @@ impl World {
                 "attributes": [
                     ["PatientID", "P-1"],
                     ["StudyInstanceUID", "1.2"],
-                    ["SeriesInstanceUID", SERIES[first.series]],
+                    ["SeriesInstanceUID", SERIES_UIDS[first.series]],
                     ["StudyDescription", versions.join(" ")],
                 ],
                 "instances": instances,
@@ -344,7 +342,7 @@ impl World {
             patience: Duration::ZERO,
         };
         self.store().queue_due_series(&terms).await.unwrap();
-        let Some(claim) = self.store().claim(JobKind::SERIES, 1000).await.unwrap() else {
+        let Some(claim) = self.store().claim(SERIES, 1000).await.unwrap() else {
             return false;
         };
         let due = self.store().series_to_read(&claim).await.unwrap().unwrap();
@@ -359,7 +357,7 @@ impl World {
         }
         let before: BTreeSet<_> = self.made.keys().cloned().collect();
         let outcome = self
-            .cases
+            .arrivals
             .read_series(&due, &ArrivalOptions::default())
             .await;
         let outcome = outcome.unwrap();
@@ -395,9 +393,17 @@ impl World {
         self.describe(&all);
         let directory = self.store().spool_directory().await.unwrap();
         let files = VolumeFiles::Dicom(directory);
-        let read = self.cases.upload(files, None, &Options::default()).await;
+        let read = self
+            .arrivals
+            .cases
+            .upload(files, None, &Options::default())
+            .await;
         let (upload, _) = read.unwrap();
-        let submitted = self.cases.submit(upload, Parameters::default(), true).await;
+        let submitted = self
+            .arrivals
+            .cases
+            .submit(upload, Parameters::default(), true)
+            .await;
         let case = submitted.unwrap().case.id.to_string();
         self.made.entry(case.clone()).or_insert_with(|| all.clone());
         self.follow(&case, &all);
@@ -431,7 +437,7 @@ impl World {
             layers,
             digest: blake3::hash(&file),
         };
-        self.store().queue_result(new, file, SEND).await.unwrap();
+        self.store().queue_result(new, file).await.unwrap();
         self.results.push((instance, made_of));
     }
 
@@ -457,7 +463,7 @@ impl World {
 
     async fn delete(&mut self, case: CaseId) {
         // Its series go with it, so that nothing of the patient stays.
-        for (series, uid_of_series) in SERIES.iter().enumerate() {
+        for (series, uid_of_series) in SERIES_UIDS.iter().enumerate() {
             let query = SeriesQuery::Study(uid("1.2"), Some(uid(uid_of_series)));
             for arrival in self.store().arrivals_of(&query).await.unwrap() {
                 let became = [ArrivalState::Case, ArrivalState::Layer].contains(&arrival.state);
@@ -507,7 +513,7 @@ impl World {
                     return;
                 };
                 assert!(self.store().lift(&latest.id).await.unwrap());
-                let within = SERIES
+                let within = SERIES_UIDS
                     .iter()
                     .position(|series| *series == latest.uids.series.as_str());
                 let Some((.., last, _)) = self.fold.rejected.last().cloned() else {
@@ -533,7 +539,7 @@ impl World {
                 }
             }
             Step::Kill => {
-                self.cases = open(self.place.path(), self.folder.path()).await;
+                self.arrivals = open(self.place.path(), self.folder.path()).await;
                 self.store().pass_time(self.ahead);
             }
             Step::Week => {
@@ -580,7 +586,8 @@ impl World {
 
 /// Every version of an image.
 fn versions() -> impl Iterator<Item = Version> {
-    (0..SERIES.len()).flat_map(|series| (0..2).map(move |contents| Version { series, contents }))
+    (0..SERIES_UIDS.len())
+        .flat_map(|series| (0..2).map(move |contents| Version { series, contents }))
 }
 
 /// An image as a test knows it.
@@ -592,7 +599,10 @@ fn known(image: &Image) -> (ImageName, Version) {
 
 fn name_of(uid: &Uid) -> ImageName {
     let (series, number) = uid.as_str().rsplit_once('.').unwrap();
-    let series = SERIES.iter().position(|known| *known == series).unwrap();
+    let series = SERIES_UIDS
+        .iter()
+        .position(|known| *known == series)
+        .unwrap();
     (series, number.parse().unwrap())
 }
 

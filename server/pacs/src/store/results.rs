@@ -1,15 +1,18 @@
 //! Results that are sent to a node.
 
-use super::arrivals::{count, read_time, unreadable};
-use super::connection::{Connection, Row};
-use super::{images, jobs, layers, pins};
-use crate::arrivals::{ArrivalCursor, TransferQuery, Uid};
-use crate::jobs::{Job, NewJob};
-use crate::results::{NewResult, NotValid, ResultSeries, SentResult, object};
-use crate::rows::Made;
-use crate::{ObjectName, StoreError};
 use case::images::Image;
-use case::{CaseId, Failure, JobKind, JobState, LayerId};
+use case::series::Uid;
+use case::{CaseId, Failure, JobState, LayerId};
+use storage::tables::{
+    Connection, Row, jobs, layers, made, new_id, pins, read_case, read_closed, read_time, read_uid,
+    unreadable,
+};
+use storage::{Job, ListCursor, Made, NewJob, ObjectName, StoreError};
+
+use super::columns::count;
+use super::images;
+use super::sent::{NewResult, NotValid, ResultSeries, SEND, SentResult, object};
+use crate::values::TransferQuery;
 
 /// Columns that `read` understands. `WHERE` and what follows may come after.
 macro_rules! select_result {
@@ -29,7 +32,6 @@ macro_rules! select_result {
 pub(super) async fn queue(
     connection: &mut Connection,
     new: &NewResult,
-    job: JobKind,
     now: i64,
 ) -> Result<SentResult, StoreError> {
     let here = layers::of_case(connection, &new.case).await?;
@@ -42,11 +44,11 @@ pub(super) async fn queue(
     images::make_result(connection, &Made::result(&new.case, &id), &new.layers).await?;
     let job = NewJob {
         case: Some(new.case),
-        ..NewJob::new(job, id.clone())
+        ..NewJob::new(SEND, id.clone())
     };
     jobs::enqueue(connection, &job, now).await?;
     let queued = one(connection, &id).await?;
-    let queued = queued.ok_or_else(|| unreadable("id"))?;
+    let queued = queued.ok_or_else(|| unreadable("an id"))?;
     if queued.object != new.object() {
         pins::abandon(connection, vec![new.object()], now).await?;
     }
@@ -66,7 +68,7 @@ async fn insert(
              VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10)
              ON CONFLICT (sop_instance_uid, node) DO NOTHING",
         )
-        .bind(uuid::Uuid::now_v7().simple().to_string())
+        .bind(new_id())
         .bind(new.case.to_string())
         .bind(&new.node)
         .bind(new.study.as_str())
@@ -112,8 +114,8 @@ pub(super) async fn write_copied(
         .bind(known)
         .execute()
         .await?;
-    let made = Made::result(&result.case, &result.id);
-    images::make(connection, &made, made_of).await?;
+    let result_images = Made::result(&result.case, &result.id);
+    made::make(connection, &result_images, made_of).await?;
     match &result.job {
         Some(job) => jobs::write_copied(connection, job, now).await,
         None => Ok(()),
@@ -123,9 +125,9 @@ pub(super) async fn write_copied(
 pub(super) async fn page(
     connection: &mut Connection,
     query: &TransferQuery,
-    after: Option<&ArrivalCursor>,
+    after: Option<&ListCursor>,
     limit: usize,
-) -> Result<(Vec<SentResult>, Option<ArrivalCursor>), StoreError> {
+) -> Result<(Vec<SentResult>, Option<ListCursor>), StoreError> {
     let (at, id) = match after {
         Some(cursor) => (cursor.at, cursor.id.clone()),
         None => (i64::MAX, String::new()),
@@ -152,7 +154,7 @@ pub(super) async fn page(
     let has_more = results.len() > limit;
     results.truncate(limit);
     let last = results.last().filter(|_| has_more);
-    let next = last.map(|last| ArrivalCursor {
+    let next = last.map(|last| ListCursor {
         at: last.created_at.as_microsecond(),
         id: last.id.clone(),
     });
@@ -228,11 +230,6 @@ fn read_series(row: &Row) -> Result<ResultSeries, StoreError> {
     })
 }
 
-fn read_uid(row: &Row, column: &str) -> Result<Uid, StoreError> {
-    let text: String = row.get(column)?;
-    Uid::parse(&text).ok_or_else(|| unreadable("UID"))
-}
-
 /// Removes results whose sending ended before a time, with their jobs, and abandons their objects.
 pub(super) async fn forget(
     connection: &mut Connection,
@@ -253,7 +250,7 @@ pub(super) async fn forget(
     for row in &rows {
         let id: String = row.get("id")?;
         jobs::remove(connection, &id).await?;
-        images::forget_made(connection, &Made::result(&read_case(row)?, &id)).await?;
+        made::forget(connection, &Made::result(&read_case_of(row)?, &id)).await?;
     }
     abandon(connection, &rows, now).await
 }
@@ -279,13 +276,12 @@ async fn abandon(connection: &mut Connection, rows: &[Row], now: i64) -> Result<
 
 fn read_object(row: &Row) -> Result<ObjectName, StoreError> {
     let digest: String = row.get("digest")?;
-    let digest = blake3::Hash::from_hex(digest).map_err(|_| unreadable("digest"))?;
+    let digest = blake3::Hash::from_hex(digest).map_err(|_| unreadable("a digest"))?;
     Ok(object(digest))
 }
 
-fn read_case(row: &Row) -> Result<CaseId, StoreError> {
-    let case: String = row.get("case_id")?;
-    CaseId::parse(&case).ok_or_else(|| unreadable("case"))
+fn read_case_of(row: &Row) -> Result<CaseId, StoreError> {
+    read_case(row, "case_id")?.ok_or_else(|| unreadable("a case"))
 }
 
 /// The ids of layers, as a column has them.
@@ -311,15 +307,15 @@ fn read_not_valid(row: &Row) -> Result<Option<NotValid>, StoreError> {
     if row.get::<i64>("rejected")? > 0 {
         return Ok(Some(NotValid::Withdrawn));
     }
-    let of_layers = images::read_closed(row, "closed")?;
-    let of_case = images::read_closed(row, "case_closed")?;
+    let of_layers = read_closed(row, "closed")?;
+    let of_case = read_closed(row, "case_closed")?;
     Ok(of_case.or(of_layers).map(NotValid::Closed))
 }
 
 fn read(row: &Row, job: Option<Job>) -> Result<SentResult, StoreError> {
     Ok(SentResult {
         id: row.get("id")?,
-        case: read_case(row)?,
+        case: read_case_of(row)?,
         node: row.get("node")?,
         study: read_uid(row, "study_uid")?,
         series: read_series(row)?,

@@ -4,7 +4,6 @@ use crate::application::Cases;
 use crate::error::Error;
 use case::{CaseId, ObjectKind};
 use imaging::dicom::Attributes;
-use storage::arrivals::{CaseSeries, Uid};
 use storage::{ObjectName, StoreError, Upload, unless_missing};
 
 /// A patient, as a source states them. This is patient data.
@@ -55,12 +54,12 @@ impl Patient {
     }
 
     /// Whether anything is stated by which the patient could be told from others.
-    pub(crate) fn is_stated(&self) -> bool {
+    pub fn is_stated(&self) -> bool {
         self.id.is_some() || self.name.is_some() || self.birth_date.is_some()
     }
 
     /// Whether something that both state differs. A name counts only without an id.
-    fn contradicts(&self, other: &Self) -> bool {
+    pub fn contradicts(&self, other: &Self) -> bool {
         let differ = |one: &Option<String>, other: &Option<String>| {
             one.as_ref()
                 .zip(other.as_ref())
@@ -116,34 +115,6 @@ impl PartialEq for Patient {
     }
 }
 
-/// What is different about the images that the PACS has sent with the UIDs of an upload.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Contradiction {
-    /// They are of another patient.
-    Patient,
-    /// They are of another patient, and the case is not DICOM: whoever requested a result named the study.
-    Study,
-}
-
-impl Contradiction {
-    /// The kind of the problem.
-    pub fn name(self) -> &'static str {
-        "several-patients"
-    }
-
-    /// What has happened.
-    pub fn sentence(self) -> &'static str {
-        match self {
-            Self::Patient => {
-                "the PACS has sent images of the series of the case as those of another patient"
-            }
-            Self::Study => {
-                "the study that was named for the result is here, and images of it are of another patient"
-            }
-        }
-    }
-}
-
 /// A date of DICOM as the page has it: `1967-03-12`.
 pub(crate) fn day(date: &str) -> String {
     match date.len() == 8 && date.is_ascii() {
@@ -162,7 +133,10 @@ impl std::fmt::Debug for Patient {
 impl Cases {
     /// Whether an upload is of the patient of a case; `None` if that is not known, because they differ and one of them states no
     /// patient.
-    pub(crate) async fn is_of_patient(
+    ///
+    /// # Errors
+    /// If the upload or the store cannot be read.
+    pub async fn is_of_patient(
         &self,
         upload: &Upload,
         case: &CaseId,
@@ -176,41 +150,6 @@ impl Cases {
         }))
     }
 
-    /// Whether the PACS has sent images of the series of a case as those of another patient, also if they made no case.
-    ///
-    /// # Errors
-    /// If the store cannot be reached.
-    pub async fn contradiction(&self, of: &CaseSeries) -> Result<Option<Contradiction>, Error> {
-        let Some(source) = self.attributes_of(&of.case).await? else {
-            return Ok(None);
-        };
-        let own = Patient::of(|keyword| source.value(keyword));
-        let is_another = self.are_sent_of_another(&of.uids, &own).await?;
-        Ok(is_another.then_some(Contradiction::Patient))
-    }
-
-    /// Whether images of a study are of another patient than the one who was named for a result of a case that is not DICOM.
-    ///
-    /// # Errors
-    /// If the rows or the patient of an image cannot be read.
-    pub async fn contradiction_of_study(
-        &self,
-        study: &Uid,
-        named: &Patient,
-    ) -> Result<Option<Contradiction>, Error> {
-        let held = self.patients_of_study(study).await?;
-        let is_another = held.iter().any(|held| held.contradicts(named));
-        Ok(is_another.then_some(Contradiction::Study))
-    }
-
-    /// The patient of a stored object; `None` if it is lost or cannot be read.
-    ///
-    /// # Errors
-    /// If the store cannot be reached.
-    pub async fn patient_of(&self, object: ObjectName) -> Result<Option<Patient>, Error> {
-        Ok(self.patients_of_images(&[object]).await?.pop())
-    }
-
     /// The attributes of the source of a case; `None` if it has none, or they are damaged.
     ///
     /// # Errors
@@ -221,7 +160,7 @@ impl Cases {
     }
 
     /// The attributes among the objects of a case or of one of its layers, as [`Cases::attributes_of`].
-    pub(super) async fn attributes_among(
+    async fn attributes_among(
         &self,
         case: &CaseId,
         objects: &[ObjectName],
@@ -234,7 +173,13 @@ impl Cases {
 
 #[cfg(test)]
 mod tests {
+    use case::Parameters;
+    use pipeline::Source;
+    use storage::Store;
+    use storage::testing::files_below;
+
     use super::*;
+    use crate::testing::{application, options, source};
 
     fn patient(attributes: &[(&str, &str)]) -> Patient {
         let stored = serde_json::json!({ "attributes": attributes, "instances": [], "interpolated_slices": [] }).to_string();
@@ -253,5 +198,35 @@ mod tests {
         assert_eq!(with_id(before), with_id(after));
         assert_ne!(with_id(before), patient(&zed));
         assert!(patient(&zed).is_stated() && !patient(&[("PatientSex", "F")]).is_stated());
+    }
+
+    #[tokio::test]
+    async fn a_store_that_fails_is_an_error_and_not_a_case_that_states_no_patient() {
+        let directory = tempfile::tempdir().unwrap();
+        let store = Store::open_with(directory.path(), options());
+        let cases = application(store.await.unwrap(), "");
+        let stored =
+            r#"{"attributes":[["PatientID","P-1"]],"instances":[],"interpolated_slices":[]}"#;
+        let of_dicom = Source {
+            dicom: Some(stored.into()),
+            ..source("volume")
+        };
+        let submitted = cases.library.submit(of_dicom, Parameters::default());
+        let id = submitted.await.unwrap().case.id;
+        let attributes = cases.attributes_of(&id).await.unwrap().unwrap();
+        assert_eq!(attributes.value("PatientID"), Some("P-1"));
+        let [file] = &files_below(&directory.path().join("objects/source-dicom"))[..] else {
+            panic!("one object has the attributes");
+        };
+        std::fs::write(file, b"damaged").unwrap();
+        assert!(cases.attributes_of(&id).await.unwrap().is_none());
+        // A link that leads to itself can be read as little as a disk that fails.
+        std::fs::remove_file(file).unwrap();
+        std::os::unix::fs::symlink(file, file).unwrap();
+        let failed = cases.attributes_of(&id).await.unwrap_err();
+        assert!(
+            matches!(failed, StoreError::Objects(_) | StoreError::Disk(_)),
+            "{failed:?}"
+        );
     }
 }

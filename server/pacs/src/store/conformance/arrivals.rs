@@ -4,19 +4,21 @@ use std::collections::HashSet;
 use std::time::Duration;
 
 use case::images::{Fingerprint, Image};
-use case::{CaseId, CaseState, Closed, Failure, JobKind, ObjectKind};
+use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
+use case::{CaseId, Closed, Failure, ObjectKind};
+use cases::dicom::Rejection;
+use storage::tables::Referred;
+use storage::testing::failure;
+use storage::testing::steps::{self, delete_rows, insert_case, pinned, unneeded};
+use storage::{Claim, ListCursor, ObjectName, Release};
 
 use super::Subject;
-use crate::arrivals::{
-    AccessionNumber, ArrivalCursor, ArrivalQuery, ArrivalSource, ArrivalState, BECAME_LAYER,
-    CaseSeries, DueTerms, INCOMPLETE_CORRECTION, MOVED, NO_CASE, NOT_T1, NewInstance,
-    OTHER_OBJECTS, Outcome, PatientDigest, REJECTED, Reception, Rejection, SeriesQuery, SeriesUids,
-    Taken, TakenAs, Uid,
+use crate::store::PacsStore;
+use crate::values::{
+    ArrivalQuery, ArrivalSource, ArrivalState, BECAME_LAYER, DueSeries, DueTerms,
+    INCOMPLETE_CORRECTION, MOVED, NO_CASE, NOT_T1, NewInstance, OTHER_OBJECTS, Outcome, REJECTED,
+    Reception, SERIES, Taken, TakenAs,
 };
-use crate::jobs::{Claim, Release};
-use crate::rows::{DueSeries, NewCase, Referred, Sweep};
-use crate::testing::{claim, failure, new_case, pinned};
-use crate::{CaseQuery, ObjectName, Store};
 
 const TERMS: DueTerms = DueTerms {
     stable: Duration::from_secs(20),
@@ -81,12 +83,12 @@ fn read_of(images: &[NewInstance]) -> Vec<Image> {
     read
 }
 
-async fn receive(store: &Store, images: &[NewInstance]) -> usize {
+async fn receive(store: &PacsStore, images: &[NewInstance]) -> usize {
     let received = received(store, images).await.into_iter();
     received.filter(|became| *became == Reception::New).count()
 }
 
-async fn received(store: &Store, images: &[NewInstance]) -> Vec<Reception> {
+async fn received(store: &PacsStore, images: &[NewInstance]) -> Vec<Reception> {
     let names: Vec<_> = images.iter().map(ObjectName::from).collect();
     let pinned = pinned(store, &names).await;
     let source = ArrivalSource::Stow;
@@ -97,47 +99,40 @@ async fn received(store: &Store, images: &[NewInstance]) -> Vec<Reception> {
 }
 
 /// Leases the job of a series that is due, and what it is to read.
-async fn due(store: &Store) -> Option<(Claim, DueSeries)> {
+async fn due(store: &PacsStore) -> Option<(Claim, DueSeries)> {
     store.queue_due_series(&TERMS).await.unwrap();
-    let claim = store.claim(JobKind::SERIES, 3).await.unwrap()?;
+    let claim = store.claim(SERIES, 3).await.unwrap()?;
     let due = store.series_to_read(&claim).await.unwrap();
     Some((claim, due.expect("the series is there")))
 }
 
-async fn a_case(store: &Store, contents: &str) -> CaseId {
+async fn a_case(store: &PacsStore, contents: &str) -> CaseId {
     a_case_of(store, contents, &[]).await
 }
 
 /// A case that is made of these images.
-async fn a_case_of(store: &Store, contents: &str, images: &[NewInstance]) -> CaseId {
+async fn a_case_of(store: &PacsStore, contents: &str, images: &[NewInstance]) -> CaseId {
     a_version_of(store, contents, images, None).await
 }
 
 async fn a_version_of(
-    store: &Store,
+    store: &PacsStore,
     contents: &str,
     images: &[NewInstance],
     previous: Option<CaseId>,
 ) -> CaseId {
-    let new = NewCase {
-        images: Some(made_of(images)),
-        previous,
-        ..new_case(store, contents).await
-    };
-    store.insert_case(&new).await.unwrap();
-    new.id
+    insert_case(store, contents, Some(made_of(images)), previous).await
 }
 
-async fn closed(store: &Store, case: CaseId) -> Option<Closed> {
+async fn closed(store: &PacsStore, case: CaseId) -> Option<Closed> {
     store.case(&case).await.unwrap().unwrap().closed
 }
 
 /// The objects of all images, read one by one.
-async fn listed(store: &Store) -> HashSet<ObjectName> {
+async fn listed(store: &PacsStore) -> HashSet<ObjectName> {
     let mut found = HashSet::new();
     let mut after = None;
-    while let [name] = store
-        .pacs_objects(ObjectKind::Instance, after.as_ref(), 1)
+    while let [name] = steps::objects_of_tables(store, ObjectKind::Instance, after.as_ref(), 1)
         .await
         .unwrap()[..]
     {
@@ -176,12 +171,12 @@ pub(crate) async fn an_image_is_received_once(subject: &Subject) {
             .iter()
             .all(|arrival| arrival.state == ArrivalState::Receiving)
     );
-    let unneeded = store
-        .unneeded(&[ObjectName::from(&image(1, 1)), ObjectName::from(&other)])
-        .await
-        .unwrap();
+    let number = SeriesQuery::AccessionNumber(AccessionNumber::parse("A1").unwrap());
+    assert_eq!(store.arrivals_of(&number).await.unwrap(), arrivals);
+    let both = [ObjectName::from(&image(1, 1)), ObjectName::from(&other)];
+    let unneeded = unneeded(store, &both).await.unwrap();
     assert_eq!(unneeded, [], "the other contents still have a pin");
-    assert_eq!(store.abandoned(10).await.unwrap().len(), 2);
+    assert_eq!(steps::abandoned(store, 10).await.unwrap().len(), 2);
     // Without pins nothing is received.
     let images = [image(3, 1)];
     let mut lost = pinned(store, &[ObjectName::from(&images[0])]).await;
@@ -199,12 +194,7 @@ pub(crate) async fn a_case_is_closed_while_the_last_image_is_another_one(subject
     let uploaded = a_case_of(store, "uploaded", &[image(5, 1)]).await;
     receive(store, &images).await;
     subject.pass(21);
-    let read = NewCase {
-        images: Some(read_of(&images)),
-        ..new_case(store, "a").await
-    };
-    store.insert_case(&read).await.unwrap();
-    let first = read.id;
+    let first = insert_case(store, "a", Some(read_of(&images)), None).await;
     let (leased, _) = due(store).await.unwrap();
     assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
     let other = corrected(image(1, 2), "corrected");
@@ -335,14 +325,9 @@ pub(crate) async fn what_replaces_a_closed_case_inherits_nothing(subject: &Subje
         (None, "[]".to_owned())
     );
     // A version with another mask is of the same images, and closed with them.
-    let masked = NewCase {
-        images: None,
-        previous: Some(first),
-        ..new_case(store, "d").await
-    };
-    store.insert_case(&masked).await.unwrap();
-    assert_eq!(closed(store, masked.id).await, Some(Closed::Corrected));
-    assert_eq!(findings(masked.id).await, "[1]");
+    let masked = insert_case(store, "d", None, Some(first)).await;
+    assert_eq!(closed(store, masked).await, Some(Closed::Corrected));
+    assert_eq!(findings(masked).await, "[1]");
 }
 
 pub(crate) async fn objects_that_are_not_kept_are_counted(subject: &Subject) {
@@ -500,7 +485,7 @@ pub(crate) async fn what_a_pacs_has_sent_is_known_for_a_year_and_while_something
     // A correction counts although the images before it are forgotten.
     received(store, &[corrected(image(1, 1), "corrected")]).await;
     assert_eq!(closed(store, case).await, Some(Closed::Corrected));
-    assert!(store.delete_case(&case).await.unwrap());
+    assert!(delete_rows(store, &case).await.unwrap());
     assert!(knows(&images[0]).await);
 }
 
@@ -612,7 +597,7 @@ pub(crate) async fn a_late_image_fences_the_reader_off_and_makes_the_series_due_
     receive(store, &[image(2, 1)]).await;
     subject.pass(21);
     let (leased, _) = due(store).await.unwrap();
-    assert!(store.delete_case(&case).await.unwrap());
+    assert!(delete_rows(store, &case).await.unwrap());
     assert!(!store.settle(&leased, &Outcome::Case(case)).await.unwrap());
 }
 
@@ -657,7 +642,7 @@ pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_d
     let case = a_case(store, "a").await;
     receive(store, &[image(1, 1), image(2, 1), image(3, 1)]).await;
     let objects = [1, 2, 3].map(|number| ObjectName::from(&image(number, 1)));
-    assert_eq!(store.unneeded(&objects).await.unwrap(), []);
+    assert_eq!(unneeded(store, &objects).await.unwrap(), []);
     subject.pass(21);
     for outcome in [Outcome::Case(case), Outcome::Nothing(failure())] {
         let (leased, _) = due(store).await.unwrap();
@@ -681,7 +666,7 @@ pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_d
         store.forget(age).await.unwrap();
         store.arrivals_of(&study()).await.unwrap()
     };
-    assert!(store.delete_case(&case).await.unwrap());
+    assert!(delete_rows(store, &case).await.unwrap());
     assert_eq!(store.images_of(&uids(&of_case)).await.unwrap(), []);
     subject.pass(3600);
     assert_eq!(forget(7200).await.len(), 2);
@@ -697,12 +682,15 @@ pub(crate) async fn an_image_is_kept_until_its_series_is_forgotten_or_its_case_d
             .all(|arrival| arrival.uids.series.as_str() != of_case)
     );
     assert_eq!(left.len(), 1);
-    let sweep = Sweep {
-        holder: "sweep".to_owned(),
-        lease: Duration::from_secs(60),
-    };
+    let lease = Duration::from_secs(60);
     // That of the forgotten series is gone already.
-    assert_eq!(store.mark(&objects, &sweep).await.unwrap().len(), 2);
+    assert_eq!(
+        steps::mark(store, &objects, "sweep", lease)
+            .await
+            .unwrap()
+            .len(),
+        2
+    );
     assert!(objects.iter().all(|name| name.kind == ObjectKind::Instance));
 }
 
@@ -743,161 +731,13 @@ pub(crate) async fn images_that_have_changed_do_not_go_with_the_case_that_was_ma
     for number in 1..=4 {
         assert_eq!(of(number).await.case, None, "{number}");
     }
-    assert!(store.delete_case(&case).await.unwrap());
+    assert!(delete_rows(store, &case).await.unwrap());
     for (number, instances) in [(1, 2), (2, 2), (3, 1), (4, 2), (9, 1)] {
         assert_eq!(of(number).await.instances, instances, "{number}");
     }
     // What has not changed goes with its case.
     let left = SeriesQuery::Study(uid("1.2.3"), Some(series(5).series));
     assert_eq!(store.arrivals_of(&left).await.unwrap(), []);
-}
-
-pub(crate) async fn cases_are_found_by_their_series(subject: &Subject) {
-    let store = &subject.store;
-    let [first, second] = [a_case(store, "a").await, a_case(store, "b").await];
-    receive(store, &[image(1, 1)]).await;
-    subject.pass(21);
-    let (leased, _) = due(store).await.unwrap();
-    assert!(store.settle(&leased, &Outcome::Case(first)).await.unwrap());
-    let of_first = CaseSeries {
-        case: first,
-        uids: series(1),
-        accession_number: AccessionNumber::parse("A1"),
-        patient: None,
-    };
-    store.index_series(&of_first).await.unwrap();
-    let of_second = CaseSeries {
-        case: second,
-        uids: series(2),
-        accession_number: AccessionNumber::parse("A2"),
-        patient: None,
-    };
-    for _ in 0..2 {
-        store.index_series(&of_second).await.unwrap();
-    }
-    assert_eq!(store.series_of(&second).await.unwrap(), Some(of_second));
-    let found = async |query| {
-        let found = store.cases_of(&query).await.unwrap();
-        found
-            .into_iter()
-            .map(|series| series.case)
-            .collect::<Vec<_>>()
-    };
-    let mut both = found(study()).await;
-    both.sort_by_key(|id| *id == second);
-    assert_eq!(both, [first, second]);
-    let one = SeriesQuery::Study(uid("1.2.3"), Some(uid("1.2.3.1")));
-    assert_eq!(found(one).await, [first]);
-    let number = |text| SeriesQuery::AccessionNumber(AccessionNumber::parse(text).unwrap());
-    assert_eq!(found(number("A1")).await, [first]);
-    assert_eq!(found(number("A2")).await, [second]);
-    assert_eq!(found(number("A")).await, []);
-    store.delete_case(&second).await.unwrap();
-    assert_eq!(found(number("A2")).await, []);
-    let arrivals = store.arrivals_of(&number("A1")).await.unwrap();
-    assert_eq!(arrivals.len(), 1);
-}
-
-pub(crate) async fn cases_are_searched_by_what_they_are_and_whose(subject: &Subject) {
-    let store = &subject.store;
-    let mut cases = Vec::new();
-    for (number, label) in ["Left temporal", "100% right", "left FRONTAL"]
-        .into_iter()
-        .enumerate()
-    {
-        let case = a_case(store, label).await;
-        store.rename(&case, label).await.unwrap();
-        cases.push(store.case(&case).await.unwrap().unwrap());
-        subject.pass(60);
-        // The third is no DICOM.
-        let ids = ["P-1", "P-2"];
-        if let Some(id) = ids.get(number) {
-            let series = CaseSeries {
-                case,
-                uids: series(number as u32 + 1),
-                accession_number: AccessionNumber::parse("A7").filter(|_| number == 0),
-                patient: PatientDigest::of(id),
-            };
-            store.index_series(&series).await.unwrap();
-            assert_eq!(store.series_of(&case).await.unwrap(), Some(series));
-        }
-    }
-    let running = claim(store).await.unwrap();
-    let running = CaseId::parse(&running.key).unwrap();
-    let [first, second, third] = [0, 1, 2].map(|number: usize| cases[number].id);
-    assert_eq!(running, first, "the oldest is prepared first");
-    let found = async |query: CaseQuery| {
-        let page = store.search(&query, None, 9).await.unwrap();
-        assert_eq!(page.next, None);
-        page.cases.iter().map(|case| case.id).collect::<Vec<_>>()
-    };
-    let every = CaseQuery::default;
-    let label = |text: &str| CaseQuery {
-        label: Some(text.to_owned()),
-        ..every()
-    };
-    let state = |state| CaseQuery {
-        state: Some(state),
-        ..every()
-    };
-    let patient = |id| CaseQuery {
-        patient: PatientDigest::of(id),
-        ..every()
-    };
-    let study = |text| CaseQuery {
-        study: Some(uid(text)),
-        ..every()
-    };
-    let of_series = |number| CaseQuery {
-        series: Some(series(number).series),
-        ..every()
-    };
-    let number = |text| CaseQuery {
-        accession_number: AccessionNumber::parse(text),
-        ..every()
-    };
-    assert_eq!(found(every()).await, [third, second, first]);
-    assert_eq!(found(label("LEFT")).await, [third, first]);
-    assert_eq!(found(label("%")).await, [second], "no pattern");
-    assert_eq!(found(state(CaseState::Preparing)).await, [first]);
-    assert_eq!(found(state(CaseState::Queued)).await, [third, second]);
-    assert_eq!(found(state(CaseState::Ready)).await, []);
-    assert_eq!(found(patient("P-2")).await, [second]);
-    assert_eq!(found(patient("P-")).await, []);
-    assert_eq!(found(study("1.2.3")).await, [second, first]);
-    assert_eq!(found(study("1.2")).await, []);
-    assert_eq!(found(of_series(2)).await, [second]);
-    assert_eq!(found(number("A7")).await, [first]);
-    let since = |at: usize| CaseQuery {
-        since: Some(cases[at].created_at),
-        ..every()
-    };
-    let until = |at: usize| CaseQuery {
-        until: Some(cases[at].created_at),
-        ..every()
-    };
-    assert_eq!(found(since(1)).await, [third, second]);
-    assert_eq!(found(until(1)).await, [first]);
-    // Each condition must hold.
-    let both = |id| CaseQuery {
-        patient: PatientDigest::of(id),
-        ..number("A7")
-    };
-    assert_eq!(found(both("P-1")).await, [first]);
-    assert_eq!(found(both("P-2")).await, []);
-    let all = CaseQuery {
-        state: Some(CaseState::Queued),
-        until: Some(cases[2].created_at),
-        ..study("1.2.3")
-    };
-    assert_eq!(found(all).await, [second]);
-    // Pages are those of what is found.
-    let page = store.search(&study("1.2.3"), None, 1).await.unwrap();
-    assert_eq!(page.cases[0].id, second);
-    let page = store.search(&study("1.2.3"), page.next, 1).await.unwrap();
-    assert_eq!((page.cases[0].id, page.next), (first, None));
-    store.delete_case(&second).await.unwrap();
-    assert_eq!(found(patient("P-2")).await, []);
 }
 
 pub(crate) async fn series_are_listed_newest_first_in_pages(subject: &Subject) {
@@ -907,7 +747,7 @@ pub(crate) async fn series_are_listed_newest_first_in_pages(subject: &Subject) {
         subject.pass(1);
     }
     let mut seen = Vec::new();
-    let mut after: Option<ArrivalCursor> = None;
+    let mut after: Option<ListCursor> = None;
     loop {
         let (page, next) = store
             .arrivals(&ArrivalQuery::default(), after.as_ref(), 2)
@@ -916,7 +756,7 @@ pub(crate) async fn series_are_listed_newest_first_in_pages(subject: &Subject) {
         assert!(page.len() <= 2);
         seen.extend(page.into_iter().map(|arrival| arrival.uids));
         let Some(next) = next else { break };
-        after = ArrivalCursor::parse(&next.to_string());
+        after = ListCursor::parse(&next.to_string());
         assert!(after.is_some());
         assert_eq!(store.arrival(&next.id).await.unwrap().unwrap().id, next.id);
     }

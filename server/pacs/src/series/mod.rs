@@ -5,30 +5,32 @@
 //! corrected or rejected since is closed (`case::images`).
 
 mod becomes;
+mod contradiction;
 mod heads;
-mod index;
 mod others;
-mod patient;
+mod read;
 #[cfg(test)]
-pub(crate) mod tests;
+mod tests;
 
+use std::sync::Arc;
 use std::time::Duration;
 
-use case::Failure;
-use storage::arrivals::{ArrivalSource, NewInstance, OTHER_OBJECTS, Rejection};
-use storage::{ImageStatus, Spooled};
+use case::{Failure, ObjectKind};
+use cases::dicom::{InstanceIdentity, Rejection};
+use cases::{Cases, Error, Patient};
+use quick_cache::sync::Cache;
+use storage::{ObjectName, Spooled};
 
-use crate::application::Cases;
-use crate::dicom::InstanceIdentity;
-use crate::error::Error;
+use crate::store::{ImageStatus, PacsStore};
+use crate::values::{ArrivalSource, NewInstance, OTHER_OBJECTS, Reception};
 
-pub(crate) use self::becomes::{Becomes, becomes};
-pub use self::heads::Head;
-pub(crate) use self::index::SeriesOfUpload;
-pub use self::others::{Fitting, Other};
-pub(crate) use self::patient::day;
-pub use self::patient::{Contradiction, Patient};
-pub use storage::arrivals::Reception;
+pub(crate) use self::contradiction::Contradiction;
+pub(crate) use self::heads::Head;
+pub(crate) use self::others::{Fitting, Other};
+pub use self::read::start_series_reader;
+
+/// The most images whose patients are remembered.
+const REMEMBERED_PATIENTS: usize = 4096;
 
 /// Which series become cases.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -61,28 +63,53 @@ impl Default for ArrivalOptions {
     }
 }
 
-impl Cases {
+/// What comes from a PACS, and the cases that are made of it. Cheap to clone.
+#[derive(Debug, Clone)]
+pub struct Arrivals {
+    pub(crate) cases: Cases,
+    store: PacsStore,
+    /// The patients of stored images, which never change.
+    patients: Arc<Cache<ObjectName, Patient>>,
+}
+
+impl Arrivals {
+    /// On an application, whose store has [`PacsTables`](crate::PacsTables).
+    pub fn new(cases: Cases) -> Self {
+        let store = PacsStore::new(cases.store().clone());
+        let patients = Arc::new(Cache::new(REMEMBERED_PATIENTS));
+        Self {
+            cases,
+            store,
+            patients,
+        }
+    }
+
+    /// The store with the rows of the PACS.
+    pub fn store(&self) -> &PacsStore {
+        &self.store
+    }
+
     /// Adds images to their series, and returns what became of each. Afterwards they are durable.
     ///
     /// Of the images with one UID, the last one counts. What was made of another one before it is closed.
     ///
     /// # Errors
     /// An error of the store, such as [`Error::StorageFull`]; nothing is acknowledged then.
-    pub async fn receive(
+    pub(crate) async fn receive(
         &self,
         images: Vec<(InstanceIdentity, Spooled)>,
         source: ArrivalSource,
     ) -> Result<Vec<Reception>, Error> {
-        let images = match self.deidentifies() {
+        let images = match self.cases.deidentifies() {
             true => self.without_identity(images).await?,
             false => images,
         };
         self.receive_as_is(images, source, false).await
     }
 
-    /// As [`Cases::receive`], whether or not the identity of the patient is removed. With `is_stored`, the objects of the
+    /// As [`Arrivals::receive`], whether or not the identity of the patient is removed. With `is_stored`, the objects of the
     /// images are there, and no row names them.
-    pub(crate) async fn receive_as_is(
+    async fn receive_as_is(
         &self,
         images: Vec<(InstanceIdentity, Spooled)>,
         source: ArrivalSource,
@@ -113,13 +140,13 @@ impl Cases {
     ///
     /// # Errors
     /// If the rows cannot be written.
-    pub async fn ignore(
+    pub(crate) async fn ignore(
         &self,
         identity: InstanceIdentity,
         source: ArrivalSource,
         by: &str,
     ) -> Result<bool, Error> {
-        let identity = match self.deidentifies() {
+        let identity = match self.cases.deidentifies() {
             true => identity.deidentified(),
             false => identity,
         };
@@ -133,7 +160,7 @@ impl Cases {
         let reason = Failure::unusable(OTHER_OBJECTS, detail);
         let store = self.store();
         store.ignore(&identity.uids, source, &reason).await?;
-        store.signals().images_came(source, ImageStatus::Ignored, 1);
+        store.images_came(source, ImageStatus::Ignored, 1);
         if let Some(rejection) = &identity.rejection {
             self.reject(rejection, source, by).await?;
         }
@@ -159,13 +186,13 @@ impl Cases {
     ///
     /// # Errors
     /// If the rows cannot be written.
-    pub async fn refuse_rejection(
+    pub(crate) async fn refuse_rejection(
         &self,
         identity: InstanceIdentity,
         source: ArrivalSource,
         by: &str,
     ) -> Result<(), Error> {
-        let identity = match self.deidentifies() {
+        let identity = match self.cases.deidentifies() {
             true => identity.deidentified(),
             false => identity,
         };
@@ -181,9 +208,39 @@ impl Cases {
     }
 
     /// Counts an image that is refused, for metrics.
-    pub fn refused(&self, source: ArrivalSource) {
-        let signals = self.store().signals();
-        signals.images_came(source, ImageStatus::Refused, 1);
+    pub(crate) fn refused(&self, source: ArrivalSource) {
+        self.store().images_came(source, ImageStatus::Refused, 1);
+    }
+
+    /// Receives the images again that no row names, after the rows were restored from an older backup: how many, and those that stay as they
+    /// are, because they are damaged or none. Run again, it finds nothing more.
+    ///
+    /// # Errors
+    /// If the store cannot be reached.
+    pub async fn adopt(&self) -> Result<(usize, Vec<ObjectName>), Error> {
+        let (mut images, mut left) = (0, Vec::new());
+        for name in self.store().unreferenced_of(ObjectKind::Instance).await? {
+            match self.receive_again(&name).await? {
+                true => images += 1,
+                false => left.push(name),
+            }
+        }
+        Ok((images, left))
+    }
+
+    /// Whether an image could be received.
+    async fn receive_again(&self, name: &ObjectName) -> Result<bool, Error> {
+        let Some(file): Option<Spooled> = self.store().spool_object(name).await? else {
+            return Ok(false);
+        };
+        let identity = match self.cases.headers.read(&file).await {
+            Ok(identity) => identity,
+            Err(Error::Failure(_)) => return Ok(false),
+            Err(error) => return Err(error),
+        };
+        // The file has lost the identity of its patient before it was stored, if it was to.
+        let received = self.receive_as_is(vec![(identity, file)], ArrivalSource::Retrieval, true);
+        Ok(!received.await?.contains(&Reception::Refused))
     }
 
     /// The images, with the patient's identity removed from their files and UIDs.
@@ -195,7 +252,7 @@ impl Cases {
         let mut without = Vec::with_capacity(images.len());
         for (number, (identity, file)) in images.into_iter().enumerate() {
             let output = directory.path().join(number.to_string());
-            let fingerprint = self.headers.deidentify(&file, &output).await?;
+            let fingerprint = self.cases.headers.deidentify(&file, &output).await?;
             let file = self.store().spool_file(output).await?;
             let identity = InstanceIdentity {
                 fingerprint,

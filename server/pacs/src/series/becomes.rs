@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use case::images::Image;
 use case::{CaseId, CaseState};
-use storage::MadeCase;
+
+use crate::values::MadeCase;
 
 /// What a series becomes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -70,10 +71,10 @@ pub(crate) fn becomes(images: &[Image], made: &[MadeCase], is_taken: bool) -> Be
 mod tests {
     use case::Closed;
     use case::images::Fingerprint;
-    use storage::MadeImage;
-    use storage::arrivals::Uid;
+    use case::series::Uid;
 
     use super::*;
+    use crate::values::MadeImage;
 
     fn uid(number: usize) -> Uid {
         Uid::parse(&format!("1.2.{number}")).unwrap()

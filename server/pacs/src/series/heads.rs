@@ -2,44 +2,44 @@
 
 use std::cmp::Reverse;
 
+use case::series::{CaseSeries, SeriesQuery, SeriesUids};
 use case::{Case, CaseState};
+use cases::Patient;
 use storage::StoreError;
-use storage::arrivals::{CaseSeries, SeriesQuery, SeriesUids};
 
-use super::Patient;
-use crate::application::Cases;
+use super::Arrivals;
 
 /// Values of Contrast/Bolus Agent that state that there was none.
 const NO_AGENT: [&str; 4] = ["", "NO", "NONE", "N"];
 
 /// A series that became a case.
 #[derive(Debug, Clone)]
-pub struct Head {
-    pub case: Case,
+pub(crate) struct Head {
+    pub(crate) case: Case,
     /// Its series and study.
-    pub series: CaseSeries,
+    pub(crate) series: CaseSeries,
     /// How many slices it was made of.
-    pub images: usize,
+    pub(crate) images: usize,
     /// The attributes of the source by keyword, which are patient data; none if they are damaged.
-    pub attributes: Vec<(String, String)>,
+    pub(crate) attributes: Vec<(String, String)>,
 }
 
 impl Head {
     /// The value of an attribute, unless it is empty.
-    pub fn value(&self, keyword: &str) -> Option<&str> {
+    pub(crate) fn value(&self, keyword: &str) -> Option<&str> {
         let mut attributes = self.attributes.iter();
         let found = attributes.find(|(name, value)| name == keyword && !value.is_empty());
         found.map(|(_, value)| value.as_str())
     }
 
     /// The patient; `None` if the attributes are damaged.
-    pub fn patient(&self) -> Option<Patient> {
+    pub(crate) fn patient(&self) -> Option<Patient> {
         let is_known = !self.attributes.is_empty();
         is_known.then(|| Patient::of(|keyword| self.value(keyword)))
     }
 
     /// Whether it was computed from other images.
-    pub fn is_derived(&self) -> bool {
+    pub(crate) fn is_derived(&self) -> bool {
         let kind = self
             .value("ImageType")
             .and_then(|text| text.split('\\').next());
@@ -47,13 +47,13 @@ impl Head {
     }
 
     /// Whether a contrast agent was given.
-    pub fn has_contrast(&self) -> bool {
+    pub(crate) fn has_contrast(&self) -> bool {
         let agent = self.value("ContrastBolusAgent").unwrap_or_default();
         !NO_AGENT.contains(&&*agent.trim().to_ascii_uppercase())
     }
 
     /// The sides of a voxel in mm, which are known when the case is ready.
-    pub fn voxel_mm(&self) -> Option<[f64; 3]> {
+    pub(crate) fn voxel_mm(&self) -> Option<[f64; 3]> {
         self.case
             .facts
             .as_ref()
@@ -61,7 +61,7 @@ impl Head {
     }
 
     /// When it was acquired, as far as the source states it: digits that sort by time.
-    pub fn acquired(&self) -> Option<String> {
+    pub(crate) fn acquired(&self) -> Option<String> {
         let joined = |day, time| {
             let time = self.value(time).unwrap_or_default();
             Some(format!("{}{time}", self.value(day)?))
@@ -118,13 +118,13 @@ fn one_of_each_series(mut versions: Vec<Head>) -> Vec<Head> {
     versions
 }
 
-impl Cases {
+impl Arrivals {
     /// The heads that a query finds, the preferred one first, those that failed last. Of each series and patient this is the open case with
     /// most images, then the newest. Closed ones do not count, even if nothing else is left.
     ///
     /// # Errors
     /// If the store cannot be reached.
-    pub async fn heads(&self, query: &SeriesQuery) -> Result<Vec<Head>, StoreError> {
+    pub(crate) async fn heads(&self, query: &SeriesQuery) -> Result<Vec<Head>, StoreError> {
         let mut versions = Vec::new();
         let all = self.store().cases_of(query).await?;
         for series in all {
@@ -132,7 +132,11 @@ impl Cases {
             let Some(case) = case.filter(|case| case.closed.is_none()) else {
                 continue;
             };
-            let stored = self.attributes_of(&case.id).await?.unwrap_or_default();
+            let stored = self
+                .cases
+                .attributes_of(&case.id)
+                .await?
+                .unwrap_or_default();
             versions.push(Head {
                 case,
                 series,
@@ -148,8 +152,8 @@ impl Cases {
 
 #[cfg(test)]
 mod tests {
+    use case::series::Uid;
     use case::{CaseId, Parameters};
-    use storage::arrivals::Uid;
     use storage::testing::facts;
 
     use super::*;

@@ -1,0 +1,201 @@
+//! Copies what the PACS has sent and rejected, and what is sent to it, into another store.
+
+use std::collections::HashSet;
+
+use storage::{Copied, Made, ObjectName, StoreError};
+
+use super::{PacsStore, SentResult};
+use crate::values::{Arrival, ArrivalQuery, NewInstance, TransferQuery};
+
+/// Rows to read at a time.
+const ROWS_AT_ONCE: usize = 100;
+
+/// Images of a series to pin at a time: copying them takes far less than a pin lasts.
+const IMAGES_AT_ONCE: usize = 32;
+
+/// How many series with how many images have come, and how many results there are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct OfPacs {
+    pub series: u64,
+    pub images: u64,
+    pub results: u64,
+}
+
+/// A step of a copy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CopiedStep {
+    /// A series with its images, or a result, was copied.
+    Done,
+    /// An image or a result was not copied.
+    Lost(ObjectName),
+}
+
+/// Receives each step with the result so far.
+type Report<'r> = &'r mut (dyn FnMut(CopiedStep, &OfPacs) + Send);
+
+impl PacsStore {
+    /// Copies what was sent last and what is rejected, also of what is not kept any more: it says what is closed.
+    ///
+    /// # Errors
+    /// If a store cannot be reached.
+    pub async fn copy_images_into(&self, other: &Self) -> Result<(), StoreError> {
+        self.copy_images(other).await?;
+        self.copy_withdrawn(other).await
+    }
+
+    /// Copies what a PACS has sent last under each UID, also of what is not kept any more.
+    async fn copy_images(&self, other: &Self) -> Result<(), StoreError> {
+        let mut last = None;
+        loop {
+            let page = self.last_images(last.as_ref(), ROWS_AT_ONCE).await?;
+            let Some(latest) = page.last() else {
+                return Ok(());
+            };
+            last = Some(latest.clone());
+            other.write_copied_images(&page).await?;
+        }
+    }
+
+    /// Copies what was withdrawn, which must not come back.
+    async fn copy_withdrawn(&self, other: &Self) -> Result<(), StoreError> {
+        let mut last = None;
+        loop {
+            let page = self.withdrawn(last.as_ref(), ROWS_AT_ONCE).await?;
+            let Some(latest) = page.last() else {
+                return Ok(());
+            };
+            last = Some(latest.clone());
+            other.write_copied_withdrawn(&page).await?;
+        }
+    }
+
+    /// Copies every series with its images, and every result, after the cases; adds their objects to `copied`. Results that wait to be sent
+    /// wait there too. Retrievals are not copied.
+    ///
+    /// # Errors
+    /// If a store cannot be reached.
+    pub async fn copy_series_into(
+        &self,
+        other: &Self,
+        copied: &mut Copied,
+        report: Report<'_>,
+    ) -> Result<OfPacs, StoreError> {
+        let (mut of_pacs, mut after) = (OfPacs::default(), None);
+        loop {
+            let (page, next) = self
+                .arrivals(&ArrivalQuery::default(), after.as_ref(), ROWS_AT_ONCE)
+                .await?;
+            for arrival in page {
+                for lost in self
+                    .copy_series(other, &arrival, copied, &mut of_pacs)
+                    .await?
+                {
+                    report(CopiedStep::Lost(lost), &of_pacs);
+                }
+                report(CopiedStep::Done, &of_pacs);
+            }
+            match next {
+                Some(next) => after = Some(next),
+                None => break,
+            }
+        }
+        let (every, mut after) = (TransferQuery::default(), None);
+        loop {
+            let (page, next) = self.results(&every, after.as_ref(), ROWS_AT_ONCE).await?;
+            for result in page {
+                let step = match self
+                    .copy_result(other, &result, copied, &mut of_pacs)
+                    .await?
+                {
+                    true => CopiedStep::Done,
+                    false => CopiedStep::Lost(result.object),
+                };
+                report(step, &of_pacs);
+            }
+            match next {
+                Some(next) => after = Some(next),
+                None => break,
+            }
+        }
+        // What came while the series were copied.
+        self.copy_images_into(other).await?;
+        Ok(of_pacs)
+    }
+
+    /// Copies the images that are whole; returns the others.
+    async fn copy_series(
+        &self,
+        other: &Self,
+        arrival: &Arrival,
+        copied: &mut Copied,
+        of_pacs: &mut OfPacs,
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        let images = self.images_of(&arrival.uids).await?;
+        // An earlier copy may have what was corrected or rejected since.
+        other.keep_images(arrival, &images).await?;
+        let mut lost = Vec::new();
+        // A series of which nothing is left has no chunk, but a reason.
+        let chunks = images.len().div_ceil(IMAGES_AT_ONCE).max(1);
+        for number in 0..chunks {
+            let end = images.len().min((number + 1) * IMAGES_AT_ONCE);
+            let some = &images[number * IMAGES_AT_ONCE..end];
+            let names: HashSet<_> = some.iter().map(|(_, name)| *name).collect();
+            let mut pinned = other.pin(names).await?;
+            let mut whole = Vec::new();
+            for (uid, name) in some {
+                if self.copy_object(other, name, copied).await? {
+                    whole.push(NewInstance {
+                        uids: arrival.uids.clone(),
+                        accession_number: arrival.accession_number.clone(),
+                        sop_instance_uid: uid.clone(),
+                        digest: name.digest,
+                        label: arrival.label.clone(),
+                        fingerprint: None,
+                    });
+                } else {
+                    lost.push(*name);
+                    pinned.names.retain(|pinned| pinned != name);
+                }
+            }
+            let written = other.write_copied_arrival(arrival, &whole, &pinned).await?;
+            other.abandon(&pinned).await;
+            if !written {
+                return Err(StoreError::Rows("a pin was lost".into()));
+            }
+            of_pacs.images += whole.len() as u64;
+        }
+        of_pacs.series += 1;
+        if !lost.is_empty() {
+            // The series may have been deleted a moment ago.
+            let images = self.images_of(&arrival.uids).await?;
+            lost.retain(|lost| images.iter().any(|(_, name)| name == lost));
+        }
+        copied.lost += lost.len() as u64;
+        Ok(lost)
+    }
+
+    /// Returns `false` if the result is missing or damaged, or its case was not copied.
+    async fn copy_result(
+        &self,
+        other: &Self,
+        result: &SentResult,
+        copied: &mut Copied,
+        of_pacs: &mut OfPacs,
+    ) -> Result<bool, StoreError> {
+        // The layers that it shows may be gone.
+        let made = Made::result(&result.case, &result.id);
+        let made_of = self.made_of(&made).await?;
+        let pinned = other.pin([result.object]).await?;
+        let written = self.copy_object(other, &result.object, copied).await?
+            && other.write_copied_result(result, &made_of, &pinned).await?;
+        other.abandon(&pinned).await;
+        if written {
+            of_pacs.results += 1;
+        } else if self.result(&result.id).await?.is_some() {
+            copied.lost += 1;
+            return Ok(false);
+        }
+        // Otherwise it was deleted a moment ago.
+        Ok(true)
+    }
+}

@@ -1,0 +1,138 @@
+//! What the store asks of the tables of the PACS.
+
+use async_trait::async_trait;
+use case::images::Fingerprint;
+use case::series::Uid;
+use case::{CaseId, Failure, JobKind, ObjectKind};
+use storage::tables::{Connection, Migrations, Row, Tables, unreadable};
+use storage::{Made, ObjectName, StoreError};
+
+use super::{SEND, arrivals, images, results};
+use crate::values::SERIES;
+
+const SQLITE: &Migrations = &[(
+    110,
+    "pacs",
+    include_str!("../../migrations/sqlite/0110_pacs.sql"),
+)];
+
+const POSTGRES: &Migrations = &[(
+    110,
+    "pacs",
+    include_str!("../../migrations/postgres/0110_pacs.sql"),
+)];
+
+/// The tables of the PACS. Every store of the program has them ([`storage::Options::tables`]).
+#[derive(Debug)]
+pub struct PacsTables;
+
+#[async_trait]
+impl Tables for PacsTables {
+    fn for_sqlite(&self) -> &'static Migrations {
+        SQLITE
+    }
+
+    fn for_postgres(&self) -> &'static Migrations {
+        POSTGRES
+    }
+
+    async fn needs(
+        &self,
+        connection: &mut Connection,
+        object: &ObjectName,
+    ) -> Result<bool, StoreError> {
+        let sql = match object.kind {
+            ObjectKind::Instance => {
+                "SELECT EXISTS (SELECT 1 FROM arrival_instances WHERE digest = $1) AS needed"
+            }
+            ObjectKind::Result => {
+                "SELECT EXISTS (SELECT 1 FROM results WHERE digest = $1) AS needed"
+            }
+            _ => return Ok(false),
+        };
+        let row = connection.query(sql).bind(object.digest.to_string());
+        row.fetch_one().await?.get("needed")
+    }
+
+    async fn objects(
+        &self,
+        connection: &mut Connection,
+        kind: ObjectKind,
+        after: Option<&ObjectName>,
+        limit: usize,
+    ) -> Result<Vec<ObjectName>, StoreError> {
+        let sql = match kind {
+            ObjectKind::Instance => {
+                "SELECT DISTINCT digest FROM arrival_instances WHERE digest > $1 ORDER BY digest LIMIT $2"
+            }
+            ObjectKind::Result => {
+                "SELECT DISTINCT digest FROM results WHERE digest > $1 ORDER BY digest LIMIT $2"
+            }
+            _ => return Ok(Vec::new()),
+        };
+        let after = after.map(|name| name.digest.to_string());
+        let rows = connection
+            .query(sql)
+            .bind(after.unwrap_or_default())
+            .bind(i64::try_from(limit).unwrap_or(i64::MAX))
+            .fetch_all()
+            .await?;
+        let read = |row: &Row| {
+            let digest: String = row.get("digest")?;
+            let digest = blake3::Hash::from_hex(digest).map_err(|_| unreadable("a digest"))?;
+            Ok(ObjectName { kind, digest })
+        };
+        rows.iter().map(read).collect()
+    }
+
+    async fn leave_case(
+        &self,
+        connection: &mut Connection,
+        case: &CaseId,
+        now: i64,
+    ) -> Result<(), StoreError> {
+        arrivals::remove_of_case(connection, case, now).await?;
+        results::abandon_of_case(connection, case, now).await
+    }
+
+    async fn last_sent(
+        &self,
+        connection: &mut Connection,
+        image: &Uid,
+    ) -> Result<Option<Fingerprint>, StoreError> {
+        images::last_sent(connection, image).await
+    }
+
+    async fn judge(&self, connection: &mut Connection, made: &Made) -> Result<(), StoreError> {
+        images::judge_made(connection, made).await
+    }
+
+    async fn refusal(
+        &self,
+        connection: &mut Connection,
+        kind: JobKind,
+        key: &str,
+    ) -> Result<Option<Failure>, StoreError> {
+        match kind {
+            SEND => results::not_to_send(connection, key).await,
+            _ => Ok(None),
+        }
+    }
+
+    async fn job_failed(
+        &self,
+        connection: &mut Connection,
+        kind: JobKind,
+        key: &str,
+        failure: &Failure,
+    ) -> Result<(), StoreError> {
+        match kind {
+            SERIES => arrivals::make_nothing(connection, key, failure).await,
+            _ => Ok(()),
+        }
+    }
+
+    fn kept_jobs(&self) -> Option<JobKind> {
+        Some(SEND)
+    }
+}

@@ -1,0 +1,116 @@
+//! The series that cases were made of, for requests that name one.
+
+use case::CaseId;
+use case::series::{AccessionNumber, CaseSeries, PatientDigest, SeriesQuery, SeriesUids, Uid};
+
+use super::connection::{Connection, Row, unreadable};
+use crate::StoreError;
+
+pub(super) async fn index(
+    connection: &mut Connection,
+    series: &CaseSeries,
+) -> Result<(), StoreError> {
+    connection
+        .query(
+            "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, patient)
+             SELECT id, $2, $3, $4, $5 FROM cases WHERE id = $1
+             ON CONFLICT (case_id) DO NOTHING",
+        )
+        .bind(series.case.to_string())
+        .bind(series.uids.study.as_str())
+        .bind(series.uids.series.as_str())
+        .bind(
+            series
+                .accession_number
+                .as_ref()
+                .map(AccessionNumber::as_str),
+        )
+        .bind(series.patient.map(PatientDigest::to_hex))
+        .execute()
+        .await?;
+    Ok(())
+}
+
+pub(super) async fn series_of(
+    connection: &mut Connection,
+    case: &CaseId,
+) -> Result<Option<CaseSeries>, StoreError> {
+    let row = connection
+        .query("SELECT case_id, study_uid, series_uid, accession_number, patient FROM case_series WHERE case_id = $1")
+        .bind(case.to_string())
+        .fetch_optional()
+        .await?;
+    row.as_ref().map(read_case_series).transpose()
+}
+
+pub(super) async fn cases_of(
+    connection: &mut Connection,
+    query: &SeriesQuery,
+) -> Result<Vec<CaseSeries>, StoreError> {
+    let rows = match query {
+        SeriesQuery::Study(study, series) => connection
+            .query(
+                "SELECT case_id, study_uid, series_uid, accession_number, patient
+                 FROM case_series JOIN cases ON cases.id = case_series.case_id
+                 WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid
+                 ORDER BY created_at DESC, id",
+            )
+            .bind(study.as_str())
+            .bind(series.as_ref().map(Uid::as_str)),
+        SeriesQuery::AccessionNumber(number) => connection
+            .query(
+                "SELECT case_id, study_uid, series_uid, accession_number, patient
+                 FROM case_series JOIN cases ON cases.id = case_series.case_id
+                 WHERE accession_number = $1
+                 ORDER BY created_at DESC, id",
+            )
+            .bind(number.as_str()),
+    };
+    rows.fetch_all()
+        .await?
+        .iter()
+        .map(read_case_series)
+        .collect()
+}
+
+fn read_case_series(row: &Row) -> Result<CaseSeries, StoreError> {
+    Ok(CaseSeries {
+        case: read_case(row, "case_id")?.ok_or_else(|| unreadable("a case"))?,
+        uids: read_uids(row)?,
+        accession_number: read_accession_number(row)?,
+        patient: read_patient(row)?,
+    })
+}
+
+fn read_patient(row: &Row) -> Result<Option<PatientDigest>, StoreError> {
+    let digest: Option<String> = row.get("patient")?;
+    let read = |digest: String| PatientDigest::from_hex(&digest);
+    digest
+        .map(|digest| read(digest).ok_or_else(|| unreadable("a patient")))
+        .transpose()
+}
+
+/// The column `accession_number`.
+pub fn read_accession_number(row: &Row) -> Result<Option<AccessionNumber>, StoreError> {
+    let number: Option<String> = row.get("accession_number")?;
+    Ok(number.as_deref().and_then(AccessionNumber::parse))
+}
+
+/// The columns `study_uid` and `series_uid`.
+pub fn read_uids(row: &Row) -> Result<SeriesUids, StoreError> {
+    let uid = |column| {
+        let text: String = row.get(column)?;
+        Uid::parse(&text).ok_or_else(|| unreadable("a UID"))
+    };
+    Ok(SeriesUids {
+        study: uid("study_uid")?,
+        series: uid("series_uid")?,
+    })
+}
+
+/// A column with a case.
+pub fn read_case(row: &Row, column: &str) -> Result<Option<CaseId>, StoreError> {
+    let id: Option<String> = row.get(column)?;
+    id.map(|id| CaseId::parse(&id).ok_or_else(|| unreadable("a case")))
+        .transpose()
+}
