@@ -14,8 +14,7 @@ pub use crate::pinned::Writing;
 pub use crate::rows::Referred;
 pub use crate::sql::cases::read_state;
 pub use crate::sql::connection::{
-    Column, Connection, Parameter, Query, Row, containing, microseconds, new_id, read_time,
-    unreadable,
+    Column, Connection, Query, Row, Value, containing, microseconds, new_id, read_time, unreadable,
 };
 pub use crate::sql::made::{as_it_is_known, read_closed, read_fingerprint, read_uid};
 pub use crate::sql::series::{read_accession_number, read_case, read_uids};
@@ -51,96 +50,38 @@ pub mod pins {
 /// whoever does not ask them removes their objects.
 #[async_trait]
 pub trait Tables: fmt::Debug + Send + Sync {
-    /// Those of SQLite. Their numbers follow those of the store.
-    fn for_sqlite(&self) -> &'static Migrations;
-
-    /// Those of PostgreSQL.
-    fn for_postgres(&self) -> &'static Migrations;
+    /// Those of SQLite and those of PostgreSQL. Their numbers follow those of the store.
+    fn migrations(&self) -> [&'static Migrations; 2] {
+        [&[], &[]]
+    }
 
     /// Whether a row refers to an object, which then stays.
-    async fn needs(
-        &self,
-        connection: &mut Connection,
-        object: &ObjectName,
-    ) -> Result<bool, StoreError>;
+    async fn needs(&self, _: &mut Connection, _object: &ObjectName) -> Result<bool, StoreError> {
+        Ok(false)
+    }
 
     /// The next objects of a kind to which rows refer, by digest.
     async fn objects(
         &self,
-        connection: &mut Connection,
-        kind: ObjectKind,
-        after: Option<&ObjectName>,
-        limit: usize,
-    ) -> Result<Vec<ObjectName>, StoreError>;
-
-    /// Prepares for the deletion of a case: abandons the objects of the rows that go with it.
-    async fn leave_case(
-        &self,
-        connection: &mut Connection,
-        case: &CaseId,
-        now: i64,
-    ) -> Result<(), StoreError>;
-
-    /// The image that was sent last under a UID.
-    async fn last_sent(
-        &self,
-        connection: &mut Connection,
-        image: &Uid,
-    ) -> Result<Option<Fingerprint>, StoreError>;
-
-    /// Writes whether something is closed, by the images that it was made of.
-    async fn judge(&self, connection: &mut Connection, made: &Made) -> Result<(), StoreError>;
-
-    /// Why a job must not be done any more, which is asked when it is claimed.
-    async fn refusal(
-        &self,
-        connection: &mut Connection,
-        kind: JobKind,
-        key: &str,
-    ) -> Result<Option<Failure>, StoreError>;
-
-    /// Notes that a job has failed for good.
-    async fn job_failed(
-        &self,
-        connection: &mut Connection,
-        kind: JobKind,
-        key: &str,
-        failure: &Failure,
-    ) -> Result<(), StoreError>;
-
-    /// The kind of the jobs that stay after their end until their row here goes.
-    fn kept_jobs(&self) -> Option<JobKind>;
-}
-
-/// No tables.
-#[async_trait]
-impl Tables for () {
-    fn for_sqlite(&self) -> &'static Migrations {
-        &[]
-    }
-
-    fn for_postgres(&self) -> &'static Migrations {
-        &[]
-    }
-
-    async fn needs(&self, _: &mut Connection, _: &ObjectName) -> Result<bool, StoreError> {
-        Ok(false)
-    }
-
-    async fn objects(
-        &self,
         _: &mut Connection,
-        _: ObjectKind,
-        _: Option<&ObjectName>,
-        _: usize,
+        _kind: ObjectKind,
+        _after: Option<&ObjectName>,
+        _limit: usize,
     ) -> Result<Vec<ObjectName>, StoreError> {
         Ok(Vec::new())
     }
 
-    async fn leave_case(&self, _: &mut Connection, _: &CaseId, _: i64) -> Result<(), StoreError> {
+    /// Prepares for the deletion of a case: abandons the objects of the rows that go with it.
+    async fn leave_case(
+        &self,
+        _: &mut Connection,
+        _: &CaseId,
+        _now: i64,
+    ) -> Result<(), StoreError> {
         Ok(())
     }
 
+    /// The image that was sent last under a UID.
     async fn last_sent(
         &self,
         _: &mut Connection,
@@ -149,30 +90,37 @@ impl Tables for () {
         Ok(None)
     }
 
+    /// Writes whether something is closed, by the images that it was made of.
     async fn judge(&self, _: &mut Connection, _: &Made) -> Result<(), StoreError> {
         Ok(())
     }
 
+    /// Why a job with this key must not be done any more, which is asked when it is claimed.
     async fn refusal(
         &self,
         _: &mut Connection,
         _: JobKind,
-        _: &str,
+        _key: &str,
     ) -> Result<Option<Failure>, StoreError> {
         Ok(None)
     }
 
+    /// Notes that a job with this key has failed for good.
     async fn job_failed(
         &self,
         _: &mut Connection,
         _: JobKind,
-        _: &str,
+        _key: &str,
         _: &Failure,
     ) -> Result<(), StoreError> {
         Ok(())
     }
 
+    /// The kind of the jobs that stay after their end until their row here goes.
     fn kept_jobs(&self) -> Option<JobKind> {
         None
     }
 }
+
+/// No tables.
+impl Tables for () {}

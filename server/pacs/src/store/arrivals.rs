@@ -5,6 +5,7 @@ use case::series::{AccessionNumber, SeriesQuery, SeriesUids, Uid};
 use case::{CaseId, Failure, ObjectKind};
 use cases::dicom::Rejection;
 use jiff::Timestamp;
+use storage::args;
 use storage::tables::{
     Connection, Row, containing, jobs, microseconds, new_id, pins, read_accession_number,
     read_case, read_time, read_uid, read_uids, unreadable,
@@ -51,13 +52,8 @@ pub(super) async fn add(
     }
     let id = series(connection, source, new, now).await?;
     let added = connection
-        .query(
-            "INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
-             ON CONFLICT DO NOTHING",
-        )
-        .bind(&id)
-        .bind(new.sop_instance_uid.as_str())
-        .bind(new.digest.to_string())
+        .query("INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
+             ON CONFLICT DO NOTHING", args![&id, new.sop_instance_uid.as_str(), new.digest.to_string()])
         .execute()
         .await?;
     if added == 0 && !is_another {
@@ -88,10 +84,7 @@ pub(super) async fn add(
         }
     };
     connection
-        .query(sql)
-        .bind(i64::from(added > 0))
-        .bind(now)
-        .bind(&id)
+        .query(sql, args![i64::from(added > 0), now, &id])
         .execute()
         .await?;
     Ok(match is_another {
@@ -106,17 +99,11 @@ async fn came_again(connection: &mut Connection, id: &str, now: i64) -> Result<(
     jobs::cancel(connection, SERIES, id).await?;
     let waits = |name: &str| format!("%\"{name}\"%");
     connection
-        .query(
-            "UPDATE arrivals SET last_at = $1,
+        .query("UPDATE arrivals SET last_at = $1,
                     state = CASE WHEN state = 'case' OR state = 'nothing' AND (reason LIKE $2 OR reason LIKE $3)
                                  THEN 'receiving' ELSE state END,
                     reason = CASE WHEN state = 'nothing' AND (reason LIKE $2 OR reason LIKE $3) THEN NULL ELSE reason END
-             WHERE id = $4",
-        )
-        .bind(now)
-        .bind(waits(INCOMPLETE_CORRECTION))
-        .bind(waits(IMAGES_LOST))
-        .bind(id)
+             WHERE id = $4", args![now, waits(INCOMPLETE_CORRECTION), waits(IMAGES_LOST), id])
         .execute()
         .await?;
     Ok(())
@@ -134,10 +121,12 @@ async fn leave_others(
             "DELETE FROM arrival_instances WHERE sop_instance_uid = $1 AND arrival_id NOT IN
                  (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3)
              RETURNING arrival_id, digest",
+            args![
+                new.sop_instance_uid.as_str(),
+                new.uids.study.as_str(),
+                new.uids.series.as_str()
+            ],
         )
-        .bind(new.sop_instance_uid.as_str())
-        .bind(new.uids.study.as_str())
-        .bind(new.uids.series.as_str())
         .fetch_all()
         .await?;
     for row in &rows {
@@ -146,16 +135,11 @@ async fn leave_others(
         let detail = "the images of the series have come again under another study or series";
         let moved = serde_json::to_string(&Failure::unusable(MOVED, detail))?;
         connection
-            .query(
-                "UPDATE arrivals SET corrected = CASE WHEN state = 'receiving' THEN corrected + 1 ELSE 1 END,
+            .query("UPDATE arrivals SET corrected = CASE WHEN state = 'receiving' THEN corrected + 1 ELSE 1 END,
                         instances = instances - 1, expected = NULL, last_at = $1, case_id = NULL,
                         state = CASE WHEN instances > 1 THEN 'receiving' ELSE 'nothing' END,
                         reason = CASE WHEN instances > 1 THEN NULL ELSE $2 END
-                 WHERE id = $3",
-            )
-            .bind(now)
-            .bind(moved)
-            .bind(&other)
+                 WHERE id = $3", args![now, moved, &other])
             .execute()
             .await?;
         jobs::cancel(connection, SERIES, &other).await?;
@@ -173,25 +157,25 @@ async fn replace(
     let row = connection
         .query(
             "SELECT digest FROM arrival_instances WHERE arrival_id = $1 AND sop_instance_uid = $2",
+            args![id, new.sop_instance_uid.as_str()],
         )
-        .bind(id)
-        .bind(new.sop_instance_uid.as_str())
         .fetch_one()
         .await?;
     let old = read_object(&row)?;
     connection
-        .query("UPDATE arrival_instances SET digest = $1 WHERE arrival_id = $2 AND sop_instance_uid = $3")
-        .bind(new.digest.to_string())
-        .bind(id)
-        .bind(new.sop_instance_uid.as_str())
+        .query("UPDATE arrival_instances SET digest = $1 WHERE arrival_id = $2 AND sop_instance_uid = $3", args![new.digest.to_string(), id, new.sop_instance_uid.as_str()])
         .execute()
         .await?;
     pins::abandon(connection, vec![old], now).await?;
     connection
-        .query("UPDATE arrivals SET accession_number = $1, label = $2 WHERE id = $3")
-        .bind(new.accession_number.as_ref().map(AccessionNumber::as_str))
-        .bind(&new.label)
-        .bind(id)
+        .query(
+            "UPDATE arrivals SET accession_number = $1, label = $2 WHERE id = $3",
+            args![
+                new.accession_number.as_ref().map(AccessionNumber::as_str),
+                &new.label,
+                id
+            ],
+        )
         .execute()
         .await?;
     Ok(())
@@ -206,17 +190,9 @@ pub(super) async fn ignore(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored)
+        .query("INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at, ignored)
              VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6, 1)
-             ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1",
-        )
-        .bind(new_id())
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
-        .bind(source.name())
-        .bind(serde_json::to_string(reason)?)
-        .bind(now)
+             ON CONFLICT (study_uid, series_uid) DO UPDATE SET ignored = arrivals.ignored + 1", args![new_id(), uids.study.as_str(), uids.series.as_str(), source.name(), serde_json::to_string(reason)?, now])
         .execute()
         .await?;
     Ok(())
@@ -236,18 +212,10 @@ pub(super) async fn reject(
     let mut here = 0;
     for (uids, instances) in &rejection.series {
         let row = connection
-            .query(
-                "INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at)
+            .query("INSERT INTO arrivals (id, study_uid, series_uid, source, state, reason, first_at, last_at)
                  VALUES ($1, $2, $3, $4, 'nothing', $5, $6, $6)
                  ON CONFLICT (study_uid, series_uid) DO UPDATE SET last_at = $6
-                 RETURNING id",
-            )
-            .bind(new_id())
-            .bind(uids.study.as_str())
-            .bind(uids.series.as_str())
-            .bind(source.name())
-            .bind(serde_json::to_string(&images_rejected())?)
-            .bind(now)
+                 RETURNING id", args![new_id(), uids.study.as_str(), uids.series.as_str(), source.name(), serde_json::to_string(&images_rejected())?, now])
             .fetch_one()
             .await?;
         here += read_again(connection, &row.get::<String>("id")?, instances).await?;
@@ -265,9 +233,10 @@ pub(super) async fn lift(
         return Ok(false);
     };
     let row = connection
-        .query("SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2")
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
+        .query(
+            "SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2",
+            args![uids.study.as_str(), uids.series.as_str()],
+        )
         .fetch_optional()
         .await?;
     if let Some(row) = row {
@@ -287,17 +256,15 @@ async fn read_again(
         let row = connection
             .query(
                 "SELECT 1 FROM arrival_instances WHERE arrival_id = $1 AND sop_instance_uid = $2",
+                args![id, instance.as_str()],
             )
-            .bind(id)
-            .bind(instance.as_str())
             .fetch_optional()
             .await?;
         here += usize::from(row.is_some());
     }
     if here > 0 {
         connection
-            .query("UPDATE arrivals SET expected = NULL, case_id = NULL, state = 'receiving', reason = NULL WHERE id = $1")
-            .bind(id)
+            .query("UPDATE arrivals SET expected = NULL, case_id = NULL, state = 'receiving', reason = NULL WHERE id = $1", args![id])
             .execute()
             .await?;
         jobs::cancel(connection, SERIES, id).await?;
@@ -313,24 +280,16 @@ async fn series(
     now: i64,
 ) -> Result<String, StoreError> {
     connection
-        .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, label, state, first_at, last_at)
+        .query("INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, label, state, first_at, last_at)
              VALUES ($1, $2, $3, $4, $5, $6, 'receiving', $7, $7)
-             ON CONFLICT (study_uid, series_uid) DO UPDATE SET label = coalesce(arrivals.label, excluded.label)",
-        )
-        .bind(new_id())
-        .bind(new.uids.study.as_str())
-        .bind(new.uids.series.as_str())
-        .bind(new.accession_number.as_ref().map(AccessionNumber::as_str))
-        .bind(source.name())
-        .bind(&new.label)
-        .bind(now)
+             ON CONFLICT (study_uid, series_uid) DO UPDATE SET label = coalesce(arrivals.label, excluded.label)", args![new_id(), new.uids.study.as_str(), new.uids.series.as_str(), new.accession_number.as_ref().map(AccessionNumber::as_str), source.name(), &new.label, now])
         .execute()
         .await?;
     let row = connection
-        .query("SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2")
-        .bind(new.uids.study.as_str())
-        .bind(new.uids.series.as_str())
+        .query(
+            "SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2",
+            args![new.uids.study.as_str(), new.uids.series.as_str()],
+        )
         .fetch_one()
         .await?;
     row.get("id")
@@ -345,17 +304,9 @@ pub(super) async fn write_copied(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query(
-            "INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at)
+        .query("INSERT INTO arrivals (id, study_uid, series_uid, accession_number, source, state, first_at, last_at)
              VALUES ($1, $2, $3, $4, $5, 'receiving', $6, $6)
-             ON CONFLICT (study_uid, series_uid) DO NOTHING",
-        )
-        .bind(&arrival.id)
-        .bind(arrival.uids.study.as_str())
-        .bind(arrival.uids.series.as_str())
-        .bind(arrival.accession_number.as_ref().map(AccessionNumber::as_str))
-        .bind(arrival.source.name())
-        .bind(now)
+             ON CONFLICT (study_uid, series_uid) DO NOTHING", args![&arrival.id, arrival.uids.study.as_str(), arrival.uids.series.as_str(), arrival.accession_number.as_ref().map(AccessionNumber::as_str), arrival.source.name(), now])
         .execute()
         .await?;
     for image in images {
@@ -371,24 +322,9 @@ pub(super) async fn write_copied(
     let taken = arrival.taken.as_ref().map(serde_json::to_string);
     let refused = arrival.refused.as_ref().map(serde_json::to_string);
     connection
-        .query(
-            "UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
+        .query("UPDATE arrivals SET state = $1, reason = $2, case_id = $3, expected = $4, first_at = $5, last_at = $6,
                     label = $7, taken = $8, refused = $9, corrected = $10, ignored = $11
-             WHERE study_uid = $12 AND series_uid = $13",
-        )
-        .bind(state.name())
-        .bind(reason.transpose()?)
-        .bind(case)
-        .bind(arrival.expected.map(count))
-        .bind(arrival.first_at.as_microsecond())
-        .bind(arrival.last_at.as_microsecond())
-        .bind(&arrival.label)
-        .bind(taken.transpose()?)
-        .bind(refused.transpose()?)
-        .bind(count(arrival.corrected))
-        .bind(count(arrival.ignored))
-        .bind(arrival.uids.study.as_str())
-        .bind(arrival.uids.series.as_str())
+             WHERE study_uid = $12 AND series_uid = $13", args![state.name(), reason.transpose()?, case, arrival.expected.map(count), arrival.first_at.as_microsecond(), arrival.last_at.as_microsecond(), &arrival.label, taken.transpose()?, refused.transpose()?, count(arrival.corrected), count(arrival.ignored), arrival.uids.study.as_str(), arrival.uids.series.as_str()])
         .execute()
         .await?;
     Ok(())
@@ -403,21 +339,18 @@ async fn write_copied_image(
 ) -> Result<(), StoreError> {
     let id = series(connection, arrival.source, image, now).await?;
     let added = connection
-        .query(
-            "INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
-             ON CONFLICT DO NOTHING",
-        )
-        .bind(&id)
-        .bind(image.sop_instance_uid.as_str())
-        .bind(image.digest.to_string())
+        .query("INSERT INTO arrival_instances (arrival_id, sop_instance_uid, digest) VALUES ($1, $2, $3)
+             ON CONFLICT DO NOTHING", args![&id, image.sop_instance_uid.as_str(), image.digest.to_string()])
         .execute()
         .await?;
     if added == 0 {
         return replace(connection, &id, image, now).await;
     }
     connection
-        .query("UPDATE arrivals SET instances = instances + 1 WHERE id = $1")
-        .bind(&id)
+        .query(
+            "UPDATE arrivals SET instances = instances + 1 WHERE id = $1",
+            args![&id],
+        )
         .execute()
         .await?;
     Ok(())
@@ -447,24 +380,14 @@ pub(super) async fn keep(
             continue;
         }
         connection
-            .query(
-                "DELETE FROM arrival_instances WHERE sop_instance_uid = $1
-                 AND arrival_id = (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3)",
-            )
-            .bind(image.0.as_str())
-            .bind(uids.study.as_str())
-            .bind(uids.series.as_str())
+            .query("DELETE FROM arrival_instances WHERE sop_instance_uid = $1
+                 AND arrival_id = (SELECT id FROM arrivals WHERE study_uid = $2 AND series_uid = $3)", args![image.0.as_str(), uids.study.as_str(), uids.series.as_str()])
             .execute()
             .await?;
         forgotten.push(image.1);
     }
     connection
-        .query(
-            "UPDATE arrivals SET instances = instances - $1 WHERE study_uid = $2 AND series_uid = $3",
-        )
-        .bind(count(forgotten.len()))
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
+        .query("UPDATE arrivals SET instances = instances - $1 WHERE study_uid = $2 AND series_uid = $3", args![count(forgotten.len()), uids.study.as_str(), uids.series.as_str()])
         .execute()
         .await?;
     pins::abandon(connection, forgotten, now).await
@@ -476,10 +399,10 @@ pub(super) async fn expect(
     instances: usize,
 ) -> Result<(), StoreError> {
     connection
-        .query("UPDATE arrivals SET expected = $1 WHERE study_uid = $2 AND series_uid = $3")
-        .bind(count(instances))
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
+        .query(
+            "UPDATE arrivals SET expected = $1 WHERE study_uid = $2 AND series_uid = $3",
+            args![count(instances), uids.study.as_str(), uids.series.as_str()],
+        )
         .execute()
         .await?;
     Ok(())
@@ -492,16 +415,12 @@ pub(super) async fn due(
     now: i64,
 ) -> Result<Vec<String>, StoreError> {
     let rows = connection
-        .query(
-            "SELECT id FROM arrivals
+        .query("SELECT id FROM arrivals
              WHERE state = 'receiving'
                AND (instances >= expected OR last_at <= $1 AND expected IS NULL OR last_at <= $2)
                AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.kind = 'series' AND jobs.key = arrivals.id
                                AND jobs.state IN ('queued', 'running'))
-             ORDER BY last_at, id",
-        )
-        .bind(now - microseconds(terms.stable))
-        .bind(now - microseconds(terms.patience))
+             ORDER BY last_at, id", args![now - microseconds(terms.stable), now - microseconds(terms.patience)])
         .fetch_all()
         .await?;
     rows.iter().map(|row| row.get("id")).collect()
@@ -513,8 +432,10 @@ pub(super) async fn to_read(
     id: &str,
 ) -> Result<Option<DueSeries>, StoreError> {
     let row = connection
-        .query("SELECT study_uid, series_uid, taken, corrected FROM arrivals WHERE id = $1")
-        .bind(id)
+        .query(
+            "SELECT study_uid, series_uid, taken, corrected FROM arrivals WHERE id = $1",
+            args![id],
+        )
         .fetch_optional()
         .await?;
     let Some(row) = row else {
@@ -531,16 +452,13 @@ pub(super) async fn to_read(
 /// The images of a series that are not rejected, by UID.
 async fn due_images(connection: &mut Connection, id: &str) -> Result<Vec<DueImage>, StoreError> {
     let rows = connection
-        .query(
-            "SELECT arrival_instances.sop_instance_uid, digest, times
+        .query("SELECT arrival_instances.sop_instance_uid, digest, times
              FROM arrival_instances JOIN images ON images.sop_instance_uid = arrival_instances.sop_instance_uid
              WHERE arrival_id = $1
                AND NOT EXISTS (SELECT 1 FROM rejections
                                WHERE rejections.sop_instance_uid = images.sop_instance_uid
                                  AND rejections.study_uid = images.study_uid AND rejections.series_uid = images.series_uid)
-             ORDER BY arrival_instances.sop_instance_uid",
-        )
-        .bind(id)
+             ORDER BY arrival_instances.sop_instance_uid", args![id])
         .fetch_all()
         .await?;
     let read_image = |row: &Row| {
@@ -557,8 +475,8 @@ async fn objects(connection: &mut Connection, id: &str) -> Result<Vec<ObjectName
     let rows = connection
         .query(
             "SELECT digest FROM arrival_instances WHERE arrival_id = $1 ORDER BY sop_instance_uid",
+            args![id],
         )
-        .bind(id)
         .fetch_all()
         .await?;
     rows.iter().map(read_object).collect()
@@ -596,11 +514,10 @@ pub(super) async fn settle(
         return Ok(false);
     }
     connection
-        .query("UPDATE arrivals SET state = $4, reason = $1, case_id = $2 WHERE id = $3")
-        .bind(reason)
-        .bind(&case)
-        .bind(id)
-        .bind(state.name())
+        .query(
+            "UPDATE arrivals SET state = $4, reason = $1, case_id = $2 WHERE id = $3",
+            args![reason, &case, id, state.name()],
+        )
         .execute()
         .await?;
     if let Outcome::Case(_) = outcome {
@@ -618,10 +535,14 @@ pub(super) async fn make_nothing(
     failure: &Failure,
 ) -> Result<(), StoreError> {
     connection
-        .query("UPDATE arrivals SET state = $1, reason = $2 WHERE id = $3")
-        .bind(ArrivalState::Nothing.name())
-        .bind(serde_json::to_string(failure)?)
-        .bind(id)
+        .query(
+            "UPDATE arrivals SET state = $1, reason = $2 WHERE id = $3",
+            args![
+                ArrivalState::Nothing.name(),
+                serde_json::to_string(failure)?,
+                id
+            ],
+        )
         .execute()
         .await?;
     Ok(())
@@ -635,10 +556,8 @@ async fn wake_others(connection: &mut Connection, id: &str) -> Result<(), StoreE
             "UPDATE arrivals SET state = 'receiving', reason = NULL
              WHERE id <> $1 AND state = 'nothing' AND (reason LIKE $2 OR reason LIKE $3)
                AND study_uid = (SELECT study_uid FROM arrivals WHERE id = $1)",
+            args![id, format!("%\"{NOT_T1}\"%"), format!("%\"{NO_CASE}\"%")],
         )
-        .bind(id)
-        .bind(format!("%\"{NOT_T1}\"%"))
-        .bind(format!("%\"{NO_CASE}\"%"))
         .execute()
         .await?;
     Ok(())
@@ -652,13 +571,9 @@ pub(super) async fn take(
     taken: &Taken,
 ) -> Result<(), StoreError> {
     connection
-        .query(
-            "UPDATE arrivals SET taken = $1, refused = CASE WHEN state = 'nothing' THEN reason ELSE refused END,
+        .query("UPDATE arrivals SET taken = $1, refused = CASE WHEN state = 'nothing' THEN reason ELSE refused END,
                     state = 'receiving', reason = NULL, corrected = 0
-             WHERE id = $2",
-        )
-        .bind(serde_json::to_string(taken)?)
-        .bind(id)
+             WHERE id = $2", args![serde_json::to_string(taken)?, id])
         .execute()
         .await?;
     // Whoever reads it at this moment does not decide.
@@ -676,21 +591,25 @@ pub(super) async fn page(
         None => (i64::MAX, String::new()),
     };
     let rows = connection
-        .query(select_arrival!(
-            "WHERE (first_at, id) < ($1, $2) AND first_at >= $3 AND first_at < $4
+        .query(
+            select_arrival!(
+                "WHERE (first_at, id) < ($1, $2) AND first_at >= $3 AND first_at < $4
                AND ($5 = '' OR $5 = state)
                AND ($6 = '' OR $6 = case_id)
                AND ($7 = '' OR lower(label) LIKE lower($7) ESCAPE '!')
              ORDER BY first_at DESC, id DESC LIMIT $8"
-        ))
-        .bind(at)
-        .bind(id)
-        .bind(query.since.map_or(0, Timestamp::as_microsecond))
-        .bind(query.until.map_or(i64::MAX, Timestamp::as_microsecond))
-        .bind(query.state.map_or("", ArrivalState::name))
-        .bind(query.case.map_or_else(String::new, |case| case.to_string()))
-        .bind(query.text.as_deref().map_or_else(String::new, containing))
-        .bind(count(limit.saturating_add(1)))
+            ),
+            args![
+                at,
+                id,
+                query.since.map_or(0, Timestamp::as_microsecond),
+                query.until.map_or(i64::MAX, Timestamp::as_microsecond),
+                query.state.map_or("", ArrivalState::name),
+                query.case.map_or_else(String::new, |case| case.to_string()),
+                query.text.as_deref().map_or_else(String::new, containing),
+                count(limit.saturating_add(1))
+            ],
+        )
         .fetch_all()
         .await?;
     let mut arrivals = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
@@ -708,8 +627,7 @@ pub(super) async fn one(
     id: &str,
 ) -> Result<Option<Arrival>, StoreError> {
     let row = connection
-        .query(select_arrival!("WHERE id = $1"))
-        .bind(id)
+        .query(select_arrival!("WHERE id = $1"), args![id])
         .fetch_optional()
         .await?;
     row.as_ref().map(read).transpose()
@@ -723,14 +641,11 @@ pub(super) async fn of(
         SeriesQuery::Study(study, series) => connection
             .query(select_arrival!(
                 "WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid ORDER BY first_at, id"
-            ))
-            .bind(study.as_str())
-            .bind(series.as_ref().map(Uid::as_str)),
+            ), args![study.as_str(), series.as_ref().map(Uid::as_str)]),
         SeriesQuery::AccessionNumber(number) => connection
             .query(select_arrival!(
                 "WHERE accession_number = $1 ORDER BY first_at, id"
-            ))
-            .bind(number.as_str()),
+            ), args![number.as_str()]),
     };
     rows.fetch_all().await?.iter().map(read).collect()
 }
@@ -741,9 +656,10 @@ pub(super) async fn counting_images_of(
     uids: &SeriesUids,
 ) -> Result<Vec<ObjectName>, StoreError> {
     let row = connection
-        .query("SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2")
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
+        .query(
+            "SELECT id FROM arrivals WHERE study_uid = $1 AND series_uid = $2",
+            args![uids.study.as_str(), uids.series.as_str()],
+        )
         .fetch_optional()
         .await?;
     let images = match row {
@@ -758,12 +674,8 @@ pub(super) async fn images_of(
     uids: &SeriesUids,
 ) -> Result<Vec<(Uid, ObjectName)>, StoreError> {
     let rows = connection
-        .query(
-            "SELECT sop_instance_uid, digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
-             WHERE study_uid = $1 AND series_uid = $2 ORDER BY sop_instance_uid",
-        )
-        .bind(uids.study.as_str())
-        .bind(uids.series.as_str())
+        .query("SELECT sop_instance_uid, digest FROM arrival_instances JOIN arrivals ON arrivals.id = arrival_id
+             WHERE study_uid = $1 AND series_uid = $2 ORDER BY sop_instance_uid", args![uids.study.as_str(), uids.series.as_str()])
         .fetch_all()
         .await?;
     let read = |row: &Row| Ok((read_uid(row, "sop_instance_uid")?, read_object(row)?));
@@ -777,8 +689,10 @@ pub(super) async fn forget(
     now: i64,
 ) -> Result<usize, StoreError> {
     let rows = connection
-        .query("SELECT id FROM arrivals WHERE state <> 'receiving' AND last_at <= $1")
-        .bind(before)
+        .query(
+            "SELECT id FROM arrivals WHERE state <> 'receiving' AND last_at <= $1",
+            args![before],
+        )
         .fetch_all()
         .await?;
     for row in &rows {
@@ -795,8 +709,10 @@ pub(super) async fn remove_of_case(
     now: i64,
 ) -> Result<(), StoreError> {
     let rows = connection
-        .query("SELECT id FROM arrivals WHERE case_id = $1 AND state IN ('case', 'layer')")
-        .bind(case.to_string())
+        .query(
+            "SELECT id FROM arrivals WHERE case_id = $1 AND state IN ('case', 'layer')",
+            args![case.to_string()],
+        )
         .fetch_all()
         .await?;
     for row in &rows {
@@ -804,15 +720,11 @@ pub(super) async fn remove_of_case(
     }
     // A correction of it waits for nothing any more.
     connection
-        .query(
-            "UPDATE arrivals SET state = 'receiving', reason = NULL
+        .query("UPDATE arrivals SET state = 'receiving', reason = NULL
              WHERE state = 'nothing' AND reason LIKE $2
                AND id IN (SELECT arrival_id FROM arrival_instances
                           JOIN made_of ON made_of.sop_instance_uid = arrival_instances.sop_instance_uid
-                          WHERE case_id = $1 AND layer_id = '' AND result_id = '')",
-        )
-        .bind(case.to_string())
-        .bind(format!("%\"{INCOMPLETE_CORRECTION}\"%"))
+                          WHERE case_id = $1 AND layer_id = '' AND result_id = '')", args![case.to_string(), format!("%\"{INCOMPLETE_CORRECTION}\"%")])
         .execute()
         .await?;
     Ok(())
@@ -824,8 +736,7 @@ async fn remove(connection: &mut Connection, id: &str, now: i64) -> Result<(), S
     jobs::remove(connection, id).await?;
     // Its images go with it (ON DELETE CASCADE).
     connection
-        .query("DELETE FROM arrivals WHERE id = $1")
-        .bind(id)
+        .query("DELETE FROM arrivals WHERE id = $1", args![id])
         .execute()
         .await?;
     Ok(())

@@ -8,6 +8,7 @@ use case::images::{Fingerprint, Following, Image};
 use case::series::{SeriesUids, Uid};
 use case::{CaseId, LayerId};
 use cases::dicom::Rejection;
+use storage::args;
 use storage::tables::{
     Connection, Row, as_it_is_known, new_id, read_closed, read_fingerprint, read_state, read_time,
     read_uid, read_uids, unreadable,
@@ -21,11 +22,8 @@ use crate::values::{
 
 async fn last(connection: &mut Connection, uid: &Uid) -> Result<Option<LastImage>, StoreError> {
     let row = connection
-        .query(
-            "SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
-             WHERE sop_instance_uid = $1",
-        )
-        .bind(uid.as_str())
+        .query("SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
+             WHERE sop_instance_uid = $1", args![uid.as_str()])
         .fetch_optional()
         .await?;
     row.as_ref().map(read_last).transpose()
@@ -113,12 +111,7 @@ pub(super) async fn arrive(
     };
     write(connection, &image).await?;
     let returned = connection
-        .query(
-            "DELETE FROM rejections WHERE sop_instance_uid = $1 AND study_uid = $2 AND series_uid = $3 AND may_return = 1",
-        )
-        .bind(uid.as_str())
-        .bind(new.uids.study.as_str())
-        .bind(new.uids.series.as_str())
+        .query("DELETE FROM rejections WHERE sop_instance_uid = $1 AND study_uid = $2 AND series_uid = $3 AND may_return = 1", args![uid.as_str(), new.uids.study.as_str(), new.uids.series.as_str()])
         .execute()
         .await?;
     if returned > 0 || arrived != Arrived::Following(Following::Same) {
@@ -139,10 +132,8 @@ pub(super) async fn make_result(
                 "INSERT INTO made_of (case_id, result_id, sop_instance_uid, fingerprint, times)
                  SELECT case_id, $1, sop_instance_uid, fingerprint, times FROM made_of
                  WHERE case_id = $2 AND layer_id = $3 AND result_id = '' ON CONFLICT DO NOTHING",
+                args![&result.result, &result.case, layer.to_string()],
             )
-            .bind(&result.result)
-            .bind(&result.case)
-            .bind(layer.to_string())
             .execute()
             .await?;
     }
@@ -157,8 +148,10 @@ pub(super) async fn judge(
     let mut all = BTreeSet::new();
     for uid in uids {
         let rows = connection
-            .query("SELECT case_id, layer_id, result_id FROM made_of WHERE sop_instance_uid = $1")
-            .bind(uid.as_str())
+            .query(
+                "SELECT case_id, layer_id, result_id FROM made_of WHERE sop_instance_uid = $1",
+                args![uid.as_str()],
+            )
             .fetch_all()
             .await?;
         for row in &rows {
@@ -203,10 +196,7 @@ pub(super) async fn judge_made(connection: &mut Connection, made: &Made) -> Resu
         }
     };
     connection
-        .query(sql)
-        .bind(case)
-        .bind(layer)
-        .bind(result)
+        .query(sql, args![case, layer, result])
         .execute()
         .await?;
     if layer.is_empty() && result.is_empty() {
@@ -225,8 +215,8 @@ pub(super) async fn wake_layers_of_closed(
             "UPDATE arrivals SET state = 'receiving', reason = NULL, case_id = NULL
              WHERE case_id = $1 AND instances > 0 AND state = 'layer'
                AND (SELECT closed FROM cases WHERE cases.id = $1) > 0",
+            args![case],
         )
-        .bind(case)
         .execute()
         .await?;
     Ok(())
@@ -266,21 +256,12 @@ pub(super) async fn withdraw(
 ) -> Result<(), StoreError> {
     let uids = withdrawn.uids.as_ref();
     connection
-        .query(
-            "INSERT INTO rejections (sop_instance_uid, rejected_at, study_uid, series_uid, id, rejected_by, may_return)
+        .query("INSERT INTO rejections (sop_instance_uid, rejected_at, study_uid, series_uid, id, rejected_by, may_return)
              VALUES ($1, $2, $3, $4, $5, $6, $7)
              ON CONFLICT (sop_instance_uid, study_uid, series_uid) DO UPDATE
              SET rejected_at = excluded.rejected_at, id = excluded.id, rejected_by = excluded.rejected_by,
                  may_return = CASE WHEN rejections.may_return = 0 THEN 0 ELSE excluded.may_return END
-             WHERE rejections.rejected_at <= excluded.rejected_at",
-        )
-        .bind(withdrawn.instance.as_str())
-        .bind(withdrawn.at.as_microsecond())
-        .bind(uids.map_or("", |uids| uids.study.as_str()))
-        .bind(uids.map_or("", |uids| uids.series.as_str()))
-        .bind(&withdrawn.id)
-        .bind(&withdrawn.by)
-        .bind(i64::from(withdrawn.may_return))
+             WHERE rejections.rejected_at <= excluded.rejected_at", args![withdrawn.instance.as_str(), withdrawn.at.as_microsecond(), uids.map_or("", |uids| uids.study.as_str()), uids.map_or("", |uids| uids.series.as_str()), &withdrawn.id, &withdrawn.by, i64::from(withdrawn.may_return)])
         .execute()
         .await?;
     Ok(())
@@ -294,10 +275,7 @@ pub(super) async fn lift(
     changed: &mut Vec<CaseId>,
 ) -> Result<Option<(SeriesUids, Vec<Uid>)>, StoreError> {
     let rows = connection
-        .query(
-            "DELETE FROM rejections WHERE id = $1 AND study_uid <> '' RETURNING sop_instance_uid, study_uid, series_uid",
-        )
-        .bind(id)
+        .query("DELETE FROM rejections WHERE id = $1 AND study_uid <> '' RETURNING sop_instance_uid, study_uid, series_uid", args![id])
         .fetch_all()
         .await?;
     let Some(first) = rows.first() else {
@@ -318,13 +296,10 @@ pub(super) async fn rejected(
     limit: usize,
 ) -> Result<Vec<Rejected>, StoreError> {
     let rows = connection
-        .query(
-            "SELECT id, study_uid, series_uid, count(*) AS instances, max(rejected_by) AS rejected_by, max(rejected_at) AS rejected_at,
+        .query("SELECT id, study_uid, series_uid, count(*) AS instances, max(rejected_by) AS rejected_by, max(rejected_at) AS rejected_at,
                     min(may_return) AS may_return
              FROM rejections WHERE study_uid <> '' GROUP BY id, study_uid, series_uid
-             ORDER BY max(rejected_at) DESC, id LIMIT $1",
-        )
-        .bind(count(limit))
+             ORDER BY max(rejected_at) DESC, id LIMIT $1", args![count(limit)])
         .fetch_all()
         .await?;
     let read = |row: &Row| {
@@ -346,8 +321,10 @@ pub(super) async fn is_withdrawn(
     instance: &Uid,
 ) -> Result<bool, StoreError> {
     let row = connection
-        .query("SELECT sop_instance_uid FROM rejections WHERE sop_instance_uid = $1 LIMIT 1")
-        .bind(instance.as_str())
+        .query(
+            "SELECT sop_instance_uid FROM rejections WHERE sop_instance_uid = $1 LIMIT 1",
+            args![instance.as_str()],
+        )
         .fetch_optional()
         .await?;
     Ok(row.is_some())
@@ -361,15 +338,9 @@ pub(super) async fn withdrawn(
 ) -> Result<Vec<Withdrawn>, StoreError> {
     let uids = after.and_then(|after| after.uids.as_ref());
     let rows = connection
-        .query(
-            "SELECT sop_instance_uid, study_uid, series_uid, rejected_at, id, rejected_by, may_return FROM rejections
+        .query("SELECT sop_instance_uid, study_uid, series_uid, rejected_at, id, rejected_by, may_return FROM rejections
              WHERE (sop_instance_uid, study_uid, series_uid) > ($1, $2, $3)
-             ORDER BY sop_instance_uid, study_uid, series_uid LIMIT $4",
-        )
-        .bind(after.map_or("", |after| after.instance.as_str()))
-        .bind(uids.map_or("", |uids| uids.study.as_str()))
-        .bind(uids.map_or("", |uids| uids.series.as_str()))
-        .bind(count(limit))
+             ORDER BY sop_instance_uid, study_uid, series_uid LIMIT $4", args![after.map_or("", |after| after.instance.as_str()), uids.map_or("", |uids| uids.study.as_str()), uids.map_or("", |uids| uids.series.as_str()), count(limit)])
         .fetch_all()
         .await?;
     let read = |row: &Row| {
@@ -393,12 +364,8 @@ pub(super) async fn all(
     limit: usize,
 ) -> Result<Vec<LastImage>, StoreError> {
     let rows = connection
-        .query(
-            "SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
-             WHERE sop_instance_uid > $1 ORDER BY sop_instance_uid LIMIT $2",
-        )
-        .bind(after.map_or("", |after| after.uid.as_str()))
-        .bind(count(limit))
+        .query("SELECT sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at FROM images
+             WHERE sop_instance_uid > $1 ORDER BY sop_instance_uid LIMIT $2", args![after.map_or("", |after| after.uid.as_str()), count(limit)])
         .fetch_all()
         .await?;
     rows.iter().map(read_last).collect()
@@ -406,20 +373,11 @@ pub(super) async fn all(
 
 async fn write(connection: &mut Connection, image: &LastImage) -> Result<(), StoreError> {
     connection
-        .query(
-            "INSERT INTO images (sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at)
+        .query("INSERT INTO images (sop_instance_uid, study_uid, series_uid, fingerprint, times, sender, last_at)
              VALUES ($1, $2, $3, $4, $5, $6, $7)
              ON CONFLICT (sop_instance_uid) DO UPDATE
              SET study_uid = excluded.study_uid, series_uid = excluded.series_uid, fingerprint = excluded.fingerprint,
-                 times = excluded.times, sender = excluded.sender, last_at = excluded.last_at",
-        )
-        .bind(image.uid.as_str())
-        .bind(image.uids.study.as_str())
-        .bind(image.uids.series.as_str())
-        .bind((image.fingerprint.as_ref()).map_or_else(String::new, Fingerprint::to_string))
-        .bind(image.times)
-        .bind(image.sender.name())
-        .bind(image.last_at)
+                 times = excluded.times, sender = excluded.sender, last_at = excluded.last_at", args![image.uid.as_str(), image.uids.study.as_str(), image.uids.series.as_str(), (image.fingerprint.as_ref()).map_or_else(String::new, Fingerprint::to_string), image.times, image.sender.name(), image.last_at])
         .execute()
         .await?;
     Ok(())
@@ -445,10 +403,7 @@ pub(super) async fn made_of_any(
     let mut ids = BTreeSet::new();
     for image in images {
         let rows = connection
-            .query(
-                "SELECT case_id FROM made_of WHERE sop_instance_uid = $1 AND layer_id = '' AND result_id = ''",
-            )
-            .bind(image.uid.as_str())
+            .query("SELECT case_id FROM made_of WHERE sop_instance_uid = $1 AND layer_id = '' AND result_id = ''", args![image.uid.as_str()])
             .fetch_all()
             .await?;
         for row in &rows {
@@ -458,8 +413,10 @@ pub(super) async fn made_of_any(
     let mut cases = Vec::with_capacity(ids.len());
     for id in ids {
         let row = connection
-            .query("SELECT state, NULL AS job_state, closed, created_at FROM cases WHERE id = $1")
-            .bind(&id)
+            .query(
+                "SELECT state, NULL AS job_state, closed, created_at FROM cases WHERE id = $1",
+                args![&id],
+            )
             .fetch_one()
             .await?;
         let state = read_state(&row).ok_or_else(|| unreadable("a state"))?;
@@ -467,8 +424,7 @@ pub(super) async fn made_of_any(
         let closed = read_closed(&row, "closed")?;
         let case = CaseId::parse(&id).ok_or_else(|| unreadable("a case"))?;
         let rows = connection
-            .query(
-                "SELECT made_of.sop_instance_uid, made_of.fingerprint, made_of.times,
+            .query("SELECT made_of.sop_instance_uid, made_of.fingerprint, made_of.times,
                         CAST(CASE WHEN images.times > made_of.times THEN 1 ELSE 0 END AS BIGINT) AS again,
                         CAST(CASE WHEN EXISTS (SELECT 1 FROM rejections
                              WHERE rejections.sop_instance_uid = made_of.sop_instance_uid
@@ -476,9 +432,7 @@ pub(super) async fn made_of_any(
                              THEN 1 ELSE 0 END AS BIGINT) AS rejected
                  FROM made_of LEFT JOIN images ON images.sop_instance_uid = made_of.sop_instance_uid
                  WHERE made_of.case_id = $1 AND made_of.layer_id = '' AND made_of.result_id = ''
-                 ORDER BY made_of.sop_instance_uid",
-            )
-            .bind(&id)
+                 ORDER BY made_of.sop_instance_uid", args![&id])
             .fetch_all()
             .await?;
         let mut is_received = false;
@@ -509,21 +463,15 @@ pub(super) async fn made_of_any(
 /// Forgets images and rejections that are older than a time and that nothing names any more.
 pub(super) async fn forget(connection: &mut Connection, before: i64) -> Result<(), StoreError> {
     connection
-        .query(
-            "DELETE FROM images WHERE last_at <= $1
+        .query("DELETE FROM images WHERE last_at <= $1
                AND NOT EXISTS (SELECT 1 FROM made_of WHERE made_of.sop_instance_uid = images.sop_instance_uid)
-               AND NOT EXISTS (SELECT 1 FROM arrival_instances WHERE arrival_instances.sop_instance_uid = images.sop_instance_uid)",
-        )
-        .bind(before)
+               AND NOT EXISTS (SELECT 1 FROM arrival_instances WHERE arrival_instances.sop_instance_uid = images.sop_instance_uid)", args![before])
         .execute()
         .await?;
     connection
-        .query(
-            "DELETE FROM rejections WHERE rejected_at <= $1
+        .query("DELETE FROM rejections WHERE rejected_at <= $1
                AND NOT EXISTS (SELECT 1 FROM made_of WHERE made_of.sop_instance_uid = rejections.sop_instance_uid)
-               AND NOT EXISTS (SELECT 1 FROM images WHERE images.sop_instance_uid = rejections.sop_instance_uid)",
-        )
-        .bind(before)
+               AND NOT EXISTS (SELECT 1 FROM images WHERE images.sop_instance_uid = rejections.sop_instance_uid)", args![before])
         .execute()
         .await?;
     Ok(())

@@ -24,6 +24,7 @@ use case::{CaseId, Failure};
 use cases::dicom::Rejection;
 use jiff::Timestamp;
 use storage::Pinned;
+use storage::args;
 use storage::tables::{Connection, Referred, Row, jobs, microseconds, pins, unreadable};
 use storage::{Claim, ListCursor, NewJob, ObjectName, Store, StoreError};
 
@@ -468,13 +469,11 @@ impl PacsStore {
         let rows = self
             .connect()
             .await?
-            .query(
-                "SELECT 'arrivals' AS what, '' AS part, state, count(*) AS number FROM arrivals GROUP BY state
+            .query("SELECT 'arrivals' AS what, '' AS part, state, count(*) AS number FROM arrivals GROUP BY state
                  UNION ALL SELECT 'results', node, state, count(*) FROM
                      (SELECT node, coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
                                              ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done') AS state
-                      FROM results) AS sent GROUP BY node, state",
-            )
+                      FROM results) AS sent GROUP BY node, state", args![])
             .fetch_all()
             .await?;
         let read = |row: &Row| {
@@ -496,10 +495,8 @@ impl PacsStore {
     pub async fn count(&self) -> Result<OfPacs, StoreError> {
         let mut connection = self.connect().await?;
         let row = connection
-            .query(
-                "SELECT (SELECT count(*) FROM arrivals) AS series, (SELECT count(*) FROM arrival_instances) AS images,
-                        (SELECT count(*) FROM results) AS results",
-            )
+            .query("SELECT (SELECT count(*) FROM arrivals) AS series, (SELECT count(*) FROM arrival_instances) AS images,
+                        (SELECT count(*) FROM results) AS results", args![])
             .fetch_one()
             .await?;
         let count = |column| row.get::<i64>(column).map(i64::unsigned_abs);

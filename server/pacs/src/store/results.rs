@@ -3,6 +3,7 @@
 use case::images::Image;
 use case::series::Uid;
 use case::{CaseId, Failure, JobState, LayerId};
+use storage::args;
 use storage::tables::{
     Connection, Row, jobs, layers, made, new_id, pins, read_case, read_closed, read_time, read_uid,
     unreadable,
@@ -62,28 +63,17 @@ async fn insert(
     now: i64,
 ) -> Result<String, StoreError> {
     connection
-        .query(
-            "INSERT INTO results (id, case_id, node, study_uid, sop_instance_uid, digest, created_at,
+        .query("INSERT INTO results (id, case_id, node, study_uid, sop_instance_uid, digest, created_at,
                                   sop_class_uid, series_uid, layers)
              VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10)
-             ON CONFLICT (sop_instance_uid, node) DO NOTHING",
-        )
-        .bind(new_id())
-        .bind(new.case.to_string())
-        .bind(&new.node)
-        .bind(new.study.as_str())
-        .bind(new.instance.as_str())
-        .bind(new.digest.to_string())
-        .bind(now)
-        .bind(new.series.sop_class_uid.as_str())
-        .bind(new.series.series_uid.as_str())
-        .bind(written(&new.layers))
+             ON CONFLICT (sop_instance_uid, node) DO NOTHING", args![new_id(), new.case.to_string(), &new.node, new.study.as_str(), new.instance.as_str(), new.digest.to_string(), now, new.series.sop_class_uid.as_str(), new.series.series_uid.as_str(), written(&new.layers)])
         .execute()
         .await?;
     let row = connection
-        .query("SELECT id FROM results WHERE sop_instance_uid = $1 AND node = $2")
-        .bind(new.instance.as_str())
-        .bind(&new.node)
+        .query(
+            "SELECT id FROM results WHERE sop_instance_uid = $1 AND node = $2",
+            args![new.instance.as_str(), &new.node],
+        )
         .fetch_one()
         .await?;
     row.get("id")
@@ -108,10 +98,10 @@ pub(super) async fn write_copied(
     let known = insert(connection, &new, now).await?;
     jobs::remove(connection, &known).await?;
     connection
-        .query("UPDATE results SET id = $1, created_at = $2 WHERE id = $3")
-        .bind(&result.id)
-        .bind(result.created_at.as_microsecond())
-        .bind(known)
+        .query(
+            "UPDATE results SET id = $1, created_at = $2 WHERE id = $3",
+            args![&result.id, result.created_at.as_microsecond(), known],
+        )
         .execute()
         .await?;
     let result_images = Made::result(&result.case, &result.id);
@@ -133,18 +123,11 @@ pub(super) async fn page(
         None => (i64::MAX, String::new()),
     };
     let rows = connection
-        .query(
-            "SELECT id FROM results
+        .query("SELECT id FROM results
              WHERE (created_at, id) < ($1, $2) AND coalesce($3, case_id) = case_id
                AND ($4 IS NULL OR $4 = coalesce((SELECT jobs.state FROM jobs WHERE jobs.key = results.id
                                                  ORDER BY jobs.created_at DESC, jobs.id DESC LIMIT 1), 'done'))
-             ORDER BY created_at DESC, id DESC LIMIT $5",
-        )
-        .bind(at)
-        .bind(id)
-        .bind(query.case.map(|case| case.to_string()))
-        .bind(query.state.map(JobState::name))
-        .bind(count(limit.saturating_add(1)))
+             ORDER BY created_at DESC, id DESC LIMIT $5", args![at, id, query.case.map(|case| case.to_string()), query.state.map(JobState::name), count(limit.saturating_add(1))])
         .fetch_all()
         .await?;
     let mut results = Vec::with_capacity(rows.len());
@@ -166,8 +149,7 @@ pub(super) async fn one(
     id: &str,
 ) -> Result<Option<SentResult>, StoreError> {
     let row = connection
-        .query(select_result!("WHERE id = $1"))
-        .bind(id)
+        .query(select_result!("WHERE id = $1"), args![id])
         .fetch_optional()
         .await?;
     let Some(row) = row else {
@@ -197,10 +179,7 @@ pub(super) async fn of_instance(
     instance: &Uid,
 ) -> Result<Option<ObjectName>, StoreError> {
     let row = connection
-        .query(
-            "SELECT digest FROM results WHERE sop_instance_uid = $1 ORDER BY created_at, id LIMIT 1",
-        )
-        .bind(instance.as_str())
+        .query("SELECT digest FROM results WHERE sop_instance_uid = $1 ORDER BY created_at, id LIMIT 1", args![instance.as_str()])
         .fetch_optional()
         .await?;
     row.as_ref().map(read_object).transpose()
@@ -212,11 +191,8 @@ pub(super) async fn of_study(
     study: &Uid,
 ) -> Result<Vec<(Uid, ResultSeries)>, StoreError> {
     let rows = connection
-        .query(
-            "SELECT sop_instance_uid, sop_class_uid, series_uid FROM results WHERE study_uid = $1
-             GROUP BY sop_instance_uid, sop_class_uid, series_uid ORDER BY min(created_at), sop_instance_uid",
-        )
-        .bind(study.as_str())
+        .query("SELECT sop_instance_uid, sop_class_uid, series_uid FROM results WHERE study_uid = $1
+             GROUP BY sop_instance_uid, sop_class_uid, series_uid ORDER BY min(created_at), sop_instance_uid", args![study.as_str()])
         .fetch_all()
         .await?;
     let read = |row: &Row| Ok((read_uid(row, "sop_instance_uid")?, read_series(row)?));
@@ -243,8 +219,8 @@ pub(super) async fn forget(
                AND NOT EXISTS (SELECT 1 FROM jobs WHERE jobs.key = results.id
                                AND (jobs.ended_at IS NULL OR jobs.ended_at > $1))
              RETURNING id, digest, case_id",
+            args![before],
         )
-        .bind(before)
         .fetch_all()
         .await?;
     for row in &rows {
@@ -262,8 +238,10 @@ pub(super) async fn abandon_of_case(
     now: i64,
 ) -> Result<(), StoreError> {
     let rows = connection
-        .query("SELECT digest FROM results WHERE case_id = $1")
-        .bind(case.to_string())
+        .query(
+            "SELECT digest FROM results WHERE case_id = $1",
+            args![case.to_string()],
+        )
         .fetch_all()
         .await?;
     abandon(connection, &rows, now).await

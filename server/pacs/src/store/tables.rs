@@ -4,6 +4,7 @@ use async_trait::async_trait;
 use case::images::Fingerprint;
 use case::series::Uid;
 use case::{CaseId, Failure, JobKind, ObjectKind};
+use storage::args;
 use storage::tables::{Connection, Migrations, Row, Tables, unreadable};
 use storage::{Made, ObjectName, StoreError};
 
@@ -28,12 +29,8 @@ pub struct PacsTables;
 
 #[async_trait]
 impl Tables for PacsTables {
-    fn for_sqlite(&self) -> &'static Migrations {
-        SQLITE
-    }
-
-    fn for_postgres(&self) -> &'static Migrations {
-        POSTGRES
+    fn migrations(&self) -> [&'static Migrations; 2] {
+        [SQLITE, POSTGRES]
     }
 
     async fn needs(
@@ -50,7 +47,7 @@ impl Tables for PacsTables {
             }
             _ => return Ok(false),
         };
-        let row = connection.query(sql).bind(object.digest.to_string());
+        let row = connection.query(sql, args![object.digest.to_string()]);
         row.fetch_one().await?.get("needed")
     }
 
@@ -72,9 +69,13 @@ impl Tables for PacsTables {
         };
         let after = after.map(|name| name.digest.to_string());
         let rows = connection
-            .query(sql)
-            .bind(after.unwrap_or_default())
-            .bind(i64::try_from(limit).unwrap_or(i64::MAX))
+            .query(
+                sql,
+                args![
+                    after.unwrap_or_default(),
+                    i64::try_from(limit).unwrap_or(i64::MAX)
+                ],
+            )
             .fetch_all()
             .await?;
         let read = |row: &Row| {

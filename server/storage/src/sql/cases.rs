@@ -5,6 +5,7 @@ use jiff::Timestamp;
 use super::connection::{Connection, Row, containing};
 use super::made::{self, read_closed};
 use super::{findings, jobs, layers, pins, upkeep};
+use crate::args;
 use crate::jobs::NewJob;
 use crate::rows::{Inserted, Made, NewCase, Pinned, Referred};
 use crate::{CaseQuery, Cursor, ObjectName, Page, StoreError};
@@ -63,8 +64,10 @@ macro_rules! select_found {
 /// The state of a case as it is written; `None` if there is no such case.
 async fn state(connection: &mut Connection, id: &CaseId) -> Result<Option<String>, StoreError> {
     let row = connection
-        .query("SELECT state FROM cases WHERE id = $1")
-        .bind(id.to_string())
+        .query(
+            "SELECT state FROM cases WHERE id = $1",
+            args![id.to_string()],
+        )
         .fetch_optional()
         .await?;
     row.map(|row| row.get("state")).transpose()
@@ -132,8 +135,10 @@ pub(super) async fn closed(
     id: &CaseId,
 ) -> Result<Option<Closed>, StoreError> {
     let row = connection
-        .query("SELECT closed FROM cases WHERE id = $1")
-        .bind(id.to_string())
+        .query(
+            "SELECT closed FROM cases WHERE id = $1",
+            args![id.to_string()],
+        )
         .fetch_optional()
         .await?;
     match row {
@@ -144,16 +149,8 @@ pub(super) async fn closed(
 
 /// Writes the row of a new case.
 async fn insert(connection: &mut Connection, new: &NewCase, now: i64) -> Result<(), StoreError> {
-    connection.query(
-        "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous)
-         VALUES ($1, $2, $3, $4, 'queued', $5, (SELECT id FROM cases WHERE id = $6))",
-    )
-    .bind(new.id.to_string())
-    .bind(new.parameters.closing_radius_mm)
-    .bind(without_columns(&new.parameters)?)
-    .bind(&new.parameters.name)
-    .bind(now)
-    .bind(new.previous.map(|id| id.to_string()))
+    connection.query("INSERT INTO cases (id, closing_radius_mm, parameters, name, state, created_at, previous)
+         VALUES ($1, $2, $3, $4, 'queued', $5, (SELECT id FROM cases WHERE id = $6))", args![new.id.to_string(), new.parameters.closing_radius_mm, without_columns(&new.parameters)?, &new.parameters.name, now, new.previous.map(|id| id.to_string())])
     .execute()
     .await?;
     Ok(())
@@ -180,8 +177,7 @@ pub(super) fn read_parameters(row: &Row) -> Result<Parameters, StoreError> {
 }
 
 async fn queue_again(connection: &mut Connection, id: &CaseId) -> Result<(), StoreError> {
-    connection.query("UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = $1")
-        .bind(id.to_string())
+    connection.query("UPDATE cases SET state = 'queued', failure = NULL, facts = NULL, facts_digest = NULL WHERE id = $1", args![id.to_string()])
         .execute()
         .await?;
     Ok(())
@@ -217,10 +213,8 @@ pub(super) async fn refer(
             .query(
                 "INSERT INTO case_objects (case_id, kind, digest) VALUES ($1, $2, $3)
              ON CONFLICT (case_id, kind) DO UPDATE SET digest = excluded.digest",
+                args![id.to_string(), name.kind.name(), name.digest.to_string()],
             )
-            .bind(id.to_string())
-            .bind(name.kind.name())
-            .bind(name.digest.to_string())
             .execute()
             .await?;
     }
@@ -246,29 +240,14 @@ pub(super) async fn write_copied(
         .map(serde_json::to_string)
         .transpose()?;
     let written = connection
-        .query(
-            "INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, voxels, created_at,
+        .query("INSERT INTO cases (id, closing_radius_mm, parameters, name, state, failure, facts, facts_digest, voxels, created_at,
                                 uploaded_at, kept, previous)
              VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, (SELECT id FROM cases WHERE id = $13))
              ON CONFLICT (id) DO UPDATE SET name = excluded.name, state = excluded.state, failure = excluded.failure,
                                             facts = excluded.facts, facts_digest = excluded.facts_digest,
                                             voxels = excluded.voxels,
                                             uploaded_at = excluded.uploaded_at, kept = excluded.kept
-             WHERE cases.state <> 'ready' OR excluded.state = 'ready'",
-        )
-        .bind(case.id.to_string())
-        .bind(case.parameters.closing_radius_mm)
-        .bind(without_columns(&case.parameters)?)
-        .bind(&case.parameters.name)
-        .bind(state.name())
-        .bind(failure)
-        .bind(facts.as_deref())
-        .bind(facts.as_deref().map(upkeep::digest))
-        .bind(case.facts.as_ref().and_then(values_of))
-        .bind(case.created_at.as_microsecond())
-        .bind(case.uploaded_at.as_microsecond())
-        .bind(case.kept)
-        .bind(case.previous.map(|id| id.to_string()))
+             WHERE cases.state <> 'ready' OR excluded.state = 'ready'", args![case.id.to_string(), case.parameters.closing_radius_mm, without_columns(&case.parameters)?, &case.parameters.name, state.name(), failure, facts.as_deref(), facts.as_deref().map(upkeep::digest), case.facts.as_ref().and_then(values_of), case.created_at.as_microsecond(), case.uploaded_at.as_microsecond(), case.kept, case.previous.map(|id| id.to_string())])
         .execute()
         .await?;
     Ok(written > 0)
@@ -276,8 +255,10 @@ pub(super) async fn write_copied(
 
 pub(super) async fn is_ready(connection: &mut Connection, id: &CaseId) -> Result<bool, StoreError> {
     let row = connection
-        .query("SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1 AND state = 'ready') AS ready")
-        .bind(id.to_string())
+        .query(
+            "SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1 AND state = 'ready') AS ready",
+            args![id.to_string()],
+        )
         .fetch_one()
         .await?;
     row.get("ready")
@@ -289,13 +270,7 @@ pub(super) async fn make_ready(
     facts: &CaseFacts,
 ) -> Result<(), StoreError> {
     let stored = serde_json::to_string(facts)?;
-    connection.query(
-        "UPDATE cases SET state = 'ready', facts = $1, facts_digest = $2, voxels = $3, failure = NULL WHERE id = $4",
-    )
-    .bind(&stored)
-    .bind(upkeep::digest(&stored))
-    .bind(values_of(facts))
-    .bind(id.to_string())
+    connection.query("UPDATE cases SET state = 'ready', facts = $1, facts_digest = $2, voxels = $3, failure = NULL WHERE id = $4", args![&stored, upkeep::digest(&stored), values_of(facts), id.to_string()])
     .execute()
     .await?;
     Ok(())
@@ -309,10 +284,10 @@ pub(super) async fn change_facts(
 ) -> Result<(), StoreError> {
     let stored = serde_json::to_string(facts)?;
     connection
-        .query("UPDATE cases SET facts = $1, facts_digest = $2 WHERE id = $3 AND state = 'ready'")
-        .bind(&stored)
-        .bind(upkeep::digest(&stored))
-        .bind(id.to_string())
+        .query(
+            "UPDATE cases SET facts = $1, facts_digest = $2 WHERE id = $3 AND state = 'ready'",
+            args![&stored, upkeep::digest(&stored), id.to_string()],
+        )
         .execute()
         .await?;
     Ok(())
@@ -331,28 +306,20 @@ pub(super) async fn make_failed(
     now: i64,
 ) -> Result<(), StoreError> {
     let failure = serde_json::to_string(failure)?;
-    connection.query("UPDATE cases SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE id = $2")
-        .bind(failure.clone())
-        .bind(id.to_string())
+    connection.query("UPDATE cases SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE id = $2", args![failure.clone(), id.to_string()])
         .execute()
         .await?;
     connection
         .query(
             "UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL
              WHERE case_id = $2 AND state = 'queued'",
+            args![failure.clone(), id.to_string()],
         )
-        .bind(failure.clone())
-        .bind(id.to_string())
         .execute()
         .await?;
     connection
-        .query(
-            "UPDATE jobs SET state = 'failed', failure = $1, ended_at = $2, fence = 0, lease_until = NULL
-             WHERE case_id = $3 AND needs_ready AND state IN ('queued', 'running')",
-        )
-        .bind(failure)
-        .bind(now)
-        .bind(id.to_string())
+        .query("UPDATE jobs SET state = 'failed', failure = $1, ended_at = $2, fence = 0, lease_until = NULL
+             WHERE case_id = $3 AND needs_ready AND state IN ('queued', 'running')", args![failure, now, id.to_string()])
         .execute()
         .await?;
     Ok(())
@@ -364,9 +331,10 @@ pub(super) async fn rename(
     name: &str,
 ) -> Result<(), StoreError> {
     connection
-        .query("UPDATE cases SET name = $1 WHERE id = $2")
-        .bind(name)
-        .bind(id.to_string())
+        .query(
+            "UPDATE cases SET name = $1 WHERE id = $2",
+            args![name, id.to_string()],
+        )
         .execute()
         .await?;
     Ok(())
@@ -379,9 +347,10 @@ pub(super) async fn uploaded_again(
     now: i64,
 ) -> Result<bool, StoreError> {
     let changed = connection
-        .query("UPDATE cases SET uploaded_at = $1 WHERE id = $2")
-        .bind(now)
-        .bind(id.to_string())
+        .query(
+            "UPDATE cases SET uploaded_at = $1 WHERE id = $2",
+            args![now, id.to_string()],
+        )
         .execute()
         .await?;
     Ok(changed > 0)
@@ -394,9 +363,10 @@ pub(super) async fn keep(
     kept: bool,
 ) -> Result<bool, StoreError> {
     let changed = connection
-        .query("UPDATE cases SET kept = $1 WHERE id = $2")
-        .bind(kept)
-        .bind(id.to_string())
+        .query(
+            "UPDATE cases SET kept = $1 WHERE id = $2",
+            args![kept, id.to_string()],
+        )
         .execute()
         .await?;
     Ok(changed > 0)
@@ -414,9 +384,8 @@ pub(super) async fn uploaded_before(
              WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
                AND NOT kept AND state IN ('ready', 'failed')
              ORDER BY created_at, id LIMIT $2",
+            args![time, i64::try_from(limit).unwrap_or(i64::MAX)],
         )
-        .bind(time)
-        .bind(i64::try_from(limit).unwrap_or(i64::MAX))
         .fetch_all()
         .await?;
     let read = |row: &Row| {
@@ -436,8 +405,8 @@ pub(super) async fn count_uploaded_before(
             "SELECT count(*) AS count FROM cases
              WHERE created_at <= $1 AND COALESCE(uploaded_at, created_at) <= $1
                AND NOT kept AND state IN ('ready', 'failed')",
+            args![time],
         )
-        .bind(time)
         .fetch_one()
         .await?;
     let count: i64 = row.get("count")?;
@@ -455,9 +424,8 @@ pub(super) async fn is_uploaded_before(
             "SELECT EXISTS (SELECT 1 FROM cases
                             WHERE id = $1 AND COALESCE(uploaded_at, created_at) <= $2
                               AND NOT kept AND state IN ('ready', 'failed')) AS old",
+            args![id.to_string(), time],
         )
-        .bind(id.to_string())
-        .bind(time)
         .fetch_one()
         .await?;
     row.get("old")
@@ -475,14 +443,12 @@ pub(super) async fn delete(
     let tables = connection.tables();
     tables.leave_case(connection, id, now).await?;
     // Its versions become those of the case that it is itself a version of.
-    connection.query("UPDATE cases SET previous = (SELECT previous FROM cases WHERE id = $1) WHERE previous = $1")
-        .bind(id.to_string())
+    connection.query("UPDATE cases SET previous = (SELECT previous FROM cases WHERE id = $1) WHERE previous = $1", args![id.to_string()])
         .execute()
         .await?;
     // The jobs, the layers and the references go with the case (ON DELETE CASCADE).
     let deleted = connection
-        .query("DELETE FROM cases WHERE id = $1")
-        .bind(id.to_string())
+        .query("DELETE FROM cases WHERE id = $1", args![id.to_string()])
         .execute()
         .await?;
     if let Some(values) = known
@@ -524,8 +490,10 @@ pub(super) async fn objects(
     id: &CaseId,
 ) -> Result<Vec<ObjectName>, StoreError> {
     let rows = connection
-        .query("SELECT kind, digest FROM case_objects WHERE case_id = $1 ORDER BY kind")
-        .bind(id.to_string())
+        .query(
+            "SELECT kind, digest FROM case_objects WHERE case_id = $1 ORDER BY kind",
+            args![id.to_string()],
+        )
         .fetch_all()
         .await?;
     rows.iter().map(pins::read_name).collect()
@@ -536,8 +504,7 @@ pub(super) async fn one(
     id: &CaseId,
 ) -> Result<Option<Case>, StoreError> {
     let row = connection
-        .query(select_case!("WHERE id = $1"))
-        .bind(id.to_string())
+        .query(select_case!("WHERE id = $1"), args![id.to_string()])
         .fetch_optional()
         .await?;
     row.as_ref().map(read).transpose()
@@ -552,9 +519,7 @@ pub(super) async fn with_voxels(
     let rows = connection
         .query(select_case!(
             "WHERE voxels = $1 AND cases.state = 'ready' ORDER BY created_at DESC, id DESC LIMIT $2"
-        ))
-        .bind(values)
-        .bind(i64::try_from(limit).unwrap_or(i64::MAX))
+        ), args![values, i64::try_from(limit).unwrap_or(i64::MAX)])
         .fetch_all()
         .await?;
     rows.iter().map(read).collect()
@@ -586,22 +551,18 @@ pub(super) async fn page(
         (None, None, None, None) => select_listed!(""),
     };
     let label = query.label.as_deref();
-    let mut statement = connection
-        .query(statement)
-        .bind(created_at)
-        .bind(id)
-        .bind(i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX))
-        .bind(query.since.map_or(i64::MIN, Timestamp::as_microsecond))
-        .bind(label.map_or_else(String::new, containing))
-        .bind(query.state.map_or("", CaseState::name));
+    let mut args = args![
+        created_at,
+        id,
+        i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX),
+        query.since.map_or(i64::MIN, Timestamp::as_microsecond),
+        label.map_or_else(String::new, containing),
+        query.state.map_or("", CaseState::name)
+    ];
     if study.is_some() || series.is_some() || number.is_some() || patient.is_some() {
-        statement = statement
-            .bind(study)
-            .bind(series)
-            .bind(number)
-            .bind(patient);
+        args.extend(args![study, series, number, patient]);
     }
-    let rows = statement.fetch_all().await?;
+    let rows = connection.query(statement, args).fetch_all().await?;
     let mut cases = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let more = cases.len() > limit;
     cases.truncate(limit);

@@ -18,6 +18,7 @@ use sqlx::{Decode, Encode, Postgres, Row as _, Sqlite, Transaction, Type};
 
 use super::{postgres, sqlite};
 use crate::StoreError;
+use crate::args;
 use crate::rows::Change;
 use crate::tables::Tables;
 
@@ -150,24 +151,20 @@ impl Connection {
         Arc::clone(&self.tables)
     }
 
-    /// A statement to be bound and run.
-    pub fn query(&mut self, sql: &'static str) -> Query<'_> {
+    /// A statement to be run, with the values of its parameters: `connection.query("… WHERE id = $1", args![id])`.
+    pub fn query(&mut self, sql: &'static str, args: Vec<Value>) -> Query<'_> {
         match &mut self.way {
-            Way::Sqlite(connection) => Query::Sqlite(connection, sqlx::query(sql)),
-            Way::SqliteTransaction(transaction, _) => Query::Sqlite(transaction, sqlx::query(sql)),
-            Way::Postgres(connection) => Query::Postgres(connection, sqlx::query(sql)),
-            Way::PostgresTransaction(transaction) => Query::Postgres(transaction, sqlx::query(sql)),
+            Way::Sqlite(connection) => Query::Sqlite(connection, bound(sql, args)),
+            Way::SqliteTransaction(transaction, _) => Query::Sqlite(transaction, bound(sql, args)),
+            Way::Postgres(connection) => Query::Postgres(connection, bound(sql, args)),
+            Way::PostgresTransaction(transaction) => Query::Postgres(transaction, bound(sql, args)),
         }
     }
 
     /// Whether there is a case with this id.
     pub async fn has_case(&mut self, id: &str) -> Result<bool, StoreError> {
-        let row = self
-            .query("SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1) AS found")
-            .bind(id)
-            .fetch_one()
-            .await?;
-        row.get("found")
+        let sql = "SELECT EXISTS (SELECT 1 FROM cases WHERE id = $1) AS found";
+        self.query(sql, args![id]).fetch_one().await?.get("found")
     }
 
     /// Microseconds since 1970 by the database's clock.
@@ -176,14 +173,14 @@ impl Connection {
             Way::Sqlite(_) | Way::SqliteTransaction(..) => sqlite::NOW,
             Way::Postgres(_) | Way::PostgresTransaction(_) => postgres::NOW,
         };
-        self.query(sql).fetch_one().await?.get("now")
+        self.query(sql, args![]).fetch_one().await?.get("now")
     }
 
     /// Commits a transaction whose loss in a power cut costs only work that is done again, without waiting for PostgreSQL's disk while other writers
     /// wait. It is durable within a second, and before anything that is committed after it.
     pub(super) async fn commit_soon(mut self) -> Result<(), StoreError> {
         if let Way::PostgresTransaction(_) = self.way {
-            let asynchronous = self.query("SET LOCAL synchronous_commit = off");
+            let asynchronous = self.query("SET LOCAL synchronous_commit = off", args![]);
             asynchronous.execute().await?;
         }
         self.commit().await
@@ -203,7 +200,66 @@ impl Connection {
     }
 }
 
-/// A statement with its parameters so far.
+/// The value of a parameter.
+#[derive(Debug)]
+pub enum Value {
+    Text(Option<String>),
+    Integer(Option<i64>),
+    Real(f64),
+    Truth(bool),
+}
+
+/// Values of parameters, in their order.
+#[macro_export]
+macro_rules! args {
+    ($($value:expr),* $(,)?) => { vec![$($crate::tables::Value::from($value)),*] };
+}
+
+/// Writes how values of these types become parameters.
+macro_rules! values {
+    ($($type:ty: $value:ident => $made:expr),+ $(,)?) => {$(
+        impl From<$type> for Value {
+            fn from($value: $type) -> Self {
+                $made
+            }
+        }
+    )+};
+}
+
+values! {
+    String: text => Self::Text(Some(text)),
+    &String: text => Self::Text(Some(text.clone())),
+    &str: text => Self::Text(Some(text.to_owned())),
+    Option<String>: text => Self::Text(text),
+    &Option<String>: text => Self::Text(text.clone()),
+    Option<&str>: text => Self::Text(text.map(str::to_owned)),
+    i64: number => Self::Integer(Some(number)),
+    Option<i64>: number => Self::Integer(number),
+    f64: number => Self::Real(number),
+    bool: is => Self::Truth(is),
+}
+
+/// A statement with its values.
+fn bound<D: sqlx::Database>(
+    sql: &'static str,
+    args: Vec<Value>,
+) -> sqlx::query::Query<'static, D, D::Arguments>
+where
+    Option<String>: Encode<'static, D> + Type<D>,
+    Option<i64>: Encode<'static, D> + Type<D>,
+    f64: Encode<'static, D> + Type<D>,
+    bool: Encode<'static, D> + Type<D>,
+{
+    let query = sqlx::query(sql);
+    args.into_iter().fold(query, |query, value| match value {
+        Value::Text(text) => query.bind(text),
+        Value::Integer(number) => query.bind(number),
+        Value::Real(number) => query.bind(number),
+        Value::Truth(is) => query.bind(is),
+    })
+}
+
+/// A statement to be run.
 pub enum Query<'c> {
     Sqlite(
         &'c mut SqliteConnection,
@@ -216,14 +272,6 @@ pub enum Query<'c> {
 }
 
 impl<'c> Query<'c> {
-    /// Binds the next parameter.
-    pub fn bind<'t>(self, value: impl Parameter<'t>) -> Self {
-        match self {
-            Self::Sqlite(connection, query) => Self::Sqlite(connection, query.bind(value)),
-            Self::Postgres(connection, query) => Self::Postgres(connection, query.bind(value)),
-        }
-    }
-
     /// Runs it and returns the number of changed rows.
     pub fn execute(self) -> BoxFuture<'c, Result<u64, StoreError>> {
         async move {
@@ -290,17 +338,6 @@ impl Row {
             Self::Postgres(row) => row.try_get(column)?,
         })
     }
-}
-
-/// What can be bound to a parameter in both databases.
-pub trait Parameter<'t>:
-    Encode<'t, Sqlite> + Type<Sqlite> + Encode<'t, Postgres> + Type<Postgres>
-{
-}
-
-impl<'t, T> Parameter<'t> for T where
-    T: Encode<'t, Sqlite> + Type<Sqlite> + Encode<'t, Postgres> + Type<Postgres>
-{
 }
 
 /// What can be read from a column in both databases.

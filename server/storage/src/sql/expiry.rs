@@ -6,6 +6,7 @@ use case::CaseId;
 
 use super::connection::{Connection, microseconds};
 use super::{cases, upkeep};
+use crate::args;
 use crate::expiry::{Allowance, Removal, believed_jump};
 use crate::{Store, StoreError};
 
@@ -27,8 +28,7 @@ impl Store {
             return Ok(Allowance::None);
         }
         transaction
-            .query("UPDATE expiry SET seen_at = $1")
-            .bind(now)
+            .query("UPDATE expiry SET seen_at = $1", args![now])
             .execute()
             .await?;
         let allowance = match is_confirmed {
@@ -44,8 +44,10 @@ impl Store {
         let mut connection = self.rows().connect().await?;
         let today = self.rows().now(&mut connection).await? / DAY;
         let row = connection
-            .query("SELECT CASE WHEN day = $1 THEN removed ELSE 0 END AS gone FROM expiry")
-            .bind(today)
+            .query(
+                "SELECT CASE WHEN day = $1 THEN removed ELSE 0 END AS gone FROM expiry",
+                args![today],
+            )
             .fetch_one()
             .await?;
         Ok(allowance.covers(row.get::<i64>("gone")? + 1))
@@ -89,7 +91,7 @@ impl Store {
 /// The last time that was believed; before the first one, that of the latest row.
 async fn last_time(connection: &mut Connection) -> Result<Option<i64>, StoreError> {
     let row = connection
-        .query("SELECT seen_at FROM expiry")
+        .query("SELECT seen_at FROM expiry", args![])
         .fetch_one()
         .await?;
     match row.get("seen_at")? {
@@ -101,11 +103,8 @@ async fn last_time(connection: &mut Connection) -> Result<Option<i64>, StoreErro
 /// The most cases of one day among those that are there.
 async fn busiest_day(connection: &mut Connection) -> Result<i64, StoreError> {
     let row = connection
-        .query(
-            "SELECT COALESCE(max(cases), 0) AS busiest FROM
-               (SELECT count(*) AS cases FROM cases GROUP BY COALESCE(uploaded_at, created_at) / $1) AS days",
-        )
-        .bind(DAY)
+        .query("SELECT COALESCE(max(cases), 0) AS busiest FROM
+               (SELECT count(*) AS cases FROM cases GROUP BY COALESCE(uploaded_at, created_at) / $1) AS days", args![DAY])
         .fetch_one()
         .await?;
     row.get("busiest")
@@ -114,10 +113,7 @@ async fn busiest_day(connection: &mut Connection) -> Result<i64, StoreError> {
 /// Counts a case that goes on a day; how many have gone then, with it.
 async fn count_removal(connection: &mut Connection, day: i64) -> Result<i64, StoreError> {
     let row = connection
-        .query(
-            "UPDATE expiry SET removed = CASE WHEN day = $1 THEN removed + 1 ELSE 1 END, day = $1 RETURNING removed",
-        )
-        .bind(day)
+        .query("UPDATE expiry SET removed = CASE WHEN day = $1 THEN removed + 1 ELSE 1 END, day = $1 RETURNING removed", args![day])
         .fetch_one()
         .await?;
     row.get("removed")

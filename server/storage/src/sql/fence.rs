@@ -5,14 +5,12 @@
 
 use super::connection::Connection;
 use crate::StoreError;
+use crate::args;
 
 /// The next number, for a lease until a time.
 pub(super) async fn next(connection: &mut Connection, until: i64) -> Result<i64, StoreError> {
     let row = connection
-        .query(
-            "UPDATE fence SET value = CASE WHEN value < $1 THEN $1 ELSE value + 1 END RETURNING value",
-        )
-        .bind(until)
+        .query("UPDATE fence SET value = CASE WHEN value < $1 THEN $1 ELSE value + 1 END RETURNING value", args![until])
         .fetch_one()
         .await?;
     row.get("value")

@@ -2,6 +2,7 @@
 
 use super::cases;
 use super::connection::{Connection, Row};
+use crate::args;
 use crate::findings::{FindingsVersion, NONE, Replaced, StoredFindings};
 use crate::{Store, StoreError};
 use case::CaseId;
@@ -44,8 +45,11 @@ impl Store {
     #[cfg(test)]
     pub(crate) async fn damage_findings(&self, id: &CaseId) {
         let mut connection = self.rows().connect().await.unwrap();
-        let damaged = connection.query("UPDATE findings SET document = '[0]' WHERE case_id = $1");
-        damaged.bind(id.to_string()).execute().await.unwrap();
+        let damaged = connection.query(
+            "UPDATE findings SET document = '[0]' WHERE case_id = $1",
+            args![id.to_string()],
+        );
+        damaged.execute().await.unwrap();
     }
 
     /// Gives a case the findings that it has in another store.
@@ -65,8 +69,10 @@ impl Store {
 
 async fn one(connection: &mut Connection, id: &CaseId) -> Result<StoredFindings, StoreError> {
     let row = connection
-        .query("SELECT document, digest FROM findings WHERE case_id = $1")
-        .bind(id.to_string())
+        .query(
+            "SELECT document, digest FROM findings WHERE case_id = $1",
+            args![id.to_string()],
+        )
         .fetch_optional()
         .await?;
     match row {
@@ -92,15 +98,9 @@ async fn put(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query(
-            "INSERT INTO findings (case_id, document, digest, changed_at) VALUES ($1, $2, $3, $4)
+        .query("INSERT INTO findings (case_id, document, digest, changed_at) VALUES ($1, $2, $3, $4)
              ON CONFLICT (case_id) DO UPDATE SET document = excluded.document, digest = excluded.digest,
-                                                 changed_at = excluded.changed_at",
-        )
-        .bind(id.to_string())
-        .bind(findings.document.clone())
-        .bind(findings.version.digest().to_string())
-        .bind(now)
+                                                 changed_at = excluded.changed_at", args![id.to_string(), findings.document.clone(), findings.version.digest().to_string(), now])
         .execute()
         .await?;
     Ok(())
@@ -116,9 +116,8 @@ pub(super) async fn inherit(
         .query(
             "INSERT INTO findings (case_id, document, digest, changed_at)
              SELECT $1, document, digest, changed_at FROM findings WHERE case_id = $2",
+            args![case.to_string(), previous.to_string()],
         )
-        .bind(case.to_string())
-        .bind(previous.to_string())
         .execute()
         .await?;
     Ok(())

@@ -7,6 +7,7 @@ use jiff::Timestamp;
 
 use super::connection::{Connection, Row, microseconds, new_id};
 use super::{cases, fence, layers};
+use crate::args;
 use crate::jobs::{Claim, Job, JobQuery, NewJob, Release};
 use crate::{ListCursor, StoreError};
 
@@ -41,19 +42,9 @@ pub(super) async fn enqueue_for(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query(
-            "INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, created_at, available_at, client)
+        .query("INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, created_at, available_at, client)
              VALUES ($1, $2, $3, $4, $5, $6, 'queued', $7, $7, $8)
-             ON CONFLICT DO NOTHING",
-        )
-        .bind(new_id())
-        .bind(new.kind.name())
-        .bind(&new.key)
-        .bind(new.case.map(|case| case.to_string()))
-        .bind(new.needs_ready)
-        .bind(&new.payload)
-        .bind(now)
-        .bind(client)
+             ON CONFLICT DO NOTHING", args![new_id(), new.kind.name(), &new.key, new.case.map(|case| case.to_string()), new.needs_ready, &new.payload, now, client])
         .execute()
         .await?;
     Ok(())
@@ -71,24 +62,10 @@ pub async fn write_copied(
     };
     let failure = job.failure.as_ref().map(serde_json::to_string);
     connection
-        .query(
-            "INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, failure, attempts, created_at,
+        .query("INSERT INTO jobs (id, kind, key, case_id, needs_ready, payload, state, failure, attempts, created_at,
                                available_at, ended_at)
              VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12)
-             ON CONFLICT DO NOTHING",
-        )
-        .bind(&job.id)
-        .bind(&job.kind)
-        .bind(&job.key)
-        .bind(job.case.map(|case| case.to_string()))
-        .bind(false)
-        .bind(&job.payload)
-        .bind(state.name())
-        .bind(failure.transpose()?)
-        .bind(i64::from(job.attempts))
-        .bind(job.created_at.as_microsecond())
-        .bind(now)
-        .bind(job.ended_at.map(Timestamp::as_microsecond))
+             ON CONFLICT DO NOTHING", args![&job.id, &job.kind, &job.key, job.case.map(|case| case.to_string()), false, &job.payload, state.name(), failure.transpose()?, i64::from(job.attempts), job.created_at.as_microsecond(), now, job.ended_at.map(Timestamp::as_microsecond)])
         .execute()
         .await?;
     Ok(())
@@ -96,8 +73,7 @@ pub async fn write_copied(
 
 pub(super) async fn one(connection: &mut Connection, id: &str) -> Result<Option<Job>, StoreError> {
     let row = connection
-        .query(select_job!("WHERE id = $1"))
-        .bind(id)
+        .query(select_job!("WHERE id = $1"), args![id])
         .fetch_optional()
         .await?;
     row.as_ref().map(read).transpose()
@@ -110,11 +86,10 @@ pub(super) async fn latest(
     key: &str,
 ) -> Result<Option<Job>, StoreError> {
     let row = connection
-        .query(select_job!(
-            "WHERE kind = $1 AND key = $2 ORDER BY created_at DESC, id DESC LIMIT 1"
-        ))
-        .bind(kind.name())
-        .bind(key)
+        .query(
+            select_job!("WHERE kind = $1 AND key = $2 ORDER BY created_at DESC, id DESC LIMIT 1"),
+            args![kind.name(), key],
+        )
         .fetch_optional()
         .await?;
     row.as_ref().map(read).transpose()
@@ -126,10 +101,10 @@ pub async fn latest_of_key(
     key: &str,
 ) -> Result<Option<Job>, StoreError> {
     let row = connection
-        .query(select_job!(
-            "WHERE key = $1 ORDER BY created_at DESC, id DESC LIMIT 1"
-        ))
-        .bind(key)
+        .query(
+            select_job!("WHERE key = $1 ORDER BY created_at DESC, id DESC LIMIT 1"),
+            args![key],
+        )
         .fetch_optional()
         .await?;
     row.as_ref().map(read).transpose()
@@ -147,17 +122,21 @@ pub(super) async fn page(
         None => (i64::MAX, String::new()),
     };
     let rows = connection
-        .query(select_job!(
-            "WHERE kind = $1 AND (created_at, id) < ($2, $3) AND coalesce($4, state) = state
+        .query(
+            select_job!(
+                "WHERE kind = $1 AND (created_at, id) < ($2, $3) AND coalesce($4, state) = state
                AND substr(key, 1, length($5)) = $5
              ORDER BY created_at DESC, id DESC LIMIT $6"
-        ))
-        .bind(query.kind.name())
-        .bind(at)
-        .bind(id)
-        .bind(query.state.map(JobState::name))
-        .bind(&query.key_prefix)
-        .bind(i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX))
+            ),
+            args![
+                query.kind.name(),
+                at,
+                id,
+                query.state.map(JobState::name),
+                &query.key_prefix,
+                i64::try_from(limit.saturating_add(1)).unwrap_or(i64::MAX)
+            ],
+        )
         .fetch_all()
         .await?;
     let mut jobs = rows.iter().map(read).collect::<Result<Vec<_>, _>>()?;
@@ -180,6 +159,7 @@ pub(super) async fn oldest_of_each_kind(
         .query(
             "SELECT kind, min(created_at) AS oldest FROM jobs WHERE state IN ('queued', 'running')
              GROUP BY kind ORDER BY kind",
+            args![],
         )
         .fetch_all()
         .await?;
@@ -201,8 +181,8 @@ pub(super) async fn waiting(
             // SQLite uses the index of open jobs only for the words of its condition.
             "SELECT count(*) AS count FROM jobs
              WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'",
+            args![kind.name()],
         )
-        .bind(kind.name())
         .fetch_one()
         .await?;
     let count: i64 = row.get("count")?;
@@ -241,9 +221,8 @@ async fn time_to_a_place(
             "SELECT count(*) AS count, coalesce(min(created_at), 0) AS oldest FROM jobs
              WHERE kind = $1 AND state IN ('queued', 'running') AND state = 'queued'
                AND ($2 = '' OR client = $2)",
+            args![kind.name(), client],
         )
-        .bind(kind.name())
-        .bind(client)
         .fetch_one()
         .await?;
     let (count, oldest): (i64, i64) = (row.get("count")?, row.get("oldest")?);
@@ -256,10 +235,8 @@ async fn time_to_a_place(
             "SELECT count(*) AS ended, coalesce(max(ended_at), $3) AS last FROM jobs
              WHERE kind = $1 AND state IN ('done', 'failed') AND ended_at > $3
                AND ($2 = '' OR client = $2)",
+            args![kind.name(), client, oldest],
         )
-        .bind(kind.name())
-        .bind(client)
-        .bind(oldest)
         .fetch_one()
         .await?;
     let (ended, last): (i64, i64) = (row.get("ended")?, row.get("last")?);
@@ -320,13 +297,13 @@ pub(super) async fn oldest_available(
     now: i64,
 ) -> Result<Option<Available>, StoreError> {
     let row = connection
-        .query(match wanted.kind == JobKind::PREPARE {
-            true => IN_TURNS,
-            false => select_available!(""),
-        })
-        .bind(wanted.kind.name())
-        .bind(now)
-        .bind(wanted.key)
+        .query(
+            match wanted.kind == JobKind::PREPARE {
+                true => IN_TURNS,
+                false => select_available!(""),
+            },
+            args![wanted.kind.name(), now, wanted.key],
+        )
         .fetch_optional()
         .await?;
     row.map(|row| {
@@ -377,15 +354,10 @@ async fn lease(
     let until = now + microseconds(time);
     let fence = fence::next(connection, until).await?;
     let row = connection
-        .query(
-            // The reason of an attempt is that of the latest one, and one that was killed has none.
+        .query(// The reason of an attempt is that of the latest one, and one that was killed has none.
             "UPDATE jobs SET state = 'running', attempts = attempts + 1, fence = $1, lease_until = $2,
                              progress = NULL, failure = NULL
-             WHERE id = $3 RETURNING key, case_id, payload, attempts, created_at",
-        )
-        .bind(fence)
-        .bind(until)
-        .bind(id)
+             WHERE id = $3 RETURNING key, case_id, payload, attempts, created_at", args![fence, until, id])
         .fetch_one()
         .await?;
     let (attempts, created_at): (i64, i64) = (row.get("attempts")?, row.get("created_at")?);
@@ -411,11 +383,8 @@ pub(super) async fn renew(
         .query(
             "UPDATE jobs SET lease_until = $1, progress = coalesce($2, progress)
              WHERE id = $3 AND fence = $4 AND state = 'running'",
+            args![until, progress, &claim.id, claim.fence],
         )
-        .bind(until)
-        .bind(progress)
-        .bind(&claim.id)
-        .bind(claim.fence)
         .execute()
         .await?;
     Ok(renewed > 0)
@@ -436,12 +405,14 @@ pub(super) async fn release(
             "UPDATE jobs SET state = 'queued', lease_until = NULL, fence = 0, available_at = $1,
                              attempts = attempts - $2, progress = NULL, failure = $3
              WHERE id = $4 AND fence = $5 AND state = 'running'",
+            args![
+                now + microseconds(release.after),
+                i64::from(!release.counts),
+                failure,
+                &claim.id,
+                claim.fence
+            ],
         )
-        .bind(now + microseconds(release.after))
-        .bind(i64::from(!release.counts))
-        .bind(failure)
-        .bind(&claim.id)
-        .bind(claim.fence)
         .execute()
         .await?;
     Ok(released > 0)
@@ -474,13 +445,7 @@ async fn end(
     };
     let failure = result.err().map(serde_json::to_string).transpose()?;
     connection
-        .query(
-            "UPDATE jobs SET state = $1, failure = $2, ended_at = $3, fence = 0, lease_until = NULL WHERE id = $4",
-        )
-        .bind(state.name())
-        .bind(failure)
-        .bind(now)
-        .bind(id)
+        .query("UPDATE jobs SET state = $1, failure = $2, ended_at = $3, fence = 0, lease_until = NULL WHERE id = $4", args![state.name(), failure, now, id])
         .execute()
         .await?;
     Ok(())
@@ -493,9 +458,10 @@ pub async fn became(
     case: &CaseId,
 ) -> Result<(), StoreError> {
     connection
-        .query("UPDATE jobs SET case_id = $1 WHERE id = $2")
-        .bind(case.to_string())
-        .bind(&claim.id)
+        .query(
+            "UPDATE jobs SET case_id = $1 WHERE id = $2",
+            args![case.to_string(), &claim.id],
+        )
         .execute()
         .await?;
     Ok(())
@@ -534,9 +500,10 @@ pub async fn cancel(
     key: &str,
 ) -> Result<(), StoreError> {
     connection
-        .query("DELETE FROM jobs WHERE kind = $1 AND key = $2 AND state IN ('queued', 'running')")
-        .bind(kind.name())
-        .bind(key)
+        .query(
+            "DELETE FROM jobs WHERE kind = $1 AND key = $2 AND state IN ('queued', 'running')",
+            args![kind.name(), key],
+        )
         .execute()
         .await?;
     Ok(())
@@ -545,8 +512,7 @@ pub async fn cancel(
 /// Removes all jobs with a key.
 pub async fn remove(connection: &mut Connection, key: &str) -> Result<(), StoreError> {
     connection
-        .query("DELETE FROM jobs WHERE key = $1")
-        .bind(key)
+        .query("DELETE FROM jobs WHERE key = $1", args![key])
         .execute()
         .await?;
     Ok(())
@@ -558,9 +524,8 @@ pub(super) async fn forget(connection: &mut Connection, before: i64) -> Result<(
     connection
         .query(
             "DELETE FROM jobs WHERE state IN ('done', 'failed') AND ended_at <= $1 AND kind <> $2",
+            args![before, kept],
         )
-        .bind(before)
-        .bind(kept)
         .execute()
         .await?;
     Ok(())
@@ -568,8 +533,7 @@ pub(super) async fn forget(connection: &mut Connection, before: i64) -> Result<(
 
 pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
     connection
-        .query("UPDATE jobs SET lease_until = $1 WHERE state IN ('queued', 'running') AND lease_until > $1")
-        .bind(now)
+        .query("UPDATE jobs SET lease_until = $1 WHERE state IN ('queued', 'running') AND lease_until > $1", args![now])
         .execute()
         .await?;
     Ok(())

@@ -10,6 +10,7 @@ use super::cases::read_state;
 use super::connection::{Connection, Row};
 use super::made::{self, read_closed};
 use super::{jobs, pins, upkeep};
+use crate::args;
 use crate::jobs::{NewJob, layer_key};
 use crate::rows::{Inserted, LayerChange, LayerName, Made, NewLayer, Pinned, Referred};
 use crate::{ObjectName, StoreError};
@@ -96,16 +97,8 @@ async fn insert_row(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query(
-            "INSERT INTO layers (case_id, id, name, place, parameters, state, created_at, series_uid)
-             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, 'queued', $5, $6)",
-        )
-        .bind(new.case.to_string())
-        .bind(new.id.to_string())
-        .bind(name)
-        .bind(serde_json::to_string(&new.parameters)?)
-        .bind(now)
-        .bind(new.series.as_ref().map(Uid::as_str))
+        .query("INSERT INTO layers (case_id, id, name, place, parameters, state, created_at, series_uid)
+             VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, 'queued', $5, $6)", args![new.case.to_string(), new.id.to_string(), name, serde_json::to_string(&new.parameters)?, now, new.series.as_ref().map(Uid::as_str)])
         .execute()
         .await?;
     let made = Made::layer(&new.case, &new.id);
@@ -122,9 +115,10 @@ pub(super) async fn queue_again(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query("UPDATE layers SET state = 'queued', failure = NULL WHERE case_id = $1 AND id = $2")
-        .bind(case.to_string())
-        .bind(layer.to_string())
+        .query(
+            "UPDATE layers SET state = 'queued', failure = NULL WHERE case_id = $1 AND id = $2",
+            args![case.to_string(), layer.to_string()],
+        )
         .execute()
         .await?;
     jobs::enqueue_for(connection, &NewJob::layer(case, layer), client, now).await
@@ -138,13 +132,9 @@ pub(super) async fn inherit(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query(
-            "INSERT INTO layers (case_id, id, name, place, parameters, state, facts, facts_digest, created_at, series_uid, closed)
+        .query("INSERT INTO layers (case_id, id, name, place, parameters, state, facts, facts_digest, created_at, series_uid, closed)
              SELECT $1, id, name, place, parameters, 'queued', facts, facts_digest, created_at, series_uid, closed FROM layers
-             WHERE case_id = $2 AND state <> 'failed'",
-        )
-        .bind(case.to_string())
-        .bind(previous.to_string())
+             WHERE case_id = $2 AND state <> 'failed'", args![case.to_string(), previous.to_string()])
         .execute()
         .await?;
     for layer in of_case(connection, case).await? {
@@ -152,13 +142,9 @@ pub(super) async fn inherit(
     }
     made::inherit_layers(connection, case, previous).await?;
     connection
-        .query(
-            "INSERT INTO layer_objects (case_id, layer_id, kind, digest)
+        .query("INSERT INTO layer_objects (case_id, layer_id, kind, digest)
              SELECT $1, layer_id, kind, digest FROM layer_objects JOIN layers ON layers.case_id = $1 AND layers.id = layer_id
-             WHERE layer_objects.case_id = $2 AND kind NOT IN ('layer', 'maps')",
-        )
-        .bind(case.to_string())
-        .bind(previous.to_string())
+             WHERE layer_objects.case_id = $2 AND kind NOT IN ('layer', 'maps')", args![case.to_string(), previous.to_string()])
         .execute()
         .await?;
     Ok(())
@@ -178,14 +164,8 @@ pub(super) async fn refer(
     let before = objects(connection, case, layer).await?;
     for name in &pinned.names {
         connection
-            .query(
-                "INSERT INTO layer_objects (case_id, layer_id, kind, digest) VALUES ($1, $2, $3, $4)
-                 ON CONFLICT (case_id, layer_id, kind) DO UPDATE SET digest = excluded.digest",
-            )
-            .bind(case.to_string())
-            .bind(layer.to_string())
-            .bind(name.kind.name())
-            .bind(name.digest.to_string())
+            .query("INSERT INTO layer_objects (case_id, layer_id, kind, digest) VALUES ($1, $2, $3, $4)
+                 ON CONFLICT (case_id, layer_id, kind) DO UPDATE SET digest = excluded.digest", args![case.to_string(), layer.to_string(), name.kind.name(), name.digest.to_string()])
             .execute()
             .await?;
     }
@@ -201,9 +181,7 @@ pub(super) async fn objects(
     layer: &LayerId,
 ) -> Result<Vec<ObjectName>, StoreError> {
     let rows = connection
-        .query("SELECT kind, digest FROM layer_objects WHERE case_id = $1 AND layer_id = $2 ORDER BY kind")
-        .bind(case.to_string())
-        .bind(layer.to_string())
+        .query("SELECT kind, digest FROM layer_objects WHERE case_id = $1 AND layer_id = $2 ORDER BY kind", args![case.to_string(), layer.to_string()])
         .fetch_all()
         .await?;
     rows.iter().map(pins::read_name).collect()
@@ -216,8 +194,10 @@ pub(super) async fn abandon_all(
     now: i64,
 ) -> Result<(), StoreError> {
     let rows = connection
-        .query("SELECT kind, digest FROM layer_objects WHERE case_id = $1")
-        .bind(case.to_string())
+        .query(
+            "SELECT kind, digest FROM layer_objects WHERE case_id = $1",
+            args![case.to_string()],
+        )
         .fetch_all()
         .await?;
     let names = rows.iter().map(pins::read_name);
@@ -226,8 +206,10 @@ pub(super) async fn abandon_all(
 
 pub async fn of_case(connection: &mut Connection, case: &CaseId) -> Result<Vec<Layer>, StoreError> {
     let rows = connection
-        .query(select_layer!("WHERE case_id = $1 ORDER BY place, id"))
-        .bind(case.to_string())
+        .query(
+            select_layer!("WHERE case_id = $1 ORDER BY place, id"),
+            args![case.to_string()],
+        )
         .fetch_all()
         .await?;
     rows.iter().map(read).collect()
@@ -239,8 +221,10 @@ pub(super) async fn of_series(
     series: &Uid,
 ) -> Result<Vec<(CaseId, LayerId)>, StoreError> {
     let rows = connection
-        .query("SELECT case_id, id FROM layers WHERE series_uid = $1 ORDER BY case_id, place")
-        .bind(series.as_str())
+        .query(
+            "SELECT case_id, id FROM layers WHERE series_uid = $1 ORDER BY case_id, place",
+            args![series.as_str()],
+        )
         .fetch_all()
         .await?;
     rows.iter().map(read_ids).collect()
@@ -253,9 +237,10 @@ pub(super) async fn series_of(
     layer: &LayerId,
 ) -> Result<Option<Uid>, StoreError> {
     let row = connection
-        .query("SELECT series_uid FROM layers WHERE case_id = $1 AND id = $2")
-        .bind(case.to_string())
-        .bind(layer.to_string())
+        .query(
+            "SELECT series_uid FROM layers WHERE case_id = $1 AND id = $2",
+            args![case.to_string(), layer.to_string()],
+        )
         .fetch_optional()
         .await?;
     let series: Option<String> = match row {
@@ -296,10 +281,10 @@ pub(super) async fn change(
             return Err(StoreError::LayerNameTaken);
         }
         connection
-            .query("UPDATE layers SET name = $1 WHERE case_id = $2 AND id = $3")
-            .bind(name)
-            .bind(case.to_string())
-            .bind(layer.to_string())
+            .query(
+                "UPDATE layers SET name = $1 WHERE case_id = $2 AND id = $3",
+                args![name, case.to_string(), layer.to_string()],
+            )
             .execute()
             .await?;
     }
@@ -309,10 +294,14 @@ pub(super) async fn change(
             ..layers[from].parameters.clone()
         };
         connection
-            .query("UPDATE layers SET parameters = $1 WHERE case_id = $2 AND id = $3")
-            .bind(serde_json::to_string(&parameters)?)
-            .bind(case.to_string())
-            .bind(layer.to_string())
+            .query(
+                "UPDATE layers SET parameters = $1 WHERE case_id = $2 AND id = $3",
+                args![
+                    serde_json::to_string(&parameters)?,
+                    case.to_string(),
+                    layer.to_string()
+                ],
+            )
             .execute()
             .await?;
     }
@@ -322,10 +311,10 @@ pub(super) async fn change(
         ids.insert(place.min(ids.len()), *layer);
         for (place, id) in (0i64..).zip(ids) {
             connection
-                .query("UPDATE layers SET place = $1 WHERE case_id = $2 AND id = $3")
-                .bind(place)
-                .bind(case.to_string())
-                .bind(id.to_string())
+                .query(
+                    "UPDATE layers SET place = $1 WHERE case_id = $2 AND id = $3",
+                    args![place, case.to_string(), id.to_string()],
+                )
                 .execute()
                 .await?;
         }
@@ -344,9 +333,10 @@ pub(super) async fn delete(
     jobs::remove(connection, &layer_key(case, layer)).await?;
     made::forget(connection, &Made::layer(case, layer)).await?;
     let deleted = connection
-        .query("DELETE FROM layers WHERE case_id = $1 AND id = $2")
-        .bind(case.to_string())
-        .bind(layer.to_string())
+        .query(
+            "DELETE FROM layers WHERE case_id = $1 AND id = $2",
+            args![case.to_string(), layer.to_string()],
+        )
         .execute()
         .await?;
     Ok(deleted > 0)
@@ -360,13 +350,7 @@ pub(super) async fn make_ready(
 ) -> Result<(), StoreError> {
     let facts = serde_json::to_string(facts)?;
     connection
-        .query(
-            "UPDATE layers SET state = 'ready', facts = $1, facts_digest = $2, failure = NULL WHERE case_id = $3 AND id = $4",
-        )
-        .bind(&facts)
-        .bind(upkeep::digest(&facts))
-        .bind(case.to_string())
-        .bind(layer.to_string())
+        .query("UPDATE layers SET state = 'ready', facts = $1, facts_digest = $2, failure = NULL WHERE case_id = $3 AND id = $4", args![&facts, upkeep::digest(&facts), case.to_string(), layer.to_string()])
         .execute()
         .await?;
     Ok(())
@@ -384,18 +368,14 @@ pub(super) async fn make_failed(
     pins::abandon(connection, needed, now).await?;
     let [case, layer] = [case.to_string(), layer.to_string()];
     connection
-        .query("DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2")
-        .bind(&*case)
-        .bind(&*layer)
+        .query(
+            "DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2",
+            args![&*case, &*layer],
+        )
         .execute()
         .await?;
     connection
-        .query(
-            "UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE case_id = $2 AND id = $3",
-        )
-        .bind(serde_json::to_string(failure)?)
-        .bind(&*case)
-        .bind(&*layer)
+        .query("UPDATE layers SET state = 'failed', failure = $1, facts = NULL, facts_digest = NULL WHERE case_id = $2 AND id = $3", args![serde_json::to_string(failure)?, &*case, &*layer])
         .execute()
         .await?;
     Ok(())
@@ -441,22 +421,10 @@ pub(super) async fn write_copied(
     let others = of_case(connection, &layer.case).await?;
     let name = free_name(&LayerName::Usual(layer.name.clone()), &others);
     connection
-        .query(
-            "INSERT INTO layers (case_id, id, name, place, parameters, state, failure, facts, facts_digest, created_at, series_uid)
+        .query("INSERT INTO layers (case_id, id, name, place, parameters, state, failure, facts, facts_digest, created_at, series_uid)
              VALUES ($1, $2, $3, (SELECT coalesce(max(place) + 1, 0) FROM layers WHERE case_id = $1), $4, $5, $6, $7, $8, $9, $10)
              ON CONFLICT (case_id, id) DO UPDATE SET state = excluded.state, failure = excluded.failure,
-                                                     facts = excluded.facts, facts_digest = excluded.facts_digest",
-        )
-        .bind(layer.case.to_string())
-        .bind(layer.id.to_string())
-        .bind(name.unwrap_or_default())
-        .bind(serde_json::to_string(&layer.parameters)?)
-        .bind(state.name())
-        .bind(failure)
-        .bind(facts.as_deref())
-        .bind(facts.as_deref().map(upkeep::digest))
-        .bind(layer.created_at.as_microsecond())
-        .bind(series.map(Uid::as_str))
+                                                     facts = excluded.facts, facts_digest = excluded.facts_digest", args![layer.case.to_string(), layer.id.to_string(), name.unwrap_or_default(), serde_json::to_string(&layer.parameters)?, state.name(), failure, facts.as_deref(), facts.as_deref().map(upkeep::digest), layer.created_at.as_microsecond(), series.map(Uid::as_str)])
         .execute()
         .await?;
     if !refer(connection, &layer.case, &layer.id, objects, now).await? {
@@ -484,15 +452,17 @@ pub(super) async fn forget_facts(
     maps.retain(|name| name.kind == ObjectKind::Maps);
     pins::abandon(connection, maps, now).await?;
     connection
-        .query("DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2 AND kind = 'maps'")
-        .bind(case.to_string())
-        .bind(layer.to_string())
+        .query(
+            "DELETE FROM layer_objects WHERE case_id = $1 AND layer_id = $2 AND kind = 'maps'",
+            args![case.to_string(), layer.to_string()],
+        )
         .execute()
         .await?;
     connection
-        .query("UPDATE layers SET facts = NULL, facts_digest = NULL WHERE case_id = $1 AND id = $2")
-        .bind(case.to_string())
-        .bind(layer.to_string())
+        .query(
+            "UPDATE layers SET facts = NULL, facts_digest = NULL WHERE case_id = $1 AND id = $2",
+            args![case.to_string(), layer.to_string()],
+        )
         .execute()
         .await?;
     queue_again(connection, case, layer, "", now).await

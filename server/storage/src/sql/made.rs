@@ -6,6 +6,7 @@ use case::series::Uid;
 
 use super::connection::{Connection, Row, unreadable};
 use crate::StoreError;
+use crate::args;
 use crate::rows::Made;
 
 /// Writes of which images something was made. If it is there, and was made of other images with the same UIDs, those count that were sent
@@ -21,21 +22,12 @@ pub async fn make(
         let print = as_it_is_known(connection, &image.uid, &image.fingerprint, last.as_ref());
         let print = print.await?;
         connection
-            .query(
-                "INSERT INTO made_of (case_id, layer_id, result_id, sop_instance_uid, fingerprint, times)
+            .query("INSERT INTO made_of (case_id, layer_id, result_id, sop_instance_uid, fingerprint, times)
                  VALUES ($1, $2, $3, $4, $5, $6)
                  ON CONFLICT (case_id, layer_id, result_id, sop_instance_uid) DO UPDATE
                  SET fingerprint = excluded.fingerprint,
                      times = CASE WHEN excluded.times > made_of.times THEN excluded.times ELSE made_of.times END
-                 WHERE $7",
-            )
-            .bind(&made.case)
-            .bind(&made.layer)
-            .bind(&made.result)
-            .bind(image.uid.as_str())
-            .bind(print.to_string())
-            .bind(i64::try_from(image.times).unwrap_or(i64::MAX))
-            .bind(last.as_ref() == Some(&print))
+                 WHERE $7", args![&made.case, &made.layer, &made.result, image.uid.as_str(), print.to_string(), i64::try_from(image.times).unwrap_or(i64::MAX), last.as_ref() == Some(&print)])
             .execute()
             .await?;
     }
@@ -50,8 +42,10 @@ pub async fn as_it_is_known(
     last: Option<&Fingerprint>,
 ) -> Result<Fingerprint, StoreError> {
     let rows = connection
-        .query("SELECT DISTINCT fingerprint FROM made_of WHERE sop_instance_uid = $1")
-        .bind(image.as_str())
+        .query(
+            "SELECT DISTINCT fingerprint FROM made_of WHERE sop_instance_uid = $1",
+            args![image.as_str()],
+        )
         .fetch_all()
         .await?;
     let of_others = rows.iter().map(read_fingerprint);
@@ -72,9 +66,8 @@ pub(super) async fn inherit(
             "INSERT INTO made_of (case_id, sop_instance_uid, fingerprint, times)
              SELECT $1, sop_instance_uid, fingerprint, times FROM made_of
              WHERE case_id = $2 AND layer_id = '' AND result_id = '' ON CONFLICT DO NOTHING",
+            args![case.to_string(), previous.to_string()],
         )
-        .bind(case.to_string())
-        .bind(previous.to_string())
         .execute()
         .await?;
     let tables = connection.tables();
@@ -88,13 +81,9 @@ pub(super) async fn inherit_layers(
     previous: &CaseId,
 ) -> Result<(), StoreError> {
     connection
-        .query(
-            "INSERT INTO made_of (case_id, layer_id, sop_instance_uid, fingerprint, times)
+        .query("INSERT INTO made_of (case_id, layer_id, sop_instance_uid, fingerprint, times)
              SELECT $1, layer_id, sop_instance_uid, fingerprint, times FROM made_of
-             WHERE case_id = $2 AND result_id = '' AND layer_id IN (SELECT id FROM layers WHERE case_id = $1) ON CONFLICT DO NOTHING",
-        )
-        .bind(case.to_string())
-        .bind(previous.to_string())
+             WHERE case_id = $2 AND result_id = '' AND layer_id IN (SELECT id FROM layers WHERE case_id = $1) ON CONFLICT DO NOTHING", args![case.to_string(), previous.to_string()])
         .execute()
         .await?;
     Ok(())
@@ -103,10 +92,10 @@ pub(super) async fn inherit_layers(
 /// Forgets of which images something was made.
 pub async fn forget(connection: &mut Connection, made: &Made) -> Result<(), StoreError> {
     connection
-        .query("DELETE FROM made_of WHERE case_id = $1 AND layer_id = $2 AND result_id = $3")
-        .bind(&made.case)
-        .bind(&made.layer)
-        .bind(&made.result)
+        .query(
+            "DELETE FROM made_of WHERE case_id = $1 AND layer_id = $2 AND result_id = $3",
+            args![&made.case, &made.layer, &made.result],
+        )
         .execute()
         .await?;
     Ok(())
@@ -118,10 +107,8 @@ pub(super) async fn of(connection: &mut Connection, made: &Made) -> Result<Vec<I
         .query(
             "SELECT sop_instance_uid, fingerprint, times FROM made_of
              WHERE case_id = $1 AND layer_id = $2 AND result_id = $3 ORDER BY sop_instance_uid",
+            args![&made.case, &made.layer, &made.result],
         )
-        .bind(&made.case)
-        .bind(&made.layer)
-        .bind(&made.result)
         .fetch_all()
         .await?;
     let read = |row: &Row| {

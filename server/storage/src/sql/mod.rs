@@ -22,6 +22,7 @@ mod store_id;
 mod tombstones;
 mod upkeep;
 
+use crate::args;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -96,7 +97,8 @@ impl Rows {
         connections: sqlite::Connections,
         tables: Arc<dyn Tables>,
     ) -> Result<Self, StoreError> {
-        migrate([SQLITE, tables.for_sqlite()], connections.pool()).await?;
+        let [of_tables, _] = tables.migrations();
+        migrate([SQLITE, of_tables], connections.pool()).await?;
         Ok(Self::of(Database::Sqlite(connections), tables))
     }
 
@@ -118,7 +120,8 @@ impl Rows {
     ) -> Result<Self, StoreError> {
         let connections = postgres::open(options).await?;
         // One process migrates at a time: the migrator takes a lock.
-        migrate([POSTGRES, tables.for_postgres()], connections.pool()).await?;
+        let [_, of_tables] = tables.migrations();
+        migrate([POSTGRES, of_tables], connections.pool()).await?;
         Ok(Self::of(Database::Postgres(connections), tables))
     }
 
@@ -690,12 +693,10 @@ impl Store {
         let mut connection = self.rows().connect().await?;
         let now = self.rows().now(&mut connection).await?;
         let rows = connection
-            .query(
-                "SELECT 'cases' AS what, '' AS part, state, count(*) AS number FROM cases GROUP BY state
+            .query("SELECT 'cases' AS what, '' AS part, state, count(*) AS number FROM cases GROUP BY state
                  UNION ALL SELECT 'closed', CASE closed WHEN 1 THEN 'rejected' ELSE 'corrected' END, 'closed', count(*)
                      FROM cases WHERE closed > 0 GROUP BY closed
-                 UNION ALL SELECT 'jobs', kind, state, count(*) FROM jobs GROUP BY kind, state",
-            )
+                 UNION ALL SELECT 'jobs', kind, state, count(*) FROM jobs GROUP BY kind, state", args![])
             .fetch_all()
             .await?;
         let read = |row: &Row| {

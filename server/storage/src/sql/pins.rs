@@ -1,6 +1,7 @@
 //! Pins, which protect objects that no case references yet.
 
 use super::connection::{Connection, Row};
+use crate::args;
 use crate::rows::Pinned;
 use crate::{ObjectName, StoreError};
 
@@ -17,11 +18,13 @@ pub(super) async fn insert(
             .query(
                 "INSERT INTO pins (kind, digest, holder, expires_at) VALUES ($1, $2, $3, $4)
              ON CONFLICT (kind, digest, holder) DO UPDATE SET expires_at = excluded.expires_at",
+                args![
+                    name.kind.name(),
+                    name.digest.to_string(),
+                    &pinned.holder,
+                    until
+                ],
             )
-            .bind(name.kind.name())
-            .bind(name.digest.to_string())
-            .bind(&pinned.holder)
-            .bind(until)
             .execute()
             .await?;
     }
@@ -34,9 +37,10 @@ pub(super) async fn expire(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query("UPDATE pins SET expires_at = $1 WHERE holder = $2")
-        .bind(now)
-        .bind(&pinned.holder)
+        .query(
+            "UPDATE pins SET expires_at = $1 WHERE holder = $2",
+            args![now, &pinned.holder],
+        )
         .execute()
         .await?;
     Ok(())
@@ -44,8 +48,7 @@ pub(super) async fn expire(
 
 pub(super) async fn expire_all(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
     connection
-        .query("UPDATE pins SET expires_at = $1")
-        .bind(now)
+        .query("UPDATE pins SET expires_at = $1", args![now])
         .execute()
         .await?;
     Ok(())
@@ -55,10 +58,10 @@ pub(super) async fn expire_all(connection: &mut Connection, now: i64) -> Result<
 pub async fn consume(connection: &mut Connection, pinned: &Pinned) -> Result<bool, StoreError> {
     for name in &pinned.names {
         let taken = connection
-            .query("DELETE FROM pins WHERE kind = $1 AND digest = $2 AND holder = $3")
-            .bind(name.kind.name())
-            .bind(name.digest.to_string())
-            .bind(&pinned.holder)
+            .query(
+                "DELETE FROM pins WHERE kind = $1 AND digest = $2 AND holder = $3",
+                args![name.kind.name(), name.digest.to_string(), &pinned.holder],
+            )
             .execute()
             .await?;
         if taken == 0 {
@@ -71,8 +74,7 @@ pub async fn consume(connection: &mut Connection, pinned: &Pinned) -> Result<boo
 /// Takes the pins of all writers away, who write their objects again. Those of objects that are to be removed stay.
 pub(super) async fn forget_writers(connection: &mut Connection) -> Result<(), StoreError> {
     connection
-        .query("DELETE FROM pins WHERE holder <> $1")
-        .bind(NOBODY)
+        .query("DELETE FROM pins WHERE holder <> $1", args![NOBODY])
         .execute()
         .await?;
     Ok(())

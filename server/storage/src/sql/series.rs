@@ -5,6 +5,7 @@ use case::series::{AccessionNumber, CaseSeries, PatientDigest, SeriesQuery, Seri
 
 use super::connection::{Connection, Row, unreadable};
 use crate::StoreError;
+use crate::args;
 
 pub(super) async fn index(
     connection: &mut Connection,
@@ -15,17 +16,17 @@ pub(super) async fn index(
             "INSERT INTO case_series (case_id, study_uid, series_uid, accession_number, patient)
              SELECT id, $2, $3, $4, $5 FROM cases WHERE id = $1
              ON CONFLICT (case_id) DO NOTHING",
+            args![
+                series.case.to_string(),
+                series.uids.study.as_str(),
+                series.uids.series.as_str(),
+                series
+                    .accession_number
+                    .as_ref()
+                    .map(AccessionNumber::as_str),
+                series.patient.map(PatientDigest::to_hex)
+            ],
         )
-        .bind(series.case.to_string())
-        .bind(series.uids.study.as_str())
-        .bind(series.uids.series.as_str())
-        .bind(
-            series
-                .accession_number
-                .as_ref()
-                .map(AccessionNumber::as_str),
-        )
-        .bind(series.patient.map(PatientDigest::to_hex))
         .execute()
         .await?;
     Ok(())
@@ -36,8 +37,7 @@ pub(super) async fn series_of(
     case: &CaseId,
 ) -> Result<Option<CaseSeries>, StoreError> {
     let row = connection
-        .query("SELECT case_id, study_uid, series_uid, accession_number, patient FROM case_series WHERE case_id = $1")
-        .bind(case.to_string())
+        .query("SELECT case_id, study_uid, series_uid, accession_number, patient FROM case_series WHERE case_id = $1", args![case.to_string()])
         .fetch_optional()
         .await?;
     row.as_ref().map(read_case_series).transpose()
@@ -48,23 +48,20 @@ pub(super) async fn cases_of(
     query: &SeriesQuery,
 ) -> Result<Vec<CaseSeries>, StoreError> {
     let rows = match query {
-        SeriesQuery::Study(study, series) => connection
-            .query(
-                "SELECT case_id, study_uid, series_uid, accession_number, patient
+        SeriesQuery::Study(study, series) => connection.query(
+            "SELECT case_id, study_uid, series_uid, accession_number, patient
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
                  WHERE study_uid = $1 AND coalesce($2, series_uid) = series_uid
                  ORDER BY created_at DESC, id",
-            )
-            .bind(study.as_str())
-            .bind(series.as_ref().map(Uid::as_str)),
-        SeriesQuery::AccessionNumber(number) => connection
-            .query(
-                "SELECT case_id, study_uid, series_uid, accession_number, patient
+            args![study.as_str(), series.as_ref().map(Uid::as_str)],
+        ),
+        SeriesQuery::AccessionNumber(number) => connection.query(
+            "SELECT case_id, study_uid, series_uid, accession_number, patient
                  FROM case_series JOIN cases ON cases.id = case_series.case_id
                  WHERE accession_number = $1
                  ORDER BY created_at DESC, id",
-            )
-            .bind(number.as_str()),
+            args![number.as_str()],
+        ),
     };
     rows.fetch_all()
         .await?

@@ -221,6 +221,7 @@ mod tests {
     use case::{CaseId, CaseState, ObjectKind};
 
     use super::*;
+    use crate::args;
     use crate::conformance::Subject;
     use crate::rows::Referred;
     use crate::sql::Rows;
@@ -461,7 +462,7 @@ mod tests {
         let store = store.unwrap();
         let fence = async || {
             let mut connection = store.rows().connect().await.unwrap();
-            let query = connection.query("SELECT value FROM fence");
+            let query = connection.query("SELECT value FROM fence", args![]);
             query
                 .fetch_one()
                 .await
@@ -471,7 +472,7 @@ mod tests {
         };
         for (is_committed, expected) in [(false, 0), (true, 7)] {
             let (mut transaction, _) = store.rows().write().await.unwrap();
-            let changed = transaction.query("UPDATE fence SET value = $1").bind(7_i64);
+            let changed = transaction.query("UPDATE fence SET value = $1", args![7_i64]);
             assert_eq!(changed.execute().await.unwrap(), 1);
             assert_eq!(fence().await, 0, "others do not see it yet");
             match is_committed {

@@ -2,6 +2,7 @@
 
 use super::Rows;
 use crate::StoreError;
+use crate::args;
 use crate::identity::StoreId;
 
 impl Rows {
@@ -9,7 +10,7 @@ impl Rows {
     pub(crate) async fn store_id(&self) -> Result<Option<StoreId>, StoreError> {
         let mut connection = self.connect().await?;
         let row = connection
-            .query("SELECT id FROM store")
+            .query("SELECT id FROM store", args![])
             .fetch_optional()
             .await?;
         let Some(row) = row else {
@@ -24,9 +25,7 @@ impl Rows {
     pub(crate) async fn are_new(&self) -> Result<bool, StoreError> {
         let mut connection = self.connect().await?;
         let row = connection
-            .query(
-                "SELECT EXISTS (SELECT 1 FROM cases) OR EXISTS (SELECT 1 FROM store WHERE complete) AS used",
-            )
+            .query("SELECT EXISTS (SELECT 1 FROM cases) OR EXISTS (SELECT 1 FROM store WHERE complete) AS used", args![])
             .fetch_one()
             .await?;
         row.get("used").map(|used: bool| !used)
@@ -36,8 +35,10 @@ impl Rows {
     pub(crate) async fn make_store_id(&self, id: StoreId) -> Result<StoreId, StoreError> {
         let (mut transaction, _) = self.write().await?;
         transaction
-            .query("INSERT INTO store (one, id) VALUES (1, $1) ON CONFLICT DO NOTHING")
-            .bind(id.to_string())
+            .query(
+                "INSERT INTO store (one, id) VALUES (1, $1) ON CONFLICT DO NOTHING",
+                args![id.to_string()],
+            )
             .execute()
             .await?;
         transaction.commit().await?;
@@ -48,7 +49,10 @@ impl Rows {
     pub(crate) async fn complete_store_id(&self) -> Result<(), StoreError> {
         let (mut transaction, _) = self.write().await?;
         transaction
-            .query("UPDATE store SET complete = TRUE WHERE NOT complete")
+            .query(
+                "UPDATE store SET complete = TRUE WHERE NOT complete",
+                args![],
+            )
             .execute()
             .await?;
         transaction.commit().await
@@ -58,8 +62,7 @@ impl Rows {
     pub(crate) async fn change_store_id(&self, id: StoreId) -> Result<(), StoreError> {
         let (mut transaction, _) = self.write().await?;
         transaction
-            .query("UPDATE store SET id = $1")
-            .bind(id.to_string())
+            .query("UPDATE store SET id = $1", args![id.to_string()])
             .execute()
             .await?;
         transaction.commit().await

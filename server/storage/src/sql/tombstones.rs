@@ -2,6 +2,7 @@
 
 use super::connection::{Connection, microseconds};
 use super::pins;
+use crate::args;
 use crate::rows::Sweep;
 use crate::{ObjectName, StoreError};
 
@@ -11,11 +12,7 @@ pub(super) async fn any_of(
     names: &[ObjectName],
 ) -> Result<bool, StoreError> {
     for name in names {
-        let row = connection.query(
-            "SELECT EXISTS (SELECT 1 FROM tombstones WHERE kind = $1 AND digest = $2) AS marked",
-        )
-        .bind(name.kind.name())
-        .bind(name.digest.to_string())
+        let row = connection.query("SELECT EXISTS (SELECT 1 FROM tombstones WHERE kind = $1 AND digest = $2) AS marked", args![name.kind.name(), name.digest.to_string()])
         .fetch_one()
         .await?;
         if row.get("marked")? {
@@ -37,9 +34,8 @@ pub(super) async fn abandoned(
                (SELECT kind, digest FROM pins WHERE expires_at <= $1
                 UNION SELECT kind, digest FROM tombstones WHERE lease_until <= $1) AS unneeded
              ORDER BY kind <> 'manifest' LIMIT $2",
+            args![now, i64::try_from(limit).unwrap_or(i64::MAX)],
         )
-        .bind(now)
-        .bind(i64::try_from(limit).unwrap_or(i64::MAX))
         .fetch_all()
         .await?;
     rows.iter().map(pins::read_name).collect()
@@ -67,10 +63,10 @@ async fn forget_expired_pins(
     now: i64,
 ) -> Result<(), StoreError> {
     connection
-        .query("DELETE FROM pins WHERE kind = $1 AND digest = $2 AND expires_at <= $3")
-        .bind(name.kind.name())
-        .bind(name.digest.to_string())
-        .bind(now)
+        .query(
+            "DELETE FROM pins WHERE kind = $1 AND digest = $2 AND expires_at <= $3",
+            args![name.kind.name(), name.digest.to_string(), now],
+        )
         .execute()
         .await?;
     Ok(())
@@ -83,9 +79,8 @@ async fn is_needed(connection: &mut Connection, name: &ObjectName) -> Result<boo
             "SELECT EXISTS (SELECT 1 FROM case_objects WHERE kind = $1 AND digest = $2)
              OR EXISTS (SELECT 1 FROM layer_objects WHERE kind = $1 AND digest = $2)
              OR EXISTS (SELECT 1 FROM pins WHERE kind = $1 AND digest = $2) AS needed",
+            args![name.kind.name(), name.digest.to_string()],
         )
-        .bind(name.kind.name())
-        .bind(name.digest.to_string())
         .fetch_one()
         .await?;
     let tables = connection.tables();
@@ -113,16 +108,9 @@ async fn take(
     sweep: &Sweep,
     now: i64,
 ) -> Result<bool, StoreError> {
-    let taken = connection.query(
-        "INSERT INTO tombstones (kind, digest, holder, lease_until) VALUES ($1, $2, $3, $4)
+    let taken = connection.query("INSERT INTO tombstones (kind, digest, holder, lease_until) VALUES ($1, $2, $3, $4)
          ON CONFLICT (kind, digest) DO UPDATE SET holder = excluded.holder, lease_until = excluded.lease_until
-         WHERE tombstones.lease_until <= $5",
-    )
-    .bind(name.kind.name())
-    .bind(name.digest.to_string())
-    .bind(&sweep.holder)
-    .bind(now + microseconds(sweep.lease))
-    .bind(now)
+         WHERE tombstones.lease_until <= $5", args![name.kind.name(), name.digest.to_string(), &sweep.holder, now + microseconds(sweep.lease), now])
     .execute()
     .await?;
     Ok(taken > 0)
@@ -133,8 +121,7 @@ pub(super) async fn remove_tombstones(
     holder: &str,
 ) -> Result<(), StoreError> {
     connection
-        .query("DELETE FROM tombstones WHERE holder = $1")
-        .bind(holder)
+        .query("DELETE FROM tombstones WHERE holder = $1", args![holder])
         .execute()
         .await?;
     Ok(())
@@ -142,8 +129,7 @@ pub(super) async fn remove_tombstones(
 
 pub(super) async fn end_leases(connection: &mut Connection, now: i64) -> Result<(), StoreError> {
     connection
-        .query("UPDATE tombstones SET lease_until = $1")
-        .bind(now)
+        .query("UPDATE tombstones SET lease_until = $1", args![now])
         .execute()
         .await?;
     Ok(())

@@ -3,6 +3,7 @@
 use super::connection::Connection;
 use super::{Rows, jobs};
 use crate::StoreError;
+use crate::args;
 use crate::jobs::NewJob;
 use case::CaseId;
 
@@ -19,8 +20,10 @@ pub(super) async fn prepare_again(rows: &Rows, id: &CaseId) -> Result<(), StoreE
     );
     let (mut transaction, now) = rows.write().await?;
     let found = transaction
-        .query("UPDATE cases SET state = 'queued', facts = NULL, facts_digest = NULL WHERE id = $1")
-        .bind(id.to_string())
+        .query(
+            "UPDATE cases SET state = 'queued', facts = NULL, facts_digest = NULL WHERE id = $1",
+            args![id.to_string()],
+        )
         .execute()
         .await?;
     if found > 0 {
@@ -37,6 +40,7 @@ pub(super) async fn newest_row(connection: &mut Connection) -> Result<Option<i64
                (SELECT max(COALESCE(uploaded_at, created_at)) AS at FROM cases
                 UNION ALL SELECT max(created_at) FROM layers
                 UNION ALL SELECT max(changed_at) FROM findings) AS times",
+            args![],
         )
         .fetch_one()
         .await?;
